@@ -11,8 +11,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.forces import magnitudes, reference
 from linkage_vibration.mechanics.model import Place
@@ -33,7 +34,6 @@ from linkage_vibration.table.table import Table
 _FEWER = 4  # A fourth of the lines of a ground shows how members differ from the mechanism itself.
 _SLOWEST, _FASTEST = 0.3, 30.0  # m/s; beyond these speeds they differ as there
 _N_ANGLES, _N_SPEEDS = 25, 128
-_ANGLES = 128  # so many angles are kept, at which members are interpolated
 
 
 def draws(excitations: Sequence[Excitation], n_members: int) -> tuple[FloatArray, FloatArray]:
@@ -61,31 +61,40 @@ def draws(excitations: Sequence[Excitation], n_members: int) -> tuple[FloatArray
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Modes:
-    """The modes of all members at an angle, the mechanism itself first."""
+    """The modes of all members at an angle, the mechanism itself first, or its own at angles."""
 
-    poles: ComplexArray  # (n_members, k), rad/s
-    outputs: ComplexArray  # (n_members, n_outputs, k)
-    # (2, n_members, k, n_excitations): shapes at the loads, and at their parts times s = i w
-    inputs: ComplexArray
-    far: FloatArray  # (2, n_members, n_outputs, n_excitations): what the other modes add, likewise
-    references: FloatArray  # (n_forces, n_members), N
+    poles: ComplexArray  # (n_members, 1, k), rad/s
+    outputs: FloatArray  # (n_members, 2 k, n_outputs): both parts of the shapes
+    # (2, n_members, n_loads, k): shapes at the loads, and at their parts times s = i w
+    loads: ComplexArray
+    far: FloatArray  # (2, n_members, n_loads, n_outputs): what the other modes add, likewise
+    references: FloatArray  # (n_members, n_forces), N
 
-    def responses(self, omega: FloatArray, members: slice) -> ComplexArray:
-        """Return responses to unit loads, (n_members, n_outputs, n_excitations), of some members.
+    def responses(self, omega: FloatArray, loads: IntArray, members: slice) -> FloatArray:
+        """Return responses to unit loads, (n_members, 2, n_excitations, n_outputs): both parts.
 
         Parameters
         ----------
-        omega : ndarray, (n_excitations, n_members or 1)
+        omega : ndarray, (n_members or 1, n_excitations)
             rad/s.
+        loads : ndarray, (n_excitations,)
+            The load of each excitation, by its index.
         members : slice
+            Those that are wanted.
         """
-        s = 1j * omega.T[:, np.newaxis]
-        poles, outputs = self.poles[members, :, np.newaxis], self.outputs[members]
-        (force, rate), (far, far_rate) = self.inputs[:, members], self.far[:, members]
+        w, poles = omega[..., np.newaxis], self.poles[members]
+        (force, rate), s = self.loads[:, members].take(loads, axis=2), 1j * w
+        far = self.far[:, members].take(loads, axis=2)
         with np.errstate(invalid="ignore"):  # NaN where a member's numbers are not possible
             upper = (force + s * rate) / (s - poles)
             lower = (force.conj() + s * rate.conj()) / (s - poles.conj())
-            return np.asarray(outputs @ upper + outputs.conj() @ lower + far + s * far_rate)
+            # It is (x + i y) upper + (x - i y) lower with x + i y at an output, by real products.
+            both = np.concatenate([upper + lower, 1j * (upper - lower)], axis=-1)
+            factors = np.stack([both.real, both.imag], axis=1)
+            found = factors @ self.outputs[members, np.newaxis]
+        found[:, 0] += far[0]
+        found[:, 1] += w * far[1]
+        return np.asarray(found)
 
 
 class Members:
@@ -96,13 +105,12 @@ class Members:
     table : Table
         With an ensemble.
     loads : sequence of UnitLoad
-        One for each excitation.
     outputs : sequence of Place
     n_forces : int
         Pins and cylinders whose reference forces are needed.
     table_responses : callable
-        Returns the table's responses, (n_outputs, n_excitations), at an angle and rad/s of each
-        excitation.
+        Returns the table's responses, (n, 2, n_excitations, n_outputs), at some nodes of the
+        ensemble and rad/s of each excitation, (n_excitations,).
     """
 
     def __init__(
@@ -111,7 +119,7 @@ class Members:
         loads: Sequence[UnitLoad],
         outputs: Sequence[Place],
         n_forces: int,
-        table_responses: Callable[[float, FloatArray], ComplexArray] | None = None,
+        table_responses: Callable[[slice, FloatArray], FloatArray] | None = None,
     ) -> None:
         self._table, self._n_forces = table, n_forces
         self._table_responses = table_responses
@@ -121,61 +129,59 @@ class Members:
         rows = [*table.places, *table.forces]
         nodes = self._at_nodes([rows.index(place) for place in outputs], loads)
         self._shapes = [node.shape[2:] for node in nodes]
-        flat = [node.reshape(*node.shape[:2], -1) for node in nodes]
-        self._values = np.concatenate(flat, axis=2).astype(np.float32)
-        self._kept: dict[float, _Modes] = {}  # not an `lru_cache`, which no other process can get
+        values = np.concatenate([node.reshape(*node.shape[:2], -1) for node in nodes], axis=2)
+        # Most loads have neither rates nor imaginary parts.
+        self._used, self._n_values = np.flatnonzero(values.any(axis=(0, 1))), values.shape[2]
+        self._values = values.take(self._used, axis=2).astype(np.float32)
+        self._nominal = self._modes(self._values[:, 0])
 
     def at(self, alpha3: float) -> _Modes:
         """Return the modes at an angle, rad."""
-        found = self._kept.get(alpha3)
-        if found is None:
-            found = self._interpolated(alpha3)
-            if len(self._kept) >= _ANGLES:
-                self._kept = {}  # not emptied, as another thread may use it
-            self._kept[alpha3] = found
-        return found
+        at = stroke_variable(np.array([alpha3]), self._table.toggles)
+        weights = interpolation_matrix(self._variables, at)[0].astype(np.float32)
+        values = weights @ self._values.reshape(len(weights), -1)
+        return self._modes(values.reshape(self.n + 1, -1))
 
-    def responses(self, alpha3: float, omega: FloatArray) -> ComplexArray:
-        """Return responses to unit loads, (n_outputs, n_excitations, n_members).
+    def responses(
+        self, alpha3: float, modes: _Modes, omega: FloatArray, loads: IntArray
+    ) -> FloatArray:
+        """Return responses to unit loads, (n_members, 2, n_excitations, n_outputs): both parts.
 
         Parameters
         ----------
-        alpha3 : float
-            rad, within the range of the table.
-        omega : ndarray, (n_excitations, n_members)
+        alpha3, modes : float and _Modes
+            rad, within the range of the table, and what is `at` it.
+        omega : ndarray, (n_members, n_excitations)
             rad/s.
+        loads : ndarray, (n_excitations,)
+            The load of each excitation, by its index.
         """
+        assert self._table_responses is not None
         nodes = self._table.ensemble_alpha3
         after = int(np.clip(np.searchsorted(nodes, alpha3), 1, len(nodes) - 1))
         share = (alpha3 - nodes[after - 1]) / (nodes[after] - nodes[after - 1])
-        left = [self._left(float(node), omega[:, 0]) for node in nodes[after - 1 : after + 1]]
-        found = self.at(alpha3).responses(omega, slice(1, None))
-        return np.moveaxis(found + ((1.0 - share) * left[0] + share * left[1]), 0, -1)
+        around = slice(after - 1, after + 1)
+        # What the table adds to the modes of the mechanism itself.
+        left = self._table_responses(around, omega[0])
+        left = left - self._nominal.responses(omega[:1], loads, around)
+        found = modes.responses(omega, loads, slice(1, None))
+        found += (1.0 - share) * left[0] + share * left[1]
+        return found
 
-    def references(self, alpha3: float) -> FloatArray:
-        """Return what forces are compared with, (n_forces, n_members), N, at an angle, rad."""
-        return self.at(alpha3).references[:, 1:]
-
-    def _left(self, node: float, omega: FloatArray) -> ComplexArray:
-        """Return what the table adds to the mechanism itself, (n_outputs, n_excitations)."""
-        assert self._table_responses is not None
-        own = self.at(node).responses(omega[:, np.newaxis], slice(0, 1))[0]
-        return np.asarray(self._table_responses(node, omega) - own)
-
-    def _interpolated(self, alpha3: float) -> _Modes:
-        at = stroke_variable(np.array([alpha3]), self._table.toggles)
-        weights = interpolation_matrix(self._variables, at)[0].astype(np.float32)
-        values = (weights @ self._values.reshape(len(weights), -1)).reshape(self.n + 1, -1)
+    def _modes(self, values: NDArray[np.float32]) -> _Modes:
+        """Return the modes of values, (n, n_used), each of them of a member or at an angle."""
+        full = np.zeros((len(values), self._n_values))
+        full[:, self._used] = values
         ends = np.cumsum([math.prod(shape) for shape in self._shapes])[:-1]
-        parts = zip(np.split(values.astype(float), ends, axis=1), self._shapes, strict=True)
-        poles, outputs, inputs, far, static = (part.reshape(-1, *shape) for part, shape in parts)
+        parts = zip(np.split(full, ends, axis=1), self._shapes, strict=True)
+        poles, outputs, loads, far, static = (part.reshape(-1, *shape) for part, shape in parts)
         forces = magnitudes(self._table.forces, static.T)[: self._n_forces]
         return _Modes(
-            np.exp(poles[:, 0] + 1j * poles[:, 1]),
-            outputs[:, 0] + 1j * outputs[:, 1],
-            np.moveaxis(inputs[:, 0] + 1j * inputs[:, 1], 1, 0),
+            np.exp(poles[:, 0] + 1j * poles[:, 1])[:, np.newaxis],
+            outputs.reshape(len(values), -1, outputs.shape[-1]),
+            np.moveaxis(loads[:, 0] + 1j * loads[:, 1], 1, 0),
             np.moveaxis(far, 1, 0),
-            reference(forces, self._table.reference_force),
+            reference(forces, self._table.reference_force).T,
         )
 
     def _at_nodes(self, outputs: list[int], loads: Sequence[UnitLoad]) -> list[FloatArray]:
@@ -188,16 +194,16 @@ class Members:
         poles, rows, far = (np.moveaxis(each, 1, 0) for each in every)
         angles = table.ensemble_alpha3.tolist()
         weights = np.array([self._weights(loads, angle) for angle in angles])
-        inputs = np.einsum("jeqmp,jmpk->jmqke", weights, rows[:, :, :n], optimize=True)
-        both = [np.log(poles), rows[:, :, outputs], inputs]
+        inputs = np.einsum("jeqmp,jmpk->jmqek", weights, rows[:, :, :n], optimize=True)
+        both = [np.log(poles), rows[:, :, outputs].swapaxes(2, 3), inputs]
         return [
             *(np.stack([each.real, each.imag], axis=2) for each in both),
-            np.einsum("jeqmp,jmop->jmqoe", weights, far[:, :, outputs], optimize=True),
+            np.einsum("jeqmp,jmop->jmqeo", weights, far[:, :, outputs], optimize=True),
             np.moveaxis(table.ensemble_static, 1, 0),
         ]
 
     def _weights(self, loads: Sequence[UnitLoad], alpha3: float) -> FloatArray:
-        """Return the weights of loads at an angle, (n_excitations, 2, n_members, n_places)."""
+        """Return the weights of loads at an angle, (n_loads, 2, n_members, n_places)."""
         table, mounts = self._table, self._table.ensemble_mounts.astype(float)
         weights = np.zeros((len(loads), 2, self.n + 1, len(table.places)))
         for row, load in zip(weights, loads, strict=True):
@@ -239,11 +245,13 @@ class GroundMembers:
         low, high = table.alpha3_range
         self._angles = np.linspace(low, high, _N_ANGLES)
         self._speeds = np.linspace(math.log(_SLOWEST), math.log(_FASTEST), _N_SPEEDS)
-        omega = 2.0 * math.pi * lines[:, np.newaxis, np.newaxis] * np.ones((len(mounts), 1))
+        omega = 2.0 * math.pi * np.tile(lines, len(mounts))[np.newaxis]
+        every = np.arange(len(mounts)).repeat(len(lines))
         orders, values = [1, *[0] * (len(outputs) - 1)] * (members.n + 1), []
         for angle in self._angles.tolist():
-            found = [members.at(angle).responses(each, slice(None)) for each in omega]
-            transfer = np.stack(found, axis=-1).reshape(-1, len(mounts), len(lines))
+            found = members.at(angle).responses(omega, every, slice(None))
+            transfer = (found[:, 0] + 1j * found[:, 1]).swapaxes(1, 2)
+            transfer = transfer.reshape(-1, len(mounts), len(lines))
             squares = ground_squares(transfer, orders, mounts, terrain, lines)
             values.append(contract(squares, np.exp(self._speeds)))
         shape = _N_ANGLES, members.n + 1, len(outputs), _N_SPEEDS

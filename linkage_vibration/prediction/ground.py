@@ -8,7 +8,7 @@ the power spectral density G(n) over the wavenumber n, so that levels are sums o
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from itertools import combinations
 
 import numpy as np
@@ -161,6 +161,10 @@ class GroundLevels:
     forces2: FloatArray  # (n_outputs, n): mean squares of the forces, N2
     off_ground_share: FloatArray  # (n,), largest share of the time a tyre is off the ground, 1
     reason: Reasons  # (n,): why they are not known, of `REASONS`
+
+    def rows(self, which: list[int]) -> "GroundLevels":
+        """Return the levels with these indices."""
+        return GroundLevels(*(getattr(self, each.name)[..., which] for each in fields(self)))
 
 
 def vertical_mounts(mechanism: Mechanism) -> tuple[Mount, ...]:

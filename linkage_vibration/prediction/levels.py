@@ -3,8 +3,8 @@
 """How strongly excitations shake the response point and load pins and cylinders.
 
 Both follow from the poles and residues of a table; `ground` computes those by the ground. Numbers
-for one angle are those for many to the last bit, so complex numbers are pairs of arrays here, and
-sums run in the order of the terms.
+for one angle are those for many to the last bit, so sums run in the order of the terms, and each
+product of matrices belongs to one angle.
 """
 
 import math
@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,7 +56,8 @@ _SILENT = 1e-300  # A smaller level has no logarithm.
 _FIRST_CELLS, _MOST_CELLS = 32, 512  # of a piece of the table
 _GROUND = list(Source).index(Source.GROUND)
 _REASONS = np.array(REASONS)
-_CHUNK = 64  # angles that are evaluated together, so that their terms stay in the cache
+_BLOCK = 512  # rows whose levels are evaluated together
+_CHUNK = 16  # angles that are evaluated together, so that their terms stay in the cache
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,19 +75,48 @@ class _Layout:
     n_inputs: int
     n_forces: int
 
-    def split(self, values: FloatArray) -> list[FloatArray]:
+    @property
+    def shapes(self) -> tuple[tuple[int, ...], ...]:
+        """Shapes of the parts."""
+        t, o, i = self.n_terms, self.n_outputs, self.n_inputs
+        return (3, t), (3, t, o, i), (3, o, i), (i,), (self.n_forces,)
+
+    def split(self, values: NDArray[Any]) -> list[NDArray[Any]]:
         """Return the parts of values, (n_values, n), as arrays whose last axis is n."""
-        t, o, i, n = self.n_terms, self.n_outputs, self.n_inputs, values.shape[1]
-        parts, end = [], 0
-        for shape in ((3, t), (3, t, o, i), (3, o, i), (i,), (self.n_forces,)):
-            begin, end = end, end + math.prod(shape)
-            parts.append(values[begin:end].reshape(*shape, n))
-        return parts
+        ends = np.cumsum([math.prod(shape) for shape in self.shapes])
+        parts = zip(np.split(values, ends[:-1]), self.shapes, strict=True)
+        return [part.reshape(*shape, values.shape[1]) for part, shape in parts]
+
+    def order(self, cubics: FloatArray) -> tuple[IntArray, IntArray]:
+        """Return the rows of the matrices of `_Terms`, and the places of its values here.
+
+        The cubics are (..., n_values); a row of which all are zero is left out.
+        """
+        n_values = sum(math.prod(shape) for shape in self.shapes)
+        parts = self.split(np.arange(n_values)[:, np.newaxis])
+        poles, above, rest, *others = (part[..., 0] for part in parts)
+        rows = np.concatenate([above.reshape(-1, self.n_outputs, self.n_inputs), rest])
+        nonzero = np.asarray(cubics.any(axis=(0, 1)))
+        used = np.flatnonzero(nonzero[rows].any(axis=(1, 2)))
+        matrices = rows[used].transpose(2, 0, 1)
+        return used, np.concatenate([part.ravel() for part in (poles, matrices, *others)])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Forcing:
-    """What excitations do at n times, each (n_excitations, n)."""
+class _Terms(NamedTuple):
+    """What is interpolated at angles: responses are sums of terms (a + i w b) / (k - w^2 + i w c).
+
+    The rows of the matrices are of the real part of a, its imaginary part, and b of all terms, then
+    of the residual (both parts) and its rate; rows without numbers are left out.
+    """
+
+    poles: FloatArray  # (..., 3, n_terms): both parts of k, and c
+    matrices: FloatArray  # (..., n_inputs, n_rows, n_outputs)
+    static: FloatArray  # (..., n_inputs): size of the static response of the first output
+    reference: FloatArray  # (..., n_forces): reference forces of pins and cylinders, N
+
+
+class _Forcing(NamedTuple):
+    """What excitations do at n times, each (n, n_excitations)."""
 
     omega: FloatArray  # rad/s; 1 where nothing is known
     defined: FloatArray  # 1, or NaN where a speed is not known or the band is exceeded
@@ -136,15 +166,13 @@ class LevelTable:
         self._top, self._inputs = 2.0 * math.pi * table.band[1], np.array(which)
         self._sources = np.array([list(Source).index(one.source) for one in excitations])
 
-        def column(values: list[float]) -> FloatArray:
-            return np.array(values)[:, np.newaxis]
-
-        self._omega = column([2.0 * math.pi * one.ratio for one in excitations])
-        self._rms = column([x.amplitude / math.sqrt(2.0) if x else math.nan for x in loads])
-        self._speed = column([load.speed if load else 1.0 for load in loads])
-        self._exponent = column([load.exponent if load else 0.0 for load in loads])
-        accelerated = [x is not None and x.kind is LoadKind.BASE_ACCELERATION for x in loads]
-        self._accelerated = np.array(accelerated)[:, np.newaxis]
+        self._omega = np.array([2.0 * math.pi * one.ratio for one in excitations])
+        self._rms = np.array([x.amplitude / math.sqrt(2.0) if x else math.nan for x in loads])
+        self._speed = np.array([load.speed if load else 1.0 for load in loads])
+        self._exponent = np.array([load.exponent if load else 0.0 for load in loads])
+        self._accelerated = np.array(
+            [x is not None and x.kind is LoadKind.BASE_ACCELERATION for x in loads]
+        )
         self._loaded = any(one.load or one.terrain for one in excitations)
         self._ground: GroundTable | None = None
         self._terrain = next((i for i, one in enumerate(excitations) if one.terrain), 0)
@@ -155,21 +183,32 @@ class LevelTable:
         if table.places:
             # The response point comes first, then the components of the forces.
             rows = table.forces if self.force_places else ()
-            self._first_rows = [[name for name, _ in rows].index(one) for one in self.force_places]
+            names = [name for name, _ in rows]
+            self._first = np.array([names.index(one) for one in self.force_places], np.int64)
+            # A pin has a second component.
+            self._pins = np.array([[names.count(one) > 1] for one in self.force_places])
             outputs = [(mechanism.response.point, mechanism.response.direction), *rows]
             n_forces = len(self.force_places)
             self._cells, self._layout = _sampled(table, list(inputs.values()), outputs, n_forces)
+            starts, cubics = self._cells
+            self._rows, self._order = self._layout.order(cubics)
+            self._cells, self._n_values = (
+                (starts, cubics.take(self._order, axis=2)),
+                cubics.shape[-1],
+            )
             terrain = excitations[self._terrain].terrain
             if terrain is not None:
                 self._ground = GroundTable(table, mechanism, terrain, rows)
         self._members: Members | None = None
         self._ground_members: GroundMembers | None = None
         if self._loaded and len(table.ensemble_alpha3):
-            each = [list(inputs.values())[i] for i in which]
-            self._members = Members(table, each, outputs, n_forces, self._table_responses)
+            self._members = Members(
+                table, list(inputs.values()), outputs, n_forces, self._table_responses
+            )
             amplitudes, frequencies = draws(excitations, self._members.n)
-            amplitudes /= np.where(self._accelerated, frequencies**2, 1.0)
-            self._draws = amplitudes, frequencies
+            amplitudes /= np.where(self._accelerated[:, np.newaxis], frequencies**2, 1.0)
+            self._draws = amplitudes.T, frequencies.T
+            self._nodes = self._terms(table.ensemble_alpha3)
             if self._ground is not None and terrain is not None and not self._ground.never:
                 self._ground_members = GroundMembers(
                     table, mechanism, terrain, outputs, self._ground.lines
@@ -188,16 +227,30 @@ class LevelTable:
         """
         if self._cells is None:
             return np.empty(0), np.empty((0, 4, 0)), 0, self._inputs
-        return *self._cells, self._layout.n_terms, self._inputs
+        starts, cubics = self._cells
+        every = np.zeros((*cubics.shape[:2], self._n_values))
+        every[..., self._order] = cubics
+        return starts, every, self._layout.n_terms, self._inputs
 
-    def _values(self, angles: FloatArray) -> FloatArray:
-        """Return the interpolated numbers at angles in the table, (n_values, n)."""
+    def _terms(self, angles: FloatArray) -> _Terms:
+        """Return the terms at angles in the table, (n,)."""
         assert self._cells is not None
         starts, cubics = self._cells
         i = np.maximum(starts.searchsorted(angles, side="right") - 1, 0)
-        apart = (angles - starts.take(i))[:, np.newaxis]
-        found = _cubic(cubics.take(i, axis=0).swapaxes(0, 1), apart)
-        return np.ascontiguousarray(found.T)
+        cells, apart = cubics.take(i, axis=0), (angles - starts.take(i))[:, np.newaxis]
+        values = cells[:, 0] * apart
+        for power in (1, 2):
+            values += cells[:, power]
+            values *= apart
+        values += cells[:, 3]
+        layout, n = self._layout, len(angles)
+        poles, static = 3 * layout.n_terms, values.shape[1] - layout.n_inputs - layout.n_forces
+        return _Terms(
+            values[:, :poles].reshape(n, 3, -1),
+            values[:, poles:static].reshape(n, layout.n_inputs, -1, layout.n_outputs),
+            values[:, static : static + layout.n_inputs],
+            values[:, static + layout.n_inputs :],
+        )
 
     def at(self, alpha3: FloatArray, speeds: FloatArray) -> MessageColumns:
         """Return the levels at n angles, which are the float32 fields of ``Resonance.msg``.
@@ -212,17 +265,20 @@ class LevelTable:
         alpha3, speeds : ndarray, (n,) and (n_sources, n)
             rad, and rpm or m/s of each `Source`; NaN where it is not known.
         """
-        m, n = len(self._inputs), len(alpha3)
-        found = _unknown(m, n), np.zeros((m + 1, n), np.int64), np.zeros(n, np.int8)
-        if self._cells is not None:
-            angles = angles_in_table(alpha3, self._predictor.table.alpha3_range)
-            for start in range(0, n, _CHUNK):
-                rows = slice(start, start + _CHUNK)
-                parts = self._layout.split(self._values(angles[rows]))
-                forcing = self._forcing(speeds[:, rows])
-                squares = _squares(self._responses(parts, forcing.omega, self._inputs))
-                levels = [part[..., rows] for part in found]
-                self._levels(levels, squares, parts, forcing, angles[rows], speeds[_GROUND, rows])
+        n, found = len(alpha3), _unknown(len(alpha3), len(self._inputs))
+        every = angles_in_table(alpha3, self.alpha3_range)
+        for start in range(0, n if self._cells is not None else 0, _BLOCK):
+            rows = slice(start, start + _BLOCK)
+            angles, forcing, parts = every[rows], self._forcing(speeds[:, rows]), []
+            for first in range(0, len(angles), _CHUNK):
+                few = slice(first, first + _CHUNK)
+                terms = self._terms(angles[few])
+                squares = self._squares(terms, forcing.omega[few], self._inputs)
+                parts.append((squares, terms.static, terms.reference))
+            squares, static, reference = map(np.concatenate, zip(*parts, strict=True))
+            levels = [part[rows] for part in found]
+            ground_speed = speeds[_GROUND, rows]
+            self._levels(levels, squares, static, reference, forcing, angles, ground_speed)
         return _level_columns(*found)
 
     def over(self, alpha3: FloatArray, speeds: FloatArray) -> MessageColumns:
@@ -235,49 +291,49 @@ class LevelTable:
         alpha3, speeds : ndarray, (n,) and (n_sources, k)
             As those of `at`.
         """
-        m, n, k = len(self._inputs), len(alpha3), speeds.shape[1]
-        found = _unknown(m, n * k), np.zeros((m + 1, n * k), np.int64), np.zeros(n * k, np.int8)
-        if self._cells is not None:
-            angles, forced = angles_in_table(alpha3, self.alpha3_range), self._forcing_at(speeds)
-            omega = forced.omega
-            changes = np.flatnonzero((omega != omega[:, :1]).any(axis=1))
-            for start in range(0, n, _CHUNK):
-                here = angles[start : start + _CHUNK]
-                parts = self._layout.split(self._values(here))
-                first = _squares(self._responses(parts, omega[:, :1], self._inputs))
-                squares = np.repeat(first[..., np.newaxis], k, axis=-1)
-                for i in range(k if len(changes) else 0):
-                    w, inputs = omega[changes, i, np.newaxis], self._inputs[changes]
-                    squares[..., i][:, changes] = _squares(self._responses(parts, w, inputs))
-                tiled = [np.tile(x, len(here)) for x in (omega, forced.defined, forced.size)]
-                self._levels(
-                    [part[..., start * k : (start + len(here)) * k] for part in found],
-                    squares.reshape(*first.shape[:2], -1),
-                    [np.repeat(part, k, axis=-1) for part in parts[3:]],
-                    _Forcing(*tiled),
-                    np.repeat(here, k),
-                    np.tile(speeds[_GROUND], len(here)),
-                )
+        n, k = len(alpha3), speeds.shape[1]
+        found = _unknown(n * k, len(self._inputs))
+        angles, forcing = angles_in_table(alpha3, self.alpha3_range), self._forcing_at(speeds)
+        changes = np.flatnonzero((forcing.omega != forcing.omega[:1]).any(axis=0))
+        for start in range(0, n if self._cells is not None else 0, _CHUNK):
+            here = angles[start : start + _CHUNK]
+            terms, m = self._terms(here), len(here)
+            squares = self._squares(terms, forcing.omega[:1], self._inputs)
+            squares = squares[:, np.newaxis].repeat(k, axis=1)
+            if len(changes):
+                each = _Terms(*(part[:, np.newaxis] for part in terms))
+                w = forcing.omega[:, changes]
+                squares[:, :, changes] = self._squares(each, w, self._inputs[changes])
+            self._levels(
+                [part[start * k : (start + m) * k] for part in found],
+                squares.reshape(m * k, *squares.shape[2:]),
+                terms.static.repeat(k, axis=0),
+                terms.reference.repeat(k, axis=0),
+                _Forcing(*(np.tile(part, (m, 1)) for part in forcing)),
+                here.repeat(k),
+                np.tile(speeds[_GROUND], m),
+            )
         return _level_columns(*found)
 
     def _levels(
         self,
         found: Sequence[NDArray[Any]],
         squares: FloatArray,
-        parts: Sequence[FloatArray],
+        static: FloatArray,
+        reference: FloatArray,
         forcing: _Forcing,
         angles: FloatArray,
         ground_speed: FloatArray,
     ) -> None:
-        """Compute rows of levels, places and reasons of the ground, each (..., n), in place.
+        """Compute n rows of levels, places and reasons of the ground in place.
 
-        The squares are those of responses to unit loads, (n_outputs, n_excitations, n), and the
-        last parts are those of `_Layout`.
+        The squares are those of responses to unit loads, (n, n_excitations, n_outputs), and the
+        static and the reference forces those of `_Terms`.
         """
         numbers, places, reasons = found
-        *_, static, reference = parts
-        magnitude, at = np.sqrt(squares[0]) * forcing.defined, _rows(len(self._inputs))
-        np.divide(magnitude, static.take(self._inputs, axis=0), out=numbers[at["amplifications"]])
+        amplifications = numbers[:, _columns(len(self._inputs))["amplifications"]]
+        magnitude = np.sqrt(squares[..., 0]) * forcing.defined
+        np.divide(magnitude, static.take(self._inputs, axis=1), out=amplifications)
         ground = None
         if self._ground is not None:
             ground = self._ground.at(angles, ground_speed)
@@ -285,7 +341,7 @@ class LevelTable:
         self._evaluate(numbers, places, squares, reference, forcing, ground)
 
     def members(self, alpha3: FloatArray, speeds: FloatArray) -> FloatArray:
-        """Return the rows of all levels of each member of the ensemble, (n_rows, n_members, n).
+        """Return all levels of each member of the ensemble, (n, n_members, n_levels).
 
         Without an ensemble there is no member.
 
@@ -294,27 +350,29 @@ class LevelTable:
         alpha3, speeds : ndarray, (n,) and (n_sources, n)
             As those of `at`.
         """
-        m, members = len(self._inputs), self._members
-        numbers = np.full((_n_rows(m), self.n_members, len(alpha3)), math.nan)
-        if members is None:
-            return numbers
-        places = np.zeros((m + 1, members.n), np.int64)
-        angles = angles_in_table(alpha3, self._predictor.table.alpha3_range)
-        for i in np.flatnonzero(np.isfinite(angles)).tolist():
-            nominal, angle = self._forcing_at(speeds[:, i : i + 1]), float(angles[i])
-            omega = nominal.omega * self._draws[1]
-            forcing = _Forcing(omega, nominal.defined, nominal.size * self._draws[0])
-            found = members.responses(angle, omega)
-            squares = found.real**2 + found.imag**2
-            reference, ground = members.references(angle), None
-            if self._ground is not None:
-                speed = speeds[_GROUND, i : i + 1]
-                ground = self._ground.at(angles[i : i + 1], speed)
-                if self._ground_members is not None and not ground.reason[0]:
-                    factors = self._draws[0][self._terrain]
-                    ground = self._ground_members.levels(ground, angle, float(speed[0]), factors)
-            self._evaluate(numbers[:, :, i], places, squares, reference, forcing, ground)
-        return numbers
+        members, angles = self._members, angles_in_table(alpha3, self.alpha3_range)
+        rows = np.flatnonzero(np.isfinite(angles))
+        width = _unknown(0, len(self._inputs))[0].shape[1]
+        found = np.full((len(alpha3), self.n_members, width), math.nan)
+        if members is None or not len(rows):
+            return found
+        angles, speeds, ground = angles[rows], speeds[:, rows], None
+        nominal = self._forcing_at(speeds)
+        if self._ground is not None:
+            ground = self._ground.at(angles, speeds[_GROUND])
+        for i, (row, angle) in enumerate(zip(rows.tolist(), angles.tolist(), strict=True)):
+            omega = nominal.omega[i] * self._draws[1]
+            forcing = _Forcing(omega, nominal.defined[[i]], nominal.size[i] * self._draws[0])
+            modes, rolling = members.at(angle), None
+            responses = members.responses(angle, modes, omega, self._inputs)
+            squares = responses[:, 0] ** 2 + responses[:, 1] ** 2
+            if ground is not None:
+                rolling = ground.rows([i])
+                if self._ground_members is not None and not rolling.reason[0]:
+                    amplitudes, speed = self._draws[0][:, self._terrain], float(speeds[_GROUND, i])
+                    rolling = self._ground_members.levels(rolling, angle, speed, amplitudes)
+            self._evaluate(found[row], None, squares, modes.references[1:], forcing, rolling)
+        return found
 
     def member_totals(
         self, alpha3: FloatArray, speeds: FloatArray
@@ -326,8 +384,8 @@ class LevelTable:
         alpha3, speeds : ndarray, (n,) and (n_sources, n)
             As those of `at`.
         """
-        numbers, at = self.members(alpha3, speeds), _rows(len(self._inputs))
-        return numbers[at["total_load_ratio"]], numbers[at["total_velocity"]]
+        numbers, at = self.members(alpha3, speeds), _columns(len(self._inputs))
+        return numbers[..., at["total_load_ratio"]].T, numbers[..., at["total_velocity"]].T
 
     @property
     def n_members(self) -> int:
@@ -348,21 +406,21 @@ class LevelTable:
         limit : float
             Of the total load ratio, above which a warning begins.
         """
-        numbers, at = self.members(alpha3, speeds), _rows(len(self._inputs))
+        numbers, at = self.members(alpha3, speeds), _columns(len(self._inputs))
         if not self.n_members:
-            numbers = np.full((len(numbers), 1, len(alpha3)), math.nan)
-        found = {}
+            numbers = np.full((len(alpha3), 1, numbers.shape[-1]), math.nan)
+        *names, of_warning = FACTORS
+        places = [np.arange(numbers.shape[-1])[at[FACTORS[name]]] for name in names]
         with np.errstate(all="ignore"):
-            for name, level in FACTORS.items():
-                values = numbers[at[level]]
-                if name == "warning_probability":
-                    factors = _mean(np.where(np.isnan(values), values, values > limit))
-                else:
-                    logs = np.log(np.maximum(values, _SILENT))
-                    logs -= _mean(logs)[..., np.newaxis, :]
-                    factors = np.exp(np.sqrt(_mean(logs * logs)))
-                found[name] = factors.T.astype(np.float32)
-        return found
+            logs = np.log(np.maximum(numbers[..., np.hstack(places)], _SILENT))
+            logs -= _mean(logs)[:, np.newaxis]
+            factors = np.exp(np.sqrt(_mean(logs * logs))).astype(np.float32)
+            total = numbers[..., at[FACTORS[of_warning]], np.newaxis]
+            share = _mean(np.where(np.isnan(total), total, total > limit)).astype(np.float32)
+        ends = np.cumsum([place.size for place in places])
+        parts = zip(names, places, np.split(factors, ends[:-1], axis=1), strict=True)
+        found = {name: part if place.ndim else part[:, 0] for name, place, part in parts}
+        return {**found, of_warning: share[:, 0]}
 
     def _forcing(self, speeds: FloatArray) -> _Forcing:
         """Return what excitations do at speeds, (n_sources, n), which often are the last ones."""
@@ -373,7 +431,7 @@ class LevelTable:
 
     def _forcing_at(self, speeds: FloatArray) -> _Forcing:
         with np.errstate(all="ignore"):
-            speed = speeds[self._sources]
+            speed = speeds.take(self._sources, axis=0).T
             omega = self._omega * speed
             defined = np.where((speed >= 0.0) & (omega <= self._top), 1.0, math.nan)
             omega = np.where(np.isnan(defined), 1.0, omega)
@@ -383,36 +441,44 @@ class LevelTable:
             size = np.where(speed == 0.0, 0.0 * self._rms, size)
             return _Forcing(omega, defined, size * defined)
 
-    def _responses(
-        self, parts: Sequence[FloatArray], w: FloatArray, inputs: IntArray
-    ) -> FloatArray:
-        """Return responses to unit loads, (2, n_outputs, n_excitations, n): both parts.
+    def _squares(self, terms: _Terms, w: FloatArray, inputs: IntArray) -> FloatArray:
+        """Return squares of `_responses`, (..., n_excitations, n_outputs)."""
+        responses = self._responses(terms, w, inputs)
+        responses *= responses
+        return np.asarray(responses[..., 0, :] + responses[..., 1, :])
 
-        They are sums of terms (a + i w b) / D with D = k - w^2 + i w c, at n angles, whose poles,
-        numerators and residuals come first in the parts of `_Layout`, and angular frequencies w,
-        (n_excitations, n or 1), of excitations that act at these inputs.
+    def _responses(self, terms: _Terms, w: FloatArray, inputs: IntArray) -> FloatArray:
+        """Return responses to unit loads, (..., n_excitations, 2, n_outputs): both parts.
+
+        They are those at angular frequencies w, (..., n_excitations), of excitations that act at
+        these inputs.
         """
-        poles, above, rest, *_ = parts
-        poles, above = poles[:, :, np.newaxis, np.newaxis], above.take(inputs, axis=3)
-        above[2] *= w
-        above[1] += above[2]
-        terms = _quotient(above[:2], poles[0] - w * w, poles[2] * w + poles[1])
-        sums = np.add.accumulate(terms, axis=1)[:, -1]
-        rest = rest.take(inputs, axis=2)
-        sums += rest[:2]
-        sums[1] += rest[2] * w
-        return np.asarray(sums)
+        w, t = w[..., np.newaxis], self._layout.n_terms
+        k, damping, c = (terms.poles[..., i, np.newaxis, :] for i in range(3))
+        real, imaginary = k - w * w, damping + w * c
+        square = real * real + imaginary * imaginary
+        real, imaginary = real / square, imaginary / square
+        factors = np.zeros((*real.shape[:-1], 2, 3 * t + 3))
+        factors[..., 0, :t] = factors[..., 1, t : 2 * t] = real
+        factors[..., 0, t : 2 * t] = imaginary
+        factors[..., 1, :t] = -imaginary
+        factors[..., 2 * t : 3 * t] = w[..., np.newaxis] * factors[..., t : 2 * t]
+        factors[..., 0, 3 * t] = factors[..., 1, 3 * t + 1] = 1.0
+        factors[..., 1, 3 * t + 2] = w[..., 0]
+        return np.asarray(factors.take(self._rows, axis=-1) @ terms.matrices.take(inputs, axis=-3))
 
-    def _table_responses(self, alpha3: float, omega: FloatArray) -> ComplexArray:
-        """Return responses to unit loads at an angle, (n_outputs, n_excitations), at rad/s."""
-        parts = self._layout.split(self._values(np.array([alpha3])))
-        real, imaginary = self._responses(parts, omega[:, np.newaxis], self._inputs)[..., 0]
-        return np.asarray(real + 1j * imaginary)
+    def _table_responses(self, nodes: slice, omega: FloatArray) -> FloatArray:
+        """Return `_responses` at nodes of the ensemble, (n, 2, n_excitations, n_outputs).
+
+        They are those at angular frequencies, (n_excitations,).
+        """
+        terms = _Terms(*(part[nodes] for part in self._nodes))
+        return self._responses(terms, omega[np.newaxis], self._inputs).swapaxes(1, 2)
 
     def _evaluate(
         self,
         numbers: FloatArray,
-        places: IntArray,
+        places: IntArray | None,
         squares: FloatArray,
         reference: FloatArray,
         forcing: _Forcing,
@@ -423,138 +489,113 @@ class LevelTable:
         Parameters
         ----------
         numbers, places : ndarray
-            Rows of all levels, (n_rows, n), and the places, (n_excitations + 1, n), of each
-            excitation and of the total.
-        squares, reference : ndarray, (n_outputs, n_excitations, n) and (n_forces, n)
+            All levels, (n, n_levels), and the places, (n, n_excitations + 1), of each excitation
+            and of the total, if they are needed.
+        squares, reference : ndarray, (n, n_excitations, n_outputs) and (n, n_forces)
             Squares of responses to unit loads; what forces are compared with, N.
         forcing : _Forcing
         """
         if not self._loaded:
             return
-        at, w = _rows(len(self._inputs)), forcing.omega
-        magnitude = np.sqrt(squares[0])
-        velocity = np.multiply(magnitude * forcing.size, w, out=numbers[at["velocities"]])
-        acceleration = np.multiply(velocity, w, out=numbers[at["accelerations"]])
+        at, w = _columns(len(self._inputs)), forcing.omega
+        magnitude = np.sqrt(squares[..., 0])
+        velocity = np.multiply(magnitude * forcing.size, w, out=numbers[:, at["velocities"]])
+        acceleration = np.multiply(velocity, w, out=numbers[:, at["accelerations"]])
         if ground is not None:
-            velocity[self._terrain], acceleration[self._terrain] = (
-                ground.velocity,
-                ground.acceleration,
-            )
-            numbers[at["off_ground_share"]] = ground.off_ground_share
-        unknown = 0.0 * np.fmax.reduce(velocity)  # NaN where no level is known
+            velocity[:, self._terrain] = ground.velocity
+            acceleration[:, self._terrain] = ground.acceleration
+            numbers[:, at["off_ground_share"]] = ground.off_ground_share
+        unknown = 0.0 * np.fmax.reduce(velocity, axis=1)  # NaN where no level is known
         for name, known in ("velocity", velocity), ("acceleration", acceleration):
             total = np.sqrt(_sum(np.fmax(known, 0.0) ** 2))
-            numbers[at[f"total_{name}"]] = total + unknown
+            numbers[:, at[f"total_{name}"]] = total + unknown
         if not self.force_places:
             return
-        forces = np.add.reduceat(squares[1:], self._first_rows, axis=0)  # of x and z, or along
-        ratios = forces * (forcing.size * forcing.size)
+        # The order of the axes makes their largest values fast: (n_excitations, n_forces, n).
+        components, sizes = squares[..., 1:].transpose(1, 2, 0), forcing.size.T[:, np.newaxis]
+        ratios = self._forces(components) * (sizes * sizes)
         if ground is not None:
-            ratios[:, self._terrain] = np.add.reduceat(ground.forces2, self._first_rows, axis=0)
-        ratios /= (reference * reference)[:, np.newaxis]
-        total = np.add.accumulate(np.fmax(ratios, 0.0), axis=1)[:, -1]
-        places[:-1], places[-1] = first_largest(ratios), first_largest(total)
-        np.sqrt(np.maximum.reduce(ratios), out=numbers[at["load_ratios"]])
-        lost = 0.0 * np.maximum.reduce(reference)  # NaN where nothing is known to refer to
-        numbers[at["total_load_ratio"]] = np.sqrt(np.maximum.reduce(total)) + unknown + lost
+            ratios[self._terrain] = self._forces(ground.forces2)
+        ratios /= (reference * reference).T
+        total = np.asarray(sum(np.fmax(ratios, 0.0)))  # in the order of the excitations
+        if places is not None:
+            places[:, :-1] = first_largest(np.moveaxis(ratios, 1, -1)).T
+            places[:, -1] = first_largest(total.T)
+        numbers[:, at["load_ratios"]] = np.sqrt(np.maximum.reduce(ratios, axis=1)).T
+        lost = 0.0 * np.maximum.reduce(reference, axis=1)  # NaN where nothing is known to refer to
+        numbers[:, at["total_load_ratio"]] = np.sqrt(np.maximum.reduce(total)) + unknown + lost
 
-
-def _squares(responses: FloatArray) -> FloatArray:
-    """Return squares of magnitudes, (...), of real and imaginary parts, (2, ...), in place."""
-    responses *= responses
-    return np.asarray(responses[0] + responses[1])
+    def _forces(self, components: FloatArray) -> FloatArray:
+        """Return squares of forces, (..., n_forces, n), from those of their components."""
+        second = components.take(self._first + self._pins[:, 0], axis=-2)
+        return np.asarray(components.take(self._first, axis=-2) + np.where(self._pins, second, 0.0))
 
 
 def first_largest(values: FloatArray) -> IntArray:
-    """Return the first row of values, (n_rows, ...), that is the largest but for rounding.
+    """Return the first of values, (..., n), that is the largest but for rounding.
 
     Both pins of a light link carry the same force, so that the last bit would decide.
     """
-    return np.asarray((values >= _SAME * np.maximum.reduce(values)).argmax(axis=0))
-
-
-def _cubic(cell: FloatArray, t: float | FloatArray) -> FloatArray:
-    return np.asarray(((cell[0] * t + cell[1]) * t + cell[2]) * t + cell[3])
+    return np.asarray((values >= _SAME * values.max(axis=-1, keepdims=True)).argmax(axis=-1))
 
 
 def unknown_levels(n_excitations: int, n: int) -> MessageColumns:
     """Return levels at n angles that are not known."""
-    places = np.zeros((n_excitations + 1, n), np.int64)
-    return _level_columns(_unknown(n_excitations, n), places, np.zeros(n, np.int8))
+    return _level_columns(*_unknown(n, n_excitations))
 
 
 @cache
-def _rows(m: int) -> dict[str, slice | int]:
-    """Return the rows of each level of m excitations, which are the float32 fields.
+def _columns(m: int) -> dict[str, slice | int]:
+    """Return the columns of each level of m excitations, which are the float32 fields.
 
-    Those of each excitation have m rows, and those of all together one.
+    Those of each excitation have m columns, and those of all together one.
     """
-    rows: dict[str, slice | int] = {}
+    columns: dict[str, slice | int] = {}
     end = 0
     for field in message_fields(RESONANCE):
         if field.type == "float32":
-            rows[field.name] = slice(end, end + m) if field.is_sequence else end
+            columns[field.name] = slice(end, end + m) if field.is_sequence else end
             end += m if field.is_sequence else 1
-    return rows
+    return columns
 
 
-@cache
-def _n_rows(m: int) -> int:
-    return sum(1 if isinstance(row, int) else m for row in _rows(m).values())
-
-
-def _unknown(m: int, n: int) -> FloatArray:
-    """Return the rows of all levels of m excitations at n angles, NaN."""
-    return np.full((_n_rows(m), n), math.nan)
+def _unknown(n: int, m: int) -> tuple[FloatArray, IntArray, NDArray[np.int8]]:
+    """Return n unknown levels of m excitations: numbers, places, and reasons of the ground."""
+    width = sum(1 if isinstance(each, int) else m for each in _columns(m).values())
+    numbers = np.full((n, width), math.nan)
+    return numbers, np.zeros((n, m + 1), np.int64), np.zeros(n, np.int8)
 
 
 def _level_columns(
     numbers: FloatArray, places: IntArray, reasons: NDArray[np.int8]
 ) -> MessageColumns:
-    """Return levels by their names, the places, (n_excitations + 1, n), of load ratios, and why.
+    """Return levels by their names, the places, (n, n_excitations + 1), of load ratios, and why.
 
     The reasons, (n,), are those why the level of the ground is not known.
     """
     with np.errstate(over="ignore"):
         single = numbers.astype(np.float32)
+    columns = _columns(places.shape[1] - 1).items()
     return MessageColumns(
-        **{name: single[rows].T for name, rows in _rows(len(places) - 1).items()},
-        warning_probability=np.full(numbers.shape[1], math.nan),
-        load_places=places[:-1].T,
-        total_load_places=places[-1],
+        **{name: single[:, where] for name, where in columns},
+        warning_probability=np.full(len(numbers), math.nan),
+        load_places=places[:, :-1],
+        total_load_places=places[:, -1],
         ground_unknown=_REASONS.take(reasons),
     )
 
 
 def _sum(terms: FloatArray) -> FloatArray:
-    """Return the sum along the first axis, in its order; `np.sum` has others, by the shape."""
-    return np.asarray(np.add.accumulate(terms)[-1])
+    """Return the sum over the second axis, in its order; `np.sum` has others, by the shape."""
+    return np.asarray(np.add.accumulate(terms, axis=1)[:, -1])
 
 
 def _mean(values: FloatArray) -> FloatArray:
-    """Return the mean over members, (..., n), of (..., n_members, n); NaN if too few are known."""
+    """Return the mean over members, (n, k), of (n, n_members, k); NaN if too few are known."""
     known = ~np.isnan(values)
-    count = np.add.accumulate(known, axis=-2, dtype=float)[..., -1, :]
-    mean = np.add.accumulate(np.where(known, values, 0.0), axis=-2)[..., -1, :] / count
-    return np.where(count >= _KNOWN * values.shape[-2], mean, math.nan)
-
-
-def _quotient(above: FloatArray, real: FloatArray, imaginary: FloatArray) -> FloatArray:
-    """Return a complex number, (2, ...), over another, as real and imaginary part.
-
-    Parameters
-    ----------
-    above : ndarray, (2, ...)
-        Real and imaginary part of the numerator.
-    real, imaginary : ndarray, (...)
-        Those of the denominator.
-    """
-    square = real * real + imaginary * imaginary
-    real, imaginary = real / square, imaginary / square
-    quotient, across = above * real, above * imaginary
-    quotient[0] += across[1]
-    quotient[1] -= across[0]
-    return quotient
+    count = known.sum(axis=1)
+    mean = _sum(np.where(known, values, 0.0)) / count
+    return np.where(count >= _KNOWN * values.shape[1], mean, math.nan)
 
 
 def _sampled(

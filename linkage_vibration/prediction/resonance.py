@@ -416,12 +416,12 @@ class ResonanceMonitor:
                 self._factors_time = now
                 due.append(row)
             rows.append(len(due))
-        found = self.levels.factors(angles[due], speeds[:, due], self.limits.warning)
+        parts = [self._factors] if self._factors else []
+        if due:
+            parts.append(self.levels.factors(angles[due], speeds[:, due], self.limits.warning))
+        at = np.array(rows) - (not self._factors)
         for name, level in FACTORS.items():
-            values = found[name]
-            if name in self._factors:
-                values = np.concatenate([self._factors[name], found[name]])
-            values = values[np.array(rows) - (name not in self._factors)]
+            values = np.concatenate([part[name] for part in parts])[at]
             self._factors[name] = values[-1:]
             unknown = np.isnan(getattr(levels, level))
             setattr(levels, name, np.where(unknown, np.float32(math.nan), values))

@@ -222,11 +222,11 @@ def test_a_member_that_is_not_possible_is_not_known() -> None:
     place, poles = table.places[0], table.ensemble_poles.copy()
     poles[3] = np.nan
     loads = [UnitLoad((place,), lambda alpha3: (np.ones(1), np.zeros(1)))]
-    omega = np.full((1, len(poles) - 1), 30.0)
+    omega, first = np.full((1, 1), 30.0), np.zeros(1, np.int64)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         whole, without = (
-            Members(each, loads, [place], 0).at(2.0).responses(omega[:, :1], slice(None))
+            Members(each, loads, [place], 0).at(2.0).responses(omega, first, slice(None))
             for each in (table, replace(table, ensemble_poles=poles))
         )
     assert np.isnan(without[3]).all()
