@@ -72,7 +72,7 @@ def transmissibility(
     joining, modes = solution.joining, solution.modes.shapes
     into = joining.elongation[which] @ modes[: joining.elongation.shape[1]]
     parts = pole_residue(solution.damped, out, into)
-    return parts.driven(joining.stiffness[which], joining.damping[which])[0]
+    return parts.driven(joining.stiffness[which, np.newaxis], joining.damping[which, np.newaxis])[0]
 
 
 def _with_the_ground(
@@ -91,6 +91,6 @@ def _with_the_ground(
     into = (moved @ model.system.mass @ solution.modes.shapes)[np.newaxis]
     along_motion = np.array([[float(place[1] == direction)] for place in outputs])
     # It is -s^2 times the receptance; the rates of all modes add up to zero, so s leaves no rest.
-    one, zero = np.ones(1), np.zeros(1)
+    one, zero = np.ones((1, 1)), np.zeros((1, 1))
     parts = pole_residue(solution.damped, out, into).driven(zero, -one)[0].driven(zero, one)[0]
     return replace(parts, residual=parts.residual + along_motion)

@@ -154,22 +154,22 @@ class PoleResidue:
         )
 
     def driven(self, w: FloatArray, v: FloatArray) -> tuple["PoleResidue", ComplexArray]:
-        """Return the response to w + s v at the inputs together, where s is i omega.
+        """Return the responses to w + s v at the inputs together, where s is i omega.
 
         Parameters
         ----------
-        w, v : ndarray, (n_in,)
-            Weights of the inputs.
+        w, v : ndarray, (n_in, n)
+            Weights of the inputs in each of n responses.
 
         Returns
         -------
-        response : PoleResidue, (n_out, 1)
-        rate : complex ndarray, (n_out, 1)
+        response : PoleResidue, (n_out, n)
+        rate : complex ndarray, (n_out, n)
             What the residual, times s, adds to it.
         """
 
         def summed(values: ComplexArray, by: FloatArray) -> ComplexArray:
-            return np.asarray(np.tensordot(values, by, ([1], [0]))[:, np.newaxis])
+            return np.asarray(np.tensordot(values, by, ([1], [0])).swapaxes(1, 2))
 
         # (a + s b) (w + s v) with s^2 = D - kappa - s gamma, where D is the term's denominator.
         a, b, squared = self.residues, self.rates, summed(self.rates, v)
@@ -178,9 +178,9 @@ class PoleResidue:
             self.decay,
             summed(a, w) - squared * self.stiffness,
             summed(a, v) + summed(b, w) - squared * self.decay,
-            squared.sum(axis=2) + self.residual @ w[:, np.newaxis],
+            squared.sum(axis=2) + self.residual @ w,
         )
-        return parts, np.asarray(self.residual @ v[:, np.newaxis])
+        return parts, np.asarray(self.residual @ v)
 
     def _only(self, which: BoolArray) -> "PoleResidue":
         """Return the sum over a selection of the modes, (n_modes,), without the residual."""

@@ -9,7 +9,7 @@ product of matrices belongs to one angle.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -695,7 +695,8 @@ class _Samples:
         for alpha3 in at.tolist():
             row, roots = self._row(alpha3, roots)
             rows.append(row)
-        return at, np.array(rows)
+        forces = self._table.reference_forces(at)[: self._n_forces]
+        return at, np.column_stack([rows, forces.T])
 
     def _row(self, alpha3: float, before: ComplexArray | None) -> tuple[FloatArray, ComplexArray]:
         """Return the values at an angle and its poles, in the order of those before."""
@@ -717,30 +718,20 @@ class _Samples:
 
     def _responses_at(self, alpha3: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return poles, numerators and all other values at an angle, as `_Layout` arranges them."""
-        table = self._table
-        frf = table.frf(alpha3, self._outputs, self._places)
-        numerators, rests, statics = [], [], []
-        for load in self._inputs:
-            which = [self._places.index(place) for place in load.places]
-            part = replace(
-                frf,
-                residues=frf.residues[:, which],
-                rates=frf.rates[:, which],
-                residual=frf.residual[:, which],
+        table, weights = self._table, np.zeros((2, len(self._places), len(self._inputs)))
+        for i, load in enumerate(self._inputs):
+            weights[:, [self._places.index(place) for place in load.places], i] = load.weights(
+                alpha3
             )
-            response, rate = load.response(part, alpha3)
-            a, b, residual = response.residues[:, 0], response.rates[:, 0], response.residual[:, 0]
-            numerators.append([a.real, a.imag, b.real])
-            rests.append([residual.real, residual.imag, rate[:, 0].real])
-            terms = a[0] / frf.stiffness
-            static = abs(complex(terms.sum() + residual[0]))
-            known = static > _STATIC * float(np.abs(terms).sum() + abs(residual[0]))
-            statics.append(static if known else math.nan)
-        forces = table.reference_forces(np.array([alpha3]))[: self._n_forces]
-        others = np.transpose(rests, (1, 2, 0)), statics, forces
+        frf, rate = table.frf(alpha3, self._outputs, self._places).driven(*weights)
+        a, b, rest = frf.residues, frf.rates, frf.residual
+        terms = a[0] / frf.stiffness
+        static = np.abs(terms.sum(axis=1) + rest[0])
+        known = static > _STATIC * (np.abs(terms).sum(axis=1) + np.abs(rest[0]))
+        others = [rest.real, rest.imag, rate.real, np.where(known, static, math.nan)]
         return (
             np.array([frf.stiffness.real, frf.stiffness.imag, frf.decay]),
-            np.transpose(numerators, (1, 3, 2, 0)),
+            np.array([a.real, a.imag, b.real]).transpose(0, 3, 1, 2),
             np.concatenate([np.ravel(part) for part in others]),
         )
 

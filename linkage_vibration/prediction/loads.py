@@ -8,13 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
+from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.base import mount_springs
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.ground_motion import soil_places
 from linkage_vibration.mechanics.kinematics import Kinematics
 from linkage_vibration.mechanics.model import Place
-from linkage_vibration.mechanics.response import PoleResidue
 from linkage_vibration.prediction.excitation import Excitation, ExcitationError, Load, LoadKind
 from linkage_vibration.table.table import Table
 
@@ -33,10 +32,6 @@ class UnitLoad:
     # Of a motion of the soil, the index of the mount at each place, whose stiffness and damping the
     # weights are.
     mounts: tuple[int, ...] = ()
-
-    def response(self, frf: PoleResidue, alpha3: float) -> tuple[PoleResidue, ComplexArray]:
-        """Return the response to the load, as `PoleResidue.driven` does, at an input angle, rad."""
-        return frf.driven(*self.weights(alpha3))
 
 
 def load_input(excitation: Excitation, table: Table, mechanism: Mechanism) -> UnitLoad:
