@@ -59,7 +59,7 @@ def library(
     """Compile constants; return the loaded library and the compiled size, kB."""
     with tempfile.TemporaryDirectory() as name:
         made = Library(Path(name), description_of(of, ""), constants, compiler, flags)
-        return made, text_and_data(Path(name), description_of(of, "").prefix)
+        return made, text_and_data(Path(name), description_of(of, "").name)
 
 
 def text_and_data(folder: Path, prefix: str) -> float:

@@ -34,9 +34,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--source-only", action="store_true", help=text)
     text = "single instead of double precision; the files say how large the errors are"
     add("--single", action="store_true", help=text)
+    text = "how the names of files and of everything in C begin (default: %(default)s)"
+    add("--name", default="linkage_vibration", help=text)
     text = "use as few cells as give natural frequencies and damping ratios of the table within "
-    text += "this relative error, and its peak within a hundred times as much (default: all cells, "
-    text += "which give the same bits as Python)"
+    text += "this relative error (at most 1e-3), and its peak within a hundred times as much "
+    text += "(default: all cells, which give the same bits as Python)"
     add("--tolerance", type=float, help=text)
     text = "YAML file of excitations, for margins and responses by order"
     add("--excitations", type=Path, metavar="FILE", help=text)
@@ -83,15 +85,30 @@ def _files(
     from linkage_vibration.export.fmu import fmu_bytes
     from linkage_vibration.support.atomic_files import make_folder
 
-    description, contents = description_of(table, errors), dict[Path, bytes]()
+    description, contents = description_of(table, errors, options.name), dict[Path, bytes]()
     if options.c is not None:
         make_folder(options.c, ExportError)
+        _refuse_another_table(options.c / f"{options.name}.h", table.table_id)
         texts = c_files(description, constants)
         contents |= {options.c / name: text.encode() for name, text in texts.items()}
     if options.fmu is not None:
         compiled = not options.source_only
         contents[options.fmu] = fmu_bytes(description, constants, compiled=compiled)
     return contents
+
+
+def _refuse_another_table(header: Path, table_id: str) -> None:
+    """Raise an ExportError if a header is not an export of this table."""
+    from linkage_vibration.export.c_source import existing_table
+    from linkage_vibration.export.constants import ExportError
+
+    if header.exists():
+        other = existing_table(header.read_text(encoding="utf-8", errors="replace"))
+        if other != table_id:
+            what = f"an export of the table {other}" if other else "another file"
+            raise ExportError(
+                f"{header} is {what}, and is kept; give another --name or folder, or delete it."
+            )
 
 
 def _read(options: argparse.Namespace, path: Path) -> "tuple[Table, Orders | None]":

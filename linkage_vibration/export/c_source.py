@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from linkage_vibration.export.constants import Constants, Orders, Reals
+from linkage_vibration.export.constants import Constants, ExportError, Orders, Reals
 from linkage_vibration.export.evaluation import NUMBERS, evaluate
 from linkage_vibration.messages.fields import message_constants, message_fields
 from linkage_vibration.messages.topics import PREDICTION, RESONANCE
@@ -21,11 +21,14 @@ from linkage_vibration.table.table import Table
 SOURCES = ("engine", "pto", "ground")
 """The speeds of excitations, in the order of the indices in C."""
 
+NAME = "linkage_vibration"
+"""How names begin unless another name is wanted."""
+
 _TEMPLATES = Path(__file__).with_name("templates")
 _WIDTH = 96  # characters of a line
 _TESTED = 1000  # angles of the generated test
 _SEED = 2
-_LONGEST_NAME = 40
+_VALID_NAME = re.compile(r"[a-z][0-9a-z_]{0,19}")
 
 
 @dataclass(frozen=True)
@@ -34,34 +37,42 @@ class Description:
 
     Attributes
     ----------
+    name : str
+        How the names of files and of everything in C begin.
     mechanism_name, table_id : str
     mode_labels : tuple of str, (n_modes,)
         As `Table.mode_label` returns them.
     errors : str
-        A sentence about measured errors.
+        A sentence about bounds of errors.
     """
 
+    name: str
     mechanism_name: str
     table_id: str
     mode_labels: tuple[str, ...]
     errors: str
 
-    @property
-    def prefix(self) -> str:
-        """How all names in C begin."""
-        plain = re.sub(r"[^0-9A-Za-z]+", "_", self.mechanism_name).strip("_")[:_LONGEST_NAME]
-        return f"lv_{plain.lower() or self.table_id}"
 
+def description_of(table: Table, errors: str, name: str = NAME) -> Description:
+    """Return what an export says about a table, with a sentence about its errors.
 
-def description_of(table: Table, errors: str) -> Description:
-    """Return what an export says about a table, with a sentence about measured errors."""
+    Raises
+    ------
+    ExportError
+        If the name cannot begin names in C that differ in their first 31 characters.
+    """
+    if not _VALID_NAME.fullmatch(name):
+        raise ExportError(
+            f"{name!r} cannot begin names in C; give up to 20 lower-case letters, digits and "
+            "underscores, of which the first is a letter."
+        )
     labels = tuple(table.mode_label(mode) for mode in range(table.n_modes))
-    return Description(table.mechanism_name, table.table_id, labels, errors)
+    return Description(name, table.mechanism_name, table.table_id, labels, errors)
 
 
 def c_files(description: Description, constants: Constants) -> dict[str, str]:
     """Return the header, the source and the test by their names."""
-    prefix = description.prefix
+    prefix = description.name
     values = _values(description, constants)
     files = {f"{prefix}.h": "table.h.in", f"{prefix}.c": "table.c.in"}
     texts = {name: filled(template, values) for name, template in files.items()}
@@ -103,13 +114,31 @@ def comment(text: str) -> str:
     return plain.replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?")
 
 
+def _texts(texts: Iterable[str]) -> str:
+    """Return the inside of an array of strings in a macro."""
+    plain = (comment(text).replace("\\", "\\\\").replace('"', '\\"') for text in texts)
+    return ", \\\n".join(f'    "{text}"' for text in plain)
+
+
+def existing_table(header: str) -> str:
+    """Return the identifier of the table that a header was exported from; empty if there is none.
+
+    Examples
+    --------
+    >>> existing_table('#define HITCH_TABLE_ID "0123456789abcdef"')
+    '0123456789abcdef'
+    """
+    found = re.search(r'^#define \w+_TABLE_ID "(\w+)"$', header, re.MULTILINE)
+    return found[1] if found else ""
+
+
 def _suffix(constants: Constants) -> str:
     return "f" if constants.starts.dtype == np.float32 else ""
 
 
 def _values(description: Description, constants: Constants) -> dict[str, str]:
     """Return what stands for each name in the templates of header and source."""
-    prefix, f, orders = description.prefix, _suffix(constants), constants.orders
+    prefix, f, orders = description.name, _suffix(constants), constants.orders
     low, high = (math.degrees(angle) for angle in constants.alpha3_range)
     turns = ", of any turn" if constants.turns else ""
     fields = (*message_fields(RESONANCE), *message_fields(PREDICTION))
@@ -126,6 +155,9 @@ def _values(description: Description, constants: Constants) -> dict[str, str]:
         ),
         "facts": _facts(description, constants),
         "table_id": description.table_id,
+        "mode_names": _texts(description.mode_labels),
+        "digits": "24" if f else "53",
+        "DIGITS": "FLT_MANT_DIG" if f else "DBL_MANT_DIG",
         "real": "float" if f else "double",
         "in_double": ", whose numbers were rounded to single precision" if f else "",
         "range": f"{low:.6g} to {high:.6g} deg{turns}",
@@ -201,7 +233,7 @@ def _order_values(orders: Orders, f: str) -> dict[str, str]:
         row = ", ".join([f"{SOURCES.index(source)}u", *numbers, str(int(soil)), f"{which}u"])
         rows.append(f"    {{{row}}}")
     return {
-        "order_names": "\n".join(f" * {i}: {comment(name)}" for i, name in enumerate(orders.names)),
+        "order_names": _texts(orders.names),
         "n_orders": str(len(orders.names)),
         "excitations": ",\n".join(rows),
         "highest_omega": literal(float(real(2.0 * math.pi * orders.highest_frequency)), f),

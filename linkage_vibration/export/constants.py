@@ -23,12 +23,11 @@ PEAK_TOLERANCE = 100.0
 
 _TURN = 2.0 * math.pi
 _FARTHEST, _FARTHEST_SINGLE = 1e6, 64.0  # rad; a larger angle is too coarse to remove whole turns
-_PER_CELL = 8  # angles in a cell of the table at which longer cells are compared with it
 _SAME = 1e-6  # of the largest value: a larger step between two cells is a jump
 _ZERO = 1e-4  # of the largest value: smaller values have no relative error of their own
+_LARGEST_TOLERANCE = 1e-3  # that of the peak is a hundred times as large
 _DEVIATION = 0.01  # relative error of standard deviations with fewer rows
 _MOST_GAPS = 1e-3  # of the range
-_SHARE = 0.9  # of the tolerance, which the angles between those compared may use
 
 
 class ExportError(LinkageVibrationError):
@@ -122,6 +121,11 @@ class Constants:
     orders: Orders | None = None
 
     @property
+    def ends(self) -> FloatArray:
+        """Where cells begin, and where the last one ends, (n_cells + 1,), rad."""
+        return np.append(self.starts, self.alpha3_range[1]).astype(float)
+
+    @property
     def gap_text(self) -> str:
         """A sentence about the gaps; empty without any."""
         if not self.gaps:
@@ -213,16 +217,9 @@ def single(constants: Constants) -> Constants:
 def _rounded(holder: Holder) -> Holder:
     """Return constants or orders whose numbers are those of single precision."""
     starts = holder.starts.astype(np.float32)
-    shift = (starts.astype(float) - holder.starts)[:, np.newaxis]
-    c3, c2, c1, c0 = holder.cubics.swapaxes(0, 1)
-    moved = [
-        c3,
-        c2 + 3.0 * c3 * shift,
-        c1 + (2.0 * c2 + 3.0 * c3 * shift) * shift,
-        c0 + (c1 + (c2 + c3 * shift) * shift) * shift,
-    ]
+    cubics = moved(holder.cubics, starts.astype(float) - holder.starts)
     changes: dict[str, Any] = {}
-    for name, value in vars(replace(holder, cubics=np.stack(moved, axis=1))).items():
+    for name, value in vars(replace(holder, cubics=cubics)).items():
         if isinstance(value, np.ndarray):
             changes[name] = value.astype(np.float32)
         elif isinstance(value, float):
@@ -232,34 +229,80 @@ def _rounded(holder: Holder) -> Holder:
     return replace(holder, **changes)
 
 
+def moved(cubics: Reals, shifts: Reals) -> FloatArray:
+    """Return cubics, (n, 4, k), expanded about starts that are larger by shifts, (n,)."""
+    shift = shifts[:, np.newaxis]
+    c3, c2, c1, c0 = cubics.astype(float).swapaxes(0, 1)
+    slope = c1 + (2.0 * c2 + 3.0 * c3 * shift) * shift
+    return np.stack(
+        [c3, c2 + 3.0 * c3 * shift, slope, c0 + (c1 + (c2 + c3 * shift) * shift) * shift], axis=1
+    )
+
+
+def slopes_of(cubics: Reals) -> FloatArray:
+    """Return the derivatives of cubics, (n, 4, k), as cubics."""
+    c3, c2, c1, _ = cubics.astype(float).swapaxes(0, 1)
+    return np.stack([0.0 * c3, 3.0 * c3, 2.0 * c2, c1], axis=1)
+
+
+def extremes(cubics: FloatArray, widths: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the smallest and the largest value of cubics, (n, 4, k), from 0 to widths, (n,).
+
+    They are at the ends or where the slope is zero.
+    """
+    c3, c2, c1, _ = cubics.swapaxes(0, 1)
+    with np.errstate(all="ignore"):
+        root = np.sqrt(c2 * c2 - 3.0 * c3 * c1)
+        q = -(c2 + np.copysign(root, c2))
+        flat = np.nan_to_num(np.stack([q / (3.0 * c3), c1 / q]), posinf=0.0, neginf=0.0)
+    width = widths[:, np.newaxis]
+    at = [0.0 * c3, width + 0.0 * c3, *np.clip(flat, 0.0, width)]
+    values = np.stack([_value(cubics, t) for t in at])
+    return values.min(axis=0), values.max(axis=0)
+
+
+def smallest_sizes(cubics: FloatArray, widths: FloatArray) -> FloatArray:
+    """Return the smallest magnitudes in cells, (n, k), or a share of the largest of all cells.
+
+    Errors are relative to these.
+    """
+    low, high = extremes(cubics, widths)
+    sizes = np.abs([low, high])
+    smallest = np.where(low * high > 0.0, sizes.min(axis=0), 0.0)
+    with np.errstate(invalid="ignore"):
+        floor = _ZERO * np.nanmax(sizes, axis=(0, 1), initial=0.0)
+    return np.asarray(np.maximum(smallest, floor))
+
+
 def fewer_cells(constants: Constants, tolerance: float) -> Constants:
     """Return constants with as few cells as a tolerance needs.
 
     Neighbouring cells are joined into one that has their values and slopes at its ends, as long as
-    it agrees with them at several angles in each. The tolerance is the relative error of natural
-    frequencies and damping ratios against the table; that of the peak is `PEAK_TOLERANCE` times as
-    large. Of the rows of standard deviations by uncertain numbers every second is left out,
-    repeatedly, as long as no deviation changes by more than 1 %.
+    it agrees with all of them. The tolerance bounds the relative error of natural frequencies and
+    damping ratios against the table; that of the peak is `PEAK_TOLERANCE` times as large. Of the
+    rows of standard deviations by uncertain numbers every second is left out, repeatedly, as long
+    as no deviation changes by more than 1 %.
 
     Raises
     ------
     ExportError
-        If the tolerance is not between 0 and 0.1.
+        If the tolerance is not greater than 0 and at most 1e-3.
     """
-    if not 0.0 < tolerance < 0.1:
-        raise ExportError(f"The tolerance {tolerance:g} is not between 0 and 0.1; give 1e-6.")
-    joiner = _Joiner(constants, _SHARE * tolerance)
-    starts, cubics, first, n = [], [], 0, len(constants.starts)
-    while first < n:
-        after = joiner.longest(first)
-        starts.append(constants.starts[first])
-        cubics.append(constants.cubics[first] if after == first + 1 else joiner.cubic(first, after))
-        first = after
+    if not 0.0 < tolerance <= _LARGEST_TOLERANCE:
+        raise ExportError(f"The tolerance {tolerance:g} is not between 0 and 1e-3; give 1e-6.")
+    ends, n, peaks = constants.ends, 2 * constants.n_modes, constants.n_peaks
+    allowed = np.full(n + 2 * peaks, tolerance)
+    allowed[n:] *= PEAK_TOLERANCE
+    limits = allowed * smallest_sizes(constants.cubics, np.diff(ends))
+    # The frequency of a peak without a height does not count.
+    absent = (constants.cubics[:, :, n + peaks :] == 0.0).all(axis=1)
+    limits[:, n : n + peaks][absent] = math.inf
+    starts, cubics = _Joiner(ends, constants.cubics, limits).joined()
     every = _kept_rows(constants.parameters)
     return replace(
         constants,
-        starts=np.array(starts),
-        cubics=np.array(cubics),
+        starts=starts,
+        cubics=cubics,
         parameters=constants.parameters[::every],
         parameter_step=every * constants.parameter_step,
     )
@@ -279,34 +322,38 @@ def _kept_rows(rows: Reals) -> int:
 
 
 class _Joiner:
-    """Joins cells of constants."""
+    """Joins cells that begin at angles and end at the next; the last of these ends the last cell.
 
-    def __init__(self, constants: Constants, tolerance: float) -> None:
-        self._starts = np.append(constants.starts, constants.alpha3_range[1])
-        widths = np.diff(self._starts)[:, np.newaxis]
-        cubics = constants.cubics
+    A joined cell may differ from each cell by its limits, (n_cells, k).
+    """
+
+    def __init__(self, ends: Reals, cubics: Reals, limits: Reals) -> None:
+        self._ends, self._cubics, self._limits = ends, cubics, limits
+        self._widths = np.diff(ends)
         self._first = cubics[:, 3], cubics[:, 2]  # values and slopes where each cell begins
-        self._last = _value(cubics, widths), _slope(cubics, widths)
-        t = widths * np.linspace(0.0, 1.0, _PER_CELL + 1)[1:]
-        self._at = self._starts[:-1, np.newaxis] + t
-        self._values = _value(cubics[:, :, np.newaxis], t[:, :, np.newaxis])
-        n, peaks = 2 * constants.n_modes, constants.n_peaks
-        allowed = np.full(n + 2 * peaks, tolerance)
-        allowed[n:] *= PEAK_TOLERANCE
+        last = moved(cubics, self._widths)
+        self._last = last[:, 3], last[:, 2]
         with np.errstate(invalid="ignore"):
-            largest = np.nanmax(np.abs(self._values), axis=(0, 1), initial=0.0)
-        self._limits = allowed * np.maximum(np.abs(self._values), _ZERO * largest)
-        # The frequency of a peak without a height does not count.
-        absent = self._values[..., n + peaks :] == 0.0
-        self._limits[..., n : n + peaks][absent] = math.inf
-        step = np.abs(self._first[0][1:] - self._last[0][:-1])
+            largest = np.nanmax(np.abs(self._first[0]), axis=0, initial=0.0)
+            step = np.abs(self._first[0][1:] - self._last[0][:-1])
         unequal = np.isnan(self._first[0][1:]) != np.isnan(self._last[0][:-1])
         self._joins = ~(unequal | (step > _SAME * largest)).any(axis=1)
 
-    def longest(self, first: int) -> int:
+    def joined(self) -> tuple[FloatArray, FloatArray]:
+        """Return the starts and the cubics of as few cells as the limits allow."""
+        starts, cubics, first = [], [], 0
+        while first < len(self._cubics):
+            after = self._longest(first)
+            starts.append(self._ends[first])
+            one = after == first + 1
+            cubics.append(self._cubics[first] if one else self._cubic(first, after))
+            first = after
+        return np.array(starts), np.array(cubics)
+
+    def _longest(self, first: int) -> int:
         """Return the cell after the longest joined cell that begins with this cell."""
         breaks = np.flatnonzero(~self._joins[first:])
-        end = first + 1 + int(breaks[0]) if len(breaks) else len(self._starts) - 1
+        end = first + 1 + int(breaks[0]) if len(breaks) else len(self._cubics)
         good, step = first + 1, 1
         while good < end and self._holds(first, min(good + step, end)):
             good, step = min(good + step, end), 2 * step
@@ -316,12 +363,12 @@ class _Joiner:
             good, bad = (middle, bad) if self._holds(first, middle) else (good, middle)
         return good
 
-    def cubic(self, first: int, after: int) -> FloatArray:
+    def _cubic(self, first: int, after: int) -> FloatArray:
         """Return the cubics, (4, k), with the values and slopes of cells at both ends.
 
         The cells are those from ``first`` to the one before ``after``.
         """
-        h = float(self._starts[after] - self._starts[first])
+        h = float(self._ends[after] - self._ends[first])
         f0, d0 = (ends[first] for ends in self._first)
         f1, d1 = (ends[after - 1] for ends in self._last)
         mean = (f1 - f0) / h
@@ -329,20 +376,14 @@ class _Joiner:
 
     def _holds(self, first: int, after: int) -> bool:
         """Return whether the joined cell agrees with the cells."""
-        t = (self._at[first:after] - self._starts[first])[:, :, np.newaxis]
-        off = np.abs(_value(self.cubic(first, after), t) - self._values[first:after])
-        return not (off > self._limits[first:after]).any()
+        shifts = self._ends[first:after] - self._ends[first]
+        whole = np.repeat(self._cubic(first, after)[np.newaxis], len(shifts), axis=0)
+        off = moved(whole, shifts) - self._cubics[first:after]
+        low, high = extremes(off, self._widths[first:after])
+        return not (np.maximum(-low, high) > self._limits[first:after]).any()
 
 
 def _value(cubics: Reals, t: Reals) -> FloatArray:
-    """Return the values of cubics, (..., 4, k), whose powers are on the second last axis."""
-    if cubics.ndim == 2:
-        c3, c2, c1, c0 = cubics
-    else:
-        c3, c2, c1, c0 = np.moveaxis(cubics, 1, 0)
+    """Return the values of cubics, (n, 4, k), at distances from their starts, (n, k)."""
+    c3, c2, c1, c0 = cubics.swapaxes(0, 1)
     return np.asarray(((c3 * t + c2) * t + c1) * t + c0)
-
-
-def _slope(cubics: Reals, t: Reals) -> FloatArray:
-    c3, c2, c1, _ = np.moveaxis(cubics, 1, 0)
-    return np.asarray((3.0 * c3 * t + 2.0 * c2) * t + c1)

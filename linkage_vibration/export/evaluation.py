@@ -2,15 +2,25 @@
 # SPDX-License-Identifier: Apache-2.0
 """Evaluates the numbers of an export as the exported C does, in the same order and precision.
 
-The expected values of the generated test come from here, and so do the measured errors.
+The expected values of the generated test come from here, and so do the bounds of the errors.
 """
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from linkage_vibration.export.constants import Constants, Reals, single
+from linkage_vibration.export.constants import (
+    Constants,
+    FloatArray,
+    Reals,
+    extremes,
+    moved,
+    single,
+    slopes_of,
+    smallest_sizes,
+)
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.messages.fields import message_constants
 from linkage_vibration.messages.topics import PREDICTION
@@ -26,53 +36,54 @@ PER_MODE = (
 NUMBERS = (*PER_MODE, "frf_peak_frequency", "frf_peak_magnitude", "interpolation_error")
 """The outputs beside the status, in their order in C; `frequency_slopes` are in Hz/rad."""
 
-_SAMPLES = 20_001  # angles at which errors are measured
-_SEED = 1
-_OTHER = 1e-3  # relative: frequencies that differ by more are those of two different peaks
-_ROOM = 1.25  # errors at other angles may be so much larger than those measured
+_ROUNDINGS = 8  # of the evaluation of a cubic
 
 
 @dataclass(frozen=True)
 class ExportErrors:
-    """The largest differences between two exports, at angles at which both have numbers.
+    """Bounds of the differences between the numbers of an export and those of its table.
 
     Attributes
     ----------
     frequency, damping_ratio : float
         Relative.
-    slope, stddev : float
-        Of slopes and standard deviations of frequencies, over their largest values.
+    slope : float
+        Of the slopes of natural frequencies, over the largest slope of each.
     peak : float
-        Relative, of the frequency and the magnitude.
-    other_peaks : int
-        At how many angles two peaks are so equally high that another one is the highest.
-    samples : int
-        Number of angles.
+        Relative, of frequency and magnitude of each candidate for the highest peak.
     """
 
-    frequency: float
-    damping_ratio: float
-    slope: float
-    stddev: float
-    peak: float
-    other_peaks: int
-    samples: int
+    frequency: float = 0.0
+    damping_ratio: float = 0.0
+    slope: float = 0.0
+    peak: float = 0.0
 
     @property
     def text(self) -> str:
         """A sentence for people."""
-        errors = self.frequency, self.damping_ratio, self.slope, self.stddev, self.peak
-        if not any(errors) and not self.other_peaks:
-            return f"The numbers at {self.samples} angles are those of the table, to the last bit."
-        text = (
-            f"The largest differences from the table at {self.samples} angles: natural frequencies "
-            f"{self.frequency:.1e}, damping ratios {self.damping_ratio:.1e}, peak {self.peak:.1e} "
-            f"(relative); slopes {self.slope:.1e} and standard deviations {self.stddev:.1e} (of "
-            "their largest values)."
+        if self == ExportErrors():
+            return "The numbers are those of the table, to the last bit."
+        return (
+            "The numbers differ from those of the table by at most: natural frequencies "
+            f"{upwards(self.frequency)}, damping ratios {upwards(self.damping_ratio)}, peak "
+            f"{upwards(self.peak)} (relative); slopes {upwards(self.slope)} (of their largest "
+            "values). Where another peak is as high as the highest one within this error, or the "
+            "highest one is within it of an end of the band, the other one may be reported."
         )
-        if self.other_peaks:
-            text += f" At {self.other_peaks} of them another of two equally high peaks is reported."
-        return text
+
+
+def upwards(error: float) -> str:
+    """Return an error with two digits, rounded up.
+
+    Examples
+    --------
+    >>> upwards(9.71e-7), upwards(2e-8), upwards(0.0)
+    ('9.8e-07', '2.0e-08', '0')
+    """
+    if not error:
+        return "0"
+    unit = 10.0 ** (math.floor(math.log10(error)) - 1)
+    return f"{unit * math.ceil(error / unit * (1.0 - 1e-12)):.1e}"
 
 
 def exported(
@@ -83,54 +94,46 @@ def exported(
     The approximate constants have fewer cells than those of the table, or are the same.
     """
     chosen = single(approximate) if in_single else approximate
-    errors = compare(constants, chosen)
-    more = _ROOM * max(errors.frequency, errors.damping_ratio)
-    if more > 0.0:
-        wider = (chosen.piece_errors + more).astype(chosen.piece_errors.dtype)
-        chosen = replace(chosen, piece_errors=wider)
-    return chosen, errors
+    if chosen is constants:
+        return constants, ExportErrors()
+    errors = bounds(constants, chosen)
+    wider = constants.piece_errors + max(errors.frequency, errors.damping_ratio)
+    real = chosen.starts.dtype.type
+    rounded = np.nextafter(wider.astype(real), real(math.inf))
+    return replace(chosen, piece_errors=rounded), errors
 
 
-def compare(constants: Constants, approximate: Constants) -> ExportErrors:
-    """Measure how far approximate numbers are from those of the table in double precision."""
-    dtype = approximate.starts.dtype
-    low, high = constants.alpha3_range
-    angles = np.random.default_rng(_SEED).uniform(low, high, _SAMPLES)
-    angles[: len(constants.starts)] = constants.starts[:_SAMPLES]
-    angles[-1] = high
-    if constants.turns:  # a quarter of them anywhere
-        far = approximate.farthest
-        angles[::4] = np.random.default_rng(_SEED).uniform(-far, far, len(angles[::4]))
-    rounded = angles.astype(dtype)
-    same = rounded.astype(float)
-    if not constants.turns:
-        same = np.clip(same, low, high)  # the ends of the range are rounded, too
-    exact = evaluate(constants, same, np.zeros(len(same)))
-    other = evaluate(approximate, rounded, np.zeros(len(same), dtype))
+def bounds(constants: Constants, approximate: Constants) -> ExportErrors:
+    """Bound how far approximate numbers are from those of the table in double precision.
 
-    def relative(name: str) -> Reals:
-        true, value = getattr(exact, name), getattr(other, name).astype(float)
-        with np.errstate(all="ignore"):
-            return np.nan_to_num(np.where(true == value, 0.0, np.abs(value / true - 1.0)), nan=0.0)
+    Between two cells the difference is a cubic, whose extremes are known. Beside it there are the
+    roundings of an evaluation and, in single precision, those of the angle.
+    """
+    ends, n = constants.ends, constants.n_modes
+    widths, starts = np.diff(ends), approximate.starts.astype(float)
+    other = np.searchsorted(starts, 0.5 * (ends[1:] + ends[:-1]), side="right") - 1
+    shifts, unit = ends[:-1] - starts[other], float(np.finfo(approximate.starts.dtype).eps)
+    farthest = approximate.farthest if constants.turns else float(np.abs(ends).max())
+    turned = unit * farthest if approximate.starts.dtype != constants.starts.dtype else 0.0
 
-    def absolute(name: str) -> float:
-        true, value = getattr(exact, name), getattr(other, name).astype(float)
-        with np.errstate(all="ignore"):
-            largest = np.nanmax(np.abs(true), initial=0.0)
-            return float(np.nanmax(np.abs(value - true), initial=0.0) / (largest or 1.0))
+    def apart(exact: Reals, near: Reals) -> tuple[FloatArray, FloatArray]:
+        near = near.astype(float)[other]
+        slopes = np.maximum(*np.abs(extremes(slopes_of(exact), widths)))
+        rounding = np.abs(moved(np.abs(near), shifts + widths)[:, 3])
+        low, high = extremes(moved(near, shifts) - exact, widths)
+        return np.maximum(-low, high) + _ROUNDINGS * unit * rounding + turned * slopes, slopes
 
-    peak = relative("frf_peak_frequency")
-    other_peak = peak > _OTHER
-    heights = relative("frf_peak_magnitude")
-    return ExportErrors(
-        frequency=float(relative("natural_frequencies").max(initial=0.0)),
-        damping_ratio=float(relative("damping_ratios").max(initial=0.0)),
-        slope=absolute("frequency_slopes"),
-        stddev=absolute("frequency_stddev"),
-        peak=float(max(peak[~other_peak].max(initial=0.0), heights.max(initial=0.0))),
-        other_peaks=int(other_peak.sum()),
-        samples=len(same),
-    )
+    off, slopes = apart(constants.cubics, approximate.cubics)
+    with np.errstate(all="ignore"):
+        relative = off / smallest_sizes(constants.cubics, widths)
+    peaks = relative[:, 2 * n :]
+    # The frequency of a peak without a height does not count.
+    absent = (constants.cubics[:, :, 2 * n + constants.n_peaks :] == 0.0).all(axis=1)
+    peaks[:, : constants.n_peaks][absent] = 0.0
+    curved, _ = apart(slopes_of(constants.cubics), slopes_of(approximate.cubics))
+    of_slopes = curved[:, :n] / np.nanmax(slopes[:, :n], axis=0)
+    parts = relative[:, :n], relative[:, n : 2 * n], of_slopes, peaks
+    return ExportErrors(*(float(np.nanmax(part, initial=0.0)) for part in parts))
 
 
 def evaluate(constants: Constants, crank_angle: Reals, stddev: Reals) -> MessageColumns:

@@ -23,7 +23,7 @@ from linkage_vibration.messages.fields import message_constants, message_fields
 from linkage_vibration.messages.topics import PREDICTION, RESONANCE
 from linkage_vibration.support.version import VERSION
 
-FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared")
+FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden")
 """How the library of an FMU is compiled."""
 
 _SPEEDS = {
@@ -96,7 +96,7 @@ def fmu_bytes(description: Description, constants: Constants, *, compiled: bool)
 
     An ExportError is raised if a library is wanted and there is no C compiler, or if it fails.
     """
-    prefix = description.prefix
+    prefix = description.name
     reals, integers = _variables(description, constants)
     sources = dict(list(c_files(description, constants).items())[:2])
     token = hashlib.sha256(f"{VERSION}{sources}".encode()).hexdigest()[:32]
@@ -179,7 +179,7 @@ def _model_description(
     values = {
         "name": _escaped(description.mechanism_name),
         "about": _escaped(about),
-        "prefix": description.prefix,
+        "prefix": description.name,
         "token": token,
         "version": VERSION,
         "files": "\n".join(f'      <File name="{name}" />' for name in sources),

@@ -28,7 +28,7 @@ from linkage_vibration.export.constants import (
     fewer_cells,
     single,
 )
-from linkage_vibration.export.evaluation import NUMBERS, compare, evaluate, exported
+from linkage_vibration.export.evaluation import NUMBERS, evaluate, exported
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.prediction.predictor import Predictor, predict_many
@@ -103,9 +103,9 @@ def described(table: Table) -> Description:
 
 
 def stddevs_for(angles: Any) -> Any:
-    """Return standard deviations of angles, rad: none, small, large, and not known."""
-    chosen = np.array([0.0, 1e-4, 0.3, math.nan])
-    return chosen[np.arange(len(angles)) % 4].astype(angles.dtype)
+    """Return standard deviations of angles, rad: none, small, large, negative, and not known."""
+    chosen = np.array([0.0, 1e-4, 0.3, -1e-3, math.nan])
+    return chosen[np.arange(len(angles)) % 5].astype(angles.dtype)
 
 
 def in_gaps(constants: Constants, angles: Any) -> Any:
@@ -172,7 +172,7 @@ def test_generated_test_passes(table: Table, tmp_path: Path) -> None:
     """The generated main finds every number equal, with the sanitizers of gcc."""
     constants = constants_of(table)
     write(c_files(described(table), constants), tmp_path)
-    prefix = described(table).prefix
+    prefix = described(table).name
     flags = ["-g", "-ffp-contract=off", "-fsanitize=address,undefined", "-fno-sanitize-recover"]
     command = [require("gcc"), *STRICT, *flags, f"{prefix}.c", f"{prefix}_test.c", "-lm"]
     compile_c([*command, "-o", "run"], tmp_path)
@@ -185,7 +185,7 @@ def test_generated_test_passes(table: Table, tmp_path: Path) -> None:
 def test_generated_test_can_fail(paper: Table, tmp_path: Path) -> None:
     """One changed coefficient is found."""
     files = c_files(described(paper), constants_of(paper))
-    prefix = described(paper).prefix
+    prefix = described(paper).name
     first = float(constants_of(paper).cubics[0, 3, 0])  # of mode 1 at the first angle
     source = files[f"{prefix}.c"]
     assert source.count(literal(first)) == 1
@@ -208,7 +208,7 @@ def test_single_precision(name: str, tmp_path: Path) -> None:
     found = library.predict(angles, stddevs)
     assert_same_bits(found, evaluate(constants, angles, stddevs))
     assert 0.0 < errors.frequency < 1e-5
-    assert 0.0 < errors.damping_ratio < 1e-4
+    assert 0.0 < errors.damping_ratio < 1e-5
     rng = np.random.default_rng(77)
     angles = rng.uniform(*table.alpha3_range, ANGLES).astype(np.float32)
     found = library.predict(angles, 0.0 * angles)
@@ -221,23 +221,43 @@ def test_single_precision(name: str, tmp_path: Path) -> None:
         assert (off <= found["interpolation_error"][good]).all()
 
 
-@pytest.mark.parametrize("tolerance", [1e-7, 1e-4])
-def test_fewer_cells(table: Table, tolerance: float) -> None:
-    """The cells are fewer, and at independent angles the errors are within the tolerance."""
+@pytest.mark.parametrize("tolerance", [1e-7, 1e-4, 1e-3])
+@pytest.mark.parametrize("in_single", [False, True])
+def test_fewer_cells(table: Table, tolerance: float, in_single: bool) -> None:
+    """The cells are fewer, and at independent angles no error exceeds its bound.
+
+    In double precision the bound is within the tolerance.
+    """
     constants = constants_of(table)
-    fewer, errors = exported(constants, fewer_cells(constants, tolerance), in_single=False)
+    fewer, errors = exported(constants, fewer_cells(constants, tolerance), in_single=in_single)
     assert len(fewer.starts) < len(constants.starts)
-    assert max(errors.frequency, errors.damping_ratio) <= tolerance
-    assert errors.peak <= 100.0 * tolerance
-    angles = np.random.default_rng(5).uniform(*table.alpha3_range, ANGLES)
-    exact = evaluate(constants, angles, 0.0 * angles)
-    found = evaluate(fewer, angles, 0.0 * angles)
-    for field in ("natural_frequencies", "damping_ratios"):
-        off = np.abs(getattr(found, field) / getattr(exact, field) - 1.0)
-        assert np.nanmax(off) <= tolerance
-        assert (np.isnan(getattr(found, field)) == np.isnan(getattr(exact, field))).all()
-        bound = found.interpolation_error - exact.interpolation_error
-        assert (np.nanmax(off, axis=1) <= bound).all()
+    if not in_single:
+        assert max(errors.frequency, errors.damping_ratio) <= tolerance
+        assert errors.peak <= 100.0 * tolerance
+    low, high = table.alpha3_range
+    angles = np.random.default_rng(5).uniform(low, high, ANGLES).astype(fewer.starts.dtype)
+    same = np.clip(angles.astype(float), low, high)
+    exact, found = evaluate(constants, same, 0.0 * same), evaluate(fewer, angles, 0.0 * angles)
+    inside = found.status == exact.status
+    assert inside.mean() > 0.999  # except at the ends, which are rounded
+    for field, bound in (
+        ("natural_frequencies", errors.frequency),
+        ("damping_ratios", errors.damping_ratio),
+    ):
+        own, true = getattr(found, field)[inside].astype(float), getattr(exact, field)[inside]
+        off = np.nanmax(np.abs(own / true - 1.0))
+        assert 0.1 * bound * (not in_single) < off <= bound
+        assert (np.isnan(own) == np.isnan(true)).all()
+    more = found.interpolation_error[inside] - exact.interpolation_error[inside]
+    assert (more >= max(errors.frequency, errors.damping_ratio) * (1.0 - 1e-6)).all()
+    largest = np.nanmax(np.abs(exact.frequency_slopes), axis=0)
+    off = np.abs(found.frequency_slopes[inside] - exact.frequency_slopes[inside]) / largest
+    assert np.nanmax(off) <= 1.001 * errors.slope  # The largest slope may be between the angles.
+    heights = found.frf_peak_magnitude[inside] / exact.frf_peak_magnitude[inside] - 1.0
+    assert np.nanmax(np.abs(heights)) <= errors.peak
+    moved = np.abs(found.frf_peak_frequency[inside] / exact.frf_peak_frequency[inside] - 1.0)
+    # Elsewhere another peak is as high, which the comparison of heights has shown.
+    assert np.nanmean(moved > errors.peak) < (1e-3 if tolerance < 1e-3 else 0.05)
 
 
 def test_fewer_rows_of_standard_deviations(tractor: Table) -> None:
@@ -266,7 +286,7 @@ def test_tolerance_decides_the_number_of_cells(paper: Table) -> None:
     counts = [len(fewer_cells(constants, 10.0**-k).starts) for k in (9, 8, 7, 6, 5, 4)]
     assert counts == sorted(counts, reverse=True)
     assert len(fewer_cells(constants, 2e-7).starts) <= len(constants.starts) / 4
-    with pytest.raises(ExportError, match=r"not between 0 and 0\.1"):
+    with pytest.raises(ExportError, match="not between 0 and 1e-3"):
         fewer_cells(constants, 0.0)
 
 
@@ -274,7 +294,7 @@ def test_tolerance_decides_the_number_of_cells(paper: Table) -> None:
 def test_32_bit_arm(tractor: Table, compiler: str, tmp_path: Path) -> None:
     """Cross-compiled for ARM and run in an emulator, the generated test finds equal bits."""
     write(c_files(described(tractor), constants_of(tractor)), tmp_path)
-    prefix = described(tractor).prefix
+    prefix = described(tractor).name
     command = [require(compiler), *STRICT, "-O2", "-ffp-contract=off", "-static"]
     emulator = require("qemu-arm")
     compile_c([*command, f"{prefix}.c", f"{prefix}_test.c", "-lm", "-o", "run"], tmp_path)
@@ -291,14 +311,14 @@ def test_microcontroller(paper: Table, flags: list[str], tmp_path: Path) -> None
     write(files, tmp_path)
     compiler = require("arm-none-eabi-gcc")
     command = [compiler, *STRICT, "-Wdouble-promotion", "-O2", *flags, "-mthumb", "-c"]
-    compile_c([*command, f"{described(paper).prefix}.c"], tmp_path)
+    compile_c([*command, f"{described(paper).name}.c"], tmp_path)
 
 
 def test_misra(paper: Table, tmp_path: Path) -> None:
     """A checker of MISRA C:2012 finds no deviation that the source does not list."""
     files = c_files(described(paper), fewer_cells(constants_of(paper), 1e-3))
     write(files, tmp_path)
-    source = f"{described(paper).prefix}.c"
+    source = f"{described(paper).name}.c"
     command = [require("cppcheck"), "--addon=misra", "--std=c99", "--quiet", source]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert ": error:" not in done.stderr, done.stderr
@@ -308,28 +328,111 @@ def test_misra(paper: Table, tmp_path: Path) -> None:
         assert re.search(rf"^ \* +rules? {rule} ", files[source], re.MULTILINE)
 
 
-NAMES = {
-    "Dreipunktgestänge": "lv_dreipunktgest_nge",
-    "навеска": "lv_ab12",
-    "*/ int main(void) { /*": "lv_int_main_void",
-    'a "quoted" \\ name ??/': "lv_a_quoted_name",
-    "int": "lv_int",
-    "9" * 200: "lv_" + "9" * 40,
-    "line\nbreak \u202e": "lv_line_break",
-}
+NAMES = ["навеска", "*/ int main(void) { /*", 'a "quoted" \\ name ??/', "line\nbreak \u202e"]
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_names_of_mechanisms(paper: Table, name: str, tmp_path: Path) -> None:
-    """Whatever the mechanism is called, the files compile and the name begins with a letter."""
+    """Whatever the mechanism and its modes are called, the files compile."""
     labels = tuple(f"mode {i + 1} ({name})" for i in range(paper.n_modes))
-    description = Description(name, "ab12", labels, name)
-    assert description.prefix == NAMES[name]
+    description = replace(described(paper), mechanism_name=name, mode_labels=labels, errors=name)
     constants = fewer_cells(constants_of(paper), 1e-3)
     write(c_files(description, constants), tmp_path)
-    compile_c([require("gcc"), *STRICT, "-c", f"{description.prefix}.c"], tmp_path)
-    header = (tmp_path / f"{description.prefix}.h").read_text()
+    use = f'#include "{description.name}.h"\n'
+    use += f"const char *const names[] = {description.name.upper()}_MODE_NAMES;\n"
+    (tmp_path / "use.c").write_text(use)
+    compile_c([require("gcc"), *STRICT, "-c", f"{description.name}.c", "use.c"], tmp_path)
+    header = (tmp_path / f"{description.name}.h").read_text()
     assert header.isascii()
+
+
+@pytest.mark.parametrize("name", ["", "9a", "a-b", "Hitch", "a" * 21, "hülle"])
+def test_names_that_are_refused(paper: Table, name: str) -> None:
+    """A name that cannot begin names in C, or is too long, is refused; twenty letters are not."""
+    with pytest.raises(ExportError, match="cannot begin names in C; give up to 20"):
+        description_of(paper, "", name)
+    assert description_of(paper, "", "a" * 20).name == "a" * 20
+
+
+def test_names_differ_in_their_first_31_characters(tractor: Table) -> None:
+    """With the longest name, all names in C that begin with it differ so early."""
+    name = "a" * 20
+    files = c_files(description_of(tractor, "", name), constants_of(tractor))
+    words = {word for text in files.values() for word in re.findall(r"\w+", text)}
+    names = {word for word in words if word.lower().startswith(name)} - {f"{name}_test"}
+    assert len(names) > 10
+    assert len({word[:31] for word in names}) == len(names)
+
+
+_BOTH = """
+#include "first.h"
+#include "second.h"
+#include <stdio.h>
+#include <string.h>
+int main(void)
+{
+    static const char *const names[FIRST_MODES] = FIRST_MODE_NAMES;
+    first_prediction one;
+    second_prediction two;
+    first_predict(0.5 * (FIRST_RANGE_LOW + FIRST_RANGE_HIGH), 0.0, &one);
+    second_predict(0.5 * (SECOND_RANGE_LOW + SECOND_RANGE_HIGH), 0.0, &two);
+    printf("%.17g %.17g %s %s %s\\n", one.natural_frequencies[0], two.natural_frequencies[0],
+           names[3], SECOND_TABLE_ID, FIRST_VERSION);
+    return strcmp(FIRST_TABLE_ID, SECOND_TABLE_ID) == 0;
+}
+"""
+
+
+def test_two_tables_in_one_program(
+    paper: Table, tractor: Table, tmp_path: Path, capsys: Any
+) -> None:
+    """Exports with two names link into one program, and each predicts by its own table."""
+    for name, source in (("first", DEFAULT_TABLE), ("second", PAPER_TABLE)):
+        table = str(config_file(source))
+        assert main(["export", table, "--c", str(tmp_path), "--name", name]) == 0
+    (tmp_path / "main.c").write_text(_BOTH)
+    command = [require("gcc"), *STRICT, "-ffp-contract=off", "main.c", "first.c", "second.c"]
+    compile_c([*command, "-lm", "-o", "run"], tmp_path)
+    done = subprocess.run([tmp_path / "run"], capture_output=True, text=True)
+    assert done.returncode == 0
+    expected = [
+        Predictor(each).predict(0.5 * sum(each.alpha3_range)).natural_frequencies[0]
+        for each in (tractor, paper)
+    ]
+    words = f"{expected[0]:.17g} {expected[1]:.17g} mode 4 (implement heave) {paper.table_id} "
+    assert done.stdout.startswith(words)
+    # Another table under the same name is refused, and nothing changes; the same one is not.
+    before = (tmp_path / "first.h").read_bytes()
+    again = ["--c", str(tmp_path), "--name", "first"]
+    assert main(["export", str(config_file(PAPER_TABLE)), *again]) == 1
+    assert f"an export of the table {tractor.table_id}, and is kept" in capsys.readouterr().err
+    assert (tmp_path / "first.h").read_bytes() == before
+    assert main(["export", str(config_file(DEFAULT_TABLE)), *again, "--single"]) == 0
+    (tmp_path / "first.h").write_text("/* of somebody else */")
+    assert main(["export", str(config_file(DEFAULT_TABLE)), *again]) == 1
+    assert "first.h is another file, and is kept" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("flags", "header", "words"),
+    [
+        (["-ffast-math"], "", "-ffast-math"),
+        (["-ffinite-math-only"], "", "-ffinite-math-only"),
+        ([], "#define DBL_MANT_DIG 24\n", "needs a double of IEEE 754 with 53 binary digits"),
+    ],
+)
+def test_compilers_that_are_refused(
+    paper: Table, tmp_path: Path, flags: list[str], header: str, words: str
+) -> None:
+    """Options without NaN, and a double of 32 bits, are refused; `-O3` is not."""
+    write(c_files(described(paper), fewer_cells(constants_of(paper), 1e-3)), tmp_path)
+    command = [require("gcc"), "-std=c99", "-I.", "-c", f"{described(paper).name}.c"]
+    compile_c([*command, "-O3"], tmp_path)
+    if header:
+        (tmp_path / "float.h").write_text(header)
+    done = subprocess.run([*command, *flags], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode != 0
+    assert words in done.stderr
 
 
 def test_export_is_repeatable(paper: Table) -> None:
@@ -338,9 +441,9 @@ def test_export_is_repeatable(paper: Table) -> None:
     files = c_files(described(paper), constants)
     assert files == c_files(described(paper), constants)
     for text in files.values():
-        assert paper.table_id in files[f"{described(paper).prefix}.h"]
+        assert paper.table_id in files[f"{described(paper).name}.h"]
         assert "malloc" not in text
-    assert paper.mechanism_name in files[f"{described(paper).prefix}.h"]
+    assert paper.mechanism_name in files[f"{described(paper).name}.h"]
 
 
 def test_table_with_meeting_poles_is_refused() -> None:
@@ -365,7 +468,7 @@ def test_overdamped_mode(tmp_path: Path) -> None:
     constants = constants_of(table)
     assert constants.gaps
     assert "are NaN there" in constants.gap_text
-    assert "are NaN there" in c_files(described(table), constants)[f"{described(table).prefix}.h"]
+    assert "are NaN there" in c_files(described(table), constants)[f"{described(table).name}.h"]
     angles = angles_to_test(constants, 3000)
     stddevs = stddevs_for(angles)
     found = Library(tmp_path, described(table), constants).predict(angles, stddevs)
@@ -377,27 +480,20 @@ def test_overdamped_mode(tmp_path: Path) -> None:
     assert np.isnan(found["natural_frequencies"][inside]).any()
 
 
-def test_errors_of_equal_constants(paper: Table) -> None:
-    """What is exported as it is has no error."""
-    constants = constants_of(paper)
-    errors = compare(constants, constants)
-    assert (errors.frequency, errors.slope, errors.peak, errors.other_peaks) == (0.0, 0.0, 0.0, 0)
-
-
 def test_command(tmp_path: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """The command writes three files into a new folder, and prints cells, sizes and errors."""
     monkeypatch.chdir(tmp_path)
     source = str(config_file(PAPER_TABLE))
     assert main(["export", source, "--c", "new/folder", "--single", "--tolerance", "1e-6"]) == 0
     names = {path.name for path in Path("new/folder").iterdir()}
-    prefix = "lv_three_point_linkage"
+    prefix = "linkage_vibration"
     assert names == {f"{prefix}.h", f"{prefix}.c", f"{prefix}_test.c"}
     out = capsys.readouterr().out
     assert "of 512 cells" in out
-    assert "The largest differences from the table" in out
+    assert "The numbers differ from those of the table" in out
     header = Path(f"new/folder/{prefix}.h").read_text()
     assert "typedef float" in header
-    assert "largest differences from the table" in header.replace("\n * ", " ")
+    assert "differ from those of the table by at most" in header.replace("\n * ", " ")
 
 
 @pytest.mark.parametrize(
@@ -405,7 +501,7 @@ def test_command(tmp_path: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch) -
     [
         ([], "Nothing is written; give --c DIR"),
         (["--c", "file"], "file: the folder cannot be created"),
-        (["--c", "out", "--tolerance", "-1"], "not between 0 and 0.1"),
+        (["--c", "out", "--tolerance", "-1"], "not between 0 and 1e-3"),
         (["--fmu", "table.html"], r"the output is a .fmu file"),
         (["missing.npz", "--c", "out"], "missing.npz: cannot be read"),
     ],
@@ -427,8 +523,8 @@ def test_command_that_cannot_be_run(
 def test_inputs_are_kept(tmp_path: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """A table whose name is that of a source file in the folder is not replaced."""
     monkeypatch.chdir(tmp_path)
-    Path("lv_three_point_linkage.c").write_bytes(config_file(PAPER_TABLE).read_bytes())
-    before = Path("lv_three_point_linkage.c").read_bytes()
-    assert main(["export", "lv_three_point_linkage.c", "--c", "."]) == 1
+    Path("linkage_vibration.c").write_bytes(config_file(PAPER_TABLE).read_bytes())
+    before = Path("linkage_vibration.c").read_bytes()
+    assert main(["export", "linkage_vibration.c", "--c", "."]) == 1
     assert "is an input" in capsys.readouterr().err
-    assert Path("lv_three_point_linkage.c").read_bytes() == before
+    assert Path("linkage_vibration.c").read_bytes() == before

@@ -29,7 +29,7 @@ from test.support.fmu import differences, simulate
 from test.support.programs import require
 
 INTERFACES = "ModelExchange", "CoSimulation"
-PREFIX = "lv_three_point_linkage_on_tractor"
+PREFIX = "linkage_vibration"
 STEP = 0.02  # s
 
 

@@ -190,9 +190,9 @@ def test_sanitizers(tmp_path: Path) -> None:
     orders = orders_of(table, read_mechanism(config_file(mechanism)), excitations)
     description = description_of(table, "")
     write(c_files(description, constants_of(table, orders)), tmp_path)
-    (tmp_path / "main.c").write_text(_MAIN.replace("PREFIX", description.prefix))
+    (tmp_path / "main.c").write_text(_MAIN.replace("PREFIX", description.name))
     flags = ["-fsanitize=address,undefined", "-fno-sanitize-recover", "-o", "run"]
-    command = [require("gcc"), "-std=c99", *flags, f"{description.prefix}.c", "main.c", "-lm"]
+    command = [require("gcc"), "-std=c99", *flags, f"{description.name}.c", "main.c", "-lm"]
     compile_c(command, tmp_path)
     done = subprocess.run([tmp_path / "run"], capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
@@ -203,8 +203,8 @@ def test_command(tmp_path: Path, capsys: Any) -> None:
     orders = str(config_file("excitations.yaml"))
     assert main(["export", "--excitations", orders, "--c", str(tmp_path)]) == 0
     assert "The ground is left out" in capsys.readouterr().out
-    header = (tmp_path / "lv_three_point_linkage_on_tractor.h").read_text()
-    assert "* 2: engine 3\n" in header
+    header = (tmp_path / "linkage_vibration.h").read_text()
+    assert '_ORDER_NAMES { \\\n    "engine 0.5", \\\n' in header
     assert "_ORDERS 12\n" in header
 
 

@@ -72,7 +72,7 @@ class Library:
         compiler: str = "gcc",
         flags: Sequence[str] = EXACT,
     ) -> None:
-        prefix, self._constants = description.prefix, constants
+        prefix, self._constants = description.name, constants
         write(c_files(description, constants), folder)
         loop = _LOOP + (_ASSESS if constants.orders else "")
         (folder / "loop.c").write_text(
