@@ -37,7 +37,8 @@ def run(options: argparse.Namespace) -> int:
     """Print the advice, and write the map; return 1 if the present load is not known."""
     import numpy as np
 
-    from linkage_vibration.prediction.advice import KMH, NOW, Question, advise
+    from linkage_vibration.prediction.advice import NOW, Question, advise
+    from linkage_vibration.prediction.excitation import KMH
     from linkage_vibration.prediction.levels import LevelTable
     from linkage_vibration.readers.served import read_loads
     from linkage_vibration.support.atomic_files import check_output
@@ -81,7 +82,7 @@ def _described(advice: "Advice") -> str:
     """Return advice as lines of text: a row for each place of the message, and what is refused."""
     import numpy as np
 
-    from linkage_vibration.prediction.advice import KMH
+    from linkage_vibration.prediction.excitation import KMH
 
     of, head = advice.message, ["angle [deg]", "speed [km/h]", "load ratio", "factor"]
     head += ["velocity [mm/s]", "factor", "quieter than now [%]", "regret [%]"]

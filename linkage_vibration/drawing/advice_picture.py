@@ -9,7 +9,8 @@ import numpy as np
 from linkage_vibration.drawing import palette
 from linkage_vibration.drawing.plots import write_png
 from linkage_vibration.mechanics.arrays import FloatArray
-from linkage_vibration.prediction.advice import BOTH, HEIGHT, KMH, NOW, Advice
+from linkage_vibration.prediction.advice import BOTH, HEIGHT, NOW, Advice
+from linkage_vibration.prediction.excitation import KMH
 
 _MARKS = {NOW: ("X", "now"), HEIGHT: ("o", "quietest height"), BOTH: ("*", "quietest of all")}
 

@@ -148,7 +148,7 @@ class Keys:
         """Return an ascending pair of numbers."""
         low, high = self._pair(key, "an interval [from, to]")
         if high <= low or (positive and low <= 0.0):
-            above = " and both are greater than zero" if positive else ""
+            above = " from above zero" if positive else ""
             raise self.error(key, f"[{low:g}, {high:g}] does not ascend{above}; give [from, to].")
         return low, high
 

@@ -18,16 +18,13 @@ from linkage_vibration.mechanics.arrays import FloatArray, IntArray
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.messages.fields import message_constants
 from linkage_vibration.messages.topics import ADVICE
-from linkage_vibration.prediction.excitation import Excitation, Source
+from linkage_vibration.prediction.excitation import KMH, Excitation, Source
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import angles_in_table
 from linkage_vibration.prediction.resonance import ResonanceMonitor
 
 NOW, HEIGHT, SPEED, BOTH = message_constants(ADVICE).values()
 """The places of the message."""
-
-KMH = 3.6
-"""1 m/s in km/h."""
 
 _SHAPE = 91, 17  # heights and speeds of a map
 _AMONG = 31, 9  # Members have their best place among about so many heights and speeds.
@@ -119,6 +116,9 @@ def advise(
     Members of the ensemble are compared all over the map only ``with_regrets``, which takes longer
     than all else. An invalid question raises an `AdviceError`.
     """
+    if np.shape(question.speeds) != (len(Source),):
+        names = ", ".join(source.value for source in Source)
+        raise AdviceError(f"`speeds` is {question.speeds}; give one of each: {names}.")
     present = abs(float(question.speeds[_GROUND]))  # negative in reverse
     for source, speed in zip(Source, question.speeds.tolist(), strict=True):
         if speed < 0.0 and source is not Source.GROUND:

@@ -14,6 +14,8 @@ from linkage_vibration.prediction.ground import Terrain, power_law
 
 RPM = 1.0 / 60.0
 """1/min in Hz."""
+KMH = 3.6
+"""1 m/s in km/h."""
 
 _LEAST, _LARGEST = 1e-6, 1e6  # of a number in a description
 _STEEPEST = 4.0  # of exponents
@@ -254,8 +256,8 @@ def _ground(keys: Keys, name: str, read_profile: ReadProfile) -> Excitation:
 
 
 def _check_name(keys: Keys, name: str) -> None:
-    if not name.isprintable():
-        raise MechanismError(keys.path, f"{name!r} cannot be printed; give another name.")
+    if not name.isprintable() or not name.strip():
+        raise MechanismError(keys.path, f"{name!r} cannot be read in a sentence; give another name.")
 
 
 def _circumference(keys: Keys) -> float:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.messages.columns import MessageColumns
-from linkage_vibration.prediction.excitation import Excitation, Source
+from linkage_vibration.prediction.excitation import KMH, Excitation, Source
 from linkage_vibration.prediction.ground import AIRBORNE
 
 Integers = NDArray[np.int64]
@@ -145,9 +145,10 @@ def source_words(source: Source) -> str:
 
 
 def speed_words(source: Source, value: float) -> str:
-    """Return a speed with its unit: "1850 rpm" or "4.2 m/s"."""
-    form = ".0f" if source.unit == "rpm" and value < 1e6 else ".3g"
-    return f"{value:{form}} {source.unit}"
+    """Return a speed with the unit that people use: "1850 rpm" or "15.1 km/h"."""
+    if source is Source.GROUND:
+        return f"{KMH * value:.3g} km/h"
+    return f"{value:{'.0f' if value < 1e6 else '.3g'}} {source.unit}"
 
 
 def unknown_speed_words(names: str) -> str:
@@ -158,15 +159,18 @@ def unknown_speed_words(names: str) -> str:
 
 
 def no_load_words(resonance: MessageColumns, excitations: Sequence[Excitation]) -> str:
-    """Return why a ``Resonance`` has no load ratio, although an excitation is at work."""
+    """Return why a ``Resonance`` has no load ratio, although an excitation is at work.
+
+    It begins with ", as"; it is empty where only the reason why the ground is unknown counts.
+    """
     unknown = resonance.unknown_speeds.split(", ")
     if math.isfinite(resonance.total_velocity):
-        return "no static force is known to compare with"
+        return ", as no static force is known to compare with"
     if any(one.load and one.source.value not in unknown for one in excitations):
-        return "the excitations with an amplitude are beyond the frequencies of the table"
+        return ", as the excitations with an amplitude are beyond the frequencies of the table"
     if resonance.ground_unknown and only_ground(resonance.unknown_speeds, excitations):
-        return "the level of the ground is not known"
-    return f"no {'order' if resonance.ground_unknown else 'excitation'} at work has an amplitude"
+        return ""
+    return f", as no {'order' if resonance.ground_unknown else 'excitation'} at work has an amplitude"
 
 
 def all_unknown(unknown_speeds: str, excitations: Sequence[Excitation]) -> bool:
@@ -225,7 +229,7 @@ def present_sentence(resonance: MessageColumns, excitations: Sequence[Excitation
     if resonance.state == ResonanceState.WARNING and airborne:
         return f"{_warning(resonance, excitations)}{tail}"
     if math.isnan(resonance.total_load_ratio):
-        return f"No load is known, as {no_load_words(resonance, excitations)}.{tail}"
+        return f"No load is known{no_load_words(resonance, excitations)}.{tail}"
     if resonance.state != ResonanceState.WARNING:
         total = ratio_words(resonance.total_load_ratio)
         known = "known " if rolls else ""

@@ -332,7 +332,7 @@ def _nearest(
     margins = np.abs(drive.resonances.relative_margin)
     row = int(np.nanargmin(np.where(np.isfinite(margins), margins, np.inf)))
     at = drive.resonances.message(row)
-    text = f"How large the loads were is not known, as {no_load_words(at, excitations)}."
+    text = f"How large the loads were is not known{no_load_words(at, excitations)}."
     if not np.isfinite(margins).any():
         return text
     if not margins[row] < 1.0:

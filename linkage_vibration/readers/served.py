@@ -100,8 +100,8 @@ def read_loads(
     if refused:
         report(
             f"{served.mechanism.name} or its table lacks the places at which {', '.join(refused)} "
-            f"of {path} act, so their amplitudes are not used; give a file of your own in "
-            "excitation_file."
+            f"of {path} act, so their amplitudes are not used; give a file of your own with "
+            "`--excitations`, or in the node's parameter excitation_file."
         )
     return tuple(
         replace(one, load=None, terrain=None) if one.name in refused else one for one in excitations

@@ -190,6 +190,15 @@ def test_invalid_ranges(permitted: Any, words: str) -> None:
         ask(**permitted)
 
 
+def test_a_question_has_a_speed_of_each_source() -> None:
+    """Two speeds, or one number, do not say of which source they are."""
+    levels: Any = Levels(0)
+    for speeds in (np.array([540.0, 3.0]), np.array(3.0)):
+        with pytest.raises(AdviceError, match="give one of each: engine, pto, ground"):
+            advise(levels, EXCITATIONS, Question(2.0, speeds))
+    assert ask().message.sentence
+
+
 def test_what_is_not_known_is_not_advised() -> None:
     """Without members, a present height or a speed, numbers are NaN, and sentences say so."""
     certain = ask(ground_speeds=(1.0, 10.0), n_members=0)

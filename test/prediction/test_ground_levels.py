@@ -86,7 +86,7 @@ def test_class_and_roughness_are_the_same_ground() -> None:
         ({"lugs": 20}, "field.rolling_radius: this key is missing"),
         ({"rolling_radius": 0.8}, "field.lugs: this key is missing"),
         ({"speed": "pto"}, "field.speed: wheels follow"),
-        ({"band_hz": [5.0, 1.0]}, "field.band_hz: .* does not ascend"),
+        ({"band_hz": [5.0, 1.0]}, r"field.band_hz: \[5, 1\] does not ascend from above zero"),
         ({"orders": [1]}, "field.orders: this key is not known"),
         ({"amplitude_stddev": 2.0}, "field.amplitude_stddev: 2 is not from 0 to 1"),
     ],
@@ -191,8 +191,8 @@ def test_states_of_the_ground(predictor: Predictor) -> None:
         assert found.ground_unknown == ""
     assert found.load_ratio > 0.33
     text = present_sentence(found, described())
-    assert text.startswith(f"field (class C) at 8 m/s exerts {found.load_ratio:.2g} of the static")
-    assert f"It ends at a ground speed of {found.quiet_speed:.3g} m/s" in text
+    assert text.startswith(f"field (class C) at 28.8 km/h exerts {found.load_ratio:.2g} of the")
+    assert f"It ends at a ground speed of {3.6 * found.quiet_speed:.3g} km/h" in text
     slower = assessed(predictor, described(), float(found.quiet_speed))
     assert slower.state != ResonanceState.WARNING
     assert assessed(predictor, described(), 0.0).state == ResonanceState.CLEAR
@@ -207,7 +207,7 @@ def test_a_tyre_in_the_air_is_a_warning(predictor: Predictor) -> None:
     assert found.total_load_ratio == 0.0
     assert found.state == ResonanceState.WARNING
     text = present_sentence(found, rough)
-    assert "field (class F) at 8 m/s lifts a tyre off the ground" in text
+    assert "field (class F) at 28.8 km/h lifts a tyre off the ground" in text
     assert "The level of the ground is not known: a tyre is off the ground" in text
     if not math.isnan(found.quiet_speed):
         after = assessed(predictor, rough, float(found.quiet_speed))
@@ -222,8 +222,7 @@ def test_an_unknown_ground_is_not_clear(predictor: Predictor) -> None:
     assert math.isnan(found.total_load_ratio)
     assert "A tool is in the soil" in found.ground_unknown
     text = present_sentence(found, working)
-    assert "as the level of the ground is not known" in text
-    assert "The level of the ground is not known: a tool is in the soil" in text
+    assert text.startswith("No load is known. The level of the ground is not known: a tool is in")
     with_shaft = described(raised=False)
     assert assessed(predictor, with_shaft, SPEED).total_load_ratio == 0.0
     blind = assessed(predictor, described(), math.nan)

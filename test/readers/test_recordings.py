@@ -98,3 +98,16 @@ def test_csv_that_is_no_recording(tmp_path: Path, text: str, words: str) -> None
     path.write_text(text)
     with pytest.raises(RecordingError, match=rf"phone\.csv: .*{words}"):
         read_recording(path)
+
+
+@pytest.mark.parametrize("encoding", ["latin-1", "utf-16"])
+def test_csv_in_another_encoding(tmp_path: Path, encoding: str) -> None:
+    """A file as a spreadsheet of Windows writes it is refused with the format to save it in."""
+    path = tmp_path / "phone.csv"
+    path.write_text("Zeit,Höhe\n0.0,1.0\n0.1,2.0\n", encoding=encoding)
+    with pytest.raises(RecordingError, match=r"not text in UTF-8; save it as CSV UTF-8\."):
+        read_recording(path)
+    path.write_text("Zeit,Höhe\n0.0,1.0\n0.1,2.0\n", encoding="utf-8")
+    assert read_recording(path)[1].shape == (2, 1)
+    with pytest.raises(RecordingError, match=r"No such file or directory\); give a CSV file"):
+        read_recording(tmp_path / "missing.csv")
