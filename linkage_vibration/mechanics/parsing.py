@@ -4,6 +4,7 @@
 
 import itertools
 import math
+from collections.abc import Collection
 from dataclasses import replace
 from functools import partial
 from typing import Any, Literal
@@ -69,6 +70,8 @@ def mechanism_from_mapping(mapping: Any, read_body: BodyReader = _no_files) -> M
             raise MechanismError(body.name, "two bodies have this name; rename one.")
         points[body.name] = dict(body.points)
     grounded = [name for name in points if name != GROUND and points[name].keys() & ground.keys()]
+    given = points.get(top["input"].text("link"), ground)
+    _check_grounded(top["input"], "link", given, ground, f", or give one of: {', '.join(grounded)}")
     input_body = top["input"].choice("link", grounded)
     assembly = top["assembly"]
     others = [name for name in points if name not in (GROUND, input_body)]
@@ -162,6 +165,15 @@ def _response(keys: Keys, points: dict[str, dict[str, Point]], *, base: bool) ->
     )
 
 
+def _check_grounded(
+    keys: Keys, key: str, places: Collection[str], ground: Collection[str], hint: str = ""
+) -> None:
+    """Refuse the points of a body none of which is one of the ground: a name is misspelt."""
+    if not {*places} & {*ground}:
+        problem = f"none of its points ({', '.join(places)}) is one of the ground"
+        raise keys.error(key, f"{problem} ({', '.join(ground)}); correct a name{hint}.")
+
+
 def _points(keys: Keys, key: str) -> dict[str, Point]:
     """Read the points of a body that is not a link, x and z, m."""
     return _checked(keys, key, {point: keys[key].point(point) for point in keys[key]})
@@ -193,6 +205,8 @@ def _link(keys: Keys, name: str, ground: dict[str, Point], read_file: BodyReader
     readers = {"file": read_file, **BODIES}
     kind = next((key for key in readers if key in keys), "material")
     grounded = [point for point in places if point in ground]
+    if "clamped" in keys:
+        _check_grounded(keys, "clamped", places, ground)
     return Link(
         name=name,
         points=tuple(places.items()),

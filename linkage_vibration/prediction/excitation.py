@@ -257,7 +257,9 @@ def _ground(keys: Keys, name: str, read_profile: ReadProfile) -> Excitation:
 
 def _check_name(keys: Keys, name: str) -> None:
     if not name.isprintable() or not name.strip():
-        raise MechanismError(keys.path, f"{name!r} cannot be read in a sentence; give another name.")
+        raise MechanismError(
+            keys.path, f"{name!r} cannot be read in a sentence; give another name."
+        )
 
 
 def _circumference(keys: Keys) -> float:

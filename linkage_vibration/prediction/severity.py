@@ -170,7 +170,9 @@ def no_load_words(resonance: MessageColumns, excitations: Sequence[Excitation]) 
         return ", as the excitations with an amplitude are beyond the frequencies of the table"
     if resonance.ground_unknown and only_ground(resonance.unknown_speeds, excitations):
         return ""
-    return f", as no {'order' if resonance.ground_unknown else 'excitation'} at work has an amplitude"
+    return (
+        f", as no {'order' if resonance.ground_unknown else 'excitation'} at work has an amplitude"
+    )
 
 
 def all_unknown(unknown_speeds: str, excitations: Sequence[Excitation]) -> bool:

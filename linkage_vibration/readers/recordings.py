@@ -68,7 +68,9 @@ def read_numbers(path: Path) -> FloatArray:
     except UnicodeDecodeError:
         raise RecordingError(f"{path}: is not text in UTF-8; save it as CSV UTF-8.") from None
     except OSError as error:
-        raise RecordingError(f"{path}: cannot be read ({error.strerror}); give a CSV file.") from None
+        raise RecordingError(
+            f"{path}: cannot be read ({error.strerror}); give a CSV file."
+        ) from None
     lines = [(i, line) for i, line in enumerate(text.splitlines(), 1) if line.strip()]
     middle = lines[len(lines) // 2][1] if lines else ""
     separator = next((mark for mark in ";\t" if mark in middle), ",")

@@ -154,6 +154,11 @@ def test_i_section_is_read(mapping: Any) -> None:
         (change("ground", "P1", to=[0, 0, 0]), "ground.P1", "[x, z]"),
         (change("ground", "P1", to=["a", 0]), "ground.P1[0]", "text"),
         (change("input", "link", to="implement"), "input.link", "lower_link"),
+        (
+            change("links", "input_crank", "points", to={"P33": 0.0, "V2": 0.203}),
+            "links.input_crank.clamped",
+            "none of its points (P33, V2) is one of the ground (P1, P2, P3); correct a name.",
+        ),
         (change("input", "link", to="lift_rod"), "input.link", "input_crank"),
         (change("input", "range_deg", to=[180, 90]), "input.range_deg", "ascend"),
         (change("response", "drive_point", to="E9"), "response.drive_point", "E1"),
@@ -181,6 +186,19 @@ def test_wrong_descriptions_are_refused(
         mechanism_from_mapping(mapping)
     assert path in raised.value.path
     assert words in raised.value.problem
+
+
+def test_a_misspelt_ground_point_of_the_crank(mapping: Any) -> None:
+    """The error of a crank that a spring holds names the points of both, and not other links only."""
+    del mapping["links"]["input_crank"]["clamped"]
+    mapping["ground"]["P33"] = mapping["ground"].pop("P3")
+    with pytest.raises(MechanismError) as raised:
+        mechanism_from_mapping(mapping)
+    assert raised.value.path == "input.link"
+    assert raised.value.problem == (
+        "none of its points (P3, V2) is one of the ground (P1, P2, P33); correct a name, or give "
+        "one of: lower_link, upper_link."
+    )
 
 
 def test_band_of_the_peak(mapping: Any) -> None:

@@ -173,7 +173,9 @@ def test_why_no_load_is_known(excitations: tuple[Excitation, ...]) -> None:
     assert "no static force is known to compare with" in sentence(moving, excitations)
     bare = excitations_from_mapping({"shaker": {"speed": "pto", "orders": [1]}})
     at = drive([CLEAR] * 2, unknown).resonances.message(0)
-    assert no_load_words(at, (*bare, excitations[1])) == ", as no excitation at work has an amplitude"
+    assert (
+        no_load_words(at, (*bare, excitations[1])) == ", as no excitation at work has an amplitude"
+    )
     assert "beyond" in no_load_words(at, silent)
     far = drive([CLEAR] * 2, unknown, relative_margin=np.full(2, 1e300))
     assert sentence(far, excitations).endswith("within 100 % of a natural frequency.")
