@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from linkage_vibration.prediction.settings import Parameters
     from linkage_vibration.readers.mechanism import read_mechanism
     from linkage_vibration.review.log import Log, read_log
+    from linkage_vibration.review.picture import plot
     from linkage_vibration.table.table import Table, load_table, save_table
     from linkage_vibration.table.tabulation.building import build_table
     from linkage_vibration.testing.bag_checks import Failure, Limits, Report, check_bag
@@ -43,6 +44,7 @@ _MODULES = {
     "prediction.settings": ["Parameters"],
     "readers.mechanism": ["read_mechanism"],
     "review.log": ["Log", "read_log"],
+    "review.picture": ["plot"],
     "table.table": ["Table", "load_table", "save_table"],
     "table.tabulation.building": ["build_table"],
     "testing.bag_checks": ["Failure", "Limits", "Report", "check_bag"],
@@ -55,8 +57,8 @@ __all__ = [
     "Configuration", "Failure", "IdentifiedSolution", "Kinematics", "Limits", "LinkageModel",
     "LinkageVibrationError", "Log", "Mechanism", "MessageColumns", "Parameters", "Peak",
     "PoleResidue", "Prediction", "Predictor", "Replayed", "Report", "Solution", "Status", "Table",
-    "Toggle", "WhatIf", "build_table", "check_bag", "load_table", "read_log", "read_mechanism",
-    "read_parameters", "replay", "save_table", "transmissibility",
+    "Toggle", "WhatIf", "build_table", "check_bag", "load_table", "plot", "read_log",
+    "read_mechanism", "read_parameters", "replay", "save_table", "transmissibility",
 ]
 # fmt: on
 

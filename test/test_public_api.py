@@ -18,7 +18,7 @@ CHANGELOG = Path(__file__).parents[1] / "CHANGELOG.rst"
 
 # A change of this list needs a line in the changelog.
 FUNCTIONS = ["build_table", "check_bag", "load_table", "read_log", "read_mechanism"]
-FUNCTIONS += ["read_parameters", "replay", "save_table", "transmissibility"]
+FUNCTIONS += ["plot", "read_parameters", "replay", "save_table", "transmissibility"]
 CLASSES = ["Limits", "LinkageModel", "LinkageVibrationError", "Parameters", "Predictor", "WhatIf"]
 RETURNED = ["Failure", "IdentifiedSolution", "Log", "Mechanism", "Peak", "PoleResidue"]
 RETURNED += ["Prediction", "Replayed", "Report", "MessageColumns", "Solution", "Status", "Table"]

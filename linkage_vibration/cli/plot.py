@@ -15,32 +15,39 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("mechanism", nargs="?", type=Path, help=SHIPPED)
     add("--table", type=Path, help="table to use (default: the shipped one, or a new one)")
     add("--excitations", type=Path, help="YAML file (default: the shipped excitations)")
-    text = "PNG picture to write (default: MECHANISM with .png, in this folder)"
+    text = "PNG picture or HTML page to write (default: MECHANISM with .png, in this folder)"
     add("-o", "--output", type=Path, help=text)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Draw the picture, and print where the loads are largest; return the exit code."""
+    """Draw the picture or the page, and print where loads are largest; return the exit code."""
     from linkage_vibration.drawing.mechanism_picture import draw_mechanism
-    from linkage_vibration.drawing.plots import require_matplotlib
+    from linkage_vibration.drawing.plots import png_bytes, require_matplotlib
     from linkage_vibration.prediction.levels import LevelTable
     from linkage_vibration.prediction.settings import Parameters
     from linkage_vibration.readers.served import read_loads, read_served
-    from linkage_vibration.support.atomic_files import check_output
+    from linkage_vibration.review.html import picture_html
+    from linkage_vibration.support.atomic_files import OutputError, check_outputs, write_bytes
     from linkage_vibration.support.progress import table_bar
 
     files = options.mechanism, options.table, options.excitations
     names = "mechanism_file", "table_file", "excitation_file"
     settings = Parameters(**dict(zip(names, (str(path or "") for path in files), strict=True)))
     output = options.output or Path(settings.mechanism_path().with_suffix(".png").name)
-    check_output(output, ".png", list(filter(None, files)))
+    check_outputs([output], list(filter(None, files)))
+    if output.suffix.lower() not in (".png", ".html"):
+        raise OutputError(f"{output}: a plot is a .png or an .html file; use one of these endings.")
     require_matplotlib()
     with table_bar("table") as building:
         served = read_served(settings, lambda text: print(text, file=sys.stderr), building)
     excitations = read_loads(settings, served, lambda text: print(text, file=sys.stderr))
     levels = LevelTable(served.predictor, served.mechanism, excitations)
     limit = settings.warning_limits().warning
-    for sentence in draw_mechanism(served.predictor, levels, excitations, limit, output):
-        print(sentence)
+    figure, sentences = draw_mechanism(served.predictor, levels, excitations, limit)
+    print("\n".join(sentences))
+    content = png_bytes(figure)
+    if output.suffix.lower() == ".html":
+        content = picture_html(served.mechanism.name, sentences, content).encode()
+    write_bytes(output, content, OutputError)
     print(f"Written: {output}")
     return 0

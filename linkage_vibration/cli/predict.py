@@ -4,6 +4,7 @@
 
 import argparse
 import math
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from linkage_vibration.cli.arguments import add_table, read_settings, read_table
@@ -11,27 +12,37 @@ from linkage_vibration.cli.arguments import add_table, read_settings, read_table
 if TYPE_CHECKING:
     from linkage_vibration.prediction.predictor import Shares
 
+_MOST_ANGLES = 100_000
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add = parser.add_argument
-    add("angle_deg", nargs="+", type=float, help="crank angle alpha3 in degrees")
+    text = "crank angle alpha3 in degrees, or FIRST:LAST:STEP"
+    add("angle_deg", nargs="+", type=_angles, help=text)
     add_table(parser)
     text = "also print the standard deviations, and the share of each of their causes"
     add("--shares", action="store_true", help=text)
     text = "standard deviation of the angle in degrees, for --shares (default: %(default)s)"
     add("--angle-stddev-deg", type=float, default=0.0, help=text)
+    add("--csv", type=Path, help="CSV file of the predictions to write")
 
 
 def run(options: argparse.Namespace) -> int:
     """Print one row for each angle; return 1 if one of them has no prediction."""
-    from linkage_vibration.prediction.predictor import Status, fault
+    import numpy as np
 
+    from linkage_vibration.prediction.predictor import Status, fault
+    from linkage_vibration.review.log import prediction_table, write_table
+    from linkage_vibration.support.atomic_files import check_output
+
+    check_output(options.csv, ".csv", list(filter(None, (options.mechanism, options.table))))
+    degrees = [angle for angles in options.angle_deg for angle in angles]
     predictor = read_table(read_settings(options, table_file=options.table)).predictor
     modes = "".join(f"{f'mode {k + 1} [Hz]':>13}" for k in range(predictor.table.n_modes))
     print(f"{'alpha3 [deg]':>12}{modes}{'peak [Hz]':>13}{'peak [m/N]':>13}")
     good = True
-    for angle in options.angle_deg:
+    for angle in degrees:
         prediction = predictor.predict(math.radians(angle))
         good = good and prediction.status.has_numbers
         missing = "overdamped" if prediction.status.has_numbers else "nan"
@@ -50,7 +61,30 @@ def run(options: argparse.Namespace) -> int:
         if options.shares:
             stddev = math.radians(options.angle_stddev_deg)
             print(_described(predictor.shares(math.radians(angle), stddev)))
+    if options.csv:
+        many = predictor.predict(np.radians(degrees), math.radians(options.angle_stddev_deg))
+        columns = {name: each for name, each in vars(many).items() if name != "table_id"}
+        write_table({"crank_angle_deg": np.array(degrees)} | prediction_table(columns), options.csv)
+        print(f"Written: {options.csv}")
     return 0 if good else 1
+
+
+def _angles(text: str) -> list[float]:
+    """Return the angles of FIRST:LAST:STEP, or one angle."""
+    try:
+        first, *more = (float(part) for part in text.split(":"))
+    except ValueError:
+        first, more = math.nan, [math.nan]
+    if not more:
+        return [first]
+    if len(more) != 2 or not more[1] * (more[0] - first) >= 0.0 < abs(more[1]):
+        raise argparse.ArgumentTypeError(f"{text!r} is no angle and no FIRST:LAST:STEP.")
+    count = (more[0] - first) / more[1] * (1.0 + 1e-9)
+    if not count < _MOST_ANGLES:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} has over {_MOST_ANGLES} angles; widen the step."
+        )
+    return [first + i * more[1] for i in range(int(count) + 1)]
 
 
 def _described(shares: "Shares") -> str:

@@ -71,7 +71,7 @@ def _review(
     """Write the page of a log, and its table and its picture if they were asked for."""
     from linkage_vibration.review.html import write_page
     from linkage_vibration.review.log import read_log, write_csv
-    from linkage_vibration.review.picture import plot_log
+    from linkage_vibration.review.picture import plot
     from linkage_vibration.review.review_page import review_page
 
     log = read_log(path)
@@ -82,7 +82,7 @@ def _review(
         write_csv(log, options.csv)
         step(1)
     if options.png:
-        plot_log(log, options.png)
+        plot(log, options.png)
         step(1)
     return log
 

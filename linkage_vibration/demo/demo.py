@@ -22,7 +22,7 @@ from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.playback.readings import read_numbers
 from linkage_vibration.prediction.settings import Parameters, with_values
 from linkage_vibration.review.log import read_log
-from linkage_vibration.review.picture import plot_log
+from linkage_vibration.review.picture import plot
 from linkage_vibration.support.atomic_files import make_folder
 from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
 from linkage_vibration.table.table import load_table
@@ -76,7 +76,7 @@ def run_demo(bag: Path | None, joint: str | None, output: Path) -> int:
     with _node(parameters, output) as check, closing(live):
         play_bag(drive, settings, {}, print, live.show, check)
     log = max(set(output.glob("*.mcap")) - logs_before, key=lambda path: path.stat().st_mtime)
-    plot_log(read_log(log), log.with_suffix(".png"))
+    plot(read_log(log), log.with_suffix(".png"))
     return _report(len(read_numbers([drive], settings)[1]), log)
 
 

@@ -4,13 +4,12 @@
 
 import math
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from linkage_vibration.drawing import palette
-from linkage_vibration.drawing.plots import frequency_axis, name_modes, plain, tidy, write_png
+from linkage_vibration.drawing.plots import frequency_axis, name_modes, plain, tidy
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.excitation import Excitation, Source
@@ -19,6 +18,7 @@ from linkage_vibration.prediction.predictor import Predictor, predict_many
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 SPEEDS = {  # what is drawn of each source: its name, the lowest and the highest speed, SI per unit
     Source.ENGINE: ("engine speed [rpm]", 700.0, 2300.0, 1.0),
@@ -34,9 +34,8 @@ def draw_mechanism(
     levels: LevelTable,
     excitations: Sequence[Excitation],
     limit: float,
-    picture: Path,
-) -> list[str]:
-    """Draw modes, orders and load ratios into a PNG file; return a sentence for each source.
+) -> tuple["Figure", list[str]]:
+    """Draw modes, orders and load ratios; return the figure, and a sentence for each source.
 
     ``limit`` is the load ratio of a warning.
     """
@@ -47,18 +46,17 @@ def draw_mechanism(
     rows = figure.subfigures(1 + len(sources), 1, squeeze=False)[:, 0]
     angles = np.linspace(*levels.alpha3_range, _ANGLES)
     predictions = predict_many(predictor, angles, np.zeros(_ANGLES))
-    _draw_modes(rows[0].subplots(), predictor.table.mode_names, predictions)
+    draw_modes(rows[0].subplots(), predictor.table.mode_names, predictions)
     sentences = []
     for row, source in zip(rows[1:], sources, strict=True):
         left, right = row.subplots(1, 2)
         orders = [one for one in excitations if one.source is source and not one.terrain]
         _draw_orders(left, source, orders, predictions)
         sentences.append(_draw_loads(right, source, levels, limit))
-    write_png(figure, picture)
-    return sentences
+    return figure, sentences
 
 
-def _draw_modes(ax: "Axes", names: Sequence[str], predictions: MessageColumns) -> None:
+def draw_modes(ax: "Axes", names: Sequence[str], predictions: MessageColumns) -> None:
     """Draw each natural frequency with its standard deviation over the crank angle."""
     angles, frequencies = np.degrees(predictions.crank_angle), predictions.natural_frequencies
     deviations = np.nan_to_num(predictions.frequency_stddev)

@@ -46,9 +46,14 @@ def require_matplotlib() -> None:
 
 def write_png(figure: "Figure", picture: Path, **style: Any) -> None:
     """Write a figure to a PNG file, which is replaced if it exists."""
+    write_bytes(picture, png_bytes(figure, **style), PlotError)
+
+
+def png_bytes(figure: "Figure", **style: Any) -> bytes:
+    """Return a figure as the content of a PNG file."""
     png = io.BytesIO()
     figure.savefig(png, format="png", **style)
-    write_bytes(picture, png.getvalue(), PlotError)
+    return png.getvalue()
 
 
 def tidy(ax: "Axes") -> None:

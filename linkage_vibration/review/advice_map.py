@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from linkage_vibration.prediction.advice import HEIGHT, NOW
-from linkage_vibration.prediction.excitation import Source
+from linkage_vibration.prediction.excitation import KMH, Source
 from linkage_vibration.review.findings import drive_advice, log_levels, log_limits, speeds_at_drive
 from linkage_vibration.review.log import Log
 

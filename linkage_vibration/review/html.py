@@ -87,6 +87,18 @@ def _parts(page: Page) -> Iterator[str]:
     yield filled(end, texts)
 
 
+def picture_html(title: str, sentences: Sequence[str], png: bytes) -> str:
+    """Return the text of a page with a picture and sentences, which needs no other file."""
+    texts = {
+        "title": html.escape(title),
+        "css": page_file("page.css"),
+        "sentences": "\n".join(f"<p>{html.escape(text)}</p>" for text in sentences),
+        "alt": html.escape(" ".join(sentences)) or "picture",
+        "png": base64.b64encode(png).decode(),
+    }
+    return filled(page_file("picture.html"), texts)
+
+
 def filled(template: str, texts: Mapping[str, str]) -> str:
     """Return a template with texts in place of their names in double braces."""
     return re.sub(r"{{(\w+)}}", lambda name: texts[name[1]], template)

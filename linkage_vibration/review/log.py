@@ -284,17 +284,7 @@ def write_csv(log: Log, path: Path) -> None:
     The numbers of an overdamped mode, and those that are not known, are "nan". A `ReviewError` is
     raised if the file cannot be written.
     """
-    table: dict[str, NDArray[Any]] = {"stamp_ns": log.stamps}
-    predictions = _predictions(log)
-    for field in message_fields(PREDICTION):
-        if field.name in predictions:
-            values = predictions[field.name]
-            if field.is_sequence:
-                name = _singular(field.name)
-                for mode in range(log.n_modes):
-                    table[f"{name}_{mode + 1}{_suffix(field)}"] = values[:, mode]
-            else:
-                table[field.name + _suffix(field)] = values
+    table = {"stamp_ns": log.stamps} | prediction_table(_predictions(log))
     if log.resonances is not None:
         for field in resonance_fields():
             name = "resonance_state" if field.name == "state" else field.name
@@ -303,6 +293,23 @@ def write_csv(log: Log, path: Path) -> None:
         modes = np.where(near, log.resonances.mode + 1, 0)
         names = np.array(["", *(log.mode_name(mode) for mode in range(log.n_modes))])
         table |= {"mode": modes, "mode_name": names[np.minimum(modes, log.n_modes)]}
+    write_table(table, path)
+
+
+def prediction_table(predictions: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """Return the columns of predictions, by the names of their fields, as those of a CSV file."""
+    table: dict[str, NDArray[Any]] = {}
+    for field in message_fields(PREDICTION):
+        if field.name in predictions and field.is_sequence:
+            for mode, values in enumerate(predictions[field.name].T, 1):
+                table[f"{_singular(field.name)}_{mode}{_suffix(field)}"] = values
+        elif field.name in predictions:
+            table[field.name + _suffix(field)] = predictions[field.name]
+    return table
+
+
+def write_table(table: Mapping[str, NDArray[Any]], path: Path) -> None:
+    """Write columns, (n,), as CSV with their names in the first line."""
     text = io.StringIO()
     lines = csv.writer(text, lineterminator="\n")
     lines.writerow(table)

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Draws a log as a PNG picture: frequencies over time, and below them the load ratio."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from linkage_vibration.drawing import palette
 from linkage_vibration.drawing.intervals import gap_starts
+from linkage_vibration.drawing.mechanism_picture import draw_modes
 from linkage_vibration.drawing.plots import (
     frequency_axis,
     name_modes,
@@ -19,11 +21,13 @@ from linkage_vibration.drawing.plots import (
     write_png,
 )
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, runs
-from linkage_vibration.prediction.predictor import Status
+from linkage_vibration.messages.columns import MessageColumns
+from linkage_vibration.prediction.predictor import Predictor, Status
 from linkage_vibration.prediction.severity import WarningLimits
 from linkage_vibration.prediction.verdict import ground_and_orders
 from linkage_vibration.review.findings import log_limits, speeds_at_drive
 from linkage_vibration.review.log import Log
+from linkage_vibration.table.table import Table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,17 +39,48 @@ _LEAST_LOAD = 0.1  # A smaller share of the limit is drawn as a smaller width.
 _FAINT_COLOUR = "#bdbdbd"
 _WIDEST = 7.0  # points, the width of the line of the largest load
 _LABELLED = 4  # So many orders, those of the largest loads, have their names beside them.
+_ANGLES = 181  # of a curve over the stroke
 _LEAST_APART = 0.045  # of the height: names of modes are at least so far apart
 
 
-def plot_log(log: Log, picture: Path) -> None:
-    """Write the picture of a log; a `PlotError` is raised if that is not possible."""
+def plot(source: Table | MessageColumns | Log, picture: str | Path | None = None) -> "Figure":
+    """Draw natural frequencies: those of a table or of predictions over the angle, or a log.
+
+    Parameters
+    ----------
+    source : Table, MessageColumns or Log
+        Predictions are those of `Predictor.predict` at many angles. A log is drawn over time, with
+        its excitations and the load ratio.
+    picture : str or Path, optional
+        A PNG file to write.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A notebook shows it.
+
+    Raises
+    ------
+    PlotError
+        If Matplotlib is missing, or the file cannot be written.
+    """
     require_matplotlib()
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(10.0, 7.6), dpi=150, layout="constrained")
-    draw_log(figure, log)
-    write_png(figure, picture)
+    if isinstance(source, Log):
+        figure = Figure(figsize=(10.0, 7.6), dpi=150, layout="constrained")
+        draw_log(figure, source)
+    else:
+        figure = Figure(figsize=(9.0, 4.5), dpi=110, layout="constrained")
+        if isinstance(source, Table):
+            names: Sequence[str] = source.mode_names
+            source = Predictor(source).predict(np.linspace(*source.alpha3_range, _ANGLES))
+        else:
+            names = [""] * source.natural_frequencies.shape[1]  # they are drawn as their numbers
+        draw_modes(figure.subplots(), names, source.rows(np.argsort(source.crank_angle)))
+    if picture is not None:
+        write_png(figure, Path(picture))
+    return figure
 
 
 def draw_log(figure: "Figure", log: Log) -> None:

@@ -23,7 +23,7 @@ from linkage_vibration.prediction.inputs.presets import HITCH, PRESETS
 from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.review.log import read_log
-from linkage_vibration.review.picture import plot_log
+from linkage_vibration.review.picture import plot
 
 FloatArray = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -192,7 +192,7 @@ def check_bag(
         failures = _failures(signals, limits)
         drawn = Path(picture) if failures and picture is not None else None
         if drawn is not None:
-            plot_log(read_log(log), drawn)
+            plot(read_log(log), drawn)
     return Report(bag, len(signals.time), tuple(failures), drawn)
 
 

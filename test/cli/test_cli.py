@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command line, which the tests run as a user runs it."""
 
+import base64
+import csv
 import math
 import os
 import re
@@ -72,6 +74,39 @@ def test_predict_prints_what_the_predictor_says(tmp_path: Path) -> None:
     assert "OUT_OF_RANGE" in outside.stdout
     assert "angle 200 deg is not in the table's 90 to 180 deg.\n" in outside.stdout
     assert "; 2.3 rad is in range, so were radians given in place of degrees?\n" in outside.stdout
+
+
+def test_predict_over_a_range(tmp_path: Path, capsys: Any) -> None:
+    """A range has both ends, in either direction; the CSV file has the printed rows."""
+    path = tmp_path / "heights.csv"
+    assert main(["predict", "90:180:30", "175:165:-5", "--csv", str(path)]) == 0
+    printed = [line.split() for line in capsys.readouterr().out.splitlines()[1:-1]]
+    assert [float(row[0]) for row in printed] == [90, 120, 150, 180, 175, 170, 165]
+    with path.open() as file:
+        written = list(csv.DictReader(file))
+    assert [float(row["crank_angle_deg"]) for row in written] == [90, 120, 150, 180, 175, 170, 165]
+    assert [f"{float(row['natural_frequency_4_hz']):.4f}" for row in written] == [
+        row[4] for row in printed
+    ]
+    assert [f"{float(row['frf_peak_magnitude_m_per_n']):.4e}" for row in written] == [
+        row[8] for row in printed
+    ]
+    thin = ["predict", "100:100.3:0.1"]  # 0.1 has no exact value; the last angle must not be lost
+    assert main(thin) == 0
+    assert len(capsys.readouterr().out.splitlines()) == 5
+
+
+@pytest.mark.parametrize(
+    "angles", ["abc", "90:180", "90:180:-5", "90:180:0", "90:nan:5", "1:2:3:4"]
+)
+def test_ranges_that_are_refused(angles: str, capsys: Any) -> None:
+    """What is no angle, has no step or leads away from the last angle is refused with the form."""
+    with pytest.raises(SystemExit):
+        main(["predict", angles])
+    assert f"'{angles}' is no angle and no FIRST:LAST:STEP." in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main(["predict", "90:180:1e-4"])
+    assert "has over 100000 angles" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -180,6 +215,23 @@ def test_plot(tmp_path: Path, capsys: Any) -> None:
     alone.write_text("engine: {speed: engine, orders: [3]}\n")
     assert main(["plot", "--excitations", str(alone), "-o", str(picture)]) == 0
     assert capsys.readouterr().out.startswith("The load ratio by the engine is not known")
+
+
+def test_plot_as_a_page(tmp_path: Path, capsys: Any) -> None:
+    """The page has the sentences and the picture in itself; another ending is refused."""
+    alone = tmp_path / "engine.yaml"
+    alone.write_text("engine: {speed: engine, orders: [3]}\n")
+    page = tmp_path / "linkage.html"
+    assert main(["plot", "--excitations", str(alone), "-o", str(page)]) == 0
+    text, sentence = page.read_text(), capsys.readouterr().out.splitlines()[0]
+    assert f"<p>{sentence}</p>" in text
+    assert "three_point_linkage_on_tractor</h1>" in text
+    found = re.search(r'src="data:image/png;base64,([^"]+)"', text)
+    assert found is not None
+    assert base64.b64decode(found[1]).startswith(b"\x89PNG")
+    assert "http" not in text.replace("http://www.w3.org", "")
+    assert main(["plot", "-o", str(tmp_path / "linkage.foo")]) == 1
+    assert "linkage.foo: a plot is a .png or an .html file" in capsys.readouterr().err
 
 
 def test_advise(tmp_path: Path, capsys: Any) -> None:

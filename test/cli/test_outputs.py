@@ -35,6 +35,7 @@ OVERWRITES = {
     "diff": ["log.mcap", "drive.mcap", "-o", "log.mcap"],
     "advise": ["165", "30", "--mechanism", "linkage.yaml", "-o", "linkage.yaml"],
     "plot": ["linkage.yaml", "-o", "linkage.yaml"],
+    "predict": ["120", "--mechanism", "linkage.yaml", "--csv", "linkage.yaml"],
     "pose": ["linkage.yaml", "-o", "linkage.yaml"],
     "export": ["table.npz", "--fmu", "table.npz"],
     "inclinometer": ["drive.mcap", "--mechanism", "linkage.yaml", "-o", "linkage.yaml"],
@@ -76,7 +77,8 @@ def test_every_command_that_writes_is_tried() -> None:
         if isinstance(action, argparse._SubParsersAction)
     )
     texts = {name: parsers.choices[name].format_help() for name in SUBCOMMANDS}
-    writing = {name for name, text in texts.items() if "--output" in text or "--fmu" in text}
+    options = "--output", "--fmu", "--csv"
+    writing = {name for name, text in texts.items() if any(option in text for option in options)}
     assert writing == OVERWRITES.keys() | FOLDERS
 
 

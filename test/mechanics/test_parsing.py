@@ -189,7 +189,7 @@ def test_wrong_descriptions_are_refused(
 
 
 def test_a_misspelt_ground_point_of_the_crank(mapping: Any) -> None:
-    """The error of a crank that a spring holds names the points of both, and not other links only."""
+    """The error of a crank that a spring holds names the points of both."""
     del mapping["links"]["input_crank"]["clamped"]
     mapping["ground"]["P33"] = mapping["ground"].pop("P3")
     with pytest.raises(MechanismError) as raised:

@@ -17,8 +17,11 @@ from matplotlib.figure import Figure
 from linkage_vibration.drawing.plots import PlotError, spread
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.excitation import Source
+from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.review.log import Log, ReviewError, read_log
-from linkage_vibration.review.picture import draw_log, plot_log
+from linkage_vibration.review.picture import draw_log, plot
+from linkage_vibration.support.resources import config_file
+from linkage_vibration.table.table import load_table
 from test.support.drive import engine_and_pto_speed, hitch_duty_cycle
 
 WriteLog = Callable[..., Path]
@@ -136,11 +139,26 @@ def test_picture_is_a_png(write_log: WriteLog, tmp_path: Path, count: int) -> No
     """A PNG of the documented size is written, even for a single prediction, and nothing else."""
     times = [0.01 * k for k in range(count)]
     log = read_log(write_log(tmp_path / "log.mcap", times, [2.0] * count))
-    plot_log(log, tmp_path / "log.png")
+    plot(log, tmp_path / "log.png")
     content = (tmp_path / "log.png").read_bytes()
     assert content[:8] == b"\x89PNG\r\n\x1a\n"
     assert struct.unpack(">II", content[16:24]) == (1500, 1140)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["log.mcap", "log.png"]
+
+
+def test_tables_and_predictions_are_drawn(tmp_path: Path) -> None:
+    """Both show the same frequencies in the order of the angles; those of a table have names."""
+    table = load_table(config_file("tables/three_point_linkage.npz"))
+    angles = np.radians([170.0, 100.0, 130.0])
+    few = plot(Predictor(table).predict(angles)).axes[0]
+    whole = plot(table, tmp_path / "table.png").axes[0]
+    assert (tmp_path / "table.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+    for line, curve in zip(few.lines, whole.lines, strict=True):
+        x, y = np.asarray(line.get_data(), dtype=float)
+        np.testing.assert_allclose(x, [100.0, 130.0, 170.0])
+        np.testing.assert_allclose(y, np.interp(x, *np.asarray(curve.get_data())), rtol=1e-3)
+    assert [text.get_text() for text in few.texts] == ["mode 1", "mode 2", "mode 3"]
+    assert [text.get_text() for text in whole.texts] == list(table.mode_names)
 
 
 def test_errors_name_the_place_and_the_remedy(
@@ -151,7 +169,7 @@ def test_errors_name_the_place_and_the_remedy(
         read_log(write_log(tmp_path / "empty.mcap", [], []))
     log = read_log(write_log(tmp_path / "log.mcap", [0.0, 0.01], [2.0, 2.1]))
     with pytest.raises(PlotError, match=r"a\.png: cannot be written"):
-        plot_log(log, tmp_path / "nowhere" / "a.png")
+        plot(log, tmp_path / "nowhere" / "a.png")
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     with pytest.raises(PlotError, match=r"pip install linkage_vibration\[plots\]"):
-        plot_log(log, tmp_path / "a.png")
+        plot(log, tmp_path / "a.png")
