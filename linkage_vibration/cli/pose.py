@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Show how the loops of a linkage close, and what its pins carry: angles and static forces."""
+"""Show how the loops of a linkage close, what its lift cylinders do, and what its pins carry."""
 
 import argparse
 import math
@@ -13,10 +13,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add = parser.add_argument
     add("mechanism", nargs="?", type=Path, help=SHIPPED)
-    text = "crank angles in degrees (default: seven over the stroke)"
+    text = "crank angles in degrees (default: nine over the stroke)"
     add("--at", nargs="+", type=float, metavar="DEG", help=text)
     text = "also print the forces in pins, springs and cylinders under the weight"
     add("--forces", action="store_true", help=text)
+    text = "also print what ISO 730 says about a hitch of this category"
+    add("--category", type=int, choices=(1, 2, 3, 4), help=text)
     text = "PNG picture of the linkage to write, at the first angle"
     add("-o", "--output", type=Path, help=text)
 
@@ -25,15 +27,22 @@ def run(options: argparse.Namespace) -> int:
     """Print the angles, and draw the picture; return the exit code."""
     import numpy as np
 
-    from linkage_vibration.studies.pose import angle_rows, force_rows
+    from linkage_vibration.studies.pose import (
+        angle_rows,
+        category_text,
+        cylinder_rows,
+        force_rows,
+    )
     from linkage_vibration.support.atomic_files import check_output
 
     source = mechanism_file(options)
     check_output(options.output, ".png", [source])
     model = read_model(source)
     mechanism, kinematics = model.mechanism, model.kinematics
-    angles = np.radians(options.at or np.degrees(np.linspace(*mechanism.stroke, 7))).tolist()
-    print(angle_rows(mechanism, kinematics, angles))
+    angles = np.radians(options.at or np.degrees(np.linspace(*mechanism.stroke, 9))).tolist()
+    print(f"{angle_rows(mechanism, kinematics, angles)}\n\n{cylinder_rows(model, angles)}")
+    if options.category:
+        print("\n" + category_text(mechanism, kinematics, options.category))
     if options.forces:
         print("\n" + force_rows(model, angles))
     if kinematics.toggles is not None:

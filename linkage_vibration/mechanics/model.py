@@ -110,10 +110,11 @@ class LinkageModel:
         """What is doubtful about the description, in sentences; empty if there is nothing to say.
 
         It is how the assembled pose differs from the angles given (`kinematics.notice`), and which
-        numbers of rigid bodies are probably mistakes.
+        numbers of rigid bodies and lift cylinders are probably mistakes.
         """
         at = self.kinematics.at(self.mechanism.assembly_alpha3)
-        return " ".join([self.kinematics.notice, *doubts(self.mechanism, at)]).strip()
+        over = [self.kinematics.at(angle) for angle in np.linspace(*self.mechanism.stroke, 9)]
+        return " ".join([self.kinematics.notice, *doubts(self.mechanism, at, over)]).strip()
 
     @cached_property
     def system(self) -> UncoupledSystem:

@@ -161,6 +161,26 @@ def spring_line(
     return away / length, length
 
 
+def length_and_rate(
+    spring: Spring, mechanism: Mechanism, configuration: Configuration
+) -> tuple[float, float]:
+    """Return the length of a spring, m, and d(length)/d(alpha3), its lever about the crank, m."""
+    unit, length = spring_line(spring, mechanism, configuration)
+    first, second = (configuration.place_rate(*end) for end in _ends(spring, mechanism))
+    return length, float(unit @ (second - first))
+
+
+def oil_pressure(cylinder: Cylinder, tension: float) -> float:
+    """Return the pressure of the oil, Pa, in one cylinder under a tension, N.
+
+    It is NaN where the cylinder would have to pull, and no oil is locked on the side of its rod.
+    """
+    area = math.pi / 4.0 * cylinder.bore**2
+    if tension > 0.0:
+        area -= math.pi / 4.0 * (cylinder.rod or cylinder.bore) ** 2
+    return abs(tension) / area if area else math.nan
+
+
 def _lever(
     spring: Spring, mechanism: Mechanism, configuration: Configuration
 ) -> tuple[float, float]:
