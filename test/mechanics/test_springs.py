@@ -12,8 +12,9 @@ import yaml
 from linkage_vibration.mechanics.description import MechanismError
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
-from linkage_vibration.mechanics.springs import spring_stiffness
+from linkage_vibration.mechanics.springs import length_and_rate, spring_stiffness
 from linkage_vibration.support.resources import config_file
+from test.mechanics.test_forces import BOB, LEVER
 
 # The crank (0.203 m long, about P3) is pushed by two cylinders that stand on the tractor.
 OIL = {
@@ -80,6 +81,60 @@ def test_rod_side_adds_its_own_column() -> None:
     piston, ring = math.pi * 0.025**2, math.pi * (0.025**2 - 0.015**2)
     expected = piston**2 / (1e-4 + piston * travel) + ring**2 / (1e-4 + ring * (0.6 - travel))
     assert stiffness(model, alpha3) == pytest.approx(1e9 * expected, rel=1e-12)
+
+
+def propped(mass: float, height: float, **cylinder: float) -> LinkageModel:
+    """Return a body about the origin that two cylinders hold at 1 m, from 2 m above or below."""
+    oil = {"bore": 0.05, "stroke": 1.0, "closed_length": 1.5, "bulk_modulus": 1e9, "count": 2}
+    changed = {
+        "ground": {"P": [0.0, 0.0], "Q": [1.0, height]},
+        "rigid_bodies": {"bob": {**BOB, "mass": mass, "inertia": 0.2 * mass}},
+        "springs": {"strut": {"between": ["Q", "E"], "cylinder": {**oil, **cylinder}}},
+    }
+    return LinkageModel(mechanism_from_mapping({**LEVER, **changed}))
+
+
+def thrusts(mass: float, height: float) -> list[tuple[float, float, float]]:
+    """Return the thrust of each cylinder, N, with its lever, m, and angle, deg, by moments."""
+    found = []
+    for degrees in np.linspace(-10.0, 10.0, 9).tolist():
+        c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+        x, z = BOB["centre_of_gravity"]
+        e, foot = np.array(BOB["points"]["E"]) @ [[c, s], [-s, c]], np.array([1.0, height])
+        along = (e - foot) / math.dist(e, foot)
+        lever = float(e[0] * along[1] - e[1] * along[0])
+        found.append((mass * 9.80665 * (x * c - z * s) / (2.0 * lever), lever, degrees))
+    return found
+
+
+def test_a_lever_is_the_distance_of_the_pin_from_the_cylinder() -> None:
+    """It is d(length)/d(angle), with the sign of a cylinder that grows with the angle."""
+    model = propped(100.0, -2.0)
+    for _, lever, degrees in thrusts(100.0, -2.0):
+        at = model.kinematics.at(math.radians(degrees))
+        found = length_and_rate(model.mechanism.springs[0], model.mechanism, at)
+        assert found[1] == pytest.approx(lever, rel=1e-9)
+
+
+@pytest.mark.parametrize(("height", "rod"), [(-2.0, None), (2.0, 0.03)])
+def test_a_pressure_that_no_tractor_has_is_doubted(height: float, rod: float | None) -> None:
+    """It is doubted above 200 bar on the piston or, where the cylinder pulls, on the ring."""
+    area = math.pi * 0.025**2 - math.pi * (0.015**2 if height > 0.0 else 0.0)
+    thrust, lever, degrees = max(thrusts(1.0, height), key=lambda one: abs(one[0]))
+    limit = 200e5 * area / abs(thrust)  # kg
+    sides = {} if rod is None else {"rod": rod}
+    assert propped(0.999 * limit, height, **sides).notice == ""
+    notice = propped(1.5 * limit, height, **sides).notice
+    assert f"needs 300 bar in strut at alpha3 = {degrees:.0f} deg" in notice
+    assert f"its lever is {1e3 * abs(lever):.0f} mm, and tractors reach 200 bar" in notice
+    assert "200 bar in strut" in propped(1.001 * limit, height, **sides).notice
+
+
+def test_a_cylinder_that_cannot_pull_is_doubted() -> None:
+    """One that hangs the body up needs oil on the side of its rod; one that stands does not."""
+    assert "strut would have to pull" in propped(10.0, 2.0).notice
+    assert propped(10.0, 2.0, rod=0.03).notice == ""
+    assert propped(10.0, -2.0).notice == ""
 
 
 def test_curve_passes_through_its_values() -> None:

@@ -8,10 +8,17 @@ import pytest
 
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.kinematics import Kinematics
+from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
-from linkage_vibration.studies.pose import angle_rows, force_rows
+from linkage_vibration.studies.pose import (
+    angle_rows,
+    category_text,
+    cylinder_rows,
+    force_rows,
+)
 from test.mechanics.test_closure import four_bar_mapping
 from test.mechanics.test_forces import CANTILEVER, model_of
+from test.mechanics.test_springs import propped, thrusts
 
 
 def test_the_table_of_angles(mechanism: Mechanism) -> None:
@@ -63,3 +70,42 @@ def test_forces_that_nothing_carries_are_not_numbers() -> None:
     """A bar that hangs freely has NaN, and no sentence."""
     bar = {key: value for key, value in CANTILEVER["links"]["bar"].items() if key != "clamped"}
     assert force_rows(model_of(CANTILEVER, "links.bar", bar), [0.5]).split()[-1] == "nan"
+
+
+@pytest.mark.parametrize(("height", "rod"), [(-2.0, None), (2.0, 0.03)])
+def test_the_table_of_cylinders(height: float, rod: float | None) -> None:
+    """Length and lever are those of the triangle, the load that of moments, and p A is the load."""
+    model = propped(500.0, height, **({} if rod is None else {"rod": rod}))
+    expected = thrusts(500.0, height)
+    angles = [math.radians(degrees) for *_, degrees in expected]
+    title, _, *rows = cylinder_rows(model, angles).splitlines()
+    assert title == "strut, one of 2:"
+    area = math.pi * 0.025**2 - math.pi * (0.015**2 if height > 0.0 else 0.0)
+    for row, (thrust, lever, degrees) in zip(rows, expected, strict=True):
+        numbers = [float(cell) for cell in row.split()]
+        assert numbers[0] == pytest.approx(degrees, abs=0.005)
+        assert numbers[2] == pytest.approx(1e3 * lever, abs=0.05)
+        assert numbers[3] == pytest.approx(thrust / 1e3, abs=0.006)
+        assert numbers[4] == pytest.approx(abs(thrust) / area / 1e5, abs=0.06)
+    assert float(rows[4].split()[1]) == pytest.approx(abs(height), abs=5e-5)  # at 0 deg
+
+
+def test_a_hitch_without_a_cylinder_says_how_to_describe_it(mechanism: Mechanism) -> None:
+    """A clamp has no lever and no oil; a pulling cylinder without oil there has no pressure."""
+    text = cylinder_rows(LinkageModel(mechanism), [2.0])
+    assert "are not known; describe the spring that holds the crank by a `cylinder`" in text
+    assert cylinder_rows(propped(500.0, 2.0), [0.0]).split()[-1] == "nan"
+
+
+def test_a_category_beside_the_hitch(mechanism: Mechanism) -> None:
+    """The mast is that of Table 1, and the range that of the heights of E1 at both ends."""
+    kinematics = Kinematics(mechanism)
+    text = category_text(mechanism, kinematics, 3)
+    assert "has a mast of 0.685 m (here: 0.438 m from E1 to E2)" in text
+    rows = angle_rows(mechanism, kinematics, list(mechanism.stroke)).splitlines()[1:]
+    high, low = (float(row.split()[-1]) for row in rows)
+    moves = float(text.partition("(not verified; here: ")[2].split()[0])
+    assert moves == pytest.approx(high - low, abs=0.0015)
+    assert "lower pins are 36.6 mm thick and 0.965 m apart." in text
+    alone = propped(500.0, 2.0)
+    assert "here: no rigid body" in category_text(alone.mechanism, alone.kinematics, 1)

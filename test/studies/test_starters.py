@@ -1,0 +1,70 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The starter files of the four categories."""
+
+import math
+
+import numpy as np
+import pytest
+import yaml
+
+from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.mechanics.parsing import mechanism_from_mapping
+from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.studies.pose import category_text
+from linkage_vibration.support.resources import config_file
+from linkage_vibration.table.tabulation import build_table
+
+MASTS, RANGES = (0.460, 0.610, 0.685, 0.685), (0.610, 0.650, 0.735, 0.760)  # of ISO 730, m
+
+
+@pytest.mark.parametrize("category", [1, 2, 3, 4])
+def test_a_starter_has_the_mast_and_the_range_of_its_category(category: int) -> None:
+    """Nothing about it is doubtful, and the text about the category finds its numbers."""
+    path = config_file(f"starters/category_{category}.yaml")
+    model = LinkageModel(read_mechanism(path))
+    assert model.notice == ""
+    mast, lift = MASTS[category - 1], RANGES[category - 1]
+    text = category_text(model.mechanism, model.kinematics, category)
+    assert f"(here: {mast:.3f} m from E1 to E2)" in text
+    assert f"lift range of {lift:.3f} m (not verified; here: " in text
+    assert float(text.partition("verified; here: ")[2].split()[0]) == pytest.approx(lift, abs=5e-3)
+
+
+@pytest.mark.parametrize("category", [1, 2, 3, 4])
+def test_a_starter_has_plausible_frequencies(category: int) -> None:
+    """A table is built. The tractor has its modes at 1 to 4 Hz, and the implement heaves above.
+
+    The oil and the tractor's own modes bound the heave: a mass on a stiffer spring is faster.
+    """
+    path = config_file(f"starters/category_{category}.yaml")
+    table = build_table(LinkageModel(read_mechanism(path)), tolerance=1e-2)
+    found = Predictor(table).predict(np.radians([90.0, 135.0, 179.0]))
+    tractor = [i for i, name in enumerate(table.mode_names) if name.startswith("tractor")]
+    heave = table.find_mode("implement heave")
+    assert len(tractor) == 3
+    assert (found.natural_frequencies[:, tractor] > 1.0).all()
+    assert (found.natural_frequencies[:, tractor] < 4.0).all()
+    assert (found.natural_frequencies[:, heave] > 5.0).all()
+    assert (found.natural_frequencies[:, heave] < 15.0).all()
+    deviations = found.frequency_stddev[:, heave] / found.natural_frequencies[:, heave]
+    assert (deviations > 0.1).all()
+    assert (deviations < 0.2).all()
+
+
+def test_a_lever_of_32_mm_is_not_accepted_without_a_word() -> None:
+    """With a third of the lever, a harrow of 2200 kg heaves slowly, and the notice says why."""
+    content = yaml.safe_load(config_file("starters/category_3.yaml").read_text())
+    del content["uncertainty"]
+    content["rigid_bodies"]["implement"]["mass"] = 2200.0
+    heaves = []
+    for share in (1.0, 0.3):
+        cylinder = content["springs"]["lift_cylinders"]["cylinder"]
+        cylinder |= {"rod_end": [0.036 * share, 0.120 * share], "bore": 0.08}
+        cylinder |= {"closed_length": 0.3, "stroke": 0.4}
+        model = LinkageModel(mechanism_from_mapping(content))
+        heaves.append(model.solve(math.radians(135.0)).natural_frequencies[3])
+        assert bool(model.notice) == (share < 1.0)
+    assert "tractors reach 200 bar; check base_end, rod_end and bore." in model.notice
+    assert heaves[1] < 0.5 * heaves[0]
