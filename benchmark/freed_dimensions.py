@@ -38,7 +38,6 @@ from benchmark.paper.numbers import (
     frequencies,
     printed_numbers,
 )
-from benchmark.planes import place_rate
 from benchmark.reproduce import FILES, PRINTED_FILE
 from linkage_vibration.drawing.palette import COLOURS, GREY
 from linkage_vibration.drawing.plots import tidy
@@ -247,7 +246,7 @@ def generalised_inertia(mechanism: Mechanism, configuration: Configuration) -> f
     It is the inertia at the input: the lower it is, the higher the first natural frequency.
     """
     return sum(
-        body.mass * float(np.sum(place_rate(configuration, body.name, body.centre_of_gravity) ** 2))
+        body.mass * float(np.sum(configuration.place_rate(body.name, body.centre_of_gravity) ** 2))
         + body.inertia * configuration.velocity_ratio(body.name) ** 2
         for body in mechanism.rigid_bodies
     )

@@ -1,14 +1,10 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Distinguishes modes in the plane of motion from those out of it, and gives rates of points."""
-
-import math
+"""Distinguishes modes in the plane of motion from those out of it."""
 
 import numpy as np
 
-from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
-from linkage_vibration.mechanics.description import Point
-from linkage_vibration.mechanics.kinematics import Configuration
+from linkage_vibration.mechanics.arrays import BoolArray
 from linkage_vibration.mechanics.model import Solution
 
 
@@ -26,12 +22,3 @@ def in_plane(solution: Solution) -> BoolArray:
             squares = ((component.drawing.displacement @ shapes) ** 2).sum(axis=0)
             lateral += squares[1] - squares[0] - squares[2]
     return np.asarray(lateral <= 0.0)
-
-
-def place_rate(configuration: Configuration, body: str, local: Point) -> FloatArray:
-    """Return d(place)/d(alpha3) of a point of a body, (2,), m/rad; local is in its axes, m."""
-    i, angle = configuration.bodies.index(body), configuration.angle(body)
-    turned = [-local[0] * math.sin(angle) - local[1] * math.cos(angle)]
-    turned.append(local[0] * math.cos(angle) - local[1] * math.sin(angle))
-    ratio = configuration.velocity_ratios[i]
-    return np.asarray(configuration.origin_rates[i] + ratio * np.array(turned))

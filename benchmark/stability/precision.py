@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 from scipy.sparse.linalg import eigsh
 
-from benchmark.planes import place_rate
 from benchmark.report import table
 from benchmark.stability.static_limit import (
     ALPHA3,
@@ -390,7 +389,7 @@ def _rigid_frequency(mapping: Any, stiffness: float) -> float:
     at = Kinematics(mechanism).at(ALPHA3)
 
     def inertia(body: str, centre: tuple[float, float], mass: float, own: float) -> float:
-        speed = place_rate(at, body, centre)
+        speed = at.place_rate(body, centre)
         return float(mass * speed @ speed + own * at.velocity_ratio(body) ** 2)
 
     total = sum(

@@ -131,6 +131,22 @@ class Configuration:
         arm = rotation(self.angle(body)) @ np.array(local)
         return np.asarray(self.origins[self.bodies.index(body)] + arm)
 
+    def place_rate(self, body: str, local: Point) -> FloatArray:
+        """Return d(place)/d(alpha3) of a point, (2,), m/rad.
+
+        Parameters
+        ----------
+        body : str
+            Its name, or "ground".
+        local : (float, float)
+            x and z in its axes, m.
+        """
+        if body == GROUND:
+            return np.zeros(2)
+        i = self.bodies.index(body)
+        turning = rotation_derivative(self.angle(body)) @ np.array(local)
+        return np.asarray(self.origin_rates[i] + self.velocity_ratios[i] * turning)
+
 
 def unit_question(alpha3: float, low: float, high: float) -> str:
     """Ask whether an angle in rad was given in the other unit; empty if neither is in a range."""

@@ -14,7 +14,7 @@ import yaml
 from numpy.typing import NDArray
 from scipy.linalg import block_diag, eigh, null_space
 
-from benchmark.planes import in_plane, place_rate
+from benchmark.planes import in_plane
 from linkage_vibration.drawing.geometry import curves, mode_curves
 from linkage_vibration.mechanics.components import Component
 from linkage_vibration.mechanics.description import GROUND, Mechanism, MechanismError
@@ -149,13 +149,13 @@ def test_soft_oil_leaves_one_degree_of_freedom(clamped: LinkageModel) -> None:
         body = component.name
         if body == "implement":
             (rigid,) = model.mechanism.rigid_bodies
-            rate = place_rate(configuration, body, rigid.centre_of_gravity)
+            rate = configuration.place_rate(body, rigid.centre_of_gravity)
             inertia += rigid.mass * float(rate @ rate)
             inertia += rigid.inertia * configuration.velocity_ratio(body) ** 2
             continue
         link = next(link for link in model.mechanism.links if link.name == body)
         (_, start), (_, end) = link.points[0], link.points[-1]
-        one, other = (place_rate(configuration, body, place) for place in (start, end))
+        one, other = (configuration.place_rate(body, place) for place in (start, end))
         steel = mapping["links"][body]["material"]["density"]
         section = link.body.segments[0].section  # type: ignore[attr-defined]
         length = math.dist(start, end)

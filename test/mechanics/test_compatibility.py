@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmark.planes import place_rate
 from linkage_vibration.mechanics.compatibility import CouplingError, row_space
 from linkage_vibration.mechanics.description import MechanismError
 from linkage_vibration.mechanics.kinematics import rotation
@@ -72,7 +71,7 @@ def motion(model: LinkageModel, alpha3_deg: float) -> np.ndarray:
                 body = next(b for b in model.mechanism.bodies if b.name == component.name)
                 local = points.get(dof.point) or body.centre_of_gravity  # type: ignore[union-attr]
                 turn = rotation(configuration.angle(component.name)) if dof.point in points else 1.0
-                moved = np.eye(2) @ place_rate(configuration, component.name, local)
+                moved = np.eye(2) @ configuration.place_rate(component.name, local)
                 if not isinstance(turn, float):
                     moved = turn.T @ moved
                 rate = moved["xz".index(dof.direction)]

@@ -13,7 +13,6 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from benchmark.planes import place_rate
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.description import Mechanism, MechanismError
 from linkage_vibration.mechanics.kinematics import Configuration, Kinematics, KinematicsError
@@ -147,7 +146,7 @@ def test_velocity_ratios_are_derivatives(mechanism: Mechanism) -> None:
     centre = mechanism.rigid_bodies[0].centre_of_gravity
     difference = after.place("implement", centre) - before.place("implement", centre)
     np.testing.assert_allclose(
-        place_rate(here, "implement", centre), difference / (2 * h), atol=1e-9
+        here.place_rate("implement", centre), difference / (2 * h), atol=1e-9
     )
 
 

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmark.planes import place_rate
 from linkage_vibration.mechanics.bodies.beam import Beam
 from linkage_vibration.mechanics.coupling import CouplingError
 from linkage_vibration.mechanics.description import (
@@ -65,7 +64,7 @@ def test_rigid_body_limit(mechanism: Mechanism, alpha3_deg: float, inertia: floa
     limit = replace(mechanism, links=links)
     configuration = Kinematics(limit).at(math.radians(alpha3_deg))
     body = limit.rigid_bodies[0]
-    velocity = place_rate(configuration, body.name, body.centre_of_gravity)
+    velocity = configuration.place_rate(body.name, body.centre_of_gravity)
     ratio = configuration.velocity_ratio(body.name)
     generalised = body.mass * float(velocity @ velocity) + body.inertia * ratio**2
     assert generalised == pytest.approx(inertia, rel=5e-4)

@@ -14,7 +14,8 @@ from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.mechanics.springs import length_and_rate, spring_stiffness
 from linkage_vibration.support.resources import config_file
-from test.mechanics.test_forces import BOB, LEVER
+from test.mechanics.test_forces import LEVER
+from test.support.bob import BOB
 
 # The crank (0.203 m long, about P3) is pushed by two cylinders that stand on the tractor.
 OIL = {
