@@ -9,8 +9,6 @@ imported when it is first used, so that importing the package is fast.
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from linkage_vibration.support.version import VERSION, check_versions
-
 if TYPE_CHECKING:
     from linkage_vibration.errors import LinkageVibrationError
     from linkage_vibration.mechanics.description import Mechanism
@@ -45,13 +43,13 @@ _MODULES = {
     "readers.mechanism": ["read_mechanism"],
     "review.log": ["Log", "read_log"],
     "review.picture": ["plot"],
+    "support.version": ["__version__"],
     "table.table": ["Table", "load_table", "save_table"],
     "table.tabulation.building": ["build_table"],
     "testing.bag_checks": ["Failure", "Limits", "Report", "check_bag"],
 }
 _HOMES = {name: f"{__name__}.{module}" for module, names in _MODULES.items() for name in names}
 
-__version__ = VERSION
 # fmt: off
 __all__ = [
     "Configuration", "Failure", "IdentifiedSolution", "Kinematics", "Limits", "LinkageModel",
@@ -67,6 +65,8 @@ def __getattr__(name: str) -> object:
     """Import a name of the public API when it is first used."""
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from linkage_vibration.support.version import check_versions
+
     check_versions()
     globals()[name] = value = getattr(import_module(_HOMES[name]), name)
     return value

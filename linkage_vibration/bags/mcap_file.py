@@ -8,6 +8,7 @@ mcap takes messages one by one, 4 times as long for each, and compresses each ch
 
 import contextlib
 import itertools
+import os
 import struct
 import zlib
 from collections import Counter
@@ -113,7 +114,9 @@ class McapFile:
 
     def add_metadata(self, name: str, facts: Mapping[str, str]) -> None:
         """Add a metadata record."""
-        position = self._write(mcap.Metadata(name, dict(facts)))
+        # A text may contain the name of a file, which need not be UTF-8.
+        texts = {key: os.fsencode(text).decode(errors="replace") for key, text in facts.items()}
+        position = self._write(mcap.Metadata(name, texts))
         self._metadata.append(mcap.MetadataIndex(*position, name))
 
     def add_rosbag2_metadata(self, path: Path) -> None:

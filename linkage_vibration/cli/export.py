@@ -8,6 +8,7 @@ response to each order where its amplitude and the FRFs of the table are known.
 
 import argparse
 import math
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -49,7 +50,12 @@ def run(options: argparse.Namespace) -> int:
     """Write the files and print the errors; return the exit code."""
     from linkage_vibration.export.constants import ExportError, constants_of, fewer_cells
     from linkage_vibration.export.evaluation import exported
-    from linkage_vibration.support.atomic_files import check_output, check_outputs, write_bytes
+    from linkage_vibration.support.atomic_files import (
+        check_output,
+        check_outputs,
+        new_folder,
+        write_files,
+    )
     from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
 
     if options.c is None and options.fmu is None:
@@ -63,9 +69,10 @@ def run(options: argparse.Namespace) -> int:
         fewer = fewer_cells(constants, options.tolerance)
     chosen, errors = exported(constants, fewer, in_single=options.single)
     files = _files(options, table, chosen, errors.text)
-    check_outputs(list(files), inputs)
-    for file, data in files.items():
-        write_bytes(file, data, ExportError)
+    with new_folder(options.c, ExportError) if options.c else nullcontext():
+        check_outputs(list(files), inputs)
+        write_files({file: [data] for file, data in files.items()}, ExportError)
+    for file in files:
         print(f"Written: {file}")
     print(
         f"Table {table.table_id} of {table.mechanism_name}: {len(chosen.starts)} of "
@@ -81,13 +88,10 @@ def _files(
 ) -> dict[Path, bytes]:
     """Return the contents of the files to write."""
     from linkage_vibration.export.c_source import c_files, description_of
-    from linkage_vibration.export.constants import ExportError
     from linkage_vibration.export.fmu import fmu_bytes
-    from linkage_vibration.support.atomic_files import make_folder
 
     description, contents = description_of(table, errors, options.name), dict[Path, bytes]()
     if options.c is not None:
-        make_folder(options.c, ExportError)
         _refuse_another_table(options.c / f"{options.name}.h", table.table_id)
         texts = c_files(description, constants)
         contents |= {options.c / name: text.encode() for name, text in texts.items()}

@@ -2,16 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """The ``linkage-vibration`` command and the list of its subcommands."""
 
-import argparse
+import io
 import os
+import signal
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from importlib import import_module
+from typing import TYPE_CHECKING
 
-from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.support.exit_codes import FAILED, ended_by_signals
-from linkage_vibration.support.missing_library import missing_library
-from linkage_vibration.support.version import VERSION, check_versions
+
+if TYPE_CHECKING:
+    import argparse
 
 # Each is a module of this room. Its docstring is the help text, `add_arguments` declares what it
 # takes, and `run` does the work and returns the exit code. The modules import nothing slow at their
@@ -40,26 +43,70 @@ SUBCOMMANDS = (
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command (default: with the arguments of the process); return its exit code."""
-    options = argument_parser().parse_args(arguments)
     # The matrices are small, so BLAS threads cost more time in waiting for each other than they
     # save. NumPy reads this variable when it is first imported, which is after this line.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
-        check_versions()
         with ended_by_signals():
-            return int(options.run(options))
-    except LinkageVibrationError as error:
-        print(f"linkage-vibration: {error}", file=sys.stderr)
-        return FAILED
-    except ImportError as error:
-        print(f"linkage-vibration: {missing_library(error)}", file=sys.stderr)
-        return FAILED
+            try:
+                return _run(arguments)
+            finally:
+                if sys.stdout is not None:
+                    sys.stdout.flush()
+    except BrokenPipeError:  # as of `| head`, which wants no more
+        _discard_output()
+        return 128 + signal.SIGPIPE
     except KeyboardInterrupt:
-        return 130
+        return 128 + signal.SIGINT
+    except MemoryError:
+        return _fail("There is not enough memory; end other programs, or give smaller files.")
+    except OSError as error:
+        if not error.filename:
+            _discard_output()
+        place = error.filename or "The standard output"
+        return _fail(f"{place} cannot be used ({error.strerror or error}); check its disk.")
 
 
-def argument_parser() -> argparse.ArgumentParser:
+def _run(arguments: Sequence[str] | None) -> int:
+    from pathlib import Path
+
+    from linkage_vibration.errors import LinkageVibrationError
+    from linkage_vibration.support.atomic_files import check_paths
+    from linkage_vibration.support.missing_library import missing_library
+    from linkage_vibration.support.version import check_versions
+
+    options = argument_parser().parse_args(arguments)
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="surrogateescape")  # for names of files in another encoding
+    try:
+        check_versions()
+        given = [v if isinstance(v, list) else [v] for v in vars(options).values()]
+        check_paths([path for paths in given for path in paths if isinstance(path, Path)])
+        return int(options.run(options))
+    except LinkageVibrationError as error:
+        return _fail(str(error))
+    except ImportError as error:
+        return _fail(missing_library(error))
+
+
+def _fail(text: str) -> int:
+    with suppress(OSError):
+        print(f"linkage-vibration: {text}", file=sys.stderr)
+    return FAILED
+
+
+def _discard_output() -> None:
+    """Send what Python still holds of the output to nowhere, as it would try to print it again."""
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def argument_parser() -> "argparse.ArgumentParser":
     """Return the parser of the command, which has one subparser for each subcommand."""
+    import argparse
+
+    from linkage_vibration.support.version import VERSION
+
     parser = argparse.ArgumentParser(
         prog="linkage-vibration",
         description="Predict how a linkage vibrates in each of its configurations.",

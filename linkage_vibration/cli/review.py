@@ -3,7 +3,7 @@
 """Write an HTML page that shows a log, or an overview of several logs with a page for each."""
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -69,21 +69,24 @@ def _review(
     path: Path, page: Path, options: argparse.Namespace, step: Callable[[int], object]
 ) -> "Log":
     """Write the page of a log, and its table and its picture if they were asked for."""
-    from linkage_vibration.review.html import write_page
-    from linkage_vibration.review.log import read_log, write_csv
+    from linkage_vibration.drawing.plots import png_bytes
+    from linkage_vibration.review.html import page_parts
+    from linkage_vibration.review.log import ReviewError, csv_text, read_log
     from linkage_vibration.review.picture import plot
     from linkage_vibration.review.review_page import review_page
+    from linkage_vibration.support.atomic_files import write_files
 
     log = read_log(path)
     step(1)
-    write_page(review_page(log), page)
-    step(1)
+    files: dict[Path, Iterable[bytes]] = {page: page_parts(review_page(log))}
     if options.csv:
-        write_csv(log, options.csv)
+        files[options.csv] = [csv_text(log).encode()]
         step(1)
     if options.png:
-        plot(log, options.png)
+        files[options.png] = [png_bytes(plot(log))]
         step(1)
+    write_files(files, ReviewError)
+    step(1)
     return log
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.review.log import ReviewError
-from linkage_vibration.support.atomic_files import write_parts
+from linkage_vibration.support.atomic_files import write_files
 from linkage_vibration.support.version import VERSION
 
 IntArray = NDArray[np.int64]
@@ -53,11 +53,15 @@ class Page:
 
 def page_html(page: Page) -> str:
     """Return the text of a page, which needs no other file and no network."""
-    return "".join(_parts(page))
+    return b"".join(page_parts(page)).decode()
+
+
+def page_parts(page: Page) -> Iterator[bytes]:
+    """Yield the text of a page in parts in UTF-8, as the columns of a long log are large."""
+    return (part.encode(errors="backslashreplace") for part in _parts(page))
 
 
 def _parts(page: Page) -> Iterator[str]:
-    """Yield the text of a page in parts, as the columns of a long log are large."""
     data = {
         "n": len(page.columns["time"]),
         "start_ms": page.start_ns / 1e6,
@@ -111,7 +115,7 @@ def _json(value: object) -> str:
 
 def write_page(page: Page, path: Path) -> None:
     """Write a page to a file; a `ReviewError` is raised if it cannot be written."""
-    write_parts(path, _parts(page), ReviewError)
+    write_files({path: page_parts(page)}, ReviewError)
 
 
 def packed(values: NDArray[Any]) -> dict[str, Any]:

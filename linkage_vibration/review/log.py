@@ -279,10 +279,14 @@ def problems(log: Log) -> list[str]:
 
 
 def write_csv(log: Log, path: Path) -> None:
-    """Write a log as CSV: one line for each prediction, with the fields of the messages.
+    """Write `csv_text` to a file; a `ReviewError` is raised if it cannot be written."""
+    write_text(path, csv_text(log), ReviewError)
 
-    The numbers of an overdamped mode, and those that are not known, are "nan". A `ReviewError` is
-    raised if the file cannot be written.
+
+def csv_text(log: Log) -> str:
+    """Return a log as CSV: one line for each prediction, with the fields of the messages.
+
+    The numbers of an overdamped mode, and those that are not known, are "nan".
     """
     table = {"stamp_ns": log.stamps} | prediction_table(_predictions(log))
     if log.resonances is not None:
@@ -314,7 +318,7 @@ def write_table(table: Mapping[str, NDArray[Any]], path: Path) -> None:
     lines = csv.writer(text, lineterminator="\n")
     lines.writerow(table)
     lines.writerows(zip(*(column.tolist() for column in table.values()), strict=True))
-    write_text(path, text.getvalue(), ReviewError)
+    return text.getvalue()
 
 
 def _predictions(log: Log) -> dict[str, NDArray[Any]]:

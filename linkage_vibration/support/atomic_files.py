@@ -4,9 +4,10 @@
 
 import os
 import stat
+import sys
 import tempfile
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import yaml
@@ -48,6 +49,30 @@ def check_outputs(outputs: Sequence[Path], inputs: Sequence[Path]) -> None:
                 raise OutputError(f"{path} and {other} are one file; give each its own name.")
 
 
+def check_paths(paths: Sequence[Path]) -> None:
+    """Refuse pipes, for which a command would wait, and files to which it prints."""
+    for path in paths:
+        if os.path.exists(path) and Path(os.path.realpath(path)).is_fifo():
+            raise OutputError(f"{path}: is no regular file; give the name of a file.")
+    for stream in (sys.stdout, sys.stderr):
+        # A closed stream is None, and that of a test has no file.
+        with suppress(AttributeError, OSError, ValueError):
+            status = os.fstat(stream.fileno())
+            if not stat.S_ISREG(status.st_mode):
+                continue
+            used: dict[Path, None] = {}
+            for path in paths:
+                _add_files(path, used)
+            for path in used:
+                other = path.suffix not in _KINDS and path not in paths  # in a folder of logs
+                if not other and path.exists() and os.path.samestat(path.stat(), status):
+                    sys.stderr = sys.stdout if stream is sys.stderr else sys.stderr
+                    raise OutputError(
+                        f"{path} is a file of this command, so it cannot be its standard output "
+                        "or error; print to another one."
+                    )
+
+
 def make_folder(folder: Path, error: type[LinkageVibrationError]) -> None:
     """Create a folder if it is missing, and those above it; raise the error if that fails."""
     try:
@@ -56,6 +81,20 @@ def make_folder(folder: Path, error: type[LinkageVibrationError]) -> None:
         raise error(
             f"{folder}: the folder cannot be created ({problem.strerror}); give another one."
         ) from None
+
+
+@contextmanager
+def new_folder(folder: Path, error: type[LinkageVibrationError]) -> Iterator[None]:
+    """Create a folder as `make_folder` does, and remove it if the context fails and it is empty."""
+    created = [each for each in (folder, *folder.parents) if not each.exists()]
+    try:
+        make_folder(folder, error)
+        yield
+    except BaseException:
+        with suppress(OSError):
+            for each in created:
+                each.rmdir()
+        raise
 
 
 def check_suffix(path: Path, suffix: str) -> None:
@@ -99,16 +138,17 @@ def replacement(
         ) from None
 
 
+def write_files(files: Mapping[Path, Iterable[bytes]], error: type[LinkageVibrationError]) -> None:
+    """Write the parts of files as `replacement` does, or none of the files if one fails."""
+    with ExitStack() as stack:
+        for path, parts in files.items():
+            with stack.enter_context(replacement(path, error)).open("wb") as file:
+                file.writelines(parts)
+
+
 def write_bytes(path: Path, data: bytes, error: type[LinkageVibrationError]) -> None:
     """Write a file at once, as `replacement` does."""
-    with replacement(path, error) as new:
-        new.write_bytes(data)
-
-
-def write_parts(path: Path, parts: Iterable[str], error: type[LinkageVibrationError]) -> None:
-    """Write the parts of a text file as `write_text` does, without holding all of them."""
-    with replacement(path, error) as new, new.open("w", encoding="utf-8", newline="") as file:
-        file.writelines(parts)
+    write_files({path: [data]}, error)
 
 
 def write_text(path: Path, text: str, error: type[LinkageVibrationError]) -> None:

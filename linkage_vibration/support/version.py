@@ -51,4 +51,4 @@ def _numbers(text: str) -> list[int]:
     return [int(n) for n in re.sub(r"(\.0)+$", "", release[0]).split(".")] if release else []
 
 
-VERSION = version("linkage_vibration")
+VERSION = __version__ = version("linkage_vibration")

@@ -18,7 +18,12 @@ import linkage_vibration
 from linkage_vibration.bags.recovery import recover
 from linkage_vibration.cli.main import SUBCOMMANDS, argument_parser, main
 from linkage_vibration.playback.replay import replay
-from linkage_vibration.support.atomic_files import OutputError, check_outputs, write_bytes
+from linkage_vibration.support.atomic_files import (
+    OutputError,
+    check_outputs,
+    new_folder,
+    write_bytes,
+)
 from linkage_vibration.support.exit_codes import ended_by_signals
 from linkage_vibration.support.resources import config_file
 
@@ -231,3 +236,168 @@ def test_exit_codes_of_recover(files: Path, capsys: Any) -> None:
     assert main(["recover", "cut.mcap", "-o", "b.mcap", "--strict"]) == 3
     assert main(["recover", "drive.mcap", "-o", "c.mcap", "--strict"]) == 0
     assert sum(recover(Path("a.mcap"), Path("d.mcap")).saved.values()) == 2400
+
+
+def shell(command: str) -> "subprocess.CompletedProcess[bytes]":
+    """Run a command of the shell in which $L is the program."""
+    program = {"L": f"{sys.executable} -m linkage_vibration.cli"}
+    return subprocess.run(
+        ["bash", "-c", f"set -o pipefail; {command}"],
+        env={**os.environ, **program},
+        capture_output=True,
+        timeout=120,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "$L replay drive.mcap -o /dev/stdout 1<>drive.mcap",
+        "$L replay drive.mcap -o new.mcap 1<>drive.mcap",
+        "$L review log.mcap 2<>log.mcap",
+        "$L pose fit.yaml --at 120 1<>linkage.yaml",
+    ],
+)
+def test_standard_output_that_is_an_input(files: Path, command: str) -> None:
+    """A file of the command, also one that YAML names, is refused where the shell sends output."""
+    before = contents(files)
+    done = shell(command)
+    assert done.returncode == 1
+    assert b"is a file of this command" in done.stdout + done.stderr
+    assert contents(files) == before
+
+
+def test_output_beside_the_logs(files: Path) -> None:
+    """The list of the logs of a folder may be written into this folder."""
+    for name in ("drive.mcap", "fit.yaml"):
+        Path(name).unlink()
+    assert shell("$L summary . > list.json").returncode == 0
+    assert Path("list.json").read_bytes().startswith(b"[")
+
+
+@pytest.mark.parametrize("option", ["log", "log.mcap --params-file", "log.mcap --mechanism"])
+def test_pipe_as_input(files: Path, option: str) -> None:
+    """A pipe without a writer is refused instead of waited for."""
+    os.mkfifo("pipe.mcap")
+    command = "summary pipe.mcap" if option == "log" else f"replay {option} pipe.mcap -o new.mcap"
+    done = shell(f"$L {command}")
+    assert (done.returncode, done.stderr.count(b"\n")) == (1, 1)
+    assert b"pipe.mcap: is no regular file" in done.stderr
+
+
+@pytest.mark.parametrize("command", ["summary log.mcap", "pose linkage.yaml", "export --c new"])
+def test_reader_that_ends(files: Path, command: str) -> None:
+    """A reader that wants no more ends a command without a word, after its files are written."""
+    done = shell(f"PYTHONUNBUFFERED=1 $L {command} | true")
+    assert (done.returncode in (0, 141), done.stderr) == (True, b"")
+    if "export" in command:
+        assert len(list(Path("new").iterdir())) == 3
+
+
+@pytest.mark.parametrize("command", ["summary log.mcap", "pose linkage.yaml"])
+def test_full_standard_output(files: Path, command: str) -> None:
+    """Output that cannot be written is an error of one sentence."""
+    done = shell(f"$L {command} > /dev/full")
+    assert (done.returncode, done.stderr.count(b"\n")) == (1, 1)
+    assert b"The standard output cannot be used (No space left on device)" in done.stderr
+
+
+def test_name_in_another_encoding(files: Path) -> None:
+    """A name that is not UTF-8 is read, written and printed as it is."""
+    name = os.fsdecode(b"m\xe9t\xe9o")
+    for kind in ("drive", "log"):
+        Path(f"{kind}.mcap").rename(f"{kind}_{name}.mcap")
+    replayed = shell("$L replay drive_*.mcap -o new_$(printf 'm\\xe9t\\xe9o').mcap")
+    assert replayed.returncode == 0, replayed.stderr
+    assert replayed.stdout.startswith(b"new_m\xe9t\xe9o.mcap: 2000 predictions")
+    for command in ("recover new_*.mcap", "review log_*.mcap", "diff log_*.mcap new_*o.mcap"):
+        done = shell(f"$L {command}")
+        assert (done.returncode, done.stderr) == (0, b""), command
+    assert Path(f"new_{name}_recovered.mcap").exists()
+    assert name.encode(errors="backslashreplace") in Path(f"log_{name}.html").read_bytes()
+
+
+def test_longest_name(files: Path) -> None:
+    """A name of 85 characters of three bytes, the longest that there is, is written."""
+    path = Path(83 * "\u6f22" + ".html")
+    write_bytes(path, b"x", OutputError)
+    assert path.read_bytes() == b"x"
+
+
+def test_mode_is_kept(files: Path) -> None:
+    """A page that only its owner may read stays so when it is written again."""
+    Path("log.html").touch(mode=0o600)
+    assert main(["review", "log.mcap"]) == 0
+    assert Path("log.html").stat().st_mode & 0o777 == 0o600
+
+
+@pytest.mark.parametrize("option", ["--csv", "--png"])
+def test_failed_table_leaves_no_page(files: Path, capsys: Any, option: str) -> None:
+    """If the table or the picture of a log cannot be written, its page is not written either."""
+    assert main(["review", "log.mcap", option, "/proc/self/out"]) == 1
+    assert "/proc/self/out: cannot be written" in capsys.readouterr().err
+    assert "log.html" not in contents(files)
+    assert [name for name in contents(files) if name.startswith(".")] == []
+
+
+INTERRUPTED = """
+import os, signal, sys
+
+class Interrupter:
+    def find_spec(self, name, path=None, target=None):
+        if name == sys.argv[1]:
+            sys.meta_path.remove(self)
+            try:
+                os.kill(os.getpid(), int(sys.argv[2]))
+                for _ in range(10**5):
+                    pass
+            except BaseException:  # as extensions turn any exception into an ImportError
+                raise ImportError("interrupted") from None
+
+sys.meta_path.insert(0, Interrupter())
+from linkage_vibration.cli.main import main
+sys.exit(main(sys.argv[3:]))
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "number"),
+    [
+        ("argparse", signal.SIGINT),
+        ("importlib.metadata", signal.SIGHUP),
+        ("numpy", signal.SIGINT),
+        ("zstandard", signal.SIGTERM),
+    ],
+)
+def test_signal_during_an_import(files: Path, name: str, number: signal.Signals) -> None:
+    """A signal that arrives while a library is imported, also the first one, ends the command."""
+    before = contents(files)
+    command = [sys.executable, "-c", INTERRUPTED, name, str(int(number))]
+    done = subprocess.run(
+        [*command, "replay", "drive.mcap", "-o", "new.mcap"],
+        capture_output=True,
+        timeout=60,
+        check=False,
+        preexec_fn=lambda: (
+            signal.signal(number, signal.default_int_handler)
+            if number == signal.SIGINT
+            else signal.signal(number, signal.SIG_DFL)
+        ),
+    )
+    assert (done.returncode, done.stderr) == (128 + number, b"")
+    assert contents(files) == before
+
+
+def test_ended_export_leaves_no_folder(files: Path) -> None:
+    """A folder that a command created is removed if a signal ends it, but no folder with files."""
+    for folder in ("new/inner", "old/inner"):
+        with (
+            pytest.raises(SystemExit),
+            new_folder(Path(folder), OutputError),
+        ):
+            if "old" in folder:
+                Path("old/mine").touch()
+            raise SystemExit(143)
+    assert not Path("new").exists()
+    assert [path.name for path in Path("old").iterdir()] == ["mine"]
