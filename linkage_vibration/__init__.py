@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from linkage_vibration.readers.mechanism import read_mechanism
     from linkage_vibration.review.log import Log, read_log
     from linkage_vibration.review.picture import plot
-    from linkage_vibration.support.version import __version__
+    from linkage_vibration.support.version import __version__ as __version__
     from linkage_vibration.table.table import Table, load_table, save_table
     from linkage_vibration.table.tabulation.building import build_table
     from linkage_vibration.testing.bag_checks import Failure, Limits, Report, check_bag

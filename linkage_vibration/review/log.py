@@ -297,7 +297,7 @@ def csv_text(log: Log) -> str:
         modes = np.where(near, log.resonances.mode + 1, 0)
         names = np.array(["", *(log.mode_name(mode) for mode in range(log.n_modes))])
         table |= {"mode": modes, "mode_name": names[np.minimum(modes, log.n_modes)]}
-    write_table(table, path)
+    return table_text(table)
 
 
 def prediction_table(predictions: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
@@ -313,7 +313,12 @@ def prediction_table(predictions: Mapping[str, NDArray[Any]]) -> dict[str, NDArr
 
 
 def write_table(table: Mapping[str, NDArray[Any]], path: Path) -> None:
-    """Write columns, (n,), as CSV with their names in the first line."""
+    """Write `table_text` to a file; a `ReviewError` is raised if it cannot be written."""
+    write_text(path, table_text(table), ReviewError)
+
+
+def table_text(table: Mapping[str, NDArray[Any]]) -> str:
+    """Return columns, (n,), as CSV with their names in the first line."""
     text = io.StringIO()
     lines = csv.writer(text, lineterminator="\n")
     lines.writerow(table)
