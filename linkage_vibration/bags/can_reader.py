@@ -16,7 +16,6 @@ from linkage_vibration.bags.cdr import Layout, Layouts
 from linkage_vibration.bags.dbc import dbc_signal
 from linkage_vibration.bags.message_types import CAN_FRAME
 from linkage_vibration.bags.numbers import (
-    MAX_NAMES,
     Integers,
     LeftOut,
     MessageNumber,
@@ -81,8 +80,11 @@ class CanReader(NumberReader):
     def read_one(self, data: bytes) -> MessageNumber | None:
         """Return the value of the signal in a frame, NaN for none; see `NumberReader.read_one`."""
         layout = self._layouts.find(data)
-        if not self._signal.matches(self._frames.key(layout, data)):
+        key = self._frames.key(layout, data)
+        if not self._signal.matches(key):
             return None
+        if self._signal.any_sender:
+            self.sender = f"{self._signal.name}@0x{key & 0xFF:02X}"
         message = np.frombuffer(data, np.uint8)[np.newaxis]
         numbers = self._numbers(layout, _FIRST, message, LeftOut())
         if numbers is None:
@@ -109,7 +111,7 @@ class CanReader(NumberReader):
             left_out.names.update(_names(key[~present]))
             if not present.any():
                 return None
-            rows, messages = rows[present], messages[present]
+            rows, messages, key = rows[present], messages[present], key[present]
             dlc, payload = dlc[present], payload[present]
         values = signal.values(dlc, payload)
         invalid = np.flatnonzero(np.isnan(values))
@@ -121,18 +123,23 @@ class CanReader(NumberReader):
         stamps = np.zeros(len(values), np.int32), np.zeros(len(values), np.uint32)
         if self.has_header:
             stamps = layout.stamps(messages)
-        return Numbers(rows, values, rates, *stamps, layout.places[0])
+        senders = key & np.uint32(0xFF) if signal.any_sender else None
+        return Numbers(rows, values, rates, *stamps, layout.places[0], senders)
 
     def other_names(self, data: bytes) -> Sequence[str]:
         """Return which frame a message is."""
         return [_name(self._frames.key(self._layouts.find(data), data))]
 
 
-def _names(keys: NDArray[np.uint32]) -> list[str]:
-    """Return what frames with these keys are, at most 20."""
+def _names(keys: NDArray[np.uint32]) -> set[str]:
+    """Return what frames with these keys are."""
     distinct = np.unique(np.where(keys & EXTENDED, keys & ~np.uint32(0xFF), keys))
-    return [_name(key) for key in distinct[:MAX_NAMES].tolist()]
+    return {_name(key) for key in distinct.tolist()}
 
 
 def _name(key: int) -> str:
-    return f"parameter group {key >> 8 & 0x3FFFF}" if key & EXTENDED else f"identifier 0x{key:X}"
+    """Return what a frame is; below 0xF000, the low byte of a group is its destination."""
+    if not key & EXTENDED:
+        return f"identifier 0x{key:X}"
+    group = key >> 8 & 0x3FFFF
+    return f"parameter group {group if group >> 8 & 0xFF >= 0xF0 else group & ~0xFF}"

@@ -17,8 +17,8 @@ from linkage_vibration.errors import LinkageVibrationError
 FloatArray = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-MAX_NAMES = 20
-"""What messages contain instead is listed up to so many names."""
+LISTED_NAMES, MAX_NAMES = 20, 1000
+"""What messages contain instead is listed up to so many names, and kept up to so many."""
 
 
 class CdrError(ValueError):
@@ -53,6 +53,8 @@ class Numbers:
         Stamps of their headers, s and ns; 0 for messages without a header.
     frame_id : str
         Frame of their headers; empty for messages without a header.
+    senders : ndarray, (n,), optional
+        Their source addresses on a CAN bus, if the signal may come from any.
     """
 
     rows: Integers
@@ -61,6 +63,7 @@ class Numbers:
     sec: NDArray[np.int32]
     nanosec: NDArray[np.uint32]
     frame_id: str
+    senders: NDArray[np.uint32] | None = None
 
 
 @dataclass(slots=True)
@@ -103,6 +106,9 @@ class NumberReader(ABC):
         Whether the messages begin with a header.
     note : str
         Why the last number, or the first of many, is NaN; empty if the message does not say it.
+    sender : str
+        The field that reads the sender of the last number alone, such as ``engine_speed@0x00``;
+        empty if the messages do not name their sender, or the field has chosen one.
     """
 
     what: str
@@ -110,6 +116,7 @@ class NumberReader(ABC):
     remedy: str = "Choose one of them."
     has_header: bool = False
     note: str = ""
+    sender: str = ""
 
     @abstractmethod
     def read_one(self, data: bytes) -> MessageNumber | None:
@@ -136,7 +143,9 @@ class NumberReader(ABC):
         The names are those that `other_names` returns for messages on the topic.
         """
         if names:
-            listing = ", ".join(sorted(names)[:MAX_NAMES])
+            listing = ", ".join(sorted(names)[:LISTED_NAMES])
+            if len(names) > LISTED_NAMES:
+                listing += f" and {len(names) - LISTED_NAMES} more"
             return f"{topic} has no {self.what}; it has {listing}. {self.remedy}"
         if self.kind:
             fix = "check its publisher, or choose another topic"

@@ -91,6 +91,8 @@ class Replayed(LeftOut):
         The speeds that no message contains.
     notice : str
         Which amplitudes of the default excitations are not used; empty if all are.
+    disagreements : list of str
+        A sentence for each signal of a CAN bus whose senders disagree.
     """
 
     topic: str = ""
@@ -98,6 +100,7 @@ class Replayed(LeftOut):
     resonances: int = 0
     missing: set[str] = field(default_factory=set)
     notice: str = ""
+    disagreements: list[str] = field(default_factory=list)
 
     @property
     def predictions(self) -> int:
@@ -131,7 +134,7 @@ def replay_summary(done: Replayed) -> str:
 
 def problems(done: Replayed) -> list[str]:
     """Return a sentence for each thing that a replay could not do."""
-    found = []
+    found = list(done.disagreements)
     if missing := done.predictions - done.with_numbers:
         which = "No prediction has" if not done.with_numbers else f"{missing} predictions have no"
         hint = "check the joint, its sign, scale and offset, and the range of the table"
@@ -220,6 +223,12 @@ def replay(
                     done += len(block)
                     progress(done, total)
             _refuse_empty(run.done, bags, inputs_read[0])
+    for name, each in {
+        HITCH: inputs_read[0],
+        **{s.value: e for s, e in inputs_read[1].items()},
+    }.items():
+        if sentence := each.disagreement(topics[name].name):
+            run.done.disagreements.append(sentence)
     return run.done
 
 

@@ -9,17 +9,22 @@ what was wrong since the last time.
 import enum
 import math
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from statistics import median_low
 
+import numpy as np
+from numpy.typing import NDArray
+
+from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.prediction.excitation import Source
+from linkage_vibration.prediction.inputs.presets import ENGINE, GROUND, HITCH, PTO
 
 _FRESH = 1.0  # s; what is older does not belong to the present motion or speed
 _STAMP_AHEAD = 0.1  # s; the stamps of synchronised clocks are ahead by less
 _KEPT = 100  # at most so many angles outside the table are kept
 
 _FASTEST, _LEAST_JUMP = 4.0, 0.06  # rad/s and rad; a hitch is slower, and noise is smaller
-_LEAST = 0.03  # rad; angles of publishers that agree differ by less
 _EARLIEST = -(2**63)  # ns
 _WAITING = 100_000  # at most so many readings wait for the next judgement
 _DIFFERING, _SHARE = 3, 0.02  # publishers disagree if at least so many values go to and fro
@@ -32,26 +37,31 @@ _FROZEN = 2.0  # s; a noisy sensor repeats its value for a shorter time
 _FROZEN_READINGS = 20  # a noisy sensor repeats its value fewer times
 _CONTRADICTION = 0.1  # rad in a second; positions and velocities that agree differ by less
 
-_STEADY = 3  # the usual rate is that which so many windows in a row reach
-_FALLEN = 0.5  # a rate below this share of the usual one is a fault
+_USUAL = 30  # the usual rate is the median of so many windows, so that it follows a lasting change
+_FALLEN = 0.6  # a rate below this share of the usual one is a fault
 
 _IMPLAUSIBLE_AFTER = 3.0  # s; a starter turns an engine slowly for a shorter time
 _PLAUSIBLE = {
     Source.ENGINE: (400.0, 5000.0),
-    Source.PTO: (0.0, 1500.0),
+    Source.PTO: (120.0, 1500.0),
     Source.GROUND: (0.0, 25.0),
 }
 """The range of speeds of an engine, a PTO shaft or a tractor that is not at rest, rpm or m/s."""
-_LEAST_DIFFERENCES = {Source.ENGINE: 50.0, Source.PTO: 20.0, Source.GROUND: 0.3}
-"""Differences between publishers up to these are noise, rpm or m/s."""
+_AGREEMENT = {
+    HITCH: (0.03, "rad"),
+    ENGINE: (50.0, "rpm"),
+    PTO: (20.0, "rpm"),
+    GROUND: (0.3, "m/s"),
+}
+"""Differences between publishers up to these are noise."""
 _OTHER_UNITS = {
     Source.ENGINE: "rad/s or Hz",
-    Source.PTO: "another unit",
+    Source.PTO: "rad/s or Hz",
     Source.GROUND: "km/h",
 }
 
 
-_Reading = tuple[float, int, int, float, float, bool]
+_Reading = tuple[float, int, int, float, float, bool, str]
 """The arguments of `ReadingWatch.take`, in its order."""
 
 
@@ -91,6 +101,7 @@ class _Window:
     invalid: int = 0
     unstamped: int = 0
     differing: int = 0  # values that differ from the last one, but not from the one before
+    senders: dict[str, float] = field(default_factory=dict)  # on one bus, with their last values
     jumps: int = 0  # changes that are too fast, and the largest of them
     largest: float = 0.0
     moved: float = 0.0  # rad, by the positions, and by the velocities
@@ -106,11 +117,13 @@ class Expected:
     """What is expected of the readings."""
 
     name: str  # what is read, such as "joint hitch on /joint_states"
-    remedy: str  # what to do if messages arrive without it; empty if they cannot
+    remedy: str  # why it may be missing, and what to do about it
+    others: bool  # whether messages arrive without it
     first: float  # rad, the crank angle at which the table begins
     last: float  # rad, the crank angle at which the table ends
     offset: float  # rad, the crank angle at the position 0; NaN if the input is no angle
     stale_after: float  # s, the age from which a reading is too old
+    since: float  # s, steady clock, from when on it is expected
     publishers: Callable[[], Sequence[str]]  # returns the node of each publisher
     shaken: bool  # whether the tractor runs, so that a sensor with noise must show it
 
@@ -140,8 +153,7 @@ class ReadingWatch:
         self._stamp, self._angle = _EARLIEST, math.nan  # of the last reading
         self._before = math.nan  # rad, the angle before the last one
         self._waiting: deque[_Reading] = deque(maxlen=_WAITING)  # for the next judgement
-        self._rates: deque[float] = deque(maxlen=_STEADY)  # Hz, of the last windows
-        self._usual = 0.0  # Hz
+        self._rates: deque[float] = deque(maxlen=_USUAL)  # Hz, of the last windows with readings
 
     def take(
         self,
@@ -152,18 +164,19 @@ class ReadingWatch:
         velocity: float,
         *,
         known: bool,
+        sender: str = "",
     ) -> None:
         """Take a reading, which is looked at when `judge` is called, so that this is quick.
 
         It arrived at ``now`` (steady clock, s) and ``received`` (clock of the stamps, ns). It has a
         stamp (ns), an angle and a velocity (rad and rad/s, NaN if unknown). ``known`` says whether
-        the table has the angle.
+        the table has the angle, and ``sender`` is as in `NumberReader`.
         """
-        self._waiting.append((now, stamp, received, angle, velocity, known))
+        self._waiting.append((now, stamp, received, angle, velocity, known, sender))
 
     def _look(self, reading: _Reading) -> None:
         """Look at a reading; see `take`."""
-        now, stamp, received, angle, velocity, known = reading
+        now, stamp, received, angle, velocity, known, sender = reading
         window = self._window
         window.received += 1
         self.stamps_back += stamp < self._stamp
@@ -189,7 +202,9 @@ class ReadingWatch:
             if step == step and velocity == velocity and apart < _FRESH:  # neither is NaN
                 window.moved += step
                 window.turned += velocity * apart
-            window.differing += size > _LEAST + abs(angle - self._before)
+            window.differing += size > _AGREEMENT[HITCH][0] + abs(angle - self._before)
+            if sender:
+                window.senders[sender] = angle
             self._noise.take(now, angle)
             self._before, self._angle = self._angle, angle
         self.last, self._stamp = now, stamp
@@ -214,17 +229,14 @@ class ReadingWatch:
     def _missing(self, window: _Window, now: float, expected: Expected) -> list[Fault]:
         if window.refusal:
             return [Fault(Level.ERROR, window.refusal)]
-        age = now - self.last
+        age = now - (expected.since if math.isnan(self.last) else self.last)
         if window.received or age <= expected.stale_after:
             return []
-        since = "" if math.isnan(age) else f" for {age:.1f} s"
-        sentence = f"The node has not received {expected.name}{since}."
-        if expected.remedy:
-            return [Fault(Level.ERROR, f"{sentence} {expected.remedy}")]
-        return [Fault(Level.STALE, sentence)]
+        sentence = f"The node has not received {expected.name} for {age:.1f} s. {expected.remedy}"
+        return [Fault(Level.ERROR if expected.others else Level.STALE, sentence.rstrip())]
 
     def _values(self, window: _Window, expected: Expected) -> list[Fault]:
-        faults = _disagreement(window, expected.publishers, expected.name)
+        faults = _disagreement(window, expected.publishers, expected.name, HITCH)
         if not faults and window.jumps:
             sentence = (
                 f"{window.jumps} of {window.received} readings of {expected.name} jump by up to "
@@ -245,14 +257,15 @@ class ReadingWatch:
         return faults
 
     def _rate(self, window: _Window, elapsed: float) -> list[Fault]:
+        if not window.received:
+            return []
         rate = window.received / elapsed
         self._rates.append(rate)
-        if len(self._rates) == _STEADY:
-            self._usual = max(self._usual, min(self._rates))
-        if not rate or max(list(self._rates)[-2:]) >= _FALLEN * self._usual:
+        usual = median_low(self._rates)
+        if max(list(self._rates)[-2:]) >= _FALLEN * usual:
             return []
         sentence = (
-            f"The readings arrive at {rate:.1f} Hz instead of {self._usual:.1f} Hz; check the "
+            f"The readings arrive at {rate:.1f} Hz instead of {usual:.1f} Hz; check the "
             "sensor's driver, the network and the load of the machine."
         )
         return [Fault(Level.WARN, sentence)]
@@ -306,16 +319,36 @@ def _stamps(window: _Window, expected: Expected) -> list[Fault]:
     return [Fault(Level.WARN, sentence) for sentence in sentences]
 
 
+def senders_disagree(senders: Mapping[str, float], what: str, name: str, when: str = "") -> str:
+    """Return the sentence that senders on a bus, with a value of each, disagree about an input."""
+    unit = _AGREEMENT[name][1]
+    listing = ", ".join(
+        f"{sender}: {value:.4g} {unit}" for sender, value in sorted(senders.items())
+    )
+    return f"The senders of {what} disagree{when} ({listing}); set {name}_field to one of them."
+
+
+def differing_seconds(values: FloatArray, times: NDArray[np.int64], name: str) -> int:
+    """Return in how many seconds values of an input, (n,), at times, (n,), ns, go to and fro."""
+    size, change = np.abs(np.diff(values)[1:]), np.abs(values[2:] - values[:-2])
+    second = (times[2:] - times[0]) // 10**9
+    counts = np.bincount(second), np.bincount(second, size > _AGREEMENT[name][0] + change)
+    return int((counts[1] >= np.maximum(_DIFFERING, _SHARE * counts[0])).sum())
+
+
 def _disagreement(
-    window: _Window, publishers: Callable[[], Sequence[str]], name: str
+    window: _Window, publishers: Callable[[], Sequence[str]], what: str, name: str
 ) -> list[Fault]:
-    """Return the fault that publishers of one topic disagree, which names their nodes."""
-    least = max(_DIFFERING, _SHARE * window.received)
-    nodes = publishers() if window.differing >= least else []
+    """Return the fault that the senders or the publishers of a value disagree, with their names."""
+    if window.differing < max(_DIFFERING, _SHARE * window.received):
+        return []
+    if len(window.senders) > 1:
+        return [Fault(Level.ERROR, senders_disagree(window.senders, what, name))]
+    nodes = publishers()
     if len(nodes) < 2:
         return []
     listing = ", ".join(sorted(nodes))
-    sentence = f"The publishers of {name} disagree ({listing}); stop or remap all but one."
+    sentence = f"The publishers of {what} disagree ({listing}); stop or remap all but one."
     return [Fault(Level.ERROR, sentence)]
 
 
@@ -368,45 +401,73 @@ class _Noise:
         return f"{text}, although it was never free of noise before; the sensor is frozen."
 
 
-class SpeedWatch:
-    """Watches a speed of the tractor."""
+def missing_speeds(missing: Mapping[str, bool], age: float, *, any_known: bool) -> list[Fault]:
+    """Return faults for the speeds that have not arrived in the time (s) since they are expected.
 
-    def __init__(self, source: Source) -> None:
+    ``missing`` has their names, and whether a parameter names the topic, so that it must be right.
+    Without any known speed, nothing is watched; otherwise a tractor may lack the others.
+    """
+    since = f"in the {age:.0f} s since the node was activated"
+    if not any_known:
+        sentence = (
+            f"No speed has arrived {since}, so no resonance is assessed. The node expects "
+            f"{', '.join(missing)}; check these topics, or fix a speed, as by engine_speed."
+        )
+        return [Fault(Level.STALE, sentence)]
+    return [
+        Fault(Level.WARN, f"The {name} has not arrived {since}; check its topic and publisher.")
+        if chosen
+        else Fault(Level.OK, f"The {name} has not arrived {since}.")
+        for name, chosen in missing.items()
+    ]
+
+
+class SpeedWatch:
+    """Watches a speed of the tractor on a topic."""
+
+    def __init__(self, source: Source, topic: str) -> None:
         self._source = source
+        self.name = f"{'PTO' if source is Source.PTO else source.value} speed on {topic}"
         self._window = _Window()
         self._time = self._since = math.nan  # s, of the last value and of the last plausible one
         self._before = self._value = math.nan  # the last two values
 
-    def take(self, now: float, value: float) -> None:
+    def take(self, now: float, value: float, sender: str = "") -> None:
         """Take a value (rpm or m/s) that arrived at ``now`` by the steady clock, s."""
         low, high = _PLAUSIBLE[self._source]
         resumed = not now - self._time <= _FRESH
         if resumed or value == 0.0 or low <= abs(value) <= high:
             self._since = now
         self._window.received += 1
-        least = _LEAST_DIFFERENCES[self._source] + abs(value - self._before)
+        least = _AGREEMENT[self._source.value][0] + abs(value - self._before)
         self._window.differing += abs(value - self._value) > least
+        if sender:
+            self._window.senders[sender] = value
         self._time, self._before, self._value = now, self._value, value
 
     def turns(self, now: float) -> bool:
         """Return whether the speed is fresh and not zero at a time (steady clock, s)."""
         return now - self._time < _FRESH and abs(self._value) > 0.0
 
+    @property
+    def arrived(self) -> bool:
+        """Whether the speed has ever arrived."""
+        return not math.isnan(self._time)
+
     def judge(
-        self, now: float, topic: str, stale_after: float, publishers: Callable[[], Sequence[str]]
+        self, now: float, stale_after: float, publishers: Callable[[], Sequence[str]]
     ) -> list[Fault]:
         """Return what was wrong since the last call; nothing if the speed never arrived.
 
         The speed is too old after ``stale_after`` (s); ``publishers`` returns the node of each
         publisher of its topic.
         """
-        source, value = self._source, self._value
+        source, value, name = self._source, self._value, self.name
         window, self._window = self._window, _Window()
-        name = f"{'PTO' if source is Source.PTO else source.value} speed on {topic}"
         age, problem = now - self._time, ""
         if age > stale_after:
             problem = f"The {name} stopped {age:.1f} s ago; check its publisher."
-        elif not math.isfinite(value) and age >= 0.0:
+        elif self.arrived and not math.isfinite(value):
             problem = f"The {name} is {value}, so that it is not known; check its publisher."
         elif value < 0.0 and source is not Source.GROUND:
             problem = f"The {name} is negative ({value:g} rpm); publish its magnitude."
@@ -416,4 +477,4 @@ class SpeedWatch:
                 f"{now - self._since:.0f} s; is it in {_OTHER_UNITS[source]}?"
             )
         faults = [Fault(Level.WARN, problem)] if problem else []
-        return faults + _disagreement(window, publishers, f"the {name}")
+        return faults + _disagreement(window, publishers, f"the {name}", source.value)

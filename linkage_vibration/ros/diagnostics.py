@@ -3,21 +3,21 @@
 """The status that the node publishes on ``/diagnostics``."""
 
 import math
-from collections.abc import Sequence
+from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
-from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.answers import Served
-from linkage_vibration.prediction.excitation import Excitation
-from linkage_vibration.prediction.health import Level, ReadingWatch, overall
+from linkage_vibration.prediction.health import Fault, Level, ReadingWatch, overall
 from linkage_vibration.prediction.predictor import Prediction, uncertain_modes
 from linkage_vibration.prediction.severity import ResonanceState, present_sentence
 from linkage_vibration.ros.log_control import Recording
-from linkage_vibration.ros.message_path import Predicting
+from linkage_vibration.ros.message_path import LONGEST_WAIT, Predicting
 from linkage_vibration.ros.statistics import Second, Statistics
+
+_LOST = 0.01  # share of the messages; a wireless network loses fewer
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,12 +63,35 @@ def _warning(health: Health, statistics: Statistics) -> str:
     return " ".join(_uncertain(last, health.served))
 
 
-def _resonance(near: MessageColumns | None, excitations: Sequence[Excitation]) -> tuple[Level, str]:
+_RESONANCE_LEVELS = {ResonanceState.WARNING: Level.WARN, ResonanceState.STALE: Level.STALE}
+
+
+def _resonance(predicting: Predicting) -> tuple[Level, str]:
     """Return the level and the sentence about the resonance, which is no fault of the node."""
+    near = predicting.resonance
+    if not predicting.age <= predicting.stale_after:
+        return Level.STALE, "No resonance is assessed, as no reading arrives."
     if near is None:
-        return Level.OK, "No speed of engine, PTO or ground has been received."
-    level = Level.WARN if near.state is ResonanceState.WARNING else Level.OK
-    return level, present_sentence(near, excitations)
+        return Level.STALE, "No resonance is assessed, as no speed has arrived."
+    return _RESONANCE_LEVELS.get(near.state, Level.OK), present_sentence(
+        near, predicting.excitations
+    )
+
+
+def _traffic(second: Second, statistics: Statistics) -> list[Fault]:
+    """Return faults for messages that were lost, and that waited before they were answered."""
+    sentences = []
+    if second.lost > _LOST * (second.received + second.lost):
+        sentences.append(
+            f"{second.lost} messages of {', '.join(sorted(statistics.lost))} were lost; check the "
+            "network, and the load of the machine."
+        )
+    if second.wait > LONGEST_WAIT:
+        sentences.append(
+            f"Messages waited up to {second.wait:.1f} s for the node, and {second.dropped} of "
+            f"{second.received} were left out for newer ones; the machine is too slow or too busy."
+        )
+    return [Fault(Level.WARN, sentence) for sentence in sentences]
 
 
 def _log(recording: Recording) -> tuple[Level, str]:
@@ -88,9 +111,10 @@ def statuses(name: str, health: Health, statistics: Statistics) -> list[Diagnost
     parts["predictions"] = _predictions(health, statistics)
     predicting, recording = health.predicting, health.recording
     if health.state == "active" and predicting is not None and recording is not None:
-        parts["input"] = overall(predicting.reading_faults, "The readings have no known fault.")
+        faults = [*_traffic(health.second, statistics), *predicting.reading_faults]
+        parts["input"] = overall(faults, "The readings have no known fault.")
         parts["speeds"] = overall(predicting.speed_faults, "The speeds have no known fault.")
-        parts["resonance"] = _resonance(predicting.resonance, predicting.excitations)
+        parts["resonance"] = _resonance(predicting)
         parts["log"] = _log(recording)
     described = [
         DiagnosticStatus(
@@ -118,11 +142,15 @@ def _uncertain(last: Prediction | None, served: Served | None) -> list[str]:
     return uncertain_modes(*frequencies, *ratios, served.table.mode_label)
 
 
+def _by_topic(counts: Counter[str]) -> str:
+    """Return the counts of topics in words."""
+    return ", ".join(f"{topic} {count}" for topic, count in sorted(counts.items())) or "0"
+
+
 def _values(health: Health, statistics: Statistics) -> dict[str, str]:
     """Return the values of the status of the predictions, by their names."""
     served, latencies = health.served, list(statistics.latencies) or [math.nan]
     median, late = 1e3 * np.percentile(latencies, (50.0, 99.0))
-    mismatches = sorted(statistics.qos_mismatches.items())
     predicting, readings = health.predicting, ReadingWatch()
     if predicting is not None:
         readings = predicting.readings
@@ -135,10 +163,13 @@ def _values(health: Health, statistics: Statistics) -> dict[str, str]:
         "latency p50 [ms]": f"{median:.3f}",
         "latency p99 [ms]": f"{late:.3f}",
         "messages received": str(statistics.received),
+        "messages lost": _by_topic(statistics.lost),
+        "messages left out": str(statistics.dropped),
+        "longest wait [s]": f"{health.second.wait:.3f}",
         "predictions": str(statistics.predicted),
         "stamps that went back": str(readings.stamps_back),
         "clock jumps": str(statistics.clock_jumps),
-        "QoS mismatches": ", ".join(f"{topic} {count}" for topic, count in mismatches) or "0",
+        "QoS mismatches": _by_topic(statistics.qos_mismatches),
         "table id": "" if served is None else served.table.table_id,
         "table error": f"{served.table.interpolation_error.max() if served else math.nan:.1e}",
     }

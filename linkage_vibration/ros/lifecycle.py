@@ -46,7 +46,7 @@ from linkage_vibration.ros.message_path import Predicting, input_topics, output_
 from linkage_vibration.ros.parameter_server import changed, declare_parameters, new_values
 from linkage_vibration.ros.precedence import rest
 from linkage_vibration.ros.services import Services
-from linkage_vibration.ros.statistics import Statistics
+from linkage_vibration.ros.statistics import CLOCK_LEAP, Statistics
 from linkage_vibration_interfaces.msg import Advice, Resonance, TableInfo, VibrationPrediction
 
 # The packages of the services whose events can be published.
@@ -90,8 +90,13 @@ class LinkageVibrationNode(LifecycleNode):
         self._listener = Listener(self)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._next_second = time.monotonic() + 1.0
-        back = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1))
-        self._jumps = self.get_clock().create_jump_callback(back, post_callback=self._on_jump)
+        # A simulated clock that runs fast goes forward by less from message to message.
+        limits = Duration(seconds=CLOCK_LEAP), Duration(nanoseconds=-1)
+        self._jumps = self.get_clock().create_jump_callback(
+            JumpThreshold(min_forward=limits[0], min_backward=limits[1]),
+            pre_callback=self._before_jump,
+            post_callback=self._on_jump,
+        )
 
     def start(self) -> None:
         """Configure and activate the node as a lifecycle manager does, or raise an error."""
@@ -411,8 +416,11 @@ class LinkageVibrationNode(LifecycleNode):
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
 
+    def _before_jump(self) -> None:
+        self._before = self.get_clock().now().nanoseconds
+
     def _on_jump(self, _: Any) -> None:
-        self._statistics.clock_jumps += 1
+        self._statistics.clock_jumps += self._before > 0  # a simulated clock begins at zero
 
 
 def _with_name(served: Served) -> str:

@@ -4,6 +4,7 @@
 
 import math
 import time
+from collections import defaultdict
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
@@ -25,7 +26,13 @@ from linkage_vibration.messages.topics import (
 )
 from linkage_vibration.prediction.advice import Adviser
 from linkage_vibration.prediction.excitation import Source
-from linkage_vibration.prediction.health import Expected, Fault, ReadingWatch, SpeedWatch
+from linkage_vibration.prediction.health import (
+    Expected,
+    Fault,
+    ReadingWatch,
+    SpeedWatch,
+    missing_speeds,
+)
 from linkage_vibration.prediction.inputs.presets import HITCH
 from linkage_vibration.prediction.inputs.sources import CrankInput, SpeedInput, Stamped
 from linkage_vibration.prediction.inputs.units import ANGLES, Reading
@@ -37,9 +44,10 @@ from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.ros.endpoints import MessageInfo, Throttle, message_class
 from linkage_vibration.ros.listener import Listener
 from linkage_vibration.ros.live_inputs import LiveTopic
-from linkage_vibration.ros.statistics import Statistics
+from linkage_vibration.ros.statistics import SequenceGaps, Statistics
 
 MISSING_AFTER = 5.0  # s without the joint, before a warning says that it is missing
+LONGEST_WAIT = 0.5  # s in the queue, after which newer readings are preferred
 
 _Value = TypeVar("_Value")
 _Message = tuple[str, bytes, int, MessageInfo]  # topic, bytes, time of receipt (ns), origin
@@ -126,7 +134,8 @@ class Predicting:
         self._crank: CrankInput
         self._subscribed = False
         self._other_names: set[str] = set()
-        self._began = self._judged = 0.0
+        self._began = self._judged = self._answered = 0.0
+        self._gaps: defaultdict[str, SequenceGaps] = defaultdict(SequenceGaps)
         self._predictions, self._prediction_topic = predictions, predictions.topic_name
         self._resonances, self._resonance_topic = resonances, resonances.topic_name
         self._advice, self._adviser = advice, Adviser(monitor)
@@ -178,7 +187,12 @@ class Predicting:
         self._subscribed = True
         first, last = self.predictor.table.alpha3_range
         self.readings = ReadingWatch(last - first > math.pi, self.readings.stamps_back)
-        self._speeds = {source: SpeedWatch(source) for source in Source}
+        self._speeds = {
+            source: SpeedWatch(source, topic.name)
+            for topic in self._topics.values()
+            for source, _ in topic.speeds
+        }
+        self._received = self._statistics.received
         for topic in self._topics.values():
             on_message = partial(self._on_message, topic.name, topic.type)
             self._listener.subscribe(message_class(topic.type), topic.name, on_message)
@@ -188,6 +202,7 @@ class Predicting:
         self._listener.unsubscribe()
         self._subscribed = False
         self._other_names.clear()
+        self._gaps.clear()
         self.resonance = None
 
     def judge(self, now: float) -> None:
@@ -195,19 +210,22 @@ class Predicting:
         self.reading_faults = self._judge_readings(now) if self._subscribed else []
         self.speed_faults = self._judge_speeds(now) if self._subscribed else []
         self.age = now - self.readings.last
+        self._statistics.reported |= self._listener.lost()
 
     def _judge_readings(self, now: float) -> list[Fault]:
         """Return what was wrong with the readings; if the joint is missing, also warn."""
-        names, scale = sorted(self._other_names), self._crank.scale
-        remedy = self._crank.reader.explain_missing(self._crank_topic, names)
+        scale, missing = self._crank.scale, not now - self.readings.last <= self.stale_after
+        remedy = self._explain_missing() if missing else ""
         first, last = self.predictor.table.alpha3_range
         expected = Expected(
             name=self.input_name,
-            remedy=remedy if names else "",
+            remedy=remedy,
+            others=bool(self._other_names),
             first=first,
             last=last,
             offset=scale.offset * ANGLES.get(scale.unit, math.nan),
             stale_after=self.stale_after,
+            since=self._began,
             publishers=partial(self._publishers, self._crank_topic),
             shaken=any(watch.turns(now) for watch in self._speeds.values()),
         )
@@ -218,15 +236,35 @@ class Predicting:
             self._throttle.warn("missing", silence + remedy)
         return faults
 
+    def _explain_missing(self) -> str:
+        """Return why no reading may have come, and the remedy; empty if that is unknown."""
+        topic, names = self._crank_topic, sorted(self._other_names)
+        if names:
+            return self._crank.reader.explain_missing(topic, names)
+        nodes = ", ".join(sorted(self._publishers(topic)))
+        if not nodes:
+            return f"{topic} has no publisher; start it, or set hitch_topic to one that has."
+        if math.isnan(self.readings.last) and self._statistics.received > self._received:
+            return self._crank.reader.explain_missing(topic, names)
+        check = f"check them, their type and their QoS with `ros2 topic info -v {topic}`"
+        return f"Nothing arrives from the publishers of {topic} ({nodes}); {check}."
+
     def _judge_speeds(self, now: float) -> list[Fault]:
         """Return what was wrong with the speeds that are not fixed."""
         faults: list[Fault] = []
+        missing, known = dict[str, bool](), any(fixed is not None for fixed in self._fixed.values())
         for topic in self._topics.values():
-            publishers = partial(self._publishers, topic.name)
-            for source, _ in topic.speeds:
+            for source, speed in topic.speeds:
                 if self._fixed[source] is None:
                     watch = self._speeds[source]
-                    faults += watch.judge(now, topic.name, self.stale_after, publishers)
+                    publishers = partial(self._publishers, topic.name)
+                    faults += watch.judge(now, self.stale_after, publishers)
+                    known = known or watch.arrived
+                    if not watch.arrived:
+                        missing[watch.name] = speed.settings.chosen
+        age = now - self._began
+        if age > self.stale_after:
+            faults += missing_speeds(missing, age, any_known=known)
         return faults
 
     def _publishers(self, topic: str) -> list[str]:
@@ -235,22 +273,34 @@ class Predicting:
 
     def _on_message(self, name: str, kind: str, data: bytes, info: MessageInfo) -> None:
         began, received = time.monotonic(), self._now()
-        topic = self._topics.get(name)
+        topic, counts = self._topics.get(name), self._statistics
         if topic is None or topic.type != kind:
             return  # it arrived before the inputs were changed
+        wait = max(1e-9 * (time.time_ns() - (info["received_timestamp"] or math.inf)), 0.0)
+        counts.wait = max(counts.wait, wait)
+        number = info["publication_sequence_number"]
+        if number is not None:
+            counts.gaps[name] += self._gaps[name].before(number, info["source_timestamp"])
+        if topic.crank is not None:
+            counts.received += 1
+            # While newer readings wait, an old angle is worthless. What is left out is not
+            # recorded either, so that a replay of the log has the same answers.
+            if wait > LONGEST_WAIT and began < self._answered + LONGEST_WAIT:
+                counts.dropped += 1
+                return
         message, used = (name, data, received, info), False
         for source, speed in topic.speeds:
             value_and_time = self._read(speed.read_one, message)
             if value_and_time is not None:
                 used = True
-                self._speeds[source].take(began, value_and_time[0])
+                self._speeds[source].take(began, value_and_time[0], speed.reader.sender)
                 self._take_speed(source, *value_and_time, speed, name)
         if topic.crank is not None:
-            self._statistics.received += 1
             reading = self._read(topic.crank.read_one, message, self.readings.refuse)
             if reading is not None:
                 self._other_names.clear()
-                self._answer(reading, message, began)
+                self._answered = began
+                self._answer(reading, message, began, wait)
                 return  # with its answers, the message is recorded
             # Several nodes may share the topic; `judge` warns if none sends the joint.
             if len(self._other_names) < MAX_NAMES:
@@ -293,7 +343,7 @@ class Predicting:
             problem = f"{words} {speed.reader.note}".rstrip()
         self._throttle.report(source.value, problem)
 
-    def _answer(self, stamped: Stamped, source: _Message, began: float) -> None:
+    def _answer(self, stamped: Stamped, source: _Message, began: float, wait: float) -> None:
         """Predict and publish; then count, and record the message with its answers."""
         reading, sec, nanosec, frame, at = stamped
         counts, received = self._statistics, source[2]
@@ -302,7 +352,6 @@ class Predicting:
         encoded = encode_message(PREDICTION, prediction, sec, nanosec, frame)
         self._predictions.publish(encoded)
         counts.latencies.append(time.monotonic() - began)
-        counts.predicted += 1
         answers = [(self._prediction_topic, encoded)]
         stamp, needed = 10**9 * sec + nanosec, self._monitor.any_speed_reported
         needed = needed and bool(self._monitor.due(np.array([stamp]))[0])
@@ -321,12 +370,15 @@ class Predicting:
         self.readings.take(
             began,
             stamp,
-            received,
+            received - round(1e9 * wait),
             reading.crank_angle,
             reading.velocity,
             known=prediction.status is not Status.OUT_OF_RANGE,
+            sender=self._crank.reader.sender,
         )
-        if not prediction.status.has_numbers:
+        if prediction.status.has_numbers:
+            counts.with_numbers += 1
+        else:
             counts.without_numbers += 1
         invalid = prediction.status is Status.INVALID_ANGLE
         if prediction.status is not Status.OK:

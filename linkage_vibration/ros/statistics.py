@@ -2,11 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the node counts for its diagnostics."""
 
+import math
 from collections import Counter, deque
 from dataclasses import dataclass, field
 
 LATENCIES = 1_000  # the percentiles are those of this many latest latencies
+CLOCK_LEAP = 10.0  # s; a simulated clock was set if it goes forward by more
 CLOCK_STEP = 0.5  # s; the wall clock was set if it differs by more from the steady clock
+_SHORTEST = 10_000  # ns; nobody sends two messages in less
+_PUBLISHERS = 16  # on one topic, of which the last numbers are kept
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,22 +19,42 @@ class Second:
 
     rate: float  # Hz, predictions
     without_numbers: float  # share of the predictions, 0 to 1
-    clock_jumps: int
-    qos_mismatches: int
+    wait: float = 0.0  # s, the longest
+    clock_jumps: int = 0
+    qos_mismatches: int = 0
+    received: int = 0  # messages of the hitch
+    lost: int = 0  # messages of the inputs
+    dropped: int = 0
 
 
 @dataclass
 class Statistics:
     """What the node counts; the memory is bounded however long it runs."""
 
-    received: int = 0  # messages
-    predicted: int = 0  # predictions that were published, and of these:
+    received: int = 0  # messages of the hitch
+    with_numbers: int = 0  # predictions that were published, and those without numbers
     without_numbers: int = 0
+    # By topic, the messages that did not arrive: by sequence numbers, and as DDS reports them.
+    gaps: Counter[str] = field(default_factory=Counter)
+    reported: Counter[str] = field(default_factory=Counter)
+    dropped: int = 0  # messages that had waited while newer ones arrived
+    wait: float = 0.0  # s, the longest of a message since the last status
     clock_jumps: int = 0  # how often the clock was set, or a looping bag jumped back
     qos_mismatches: Counter[str] = field(default_factory=Counter)  # by topic
     latencies: "deque[float]" = field(default_factory=lambda: deque(maxlen=LATENCIES))  # s
-    _before: tuple[float, int, int, int, int] | None = None  # time and counts at the last status
+    _before: tuple[int, ...] = ()  # counts at the last status
+    _then: float = math.nan  # s, its time
     _wall: float | None = None
+
+    @property
+    def predicted(self) -> int:
+        """How many predictions were published."""
+        return self.with_numbers + self.without_numbers
+
+    @property
+    def lost(self) -> Counter[str]:
+        """How many messages of each topic did not arrive."""
+        return self.gaps | self.reported  # the larger of both
 
     def watch_wall_clock(self, wall: float, steady: float) -> None:
         """Count a jump if the wall clock was set since the last call; both times are in s."""
@@ -41,12 +65,35 @@ class Statistics:
 
     def since_last_time(self, now: float) -> Second:
         """Return what happened since the last call; ``now`` is by the steady clock, s."""
-        mismatches = sum(self.qos_mismatches.values())
-        counts = self.predicted, self.without_numbers, self.clock_jumps, mismatches
-        then, *before = self._before or (now - 1.0, *counts)
-        self._before = (now, *counts)
-        predicted, refused, jumps, mismatched = (
-            count - earlier for count, earlier in zip(counts, before, strict=True)
-        )
-        rate = predicted / max(now - then, 1e-9)
-        return Second(rate, refused / predicted if predicted else 0.0, jumps, mismatched)
+        wait, self.wait = self.wait, 0.0
+        mismatches, lost = sum(self.qos_mismatches.values()), sum(self.lost.values())
+        events = self.clock_jumps, mismatches, self.received, lost, self.dropped
+        counts = self.with_numbers, self.without_numbers, *events
+        changes = [n - m for n, m in zip(counts, self._before or counts, strict=True)]
+        rate = sum(changes[:2]) / max(now - self._then, 1e-9) if self._before else 0.0
+        self._before, self._then = counts, now
+        share = changes[1] / (sum(changes[:2]) or 1)
+        return Second(rate, share, wait, *changes[2:])
+
+
+class SequenceGaps:
+    """Finds the messages that are missing between the sequence numbers of publishers of a topic.
+
+    rclpy does not say which publisher sent a message. So a number belongs to the publisher whose
+    last one is the next below it, unless nobody could have sent so many messages in between.
+    """
+
+    def __init__(self) -> None:
+        self._numbers: deque[int] = deque(maxlen=_PUBLISHERS)  # the last one of each publisher
+        self._sent = 0  # ns
+
+    def before(self, number: int, sent: int) -> int:
+        """Return how many messages are missing before the one with this number, sent at ns."""
+        elapsed, self._sent = sent - self._sent, sent
+        last = max((each for each in self._numbers if each < number), default=None)
+        if last is not None and (number - last - 1) * _SHORTEST <= elapsed:
+            self._numbers.remove(last)
+            self._numbers.append(number)
+            return number - last - 1
+        self._numbers.append(number)
+        return 0

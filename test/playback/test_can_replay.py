@@ -147,6 +147,34 @@ def test_fixed_hitch_position(tmp_path: Path) -> None:
     assert columns[PREDICTION_TOPIC]["crank_angle"].tolist() == found["crank_angle"][:1].tolist()
 
 
+@pytest.mark.parametrize(("rpm", "percent"), [(0.0, 24.0), (1810.0, 49.0)])
+def test_senders_that_disagree(tmp_path: Path, rpm: float, percent: float) -> None:
+    """Two engines and two hitches are named if their values differ, unless one is chosen."""
+    times = [EPOCH + k * SECOND // 10 for k in range(40)]
+    hitches = (
+        synthetic_hitch(times, [120] * 40),
+        synthetic_hitch(times, [round(percent / 0.4)] * 40, 0x26),
+    )
+    frames = [*hitches[0], *hitches[1], *engine(rpm=1800.0), *engine(source=1, rpm=rpm)]
+    found = problems(replayed(tmp_path, frames)[0])
+    assert bool(found) == (rpm == 0.0)
+    if found:
+        of_hitch, of_engine = found
+        assert "CAN signal rear_hitch_position on /can0 disagree in 4 s" in of_hitch
+        assert "rear_hitch_position@0x26: " in of_hitch
+        assert "(engine_speed@0x00: 1800 rpm, engine_speed@0x01: 0 rpm); set eng" in of_engine
+    chosen = {"hitch_field": "rear_hitch_position@0xF0", "engine_field": "engine_speed@0x00"}
+    assert not problems(replayed(tmp_path, frames, with_values(ON_CAN, chosen))[0])
+
+
+def test_groups_of_a_bus_without_a_hitch(tmp_path: Path) -> None:
+    """The error says how many groups it does not list; a group with destinations counts once."""
+    groups = [(0xEA00 | destination) for destination in range(9)] + list(range(65200, 65224))
+    frames = [BusFrame(EPOCH, identifier(group), bytes(8)) for group in groups]
+    with pytest.raises(ReplayError, match=r"parameter group 59904, .*65218 and 5 more\. It is in"):
+        replayed(tmp_path, frames)
+
+
 def test_hitch_that_is_not_available(tmp_path: Path) -> None:
     """A hitch that sends "error" and "not available" gives predictions without numbers."""
     raw = [125] * 10 + [0xFE] * 10 + [0xFF] * 10 + [126] * 10

@@ -18,6 +18,8 @@ from linkage_vibration.prediction.health import (
     Level,
     ReadingWatch,
     SpeedWatch,
+    differing_seconds,
+    missing_speeds,
     overall,
 )
 from test.support.drive import engine_and_pto_speed, hitch_duty_cycle
@@ -27,11 +29,13 @@ SECOND = 10**9  # ns
 START = 1_700_000_000 * SECOND
 EXPECTED = Expected(
     name="joint hitch on /joint_states",
-    remedy="",
+    remedy="Its topic has no publisher.",
+    others=False,
     first=math.pi / 2.0,
     last=math.pi,
     offset=0.0,
     stale_after=1.0,
+    since=0.0,
     publishers=lambda: ["a", "b"],
     shaken=False,
 )
@@ -127,17 +131,17 @@ def test_healthy_speeds_have_no_fault() -> None:
     """The speeds of the shipped drive, a start of the engine, and reverse are no faults."""
     times, engine, pto = engine_and_pto_speed()
     for source, values in ((Source.ENGINE, engine), (Source.PTO, pto)):
-        watch = SpeedWatch(source)
+        watch = SpeedWatch(source, "/speed")
         for now, value in zip(times.tolist(), values.tolist(), strict=True):
             watch.take(now, value)
-            assert watch.judge(now, "/speed", 1.0, list) == []
-    starting, reverse = SpeedWatch(Source.ENGINE), SpeedWatch(Source.GROUND)
+            assert watch.judge(now, 1.0, list) == []
+    starting, reverse = SpeedWatch(Source.ENGINE, "/speed"), SpeedWatch(Source.GROUND, "/speed")
     for i in range(100):
         starting.take(0.1 * i, 0.0 if i < 20 else 200.0 if i < 40 else 850.0)
         reverse.take(0.1 * i, -2.0)
-        assert starting.judge(0.1 * i, "/engine_speed", 1.0, list) == []
-        assert reverse.judge(0.1 * i, "/ground_speed", 1.0, list) == []
-    assert SpeedWatch(Source.PTO).judge(100.0, "/pto_speed", 1.0, list) == []  # there is none
+        assert starting.judge(0.1 * i, 1.0, list) == []
+        assert reverse.judge(0.1 * i, 1.0, list) == []
+    assert SpeedWatch(Source.PTO, "/speed").judge(100.0, 1.0, list) == []  # there is none
 
 
 LIFT = (1.6 + 0.3 / 50.0 * np.arange(200)).tolist()
@@ -203,15 +207,27 @@ def test_publishers_that_disagree() -> None:
 def test_missing_readings() -> None:
     """What arrives instead of the joint, and what cannot be read, is an error; silence is stale."""
     watch = ReadingWatch()
-    [nothing] = watch.judge(1.0, 1.0, EXPECTED)
-    assert nothing == Fault(Level.STALE, f"The node has not received {EXPECTED.name}.")
-    [others] = watch.judge(2.0, 1.0, replace(EXPECTED, remedy="It has boom."))
+    assert watch.judge(1.0, 1.0, EXPECTED) == []
+    [nothing] = watch.judge(1.1, 0.1, EXPECTED)
+    words = f"The node has not received {EXPECTED.name} for 1.1 s. Its topic has no publisher."
+    assert nothing == Fault(Level.STALE, words)
+    [others] = watch.judge(2.0, 1.0, replace(EXPECTED, remedy="It has boom.", others=True))
     assert (others.level, others.sentence.endswith("It has boom.")) == (Level.ERROR, True)
     watch.refuse("A joint state has 1 names but 0 positions.")
     assert watch.judge(3.0, 1.0, EXPECTED)[0].level is Level.ERROR
     watch.take(3.5, START, START, 2.0, 0.0, known=True)
     assert watch.judge(4.0, 1.0, EXPECTED) == []
     assert "for 2.5 s" in watch.judge(6.0, 1.0, EXPECTED)[0].sentence
+
+
+def rate_alarms(*parts: tuple[float, float]) -> list[bool]:
+    """Return in which seconds readings at rates (Hz) for durations (s) have a fault of the rate."""
+    times, begin = [], 0.0
+    for rate, duration in parts:
+        times += [begin + time + 1e-6 for time in seconds(rate, duration)] if rate else []
+        begin += duration
+    found = judged(times, [2.0] * len(times))
+    return [any("instead of" in fault.sentence for fault in faults) for faults in found]
 
 
 def test_falling_rate() -> None:
@@ -232,6 +248,7 @@ def test_falling_rate() -> None:
         (Source.ENGINE, [200.0] * 50, "200 rpm, which is not plausible, for 5 s; is it in rad/s"),
         (Source.ENGINE, [7000.0] * 50, "not plausible"),
         (Source.GROUND, [36.0] * 50, "is it in km/h"),
+        (Source.PTO, [56.5] * 50, "56.5 rpm, which is not plausible, for 5 s; is it in rad/s or"),
         (Source.PTO, [540.0, math.nan], "PTO speed on /speed is nan"),
         (Source.ENGINE, [-100.0], "is negative"),
         (Source.ENGINE, [1500.0], "stopped"),
@@ -239,23 +256,79 @@ def test_falling_rate() -> None:
 )
 def test_fault_of_a_speed(source: Source, values: list[float], words: str) -> None:
     """A speed in another unit, without a value or without an end is a fault."""
-    watch = SpeedWatch(source)
+    watch = SpeedWatch(source, "/speed")
     for i, value in enumerate(values):
         watch.take(0.1 * i, value)
     now = 0.1 * len(values) + 2.0 * (words == "stopped")
-    [fault] = watch.judge(now, "/speed", 1.0, list)
+    [fault] = watch.judge(now, 1.0, list)
     assert fault.level is Level.WARN
     assert words in fault.sentence
 
 
 def test_speeds_of_two_publishers() -> None:
     """Two engines on one topic disagree."""
-    watch = SpeedWatch(Source.ENGINE)
+    watch = SpeedWatch(Source.ENGINE, "/speed")
     for i in range(10):
         watch.take(0.1 * i, 1500.0)
         watch.take(0.1 * i, 1900.0)
-    [fault] = watch.judge(1.0, "/engine_speed", 1.0, lambda: ["one", "two"])
-    assert "engine speed on /engine_speed disagree (one, two)" in fault.sentence
+    [fault] = watch.judge(1.0, 1.0, lambda: ["one", "two"])
+    assert "engine speed on /speed disagree (one, two)" in fault.sentence
+
+
+def test_a_value_between_the_clock_and_the_judgement() -> None:
+    """A ground speed that is not a number is said to be unknown, not to be in km/h."""
+    watch = SpeedWatch(Source.GROUND, "/speed")
+    for now in (0.0, 2.0, 4.0, 6.0):
+        watch.take(now, math.nan)
+    [fault] = watch.judge(5.9, 1.0, list)
+    assert "ground speed on /speed is nan, so that it is not known" in fault.sentence
+
+
+@pytest.mark.parametrize("n_senders", [1, 2])
+def test_senders_on_a_bus(n_senders: int) -> None:
+    """Two senders of one node that disagree are named with the field that chooses each."""
+    speeds, readings = SpeedWatch(Source.ENGINE, "/can"), ReadingWatch()
+    for i in range(20):
+        speeds.take(0.05 * i, 1500.0 * (i % 2), f"engine_speed@0x{i % n_senders:02X}")
+        sender, stamp = f"hitch@0x{0x26 + i % n_senders:02X}", START + round(5e7 * i)
+        angle = 2.0 + 0.377 * (i % 2)
+        readings.take(0.05 * i, stamp, stamp, angle, math.nan, known=True, sender=sender)
+    faults = speeds.judge(1.0, 1.0, lambda: ["can"])
+    assert bool(faults) == (n_senders == 2)
+    [angles] = readings.judge(1.0, 1.0, ALONE)
+    if n_senders == 1:
+        assert "jump by up to 0.377 rad" in angles.sentence
+        return
+    assert faults[0] == Fault(
+        Level.ERROR,
+        "The senders of the engine speed on /can disagree (engine_speed@0x00: 0 rpm, "
+        "engine_speed@0x01: 1500 rpm); set engine_field to one of them.",
+    )
+    assert "disagree (hitch@0x26: 2 rad, hitch@0x27: 2.377 rad); set hitch_f" in angles.sentence
+
+
+@pytest.mark.parametrize(("count", "seconds"), [(2, 0), (3, 1)])
+def test_seconds_in_which_values_of_a_log_differ(count: int, seconds: int) -> None:
+    """The rule for a log is that of the node: three values in a second that go to and fro."""
+    values = np.full(200, 1500.0)
+    values[[10, 20, 30, 40][:count]] = 1400.0
+    times = START + np.arange(200) * SECOND // 50
+    assert differing_seconds(values, times, "engine") == seconds
+    assert differing_seconds(values[:2], times[:2], "engine") == 0
+    assert differing_seconds(0.5 * values, times, "engine") == 0  # 50 rpm is no difference
+
+
+def test_speeds_that_never_arrived() -> None:
+    """Nothing is watched without any speed; of several, those that a parameter names must come."""
+    missing = {"engine speed on /enigne_speed": True, "PTO speed on /pto_speed": False}
+    [nothing] = missing_speeds(missing, 12.0, any_known=False)
+    assert nothing.level is Level.STALE
+    words = "No speed has arrived in the 12 s since the node was activated"
+    assert words in nothing.sentence
+    assert all(name in nothing.sentence for name in missing)
+    named, other = missing_speeds(missing, 12.0, any_known=True)
+    assert (named.level, other.level) == (Level.WARN, Level.OK)
+    assert named.sentence.startswith("The engine speed on /enigne_speed has not arrived in the 12")
 
 
 def test_most_serious_first() -> None:
@@ -317,25 +390,25 @@ def test_limits_of_frozen_noise(frozen: dict[str, float], sound: dict[str, float
 
 def speed_faults(source: Source, value: float, seconds_of_it: float = 4.0) -> list[Fault]:
     """Return the faults of a speed that keeps a value for a time at 10 Hz."""
-    watch = SpeedWatch(source)
+    watch = SpeedWatch(source, "/speed")
     times = np.arange(0.0, seconds_of_it, 0.1).tolist()
     for now in times:
         watch.take(now, value)
-    return watch.judge(times[-1], "/speed", 1.0, list)
+    return watch.judge(times[-1], 1.0, list)
 
 
 @pytest.mark.parametrize(
     ("source", "plausible", "implausible"),
     [
         (Source.ENGINE, (400.0, 5000.0, 0.0), (399.5, 5000.5)),
-        (Source.PTO, (0.5, 1500.0), (1500.5,)),
+        (Source.PTO, (0.0, 120.0, 1500.0), (119.5, 1500.5)),
         (Source.GROUND, (0.1, 25.0, -25.0), (25.1, -25.1)),
     ],
 )
 def test_limits_of_plausible_speeds(
     source: Source, plausible: tuple[float, ...], implausible: tuple[float, ...]
 ) -> None:
-    """An engine has 400 to 5000 rpm, a PTO up to 1500 rpm, a tractor up to 25 m/s, or it rests."""
+    """An engine has 400 to 5000 rpm, a PTO 120 to 1500 rpm, a tractor up to 25 m/s, or rests."""
     for value in plausible:
         assert speed_faults(source, value) == []
     for value in implausible:
@@ -348,18 +421,18 @@ def test_a_starter_may_turn_an_engine_for_three_seconds() -> None:
     assert speed_faults(Source.ENGINE, 200.0, 3.05) == []
     assert speed_faults(Source.ENGINE, 200.0, 3.25) != []
     for pause, faulty in ((0.95, True), (1.05, False)):
-        watch = SpeedWatch(Source.ENGINE)
+        watch = SpeedWatch(Source.ENGINE, "/speed")
         for now in (0.0, 0.9, 1.8, 1.8 + pause, 2.7 + pause):
             watch.take(now, 200.0)
-        assert bool(watch.judge(2.7 + pause, "/speed", 1.0, list)) == faulty
+        assert bool(watch.judge(2.7 + pause, 1.0, list)) == faulty
 
 
 def test_age_of_a_speed() -> None:
     """A speed stops when it is older than the limit, and turns a shaft while it is fresh."""
-    watch = SpeedWatch(Source.PTO)
+    watch = SpeedWatch(Source.PTO, "/speed")
     watch.take(0.0, 540.0)
-    assert watch.judge(1.9, "/speed", 2.0, list) == []
-    assert "stopped 2.1 s ago" in watch.judge(2.1, "/speed", 2.0, list)[0].sentence
+    assert watch.judge(1.9, 2.0, list) == []
+    assert "stopped 2.1 s ago" in watch.judge(2.1, 2.0, list)[0].sentence
     assert (watch.turns(0.9), watch.turns(1.1)) == (True, False)
     watch.take(5.0, 0.0)
     assert not watch.turns(5.1)
@@ -378,11 +451,11 @@ def test_limits_of_speeds_that_agree(
 ) -> None:
     """Publishers agree up to 50 rpm of an engine, 20 rpm of a PTO, and 0.3 m/s."""
     for apart, faulty in ((agrees, False), (differs, True)):
-        watch = SpeedWatch(source)
+        watch = SpeedWatch(source, "/speed")
         for i in range(10):
             watch.take(0.1 * i, value)
             watch.take(0.1 * i, value + apart)
-        assert bool(watch.judge(0.9, "/speed", 1.0, lambda: ["one", "two"])) == faulty
+        assert bool(watch.judge(0.9, 1.0, lambda: ["one", "two"])) == faulty
 
 
 def test_limits_of_readings_that_agree() -> None:
@@ -433,13 +506,30 @@ def test_limits_of_a_contradiction(moved: float, velocity: float, contradicts: b
     )
 
 
-@pytest.mark.parametrize(("rate", "fallen"), [(51.0, False), (49.0, True)])
+@pytest.mark.parametrize(("rate", "fallen"), [(61.0, False), (59.0, True)])
 def test_limit_of_a_rate_that_falls(rate: float, fallen: bool) -> None:
-    """Less than half of the usual rate, which is the least of three seconds, is a fault."""
-    times = [*seconds(100, 3), *(3.0 + t for t in seconds(rate, 4))]
-    assert bool(judged(times, [2.0] * len(times))[-1]) == fallen
-    watch, once = ReadingWatch(), [*seconds(100, 2), *(2.0 + t for t in seconds(rate, 4))]
-    assert not any(judged(once, [2.0] * len(once), watch=watch))  # two seconds are not usual
+    """Less than 0.6 of the usual rate, which most seconds reach, is a fault."""
+    assert bool(rate_alarms((100, 3), (rate, 2))[-1]) == fallen
+    assert not any(rate_alarms((100, 2), (rate, 2)))  # two of four seconds are not most
+
+
+@pytest.mark.parametrize(
+    ("parts", "alarm", "begins"),
+    [
+        (((200, 6), (50, 30)), 4, 7),  # a slower sensor becomes usual
+        (((100, 8), (0, 3), (500, 2), (100, 30)), 0, 0),  # what waited in a stall is caught up
+        (((200, 12), (100, 30)), 10, 13),  # two publishers, of which one has ended
+        (((100, 60), (50, 30)), 13, 61),  # half of the readings is lost
+        (((20, 10), (100, 30)), 0, 0),  # a faster sensor is no fault
+    ],
+)
+def test_usual_rate_follows_a_lasting_change(
+    parts: Sequence[tuple[float, float]], alarm: int, begins: int
+) -> None:
+    """A loss of half of the readings alarms for 13 s; no rate is reported for ever."""
+    alarms = rate_alarms(*parts)
+    assert sum(alarms) == alarm
+    assert alarms[begins : begins + alarm] == [True] * alarm
 
 
 def test_one_angle_in_the_table_is_enough() -> None:

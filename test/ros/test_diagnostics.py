@@ -19,7 +19,7 @@ from linkage_vibration.prediction.health import Fault, Level, ReadingWatch
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.resonance import ResonanceState
 from linkage_vibration.ros.diagnostics import Health, statuses
-from linkage_vibration.ros.statistics import LATENCIES, Second, Statistics
+from linkage_vibration.ros.statistics import LATENCIES, Second, SequenceGaps, Statistics
 from linkage_vibration.support.resources import PAPER_TABLE, config_file
 from linkage_vibration.table.table import load_table
 from test.support.messages import changed, resonance
@@ -63,7 +63,7 @@ def recorder(**changes: Any) -> Any:
     return SimpleNamespace(**{**state, "dropped": 0, "error": None, **changes})
 
 
-QUIET = Second(rate=100.0, without_numbers=0.0, clock_jumps=0, qos_mismatches=0)
+QUIET = Second(rate=100.0, without_numbers=0.0, received=100)
 TABLE = replace(load_table(config_file(PAPER_TABLE)), interpolation_error=np.array([1e-9, 4.6e-7]))
 PREDICTING = {
     "input_name": "joint hitch on /joint_states",
@@ -149,7 +149,16 @@ def test_most_serious_problem_first(changes: dict[str, Any], level: bytes, words
             "All loads are 0.5 of the static forces",
         ),
         ("resonance", {}, OK, "All loads are 0.5 of the static forces"),
-        ("resonance", {"resonance": None}, OK, "No speed of engine, PTO or ground"),
+        ("resonance", {"resonance": None}, STALE, "as no speed has arrived"),
+        ("resonance", {"age": 1.1}, STALE, "as no reading arrives"),
+        ("resonance", {"age": 0.9}, OK, "All loads are 0.5 of the static forces"),
+        ("resonance", {"age": math.nan}, STALE, "as no reading arrives"),
+        (
+            "resonance",
+            {"resonance": changed(NEAR, state=ResonanceState.STALE, unknown_speeds="engine")},
+            STALE,
+            "No load is known",
+        ),
         ("resonance", {"state": "inactive", "resonance": NEAR}, OK, "The node is inactive"),
         ("log", {}, OK, "Recording to /logs/a.mcap"),
         ("log", {"recorder": recorder(recording=False)}, OK, "No log is recorded"),
@@ -158,6 +167,15 @@ def test_most_serious_problem_first(changes: dict[str, Any], level: bytes, words
         ("log", {"log_problem": "no such folder"}, ERROR, "no such folder"),
         ("input", {}, OK, "have no known fault"),
         ("input", {"reading_faults": [Fault(Level.ERROR, "Degrees.")]}, ERROR, "Degrees."),
+        ("input", {"second": replace(QUIET, lost=1)}, OK, "have no known fault"),
+        ("input", {"second": replace(QUIET, lost=2)}, WARN, "2 messages of /a were lost"),
+        ("input", {"second": replace(QUIET, wait=0.49)}, OK, "have no known fault"),
+        (
+            "input",
+            {"second": replace(QUIET, wait=0.51, dropped=40)},
+            WARN,
+            "waited up to 0.5 s for the node, and 40 of 100 were left out for newer ones",
+        ),
         ("speeds", {"speed_faults": [Fault(Level.WARN, "It stopped.")]}, WARN, "It stopped."),
     ],
 )
@@ -165,7 +183,7 @@ def test_each_part_has_a_status(
     part: str, changes: dict[str, Any], level: bytes, words: str
 ) -> None:
     """Inputs, resonance and log have statuses of their own, beside that of the predictions."""
-    found = statuses("a", healthy(**changes), Statistics())
+    found = statuses("a", healthy(**changes), Statistics(gaps=Counter({"/a": 2})))
     [own] = [one for one in found if one.name == f"a: {part}"]
     assert own.level == level
     assert re.search(words, own.message)
@@ -173,7 +191,7 @@ def test_each_part_has_a_status(
 
 def test_numbers() -> None:
     """Percentiles, counts, table and log have names."""
-    statistics = Statistics(received=7, predicted=6, clock_jumps=2)
+    statistics = Statistics(received=7, with_numbers=6, clock_jumps=2)
     statistics.latencies.extend(1e-3 * i for i in range(1, 101))
     values = {v.key: v.value for v in statuses("a", healthy(), statistics)[0].values}
     assert float(values["latency p50 [ms]"]) == pytest.approx(50.5)
@@ -186,14 +204,32 @@ def test_numbers() -> None:
 
 def test_statistics_are_bounded_and_count() -> None:
     """Rates and shares are those of the last second; the memory for latencies is bounded."""
-    statistics = Statistics(predicted=100, clock_jumps=4)
-    assert statistics.since_last_time(10.0) == Second(0.0, 0.0, 0, 0)
-    statistics.predicted, statistics.without_numbers, statistics.clock_jumps = 140, 10, 5
+    statistics = Statistics(with_numbers=100, clock_jumps=4, wait=3.0)
+    assert statistics.since_last_time(10.0) == Second(0.0, 0.0, wait=3.0)
+    statistics.with_numbers, statistics.without_numbers, statistics.clock_jumps = 130, 10, 5
     statistics.qos_mismatches["/prediction"] += 2
-    assert statistics.since_last_time(10.5) == Second(80.0, 0.25, 1, 2)
-    assert statistics.since_last_time(11.5) == Second(0.0, 0.0, 0, 0)
+    statistics.gaps["/a"], statistics.reported["/a"], statistics.reported["/b"] = 5, 4, 1
+    statistics.received, statistics.dropped = 50, 8
+    assert statistics.since_last_time(10.5) == Second(80.0, 0.25, 0.0, 1, 2, 50, 6, 8)
+    assert statistics.since_last_time(11.5) == Second(0.0, 0.0)
     statistics.latencies.extend([0.0] * 10 * LATENCIES)
     assert len(statistics.latencies) == LATENCIES
+
+
+@pytest.mark.parametrize(
+    ("numbers", "missing"),
+    [
+        ([7, 8, 9], 0),  # the publisher was there before
+        ([1, 2, 5, 9], 5),
+        ([50, 1, 51, 2, 53, 4], 2),  # two publishers, of which each loses one
+        ([10, 5000, 11, 5001], 0),  # nobody sends 5000 messages in 10 ms
+        ([9, 1, 2, 3], 0),  # the publisher has restarted
+    ],
+)
+def test_gaps_of_sequence_numbers(numbers: list[int], missing: int) -> None:
+    """Missing numbers are counted for each publisher of a topic, in messages 10 ms apart."""
+    gaps = SequenceGaps()
+    assert sum(gaps.before(n, 10**18 + 10**7 * i) for i, n in enumerate(numbers)) == missing
 
 
 def test_wall_clock_that_was_set() -> None:

@@ -4,6 +4,7 @@
 
 import math
 import shutil
+import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -12,16 +13,25 @@ from typing import Any
 
 import numpy as np
 import pytest
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
+from linkage_vibration.playback.replay import replay
+from test.ros.test_same_bytes import PREDICTION, messages
 from test.support.ros_process import JOINT, SENSOR, until
 
-OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+OK, WARN, ERROR, STALE = (
+    DiagnosticStatus.OK,
+    DiagnosticStatus.WARN,
+    DiagnosticStatus.ERROR,
+    DiagnosticStatus.STALE,
+)
 
 
 @dataclass
@@ -33,12 +43,15 @@ class Tractor:
     peer : Peer
     folder : Path
         The folder of the node's logs.
+    name : str
+        The name of the node.
     received : list of DiagnosticStatus
         The statuses of the node.
     """
 
     peer: Any
     folder: Path
+    name: str = "faulty"
     received: list[Any] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -52,7 +65,7 @@ class Tractor:
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
 
     def _on_diagnostics(self, message: Any) -> None:
-        self.received += [s for s in message.status if s.name.startswith("/faulty: ")]
+        self.received += [s for s in message.status if s.name.startswith(f"/{self.name}: ")]
 
     def say(
         self,
@@ -72,14 +85,19 @@ class Tractor:
         (publisher or self.joints).publish(message)
 
     def wait_for(
-        self, part: str, level: bytes, words: str, publish: Callable[[int], object], rate: float
+        self,
+        part: str,
+        level: bytes,
+        words: str,
+        publish: Callable[[int], object] = lambda i: None,
+        rate: float = 50.0,
     ) -> None:
         """Publish at a rate (Hz) until a status has a level and words."""
         self.received.clear()
         count = 0
 
         def found() -> bool:
-            own = [s for s in self.received if s.name == f"/faulty: {part}"]
+            own = [s for s in self.received if s.name == f"/{self.name}: {part}"]
             return any(s.level == level and words in s.message for s in own)
 
         def step() -> None:
@@ -240,3 +258,89 @@ def test_log_that_cannot_be_written(tractor: Tractor) -> None:
     answer = tractor.peer.request(client, Trigger.Request())
     assert not answer.success
     tractor.wait_for("log", ERROR, str(tractor.folder), lambda i: tractor.say(2.0), 50.0)
+
+
+def test_nothing_is_watched(tractor: Tractor, start: Callable[..., Any]) -> None:
+    """Without a publisher no status is OK, and each says what is expected from where."""
+    node = start(name="lonely", hitch_topic="/no_joints", engine_topic="/enigne_speed")
+    lonely = Tractor(tractor.peer, tractor.folder, "lonely")
+    lonely.wait_for("input", STALE, "/no_joints has no publisher; start it, or set hitch_topic")
+    lonely.wait_for("speeds", STALE, "expects engine speed on /enigne_speed, PTO speed on /pto_s")
+    lonely.wait_for("resonance", STALE, "as no reading arrives")
+    node.wait_for("No reading for more than 5 s: /no_joints has no publisher")
+    joints = tractor.peer.node.create_publisher(JointState, "/no_joints", SENSOR)
+    lonely.wait_for("input", STALE, "Nothing arrives from the publishers of /no_joints (peer_")
+    lonely.wait_for(
+        "resonance", STALE, "as no speed has arrived", lambda i: lonely.say(2.0, publisher=joints)
+    )
+    lonely.wait_for(
+        "speeds",
+        WARN,
+        "The engine speed on /enigne_speed has not arrived in the ",
+        lambda i: lonely.speeds["pto"].publish(Float64(data=540.0)),
+    )
+    assert node.stop() == 0
+
+
+def test_clock_that_goes_forward(tractor: Tractor, start: Callable[..., Any]) -> None:
+    """A simulated clock that begins late, or goes on by 9 s, has not jumped; one by 492 s has."""
+    node = start(name="simulated", use_sim_time=True, hitch_topic="/simulated_joints")
+    simulated = Tractor(tractor.peer, tractor.folder, "simulated")
+    joints = tractor.peer.node.create_publisher(JointState, "/simulated_joints", SENSOR)
+    clock = tractor.peer.node.create_publisher(Clock, "/clock", 10)
+
+    def publish_at(second: int) -> Callable[[int], None]:
+        def publish(i: int) -> None:
+            clock.publish(Clock(clock=Time(sec=second, nanosec=10**6 * i)))
+            simulated.say(2.0, publisher=joints)
+
+        return publish
+
+    for second in (100, 109):
+        simulated.wait_for("predictions", OK, "Predicting", publish_at(second))
+    simulated.wait_for("predictions", WARN, "The clock has jumped", publish_at(601))
+    [values] = [s.values for s in simulated.received[-5:] if s.values]
+    assert ("clock jumps", "1") in [(each.key, each.value) for each in values]
+    assert node.stop() == 0
+
+
+def test_lost_messages(
+    start: Callable[..., Any], meet: Callable[[str], Any], tmp_path: Path
+) -> None:
+    """Each message that a stopped node cannot take is counted, and the log has equal answers."""
+    node = start(name="flooded", record=True, log_directory=tmp_path)
+    tractor = Tractor(meet("flooded"), tmp_path, "flooded")
+
+    def counts() -> tuple[int, int, int]:
+        tractor.received.clear()
+        tractor.peer.spin(lambda: [s for s in tractor.received if s.values], "diagnostics")
+        [values] = [{v.key: v.value for v in s.values} for s in tractor.received if s.values]
+        lost = values["messages lost"].removeprefix("/joint_states ")
+        return int(values["messages received"]), int(lost), int(values["predictions"])
+
+    def publish(_: int = 0) -> None:
+        nonlocal published
+        tractor.say(2.0)
+        published += 1
+
+    before, published = sum(counts()[:2]), 0
+    node.process.send_signal(signal.SIGSTOP)
+    for _ in range(6000):
+        publish()
+    node.process.send_signal(signal.SIGCONT)
+    tractor.wait_for("input", WARN, "messages of /joint_states were lost", publish)
+    assert not any("synchronise" in status.message for status in tractor.received)
+
+    def all_counted() -> bool:
+        publish()
+        return sum(counts()[:2]) == before + published
+
+    until(all_counted, "the count of every message")
+    received, lost, predicted = counts()
+    assert lost > 0
+    assert node.stop() == 0
+    [log] = tmp_path.glob("*.mcap")
+    again = tmp_path / "again.mcap"
+    assert replay(log, again).predictions == predicted == received
+    answers = messages(log, "/flooded/prediction"), messages(again, PREDICTION)
+    assert [each[1:] for each in answers[0]] == [each[1:] for each in answers[1]]

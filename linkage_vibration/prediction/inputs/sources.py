@@ -17,6 +17,7 @@ from linkage_vibration.bags.message_types import JOINT_STATE
 from linkage_vibration.bags.numbers import Integers, LeftOut, NumberReader, Numbers
 from linkage_vibration.bags.schemas import FieldError, Schema, find_path
 from linkage_vibration.bags.streams import Block
+from linkage_vibration.prediction.health import differing_seconds, senders_disagree
 from linkage_vibration.prediction.inputs.units import HitchScale, InputError, Reading, wrong_unit
 
 FloatArray = NDArray[np.float64]
@@ -116,6 +117,7 @@ class InputReader:
     def __init__(self, settings: SourceSettings, schema: Schema) -> None:
         self.settings, self.reader = settings, settings.reader(schema)
         self._delay = round(1e9 * settings.delay)
+        self._senders, self._disagreeing = dict[str, float](), 0  # in how many seconds they do
 
     def describe(self, topic: str) -> str:
         """Return what is read from a topic, in words."""
@@ -124,6 +126,23 @@ class InputReader:
     def available(self, number: float) -> bool:
         """Return whether a number means that there is a value."""
         return self.settings.low <= number <= self.settings.high
+
+    def disagreement(self, topic: str) -> str:
+        """Return a sentence if senders on a bus disagree in the messages read with `read_block`."""
+        if not self._disagreeing:
+            return ""
+        seconds, what = f" in {self._disagreeing} s", self.describe(topic)
+        return senders_disagree(self._senders, what, self.settings.name, seconds)
+
+    def _note_senders(self, numbers: Numbers, values: FloatArray, times: Integers) -> None:
+        """Compare the values of different senders, as the watches of `health` do."""
+        if numbers.senders is None:
+            return
+        senders, first = np.unique(numbers.senders, return_index=True)
+        fields = [f"{self.settings.field}@0x{sender:02X}" for sender in senders.tolist()]
+        self._senders |= zip(fields, values[first].tolist(), strict=True)
+        if len(fields) > 1:
+            self._disagreeing += differing_seconds(values, times, self.settings.name)
 
     def _numbers(self, block: Block, rows: Integers, left_out: LeftOut) -> Iterator[Numbers]:
         """Read many messages, with NaN for values that are not available."""
@@ -177,6 +196,7 @@ class CrankInput(InputReader):
                 whole, rest = np.divmod(times, 10**9)
                 sec, nanosec = whole.astype(np.int32), rest.astype(np.uint32)
             columns = self.scale.columns(numbers.value, numbers.rate)
+            self._note_senders(numbers, columns[0], times)
             yield Readings(numbers.rows, *columns, sec, nanosec, times, numbers.frame_id)
 
 
@@ -215,4 +235,6 @@ class SpeedInput(InputReader):
             times = block.log_times[numbers.rows] - self._delay
             if self._stamped:
                 times = 10**9 * numbers.sec.astype(np.int64) + numbers.nanosec
-            yield numbers.rows, self._gain * numbers.value + self._offset, times
+            speeds = self._gain * numbers.value + self._offset
+            self._note_senders(numbers, speeds, times)
+            yield numbers.rows, speeds, times
