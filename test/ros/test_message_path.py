@@ -48,7 +48,6 @@ class Bench:
             Predictor(load_table(config_file(PAPER_TABLE))),
             ResonanceMonitor(read_excitations(Parameters().excitation_path())),
             lambda name, data, *_: self.recorded.append(data),
-            lambda angle: None,
             self.statistics,
             throttle,  # type: ignore[arg-type]
         )
@@ -129,5 +128,5 @@ def test_readings_that_stop(bench: Bench) -> None:
     assert "has no joint hitch_rockshaft_joint; it has boom" in bench.faults()
     bench.give(0.0)
     assert "not received" not in bench.faults()
-    bench.now += 1.4
+    bench.now += 1.3
     assert "for 1.5 s. /joint_states has no publisher" in bench.faults()
