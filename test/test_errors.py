@@ -13,13 +13,21 @@ from typing import Any
 import pytest
 
 import linkage_vibration
-from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.errors import LinkageVibrationError, printable
 from linkage_vibration.mechanics.description import MechanismError
 from linkage_vibration.mechanics.kinematics import KinematicsError, Toggle
 
 for module in pkgutil.walk_packages(linkage_vibration.__path__, "linkage_vibration."):
     if not module.name.endswith("__main__"):
         importlib.import_module(module.name)
+
+
+def test_foreign_text_stays_in_its_line() -> None:
+    """Line breaks and control characters are shown as `repr` shows them, in errors too."""
+    text = "boom\n[ERROR]\r\x1b[2J\u2028 übrig"
+    shown = r"boom\n[ERROR]\r\x1b[2J\u2028 übrig"
+    assert (printable(text), str(LinkageVibrationError(text))) == (shown, shown)
+    assert repr(text) == f"'{shown}'"
 
 
 def _subclasses(kind: type[LinkageVibrationError]) -> Iterator[type[LinkageVibrationError]]:

@@ -37,7 +37,7 @@ from linkage_vibration.bags.mcap_records import (
     split_records,
 )
 from linkage_vibration.bags.writing import ROSBAG2_METADATA
-from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.errors import LinkageVibrationError, printable
 from linkage_vibration.support.atomic_files import replacement
 
 RECOVERY_METADATA = "linkage_vibration.recovery"  # the name of a record
@@ -116,7 +116,8 @@ def recovery_text(recovery: Recovery) -> str:
     for topic in topics:
         lost = recovery.lost.get(topic, 0)
         lines.append(
-            f"  {topic}: {recovery.saved.get(topic, 0)}" + (f", {lost} lost" if lost else "")
+            f"  {printable(topic)}: {recovery.saved.get(topic, 0)}"
+            + (f", {lost} lost" if lost else "")
         )
     if recovery.damages:
         lines.append("Damaged places of the old file:")

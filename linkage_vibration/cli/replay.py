@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from linkage_vibration.cli.arguments import add_inputs, read_settings
+from linkage_vibration.errors import printable
 from linkage_vibration.support.exit_codes import INCOMPLETE, add_strict, exit_code
 
 
@@ -53,6 +54,6 @@ def run(options: argparse.Namespace) -> int:
 
         remaps = remappings(options.remap)
         done = replay(options.bags, options.output, settings, remaps, what_if, show, building)
-    print(f"{options.output}: {replay_summary(done)}")
+    print(f"{options.output}: {printable(replay_summary(done))}")
     code = exit_code(problems(done), options.strict)
     return code if done.with_numbers else INCOMPLETE

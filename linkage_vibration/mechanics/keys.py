@@ -30,6 +30,9 @@ class Keys:
         for key in value:
             if not isinstance(key, str):
                 raise MechanismError(where, f"the key {key!r} is not text; put it in quotes.")
+            if not key.isprintable() or not key.strip():
+                problem = f"the key {key!r} cannot be read in a sentence; give another name."
+                raise MechanismError(where, problem)
         self.path = path
         self._value = value
         self._children: dict[str, Keys] = {}
@@ -114,6 +117,8 @@ class Keys:
         value = self._get(key)
         if not isinstance(value, str) or not value:
             raise self.error(key, f"{value!r} is not text.")
+        if not value.isprintable():
+            raise self.error(key, f"{value!r} cannot be read in a sentence; give another text.")
         return value
 
     def words(self, key: str) -> tuple[str, ...]:

@@ -178,7 +178,6 @@ def excitations_from_mapping(
 
 def _orders(keys: Keys, name: str) -> list[Excitation]:
     """Return one excitation for each order."""
-    _check_name(keys, name)
     source = Source(keys.choice("speed", [source.value for source in Source]))
     per_unit = RPM * _in_range(keys, "ratio", keys.number("ratio", default=1.0))
     if source is Source.GROUND:
@@ -208,7 +207,6 @@ def _orders(keys: Keys, name: str) -> list[Excitation]:
 
 def _ground(keys: Keys, name: str, read_profile: ReadProfile) -> Excitation:
     """Return the excitation by the ground under the wheels."""
-    _check_name(keys, name)
     if keys.choice("speed", [source.value for source in Source]) != Source.GROUND.value:
         raise keys.error("speed", "wheels follow the speed over ground; write `speed: ground`.")
     if "raised" not in keys:
@@ -253,13 +251,6 @@ def _ground(keys: Keys, name: str, read_profile: ReadProfile) -> Excitation:
         spectrum=spectrum,
     )
     return Excitation(name, Source.GROUND, math.nan, terrain=terrain)
-
-
-def _check_name(keys: Keys, name: str) -> None:
-    if not name.isprintable() or not name.strip():
-        raise MechanismError(
-            keys.path, f"{name!r} cannot be read in a sentence; give another name."
-        )
 
 
 def _circumference(keys: Keys) -> float:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
+from linkage_vibration.errors import printable
 from linkage_vibration.prediction.answers import Served
 from linkage_vibration.prediction.health import Fault, Level, ReadingWatch, overall
 from linkage_vibration.prediction.predictor import Prediction, uncertain_modes
@@ -120,13 +121,13 @@ def statuses(name: str, health: Health, statistics: Statistics) -> list[Diagnost
         DiagnosticStatus(
             level=bytes([level]),
             name=f"{name}: {part}",
-            message=sentence,
+            message=printable(sentence),
             hardware_id="" if health.served is None else health.served.mechanism.name,
         )
         for part, (level, sentence) in parts.items()
     ]
     values = _values(health, statistics).items()
-    described[0].values = [KeyValue(key=key, value=value) for key, value in values]
+    described[0].values = [KeyValue(key=key, value=printable(value)) for key, value in values]
     return described
 
 

@@ -24,6 +24,7 @@ from rclpy.qos import (
 )
 
 from linkage_vibration.bags.writing import QUEUE_DEPTH
+from linkage_vibration.errors import printable
 from linkage_vibration.ros.statistics import Statistics
 
 MessageInfo = Mapping[str, Any]  # where a message comes from; rclpy 7 has no name for it
@@ -127,12 +128,12 @@ class Throttle:
         now = time.monotonic()
         if now >= self._next.get(subject, 0.0):
             self._next[subject] = now + WARN_PERIOD
-            self._logger.warning(text)
+            self._logger.warning(printable(text))
 
     def report(self, subject: str, problem: str) -> None:
         """Log a problem once, until it has ended, which an empty sentence says."""
         if problem and subject not in self._lasting:
             self._lasting.add(subject)
-            self._logger.warning(problem)
+            self._logger.warning(printable(problem))
         elif not problem:
             self._lasting.discard(subject)

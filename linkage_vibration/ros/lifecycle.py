@@ -22,7 +22,7 @@ from std_msgs.msg import String
 
 from linkage_vibration.bags.recorder import LogLimits, Provenance, Recorder, package_versions
 from linkage_vibration.bags.writing import QUEUE_DEPTH
-from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.errors import LinkageVibrationError, printable
 from linkage_vibration.prediction.answers import Served, place_name
 from linkage_vibration.prediction.excitation import Excitation
 from linkage_vibration.prediction.levels import LevelTable
@@ -314,8 +314,9 @@ class LinkageVibrationNode(LifecycleNode):
         self._listener.start()
         served = self._serving()
         first, last = map(math.degrees, served.table.alpha3_range)
+        source = printable(self._predicting.input_name)
         self.get_logger().info(
-            f"Predicting for {self._predicting.input_name}, crank angles {first:g} to {last:g} "
+            f"Predicting for {source}, crank angles {first:g} to {last:g} "
             f"deg, table {served.table.table_id} of {served.mechanism.name}{_with_name(served)}."
         )
 

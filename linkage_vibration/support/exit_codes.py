@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from argparse import ArgumentParser
 
+from linkage_vibration.errors import printable
+
 FAILED, INCOMPLETE = 1, 3  # argparse uses 2
 _SIGNALS = (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
 _AGAIN = 0.02  # s until a signal is tried again that arrived during an import
@@ -30,7 +32,7 @@ def exit_code(problems: Sequence[str], strict: bool) -> int:
     Return its exit code, that of a failure if there are problems and it is ``strict``.
     """
     for problem in problems:
-        print(f"linkage-vibration: {problem}", file=sys.stderr)
+        print(f"linkage-vibration: {printable(problem)}", file=sys.stderr)
     return INCOMPLETE if problems and strict else 0
 
 

@@ -32,6 +32,17 @@ def test_table_1_is_read(mechanism: Mechanism) -> None:
     }
 
 
+@pytest.mark.parametrize("where", ["name", "key"])
+def test_names_that_look_like_a_line_of_a_log(mapping: Any, where: str) -> None:
+    """A name with a line break is refused, as it is printed."""
+    if where == "name":
+        mapping["name"] = "hitch\n[ERROR]"
+    else:
+        mapping["links"]["boom\n[ERROR]"] = mapping["links"].pop("lift_rod")
+    with pytest.raises(MechanismError, match=r"n\[ERROR\]' cannot be read in a sentence"):
+        mechanism_from_mapping(mapping)
+
+
 def test_pins_follow_from_shared_names(mechanism: Mechanism) -> None:
     """A Watt six-bar has seven pins, three of them on the ground."""
     joints = mechanism.joints

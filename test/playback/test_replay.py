@@ -452,3 +452,19 @@ def test_one_bag_needs_no_list(tmp_path: Path) -> None:
     assert done[0] == done[1] == done[2]
     with pytest.raises(ReplayError, match="No bag was given"):
         replay([], tmp_path / "none.mcap")
+
+
+def test_foreign_text_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Neither a joint nor a topic nor a frame of a bag can print a line of its own."""
+    evil = "boom\n[ERROR] the brakes fail"
+    topic, log, page = f"/a{evil}", tmp_path / "log.mcap", tmp_path / "log.html"
+    states = [(topic, JOINT_STATE, START, joint_state(START, [JOINT, evil], [2.0, 0.0]))]
+    bag = write_mcap(tmp_path / "bag.mcap", states)
+    for joint, faults in (("hitch", 1), (evil, 1), (JOINT, 0)):
+        command = ["replay", str(bag), "-o", str(log), "--joint", joint, "--remap"]
+        assert main([*command, f"joint_states:={topic}"]) == faults
+    assert main(["review", str(log), "-o", str(page)]) == 0
+    printed = "".join(capsys.readouterr())
+    assert printed.count(r"boom\n[ERROR]") >= 3
+    for text in (printed, page.read_text()):
+        assert not any(line.startswith("[ERROR]") for line in text.splitlines())

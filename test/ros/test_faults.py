@@ -140,6 +140,11 @@ CASES: dict[str, tuple[bytes, str, Callable[[Tractor, int], object]]] = {
         f"has no joint {JOINT}; it has boom, bucket. Set joint_name",
         lambda tractor, i: tractor.say(2.0, names=["boom", "bucket"]),
     ),
+    "joint whose name looks like a line of a log": (
+        ERROR,
+        r"it has boom\n[ERROR] the brakes fail\x1b[2J. Set joint_name",
+        lambda tractor, i: tractor.say(2.0, names=["boom\n[ERROR] the brakes fail\x1b[2J"]),
+    ),
     "arrays of different sizes": (
         ERROR,
         "2 names but 1 elements in position",
