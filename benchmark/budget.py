@@ -11,7 +11,6 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from benchmark.planes import in_plane
 from benchmark.report import RESULTS, machine, publish, table
 from linkage_vibration.drawing.palette import COLOURS, GREY, PEAK
 from linkage_vibration.mechanics.description import GROUND, Mechanism
@@ -48,37 +47,25 @@ class Entry:
     changes: FloatArray
 
 
-def logarithms(
-    solution: Solution, mechanism: Mechanism, skipped: int, *, undamped: bool
-) -> FloatArray:
+def logarithms(solution: Solution, mechanism: Mechanism, skipped: int) -> FloatArray:
     """Return the logarithms of the hitch's natural frequencies and of the highest peak, (4,).
 
     Parameters
     ----------
     solution, mechanism, skipped
         A configuration, its mechanism, and the number of modes below those of the hitch.
-    undamped
-        Whether natural frequencies are those without damping of the modes in the plane.
     """
     frequencies = solution.natural_frequencies
-    if undamped:
-        frequencies = solution.modes.omega[in_plane(solution)] / (2.0 * math.pi)
     peak = solution.peak(mechanism.response.peak_band)
     return np.log([*frequencies[skipped : skipped + N_HITCH], peak.magnitude])
 
 
-def over_the_stroke(model: LinkageModel, *, undamped: bool = False) -> FloatArray:
-    """Return `logarithms` at even angles over the stroke, (n_angles, 4).
-
-    Parameters
-    ----------
-    model, undamped
-        As `logarithms` takes them.
-    """
+def over_the_stroke(model: LinkageModel) -> FloatArray:
+    """Return `logarithms` at even angles over the stroke, (n_angles, 4)."""
     own = model.mechanism
     angles = np.linspace(*own.stroke, N_ANGLES).tolist()
     skipped = N_TRACTOR if own.base else 0
-    return np.array([logarithms(model.solve(at), own, skipped, undamped=undamped) for at in angles])
+    return np.array([logarithms(model.solve(at), own, skipped) for at in angles])
 
 
 def largest(changes: FloatArray) -> FloatArray:
@@ -154,11 +141,7 @@ def physical(exact: FloatArray, model: LinkageModel) -> list[Entry]:
 
     rigid = rigid_crank(own)
     on_base, on_ground = solved(rigid), solved(replace(rigid, base=None))
-    whole = LinkageModel(own, spatial=True, kinematics=known)
-    flat = over_the_stroke(model, undamped=True)
-    spatial = largest(over_the_stroke(whole, undamped=True) - flat)
     return [
-        Entry("planar", "planar against spatial links, bodies held in the plane", spatial),
         Entry(
             "no base",
             "ground that cannot move against the tractor, rigid rockshaft",

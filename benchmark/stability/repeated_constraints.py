@@ -37,7 +37,7 @@ def section(pictures: Path) -> str:
     rows, joining = model.rows(PLACES, solution.configuration), solution.joining
     b, labels = joining.compatibility, joining.labels
     v1 = [i for i, label in enumerate(labels) if "pin V1" in label]
-    e2 = model.interface.displacement("implement", "E2", solution.configuration)[[0, 2]]
+    e2 = model.interface.displacement("implement", "E2", solution.configuration)
     further: dict[str, tuple[NDArray[np.floating], list[str]]] = {
         "pin V1 closed twice": (b[v1], [labels[i] for i in v1]),
         "V1 once more, at an angle": (0.6 * b[v1[:1]] + 0.8 * b[v1[1:]], ["V1 aslant"]),

@@ -9,15 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from benchmark.planes import in_plane
 from benchmark.report import table
 from benchmark.stability.static_limit import PLACES, linkage, picture_of
 from linkage_vibration.drawing.palette import COLOURS, INK
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.modes import track
 from linkage_vibration.mechanics.response import PoleResidue
-from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import Table, TableError
 from linkage_vibration.table.tabulation import build_table
 from test.support.crossing import STROKE, crossing_crank, exact_frequencies
@@ -55,7 +52,6 @@ wider one.
 
 {table(columns, rows)}
 
-- **In and out of the plane.** {_planes()}
 - **Still ambiguous.** To resolve a gap of 1e-9 Hz to a tolerance of 1e-11, steps shorter than
   1e-7 of the stroke would be needed. This is rejected: "{_refused()}"
 
@@ -108,32 +104,6 @@ def _at_even_angles(model: LinkageModel, tracked: bool) -> tuple[FloatArray, Flo
         shapes = solution.modes.select(order, signs).shapes
         frequencies.append(solution.natural_frequencies[order])
     return grid, np.array(frequencies)
-
-
-def _planes() -> str:
-    """Return a text about modes in and out of the plane of the Stephenson linkage."""
-    model = LinkageModel(read_mechanism(config_file("stephenson_six_bar.yaml")), spatial=True)
-    stroke = model.mechanism.stroke
-    swapped = []
-    for count in (361, 46, 10, 5, 2):
-        solutions = [model.solve(float(angle)) for angle in np.linspace(*stroke, count)]
-        elastic = np.flatnonzero(~solutions[0].modes.mechanism)[:6]
-        shapes, plane = solutions[0].modes.shapes[:, elastic], in_plane(solutions[0])[elastic]
-        wrong = 0
-        for solution in solutions[1:]:
-            order, signs, _ = track(shapes, solution.modes, model.system.mass)
-            shapes = solution.modes.select(order, signs).shapes
-            wrong += int((in_plane(solution)[order] != plane).sum())
-        swapped.append(wrong)
-    built = build_table(model)
-    first, last = built.natural_frequencies[0], built.natural_frequencies[-1]
-    return (
-        "In the Stephenson linkage, spatial, modes of one kind cross those of the other. Of six "
-        f"tracked over its stroke in 360, 45, 9, 4 steps and one step, {sum(swapped)} change the "
-        "kind. Its table follows three, two of which cross twice, from "
-        f"{', '.join(f'{f:.1f}' for f in first)} to {', '.join(f'{f:.1f}' for f in last)} Hz, "
-        f"within {built.interpolation_error.max():.0e}."
-    )
 
 
 def _refused() -> str:

@@ -69,13 +69,13 @@ def curves(model: LinkageModel, configuration: Configuration) -> Curves:
 def mode_curves(solution: Solution, mode: int) -> Curves:
     """Return the displacements of the points of `curves` in a mass-normalised mode, 1/sqrt(kg)."""
     model, shape = solution.model, solution.modes.shapes[:, mode]
-    shapes = {name: moved[:, ::2] for name, (_, moved) in solution.link_shapes(mode).items()}
+    shapes = {name: moved for name, (_, moved) in solution.link_shapes(mode).items()}
     for component in model.components:
         if isinstance(component, Component) and component.drawing is not None:
             name, moved = component.name, shapes[component.name]
             points = model.mechanism.local_points(name)
             for node, point in _beside(component.drawing.places, points):
-                rows = model.interface.displacement(name, point, solution.configuration)[::2]
+                rows = model.interface.displacement(name, point, solution.configuration)
                 aside = rows @ shape[: rows.shape[1]]
                 moved = np.insert(moved, node + 1, [aside, moved[node]], axis=0)
             shapes[name] = moved

@@ -4,7 +4,7 @@
 
 The base is a rigid body on mounts, such as tyres. It does not move in the kinematics, so the
 configuration is that of a linkage on a fixed ground; it only vibrates, with three degrees of
-freedom in the plane. In a spatial model it is held out of the plane, as rigid bodies are.
+freedom.
 """
 
 from linkage_vibration.mechanics.description import GROUND, Base, Mount

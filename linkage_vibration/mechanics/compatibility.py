@@ -78,89 +78,68 @@ class InterfaceMap:
     """The position of every interface DoF in the vector u, (n,), one component after the other."""
 
     def __init__(
-        self,
-        mechanism: Mechanism,
-        components: Sequence[Component | FrfComponent],
-        *,
-        spatial: bool = False,
+        self, mechanism: Mechanism, components: Sequence[Component | FrfComponent]
     ) -> None:
         self._mechanism = mechanism
-        self._spatial = spatial
         self._index: dict[tuple[str, InterfaceDof], int] = {}
         for component in components:
             for dof in component.dofs:
                 self._index[component.name, dof] = len(self._index)
         self._places: dict[tuple[str, str], list[int]] = {}  # of x, z and, if there is one, theta
         for (body, dof), at in self._index.items():
-            if dof.direction != "y":
-                self._places.setdefault((body, dof.point), []).append(at)
+            self._places.setdefault((body, dof.point), []).append(at)
         self._centres = {body.name: body.centre_of_gravity for body in mechanism.rigid}
-        # Rigid bodies are held out of the plane, as the ground is, so they need no joint there.
-        held = {GROUND, *self._centres}
-        self._joints = [
-            (joint, [0, 1, 2] if spatial and not held.issuperset(joint[1:]) else [0, 2])
-            for joint in mechanism.joints
-        ]
 
     def __len__(self) -> int:
         """Return the number of interface DoFs."""
         return len(self._index)
-
-    @property
-    def out_of_plane(self) -> BoolArray:
-        """Which interface DoFs are displacements out of plane, (n,)."""
-        return np.array([dof.direction == "y" for _, dof in self._index], dtype=bool)
 
     @cached_property
     def held(self) -> BoolArray:
         """Which interface DoFs of links the ground holds in every configuration, (n,).
 
         A pin to the ground holds a point at every angle of the link, and a clamp its rotation. A
-        base moves in the plane, and so holds points against motion out of the plane only.
+        base moves, and so holds nothing.
         """
-        held, moving = np.zeros(len(self), dtype=bool), GROUND in self._centres
-        for (point, first, second), _ in self._joints:
+        held = np.zeros(len(self), dtype=bool)
+        if GROUND in self._centres:
+            return held
+        for point, first, second in self._mechanism.joints:
             if first == GROUND and second not in self._centres:
-                held[self._places[second, point][:2]] = not moving
-                if self._spatial:
-                    held[self._at(second, point, "y")] = True
+                held[self._places[second, point][:2]] = True
         for link in self._mechanism.links:
-            if link.clamped is not None and not moving:
+            if link.clamped is not None:
                 held[self._at(link.name, link.clamped, "theta")] = True
         return held
 
     def displacement(self, body: str, point: str, configuration: Configuration) -> FloatArray:
-        """Return the (3, n) matrix that turns u into a point's global x, y and z displacement."""
-        rows = np.zeros((3, len(self)))
+        """Return the (2, n) matrix that turns u into a point's global x and z displacement."""
+        rows = np.zeros((2, len(self)))
         if body in self._centres:
             arm = self._arm(body, point, configuration)
             x, z, theta = self._places[body, CENTRE_OF_GRAVITY]
-            rows[0, x] = rows[2, z] = 1.0
-            rows[0, theta], rows[2, theta] = -arm[1], arm[0]
+            rows[0, x] = rows[1, z] = 1.0
+            rows[0, theta], rows[1, theta] = -arm[1], arm[0]
             return rows
         if body == GROUND:
             return rows
         x, z = self._places[body, point][:2]
-        turn = rotation(configuration.angle(body))
-        (rows[0, x], rows[0, z]), (rows[2, x], rows[2, z]) = turn.tolist()
-        if self._spatial:
-            rows[1, self._at(body, point, "y")] = 1.0
+        rows[:, [x, z]] = rotation(configuration.angle(body))
         return rows
 
     def join(self, configuration: Configuration) -> Joining:
         """Return what joins the components in a configuration."""
-        rows = []
-        for (point, first, second), kept in self._joints:
+        rows: list[FloatArray] = []
+        for point, first, second in self._mechanism.joints:
             apart = self.displacement(first, point, configuration)
-            apart -= self.displacement(second, point, configuration)
-            rows += [apart[i] for i in kept]
+            rows += [*(apart - self.displacement(second, point, configuration))]
         for link in self._mechanism.links:
             if link.clamped is not None:
                 rows.append(self._turn(link.name, link.clamped) - self._turn(GROUND, link.clamped))
         springs, mounts = self._mechanism.springs, mount_springs(self._mechanism.base)
         stretches = [self._elongation(spring, configuration) for spring in springs]
         for mount, axis in mounts:
-            stretches.append(self.displacement(GROUND, mount.name, configuration)[2 * axis])
+            stretches.append(self.displacement(GROUND, mount.name, configuration)[axis])
         stiffness = [spring_stiffness(each, self._mechanism, configuration) for each in springs]
         damping = [s.damping + s.retardation * k for s, k in zip(springs, stiffness, strict=True)]
         stiffness += [mount.stiffness[axis] for mount, axis in mounts]
@@ -177,8 +156,8 @@ class InterfaceMap:
     def _labels(self) -> tuple[str, ...]:
         """Names of the rows of B: pins, then clamps."""
         labels: list[str] = []
-        for (point, first, second), kept in self._joints:
-            labels += [f"pin {point} of {first} and {second} in {'xyz'[i]}" for i in kept]
+        for point, first, second in self._mechanism.joints:
+            labels += [f"pin {point} of {first} and {second} in {axis}" for axis in "xz"]
         clamped = (link for link in self._mechanism.links if link.clamped is not None)
         return (*labels, *(f"clamp of {link.name} at {link.clamped}" for link in clamped))
 
@@ -194,7 +173,7 @@ class InterfaceMap:
         """
         stiffness = np.zeros((len(self), len(self)))
         forces: list[tuple[str, str, FloatArray]] = []
-        for i, ((point, first, second), _) in enumerate(self._joints):
+        for i, (point, first, second) in enumerate(self._mechanism.joints):
             force = joints[2 * i : 2 * i + 2]
             forces += [(first, point, -force), (second, point, force)]
         for spring, force in zip(self._mechanism.springs, springs, strict=False):
@@ -234,7 +213,7 @@ class InterfaceMap:
             self.displacement(body, point, configuration)
             for body, point in zip(spring.bodies, spring.points, strict=True)
         )
-        return np.asarray((second - first)[[0, 2]])
+        return np.asarray(second - first)
 
     def _turn(self, body: str, point: str) -> FloatArray:
         """Return the row that picks the rotation of a body at a point, (n,)."""

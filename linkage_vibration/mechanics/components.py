@@ -23,8 +23,7 @@ class Drawing:
     """How the coordinates of a component move the points by which it is drawn."""
 
     places: FloatArray  # (n_points, 2): local x and z of the points, in order along the body, m
-    # (n_points, 3 or 4, n): local x, y and z of each point per coordinate, and theta of a beam
-    displacement: FloatArray
+    displacement: FloatArray  # (n_points, 3, n): local x, z and theta of each point per coordinate
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -59,18 +59,11 @@ class Material:
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """The cross-section of a beam.
-
-    The last three are NaN if only the plane of motion was described; a spatial model then refuses
-    the section.
-    """
+    """The cross-section of a beam."""
 
     area: float  # m2
     second_moment: float  # m4, for bending in the plane of motion
     shear_coefficient: float  # 1, effective shear area over area, in the plane of motion
-    second_moment_out: float  # m4, for bending out of the plane
-    shear_coefficient_out: float  # 1
-    torsion_constant: float  # m4
     # m: distance of the outer fibre from the axis, in the plane of motion; NaN if it is not given
     outer_fibre: float = field(default=math.nan, compare=False)
     # Whether it is that of the link itself, rather than one that was fitted to frequencies.
@@ -164,12 +157,11 @@ class Body(Protocol):
         return {}
 
     def component(
-        self, link: "Link", mechanism: "Mechanism", *, spatial: bool, reduced: bool
+        self, link: "Link", mechanism: "Mechanism", *, reduced: bool
     ) -> Component | FrfComponent:
         """Put the body on its interface DoFs.
 
-        `spatial` keeps the displacement out of the plane; `reduced=False` keeps every DoF of the
-        body instead of `link.modes` fixed-interface modes.
+        `reduced=False` keeps every DoF of the body instead of `link.modes` fixed-interface modes.
         """
 
 
@@ -208,8 +200,7 @@ class RigidBody:
     def component(self, rule: Damping) -> Component:
         """Put the body on the three DoFs of its centre of gravity, along the global axes.
 
-        The mass matrix is the same in all axes, so the global axes serve as the body's own. The
-        body does not move out of the plane: a spatial model holds it there.
+        The mass matrix is the same in all axes, so the global axes serve as the body's own.
         """
         dofs = tuple(InterfaceDof(CENTRE_OF_GRAVITY, axis) for axis in ("x", "z", "theta"))
         mass, stiffness = np.diag([self.mass, self.mass, self.inertia]), np.zeros((3, 3))
@@ -445,24 +436,14 @@ class Mechanism:
             (point, first, other) for point, (first, *others) in owners.items() for other in others
         )
 
-    def interface_dofs(self, link: Link, *, spatial: bool) -> tuple[InterfaceDof, ...]:
-        """Return the DoFs at which a link is joined, point by point.
-
-        Parameters
-        ----------
-        link : Link
-            One of the links, or a variant of it.
-        spatial : bool
-            Keep the displacement out of the plane as well.
-        """
+    def interface_dofs(self, link: Link) -> tuple[InterfaceDof, ...]:
+        """Return the DoFs at which one of the links is joined, point by point."""
         rotations = self.rotations(link.name)
         return tuple(
             InterfaceDof(point, direction)
             for point, _ in link.points
-            for direction in ("x", "y", "z", "theta")
-            if direction in ("x", "z")
-            or (direction == "y" and spatial)
-            or (direction == "theta" and point in rotations)
+            for direction in ("x", "z", "theta")
+            if direction != "theta" or point in rotations
         )
 
     def rotations(self, link: str) -> frozenset[str]:
@@ -475,19 +456,12 @@ class Mechanism:
         points.update(other.clamped for other in self.links if other.name == link and other.clamped)
         return frozenset(points)
 
-    def components(
-        self, *, spatial: bool = False, reduced: bool = True
-    ) -> tuple[Component | FrfComponent, ...]:
+    def components(self, *, reduced: bool = True) -> tuple[Component | FrfComponent, ...]:
         """Make the component of every body, in the order of `bodies`, and of the base.
 
-        Parameters
-        ----------
-        spatial, reduced : bool
-            As `Body.component` takes them.
+        `reduced` is as `Body.component` takes it.
         """
-        links = [
-            link.body.component(link, self, spatial=spatial, reduced=reduced) for link in self.links
-        ]
+        links = [link.body.component(link, self, reduced=reduced) for link in self.links]
         return (*links, *self.rigid_components())
 
     def rigid_components(self) -> tuple[Component, ...]:

@@ -29,13 +29,10 @@ _BALANCED = 1e-6  # A larger part of the weight that nothing carries is more tha
 Components = Sequence[Component | FrfComponent]
 
 
-def check_gravity(mechanism: Mechanism, components: Components, *, spatial: bool) -> None:
-    """Refuse gravity in a spatial model, and where a link is not made of beams."""
+def check_gravity(mechanism: Mechanism, components: Components) -> None:
+    """Refuse gravity where a link is not made of beams."""
     if not mechanism.gravity:
         return
-    if spatial:
-        problem = "is not available in a spatial model; remove it, or use a planar model."
-        raise MechanismError("gravity", problem)
     for link, component in zip(mechanism.links, components, strict=False):
         if not isinstance(component, Component) or component.prestress is None:
             problem = f"the stiffness that forces add to links.{link.name} is not known"

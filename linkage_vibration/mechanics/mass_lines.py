@@ -121,7 +121,7 @@ def shown_mass(
     planar = [dofs[i] for i in used]
     if len(planar) < 3 or not {"x", "z"} <= {dof.direction for dof in planar}:
         return None
-    motions = rigid_motions(planar, list(points.items()))[:, :3]
+    motions = rigid_motions(planar, list(points.items()))
     return fit_rigid_body(lines.accelerance[np.ix_(used, used)], motions)
 
 

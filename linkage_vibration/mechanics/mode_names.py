@@ -80,12 +80,12 @@ def _along(component: Component, shapes: FloatArray) -> FloatArray:
     """Return the share of the motion of a link that is along it, (n_modes,)."""
     if component.drawing is None:
         axis = np.array([dof.direction == "x" for dof in component.dofs])
-        lateral = np.array([dof.direction in ("y", "z") for dof in component.dofs])
+        lateral = np.array([dof.direction == "z" for dof in component.dofs])
         moved = shapes[: len(component.dofs)] ** 2
         parts = moved[axis].sum(axis=0), moved[lateral].sum(axis=0)
     else:
         squares = ((component.drawing.displacement @ shapes) ** 2).sum(axis=0)
-        parts = squares[0], squares[1] + squares[2]
+        parts = squares[0], squares[1]
     total = parts[0] + parts[1]
     return np.where(total > 0.0, parts[0] / np.where(total > 0.0, total, 1.0), 0.0)
 

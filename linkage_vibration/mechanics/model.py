@@ -72,8 +72,6 @@ class LinkageModel:
     ----------
     mechanism : Mechanism
         The mechanism to model.
-    spatial : bool
-        Let the links move out of the plane too; rigid bodies remain held there.
     reduced : bool
         False keeps every DoF of the links, to check the reduction against.
     kinematics : Kinematics, optional
@@ -89,15 +87,14 @@ class LinkageModel:
         self,
         mechanism: Mechanism,
         *,
-        spatial: bool = False,
         reduced: bool = True,
         kinematics: Kinematics | None = None,
     ) -> None:
         self.mechanism = mechanism
         self.kinematics = kinematics or Kinematics(mechanism)
-        self.components = mechanism.components(spatial=spatial, reduced=reduced)
-        check_gravity(mechanism, self.components, spatial=spatial)
-        self.interface = InterfaceMap(mechanism, self.components, spatial=spatial)
+        self.components = mechanism.components(reduced=reduced)
+        check_gravity(mechanism, self.components)
+        self.interface = InterfaceMap(mechanism, self.components)
         # The frequencies at which FRFs of the components were computed last, and these FRFs.
         self._frfs: tuple[bytes | None, list[ComplexArray | MeasuredFrfs]] = None, []
 
@@ -143,10 +140,9 @@ class LinkageModel:
         Raises
         ------
         ModelError
-            If a point or a direction does not exist, or is y in a planar model; or if a place is
-            one of a force, as a force inside the linkage does not excite it.
+            If a point or a direction does not exist, or if a place is one of a force, as a force
+            inside the linkage does not excite it.
         """
-        directions = ("x", "y", "z") if self.interface.out_of_plane.any() else ("x", "z")
         rows = []
         for point, direction in pairs(places):
             if is_force((point, direction)):
@@ -155,12 +151,11 @@ class LinkageModel:
             bodies = self.mechanism.owners(point)
             if not bodies:
                 raise ModelError(f"There is no point {point}; check the names of the points.")
-            if direction not in directions:
-                hint = "" if "y" in directions else " (y needs LinkageModel(..., spatial=True))"
-                hint = f"use {' or '.join(directions)}{hint}"
+            if direction not in ("x", "z"):
+                hint = "use x or z, as the model is planar"
                 raise ModelError(f"Point {point} has no direction {direction}; {hint}.")
             moved = self.interface.displacement(bodies[-1], point, configuration)
-            rows.append(moved["xyz".index(direction)])
+            rows.append(moved["xz".index(direction)])
         return np.array(rows)
 
     @cached_property
@@ -620,7 +615,7 @@ class Solution:
         Returns
         -------
         dict of str to (places, displacement)
-            Each (n_points, 3) along the global x, y and z axes, in m and 1/sqrt(kg); beams point by
+            Each (n_points, 2) along the global x and z axes, in m and 1/sqrt(kg); beams point by
             point, other bodies by their named points in order.
         """
         shapes, interface = {}, self.model.interface
@@ -630,13 +625,13 @@ class Solution:
             if component.drawing is not None:
                 local = component.drawing.places
                 shape = self.modes.shapes[self.model.system.rows[body], mode]
-                moved = (component.drawing.displacement @ shape)[:, :3]
-                moved[:, ::2] = moved[:, ::2] @ rotation(self.configuration.angle(body)).T
+                moved = (component.drawing.displacement @ shape)[:, :2]
+                moved = moved @ rotation(self.configuration.angle(body)).T
             else:
                 u, move = self.modes.shapes[: len(interface), mode], interface.displacement
                 moved = np.array([move(body, p, self.configuration) @ u for p in points])
             places = [self.configuration.place(body, (x, z)) for x, z in local.tolist()]
-            shapes[body] = np.insert(np.array(places), 1, 0.0, axis=1), moved
+            shapes[body] = np.array(places), moved
         return shapes
 
 

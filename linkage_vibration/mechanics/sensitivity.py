@@ -276,7 +276,7 @@ class Sensitivity:
             other.mechanism = larger
             # Links that were reduced again might differ in the signs of their modes.
             other.components = (*components[: len(mechanism.links)], *larger.rigid_components())
-            other.interface = InterfaceMap(larger, components, spatial=self._spatial)
+            other.interface = InterfaceMap(larger, components)
             if _points(sides[0]) != _points(larger):
                 other.kinematics = self._model.kinematics.nearby(larger)
         return _Change(tuple(blocks), other, number.deviation / number.step)
@@ -295,7 +295,7 @@ class Sensitivity:
         mechanism = self._model.mechanism
         reduced = self._model.components[mechanism.links.index(link)]
         single = replace(link, count=1)
-        whole = link.body.component(single, mechanism, spatial=self._spatial, reduced=False)
+        whole = link.body.component(single, mechanism, reduced=False)
         assert isinstance(whole, Component)
         assert isinstance(reduced, Component)
         if np.array_equal(link.count * whole.mass, reduced.mass):  # it was not reduced
@@ -306,7 +306,7 @@ class Sensitivity:
 
     def _on(self, basis: FloatArray, link: Link, mechanism: Mechanism) -> FloatArray:
         """Return the matrices of a link on a basis, (4, n, n)."""
-        whole = link.body.component(link, mechanism, spatial=self._spatial, reduced=False)
+        whole = link.body.component(link, mechanism, reduced=False)
         assert isinstance(whole, Component)
         if len(whole.mass) != len(basis):
             raise ModelError(
@@ -319,10 +319,6 @@ class Sensitivity:
         else:
             damping = basis.T @ whole.damping @ basis
         return np.array([mass, damping, stiffness, whole.loss_factor * stiffness])
-
-    @property
-    def _spatial(self) -> bool:
-        return bool(self._model.interface.out_of_plane.any())
 
 
 def _spread(number: UncertainNumber) -> float:

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Timoshenko beam elements, in the plane of motion or in space.
+"""Timoshenko beam elements in the plane of motion.
 
 The bending element is the two-node one whose cubic field solves the static equations (Przemieniecki
 1968), with the consistent mass of that field, rotary inertia included (Friedman and Kosmatka 1993).
@@ -8,9 +8,7 @@ Statics are exact for loads at nodes, whatever the mesh. Natural frequencies are
 above, as h^4 in the length h of the elements while these are slender, and as h^2 when they get as
 short as they are deep.
 
-A node moves by u, w and v along the local x, z and y axes and turns by theta from x towards z; in
-space also by chi from x towards y and by psi from y towards z. Bending in the plane (w, theta) and
-out of it (v, chi) is one element with other numbers, and so are extension (u) and torsion (psi).
+A node moves by u and w along the local x and z axes and turns by theta from x towards z.
 """
 
 import numpy as np
@@ -19,47 +17,28 @@ from scipy.linalg import hilbert
 from linkage_vibration.mechanics.arrays import FloatArray, symmetric
 from linkage_vibration.mechanics.description import Material, Section
 
-U, W, THETA, V, CHI, PSI = range(6)
-"""Order of the coordinates of a node; the first three are those of the plane."""
+U, W, THETA = range(3)
+"""Order of the coordinates of a node."""
 
 
 def element_matrices(
-    length: float, section: Section, material: Material, *, spatial: bool = False
+    length: float, section: Section, material: Material
 ) -> tuple[FloatArray, FloatArray]:
-    """Return mass and stiffness of one element, (6, 6), or (12, 12) in space, SI.
-
-    Coordinates are u, w, theta (and v, chi, psi) of the first node, then of the second.
-    """
-    youngs, shear, density = material.youngs_modulus, material.shear_modulus, material.density
-    size = 6 if spatial else 3
-    mass, stiffness = np.zeros((2 * size, 2 * size)), np.zeros((2 * size, 2 * size))
-
-    def add(coordinates: list[int], element: tuple[FloatArray, FloatArray]) -> None:
-        at = np.ix_(*[[*coordinates, *(size + i for i in coordinates)]] * 2)
-        mass[at], stiffness[at] = element
-
-    def bending(second_moment: float, coefficient: float) -> tuple[FloatArray, FloatArray]:
-        return _bending_element(
-            length,
-            youngs * second_moment,
-            coefficient * shear * section.area,
-            density * section.area,
-            density * second_moment,
-        )
-
-    add([U], _bar_element(length, youngs * section.area, density * section.area))
-    add([W, THETA], bending(section.second_moment, section.shear_coefficient))
-    if spatial:
-        add([V, CHI], bending(section.second_moment_out, section.shear_coefficient_out))
-        polar = section.second_moment + section.second_moment_out
-        add([PSI], _bar_element(length, shear * section.torsion_constant, density * polar))
+    """Return mass and stiffness of one element, (6, 6), SI: u, w, theta of both nodes."""
+    youngs, density, area = material.youngs_modulus, material.density, section.area
+    mass, stiffness = np.zeros((2, 6, 6))
+    along = np.ix_([U, 3 + U], [U, 3 + U])
+    mass[along] = density * area * length / 6.0 * np.array([[2.0, 1.0], [1.0, 2.0]])
+    stiffness[along] = youngs * area / length * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    across = np.ix_([W, THETA, 3 + W, 3 + THETA], [W, THETA, 3 + W, 3 + THETA])
+    mass[across], stiffness[across] = _bending_element(
+        length,
+        youngs * section.second_moment,
+        section.shear_coefficient * material.shear_modulus * area,
+        density * area,
+        density * section.second_moment,
+    )
     return mass, stiffness
-
-
-def _bar_element(length: float, rigidity: float, inertia: float) -> tuple[FloatArray, FloatArray]:
-    """Extension by E A and rho A, or torsion by G J and rho times the polar second moment."""
-    mass = inertia * length / 6.0 * np.array([[2.0, 1.0], [1.0, 2.0]])
-    return mass, rigidity / length * np.array([[1.0, -1.0], [-1.0, 1.0]])
 
 
 def _bending_element(

@@ -14,7 +14,6 @@ import yaml
 from numpy.typing import NDArray
 from scipy.linalg import block_diag, eigh, null_space
 
-from benchmark.planes import in_plane
 from linkage_vibration.drawing.geometry import curves, mode_curves
 from linkage_vibration.mechanics.components import Component
 from linkage_vibration.mechanics.description import GROUND, Mechanism, MechanismError
@@ -179,15 +178,6 @@ def test_every_way_to_solve_agrees(oil: float | None) -> None:
     theirs = model.coupled_frf(2.0, lines, DRIVES, DRIVES)
     assert np.abs(ours - theirs).max() < 1e-8 * np.abs(ours).max()
     np.testing.assert_allclose(ours, ours.swapaxes(1, 2), rtol=1e-9)
-
-
-def test_spatial_model_holds_the_base_in_the_plane() -> None:
-    """Its modes in the plane are those of the planar model; points of the base have no y."""
-    mechanism = on_base()
-    planar, spatial = (LinkageModel(mechanism, spatial=s).solve(2.0) for s in (False, True))
-    inside = spatial.modes.omega[in_plane(spatial)][:6]
-    np.testing.assert_allclose(inside, planar.modes.omega[:6], rtol=1e-5)
-    assert np.abs(spatial.participation([("front_axle", "y")])).max() == 0.0
 
 
 def test_damping_rule_does_not_reach_the_base(tractor: LinkageModel) -> None:

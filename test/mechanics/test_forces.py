@@ -177,7 +177,7 @@ def test_forces_accelerate_a_link(tractor: LinkageModel) -> None:
             width = np.convolve(np.diff(along), [0.5, 0.5])
             width[[int(np.abs(along - x).argmin()) for x in (0.0, 0.366, 0.81)]] = 0.0
             mass = 7800.0 * 0.05 * 0.032 * width
-            expected = -(solution.modes.omega[mode] ** 2) * float(mass @ moved[:, 2 * i])
+            expected = -(solution.modes.omega[mode] ** 2) * float(mass @ moved[:, i])
             size = solution.modes.omega[mode] ** 2 * float(mass @ np.abs(moved).max(axis=1))
             assert forces[mode] == pytest.approx(expected, abs=2e-3 * size), (direction, mode)
 

@@ -13,7 +13,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from benchmark.planes import in_plane
 from linkage_vibration.mechanics.description import Mechanism, MechanismError
 from linkage_vibration.mechanics.kinematics import Kinematics
 from linkage_vibration.mechanics.model import LinkageModel
@@ -186,53 +185,3 @@ def test_sections_have_an_order(stephenson_mapping: Any) -> None:
             section["until"] = end
         with pytest.raises(MechanismError, match=r"links\.coupler\.sections: they do not ascend"):
             mechanism_from_mapping(stephenson_mapping)
-
-
-@pytest.mark.parametrize("which", ["mechanism", "stephenson", "four_bar"])
-def test_the_planar_model_is_the_in_plane_part_of_the_spatial_one(
-    which: str, request: pytest.FixtureRequest
-) -> None:
-    """Of the spatial model's modes, those in the plane are the planar model's, and none is lost."""
-    mechanism = request.getfixturevalue(which)
-    planar = LinkageModel(mechanism, reduced=False)
-    spatial = LinkageModel(mechanism, spatial=True, reduced=False)
-    for alpha3 in np.linspace(*mechanism.stroke, 3):  # type: ignore[call-overload]
-        flat, full = planar.solve(alpha3), spatial.solve(alpha3)
-        inside = full.modes.omega[in_plane(full)]
-        np.testing.assert_allclose(inside[:10], flat.modes.omega[:10], rtol=1e-7)
-        limit = 1.001 * flat.modes.omega[9]
-        assert (inside < limit).sum() == 10
-        assert (full.modes.omega[~in_plane(full)] < limit).sum() > 3
-        across = np.abs(full.participation([(mechanism.links[0].points[1][0], "y")])[0])
-        low = full.modes.omega < limit
-        if all(z == 0.0 for link in mechanism.links for _, (_, z) in link.points):
-            assert across[in_plane(full) & low].max() < 1e-6 * across[~in_plane(full) & low].max()
-
-
-def test_spatial_interface_is_the_papers_table_2(mechanism: Mechanism) -> None:
-    """Physical DoFs 9, 6, 6, 6, 3, and the crank's clamped rotation."""
-    components = LinkageModel(mechanism, spatial=True).components
-    found = [sum(dof.direction != "theta" for dof in c.dofs) for c in components[:4]]
-    assert found == [9, 6, 6, 6]
-    assert len(components[4].dofs) == 3
-
-
-def test_reduced_spatial_model(mechanism: Mechanism) -> None:
-    """With 20 modes a link, shared by both planes, modes 1 to 3 still come within 1e-5."""
-    planar = LinkageModel(mechanism, reduced=False).solve(2.4).natural_frequencies[:3]
-    spatial = LinkageModel(mechanism, spatial=True).solve(2.4)
-    found = spatial.natural_frequencies[in_plane(spatial)][:3]
-    np.testing.assert_allclose(found, planar, rtol=1e-5)
-    assert spatial.peak((0.0, 200.0)).frequency == pytest.approx(found[0], rel=1e-3)
-
-
-def test_out_of_plane_mechanism_modes(mechanism: Mechanism, four_bar: Mechanism) -> None:
-    """Pins are ball joints in space: what they leave free swings at 0 Hz, what is clamped does not.
-
-    The hitch's clamped crank and held implement steady every pin; in the four-bar the rocker and
-    the coupler can swing sideways about D and B.
-    """
-    hitch = LinkageModel(mechanism, spatial=True).solve(2.4)
-    assert hitch.natural_frequencies[~in_plane(hitch)][0] > 20.0
-    bar = LinkageModel(four_bar, spatial=True).solve(1.0)
-    assert (bar.natural_frequencies[~in_plane(bar)] < 1e-2).sum() == 1

@@ -127,10 +127,10 @@ def test_the_gain_of_a_link_that_was_weighed(model: LinkageModel) -> None:
     assert isinstance(body, Frfs)
     for mass, expected in ((weight, 0.0), (1.1 * weight, math.log(1.1)), (None, 0.0)):
         weighed = replace(body, mass=mass)
-        component = weighed.component(link, mixed.mechanism, spatial=False, reduced=True)
+        component = weighed.component(link, mixed.mechanism, reduced=True)
         assert component.gain == pytest.approx(expected, abs=2e-3)
     high = replace(body, mass=weight, frequencies=LINES[200:], frf=body.frf[200:])
-    part = high.component(link, mixed.mechanism, spatial=False, reduced=True)
+    part = high.component(link, mixed.mechanism, reduced=True)
     assert part.gain == 0.0  # no line shows the mass
 
 

@@ -128,12 +128,12 @@ def test_link_shapes_meet_at_the_pins(model: LinkageModel) -> None:
     np.testing.assert_allclose(lower[1][at], rod[1][-1], atol=1e-9)
     np.testing.assert_allclose(lower[1][0], 0.0, atol=1e-9)
     found = solution.participation([("V1", "x"), ("V1", "z")])[:, 1]
-    np.testing.assert_allclose(found, rod[1][-1][[0, 2]], rtol=1e-7)
+    np.testing.assert_allclose(found, rod[1][-1], rtol=1e-7)
 
 
 def test_unknown_places_are_reported(model: LinkageModel) -> None:
     """A response asked for at no point of the linkage names it."""
-    with pytest.raises(ModelError, match=r"V1 has no direction y; use x or z \(y needs .*spatial"):
+    with pytest.raises(ModelError, match="V1 has no direction y; use x or z, as"):
         model.solve(2.0).frf([("V1", "y")], [("V1", "z")])
     with pytest.raises(ModelError, match="no point E9"):
         model.solve(2.0).frf([("E9", "z")], [("E1", "z")])

@@ -11,7 +11,6 @@ import pytest
 from numpy.typing import NDArray
 
 from linkage_vibration.mechanics.components import Component
-from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.mechanics.fbs import component_frf, couple_frfs
 from linkage_vibration.mechanics.identification import identify
 from linkage_vibration.mechanics.model import LinkageModel
@@ -121,13 +120,6 @@ def test_forces_without_a_resultant_feel_no_mass(model: LinkageModel) -> None:
         assert low == pytest.approx(high, rel=1e-2)
         whole = np.linalg.norm(case.measured, axis=(1, 2))
         assert whole[0] > 90.0 * whole[1]
-
-
-def test_motions_out_of_plane() -> None:
-    """Points beside the x axis move along y as the body yaws and rolls."""
-    dofs = (InterfaceDof("A", "y"), InterfaceDof("B", "y"))
-    motions = rigid_motions(dofs, [("A", (0.0, 0.2)), ("B", (0.5, 0.0))])
-    np.testing.assert_array_equal(motions[:, 3:], [[1.0, 0.0, 0.2], [1.0, 0.5, 0.0]])
 
 
 @pytest.mark.parametrize("share", [1e-3, 1e-2, 0.1])

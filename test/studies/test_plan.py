@@ -157,7 +157,7 @@ def test_links_known_by_matrices_keep_them(mechanism: Mechanism) -> None:
     """A plan chooses their modes, but cannot change their mesh."""
     crank = next(link for link in mechanism.links if link.clamped)
     one = replace(crank, count=1)
-    part = one.body.component(one, mechanism, spatial=False, reduced=False)
+    part = one.body.component(one, mechanism, reduced=False)
     assert isinstance(part, Component)
     given = replace(crank, body=Matrices(part.dofs, part.mass, part.stiffness))
     links = tuple(given if link is crank else link for link in mechanism.links)

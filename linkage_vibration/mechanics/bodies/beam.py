@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Straight links as chains of Timoshenko beam elements, in the plane of motion or in space."""
+"""Straight links as chains of Timoshenko beam elements."""
 
 import math
 from collections.abc import Collection, Mapping, Sequence
@@ -26,17 +26,14 @@ from linkage_vibration.mechanics.keys import Keys
 from linkage_vibration.mechanics.material import read_material
 from linkage_vibration.mechanics.sections import SHAPES
 from linkage_vibration.mechanics.timoshenko import (
-    CHI,
-    PSI,
     THETA,
     U,
-    V,
     W,
     element_matrices,
     prestress_matrices,
 )
 
-_COORDINATE = {"x": U, "y": V, "z": W, "theta": THETA}
+_COORDINATE = {"x": U, "z": W, "theta": THETA}
 _SAME_PLACE = 1e-9  # Places that are nearer, as a share of the beam's length, are one place.
 _HEAVIEST = 1e6  # kg; no link is heavier, but numbers in millimetres or tonnes give more
 
@@ -61,9 +58,7 @@ class Beam:
         """Return the beam with another number of elements."""
         return replace(self, elements=elements)
 
-    def component(
-        self, link: Link, mechanism: Mechanism, *, spatial: bool, reduced: bool
-    ) -> Component:
+    def component(self, link: Link, mechanism: Mechanism, *, reduced: bool) -> Component:
         """Return the component of the beam, as `description.Body.component` says."""
         try:
             matrices = beam_matrices(
@@ -71,23 +66,22 @@ class Beam:
                 link.points,
                 rotations=mechanism.rotations(link.name),
                 masses=link.masses,
-                clamped=link.clamped,
-                spatial=spatial,
             )
         except MechanismError as error:
             raise MechanismError(f"links.{link.name}.{error.path}", error.problem) from None
-        component = component_of(link, mechanism, matrices, spatial=spatial, reduced=reduced)
-        if spatial or not mechanism.gravity:
+        component = component_of(link, mechanism, matrices, reduced=reduced)
+        if not mechanism.gravity:
             return component
         return replace(component, prestress=_prestress(self, link, component))
 
     def point_forces(self, link: Link, component: Component) -> Mapping[str, PointForces]:
         """Return the forces of the elements beside each point, as `description.Body` says."""
         assert component.drawing is not None
-        motion = component.drawing.displacement[:, [0, 2, 3]]
+        motion = component.drawing.displacement
         nodes, sections = _mesh(self, [x for _, (x, _) in link.points])
         forces = {}
-        for i, (point, node) in enumerate(_by_place(link, nodes)):
+        along = sorted(_nodes_of(link.points, nodes).items(), key=lambda pair: pair[1])
+        for i, (point, node) in enumerate(along):
             ends = np.zeros((2, 3, motion.shape[2]))  # what both elements need at their ends there
             for side, at in enumerate((node - 1, node)):
                 if 0 <= at < len(sections):
@@ -117,7 +111,7 @@ def read(keys: Keys, places: dict[str, Point]) -> Beam:
     beam = Beam(material, segments, keys.integer("elements", default=24))
     try:
         nodes, _ = _mesh(beam, [x for x, _ in places.values()])
-        _first_coordinates(list(places.items()), nodes, 3)
+        _nodes_of(list(places.items()), nodes)
     except MechanismError as error:
         raise MechanismError(f"{keys.path}.{error.path}", error.problem) from None
     _check_proportions(keys, segments, float(nodes[0]), material.density)
@@ -156,20 +150,13 @@ def beam_matrices(
     *,
     rotations: Collection[str] = (),
     masses: Sequence[tuple[str, float]] = (),
-    clamped: str | None = None,
-    spatial: bool = False,
 ) -> Matrices:
     """Put a beam on its points, of which no two have the same x, and draw it by its nodes.
 
     The axis is z = 0. The beam begins at x = 0, or at a point before that, and ends where its last
     segment ends. Each point and each end of a segment is a node; `beam.elements` are distributed
     over the spans between them by length, rounded, at least one each. A point beside the axis is on
-    a rigid, massless arm from its node, so that u = u_point + z theta and v = v_point + z psi.
-
-    In space pins are ball joints, except for a clamped one, which turns neither by chi nor by psi.
-    If all pins are on one line, none of them holds or excites a spin of the beam about it, so the
-    first point is held against that rotation. If the line is the axis, no pin can twist the beam,
-    and torsion is left out.
+    a rigid, massless arm from its node, so that u = u_point + z theta.
 
     `rotations` are points whose theta is an interface DoF; `masses` are point masses, kg.
 
@@ -182,36 +169,28 @@ def beam_matrices(
     >>> matrices.mass.shape, matrices.drawing.places[:, 0]
     ((15, 15), array([0.   , 0.125, 0.25 , 0.375, 0.5  ]))
     """
-    size = 6 if spatial else 3
     nodes, sections = _mesh(beam, [x for _, (x, _) in points])
-    if spatial and any(math.isnan(s.second_moment_out + s.torsion_constant) for s in sections):
-        problem = "a spatial model also needs second_moment_out and torsion_constant; add them."
-        raise MechanismError("section", problem)
-    start = _first_coordinates(points, nodes, size)
-    mass, stiffness = _chain(nodes, sections, beam.material, spatial)
-    displacement = np.zeros((len(nodes), 4, len(mass)))
-    for axis, coordinate in enumerate((U, V, W, THETA)):
-        if coordinate < size:
-            displacement[:, axis, coordinate::size] = np.eye(len(nodes))
-
-    arms, held = _arms(points, start, len(mass), clamped, spatial)
-    for old, other, factor in arms:  # old = its successor + factor * other
+    start = {name: 3 * node for name, node in _nodes_of(points, nodes).items()}
+    mass, stiffness = _chain(nodes, sections, beam.material)
+    displacement = np.eye(len(mass)).reshape(len(nodes), 3, -1)
+    for name, (_, z) in points:
+        u, theta = start[name] + U, start[name] + THETA
         for matrix in (mass, stiffness):
-            matrix[:, other] += factor * matrix[:, old]
-            matrix[other] += factor * matrix[old]
-        displacement[:, :, other] += factor * displacement[:, :, old]
+            matrix[:, theta] += z * matrix[:, u]
+            matrix[theta] += z * matrix[u]
+        displacement[:, :, theta] += z * displacement[:, :, u]
     for name, value in masses:
-        at = [start[name] + coordinate for coordinate in (U, W, V) if coordinate < size]
+        at = [start[name] + U, start[name] + W]
         mass[at, at] += value
 
     rows = {
         InterfaceDof(name, direction): start[name] + coordinate
         for name, _ in points
         for direction, coordinate in _COORDINATE.items()
-        if coordinate < size and (direction != "theta" or name in rotations)
+        if direction != "theta" or name in rotations
     }
     interface = list(rows.values())
-    order = interface + [i for i in range(len(mass)) if i not in {*interface, *held}]
+    order = interface + [i for i in range(len(mass)) if i not in interface]
     block = np.ix_(order, order)
     places = np.column_stack([nodes, np.zeros(len(nodes))])
     drawing = Drawing(places, displacement[:, :, order])
@@ -243,25 +222,24 @@ def _prestress(beam: Beam, link: Link, component: Component) -> FloatArray:
     nodal = np.zeros((len(loads), 3 * len(nodes), 3 * len(nodes)))
     for i, element in enumerate(np.einsum("lec,ecij->elij", cut, unit)):
         nodal[:, 3 * i : 3 * i + 6, 3 * i : 3 * i + 6] += element
-    first = _first_coordinates(link.points, nodes, 3)
-    turns = [first[point] + THETA for point, _ in link.points]
+    node = _nodes_of(link.points, nodes)
+    turns = [3 * node[point] + THETA for point, _ in link.points]
     nodal[:, turns, turns] += applied[:, :, 1] * places[:, 1]
-    motion = component.drawing.displacement[:, [0, 2, 3]].reshape(3 * len(nodes), -1)
+    motion = component.drawing.displacement.reshape(3 * len(nodes), -1)
     return symmetric(motion.T @ nodal @ motion)
 
 
 def _chain(
-    nodes: FloatArray, sections: Sequence[Section], material: Material, spatial: bool
+    nodes: FloatArray, sections: Sequence[Section], material: Material
 ) -> tuple[FloatArray, FloatArray]:
     """Assemble elements from node to node; coordinates node by node."""
-    size = 6 if spatial else 3
-    mass, stiffness = np.zeros((2, size * len(nodes), size * len(nodes)))
+    mass, stiffness = np.zeros((2, 3 * len(nodes), 3 * len(nodes)))
     made: dict[tuple[str, Section], tuple[FloatArray, FloatArray]] = {}
     for i, (length, section) in enumerate(zip(np.diff(nodes), sections, strict=True)):
         key = f"{length:.12g}", section  # equal elements differ by rounding
         if key not in made:
-            made[key] = element_matrices(float(length), section, material, spatial=spatial)
-        at = slice(size * i, size * (i + 2))
+            made[key] = element_matrices(float(length), section, material)
+        at = slice(3 * i, 3 * i + 6)
         mass[at, at] += made[key][0]
         stiffness[at, at] += made[key][1]
     return mass, stiffness
@@ -288,10 +266,8 @@ def _mesh(beam: Beam, places: Sequence[float]) -> tuple[FloatArray, list[Section
     return nodes, [beam.segments[i].section for i in np.searchsorted(ends, middles)]
 
 
-def _first_coordinates(
-    points: Sequence[tuple[str, Point]], nodes: FloatArray, size: int
-) -> dict[str, int]:
-    """Return where the coordinates of each point's node begin."""
+def _nodes_of(points: Sequence[tuple[str, Point]], nodes: FloatArray) -> dict[str, int]:
+    """Return the index of each point's node."""
     owner: dict[int, str] = {}
     for name, (x, _) in points:
         node = int(np.abs(nodes - x).argmin())
@@ -300,42 +276,4 @@ def _first_coordinates(
             hint = "sections are rigid, so move one of them along by about the link's depth"
             raise MechanismError(f"points.{name}", f"{problem}; {hint}.")
         owner[node] = name
-    return {name: size * node for node, name in owner.items()}
-
-
-def _by_place(link: Link, nodes: FloatArray) -> list[tuple[str, int]]:
-    """Return each point of a link with the index of its node, along the link."""
-    return sorted(_first_coordinates(link.points, nodes, 1).items(), key=lambda pair: pair[1])
-
-
-def _arms(
-    points: Sequence[tuple[str, Point]],
-    start: dict[str, int],
-    n: int,
-    clamped: str | None,
-    spatial: bool,
-) -> tuple[list[tuple[int, int, float]], list[int]]:
-    """Return changes of coordinates, old = new + factor * other, and coordinates to hold."""
-    arms = [(start[name] + U, start[name] + THETA, z) for name, (_, z) in points]
-    if not spatial:
-        return arms, []
-    arms += [(start[name] + V, start[name] + PSI, z) for name, (_, z) in points]
-    held = [] if clamped is None else [start[clamped] + CHI]
-    if all(z == 0.0 for _, (_, z) in points):
-        return arms, [*held, *range(PSI, n, 6)]
-    if clamped is not None:
-        return arms, [*held, start[clamped] + PSI]
-    slope = _common_slope([place for _, place in points])
-    if slope is None:
-        return arms, []
-    first = start[points[0][0]]  # does not turn about the line: psi + slope chi = 0
-    return [*arms, (first + PSI, first + CHI, -slope)], [first + PSI]
-
-
-def _common_slope(places: Sequence[Point]) -> float | None:
-    """Return dz/dx of the line on which all places lie, or None."""
-    (x0, z0), *others = sorted(places)
-    x1, z1 = others[-1]
-    slope = (z1 - z0) / (x1 - x0)
-    off = max(abs(z - z0 - slope * (x - x0)) for x, z in others)
-    return slope if off <= _SAME_PLACE * (x1 - x0) else None
+    return {name: node for node, name in owner.items()}

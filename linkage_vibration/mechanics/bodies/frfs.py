@@ -27,14 +27,12 @@ class Frfs(Body):
     frf: ComplexArray  # (n_freq, n_dofs, n_dofs): receptances of the free body in its axes, m/N
     mass: float | None = None  # kg, on a scale
 
-    def component(
-        self, link: Link, mechanism: Mechanism, *, spatial: bool, reduced: bool
-    ) -> FrfComponent:
+    def component(self, link: Link, mechanism: Mechanism, *, reduced: bool) -> FrfComponent:
         """Return the component of the body, as `description.Body.component` says.
 
         FRFs that contradict one another are refused.
         """
-        wanted = mechanism.interface_dofs(link, spatial=spatial)
+        wanted = mechanism.interface_dofs(link)
         order = link.positions(wanted, self.dofs)
         if link.masses:
             problem = "a link known by its FRFs takes none; remove them, or measure it with them."

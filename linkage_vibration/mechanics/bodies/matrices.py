@@ -27,20 +27,18 @@ class Matrices(Body):
     # How all coordinates of the body move the points by which it is drawn.
     drawing: Drawing | None = field(default=None, compare=False)
 
-    def component(
-        self, link: Link, mechanism: Mechanism, *, spatial: bool, reduced: bool
-    ) -> Component:
+    def component(self, link: Link, mechanism: Mechanism, *, reduced: bool) -> Component:
         """Return the component of the body, as `description.Body.component` says."""
         if not self.mass.dtype == self.stiffness.dtype == np.float64:
             problem = f"its matrices are {self.mass.dtype} and {self.stiffness.dtype}, not float64"
             raise MechanismError(f"links.{link.name}", f"{problem}; export them in double.")
         mass = self.mass.copy()
         for point, value in link.masses:
-            for direction in ("x", "y", "z") if spatial else ("x", "z"):
+            for direction in ("x", "z"):
                 at = link.positions((InterfaceDof(point, direction),), self.dofs)[0]
                 mass[at, at] += value
         body = Matrices(self.dofs, mass, self.stiffness, self.damping)
-        return component_of(link, mechanism, body, spatial=spatial, reduced=reduced)
+        return component_of(link, mechanism, body, reduced=reduced)
 
 
 def component_of(
@@ -48,14 +46,13 @@ def component_of(
     mechanism: Mechanism,
     body: Matrices,
     *,
-    spatial: bool,
     reduced: bool,
 ) -> Component:
     """Order the coordinates of one of a link's equal bodies, reduce them, and damp the result."""
-    wanted = mechanism.interface_dofs(link, spatial=spatial)
+    wanted = mechanism.interface_dofs(link)
     first = link.positions(wanted, body.dofs)
-    # A planar model holds the body out of the plane; rotations are free unless they are interface.
-    held = {i for i, dof in enumerate(body.dofs) if dof.direction == "y" and not spatial}
+    # The body is held out of the plane; rotations are free unless they are interface.
+    held = {i for i, dof in enumerate(body.dofs) if dof.direction == "y"}
     order = first + [i for i in range(len(body.mass)) if i not in held.union(first)]
     block = np.ix_(order, order)
     mass, stiffness = body.mass[block], body.stiffness[block]

@@ -18,11 +18,6 @@ def i_section(
     flanges. For rolled profiles (IPE, HEA, HEB) it is 1 to 7 % above the elastic solution, and
     Cowper's thin-walled formula 3 to 9 % below; wide flanges and thick webs make it up to 23 %.
 
-    The coefficient out of the plane is a lower bound that counts the flanges alone. It is 2 to 15 %
-    too low for rolled profiles up to 300 mm high, 31 to 46 % for higher ones (IPE 600, HEB 1000),
-    and up to 92 % for thick webs between thin flanges. The torsion constant is the sum over the
-    flanges and the web: 1 to 3 % too low for rolled profiles, up to 37 % too high for thick webs.
-
     An IPE 100 has 83 mm of clear web, and 10.0 cm2 of area without its fillets:
 
     >>> round(i_section(0.1, 0.055, 0.0041, 0.0057, 0.3).area * 1e4, 1)
@@ -45,9 +40,6 @@ def i_section(
         area=area,
         second_moment=second_moment,
         shear_coefficient=poisson * second_moment**2 / (area * flow),
-        second_moment_out=(flange * width**3 + inner * web**3) / 6.0,
-        shear_coefficient_out=flange_section.shear_coefficient * 2.0 * flange_section.area / area,
-        torsion_constant=2.0 * flange_section.torsion_constant + (height - flange) * web**3 / 3.0,
         outer_fibre=top,
     )
 

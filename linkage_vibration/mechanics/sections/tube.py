@@ -11,15 +11,13 @@ from linkage_vibration.mechanics.keys import Keys
 def tube(outer: float, inner: float, poisson_ratio: float) -> Section:
     """Return a round tube with its diameters in m, or a full bar if the inner one is 0.
 
-    The shear coefficient is Cowper's (J. Appl. Mech. 33, 1966, 335-340). The torsion constant is
-    the polar second moment of area, exactly.
+    The shear coefficient is Cowper's (J. Appl. Mech. 33, 1966, 335-340).
     """
     area = math.pi * (outer**2 - inner**2) / 4.0
     second_moment = math.pi * (outer**4 - inner**4) / 64.0
     nu, m2 = poisson_ratio, (inner / outer) ** 2
     shear = 6.0 * (1 + nu) * (1 + m2) ** 2 / ((7 + 6 * nu) * (1 + m2) ** 2 + (20 + 12 * nu) * m2)
-    polar, fibre = 2.0 * second_moment, outer / 2.0
-    return Section(area, second_moment, shear, second_moment, shear, polar, fibre)
+    return Section(area, second_moment, shear, outer / 2.0)
 
 
 def read(keys: Keys, poisson_ratio: float) -> Section:

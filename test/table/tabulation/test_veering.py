@@ -10,11 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from benchmark.planes import in_plane
 from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.mechanics.modes import track
-from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import TableError
 from linkage_vibration.table.tabulation import build_table
 from linkage_vibration.table.tabulation.veering import crossing_gaps, mix_closely
@@ -58,21 +54,6 @@ def test_gap_that_no_step_resolves_is_refused() -> None:
     """A mode that would need ever shorter steps is reported with the angle and the fix."""
     with pytest.raises(TableError, match=r"at alpha3 = 46\.62\d* deg; give a larger tolerance"):
         build_table(LinkageModel(crossing_crank(1e-9, AT)), 1e-11)
-
-
-@pytest.mark.parametrize("steps", [360, 45, 9, 4, 1])
-def test_modes_in_and_out_of_the_plane_are_not_swapped(steps: int) -> None:
-    """However long the steps, no tracked mode of the spatial six-bar changes its plane."""
-    model = LinkageModel(read_mechanism(config_file("stephenson_six_bar.yaml")), spatial=True)
-    path = np.linspace(*model.mechanism.stroke, steps + 1)
-    solutions = [model.solve(float(angle)) for angle in path]
-    elastic = np.flatnonzero(~solutions[0].modes.mechanism)[:6]
-    shapes, plane = solutions[0].modes.shapes[:, elastic], in_plane(solutions[0])[elastic]
-    assert 0 < plane.sum() < len(plane)
-    for solution in solutions[1:]:
-        order, signs, _ = track(shapes, solution.modes, model.system.mass)
-        shapes = solution.modes.select(order, signs).shapes
-        assert (in_plane(solution)[order] == plane).all()
 
 
 @pytest.mark.parametrize("at", [0.0, 1e-17, 0.3137])
