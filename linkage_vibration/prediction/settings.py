@@ -329,7 +329,8 @@ class Parameters:
 
     def source(self, name: str) -> SourceSettings:
         """Return where an input comes from: "hitch", "engine", "pto" or "ground"."""
-        if name == HITCH and self.hitch_position >= 0.0 and not self.hitch_field:
+        fixed = name == HITCH and self.hitch_position >= 0.0
+        if fixed and not self.hitch_field:
             for speed in Source:
                 if self.fixed_speed(speed) is None:
                     return replace(self.source(speed.value), name=HITCH)
@@ -348,7 +349,7 @@ class Parameters:
             math.inf if replaced else preset.high,
             bool(self._input(name, "topic")),
             str(_path(self.can_database) or ""),
-            self._chosen(name, "unit") if self._input(name, "scale") == 1.0 else "",
+            "" if fixed or self._input(name, "scale") != 1.0 else self._chosen(name, "unit"),
         )
 
     def speed_sources(self) -> dict[Source, SourceSettings]:
