@@ -46,6 +46,7 @@ STEPS = (
     "damaged_logs",
     "log_readers",
     "can_bus",
+    "input_memory",
     "replay",
     "long_bag",
     "review_page",

@@ -44,7 +44,7 @@ class NodeTopic:
         return self.qos == _LATCHED
 
 
-INPUT_QOS, _OUTPUT_QOS = (f"{q}, keep last {QUEUE_DEPTH}" for q in ("best effort", "reliable"))
+_OUTPUT_QOS = f"reliable, keep last {QUEUE_DEPTH}"
 _LATCHED = "reliable, transient local"
 
 OUTPUT_TOPICS = (

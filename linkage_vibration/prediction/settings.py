@@ -8,6 +8,7 @@ The ROS parameters, files of parameters (`parameter_files`), the help and the ma
 import math
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from pathlib import Path
@@ -317,7 +318,7 @@ class Parameters:
         "names of topics (letters, digits, _ and /), separated by spaces",
         lambda names: all(map(_TOPIC_NAME.fullmatch, names.split())),
     ).means("Topics to log in addition to those that the node uses.")
-    service_events: str = _choice("off", ("off", "metadata", "contents")).means(
+    service_events: str = _choice("none", ("none", "metadata", "contents")).means(
         "Publish an event for each request and response of the services, on the topic "
         "`SERVICE/_service_event`: without or with its contents. `extra_topics` can log them."
     )
@@ -486,11 +487,15 @@ def is_ros_parameter(name: str) -> bool:
 def converted(name: str, value: Any) -> Any:
     """Return a value of YAML or ROS 2 in the type of a parameter if it means the same.
 
-    The integer 1 stands for 1.0. An unknown parameter keeps its value.
+    The integer 1 stands for 1.0, and in a text for "1". The text "1e-05" stands for a number, as
+    `ros2 param load` has it. An unknown parameter keeps its value.
     """
     kind = type(DECLARED[name].default) if name in DECLARED else None
-    if kind is float and type(value) is int:
-        return float(value)
+    if kind is str and type(value) is int:
+        return str(value)
+    if kind is float and type(value) in (int, str):
+        with suppress(ValueError):
+            return float(value)
     if kind is tuple and isinstance(value, Iterable) and not isinstance(value, str | bytes):
         items = [float(item) if type(item) is int else item for item in value]
         return tuple(items) if all(type(item) is float for item in items) else items

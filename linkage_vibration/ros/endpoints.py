@@ -18,10 +18,12 @@ from rclpy.node import Node
 from rclpy.qos import (
     DurabilityPolicy,
     HistoryPolicy,
+    QoSPolicyKind,
     QoSProfile,
     ReliabilityPolicy,
     qos_policy_name_from_kind,
 )
+from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from linkage_vibration.bags.writing import QUEUE_DEPTH
 from linkage_vibration.errors import printable
@@ -30,6 +32,12 @@ from linkage_vibration.ros.statistics import Statistics
 MessageInfo = Mapping[str, Any]  # where a message comes from; rclpy 7 has no name for it
 
 WARN_PERIOD = 5.0  # s, between two warnings about the same subject
+QOS_VALUES = {
+    "depth": range(1, QUEUE_DEPTH + 1),
+    "durability": ("volatile", "transient_local"),
+    "reliability": ("reliable", "best_effort"),
+}
+"""What parameters below ``qos_overrides`` can say about the topics of inputs and outputs."""
 
 
 def advertise(
@@ -37,8 +45,8 @@ def advertise(
 ) -> Any:
     """Return a reliable publisher that counts and reports subscribers whose QoS does not match.
 
-    It exists as long as its node. No other publisher or subscription has QoS events, because the
-    events executor of rclpy ends the process if an event comes as one of them is destroyed.
+    No other publisher or subscription has QoS events, because the events executor of rclpy, which
+    does not spin this node, ends the process if an event comes as one of them is destroyed.
     """
     topic = node.resolve_topic_name(name)
 
@@ -53,7 +61,7 @@ def advertise(
 
     events = PublisherEventCallbacks(incompatible_qos=on_mismatch)
     qos = _qos(ReliabilityPolicy.RELIABLE)
-    return node.create_publisher(kind, name, qos, event_callbacks=events)
+    return _create_publisher(node, kind, name, qos, events)
 
 
 def publisher(node: Node, kind: Any, name: str, *, latched: bool = False) -> Any:
@@ -65,16 +73,36 @@ def publisher(node: Node, kind: Any, name: str, *, latched: bool = False) -> Any
     if latched:
         qos.durability = DurabilityPolicy.TRANSIENT_LOCAL
     events = PublisherEventCallbacks(use_default_callbacks=False)
-    return node.create_publisher(kind, name, qos, event_callbacks=events)
+    return _create_publisher(node, kind, name, qos, events)
+
+
+def _create_publisher(
+    node: Node, kind: Any, name: str, qos: QoSProfile, events: PublisherEventCallbacks
+) -> Any:
+    overrides = _overrides()
+    return node.create_publisher(
+        kind, name, qos, event_callbacks=events, qos_overriding_options=overrides
+    )
+
+
+def _overrides() -> QoSOverridingOptions:
+    return QoSOverridingOptions([QoSPolicyKind[name.upper()] for name in QOS_VALUES])
 
 
 def subscribe(
-    node: Node, kind: Any, topic: str, on_message: Callable[..., None], *, latched: bool = False
+    node: Node,
+    kind: Any,
+    topic: str,
+    on_message: Callable[..., None],
+    *,
+    latched: bool = False,
+    input_depth: int = 0,
 ) -> Any:
     """Return a subscription, which matches publishers of every QoS and waits for no lost message.
 
     ``on_message`` is called with the bytes of a message and its `MessageInfo`. A latched
-    subscription, to latched publishers alone, receives what they have published before.
+    subscription, to latched publishers alone, receives what they have published before. That of an
+    input keeps so many messages, and parameters of the node can override its QoS.
     """
 
     @wraps(on_message)
@@ -83,12 +111,21 @@ def subscribe(
         on_message(*(args if len(args) == 2 else args[0]))
 
     events = SubscriptionEventCallbacks(use_default_callbacks=False)  # see `advertise`
-    qos, bytes_call = _qos(ReliabilityPolicy.BEST_EFFORT), cast(Any, call)
+    qos = _qos(ReliabilityPolicy.BEST_EFFORT, input_depth or QUEUE_DEPTH)
+    bytes_call, overrides = cast(Any, call), _overrides() if input_depth else None
     if latched:
         qos.reliability = ReliabilityPolicy.RELIABLE
         qos.durability = DurabilityPolicy.TRANSIENT_LOCAL
     # The type hints of rclpy do not know that `raw` passes bytes.
-    return node.create_subscription(kind, topic, bytes_call, qos, raw=True, event_callbacks=events)
+    return node.create_subscription(
+        kind,
+        topic,
+        bytes_call,
+        qos,
+        raw=True,
+        event_callbacks=events,
+        qos_overriding_options=overrides,
+    )
 
 
 def message_class(type_name: str) -> Any:

@@ -10,6 +10,8 @@ from typing import Any
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import JumpThreshold
 from rclpy.duration import Duration
@@ -43,12 +45,23 @@ from linkage_vibration.ros.live_inputs import LiveTopic, check_output_topics, li
 from linkage_vibration.ros.log_control import Recording, log_folder
 from linkage_vibration.ros.memory import Memory
 from linkage_vibration.ros.message_path import Predicting, input_topics, output_topics
-from linkage_vibration.ros.parameter_server import changed, declare_parameters, new_values
+from linkage_vibration.ros.parameter_server import (
+    changed,
+    check_qos_overrides,
+    declare_parameters,
+    new_values,
+)
 from linkage_vibration.ros.precedence import rest
 from linkage_vibration.ros.services import Services
 from linkage_vibration.ros.statistics import CLOCK_LEAP, Statistics
 from linkage_vibration_interfaces.msg import Advice, Resonance, TableInfo, VibrationPrediction
 
+TRANSITIONS = {
+    Transition.TRANSITION_CONFIGURE: "configure",
+    Transition.TRANSITION_ACTIVATE: "activate",
+}
+FULFILLED = {"configure": ("inactive", "active"), "activate": ("active",)}
+"""The states in which a request for a transition has been fulfilled."""
 # The packages of the services whose events can be published.
 EVENTFUL = ("linkage_vibration_interfaces.", "rcl_interfaces.", "std_srvs.")
 
@@ -64,6 +77,8 @@ class LinkageVibrationNode(LifecycleNode):
     def __init__(self, stop_asked: Callable[[], bool] = lambda: False) -> None:
         super().__init__(NODE_NAME, automatically_declare_parameters_from_overrides=True)
         for service in self.services:
+            if service.srv_type is ChangeState:
+                service.callback = self._fulfilling(service.callback)
             if service.srv_type.__module__.startswith("lifecycle_msgs"):
                 service.callback = self._guarded(service.callback)
         self.problem = ""
@@ -71,10 +86,6 @@ class LinkageVibrationNode(LifecycleNode):
         self._state, self._starting = "unconfigured", False
         self._statistics = Statistics()
         self._throttle = Throttle(self.get_logger())
-        self._outputs = (
-            advertise(self, VibrationPrediction, "~/prediction", self._statistics, self._throttle),
-            advertise(self, Resonance, "~/resonance", self._statistics, self._throttle),
-        )
         # These exist while the node is configured.
         self._served: Served | None = None
         self._excitations, self._monitored = dict[str, bytes](), tuple[Excitation, ...]()
@@ -82,7 +93,7 @@ class LinkageVibrationNode(LifecycleNode):
         self._recording: Recording | None = None
         self._offered: Services | None = None
         self._memory: Memory | None = None
-        self._latched: list[Any] = []
+        self._outputs, self._latched = list[Any](), list[Any]()
 
         self._settings, self._faults = declare_parameters(self)
         if self._faults and self.autostart:
@@ -219,6 +230,23 @@ class LinkageVibrationNode(LifecycleNode):
 
         return callback if iscoroutinefunction(callback) else call
 
+    def _fulfilling(self, callback: Callable[..., Any]) -> Callable[..., Any]:
+        """Return a callback that accepts what a node which starts by itself has done already.
+
+        A manager or a launch file can therefore configure and activate it without knowing that.
+        """
+
+        def call(request: ChangeState.Request, response: ChangeState.Response) -> Any:
+            wanted = request.transition.label or TRANSITIONS.get(request.transition.id, "")
+            done = FULFILLED.get(wanted, ())
+            if not (self.autostart and self._state in done):
+                return callback(request, response)
+            self.get_logger().info(f"A request to {wanted} the node finds it {self._state}.")
+            response.success = True
+            return response
+
+        return call
+
     def _become(
         self, state: str, do: Callable[[], None], undo: Callable[[], None] = lambda: None
     ) -> TransitionCallbackReturn:
@@ -260,6 +288,7 @@ class LinkageVibrationNode(LifecycleNode):
         levels = LevelTable(served.predictor, served.mechanism, excitations)
         inputs = live_topics(settings, self.resolve_topic_name)
         check_output_topics(inputs, self.resolve_topic_name)
+        check_qos_overrides(self, inputs)
         topics = [*input_topics(inputs), *output_topics(self)]
         extra_topics = self._extra_topics() - {topic.name for topic in topics}
         provenance = self._provenance(served)
@@ -267,6 +296,11 @@ class LinkageVibrationNode(LifecycleNode):
         limits = LogLimits(*sizes, settings.delete_oldest)
         recorder = Recorder(folder, topics, provenance, limits, settings.compression)
         self._recording = recording = Recording(self, recorder, extra_topics, self._throttle)
+        outputs = (
+            advertise(self, VibrationPrediction, "~/prediction", self._statistics, self._throttle),
+            advertise(self, Resonance, "~/resonance", self._statistics, self._throttle),
+        )
+        self._outputs = [*outputs]
         self._latched = [
             publisher(self, kind, name, latched=True)
             for kind, name in (
@@ -278,7 +312,7 @@ class LinkageVibrationNode(LifecycleNode):
         self._predicting = Predicting(
             self,
             self._listener,
-            *self._outputs,
+            *outputs,
             self._latched[2],
             settings,
             inputs,
@@ -290,7 +324,7 @@ class LinkageVibrationNode(LifecycleNode):
         )
         self._offered = Services(self, self._serving, excitations, self._swap, levels)
         self._publish_model(served)
-        if settings.service_events != "off":
+        if settings.service_events != "none":
             self._publish_service_events()
 
     def _extra_topics(self) -> set[str]:
@@ -331,9 +365,9 @@ class LinkageVibrationNode(LifecycleNode):
         for part in (self._offered, self._recording):
             if part is not None:
                 part.close()
-        for latched in self._latched:
-            self.destroy_publisher(latched)
-        self._latched = []
+        for output in (*self._outputs, *self._latched):
+            self.destroy_publisher(output)
+        self._outputs, self._latched = [], []
         self._offered = self._predicting = self._recording = self._served = None
 
     def _publish_service_events(self) -> None:
@@ -342,7 +376,8 @@ class LinkageVibrationNode(LifecycleNode):
         rclpy only wraps the services of the lifecycle and of type descriptions, which rcl offers
         itself. For these, rcl has no events and would end the process.
         """
-        state = getattr(ServiceIntrospectionState, self._settings.service_events.upper())
+        wanted = self._settings.service_events.upper()
+        state = getattr(ServiceIntrospectionState, "OFF" if wanted == "NONE" else wanted)
         qos = QoSProfile(depth=QUEUE_DEPTH)
         for service in self.services:
             if service.srv_type.__module__.startswith(EVENTFUL):

@@ -37,7 +37,10 @@ class Listener:
             use_global_arguments=False,
             enable_rosout=False,
             start_parameter_services=False,
-            parameter_overrides=[Parameter("start_type_description_service", value=False)],
+            parameter_overrides=[
+                Parameter("start_type_description_service", value=False),
+                *owner.get_parameters_by_prefix("qos_overrides").values(),
+            ],
         )
         self._executor: Executor = EventsExecutor(context=owner.context)
         self._executor.add_node(self._node)
@@ -51,9 +54,9 @@ class Listener:
         """Whether messages are received."""
         return self._spinning is not None
 
-    def subscribe(self, kind: Any, topic: str, on_message: Callable[..., None]) -> None:
+    def subscribe(self, kind: Any, topic: str, on_message: Callable[..., None], depth: int) -> None:
         """Subscribe to a topic; see `linkage_vibration.ros.endpoints.subscribe`."""
-        subscription = subscribe(self._node, kind, topic, on_message)
+        subscription = subscribe(self._node, kind, topic, on_message, input_depth=depth)
         # The executor does not know this event, so that it cannot come while it is destroyed.
         with suppress(UnsupportedEventTypeError), subscription.handle:
             kind = QoSSubscriptionEventType.RCL_SUBSCRIPTION_MESSAGE_LOST

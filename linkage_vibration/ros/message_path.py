@@ -34,7 +34,14 @@ from linkage_vibration.prediction.health import (
     missing_speeds,
 )
 from linkage_vibration.prediction.inputs.presets import HITCH
-from linkage_vibration.prediction.inputs.sources import CrankInput, SpeedInput, Stamped
+from linkage_vibration.prediction.inputs.sources import (
+    MAX_BYTES,
+    CrankInput,
+    SpeedInput,
+    Stamped,
+    too_large,
+)
+from linkage_vibration.prediction.inputs.topics import input_depth
 from linkage_vibration.prediction.inputs.units import ANGLES, Reading
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.motion import UNKNOWN, Rate, crank_filter, crank_resolution
@@ -134,6 +141,7 @@ class Predicting:
         self._crank: CrankInput
         self._subscribed = False
         self._other_names: set[str] = set()
+        self._too_large = 0
         self._began = self._judged = self._answered = 0.0
         self._gaps: defaultdict[str, SequenceGaps] = defaultdict(SequenceGaps)
         self._predictions, self._prediction_topic = predictions, predictions.topic_name
@@ -195,7 +203,8 @@ class Predicting:
         self._received = self._statistics.received
         for topic in self._topics.values():
             on_message = partial(self._on_message, topic.name, topic.type)
-            self._listener.subscribe(message_class(topic.type), topic.name, on_message)
+            kind, depth = message_class(topic.type), input_depth(topic.type)
+            self._listener.subscribe(kind, topic.name, on_message, depth)
 
     def unsubscribe(self) -> None:
         """Answer no more messages, once the listener has stopped."""
@@ -288,6 +297,9 @@ class Predicting:
             if wait > LONGEST_WAIT and began < self._answered + LONGEST_WAIT:
                 counts.dropped += 1
                 return
+        if len(data) > MAX_BYTES:
+            self._refuse_large(topic, len(data))
+            return
         message, used = (name, data, received, info), False
         for source, speed in topic.speeds:
             value_and_time = self._read(speed.read_one, message)
@@ -308,6 +320,13 @@ class Predicting:
                     self._other_names.update(topic.crank.reader.other_names(data))
         if used:
             self._record(*message)
+
+    def _refuse_large(self, topic: LiveTopic, size: int) -> None:
+        self._too_large += 1
+        problem = f"{topic.name}: {too_large(size)}"
+        if topic.crank is not None:
+            self.readings.refuse(problem)
+        self._throttle.warn("size", f"{problem} It is number {self._too_large} of such messages.")
 
     def _read(
         self,

@@ -2,13 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Declares, describes and sets the node's parameters in ROS 2."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
+from difflib import get_close_matches
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from linkage_vibration.messages.topics import OUTPUT_TOPICS
 from linkage_vibration.prediction.settings import (
     DECLARED,
     ParameterError,
@@ -18,6 +20,7 @@ from linkage_vibration.prediction.settings import (
     is_ros_parameter,
     with_values,
 )
+from linkage_vibration.ros.endpoints import QOS_VALUES
 
 
 def declare_parameters(node: Node) -> tuple[Parameters, dict[str, ParameterError]]:
@@ -85,12 +88,39 @@ def new_values(node: Node, asked: "list[Parameter[Any]]") -> "list[Parameter[Any
     return differing
 
 
+def check_qos_overrides(node: Node, inputs: Iterable[str]) -> None:
+    """Refuse a parameter below ``qos_overrides`` that changes no QoS of a topic of the node.
+
+    ``inputs`` has the absolute names of their topics.
+    """
+    topics = [f"{name}.subscription" for name in inputs]
+    outputs = [topic.name for topic in OUTPUT_TOPICS if topic.name.startswith("~")]
+    topics += [f"{node.resolve_topic_name(name)}.publisher" for name in outputs]
+    valid = [f"{topic}.{policy}" for topic in topics for policy in QOS_VALUES]
+    for name, parameter in node.get_parameters_by_prefix("qos_overrides").items():
+        if name not in valid:
+            near = get_close_matches(name, valid, 1, 0.0)[0]
+            raise ParameterError(
+                f"Parameter qos_overrides.{name} changes no topic of the node; did you mean "
+                f"qos_overrides.{near}?"
+            )
+        values: Collection[Any] = QOS_VALUES[name.rpartition(".")[2]]
+        if type(parameter.value) is not type(next(iter(values))) or parameter.value not in values:
+            listing = f"1 to {len(values)}" if isinstance(values, range) else " or ".join(values)
+            raise ParameterError(
+                f"Parameter qos_overrides.{name} must be {listing}, not {parameter.value!r}."
+            )
+
+
 def changed(settings: Parameters, asked: "list[Parameter[Any]]", *, configured: bool) -> Parameters:
     """Return the parameters after a request, or raise a `ParameterError` if it is not allowed.
 
     While the node is configured, only live parameters may be set.
     """
     _check_sim_time(asked)
+    for parameter in asked:
+        if parameter.name.startswith("qos_overrides."):
+            raise ParameterError(f"Parameter {parameter.name} is read at the start; give it there.")
     requested = {p.name: p.value for p in asked if not is_ros_parameter(p.name)}
     new = with_values(settings, requested)
     for name in requested:

@@ -43,14 +43,21 @@ def test_defaults_are_valid() -> None:
 
 
 def test_whole_numbers_may_stand_for_doubles() -> None:
-    """The integer 2 is accepted for a double, and no other type is converted."""
+    """An integer is accepted for a double or a text, and no other type is converted.
+
+    `ros2 param load` of rclpy reads 1e-05, as YAML writes a double, as a text.
+    """
     assert check_value("scale", 2) == 2.0
     assert isinstance(check_value("scale", 2), float)
+    assert check_value("joint_name", 5) == "5"
+    assert check_value("offset", "1e-05") == 1e-5
     for name, value in (
         ("scale", True),
         ("sign", 1.0),
         ("record", 1),
-        ("joint_name", 5),
+        ("joint_name", True),
+        ("joint_name", 5.0),
+        ("service_events", False),
     ):
         with pytest.raises(ParameterError, match=name):
             check_value(name, value)

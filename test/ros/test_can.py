@@ -22,10 +22,10 @@ from test.support.can_bus import (
     write_candump,
 )
 from test.support.interface_packages import built_package, environment_with
-from test.support.ros_process import start_node
+from test.support.ros_process import documented, start_node
 
 pytest.importorskip("can", reason="logs of a CAN bus are read by python-can (extra can)")
-CAN = {"input": "can", "engine_input": "can", "pto_input": "can", "ground_input": "can"}
+CAN = documented("can.md", "engine_input: can")
 SECOND = 10**9
 
 
@@ -44,18 +44,26 @@ def drive(seconds: int) -> list[BusFrame]:
     return [*recorded, *synthetic_hitch(times, raw)]
 
 
-def test_frames_over_dds(with_can: dict[str, str], tmp_path: Path) -> None:
-    """The answers of the node are those of a replay, and each lack of a value is logged once."""
-    bus = write_candump(tmp_path / "bus.log", drive(8))
-    given = {**CAN, "record": True, "log_directory": tmp_path}
+@pytest.mark.parametrize("position", [-1.0, 40.0])
+def test_frames_over_dds(with_can: dict[str, str], tmp_path: Path, position: float) -> None:
+    """With the parameters of the manual, the answers of the node are those of a replay.
+
+    So it is with a fixed hitch position on a bus without one. Each missing value is logged once.
+    """
+    fixed = position >= 0.0
+    recorded = [f for f in recorded_frames() if f.time < EPOCH + 4 * SECOND]
+    bus = write_candump(tmp_path / "bus.log", recorded if fixed else drive(8))
+    chosen = {**CAN, "hitch_position": position}
+    given = {**chosen, "record": True, "log_directory": tmp_path}
     node = start_node(tmp_path / "node.txt", with_can, **given)
-    node.wait_for("CAN signal rear_hitch_position on /from_can_bus")
+    signal = "rear_hitch_position" if not fixed else "engine_speed"
+    node.wait_for(f"CAN signal {signal} on /from_can_bus")
     play = [sys.executable, "-m", "linkage_vibration.cli", "play", str(bus)]
     played = subprocess.run(play, env=with_can, capture_output=True, text=True, check=True)
     assert "messages were published" in played.stdout
     assert node.stop() == 0
     [log] = tmp_path.glob("linkage_vibration_*.mcap")
-    settings = with_values(Parameters(), CAN)
+    settings = with_values(Parameters(), chosen)
     replay(bus, tmp_path / "offline.mcap", settings)
     replay(log, tmp_path / "again.mcap", settings)
     found, offline, again = (
@@ -73,8 +81,12 @@ def test_frames_over_dds(with_can: dict[str, str], tmp_path: Path) -> None:
     for name in ("crank_angle", "natural_frequencies", "header.stamp.nanosec", "status"):
         column = found[PREDICTION_TOPIC][name]
         np.testing.assert_array_equal(column, offline[PREDICTION_TOPIC][name], err_msg=name)
-    for words in ("rear_hitch_position is not available (0xFF)", "rear_pto_speed is not available"):
-        assert node.printed.count(words) == 1
+    if fixed:
+        assert set(found[PREDICTION_TOPIC]["crank_angle"]) == {2.6}  # at 40 % in the calibration
+        assert "hitch position 40 percent at each CAN signal engine_speed" in node.printed
+    else:
+        assert node.printed.count("rear_hitch_position is not available (0xFF)") == 1
+    assert node.printed.count("rear_pto_speed is not available") == 1
 
 
 def test_signal_that_does_not_exist(environment: dict[str, str], tmp_path: Path) -> None:

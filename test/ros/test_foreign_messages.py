@@ -1,8 +1,10 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Messages of the shape that ROS2ISOBUS publishes, over DDS and in bags."""
+"""Messages of ros2_control and ROS2ISOBUS, over DDS and in bags, with the manual's parameters."""
 
+import math
 import os
+from array import array
 from collections.abc import Callable, Iterator
 from importlib import import_module
 from pathlib import Path
@@ -10,29 +12,42 @@ from typing import Any
 
 import pytest
 import rclpy
+from geometry_msgs.msg import TwistStamped
 from mcap.reader import make_reader
 from rclpy.executors import SingleThreadedExecutor
+from sensor_msgs.msg import JointState
 
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.predictor import Status
-from linkage_vibration.prediction.settings import Parameters
+from linkage_vibration.prediction.settings import Parameters, with_values
 from linkage_vibration.testing.bag_checks import Limits, check_bag
 from linkage_vibration_interfaces.msg import Resonance, VibrationPrediction
 from test.support.interface_packages import built_package, environment_with, import_here
-from test.support.ros_process import RunningNode, own_context, start_node, until
+from test.support.ros_process import (
+    JOINT,
+    RunningNode,
+    documented,
+    own_context,
+    start_node,
+    until,
+)
 
-CALIBRATION = (0.0, 3.1, 40.0, 2.6, 100.0, 1.6)
-CHOSEN = {"input": "ros2_isobus", "pto_input": "ros2_isobus", "ground_input": "ros2_isobus"}
-SETTINGS = Parameters(calibration=CALIBRATION, **CHOSEN)  # type: ignore[arg-type]
+ISOBUS = documented("node.md", "engine_input: ros2_isobus")
+SETTINGS = with_values(Parameters(), ISOBUS)
+CONTROL = documented("node.md", "rear_pto_joint")
 DEFINITIONS = {
+    "IsobusFrame": (
+        "uint8 priority\nbool page\nuint32 pgn\nuint8 sa\nuint8 pf\nuint8 ps\nuint8[8] data\n"
+    ),
     "TecuRearHitchStatus": "float64 position_percent\nuint8 in_work\nfloat64 draft_n\n",
     "TecuRearPtoStatus": "float64 rpm\nfloat64 setpoint_rpm\nuint8 engagement\n",
     "TecuGroundSpeed": "float64 speed_ms\nfloat64 distance_m\nbool forward\n",
 }
 TYPES = {
-    "rear_hitch_status": "TecuRearHitchStatus",
-    "rear_pto_status": "TecuRearPtoStatus",
-    "ground_speed": "TecuGroundSpeed",
+    "bus_rx_frames": "IsobusFrame",
+    "tecu/rear_pto_status": "TecuRearPtoStatus",
+    "tecu/ground_speed": "TecuGroundSpeed",
+    "tecu/rear_hitch_status": "TecuRearHitchStatus",
 }
 
 
@@ -71,7 +86,7 @@ def test_isobus_over_dds_and_in_a_bag(
     begin: Callable[..., RunningNode], domain: int, tmp_path: Path
 ) -> None:
     """Presets read the messages; "not available" is no value; a replay gives the same bytes."""
-    node = begin(**CHOSEN, calibration=list(CALIBRATION), record=True, log_directory=tmp_path)
+    node = begin(**ISOBUS, record=True, log_directory=tmp_path)
     node.wait_for("Predicting for field position_percent on /ISOBUS/tecu/rear_hitch_status")
     predictions, resonances = list[Any](), list[Any]()
     with own_context(domain) as context:
@@ -80,7 +95,7 @@ def test_isobus_over_dds_and_in_a_bag(
         executor.add_node(tractor)
         types = import_module("ros2_isobus.msg")
         publishers = {
-            topic: tractor.create_publisher(getattr(types, kind), f"/ISOBUS/tecu/{topic}", 10)
+            topic: tractor.create_publisher(getattr(types, kind), f"/ISOBUS/{topic}", 10)
             for topic, kind in TYPES.items()
         }
         tractor.create_subscription(
@@ -92,17 +107,24 @@ def test_isobus_over_dds_and_in_a_bag(
             """Publish a moment of the drive until something is done."""
 
             def publish() -> None:
-                sent = {"rear_pto_status": {"rpm": rpm}, "ground_speed": {"speed_ms": speed}}
-                sent["rear_hitch_status"] = {"position_percent": percent}
-                for topic, fields in sent.items():
-                    publishers[topic].publish(getattr(types, TYPES[topic])(**fields))
+                engine = bytes([0xFF, 0xFF, 0xFF, *(8 * 1800).to_bytes(2, "little"), *bytes(3)])
+                other = {"pgn": 61443, "pf": 0xF0, "ps": 3, "data": [*bytes(8)]}
+                sent = [
+                    {"pgn": 61444, "pf": 0xF0, "ps": 4, "data": [*engine]},
+                    {"rpm": rpm},
+                    {"speed_ms": speed},
+                    {"position_percent": percent},
+                ]
+                publishers["bus_rx_frames"].publish(types.IsobusFrame(**other))
+                for (topic, kind), fields in zip(TYPES.items(), sent, strict=True):
+                    publishers[topic].publish(getattr(types, kind)(**fields))
                 for _ in range(4):
                     executor.spin_once(0.05)
 
             until(done, f"an answer at {percent} % and {rpm} rpm", publish)
 
         send(40.0, 540.0, 2.5, lambda: any(p.crank_angle == 2.6 for p in predictions))
-        send(40.0, 540.0, 2.5, lambda: resonances)
+        send(40.0, 540.0, 2.5, lambda: any(map(has_all_speeds, resonances)))
         send(102.0, 540.0, 2.5, lambda: predictions[-1].status == Status.INVALID_ANGLE)
         send(40.0, 8191.875, 2.5, lambda: "has no pto speed now, so it is unknown" in node.printed)
         send(40.0, 540.0, 2.5, lambda: predictions[-1].status == Status.OK)
@@ -121,11 +143,52 @@ def test_isobus_over_dds_and_in_a_bag(
         answers = [(at, data) for _, at, data in messages(again, f"/linkage_vibration/{name}")]
         assert recorded
         assert answers == recorded
-    names = [f"/ISOBUS/tecu/{topic}" for topic in TYPES]
+    names = [f"/ISOBUS/{topic}" for topic in TYPES]
     assert messages(again, *names) == messages(log, *names)
     report = check_bag(log, Limits(statuses=(Status.OK, Status.INVALID_ANGLE)), SETTINGS)
     assert report.passed
     assert report.predictions == len(messages(log, "/foreign/prediction"))
+
+
+def has_all_speeds(resonance: Any) -> bool:
+    """Return whether every speed is known, and the excitation follows the published one."""
+    published = any(math.isclose(resonance.excitation_speed, one) for one in (1800.0, 540.0, 2.5))
+    return published and not resonance.unknown_speeds
+
+
+def test_messages_of_ros2_control(begin: Callable[..., RunningNode], domain: int) -> None:
+    """A joint state has the hitch and two shafts in rad/s, and a twist has the ground speed."""
+    node = begin(**CONTROL)
+    node.wait_for("Predicting for joint hitch_rockshaft_joint on /joint_states")
+    predictions, resonances = list[Any](), list[Any]()
+    with own_context(domain) as context:
+        tractor = rclpy.create_node("tractor", context=context)
+        executor = SingleThreadedExecutor(context=context)
+        executor.add_node(tractor)
+        joints = tractor.create_publisher(JointState, "joint_states", 10)
+        twists = tractor.create_publisher(TwistStamped, "vehicle/twist", 10)
+        tractor.create_subscription(
+            VibrationPrediction, "/foreign/prediction", predictions.append, 99
+        )
+        tractor.create_subscription(Resonance, "/foreign/resonance", resonances.append, 99)
+        state = JointState(name=["rear_pto_joint", JOINT, "engine_crankshaft_joint"])
+        state.position = array("d", [9.0, 2.25, 9.0])
+        state.velocity = array("d", [540.0 * math.pi / 30.0, 0.0, 1800.0 * math.pi / 30.0])
+        twist = TwistStamped()
+        twist.twist.linear.x = 2.5
+
+        def publish() -> None:
+            state.header.stamp = tractor.get_clock().now().to_msg()
+            twists.publish(twist)
+            joints.publish(state)
+            for _ in range(4):
+                executor.spin_once(0.05)
+
+        until(lambda: any(map(has_all_speeds, resonances)), "all speeds", publish)
+        assert predictions[-1].crank_angle == 2.25
+        executor.shutdown()
+        tractor.destroy_node()
+    assert node.stop() == 0
 
 
 def test_types_that_cannot_be_read(begin: Callable[..., RunningNode]) -> None:

@@ -116,12 +116,11 @@ def test_stamps_in_any_order(peer: Any, predictor: Predictor) -> None:
 
 
 def test_burst(peer: Any, node: Any) -> None:
-    """A short burst is answered completely; a longer one may be answered in part, in order."""
+    """As many readings as wait are answered; of a longer burst perhaps some, in order."""
     peer.predictions.clear()
-    for i in range(90):
+    for i in range(10):
         stamped(peer, 9, i, 2.0)
-        peer.executor.spin_once(0.0)
-    peer.spin(lambda: len(peer.predictions) == 90)
+    peer.spin(lambda: len(peer.predictions) == 10)
     peer.predictions.clear()
     for i in range(5000):
         stamped(peer, 10, i, 2.0)

@@ -65,7 +65,7 @@ def test_events_are_published_and_logged(
         request = SetParameters.Request(parameters=[parameter])
         return peer.request(client, request).results[0]
 
-    assert "off or metadata or contents" in set_events("all").reason
+    assert "none or metadata or contents" in set_events("all").reason
     assert set_events("contents").successful
     peer.spin(lambda: EVENTS in dict(peer.node.get_topic_names_and_types()))
 
@@ -82,7 +82,7 @@ def test_events_are_published_and_logged(
     peer.spin(lambda: all(peer.node.count_subscribers(t) == n for t, n in extra.items()))
     seen = len(events)
     until(lambda: len(events) >= seen + 4, "more events", ask)
-    assert set_events("off").successful
+    assert set_events("none").successful
     assert node.stop() == 0
     kinds, angles, triggered, latched = set(), set(), 0, 0
     for path in tmp_path.iterdir():

@@ -6,6 +6,7 @@ Every wait ends with an event. Its limit only ends a test that has failed, so it
 machine with busy cores is many times slower than an idle one.
 """
 
+import re
 import signal
 import subprocess
 import sys
@@ -18,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
+import yaml
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -54,6 +56,15 @@ def until(
             time.sleep(0.02)
         else:
             wait()
+
+
+def documented(page: str, word: str) -> dict[str, Any]:
+    """Return the parameters of the first YAML block of a page that contains a word."""
+    text = (Path(__file__).parents[2] / "docs" / page).read_text()
+    blocks = re.findall(r"^```yaml\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    block = yaml.safe_load(next(block for block in blocks if word in block))
+    parameters: dict[str, Any] = block["linkage_vibration"]["ros__parameters"]
+    return parameters
 
 
 def has_loaded(pid: int, library: str) -> bool:

@@ -25,6 +25,18 @@ FloatArray = NDArray[np.float64]
 HEADER_TIME, RECEIPT_TIME = TIMES = ("header", "receipt")
 
 
+MAX_BYTES = 1_000_000
+"""Larger messages of inputs are refused; a joint state of 10,000 joints has a third of it."""
+
+
+def too_large(size: int) -> str:
+    """Return why a message of so many bytes is refused."""
+    return (
+        f"A message of {size} bytes was refused; an input may have {MAX_BYTES}, so publish what it "
+        "needs on a topic of its own."
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class SourceSettings:
     """Where an input comes from, as the parameters say."""
@@ -146,6 +158,11 @@ class InputReader:
 
     def _numbers(self, block: Block, rows: Integers, left_out: LeftOut) -> Iterator[Numbers]:
         """Read many messages, with NaN for values that are not available."""
+        large = block.sizes[rows] > MAX_BYTES
+        if large.any():
+            left_out.refused += int(large.sum())
+            left_out.fault = left_out.fault or too_large(int(block.sizes[rows].max()))
+            rows = rows[~large]
         for numbers in self.reader.read(block, rows, left_out):
             value = numbers.value
             wrong = ~((self.settings.low <= value) & (value <= self.settings.high))
