@@ -4,6 +4,7 @@
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,6 +14,7 @@ from benchmark.report import machine, publish, table
 from linkage_vibration.drawing.palette import COLOURS, GREY, INK
 from linkage_vibration.drawing.plots import tidy
 from linkage_vibration.drawing.pose_picture import draw_linkage
+from linkage_vibration.mechanics.description import Cylinder
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.mechanics.paths import number_at, with_numbers
@@ -116,6 +118,87 @@ def draw_pins(picture: Path) -> None:
     figure.savefig(picture)
 
 
+def draw_cylinder_and_tyres(picture: Path) -> None:
+    """Draw the ends of a lift cylinder in the axes of their bodies, and the axles on tyres."""
+    model = changed(LINKAGES[1], MEASURED["V2 to V1"][1], 0.0)
+    figure = Figure(figsize=(12.0, 5.0), dpi=110, layout="constrained")
+    left, right = figure.subplots(1, 2, width_ratios=[1.0, 1.35])
+    draw_cylinder(left, model)
+    draw_tyres(right, model)
+    for ax in (left, right):
+        ax.set(xlabel="x, forward [m]", ylabel="z, up [m]", aspect="equal")
+        tidy(ax)
+    figure.savefig(picture)
+
+
+def draw_cylinder(ax: Axes, model: LinkageModel) -> None:
+    """Draw the lift arm and a cylinder with the coordinates of its ends."""
+    at, spring = model.kinematics.at(math.radians(AT)), model.mechanism.springs[0]
+    assert isinstance(spring.stiffness, Cylinder)
+    assert spring.stiffness.ends is not None
+    (x, z), (along_arm, beside) = spring.stiffness.ends
+    places = pin_places(model.mechanism, at)
+    pin, foot = places["P3"], np.array([x, z])
+    head, corner = (at.place("input_crank", (along_arm, side)) for side in (beside, 0.0))
+    ax.plot(*np.array([pin, places["V2"]]).T, color=COLOURS[0], lw=4, label="lift arm (crank)")
+    ax.plot(*np.array([foot, head]).T, color=COLOURS[1], lw=7, alpha=0.6, label="lift cylinder")
+    along = (head - foot) / math.dist(head, foot)
+    nearest = foot + along * ((pin - foot) @ along)
+    ax.plot(*np.array([pin, nearest]).T, "--", color=INK, lw=1.4, label="lever")
+    for first, last, colour in (
+        (pin, corner, INK),
+        (corner, head, INK),
+        (np.zeros(2), np.array([x, 0.0]), GREY),
+        (np.array([x, 0.0]), foot, GREY),
+    ):
+        style = {"arrowstyle": "->", "color": colour, "lw": 1.6, "shrinkA": 0, "shrinkB": 0}
+        ax.annotate("", tuple(last), tuple(first), arrowprops=style, zorder=4)
+    note(
+        ax,
+        f"rod_end: [{along_arm:g}, {beside:g}],\nfrom P3 along the\nlift arm and beside it",
+        head,
+        -12,
+    )
+    note(ax, f"base_end: [{x:g}, {z:g}],\nfrom the origin of the\nground, here P1", foot, 12)
+    for name in ("P1", "P3", "V2"):
+        ax.plot(*places[name], "o", color="white", mec=INK, markersize=8, zorder=3)
+        note(ax, name, places[name], -10 if name == "P1" else 10)
+    ax.legend(frameon=False, loc="lower left", fontsize=9)
+    ax.set_title("The ends of a lift cylinder", loc="left")
+    ax.set(xlim=(-0.45, 0.4), ylim=(-0.08, 0.6))
+
+
+def draw_tyres(ax: Axes, model: LinkageModel) -> None:
+    """Draw the linkage with the axles of its tractor."""
+    base = model.mechanism.base
+    assert base is not None
+    soil, outline = (
+        -0.85,
+        np.array([[0.0, 0.0], [0.2, 0.7], [3.4, 0.7], [3.4, -0.05], [0.3, -0.05]]),
+    )
+    ax.fill(*outline.T, color=GREY, alpha=0.2, linewidth=0)
+    draw_linkage(ax, model, math.radians(AT))
+    for mount in base.mounts:
+        (x, z), name = mount.at, mount.name.replace("_", " ")
+        wave = 0.08 * np.array([0, 0, *[1, -1] * 4, 1, 0, 0])
+        ax.plot(x + wave, np.linspace(soil, z, len(wave)), color=COLOURS[1], lw=1.5)
+        ax.plot(x, z, "s", color=COLOURS[1], markersize=8)
+        note(ax, f"{name}\nat: [{x:g}, {z:g}],\ntyre or stiffness", np.array([x, z - 0.45]), 14)
+    x, z = base.body.centre_of_gravity
+    ax.plot(x, z, "P", color=INK, markersize=10)
+    note(ax, f"centre_of_gravity:\n[{x:g}, {z:g}]", np.array([x, z + 0.2]), 10)
+    ax.axhline(soil, color=INK, lw=2)
+    ax.set_title("The tractor on its tyres, in the axes of the ground", loc="left")
+    ax.set(xlim=(-2.0, 4.4), ylim=(-1.0, 1.1))
+
+
+def note(ax: Axes, text: str, place: np.ndarray, offset: int) -> None:
+    """Write a text beside a place: on its right, or with a negative offset on its left."""
+    side = "left" if offset > 0 else "right"
+    style: Any = {"textcoords": "offset points", "ha": side, "va": "center", "fontsize": 9}
+    ax.annotate(text, tuple(place), (offset, 0), zorder=6, **style)
+
+
 def draw_wrong_pins(picture: Path, found: list[list[float]]) -> None:
     """Draw how 10 mm in each length move the implement and the first mode of the linkage."""
     figure = Figure(figsize=(9.0, 4.2), dpi=110, layout="constrained")
@@ -161,6 +244,7 @@ def main() -> None:
     found, wrong = wrong_pins(LINKAGES[0])
     draw_pins(PICTURES / "own_hitch_pins.png")
     draw_wrong_pins(PICTURES / "own_hitch_wrong_pins.png", found)
+    draw_cylinder_and_tyres(PICTURES / "own_hitch_cylinder.png")
     parts = [
         "This page shows what the adjustable links and errors of the tape measure change in the "
         "shipped hitches, at the same crank angle."

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What does a phone on the implement record when a hammer hits it at five heights?
 
-It writes a CSV file for each height, of an implement that is 25 % heavier than its type plate says.
+It writes a CSV file for each height, of an implement that is 25 % heavier than its type plate says,
+or of the mechanism in a file: ``python simulated_hammer.py FOLDER MECHANISM``.
 The phone has no anti-aliasing filter: modes above half its rate are in the samples, folded.
 """
 
@@ -25,7 +26,8 @@ config = Path(__file__).parents[1] / "config"
 mechanism = lv.read_mechanism(config / "three_point_linkage_on_tractor.yaml")
 [implement] = mechanism.rigid_bodies
 heavier = replace(mechanism, rigid_bodies=(replace(implement, mass=1.25 * implement.mass),))
-model, random = lv.LinkageModel(heavier), np.random.default_rng(1)
+recorded = lv.read_mechanism(sys.argv[2]) if len(sys.argv) > 2 else heavier
+model, random = lv.LinkageModel(recorded), np.random.default_rng(1)
 
 count = RATE * SECONDS
 times = np.arange(count) / RATE - 1.0  # s after the blow
