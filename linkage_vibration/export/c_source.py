@@ -12,14 +12,11 @@ from pathlib import Path
 import numpy as np
 
 from linkage_vibration.export.constants import Constants, ExportError, Orders, Reals
-from linkage_vibration.export.evaluation import NUMBERS, evaluate
+from linkage_vibration.export.evaluation import ASSESSED, NUMBERS, SOURCES, assess, evaluate
 from linkage_vibration.messages.fields import message_constants, message_fields
 from linkage_vibration.messages.topics import PREDICTION, RESONANCE
 from linkage_vibration.support.version import VERSION
 from linkage_vibration.table.table import Table
-
-SOURCES = ("engine", "pto", "ground")
-"""The speeds of excitations, in the order of the indices in C."""
 
 NAME = "linkage_vibration"
 """How names begin unless another name is wanted."""
@@ -27,6 +24,8 @@ NAME = "linkage_vibration"
 _TEMPLATES = Path(__file__).with_name("templates")
 _WIDTH = 96  # characters of a line
 _TESTED = 1000  # angles of the generated test
+_ASSESSED = 200  # of them are those at which excitations are compared
+_HIGHEST_SPEEDS = 3000.0, 1200.0, 12.0  # rpm and m/s, of that test
 _SEED = 2
 _VALID_NAME = re.compile(r"[a-z][0-9a-z_]{0,19}")
 
@@ -76,7 +75,7 @@ def c_files(description: Description, constants: Constants) -> dict[str, str]:
     values = _values(description, constants)
     files = {f"{prefix}.h": "table.h.in", f"{prefix}.c": "table.c.in"}
     texts = {name: filled(template, values) for name, template in files.items()}
-    texts[f"{prefix}_test.c"] = filled("test.c.in", values | _test_values(constants))
+    texts[f"{prefix}_test.c"] = filled("test.c.in", values | _test_values(constants, prefix))
     return texts
 
 
@@ -224,12 +223,11 @@ def _lines(words: Iterable[str], indent: str) -> list[str]:
 
 def _order_values(orders: Orders, f: str) -> dict[str, str]:
     """Return what stands for the excitations in their templates."""
-    real, rows = orders.ratios.dtype.type, []
-    for source, ratio, force, which in zip(
-        orders.sources, orders.ratios.tolist(), orders.forces.tolist(), orders.inputs, strict=True
-    ):
+    real, rows = orders.starts.dtype.type, []
+    given = orders.ratios.tolist(), orders.omegas.tolist(), orders.forces.tolist()
+    for source, *pair, force, which in zip(orders.sources, *given, orders.inputs, strict=True):
         *load, soil = force
-        numbers = [literal(v, f) for v in (ratio, float(real(2.0 * math.pi * ratio)), *load)]
+        numbers = [literal(v, f) for v in (*pair, *load)]
         row = ", ".join([f"{SOURCES.index(source)}u", *numbers, str(int(soil)), f"{which}u"])
         rows.append(f"    {{{row}}}")
     return {
@@ -240,7 +238,7 @@ def _order_values(orders: Orders, f: str) -> dict[str, str]:
     }
 
 
-def _test_values(constants: Constants) -> dict[str, str]:
+def _test_values(constants: Constants, name: str) -> dict[str, str]:
     """Return what stands for each name in the template of the test."""
     f, dtype = _suffix(constants), constants.starts.dtype
     angles = angles_to_test(constants)
@@ -249,13 +247,45 @@ def _test_values(constants: Constants) -> dict[str, str]:
     numbers = np.hstack([getattr(outputs, name).reshape(len(angles), -1) for name in NUMBERS])
     with np.errstate(all="ignore"):
         largest = np.fmax.reduce(np.abs(numbers), axis=0, initial=0.0)
-    return {
+    values = dict.fromkeys(("orders_test", "orders_calls", "order_count", "assess_too"), "")
+    if constants.orders is not None:
+        given = {"f": f, "prefix": name, "PREFIX": name.upper()}
+        values = {
+            "orders_test": filled(
+                "orders_test.c.in", given | _order_test_values(constants, angles, stddev)
+            ),
+            "orders_calls": "    assess_all(&wrong, &equal, &worst);\n",
+            "order_count": " + (long)ASSESSED * LEVELS",
+            "assess_too": f" and {name}_assess",
+        }
+    return values | {
         "count": str(len(angles)),
         "limit": "1e-4" if f else "1e-12",
         "angles": _rows(np.stack([angles, stddev], axis=1), f),
         "expected_statuses": "\n".join(_lines(map(str, outputs.status.tolist()), "    ")),
         "expected": _rows(numbers, f),
         "largest": _rows(np.where(largest > 0.0, largest, 1.0), f),
+    }
+
+
+def _order_test_values(constants: Constants, angles: Reals, stddev: Reals) -> dict[str, str]:
+    """Return what stands for each name in the template of the test of excitations."""
+    assert constants.orders is not None
+    f, random = _suffix(constants), np.random.default_rng(_SEED)
+    low, high = constants.alpha3_range
+    rows = np.flatnonzero((angles >= low) & (angles <= high))[-_ASSESSED:]
+    angles, stddev = angles[rows], stddev[rows]
+    speeds = random.uniform(0.0, _HIGHEST_SPEEDS, (len(rows), 3)).astype(angles.dtype)
+    speeds[::7], speeds[::11, 1] = 0.0, math.nan
+    outputs = evaluate(constants, angles, stddev)
+    found = assess(constants.orders, outputs, angles, speeds)
+    numbers = np.hstack([found[name].reshape(len(rows), -1) for name in ASSESSED])
+    largest = np.fmax.reduce(np.abs(numbers), axis=0, initial=0.0)
+    return {
+        "assessed": str(len(rows)),
+        "cases": _rows(np.column_stack([angles, speeds]), f),
+        "assessments": _rows(numbers, f),
+        "largest_assessments": _rows(np.where(largest > 0.0, largest, 1.0), f),
     }
 
 

@@ -25,9 +25,11 @@ _TURN = 2.0 * math.pi
 _FARTHEST, _FARTHEST_SINGLE = 1e6, 64.0  # rad; a larger angle is too coarse to remove whole turns
 _SAME = 1e-6  # of the largest value: a larger step between two cells is a jump
 _ZERO = 1e-4  # of the largest value: smaller values have no relative error of their own
+_SMALL_TERM = 1e-2  # of its largest residue: the same of a term of a response
 _LARGEST_TOLERANCE = 1e-3  # that of the peak is a hundred times as large
 _DEVIATION = 0.01  # relative error of standard deviations with fewer rows
 _MOST_GAPS = 1e-3  # of the range
+_SHARE = 0.3  # of the tolerance of a response, which each of its numbers may use
 
 
 class ExportError(LinkageVibrationError):
@@ -68,6 +70,32 @@ class Orders:
     starts: Reals
     cubics: Reals
     highest_frequency: float
+
+    @property
+    def omegas(self) -> Reals:
+        """Angular frequency per speed, rad/s per rpm or m/s, (n_orders,)."""
+        return np.asarray((2.0 * math.pi * self.ratios).astype(self.starts.dtype))
+
+    def scales(self, widths: FloatArray) -> FloatArray:
+        """Return what errors of the values in cells of widths are relative to, (n_cells, n_values).
+
+        A term (a + i w b) / (k - w^2 + i w c) changes by the sum of the relative errors of k, c, a
+        and b at most: those of k over the smallest denominator, and of b over a at the band's end.
+        """
+        t, n = self.n_terms, len(self.cubics)
+        low, _ = extremes(self.cubics, widths)
+        k, c = low[:, :t], low[:, 2 * t : 3 * t]
+        top = 2.0 * math.pi * self.highest_frequency
+        root = np.where(c * c < 2.0 * k, c * np.sqrt(np.maximum(k - 0.25 * c * c, 0.0)), k)
+        root = np.where(k - 0.5 * c * c > top * top, k - top * top, root)
+        parts = [root, root, np.maximum(c, root / top)]
+        above = 3 * t * (1 + self.n_inputs)
+        small = smallest_sizes(self.cubics, widths, _SMALL_TERM)
+        for values in (small[:, 3 * t : above], small[:, above : above + 3 * self.n_inputs]):
+            real, imaginary, _ = values.reshape(n, 3, -1).swapaxes(0, 1)
+            size = np.hypot(real, imaginary)
+            parts += [size, size, size / top]
+        return np.hstack([*parts, small[:, above + 3 * self.n_inputs :]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,6 +152,12 @@ class Constants:
     def ends(self) -> FloatArray:
         """Where cells begin, and where the last one ends, (n_cells + 1,), rad."""
         return np.append(self.starts, self.alpha3_range[1]).astype(float)
+
+    @property
+    def order_ends(self) -> FloatArray:
+        """The same of the cells of the responses to excitations."""
+        assert self.orders is not None
+        return np.append(self.orders.starts, self.alpha3_range[1]).astype(float)
 
     @property
     def gap_text(self) -> str:
@@ -261,7 +295,7 @@ def extremes(cubics: FloatArray, widths: FloatArray) -> tuple[FloatArray, FloatA
     return values.min(axis=0), values.max(axis=0)
 
 
-def smallest_sizes(cubics: FloatArray, widths: FloatArray) -> FloatArray:
+def smallest_sizes(cubics: FloatArray, widths: FloatArray, share: float = _ZERO) -> FloatArray:
     """Return the smallest magnitudes in cells, (n, k), or a share of the largest of all cells.
 
     Errors are relative to these.
@@ -270,7 +304,7 @@ def smallest_sizes(cubics: FloatArray, widths: FloatArray) -> FloatArray:
     sizes = np.abs([low, high])
     smallest = np.where(low * high > 0.0, sizes.min(axis=0), 0.0)
     with np.errstate(invalid="ignore"):
-        floor = _ZERO * np.nanmax(sizes, axis=(0, 1), initial=0.0)
+        floor = share * np.nanmax(sizes, axis=(0, 1), initial=0.0)
     return np.asarray(np.maximum(smallest, floor))
 
 
@@ -279,7 +313,8 @@ def fewer_cells(constants: Constants, tolerance: float) -> Constants:
 
     Neighbouring cells are joined into one that has their values and slopes at its ends, as long as
     it agrees with all of them. The tolerance bounds the relative error of natural frequencies and
-    damping ratios against the table; that of the peak is `PEAK_TOLERANCE` times as large. Of the
+    damping ratios against the table; that of the peak is
+    `PEAK_TOLERANCE` times as large, as is about that of responses. Of the
     rows of standard deviations by uncertain numbers every second is left out, repeatedly, as long
     as no deviation changes by more than 1 %.
 
@@ -298,13 +333,19 @@ def fewer_cells(constants: Constants, tolerance: float) -> Constants:
     absent = (constants.cubics[:, :, n + peaks :] == 0.0).all(axis=1)
     limits[:, n : n + peaks][absent] = math.inf
     starts, cubics = _Joiner(ends, constants.cubics, limits).joined()
-    every = _kept_rows(constants.parameters)
+    every, orders = _kept_rows(constants.parameters), constants.orders
+    if orders is not None and orders.n_terms:
+        ends = constants.order_ends
+        limits = _SHARE * PEAK_TOLERANCE * tolerance * orders.scales(np.diff(ends))
+        joined = _Joiner(ends, orders.cubics, limits).joined()
+        orders = replace(orders, starts=joined[0], cubics=joined[1])
     return replace(
         constants,
         starts=starts,
         cubics=cubics,
         parameters=constants.parameters[::every],
         parameter_step=every * constants.parameter_step,
+        orders=orders,
     )
 
 

@@ -7,6 +7,7 @@ The expected values of the generated test come from here, and so do the bounds o
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from linkage_vibration.export.constants import (
     Constants,
     FloatArray,
+    Orders,
     Reals,
     extremes,
     moved,
@@ -36,6 +38,17 @@ PER_MODE = (
 NUMBERS = (*PER_MODE, "frf_peak_frequency", "frf_peak_magnitude", "interpolation_error")
 """The outputs beside the status, in their order in C; `frequency_slopes` are in Hz/rad."""
 
+ASSESSED = (
+    "excitation_frequency",
+    "relative_margin",
+    "velocities",
+    "amplifications",
+    "total_velocity",
+)
+"""Numbers about excitations that the generated test compares."""
+SOURCES = ("engine", "pto", "ground")
+"""The speeds of excitations, in the order of the indices in C."""
+
 _ROUNDINGS = 8  # of the evaluation of a cubic
 
 
@@ -51,12 +64,16 @@ class ExportErrors:
         Of the slopes of natural frequencies, over the largest slope of each.
     peak : float
         Relative, of frequency and magnitude of each candidate for the highest peak.
+    response : float
+        Of velocities, accelerations and amplifications by excitations, over the sum of the
+        magnitudes of the terms of the response.
     """
 
     frequency: float = 0.0
     damping_ratio: float = 0.0
     slope: float = 0.0
     peak: float = 0.0
+    response: float = 0.0
 
     @property
     def text(self) -> str:
@@ -69,7 +86,17 @@ class ExportErrors:
             f"{upwards(self.peak)} (relative); slopes {upwards(self.slope)} (of their largest "
             "values). Where another peak is as high as the highest one within this error, or the "
             "highest one is within it of an end of the band, the other one may be reported."
-        )
+        ) + _response_text(self.response)
+
+
+def _response_text(error: float) -> str:
+    """Return a sentence about the error of responses; empty without any."""
+    if not error:
+        return ""
+    return (
+        f" Responses to excitations differ by at most {upwards(error)} of the sum of the "
+        "magnitudes of their terms."
+    )
 
 
 def upwards(error: float) -> str:
@@ -110,30 +137,70 @@ def bounds(constants: Constants, approximate: Constants) -> ExportErrors:
     roundings of an evaluation and, in single precision, those of the angle.
     """
     ends, n = constants.ends, constants.n_modes
-    widths, starts = np.diff(ends), approximate.starts.astype(float)
-    other = np.searchsorted(starts, 0.5 * (ends[1:] + ends[:-1]), side="right") - 1
-    shifts, unit = ends[:-1] - starts[other], float(np.finfo(approximate.starts.dtype).eps)
-    farthest = approximate.farthest if constants.turns else float(np.abs(ends).max())
-    turned = unit * farthest if approximate.starts.dtype != constants.starts.dtype else 0.0
-
-    def apart(exact: Reals, near: Reals) -> tuple[FloatArray, FloatArray]:
-        near = near.astype(float)[other]
-        slopes = np.maximum(*np.abs(extremes(slopes_of(exact), widths)))
-        rounding = np.abs(moved(np.abs(near), shifts + widths)[:, 3])
-        low, high = extremes(moved(near, shifts) - exact, widths)
-        return np.maximum(-low, high) + _ROUNDINGS * unit * rounding + turned * slopes, slopes
-
-    off, slopes = apart(constants.cubics, approximate.cubics)
+    unit, turned = float(np.finfo(approximate.starts.dtype).eps), 0.0
+    if approximate.starts.dtype != constants.starts.dtype:
+        turned = unit * (approximate.farthest if constants.turns else float(np.abs(ends).max()))
+    of_values = partial(_apart, ends, unit, turned, approximate.starts)
+    off, slopes = of_values(constants.cubics, approximate.cubics)
     with np.errstate(all="ignore"):
-        relative = off / smallest_sizes(constants.cubics, widths)
+        relative = off / smallest_sizes(constants.cubics, np.diff(ends))
     peaks = relative[:, 2 * n :]
     # The frequency of a peak without a height does not count.
     absent = (constants.cubics[:, :, 2 * n + constants.n_peaks :] == 0.0).all(axis=1)
     peaks[:, : constants.n_peaks][absent] = 0.0
-    curved, _ = apart(slopes_of(constants.cubics), slopes_of(approximate.cubics))
+    curved, _ = of_values(slopes_of(constants.cubics), slopes_of(approximate.cubics))
     of_slopes = curved[:, :n] / np.nanmax(slopes[:, :n], axis=0)
-    parts = relative[:, :n], relative[:, n : 2 * n], of_slopes, peaks
-    return ExportErrors(*(float(np.nanmax(part, initial=0.0)) for part in parts))
+    response, orders, near = 0.0, constants.orders, approximate.orders
+    if orders is not None and near is not None and orders.n_terms:
+        ends = constants.order_ends
+        scales = orders.scales(np.diff(ends))
+        off, _ = _apart(ends, unit, turned, near.starts, orders.cubics, near.cubics)
+        response = _response_bound(orders, off, scales, unit)
+    return ExportErrors(
+        frequency=float(np.nanmax(relative[:, :n], initial=0.0)),
+        damping_ratio=float(np.nanmax(relative[:, n : 2 * n], initial=0.0)),
+        slope=float(np.nanmax(of_slopes, initial=0.0)),
+        peak=float(np.nanmax(peaks, initial=0.0)),
+        response=response,
+    )
+
+
+def _apart(
+    ends: FloatArray, unit: float, turned: float, starts: Reals, exact: Reals, near: Reals
+) -> tuple[FloatArray, FloatArray]:
+    """Return bounds of errors of values in cells, (n_cells, k), and of their slopes.
+
+    Parameters
+    ----------
+    ends : ndarray, (n_cells + 1,)
+        Of the exact cells, rad.
+    unit, turned : float
+        The relative rounding of a number, and the rounding of an angle, rad.
+    starts, exact, near : ndarray
+        Starts of approximate cells, rad, the exact cubics and the approximate ones.
+    """
+    widths, starts = np.diff(ends), starts.astype(float)
+    other = np.searchsorted(starts, 0.5 * (ends[1:] + ends[:-1]), side="right") - 1
+    shifts, near = ends[:-1] - starts[other], near.astype(float)[other]
+    slopes = np.maximum(*np.abs(extremes(slopes_of(exact), widths)))
+    rounding = np.abs(moved(np.abs(near), np.abs(shifts) + widths)[:, 3])
+    low, high = extremes(moved(near, shifts) - exact, widths)
+    return np.maximum(-low, high) + _ROUNDINGS * unit * rounding + turned * slopes, slopes
+
+
+def _response_bound(orders: Orders, off: FloatArray, scales: FloatArray, unit: float) -> float:
+    """Return the error of responses, over the sum of the magnitudes of their terms."""
+    t, i, n = orders.n_terms, orders.n_inputs, len(off)
+    with np.errstate(all="ignore"):
+        relative = np.nan_to_num(off / scales, nan=0.0, posinf=math.inf)
+        # Frequencies and denominators are rounded, most where these nearly vanish.
+        poles = relative[:, : 3 * t].reshape(n, 3, t).sum(axis=1)
+        poles += 2 * _ROUNDINGS * unit * (1.0 + 2.0 * orders.cubics[:, 3, :t] / scales[:, :t])
+    above = relative[:, 3 * t : 3 * t * (1 + i)].reshape(n, 3, t, i).sum(axis=1)
+    others = relative[:, 3 * t * (1 + i) :].reshape(n, 4, i).sum(axis=1)
+    terms = (poles[..., np.newaxis] + above).max(axis=1) + others
+    error = float(terms.max()) + (2 * t + 4 * _ROUNDINGS) * unit
+    return error / (1.0 - error) if error < 1.0 else math.inf
 
 
 def evaluate(constants: Constants, crank_angle: Reals, stddev: Reals) -> MessageColumns:
@@ -216,3 +283,58 @@ def _peaks(constants: Constants, values: Reals) -> tuple[Reals, Reals]:
         higher = (size > magnitude) & (at >= low) & (at <= high)
         frequency, magnitude = np.where(higher, at, frequency), np.where(higher, size, magnitude)
     return frequency, np.where(magnitude < 0.0, real(np.nan), magnitude)
+
+
+def assess(
+    orders: Orders, outputs: MessageColumns, angle: Reals, speeds: Reals
+) -> dict[str, Reals]:
+    """Return what excitations do as the exported function gives it, by the names in `ASSESSED`.
+
+    Parameters
+    ----------
+    orders : Orders
+    outputs : MessageColumns
+        What `evaluate` returns.
+    angle, speeds : ndarray, (n,) and (n, 3)
+        Angles in the table, rad, and speeds in the order of `SOURCES`, rpm or m/s, not negative.
+    """
+    real, t = orders.starts.dtype.type, orders.n_terms
+    speed = speeds.T[[SOURCES.index(source) for source in orders.sources]]
+    frequency, w = (x.astype(real)[:, np.newaxis] * speed for x in (orders.ratios, orders.omegas))
+    with np.errstate(all="ignore"):
+        natural = outputs.natural_frequencies.T[:, np.newaxis]
+        apart = np.nan_to_num(np.abs(frequency / natural - real(1.0)), nan=math.inf)
+        own = np.take_along_axis(natural, apart.argmin(axis=0)[np.newaxis], axis=0)[0]
+        margin = (frequency - own) / own
+        levels = np.full((2, *speed.shape), real(math.nan))
+        if t:
+            magnitude, still = _magnitudes(orders, angle, w)
+            amplitude, at, exponent, soil = orders.forces.astype(real).T[..., np.newaxis]
+            load = amplitude * (speed / at) ** exponent
+            load = np.where(soil != 0.0, load / (w * w), load)
+            load = np.where(speed > 0.0, load, real(0.0) * amplitude)
+            levels = np.array([(magnitude * load) * w, magnitude / still])
+            levels[:, ~(w <= real(2.0 * math.pi * orders.highest_frequency))] = math.nan
+        squares = np.add.accumulate(np.nan_to_num(levels[0] * levels[0], nan=0.0))[-1]
+        total = np.where(np.isnan(levels[0]).all(axis=0), real(math.nan), np.sqrt(squares))
+    return dict(zip(ASSESSED, (frequency.T, margin.T, *levels.swapaxes(1, 2), total), strict=True))
+
+
+def _magnitudes(orders: Orders, angle: Reals, w: Reals) -> tuple[Reals, Reals]:
+    """Return magnitudes of responses to unit loads at frequencies, and of the static ones.
+
+    Both are (n_orders, n), as the angular frequencies are; angles are (n,).
+    """
+    t, i, inputs = orders.n_terms, orders.n_inputs, np.array(orders.inputs)
+    values = Cells(orders.starts, orders.cubics).many_values(angle).T
+    k, k_imaginary, c = values[: 3 * t].reshape(3, t, 1, -1)
+    above = 3 * t * (1 + i)
+    a, a_imaginary, b = values[3 * t : above].reshape(3, t, i, -1)[:, :, inputs]
+    rest, rest_imaginary, rate = values[above : above + 3 * i].reshape(3, i, -1)[:, inputs]
+    d, d_imaginary = k - w * w, c * w + k_imaginary
+    size, numerator = d * d + d_imaginary * d_imaginary, a_imaginary + b * w
+    d, d_imaginary = d / size, d_imaginary / size
+    parts = a * d + numerator * d_imaginary, numerator * d - a * d_imaginary
+    real, imaginary = (np.add.accumulate(part)[-1] for part in parts)
+    real, imaginary = real + rest, imaginary + rest_imaginary + rate * w
+    return np.sqrt(real * real + imaginary * imaginary), values[above + 3 * i :][inputs]

@@ -16,9 +16,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.sax.saxutils import escape
 
-from linkage_vibration.export.c_source import SOURCES, Description, c_files, filled, literal
+from linkage_vibration.export.c_source import Description, c_files, filled, literal
 from linkage_vibration.export.constants import Constants, ExportError
-from linkage_vibration.export.evaluation import NUMBERS, PER_MODE
+from linkage_vibration.export.evaluation import NUMBERS, PER_MODE, SOURCES
 from linkage_vibration.messages.fields import message_constants, message_fields
 from linkage_vibration.messages.topics import PREDICTION, RESONANCE
 from linkage_vibration.support.version import VERSION

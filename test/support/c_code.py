@@ -72,7 +72,7 @@ class Library:
         compiler: str = "gcc",
         flags: Sequence[str] = EXACT,
     ) -> None:
-        prefix, self._constants = description.name, constants
+        prefix, self.constants = description.name, constants
         write(c_files(description, constants), folder)
         loop = _LOOP + (_ASSESS if constants.orders else "")
         (folder / "loop.c").write_text(
@@ -97,15 +97,15 @@ class Library:
     def predict(self, angles: Reals, stddevs: Reals) -> NDArray[np.void]:
         """Return the predictions at angles, as a structured array."""
         found = np.zeros(len(angles), self._prediction)
-        own = [np.ascontiguousarray(x, self._constants.starts.dtype) for x in (angles, stddevs)]
+        own = [np.ascontiguousarray(x, self.constants.starts.dtype) for x in (angles, stddevs)]
         pointers = [ctypes.c_void_p(x.ctypes.data) for x in (*own, found)]
         self._library.predict_many(*pointers[:2], ctypes.c_size_t(len(found)), pointers[2])
         return found
 
     def assess(self, predictions: NDArray[np.void], speeds: Reals) -> NDArray[np.void]:
         """Return what excitations do, with speeds of shape (n, 3)."""
-        assert self._constants.orders is not None
-        n, real = len(self._constants.orders.names), self._constants.starts.dtype
+        assert self.constants.orders is not None
+        n, real = len(self.constants.orders.names), self.constants.starts.dtype
         kind = np.dtype(
             [
                 ("excitation_frequency", real, (n,)),
