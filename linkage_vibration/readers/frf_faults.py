@@ -15,11 +15,7 @@ from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray
 from linkage_vibration.mechanics.bodies.frfs import Frfs
 from linkage_vibration.mechanics.description import Point
 from linkage_vibration.mechanics.dofs import InterfaceDof
-from linkage_vibration.mechanics.mass_lines import (
-    MassLines,
-    find_mass_lines,
-    shown_mass,
-)
+from linkage_vibration.mechanics.mass_lines import MassLines, find_mass_lines, shown_mass
 from linkage_vibration.mechanics.regularisation import noise_level
 from linkage_vibration.readers.component_files import FileError
 
@@ -78,25 +74,16 @@ def _check_signs(dofs: Sequence[InterfaceDof], lines: MassLines | None) -> None:
     if lines is None:
         return
     wrong = np.diag(lines.accelerance) < 0.0
-    where = f"between {lines.first:.3g} and {lines.last:.3g} Hz"
-    if wrong.all():
-        raise FileError(
-            f"all drive points have the wrong sign: {where}, where the link moves as a rigid body, "
-            "it must move against the force, with a negative real part of the receptance; look "
-            "for reversed signs (multiply all FRFs by -1), or magnitudes without phases."
-        )
     if wrong.any():
         raise FileError(
-            f"the drive {_points(dofs, wrong)} {where} with the force, not against it as a free "
-            "body does; the sensor there, or the force, points the other way: change its sign."
+            f"the drive {_points(dofs, wrong)} between {lines.first:.3g} and {lines.last:.3g} Hz "
+            "with the force, not against it as a free body does; the sensor there, or the force, "
+            "points the other way: change its sign. If these are all points, all signs may be "
+            "reversed, or the FRFs are magnitudes without phases."
         )
 
 
-def _check_power(
-    dofs: Sequence[InterfaceDof],
-    accelerance: ComplexArray,
-    noise: float,
-) -> None:
+def _check_power(dofs: Sequence[InterfaceDof], accelerance: ComplexArray, noise: float) -> None:
     """Refuse drive points that give out power: the imaginary part of a receptance is negative.
 
     Lines near resonances show this whatever the errors of phase. Without such lines, the mean
@@ -109,14 +96,12 @@ def _check_power(
     share = lost.sum(axis=0) / np.maximum(np.abs(lost).sum(axis=0), np.finfo(float).tiny)
     lag = (drive.imag / size).mean(axis=0) / min(_LAG, 100.0 * noise + 1e-9)
     sign = np.where(near.any(axis=0), 2.0 * share, lag)
-    wrong = sign > 1.0
-    if not wrong.any():
-        return
-    raise FileError(
-        f"the drive {_points(dofs, wrong)} as if the link gave out power, with a positive "
-        "imaginary part of the receptance; look for a reversed sign of the sensor or the force "
-        "there, or exp(-i omega t) (take the complex conjugates of all FRFs)."
-    )
+    if (sign > 1.0).any():
+        raise FileError(
+            f"the drive {_points(dofs, sign > 1.0)} as if the link gave out power, with a positive "
+            "imaginary part of the receptance; look for a reversed sign of the sensor or the force "
+            "there, or exp(-i omega t) (take the complex conjugates of all FRFs)."
+        )
 
 
 def _points(dofs: Sequence[InterfaceDof], chosen: BoolArray) -> str:

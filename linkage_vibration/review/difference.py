@@ -36,9 +36,10 @@ class Quantity:
     b: FloatArray  # (n,), values in log B
 
     @property
-    def compared(self) -> int:
-        """Number of stamps at which both logs have a number."""
-        return int(np.isfinite(self.b - self.a).sum())
+    def change(self) -> FloatArray:
+        """B less A, (n,), in the unit of the logs; NaN where one of both has no number."""
+        change = self.b - self.a
+        return np.where(np.isfinite(change), change, math.nan)
 
     @property
     def one_sided(self) -> int:
@@ -48,26 +49,26 @@ class Quantity:
     @property
     def farthest(self) -> int | None:
         """Index of the largest difference; None if nothing can be compared."""
-        return int(np.nanargmax(np.abs(self.b - self.a))) if self.compared else None
+        size = np.abs(self.change)
+        return int(np.nanargmax(size)) if np.isfinite(size).any() else None
 
     @property
     def largest(self) -> float:
-        """B less A where they differ most, in the unit of the logs, or NaN."""
-        at = self.farthest
-        return math.nan if at is None else float(self.b[at] - self.a[at])
+        """B less A where they differ most, or NaN."""
+        return math.nan if self.farthest is None else float(self.change[self.farthest])
 
     @property
     def largest_relative(self) -> float:
         """The largest of abs(B - A) / abs(A), or NaN."""
-        known = np.isfinite(self.b - self.a) & (self.a != 0.0)
-        relative = np.abs(self.b - self.a)[known] / np.abs(self.a[known])
+        compared = np.isfinite(self.change) & (self.a != 0.0)
+        relative = np.abs(self.change[compared] / self.a[compared])
         return float(relative.max()) if len(relative) else math.nan
 
     @property
     def rms(self) -> float:
-        """Root mean square of B less A, in the unit of the logs, or NaN."""
-        known = np.isfinite(self.b - self.a)
-        return float(np.sqrt(np.mean((self.b - self.a)[known] ** 2))) if known.any() else math.nan
+        """Root mean square of B less A, or NaN."""
+        change = self.change[np.isfinite(self.change)]
+        return float(np.sqrt(np.mean(change**2))) if len(change) else math.nan
 
     @property
     def differs(self) -> bool:

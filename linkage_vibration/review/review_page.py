@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkage_vibration.drawing import palette
-from linkage_vibration.mechanics.arrays import FloatArray, runs
+from linkage_vibration.mechanics.arrays import runs
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.predictor import (
     Status,
@@ -56,10 +56,11 @@ _STALE_AFTER = 1.0  # s, if the log does not hold this parameter
 
 def review_page(log: Log) -> Page:
     """Return what a page shows of a log."""
-    warnings, parts = (
-        ([], []) if log.drive is None else (episodes(log.drive), contributions(log.drive))
-    )
-    severest = sorted(warnings, key=lambda episode: -_severity(log, episode.worst))[:MAX_WARNINGS]
+    warnings, parts, severity = list[Episode](), list[Contribution](), np.empty(0)
+    if log.drive is not None:
+        warnings, parts = episodes(log.drive), contributions(log.drive)
+        severity = log.drive.severity()
+    severest = sorted(warnings, key=lambda episode: -severity[episode.worst])[:MAX_WARNINGS]
     shown = sorted(severest, key=lambda episode: episode.worst)
     marked = [episode.worst for episode in shown] + [part.worst for part in parts]
     rows = _kept(log, [] if log.drive is None else log.drive.predictions[marked].tolist())
@@ -80,7 +81,7 @@ def review_page(log: Log) -> Page:
         "histograms": _histograms(log),
         "provenance": _provenance(log, len(rows)),
         "shades": _shades(log, missing, axis),
-        "excitations": _excitations(log, rows, axis),
+        "excitations": _excitations(log, axis),
         "clock": axis.knots(),
         "advice": advice_map(log),
         "campbell": campbell(log, [episode.worst for episode in warnings]),
@@ -109,11 +110,6 @@ def _mode_name(log: Log, mode: int) -> str:
     """Return how the page calls a mode: its number, and its name if the log has its table."""
     label = log.mode_label(mode)
     return label[0].upper() + label[1:]
-
-
-def _numbered(log: Log, mode: int) -> str:
-    """Return the number of a mode, and its name if the log has its table."""
-    return log.mode_label(mode).removeprefix("mode ")
 
 
 def provenance_rows(log: Log) -> list[list[str]]:
@@ -284,7 +280,7 @@ def _readings(log: Log) -> Items:
     if log.resonances is None:
         return readings
     names = [name or "none" for name in _excitation_names(log)]
-    near = ["none", *(_numbered(log, mode) for mode in range(log.n_modes))]
+    near = ["none", *(log.mode_label(mode).removeprefix("mode ") for mode in range(log.n_modes))]
     return [
         *readings,
         reading("state", "State", column="state", words=STATES),
@@ -294,12 +290,6 @@ def _readings(log: Log) -> Items:
         reading("near_mode", "Nearest mode", column="resonance_mode", words=near),
         reading("margin", "Margin", column="margin", factor=100.0, unit="%", digits=4),
     ]
-
-
-def _severity(log: Log, message: int) -> float:
-    """Return the total load ratio at a resonance; 0 if it is not known."""
-    assert log.drive is not None
-    return float(log.drive.severity()[message])
 
 
 def _place(log: Log, message: int, rows: IntArray, axis: TimeAxis) -> dict[str, Any]:
@@ -350,6 +340,7 @@ def _warnings_table(
     elif len(every) > len(shown):
         note += f" Of {len(every)} warnings, the {MAX_WARNINGS} with the largest load ratios."
     lines, whole = [], float(real_times(log).max())
+    severity = np.empty(0) if log.drive is None else log.drive.severity()
     for episode in shown:
         assert log.drive is not None
         at = log.drive.resonances.message(episode.worst)
@@ -358,8 +349,8 @@ def _warnings_table(
         cells += [at.excitation, "" if math.isnan(hertz) else f"{hertz:.1f}"]
         cells.append(f"{episode.duration:.2f}")
         line = _place(log, episode.worst, rows, axis) | {"cells": cells}
-        length, severity = episode.duration, _severity(log, episode.worst)
-        lines.append(line | {"length": length, "severity": severity})
+        severest = float(severity[episode.worst])
+        lines.append(line | {"length": episode.duration, "severity": severest})
     head = ["start", "load ratio", "in", "mostly by", "Hz", "duration s"]
     title = f"Warnings ({len(every)})"
     table = {"id": "moments", "title": title, "note": note, "head": head, "rows": lines}
@@ -390,13 +381,10 @@ def _summary(log: Log, warnings: Sequence[Episode], missing: list[tuple[float, f
     for label, value, alert in _load_cards(log, warnings):
         add(label, value, alert=alert)
     deviations = log.frequency_stddev, log.damping_ratios, log.damping_ratio_stddev
-    expected = log.table is not None and log.table.uncertain  # numbers of the mechanism are
-    uncertain = uncertain_modes(log.natural_frequencies, *deviations, log.mode_label)
-    if expected and uncertain:
-        add("Uncertain modes", f"{len(uncertain)} of {log.n_modes}: {_largest_deviations(log)}")
-    else:
-        for text in uncertain:
-            add("Uncertain", text, alert=True)
+    if uncertain := uncertain_modes(log.natural_frequencies, *deviations, log.mode_label):
+        text = f"{len(uncertain)} of {log.n_modes}: {_largest_deviations(log)}"
+        # They are expected if numbers of the mechanism are uncertain.
+        add("Uncertain modes", text, alert=log.table is None or not log.table.uncertain)
     faulty = int((log.status != Status.OK).sum())
     add("Predictions not OK", f"{faulty:,}" if faulty else "none", alert=faulty > 0)
     length = f"{len(missing)}, {_span(sum(end - start for start, end in missing))} in total"
@@ -501,27 +489,13 @@ def _shades(log: Log, missing: list[tuple[float, float]], axis: TimeAxis) -> lis
     return shades
 
 
-def _excitations(log: Log, rows: IntArray, axis: TimeAxis) -> Items:
-    """Return each excitation over time; only while it was nearest if the log lacks its file."""
-
-    def line(name: str, style: str, times: FloatArray, values: FloatArray) -> dict[str, Any]:
-        places = {"times": axis.place(times), "values": values.astype(np.float32)}
-        return {"name": name, "style": style, **places}
-
+def _excitations(log: Log, axis: TimeAxis) -> Items:
+    """Return the frequency of each excitation over time; none if the log lacks their file."""
     lines, speeds = [], all_speeds(log)
     for excitation in log.excitations:
         if excitation.source in speeds and not excitation.terrain:
             times, values = speeds[excitation.source]
-            style = _STYLES[excitation.source]
-            lines.append(line(excitation.name, style, times, excitation.ratio * values))
-    if log.excitations or log.resonances is None:
-        return lines
-    nearest, times = log.resonances.excitation[rows], log.times[rows]
-    for name in filter(None, _excitation_names(log)):
-        is_nearest = nearest == name
-        near = is_nearest | np.append(
-            False, is_nearest[:-1]
-        )  # The sample after each run ends its line.
-        values = np.where(is_nearest, log.resonances.excitation_frequency[rows], np.nan)
-        lines.append(line(name, "solid", times[near], values[near]))
+            hertz = (excitation.ratio * values).astype(np.float32)
+            line = {"name": excitation.name, "style": _STYLES[excitation.source]}
+            lines.append(line | {"times": axis.place(times), "values": hertz})
     return lines

@@ -85,7 +85,7 @@ def turned(at: int) -> Change:
 
 TAU = 2.0 * np.pi
 UNWEIGHED: dict[str, tuple[Change, str]] = {
-    "all signs": (lambda f, h: (f, -h), "all drive points have the wrong sign: .* by -1"),
+    "all signs": (lambda f, h: (f, -h), "the drive points .* with the force, .* all signs may be"),
     "magnitudes": (lambda f, h: (f, np.abs(h) + 0j), "magnitudes; export real and imag"),
     "sensor": (turned(3), "the drive point {} moves .* change its sign"),
     "exp(-i omega t)": (lambda f, h: (f, h.conj()), r"exp\(-i omega t\) \(take the complex conj"),
