@@ -178,6 +178,7 @@ _BUILT_IN = (
     ("front_pto_speed", 65092, 1, 2, 0.125, "rpm"),  # SPN 1882
     ("wheel_based_speed", 65096, 1, 2, 0.001, "m/s"),  # SPN 1862
     ("ground_based_speed", 65097, 1, 2, 0.001, "m/s"),  # SPN 1859
+    ("vehicle_speed", 65265, 2, 2, 1.0 / 256.0, "km/h"),  # SPN 84
 )
 
 SIGNALS: Mapping[str, CanSignal] = {entry[0]: _signal(*entry) for entry in _BUILT_IN}

@@ -35,6 +35,8 @@ BO_ {wheel} Wheel: 8 Vector__XXX
  SG_ Speed : 0|16@1+ (0.001,0) [0|64.255] "m/s" Vector__XXX
 BO_ {ground} Ground: 8 Vector__XXX
  SG_ Speed : 0|16@1+ (0.001,0) [0|64.255] "m/s" Vector__XXX
+BO_ {vehicle} Vehicle: 8 Vector__XXX
+ SG_ Speed : 8|16@1+ (0.00390625,0) [0|250.996] "km/h" Vector__XXX
 """.format(
     **{
         name: EXTENDED | identifier(group, 254, 3)
@@ -46,6 +48,7 @@ BO_ {ground} Ground: 8 Vector__XXX
             "frontpto": 65092,
             "wheel": 65096,
             "ground": 65097,
+            "vehicle": 65265,
         }.items()
     }
 )
@@ -57,6 +60,7 @@ SAME = {
     "front_pto_speed": "FrontPto.Speed",
     "wheel_based_speed": "Wheel.Speed",
     "ground_based_speed": "Ground.Speed",
+    "vehicle_speed": "Vehicle.Speed",
 }
 
 
@@ -175,6 +179,7 @@ def test_recorded_tractor() -> None:
         "rear_pto_speed": 241,
         "front_pto_speed": 241,
         "ground_based_speed": 242,
+        "vehicle_speed": 241,
     }
     assert np.isnan(found["rear_pto_speed"][:6]).all()  # it is unknown before it is at rest
     assert (found["rear_pto_speed"][6:] == 0.0).all()

@@ -132,7 +132,8 @@ def test_fixed_hitch_position(tmp_path: Path) -> None:
     """
     bus = recorded_frames()
     speeds = [frame for frame in bus if frame.identifier >> 8 & 0x3FFFF == 61444]
-    fixed = replace(ON_CAN, hitch_position=40.0)
+    vehicle = {"ground_field": "vehicle_speed", "ground_unit": "km/h"}
+    fixed = with_values(ON_CAN, {"hitch_position": 40.0, **vehicle})
     done, columns = replayed(tmp_path, bus, fixed)
     found = columns[PREDICTION_TOPIC]
     assert done.predictions == len(speeds) > 0
@@ -140,6 +141,7 @@ def test_fixed_hitch_position(tmp_path: Path) -> None:
     stamps = 10**9 * found["header.stamp.sec"].astype(np.int64) + found["header.stamp.nanosec"]
     assert stamps.tolist() == sorted(frame.time for frame in speeds)
     assert done.resonances > 0
+    assert "CAN signal vehicle_speed" not in done.missing
     # Another field of the hitch only says when; the reserved value of the group is no position.
     named = {"hitch_field": "rear_pto_speed", "ground_speed": 2.0, "engine_speed": 1800.0}
     silent = [BusFrame(EPOCH, identifier(65091), 8 * b"\xff")]
