@@ -252,10 +252,12 @@ class LevelTable:
             values[:, static + layout.n_inputs :],
         )
 
-    def at(self, alpha3: FloatArray, speeds: FloatArray) -> MessageColumns:
+    def at(
+        self, alpha3: FloatArray, speeds: FloatArray, factors: FloatArray | None = None
+    ) -> MessageColumns:
         """Return the levels at n angles, which are the float32 fields of ``Resonance.msg``.
 
-        Outside the table they are not known. Their `FACTORS` are NaN here. Other columns are
+        Outside the table they are not known. Other columns are the ``warning_probability`` and
         ``ground_unknown``, (n,), and beside those of the message ``load_places``, (n,
         n_excitations), and ``total_load_places``, (n,), the indices of the pins and cylinders where
         the load ratios are largest.
@@ -264,6 +266,8 @@ class LevelTable:
         ----------
         alpha3, speeds : ndarray, (n,) and (n_sources, n)
             rad, and rpm or m/s of each `Source`; NaN where it is not known.
+        factors : ndarray, (n, n_factors), optional
+            What `factor_rows` returns for n angles; otherwise their columns are NaN.
         """
         n, found = len(alpha3), _unknown(len(alpha3), len(self._inputs))
         every = angles_in_table(alpha3, self.alpha3_range)
@@ -279,6 +283,9 @@ class LevelTable:
             levels = [part[rows] for part in found]
             ground_speed = speeds[_GROUND, rows]
             self._levels(levels, squares, static, reference, forcing, angles, ground_speed)
+        if factors is not None:
+            numbers, (columns, of_levels) = found[0], _factor_columns(len(self._inputs))
+            numbers[:, columns] = np.where(np.isnan(numbers[:, of_levels]), math.nan, factors)
         return _level_columns(*found)
 
     def over(self, alpha3: FloatArray, speeds: FloatArray) -> MessageColumns:
@@ -392,10 +399,8 @@ class LevelTable:
         """Number of members of the ensemble by which factors are known, or 0."""
         return 0 if self._members is None else self._members.n
 
-    def factors(
-        self, alpha3: FloatArray, speeds: FloatArray, limit: float
-    ) -> dict[str, NDArray[np.float32]]:
-        """Return the `FACTORS` of levels at n angles, (n,) or (n, n_excitations).
+    def factor_rows(self, alpha3: FloatArray, speeds: FloatArray, limit: float) -> FloatArray:
+        """Return the `FACTORS` of levels at n angles, (n, n_factors), in the order of the names.
 
         They are NaN where fewer than 95 % of the members are known.
 
@@ -406,21 +411,26 @@ class LevelTable:
         limit : float
             Of the total load ratio, above which a warning begins.
         """
-        numbers, at = self.members(alpha3, speeds), _columns(len(self._inputs))
-        if not self.n_members:
-            numbers = np.full((len(alpha3), 1, numbers.shape[-1]), math.nan)
-        *names, of_warning = FACTORS
-        places = [np.arange(numbers.shape[-1])[at[FACTORS[name]]] for name in names]
+        _, of_levels = _factor_columns(len(self._inputs))
+        if not self.n_members or not len(alpha3):
+            return np.full((len(alpha3), len(of_levels)), math.nan)
+        values = self.members(alpha3, speeds)[..., of_levels]
+        total = values[..., -1:]
         with np.errstate(all="ignore"):
-            logs = np.log(np.maximum(numbers[..., np.hstack(places)], _SILENT))
+            logs = np.log(np.maximum(values, _SILENT))
             logs -= _mean(logs)[:, np.newaxis]
-            factors = np.exp(np.sqrt(_mean(logs * logs))).astype(np.float32)
-            total = numbers[..., at[FACTORS[of_warning]], np.newaxis]
-            share = _mean(np.where(np.isnan(total), total, total > limit)).astype(np.float32)
-        ends = np.cumsum([place.size for place in places])
-        parts = zip(names, places, np.split(factors, ends[:-1], axis=1), strict=True)
-        found = {name: part if place.ndim else part[:, 0] for name, place, part in parts}
-        return {**found, of_warning: share[:, 0]}
+            factors = np.exp(np.sqrt(_mean(logs * logs)))
+            factors[:, -1:] = _mean(np.where(np.isnan(total), total, total > limit))
+        return factors
+
+    def factors(
+        self, alpha3: FloatArray, speeds: FloatArray, limit: float
+    ) -> dict[str, NDArray[np.float32]]:
+        """Return what `factor_rows` does by the names, (n,) or (n, n_excitations)."""
+        numbers, places, reasons = _unknown(len(alpha3), len(self._inputs))
+        numbers[:, _factor_columns(len(self._inputs))[0]] = self.factor_rows(alpha3, speeds, limit)
+        columns = _level_columns(numbers, places, reasons)
+        return {name: getattr(columns, name) for name in FACTORS}
 
     def _forcing(self, speeds: FloatArray) -> _Forcing:
         """Return what excitations do at speeds, (n_sources, n), which often are the last ones."""
@@ -546,17 +556,26 @@ def unknown_levels(n_excitations: int, n: int) -> MessageColumns:
 
 @cache
 def _columns(m: int) -> dict[str, slice | int]:
-    """Return the columns of each level of m excitations, which are the float32 fields.
+    """Return the columns of each level of m excitations, and of the `FACTORS`.
 
     Those of each excitation have m columns, and those of all together one.
     """
     columns: dict[str, slice | int] = {}
     end = 0
     for field in message_fields(RESONANCE):
-        if field.type == "float32":
+        if field.type == "float32" or field.name in FACTORS:
             columns[field.name] = slice(end, end + m) if field.is_sequence else end
             end += m if field.is_sequence else 1
     return columns
+
+
+@cache
+def _factor_columns(m: int) -> tuple[IntArray, IntArray]:
+    """Return the columns of the `FACTORS` of m excitations, and of their levels."""
+    columns, every = _columns(m), np.arange(_unknown(0, m)[0].shape[1])
+    names = FACTORS.keys(), FACTORS.values()
+    factors, levels = (np.hstack([every[columns[name]] for name in each]) for each in names)
+    return factors, levels
 
 
 def _unknown(n: int, m: int) -> tuple[FloatArray, IntArray, NDArray[np.int8]]:
@@ -578,7 +597,6 @@ def _level_columns(
     columns = _columns(places.shape[1] - 1).items()
     return MessageColumns(
         **{name: single[:, where] for name, where in columns},
-        warning_probability=np.full(len(numbers), math.nan),
         load_places=places[:, :-1],
         total_load_places=places[:, -1],
         ground_unknown=_REASONS.take(reasons),

@@ -13,7 +13,7 @@ from scipy.special import ndtr
 from linkage_vibration.messages.columns import MessageColumns, joined
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.ground import AIRBORNE
-from linkage_vibration.prediction.levels import FACTORS, LevelTable, unknown_levels
+from linkage_vibration.prediction.levels import LevelTable, unknown_levels
 from linkage_vibration.prediction.motion import UNKNOWN, Rate, speed_filter
 from linkage_vibration.prediction.predictor import Prediction, one_row
 from linkage_vibration.prediction.severity import (
@@ -167,7 +167,7 @@ class ResonanceMonitor:
         self._speeds = _Speeds(np.full((3, n), math.nan), np.zeros(n, np.int64), np.zeros(n, bool))
         self._timer = WarningTimer(len(self.excitations) + 1)  # the last is that of the total
         self._quiet: dict[int, tuple[int, float, float]] = {}  # by source: time, ns, and the answer
-        self._factors_time, self._factors = _NO_PERIOD, dict[str, NDArray[np.float32]]()
+        self._factors_time, self._factors = _NO_PERIOD, np.empty((1, 0))
         self.any_speed_reported = False  # without a speed there is nothing to assess
 
     def set_speed(self, source: Source, value: float, time: int) -> None:
@@ -407,25 +407,19 @@ class ResonanceMonitor:
         """Return the levels of all excitations with their factors; NaN without a level table."""
         if self.levels is None:
             return unknown_levels(len(self.excitations), len(angles))
-        levels = self.levels.at(angles, speeds)
         if not self.levels.n_members or not len(time):
-            return levels
+            return self.levels.at(angles, speeds)
         due, rows = [], []  # the rows that are evaluated, and how many of these precede each row
         for row, now in enumerate(time.tolist()):
             if not 0 <= now - self._factors_time < 1e9 * _FACTORS_FOR:
                 self._factors_time = now
                 due.append(row)
             rows.append(len(due))
-        parts = [self._factors] if self._factors else []
-        if due:
-            parts.append(self.levels.factors(angles[due], speeds[:, due], self.limits.warning))
-        at = np.array(rows) - (not self._factors)
-        for name, level in FACTORS.items():
-            values = np.concatenate([part[name] for part in parts])[at]
-            self._factors[name] = values[-1:]
-            unknown = np.isnan(getattr(levels, level))
-            setattr(levels, name, np.where(unknown, np.float32(math.nan), values))
-        return levels
+        found = self.levels.factor_rows(angles[due], speeds[:, due], self.limits.warning)
+        held = self._factors if self._factors.size else found[:1]
+        factors = np.concatenate([held, found])[rows]
+        self._factors = factors[-1:]
+        return self.levels.at(angles, speeds, factors)
 
     def _place_names(self, places: Integers, ratio: FloatArray) -> NDArray[np.str_]:
         """Return the names of pins and cylinders, (n,); empty where the load ratio is not known."""
