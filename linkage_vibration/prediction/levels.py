@@ -56,7 +56,6 @@ _SILENT = 1e-300  # A smaller level has no logarithm.
 _FIRST_CELLS, _MOST_CELLS = 32, 512  # of a piece of the table
 _GROUND = list(Source).index(Source.GROUND)
 _REASONS = np.array(REASONS)
-_BLOCK = 512  # rows whose levels are evaluated together
 _CHUNK = 16  # angles that are evaluated together, so that their terms stay in the cache
 
 
@@ -269,24 +268,13 @@ class LevelTable:
         factors : ndarray, (n, n_factors), optional
             What `factor_rows` returns for n angles; otherwise their columns are NaN.
         """
-        n, found = len(alpha3), _unknown(len(alpha3), len(self._inputs))
-        every = angles_in_table(alpha3, self.alpha3_range)
-        for start in range(0, n if self._cells is not None else 0, _BLOCK):
-            rows = slice(start, start + _BLOCK)
-            angles, forcing, parts = every[rows], self._forcing(speeds[:, rows]), []
-            for first in range(0, len(angles), _CHUNK):
-                few = slice(first, first + _CHUNK)
-                terms = self._terms(angles[few])
-                squares = self._squares(terms, forcing.omega[few], self._inputs)
-                parts.append((squares, terms.static, terms.reference))
-            squares, static, reference = map(np.concatenate, zip(*parts, strict=True))
-            levels = [part[rows] for part in found]
-            ground_speed = speeds[_GROUND, rows]
-            self._levels(levels, squares, static, reference, forcing, angles, ground_speed)
-        if factors is not None:
-            numbers, (columns, of_levels) = found[0], _factor_columns(len(self._inputs))
-            numbers[:, columns] = np.where(np.isnan(numbers[:, of_levels]), math.nan, factors)
-        return _level_columns(*found)
+        angles, forcing = angles_in_table(alpha3, self.alpha3_range), self._forcing(speeds)
+        parts = []
+        for few in self._chunks(len(angles)):
+            terms = self._terms(angles[few])
+            squares = self._squares(terms, forcing.omega[few], self._inputs)
+            parts.append((squares, terms.static, terms.reference))
+        return self._levels(parts, forcing, angles, speeds[_GROUND], factors)
 
     def over(self, alpha3: FloatArray, speeds: FloatArray) -> MessageColumns:
         """Return the levels `at` each of n angles with each of k speeds, (n k), angle by angle.
@@ -299,53 +287,56 @@ class LevelTable:
             As those of `at`.
         """
         n, k = len(alpha3), speeds.shape[1]
-        found = _unknown(n * k, len(self._inputs))
         angles, forcing = angles_in_table(alpha3, self.alpha3_range), self._forcing_at(speeds)
         changes = np.flatnonzero((forcing.omega != forcing.omega[:1]).any(axis=0))
-        for start in range(0, n if self._cells is not None else 0, _CHUNK):
-            here = angles[start : start + _CHUNK]
-            terms, m = self._terms(here), len(here)
+        parts = []
+        for few in self._chunks(n):
+            terms = self._terms(angles[few])
             squares = self._squares(terms, forcing.omega[:1], self._inputs)
             squares = squares[:, np.newaxis].repeat(k, axis=1)
             if len(changes):
                 each = _Terms(*(part[:, np.newaxis] for part in terms))
                 w = forcing.omega[:, changes]
                 squares[:, :, changes] = self._squares(each, w, self._inputs[changes])
-            self._levels(
-                [part[start * k : (start + m) * k] for part in found],
-                squares.reshape(m * k, *squares.shape[2:]),
-                terms.static.repeat(k, axis=0),
-                terms.reference.repeat(k, axis=0),
-                _Forcing(*(np.tile(part, (m, 1)) for part in forcing)),
-                here.repeat(k),
-                np.tile(speeds[_GROUND], m),
-            )
-        return _level_columns(*found)
+            squares = squares.reshape(-1, *squares.shape[2:])
+            parts.append((squares, terms.static.repeat(k, 0), terms.reference.repeat(k, 0)))
+        tiled = _Forcing(*(np.tile(part, (n, 1)) for part in forcing))
+        return self._levels(parts, tiled, angles.repeat(k), np.tile(speeds[_GROUND], n))
+
+    def _chunks(self, n: int) -> list[slice]:
+        """Return which of n angles are evaluated together; none without FRFs."""
+        starts = range(0, n if self._cells is not None else 0, _CHUNK)
+        return [slice(start, start + _CHUNK) for start in starts]
 
     def _levels(
         self,
-        found: Sequence[NDArray[Any]],
-        squares: FloatArray,
-        static: FloatArray,
-        reference: FloatArray,
+        parts: Sequence[tuple[FloatArray, ...]],
         forcing: _Forcing,
         angles: FloatArray,
         ground_speed: FloatArray,
-    ) -> None:
-        """Compute n rows of levels, places and reasons of the ground in place.
+        factors: FloatArray | None = None,
+    ) -> MessageColumns:
+        """Return n levels from squares of responses, static responses and reference forces.
 
-        The squares are those of responses to unit loads, (n, n_excitations, n_outputs), and the
-        static and the reference forces those of `_Terms`.
+        The squares are those of unit loads, (n, n_excitations, n_outputs), and the others those of
+        `_Terms`; all are in parts, one after the other.
         """
-        numbers, places, reasons = found
+        numbers, places, reasons = _unknown(len(angles), len(self._inputs))
+        if not parts:
+            return _level_columns(numbers, places, reasons)
+        squares, static, reference = map(np.concatenate, zip(*parts, strict=True))
         amplifications = numbers[:, _columns(len(self._inputs))["amplifications"]]
         magnitude = np.sqrt(squares[..., 0]) * forcing.defined
         np.divide(magnitude, static.take(self._inputs, axis=1), out=amplifications)
         ground = None
         if self._ground is not None:
             ground = self._ground.at(angles, ground_speed)
-            reasons[:] = ground.reason
+            reasons = ground.reason
         self._evaluate(numbers, places, squares, reference, forcing, ground)
+        if factors is not None:
+            columns, of_levels = _factor_columns(len(self._inputs))
+            numbers[:, columns] = np.where(np.isnan(numbers[:, of_levels]), math.nan, factors)
+        return _level_columns(numbers, places, reasons)
 
     def members(self, alpha3: FloatArray, speeds: FloatArray) -> FloatArray:
         """Return all levels of each member of the ensemble, (n, n_members, n_levels).
@@ -426,10 +417,8 @@ class LevelTable:
     def factors(
         self, alpha3: FloatArray, speeds: FloatArray, limit: float
     ) -> dict[str, NDArray[np.float32]]:
-        """Return what `factor_rows` does by the names, (n,) or (n, n_excitations)."""
-        numbers, places, reasons = _unknown(len(alpha3), len(self._inputs))
-        numbers[:, _factor_columns(len(self._inputs))[0]] = self.factor_rows(alpha3, speeds, limit)
-        columns = _level_columns(numbers, places, reasons)
+        """Return what `factor_rows` does by the names; NaN where a level is not known, too."""
+        columns = self.at(alpha3, speeds, self.factor_rows(alpha3, speeds, limit))
         return {name: getattr(columns, name) for name in FACTORS}
 
     def _forcing(self, speeds: FloatArray) -> _Forcing:
