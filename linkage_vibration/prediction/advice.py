@@ -119,20 +119,8 @@ def advise(
     if np.shape(question.speeds) != (len(Source),):
         names = ", ".join(source.value for source in Source)
         raise AdviceError(f"`speeds` is {question.speeds}; give one of each: {names}.")
-    present = abs(float(question.speeds[_GROUND]))  # negative in reverse
-    for source, speed in zip(Source, question.speeds.tolist(), strict=True):
-        if speed < 0.0 and source is not Source.GROUND:
-            hint = "give one of at least 0, or NaN if it is not known"
-            raise AdviceError(f"The {source.value} speed is {speed:g} rpm; {hint}.")
-    ends = question.crank_angles or levels.alpha3_range
-    angles = _steps("angles", ends, shape[0], -math.inf, ("rad", math.degrees(1.0), "deg"))
-    speeds = np.array([present])
-    if question.ground_speeds is not None:
-        speeds = _steps(
-            "ground speeds", question.ground_speeds, shape[1], 0.0, ("m/s", KMH, "km/h")
-        )
     # The last row and the last column of the cells are those of the present height and speed.
-    angles, speeds = np.append(angles, question.crank_angle), np.append(speeds, present)
+    angles, speeds = _axes(levels, question, shape)
     cells = np.arange(len(angles) * len(speeds)).reshape(len(angles), len(speeds))
     alpha3 = np.repeat(angles, len(speeds))
     columns = np.repeat(question.speeds[:, np.newaxis], len(speeds), axis=1)
@@ -171,13 +159,8 @@ def advise(
         velocity_factors=np.where(unknown, math.nan, factors["total_velocity_factor"]),
         probabilities=_probabilities(members[:, chosen]),
     )
-    nothing = "Nothing permitted is known to be notably quieter."
-    if message.load_ratios[NOW] == 0.0:
-        nothing = "Nothing that is known loads it now."
-    if math.isnan(message.load_ratios[NOW]):
-        why = texts[reasons[chosen[NOW]]]
-        nothing = f"How strongly it is loaded now is not known: {why[0].lower()}{why[1:]}"
-    message.sentence = advice_sentence(message) or nothing
+    why = texts[reasons[chosen[NOW]]]
+    message.sentence = advice_sentence(message) or _nothing_better(message.load_ratios[NOW], why)
     shown = np.s_[:-1, :-1]
     return Advice(
         message,
@@ -189,6 +172,34 @@ def advise(
         reasons.reshape(cells.shape)[shown],
         texts,
     )
+
+
+def _axes(
+    levels: LevelTable, question: Question, shape: tuple[int, int]
+) -> tuple[FloatArray, FloatArray]:
+    """Return the permitted angles, rad, and ground speeds, m/s, each with the present one last."""
+    present = abs(float(question.speeds[_GROUND]))  # negative in reverse
+    for source, speed in zip(Source, question.speeds.tolist(), strict=True):
+        if speed < 0.0 and source is not Source.GROUND:
+            hint = "give one of at least 0, or NaN if it is not known"
+            raise AdviceError(f"The {source.value} speed is {speed:g} rpm; {hint}.")
+    ends = question.crank_angles or levels.alpha3_range
+    angles = _steps("angles", ends, shape[0], -math.inf, ("rad", math.degrees(1.0), "deg"))
+    speeds = np.array([present])
+    if question.ground_speeds is not None:
+        speeds = _steps(
+            "ground speeds", question.ground_speeds, shape[1], 0.0, ("m/s", KMH, "km/h")
+        )
+    return np.append(angles, question.crank_angle), np.append(speeds, present)
+
+
+def _nothing_better(load_ratio: float, why: str) -> str:
+    """Return the advice where nothing is notably quieter; why the load now is not known, if so."""
+    if math.isnan(load_ratio):
+        return f"How strongly it is loaded now is not known: {why[0].lower()}{why[1:]}"
+    if load_ratio == 0.0:
+        return "Nothing that is known loads it now."
+    return "Nothing permitted is known to be notably quieter."
 
 
 def _steps(
