@@ -53,7 +53,7 @@ class Bench:
         )
         self.path.subscribe()
 
-    def _subscribe(self, kind: Any, topic: str, on_message: Any) -> None:
+    def _subscribe(self, kind: Any, topic: str, on_message: Any, depth: int) -> None:
         if kind is JointState:
             self._on_message = on_message
 
