@@ -5,7 +5,6 @@
 import hashlib
 import io
 import os
-import platform
 import re
 import shutil
 import subprocess
@@ -15,6 +14,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from xml.sax.saxutils import escape
+
+import numpy as np
 
 from linkage_vibration.export.c_source import Description, c_files, filled, literal
 from linkage_vibration.export.constants import Constants, ExportError
@@ -41,12 +42,22 @@ _PER_ORDER = (
 )
 _TOTALS = "total_velocity", "total_acceleration"
 _SIGNED = {"frequency_slopes", "margin", "relative_margin", "damping_ratios"}
+_TEXTS = {
+    "modelDescription.xml": "modelDescription.xml.in",
+    "documentation/index.html": "documentation.html.in",
+}
 _DATE = (1980, 1, 1, 0, 0, 0)  # of every file in an FMU, so that equal exports have equal bytes
-# The folder of a library and its suffix. FMI 2.0 names only those of x86; the others are as in 3.0.
+# The folder of a library and its suffix, by how its header names the format and the processor.
+# FMI 2.0 names only those of x86; the others are as in 3.0.
 _PLATFORMS = {
-    ("Linux", "x86_64"): ("linux64", ".so"),
-    ("Darwin", "x86_64"): ("darwin64", ".dylib"),
-    ("Darwin", "arm64"): ("aarch64-darwin", ".dylib"),
+    ("ELF", 3): ("linux32", ".so"),
+    ("ELF", 40): ("aarch32-linux", ".so"),
+    ("ELF", 62): ("linux64", ".so"),
+    ("ELF", 183): ("aarch64-linux", ".so"),
+    ("Mach-O", 0x01000007): ("darwin64", ".dylib"),
+    ("Mach-O", 0x0100000C): ("aarch64-darwin", ".dylib"),
+    ("PE", 0x014C): ("win32", ".dll"),
+    ("PE", 0x8664): ("win64", ".dll"),
 }
 
 
@@ -108,16 +119,19 @@ def fmu_bytes(description: Description, constants: Constants, *, compiled: bool)
         "integers": str(len(integers)),
         "token": token,
         "start": literal(constants.alpha3_range[0]),
+        "turns": str(int(constants.turns)),
+        "step": repr(float(np.finfo(constants.starts.dtype).eps) ** (1.0 / 3.0)),
     }
     sources["fmi2.c"] = filled("fmu.c.in", values)
     names = [name for name in sources if name.endswith(".c")]
-    about = _model_description(description, token, reals + integers, names)
-    files = {"modelDescription.xml": about}
+    texts = _texts(description, token, reals + integers, names)
+    files = {name: filled(template, texts).encode() for name, template in _TEXTS.items()}
+    files["model.png"] = Path(__file__).with_name("templates").joinpath("model.png").read_bytes()
     files |= {f"sources/{name}": text.encode() for name, text in sources.items()}
     if compiled:
-        machine = platform.system(), platform.machine()
-        folder, suffix = _PLATFORMS.get(machine, (f"{machine[1]}-{machine[0].lower()}", ".so"))
-        files[f"binaries/{folder}/{prefix}{suffix}"] = _library(sources)
+        library = _library(sources)
+        folder, suffix = platform_of(library)
+        files[f"binaries/{folder}/{prefix}{suffix}"] = library
     return _packed(files)
 
 
@@ -170,13 +184,35 @@ def _outputs(kind: str, names: Sequence[str], labels: Sequence[str] = ()) -> lis
     return variables
 
 
-def _model_description(
+def platform_of(library: bytes) -> tuple[str, str]:
+    """Return the folder of a compiled library in an FMU, and its suffix, as its header says.
+
+    An ExportError is raised if no platform of FMI has such a library.
+    """
+    kind, place, size = "", 0, 2
+    if library.startswith(b"\x7fELF"):
+        kind, place = "ELF", 18
+    elif library.startswith(b"\xcf\xfa\xed\xfe"):
+        kind, place, size = "Mach-O", 4, 4
+    elif library.startswith(b"MZ"):
+        kind, place = "PE", int.from_bytes(library[60:64], "little") + 4
+    processor = int.from_bytes(library[place : place + size], "little")
+    if (kind, processor) not in _PLATFORMS:
+        raise ExportError(
+            f"The compiler made a library for no platform of FMI ({kind or 'unknown format'}, "
+            f"processor {processor}); set CC to another compiler, or give --source-only."
+        )
+    return _PLATFORMS[kind, processor]
+
+
+def _texts(
     description: Description, token: str, variables: Sequence[_Variable], sources: Sequence[str]
-) -> bytes:
+) -> dict[str, str]:
+    """Return what stands for each name in the templates of the descriptions."""
     listed = [pair for pair in enumerate(variables) if pair[1].causality != "independent"]
     outputs = [i for i, (_, variable) in enumerate(listed, 1) if variable.causality == "output"]
     about = f"Predicted vibration, by table {description.table_id}. {description.errors}"
-    values = {
+    return {
         "name": _escaped(description.mechanism_name),
         "about": _escaped(about),
         "prefix": description.name,
@@ -185,8 +221,8 @@ def _model_description(
         "files": "\n".join(f'      <File name="{name}" />' for name in sources),
         "variables": "\n".join(variable.xml(reference) for reference, variable in listed),
         "unknowns": "\n".join(f'      <Unknown index="{i}" />' for i in outputs),
+        "indicators": str(sum(variable.is_integer for variable in variables)),
     }
-    return filled("modelDescription.xml.in", values).encode()
 
 
 def _attributes(values: Mapping[str, str]) -> str:

@@ -2,8 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """FMPy validates, compiles and simulates exported FMUs, with the predictions of the node."""
 
+import ctypes
 import subprocess
 import zipfile
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,15 +16,19 @@ pytest.importorskip("fmpy.build", reason="FMPy is missing or too old; later ones
 
 import fmpy
 from fmpy.build import build_platform_binary
+from fmpy.fmi2 import FMU2Model, defaultCallbacks, fmi2CallbackLoggerTYPE
 from fmpy.validation import validate_fmu
 
 from linkage_vibration.cli.main import main
+from linkage_vibration.export.constants import ExportError
+from linkage_vibration.export.fmu import platform_of
 from linkage_vibration.messages.fields import message_fields
 from linkage_vibration.messages.topics import PREDICTION
 from linkage_vibration.playback.replay import replay
+from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.review.log import Log, read_log
-from linkage_vibration.support.resources import PAPER_TABLE, config_file
-from linkage_vibration.table.table import save_table
+from linkage_vibration.support.resources import DEFAULT_TABLE, PAPER_TABLE, config_file
+from linkage_vibration.table.table import load_table, save_table
 from test.export.test_c import four_bar
 from test.support.c_code import STRICT, compile_c
 from test.support.fmu import differences, simulate
@@ -103,6 +109,220 @@ def test_outside_the_table(fmu: Path, interface: str) -> None:
     assert (found["status"] == 1).all()
     assert np.isnan(found["natural_frequencies[1]"]).all()
     assert (found["nearest_mode[1]"] == 0).all()
+
+
+@pytest.fixture
+def instance(fmu: Path, tmp_path: Path) -> Iterator[Callable[..., Any]]:
+    """Return a function that makes instances for model exchange in continuous time, by FMPy."""
+    description, made = fmpy.read_model_description(str(fmu)), []
+    folder = fmpy.extract(str(fmu), str(tmp_path / "fmu"))
+
+    def make(angle: float, engine_speed: float = 0.0) -> Any:
+        model = FMU2Model(
+            guid=description.guid,
+            unzipDirectory=folder,
+            modelIdentifier=description.modelExchange.modelIdentifier,
+        )
+        model.instantiate()
+        made.append(model)
+        model.setupExperiment()
+        model.enterInitializationMode()
+        model.setReal([1, 3], [angle, engine_speed])
+        model.exitInitializationMode()
+        model.newDiscreteStates()
+        model.enterContinuousTimeMode()
+        return model
+
+    yield make
+    for model in made:
+        model.terminate()
+        model.freeInstance()
+
+
+def references(fmu: Path, *names: str) -> list[int]:
+    """Return the value references of variables."""
+    variables = fmpy.read_model_description(str(fmu)).modelVariables
+    found = {one.name: one.valueReference for one in variables}
+    return [found[name] for name in names]
+
+
+def indicators(model: Any, count: int) -> list[float]:
+    """Return the event indicators of an instance."""
+    values = (ctypes.c_double * count)()
+    model.getEventIndicators(values, count)
+    return list(values)
+
+
+def test_integers_change_in_events_alone(fmu: Path, instance: Callable[..., Any]) -> None:
+    """Beyond a border an indicator is negative, and the status changes with the event, not before.
+
+    Until then, natural frequencies are those at the border.
+    """
+    count = fmpy.read_model_description(str(fmu)).numberOfEventIndicators
+    [status, heave] = references(fmu, "status", "natural_frequencies[4]")
+    model = instance(np.pi - 1e-3)
+    assert count == 13  # of the status, and of the nearest modes of twelve excitations
+    assert model.getInteger([status]) == [0]
+    assert indicators(model, count)[0] == pytest.approx(1e-3)
+    model.setReal([1], [np.pi + 2e-3])
+    assert indicators(model, count)[0] == pytest.approx(-2e-3)
+    assert model.getInteger([status]) == [0]
+    assert np.isfinite(model.getReal([heave])).all()
+    model.enterEventMode()
+    model.newDiscreteStates()
+    assert model.getInteger([status]) == [1]
+    assert np.isnan(model.getReal([heave])).all()
+    model.enterContinuousTimeMode()
+    assert indicators(model, count)[0] == pytest.approx(2e-3)
+    model.setReal([1], [2.0])
+    assert indicators(model, count)[0] < 0.0
+    assert np.isnan(model.getReal([heave])).all()  # until the event
+
+
+def test_nearest_mode_changes_in_events_alone(fmu: Path, instance: Callable[..., Any]) -> None:
+    """The indicator of an excitation is negative where another mode is nearer than the held one."""
+    nearest, first, frequency = references(
+        fmu, "nearest_mode[3]", "natural_frequencies[4]", "excitation_frequency[3]"
+    )
+    model = instance(2.5, 1000.0)
+    natural = model.getReal([first, first + 1])
+    per_rpm = model.getReal([frequency])[0] / 1000.0
+    # Two modes are equally near, relatively, at their harmonic mean.
+    middle = 2.0 * natural[0] * natural[1] / (natural[0] + natural[1]) / per_rpm
+    model = instance(2.5, 0.99 * middle)
+    assert model.getInteger([nearest]) == [4]
+    assert indicators(model, 13)[3] > 0.0
+    model.setReal([3], [1.01 * middle])
+    assert model.getInteger([nearest]) == [4]
+    assert indicators(model, 13)[3] < 0.0
+    model.enterEventMode()
+    model.newDiscreteStates()
+    assert model.getInteger([nearest]) == [5]
+
+
+def test_importer_finds_the_events(fmu: Path) -> None:
+    """Over a ramp that leaves the table, FMPy's rows have numbers exactly where the status says."""
+    given = np.array([(0.0, 3.0), (1.0, 3.3)], [("time", float), ("crank_angle", float)])
+    found = fmpy.simulate_fmu(
+        str(fmu),
+        fmi_type="ModelExchange",
+        solver="Euler",
+        input=given,
+        stop_time=1.0,
+        step_size=0.01,
+        output_interval=0.01,
+        output=["status", "natural_frequencies[4]"],
+    )
+    assert set(found["status"]) == {0, 1}
+    outside = found["status"] == 1
+    np.testing.assert_array_equal(np.isnan(found["natural_frequencies[4]"]), outside)
+    assert found["time"][outside].min() == pytest.approx((np.pi - 3.0) / 0.3, abs=0.02)
+
+
+def test_two_fmus_in_one_process(tmp_path: Path) -> None:
+    """Two FMUs that are loaded at once predict by their own tables, also under one name."""
+    models, found = [], []
+    for number, source in enumerate((DEFAULT_TABLE, PAPER_TABLE)):
+        table = load_table(config_file(source))
+        path = make(tmp_path / f"{number}.fmu", str(config_file(source)))
+        model = FMU2Model(
+            guid=fmpy.read_model_description(str(path)).guid,
+            unzipDirectory=fmpy.extract(str(path), str(tmp_path / str(number))),
+            modelIdentifier=PREFIX,
+        )
+        model.instantiate()
+        models.append((model, references(path, "natural_frequencies[1]"), Predictor(table)))
+    for model, reference, predictor in models:
+        model.setReal([1], [2.4])
+        found.append((*model.getReal(reference), predictor.predict(2.4).natural_frequencies[0]))
+    assert found[0][0] == found[0][1] != found[1][0] == found[1][1]
+    for model, _, _ in models:
+        model.freeInstance()
+
+
+def test_states_are_kept(fmu: Path, instance: Callable[..., Any]) -> None:
+    """A state that was read, or written to bytes and read again, brings back its outputs."""
+    [heave] = references(fmu, "natural_frequencies[4]")
+    model = instance(2.2)
+    before, state = model.getReal([heave]), model.getFMUstate()
+    data = model.serializeFMUstate(state)
+    for again in (state, model.deSerializeFMUstate(data)):
+        model.setReal([1], [2.9])
+        assert model.getReal([heave]) != before
+        model.setFMUstate(again)
+        assert model.getReal([heave]) == before
+        model.freeFMUstate(again)
+
+
+def test_directional_derivatives(fmu: Path, instance: Callable[..., Any]) -> None:
+    """Those of natural frequencies are the slopes; others are those of a line between two calls."""
+    names = "natural_frequencies[4]", "damping_ratios[4]", "velocities[3]"
+    outputs = references(fmu, *names)
+    [slope] = references(fmu, "frequency_slopes[4]")
+    model = instance(2.2, 1500.0)
+    found = model.getDirectionalDerivative(outputs, [1, 3], [1.0, 0.0])
+    assert found[0] == model.getReal([slope])[0]
+    along = model.getDirectionalDerivative(outputs, [1, 3], [0.5, 40.0])
+    ends = [instance(2.2 + 0.5 * h, 1500.0 + 40.0 * h).getReal(outputs) for h in (-1e-5, 1e-5)]
+    np.testing.assert_allclose(along, (np.array(ends[1]) - ends[0]) / 2e-5, rtol=1e-5)
+
+
+def test_refused_instance_says_why(fmu: Path, tmp_path: Path) -> None:
+    """With the guid of another export there is no instance, and the logger gets a sentence."""
+    folder = fmpy.extract(str(fmu), str(tmp_path / "fmu"))
+    model = FMU2Model(guid="of another export", unzipDirectory=folder, modelIdentifier=PREFIX)
+    said: list[str] = []
+    functions = defaultCallbacks
+    kept = functions.logger
+
+    def logger(environment: Any, name: Any, status: int, category: Any, message: bytes) -> None:
+        said.append(category.decode())
+
+    functions.logger = fmi2CallbackLoggerTYPE(logger)
+    try:
+        with pytest.raises(Exception, match="instantiate"):
+            model.instantiate(callbacks=functions)
+    finally:
+        functions.logger = kept
+        model.freeLibrary()
+    assert said == ["logStatusError"]
+
+
+def test_documents(fmu: Path) -> None:
+    """The FMU has an author, a licence, a page and an icon."""
+    with zipfile.ZipFile(fmu) as archive:
+        assert archive.read("model.png").startswith(b"\x89PNG")
+        page = archive.read("documentation/index.html").decode()
+        about = archive.read("modelDescription.xml").decode()
+    assert "<h1>three_point_linkage_on_tractor</h1>" in page
+    assert 'author="The linkage_vibration authors" license="Apache-2.0"' in about
+
+
+def elf(machine: int) -> bytes:
+    """Return the beginning of a library for Linux."""
+    return b"\x7fELF\x02\x01\x01" + bytes(9) + b"\x03\x00" + machine.to_bytes(2, "little")
+
+
+@pytest.mark.parametrize(
+    ("library", "platform"),
+    [
+        (elf(62), ("linux64", ".so")),
+        (elf(183), ("aarch64-linux", ".so")),
+        (elf(40), ("aarch32-linux", ".so")),
+        (b"\xcf\xfa\xed\xfe\x0c\x00\x00\x01", ("aarch64-darwin", ".dylib")),
+        (b"MZ" + bytes(58) + b"\x40\0\0\0PE\0\0\x64\x86", ("win64", ".dll")),
+    ],
+)
+def test_platform_is_that_of_the_library(library: bytes, platform: tuple[str, str]) -> None:
+    """The header of the library says where it runs, also if another machine compiled it."""
+    assert platform_of(library) == platform
+
+
+@pytest.mark.parametrize("library", [b"", b"text", elf(243)])
+def test_library_for_no_platform(library: bytes) -> None:
+    """A library of an unknown format or for a processor that FMI does not name is refused."""
+    with pytest.raises(ExportError, match="for no platform of FMI"):
+        platform_of(library)
 
 
 def test_turning_crank_in_single_precision(tmp_path: Path) -> None:
