@@ -158,6 +158,9 @@ def test_tables_and_predictions_are_drawn(tmp_path: Path) -> None:
         np.testing.assert_allclose(x, [100.0, 130.0, 170.0])
         np.testing.assert_allclose(y, np.interp(x, *np.asarray(curve.get_data())), rtol=1e-3)
     assert [text.get_text() for text in few.texts] == ["mode 1", "mode 2", "mode 3"]
+    assert "not known" not in few.get_title(loc="left")
+    outside = plot(Predictor(table).predict(np.radians([80.0, 100.0, 130.0]))).axes[0]
+    assert outside.get_title(loc="left").endswith("(no band: not known)")
     assert [text.get_text() for text in whole.texts] == list(table.mode_names)
 
 
