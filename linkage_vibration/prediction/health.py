@@ -236,25 +236,22 @@ class ReadingWatch:
         return [Fault(Level.ERROR if expected.others else Level.STALE, sentence.rstrip())]
 
     def _values(self, window: _Window, expected: Expected) -> list[Fault]:
-        faults = _disagreement(window, expected.publishers, expected.name, HITCH)
+        faults, sentences = _disagreement(window, expected.publishers, expected.name, HITCH), []
         if not faults and window.jumps:
-            sentence = (
+            sentences.append(
                 f"{window.jumps} of {window.received} readings of {expected.name} jump by up to "
                 f"{window.largest:.3g} rad, which a crank cannot; check the sensor and its cable."
             )
-            faults = [Fault(Level.WARN, sentence)]
         apart = abs(window.turned - window.moved)
         if apart > max(_CONTRADICTION, 0.5 * max(abs(window.turned), abs(window.moved))):
-            sentence = (
+            sentences.append(
                 f"The velocity of {expected.name} turned the crank by {window.turned:.2g} rad, but "
                 f"the position by {window.moved:.2g} rad; the sensor is frozen, or its velocity is "
                 "wrong. Publish no velocity if it is not known."
             )
-            faults.append(Fault(Level.WARN, sentence))
-        frozen = self._noise.frozen(expected.shaken) if window.received else ""
-        if frozen:
-            faults.append(Fault(Level.WARN, f"{expected.name}: {frozen}"))
-        return faults
+        if window.received and (frozen := self._noise.frozen(expected.shaken)):
+            sentences.append(f"{expected.name}: {frozen}")
+        return faults + [Fault(Level.WARN, sentence) for sentence in sentences]
 
     def _rate(self, window: _Window, elapsed: float) -> list[Fault]:
         if not window.received:
@@ -277,30 +274,23 @@ def _range(window: _Window, expected: Expected) -> list[Fault]:
         return [Fault(Level.ERROR, sentence)]
     if not window.n_outside or window.n_outside + window.invalid < window.received:
         return []
-    angles, offset = list(window.outside), expected.offset
-    first, last = math.degrees(expected.first), math.degrees(expected.last)
-    table = f"the table's {first:.4g} to {last:.4g} deg"
-    position = angles[-1] - offset
+    angles, offset = window.outside, expected.offset
+    side, advice = "outside", "check sign, scale and offset."
     if all(expected.contains(offset + math.radians(angle - offset)) for angle in angles):
         sentence = (
-            f"The readings of {expected.name} are in degrees ({position:.4g}), but radians are "
-            "expected; publish radians, or set hitch_unit to deg."
+            f"The readings of {expected.name} are in degrees ({angles[-1] - offset:.4g}), but "
+            "radians are expected; publish radians, or set hitch_unit to deg."
         )
-    elif all(expected.contains(2.0 * offset - angle) for angle in angles):
-        sentence = (
-            f"All crank angles of {expected.name} are outside {table} "
-            f"({math.degrees(angles[-1]):.4g} deg), but inside with the other sign; change the "
-            "parameter sign."
-        )
-    else:
-        below = all(angle < expected.first for angle in angles)
-        above = all(angle > expected.last for angle in angles)
-        side = "below" if below else "above" if above else "outside"
-        sentence = (
-            f"All crank angles of {expected.name} are {side} {table} "
-            f"({math.degrees(angles[-1]):.4g} deg); check sign, scale and offset."
-        )
-    return [Fault(Level.ERROR, sentence)]
+        return [Fault(Level.ERROR, sentence)]
+    if all(expected.contains(2.0 * offset - angle) for angle in angles):
+        advice = "but they are inside with the other sign; change the parameter sign."
+    elif max(angles) < expected.first:
+        side = "below"
+    elif min(angles) > expected.last:
+        side = "above"
+    degrees = (f"{math.degrees(a):.4g}" for a in (expected.first, expected.last, angles[-1]))
+    sentence = "All crank angles of {} are {} the table's {} to {} deg ({} deg); {}"
+    return [Fault(Level.ERROR, sentence.format(expected.name, side, *degrees, advice))]
 
 
 def _stamps(window: _Window, expected: Expected) -> list[Fault]:
