@@ -83,7 +83,7 @@ def installed_files() -> list[tuple[str, list[str]]]:
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (str(SHARE), ["package.xml"]),
     ]
-    for top in ("config", "launch", f"{INTERFACES}/msg", f"{INTERFACES}/srv"):
+    for top in ("config", "launch", *(f"{INTERFACES}/{kind}" for kind in ("msg", "srv", "action"))):
         for folder in sorted({p.parent for p in Path(top).rglob("*") if p.is_file()}):
             inside = sorted(str(p) for p in folder.iterdir() if p.is_file())
             files.append((str(SHARE / folder), inside))

@@ -41,6 +41,7 @@ STEPS = (
     "rebuild",
     "signals",
     "crash",
+    "message_bytes",
     "libraries",
     "recovery",
     "damaged_logs",

@@ -47,7 +47,7 @@ class Echo(Node):
         value = message.position[0]
         prediction.crank_angle = value
         prediction.natural_frequencies = [value, value, value]
-        prediction.frequency_stddev = [0.0, 0.0, 0.0]
+        prediction.frequency_stddevs = [0.0, 0.0, 0.0]
         prediction.damping_ratios = [0.0, 0.0, 0.0]
         prediction.table_id = "0123456789abcdef"
         self._publisher.publish(prediction)

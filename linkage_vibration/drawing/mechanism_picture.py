@@ -59,7 +59,7 @@ def draw_mechanism(
 def draw_modes(ax: "Axes", names: Sequence[str], predictions: MessageColumns) -> None:
     """Draw each natural frequency with its standard deviation over the crank angle."""
     angles, frequencies = np.degrees(predictions.crank_angle), predictions.natural_frequencies
-    deviations = np.nan_to_num(predictions.frequency_stddev)
+    deviations = np.nan_to_num(predictions.frequency_stddevs)
     for mode, colour in enumerate(palette.mode_colours(len(names))):
         values, deviation = frequencies[:, mode], deviations[:, mode]
         low = np.maximum(values - deviation, 0.5 * values)

@@ -30,9 +30,9 @@ from linkage_vibration.table.cells import Cells
 
 PER_MODE = (
     "natural_frequencies",
-    "frequency_stddev",
+    "frequency_stddevs",
     "damping_ratios",
-    "damping_ratio_stddev",
+    "damping_ratio_stddevs",
     "frequency_slopes",
 )
 NUMBERS = (*PER_MODE, "frf_peak_frequency", "frf_peak_magnitude", "interpolation_error")

@@ -18,7 +18,8 @@ OWN_PACKAGE = "linkage_vibration_interfaces"
 SEPARATOR = "=" * 80
 # The first word of a field: `std_msgs/Header`, `Point[4]`, `geometry_msgs/Pose[<=8]`.
 _MESSAGE_TYPE = re.compile(r"(?:(?P<package>[a-z]\w*)/)?(?P<name>[A-Z][A-Za-z0-9_]*)(?:\[.*)?")
-_EVENT_PART = re.compile(r"(?P<service>\w+)_(?P<part>Event|Request|Response)")
+_PARTS = {"srv": ("Request", "Response"), "action": ("Goal", "Result", "Feedback")}
+_PART = re.compile(r"(?P<whole>\w+)_(?P<part>Event|Request|Response|Goal|Result|Feedback)")
 
 
 class DefinitionError(LinkageVibrationError):
@@ -51,16 +52,16 @@ def message_definition(type_name: str) -> str:
 
 
 def message_text(type_name: str) -> str:
-    """Return the ``.msg`` text of a message type, or of a service's event, request or response.
+    """Return the ``.msg`` text of a message type, or of a part of a service or an action.
 
     Raises
     ------
     DefinitionError
         If the type is not installed, and rosbags does not know it either.
     """
-    package, _, name = type_name.split("/")
-    if (part := _EVENT_PART.fullmatch(name)) is not None:
-        return _event_text(package, part["service"], part["part"])
+    package, kind, name = type_name.split("/")
+    if (part := _PART.fullmatch(name)) is not None:
+        return _part_text(f"{package}/{kind}/{part['whole']}", part["part"])
     installed = _shipped(type_name) or _installed(type_name)
     if installed is not None:
         return installed.read_text(encoding="utf-8")
@@ -91,9 +92,9 @@ def type_hash(type_name: str) -> str:
     DefinitionError
         If a type that it contains is not installed.
     """
-    if (part := _EVENT_PART.fullmatch(type_name.split("/")[2])) is not None:
+    if (part := _PART.fullmatch(type_name.split("/")[2])) is not None:
         package = type_name.split("/")[0]
-        service = _installed(f"{package}/srv/{part['service']}")
+        service = _installed(f"{package}/srv/{part['whole']}")
         return "" if service is None else _installed_hash(service, type_name)
     installed = _installed(type_name)
     # Another version of our interface package may be installed.
@@ -108,24 +109,27 @@ def type_hash(type_name: str) -> str:
     return store.hash_rihs01(type_name)
 
 
-def _event_text(package: str, service: str, part: str) -> str:
-    """Return the text of a part of a service's events (REP 2012), as a message."""
+def _part_text(name: str, part: str) -> str:
+    """Return a part of a service or an action, or of a service's events (REP 2012), as a message.
+
+    The types of events say msg for their kind, as logs do.
+    """
+    package, kind, whole = name.split("/")
     if part == "Event":
         return (
-            f"service_msgs/ServiceEventInfo info\n{service}_Request[<=1] request\n"
-            f"{service}_Response[<=1] response\n"
+            f"service_msgs/ServiceEventInfo info\n{whole}_Request[<=1] request\n"
+            f"{whole}_Response[<=1] response\n"
         )
-    name = f"{package}/srv/{service}"
+    kind, order = next((kind, names) for kind, names in _PARTS.items() if part in names)
+    name = f"{package}/{kind}/{whole}"
     path = _shipped(name) or _installed(name)
     if path is None:
         raise DefinitionError(
-            f"The definition of {package}/srv/{service} was not found under "
+            f"The definition of {name} was not found under "
             f"{', '.join(map(str, prefixes()))}; source the ROS 2 workspace that has it."
         )
-    request, _, response = path.read_text(encoding="utf-8").partition("\n---\n")
-    if request.startswith("---\n"):
-        request, response = "", request[4:]
-    return request if part == "Request" else response
+    texts = re.split(r"(?:^|\n|(?<=\n))---\n", path.read_text(encoding="utf-8"))
+    return texts[order.index(part)]
 
 
 def _installed_hash(path: Path, type_name: str) -> str:
@@ -147,10 +151,15 @@ def _dependencies(text: str, package: str) -> list[str]:
     return names
 
 
-def own_services() -> list[str]:
-    """Return the full names of our service types."""
-    paths = (share_directory() / OWN_PACKAGE / "srv").glob("*.srv")
-    return sorted(f"{OWN_PACKAGE}/srv/{path.stem}" for path in paths)
+def own_parts() -> list[str]:
+    """Return the full names of the parts of our services and actions, such as ``.../A_Request``."""
+    folder = share_directory() / OWN_PACKAGE
+    return [
+        f"{OWN_PACKAGE}/{kind}/{path.stem}_{part}"
+        for kind, parts in _PARTS.items()
+        for path in sorted((folder / kind).glob(f"*.{kind}"))
+        for part in parts
+    ]
 
 
 def _shipped(type_name: str) -> Path | None:

@@ -28,6 +28,8 @@ _HEADER = {
     "header.stamp.sec": "sec",
     "header.stamp.nanosec": "nanosec",
     "header.frame_id": "frame_id",
+    "stamp.sec": "sec",
+    "stamp.nanosec": "nanosec",
 }
 
 
@@ -131,14 +133,14 @@ def _encode_alike(
     nanosec: NDArray[np.uint32],
 ) -> Bytes:
     """Encode messages that have the same texts."""
-    values: dict[str, Any] = {"header.stamp.sec": sec, "header.stamp.nanosec": nanosec}
+    header, values = {"sec": sec, "nanosec": nanosec}, dict[str, Any]()
     lengths: list[int] = []
     for field in message_fields(type_name):
         name = field.name
         if name in texts:
             values[name] = np.frombuffer(texts[name].encode() + b"\x00", np.uint8)
-        elif name not in values:
-            values[name] = getattr(columns, name)
+        else:
+            values[name] = header[_HEADER[name]] if name in _HEADER else getattr(columns, name)
         if field.is_sequence or name in texts:
             lengths.append(values[name].shape[-1])
             values[f"{name} length"] = lengths[-1]

@@ -32,6 +32,8 @@ class Field:
     type : str
         ``string``, or the name of a number type such as ``float64``.
     is_sequence : bool
+    limit : int
+        Largest length of a sequence; 0 if it has no limit.
     comment : str
         What the definition says: the unit of a number, a comma, and its meaning.
     """
@@ -39,6 +41,7 @@ class Field:
     name: str
     type: str
     is_sequence: bool
+    limit: int = field(default=0, compare=False)
     comment: str = field(default="", compare=False)
 
     @property
@@ -68,11 +71,13 @@ def _parse(text: str, prefix: str) -> list[Field]:
         words = code.split()
         if not words or "=" in words:
             continue
-        kind, name = words[0].removesuffix("[]"), prefix + words[1]
+        kind, bracket, limit = words[0].partition("[")
+        name = prefix + words[1]
         if kind in _NESTED:
             fields += _parse(_NESTED[kind], f"{name}.")
-        elif kind not in CODES and not words[0].endswith("[]"):
+        elif kind not in CODES and not bracket:
             fields += _parse(message_text(f"{OWN_PACKAGE}/msg/{kind}"), f"{name}.")
         else:
-            fields.append(Field(name, kind, words[0].endswith("[]"), comment.strip()))
+            largest = int(limit.strip("<=]") or 0)
+            fields.append(Field(name, kind, bool(bracket), largest, comment.strip()))
     return fields

@@ -9,12 +9,14 @@ from linkage_vibration.messages.definitions import OWN_PACKAGE, message_definiti
 
 PREDICTION = f"{OWN_PACKAGE}/msg/VibrationPrediction"
 RESONANCE = f"{OWN_PACKAGE}/msg/Resonance"
+LOAD_STATE = f"{OWN_PACKAGE}/msg/LoadState"
 ADVICE = f"{OWN_PACKAGE}/msg/Advice"
 TABLE_INFO = f"{OWN_PACKAGE}/msg/TableInfo"
 
 PREDICTION_TOPIC = "/linkage_vibration/prediction"
 """Topic of the predictions in a replay, and of a node that has its default name."""
 RESONANCE_TOPIC = "/linkage_vibration/resonance"
+LOAD_STATE_TOPIC = "/linkage_vibration/load_state"
 ADVICE_TOPIC = "/linkage_vibration/advice"
 
 
@@ -52,7 +54,8 @@ OUTPUT_TOPICS = (
         "~/prediction",
         PREDICTION,
         _OUTPUT_QOS,
-        "One prediction for each reading, with the stamp and the frame of the reading.",
+        "One prediction for each reading, or at `prediction_rate`, with the stamp and the frame of "
+        "the reading.",
     ),
     NodeTopic(
         "~/resonance",
@@ -61,6 +64,13 @@ OUTPUT_TOPICS = (
         "With predictions at `resonance_rate`, once a speed is known: the excitation that loads "
         "the linkage most, whether that is a warning, what ends it, and how strongly each loads "
         "pins and cylinders and shakes the response point ([excitation](excitation.md)).",
+    ),
+    NodeTopic(
+        "~/load_state",
+        LOAD_STATE,
+        _OUTPUT_QOS,
+        "With each resonance, in a fixed size, for controllers: the state, the total load ratio "
+        "with its limit, and in which direction a speed or the crank angle ends a warning.",
     ),
     NodeTopic(
         "~/advice",

@@ -22,6 +22,8 @@ from linkage_vibration.messages.encoding import encode_columns, encode_message
 from linkage_vibration.messages.topics import (
     ADVICE,
     ADVICE_TOPIC,
+    LOAD_STATE,
+    LOAD_STATE_TOPIC,
     PREDICTION,
     PREDICTION_TOPIC,
     RESONANCE,
@@ -42,6 +44,7 @@ from linkage_vibration.prediction.inputs.presets import HITCH
 from linkage_vibration.prediction.inputs.sources import CrankInput, Readings, SpeedInput
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.motion import crank_filter, crank_resolution
+from linkage_vibration.prediction.periods import Periods
 from linkage_vibration.prediction.predictor import Predictor, Status, predict_many
 from linkage_vibration.prediction.provenance import attachments, implement_facts
 from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor
@@ -57,7 +60,14 @@ Integers = NDArray[np.int64]
 
 REPLAY_METADATA = "linkage_vibration.replay"
 _SpeedRow: TypeAlias = tuple[int, Source, float, int]  # row, speed, value, time (ns)
-_PLACES = 4  # in the log for each message of a block: itself, its prediction, resonance and advice
+_ANSWERS = {
+    PREDICTION: PREDICTION_TOPIC,
+    RESONANCE: RESONANCE_TOPIC,
+    LOAD_STATE: LOAD_STATE_TOPIC,
+    ADVICE: ADVICE_TOPIC,
+}
+"""The topics of the answers to a reading, in their order in the log."""
+_PLACES = {kind: place for place, kind in enumerate(["", *_ANSWERS])}  # "" is that of the reading
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,7 +215,7 @@ def replay(
         notices: list[str] = []
         monitor, excitations = _monitor(settings, topics, served, notices.append), {}
         if monitor is not None:
-            log_topics.append(log_topic(RESONANCE_TOPIC, RESONANCE))
+            log_topics += [log_topic(_ANSWERS[kind], kind) for kind in (RESONANCE, LOAD_STATE)]
             excitations = excitation_files(settings.excitation_path())
             log_topics.append(log_topic(ADVICE_TOPIC, ADVICE, latched=True))
         files = attachments(served, settings, f"/{NODE_NAME}", excitations)
@@ -213,7 +223,8 @@ def replay(
             PROVENANCE_METADATA: {**package_versions(), **implement_facts(served)},
             REPLAY_METADATA: {"inputs": " ".join(path.name for path in paths)},
         }
-        run = _Replay(list(once), topics, inputs_read, served.predictor, monitor)
+        periods = Periods(settings.prediction_rate)
+        run = _Replay(list(once), topics, inputs_read, served.predictor, periods, monitor)
         run.done.notice = " ".join(notices)
         total, done = sum(topic.count for topic in once.values()), 0
         with replacement(output, ReplayError) as unfinished:
@@ -241,12 +252,13 @@ class _Replay:
         topics: Mapping[str, BagTopic],
         inputs: tuple[CrankInput, dict[Source, SpeedInput]],
         predictor: Predictor,
+        periods: Periods,
         monitor: ResonanceMonitor | None,
     ) -> None:
         self._names = names
         self._places = {name: names.index(topic.name) for name, topic in topics.items()}
         self._input, self._speed_inputs = inputs
-        self._predictor = predictor
+        self._predictor, self._periods = predictor, periods
         self._monitor = monitor
         self._adviser: Adviser | None = None
         self._motion = crank_filter()
@@ -257,19 +269,19 @@ class _Replay:
         """Return the input messages of a block that are used, and what is predicted for them."""
         found: list[Messages] = []
         predicted: list[MessageColumns] = []
-        used: list[Integers] = []
         rows = np.flatnonzero(block.topics == self._places[HITCH])
         groups = list(self._input.read_block(block, rows, self.done))
+        used = [group.rows for group in groups]
+        order, stamps = _arrivals(groups)
+        published = np.zeros(len(order), np.bool_)
+        published[order] = self._periods.due(stamps[order])
         for group in groups:
-            log_times = block.log_times[group.rows]
             predictions = predict_many(self._predictor, group.crank_angle, group.stddev)
             predicted.append(predictions)
-            header = group.sec, group.nanosec, group.frame_id
-            for _, encoded in encode_columns(PREDICTION, predictions, *header):
-                place = _PLACES * group.rows + 1
-                found.append(Messages(PREDICTION_TOPIC, encoded, place, log_times, log_times))
-            used.append(group.rows)
-            counts = np.bincount(predictions.status, minlength=len(Status))
+            mine, published = np.split(published, [len(group.rows)])
+            kept = np.flatnonzero(mine)
+            found += _encoded(PREDICTION, predictions.rows(kept), block, group, kept)
+            counts = np.bincount(predictions.status[kept], minlength=len(Status))
             for status, count in enumerate(counts.tolist()):
                 self.done.statuses[status] += count
         if self._monitor is not None:
@@ -291,7 +303,7 @@ class _Replay:
                 same = of_topic[sizes == size]
                 data = sliding_window_view(block.buffer, size)[block.starts[same]]
                 times = block.log_times[same], block.publish_times[same]
-                yield Messages(name, data, _PLACES * same, *times)
+                yield Messages(name, data, len(_PLACES) * same, *times)
 
     def _speeds(self, block: Block, used: list[Integers]) -> list[_SpeedRow]:
         """Return the speeds of a block by rows, and add those rows to the used ones."""
@@ -323,15 +335,12 @@ class _Replay:
         found: list[Messages] = []
         self._adviser = self._adviser or Adviser(monitor)
         rows = np.concatenate([group.rows for group in groups])
-        order = np.argsort(rows)
+        order, stamps = _arrivals(groups)
         before = np.searchsorted(rows[order], [speed[0] for speed in speeds])
         # There is nothing to assess before the first speed.
         first = 0 if monitor.any_speed_reported else min([len(rows), *before.tolist()])
-        stamps = np.concatenate(
-            [10**9 * group.sec.astype(np.int64) + group.nanosec for group in groups]
-        )
         due = np.zeros(len(rows), np.bool_)
-        due[first:] = monitor.due(stamps[order[first:]])
+        due[first:] = monitor.periods.due(stamps[order[first:]])
         assessed = order[due]
         velocity, error = self._velocities(groups, stamps, order, due)
         earlier = np.searchsorted(np.flatnonzero(due), before).tolist()
@@ -348,17 +357,10 @@ class _Replay:
         for group in groups:
             answer, answers = np.split(answers, [len(group.rows)])
             kept = np.flatnonzero(answer >= 0)
-            for which, data in encode_columns(
-                RESONANCE,
-                resonances.rows(answer[kept]),
-                group.sec[kept],
-                group.nanosec[kept],
-                group.frame_id,
-            ):
-                rows = group.rows[kept[which]]
-                times = block.log_times[rows], block.log_times[rows]
-                found.append(Messages(RESONANCE_TOPIC, data, _PLACES * rows + 2, *times))
-                self.done.resonances += len(rows)
+            of_group = resonances.rows(answer[kept])
+            for kind in (RESONANCE, LOAD_STATE):
+                found += _encoded(kind, of_group, block, group, kept)
+            self.done.resonances += len(kept)
             for i in kept[np.isin(answer[kept], advised)].tolist():
                 advice = self._adviser.answer(resonances.message(answer[i]))
                 found.append(_advice(block, group, i, advice))
@@ -393,12 +395,35 @@ class _Replay:
         return velocity[due], error[due]
 
 
+def _arrivals(groups: Sequence[Readings]) -> tuple[Integers, Integers]:
+    """Return in which order the readings of all groups arrived, and their stamps, ns, (n,)."""
+    none = np.zeros(0, np.int64)
+    stamps = [10**9 * group.sec.astype(np.int64) + group.nanosec for group in groups]
+    rows = np.concatenate([none, *(group.rows for group in groups)])
+    return np.argsort(rows), np.concatenate([none, *stamps])
+
+
+def _encoded(
+    kind: str, answers: MessageColumns, block: Block, group: Readings, of: Integers
+) -> Iterator[Messages]:
+    """Yield the answers to some readings of a group as messages of the log."""
+    for which, data in encode_columns(
+        kind, answers, group.sec[of], group.nanosec[of], group.frame_id
+    ):
+        yield _messages(kind, data, block, group.rows[of[which]])
+
+
+def _messages(kind: str, data: NDArray[np.uint8], block: Block, rows: Integers) -> Messages:
+    """Return the answers to the messages in some rows of a block as messages of the log."""
+    times, places = block.log_times[rows], len(_PLACES) * rows + _PLACES[kind]
+    return Messages(_ANSWERS[kind], data, places, times, times)
+
+
 def _advice(block: Block, group: Readings, i: int, advice: MessageColumns) -> Messages:
     """Return advice for a reading of a group as a message of the log."""
     header = int(group.sec[i]), int(group.nanosec[i]), group.frame_id
-    data, row = np.frombuffer(encode_message(ADVICE, advice, *header), np.uint8), group.rows[[i]]
-    times = block.log_times[row]
-    return Messages(ADVICE_TOPIC, data[np.newaxis], _PLACES * row + 3, times, times)
+    data = np.frombuffer(encode_message(ADVICE, advice, *header), np.uint8)
+    return _messages(ADVICE, data[np.newaxis], block, group.rows[[i]])
 
 
 def _inputs(

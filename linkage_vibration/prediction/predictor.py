@@ -53,7 +53,7 @@ class Prediction:
         numbers hold.
     frequency_slopes : ndarray, (n_modes,)
         Change of the natural frequencies with alpha3, Hz/rad.
-    frequency_stddev : ndarray, (n_modes,)
+    frequency_stddevs : ndarray, (n_modes,)
         Standard deviation of the natural frequencies, Hz, by everything that `Shares` lists; NaN
         also where it is not known.
     frf_peak_frequency, frf_peak_magnitude : float
@@ -63,7 +63,7 @@ class Prediction:
         model. It does not include the standard deviations.
     table_id : str
         Identifies the table of the numbers.
-    damping_ratio_stddev : ndarray, (n_modes,)
+    damping_ratio_stddevs : ndarray, (n_modes,)
         Standard deviation of the damping ratios, 1, by the same; NaN also where it is not known.
     """
 
@@ -72,19 +72,19 @@ class Prediction:
     natural_frequencies: FloatArray
     damping_ratios: FloatArray
     frequency_slopes: FloatArray
-    frequency_stddev: FloatArray
+    frequency_stddevs: FloatArray
     frf_peak_frequency: float
     frf_peak_magnitude: float
     interpolation_error: float
     table_id: str
-    damping_ratio_stddev: FloatArray
+    damping_ratio_stddevs: FloatArray
 
 
 def uncertain_modes(
     frequencies: FloatArray,
-    frequency_stddev: FloatArray,
+    frequency_stddevs: FloatArray,
     ratios: FloatArray,
-    ratio_stddev: FloatArray,
+    ratio_stddevs: FloatArray,
     label: Callable[[int], str] = lambda mode: f"mode {mode + 1}",
 ) -> list[str]:
     """Return a sentence about each mode whose standard deviations are large.
@@ -93,13 +93,13 @@ def uncertain_modes(
 
     Parameters
     ----------
-    frequencies, frequency_stddev, ratios, ratio_stddev : ndarray, (..., n_modes)
+    frequencies, frequency_stddevs, ratios, ratio_stddevs : ndarray, (..., n_modes)
         Natural frequencies, damping ratios and their standard deviations, Hz and 1, of one
         prediction or of many, of which the worst counts.
     label : callable
         Returns how a mode, counted from 0, is called, as `Table.mode_label` does.
     """
-    pairs = (frequencies, frequency_stddev), (ratios, ratio_stddev)
+    pairs = (frequencies, frequency_stddevs), (ratios, ratio_stddevs)
     worst = [largest_deviations(*pair) for pair in pairs]
     return [
         f"M{label(mode)[1:]} is uncertain: the standard deviation is {frequency:.2g} % of its "
@@ -186,8 +186,8 @@ def one_row(prediction: Prediction) -> MessageColumns:
         natural_frequencies=prediction.natural_frequencies[np.newaxis],
         damping_ratios=prediction.damping_ratios[np.newaxis],
         frequency_slopes=prediction.frequency_slopes[np.newaxis],
-        frequency_stddev=prediction.frequency_stddev[np.newaxis],
-        damping_ratio_stddev=prediction.damping_ratio_stddev[np.newaxis],
+        frequency_stddevs=prediction.frequency_stddevs[np.newaxis],
+        damping_ratio_stddevs=prediction.damping_ratio_stddevs[np.newaxis],
         table_id=prediction.table_id,
     )
 
@@ -276,7 +276,7 @@ class Predictor:
         parts = zip(*self._parts(angle, stddev, values, slopes, error), strict=True)
         stddevs = [math.sqrt(a * a + b * b + c * c + d * d) for a, b, c, d in parts]
         modes = np.array([*values, *slopes[:n], *stddevs]).reshape(5, n)
-        frequencies, ratios, frequency_slopes, frequency_stddev, ratio_stddev = modes
+        frequencies, ratios, frequency_slopes, frequency_stddevs, ratio_stddevs = modes
         sound = self._sound_low <= angle <= self._sound_high
         return Prediction(
             crank_angle=alpha3,
@@ -284,12 +284,12 @@ class Predictor:
             natural_frequencies=frequencies,
             damping_ratios=ratios,
             frequency_slopes=frequency_slopes,
-            frequency_stddev=frequency_stddev,
+            frequency_stddevs=frequency_stddevs,
             frf_peak_frequency=peak_frequency,
             frf_peak_magnitude=peak_magnitude,
             interpolation_error=error,
             table_id=self._table_id,
-            damping_ratio_stddev=ratio_stddev,
+            damping_ratio_stddevs=ratio_stddevs,
         )
 
     def shares(self, alpha3: float, stddev: float = 0.0) -> Shares:
@@ -378,10 +378,10 @@ def predict_many(predictor: Predictor, alpha3: FloatArray, stddev: FloatArray) -
         natural_frequencies=frequencies,
         damping_ratios=ratios,
         frequency_slopes=rates,
-        frequency_stddev=frequency_stddevs,
+        frequency_stddevs=frequency_stddevs,
         frf_peak_frequency=single[0],
         frf_peak_magnitude=single[1],
         interpolation_error=single[2],
         table_id=table.table_id,
-        damping_ratio_stddev=ratio_stddevs,
+        damping_ratio_stddevs=ratio_stddevs,
     )

@@ -15,6 +15,7 @@ from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.ground import AIRBORNE
 from linkage_vibration.prediction.levels import LevelTable, unknown_levels
 from linkage_vibration.prediction.motion import UNKNOWN, Rate, speed_filter
+from linkage_vibration.prediction.periods import Periods
 from linkage_vibration.prediction.predictor import Prediction, one_row
 from linkage_vibration.prediction.severity import (
     CLEAR,
@@ -147,8 +148,7 @@ class ResonanceMonitor:
         self.limits = limits
         self.stale_after = stale_after
         self.levels = levels
-        self.rate = rate
-        self._period = _NO_PERIOD
+        self.periods = Periods(rate)  # those that are to be assessed once a speed is reported
         ratios = [(one.ratio, one.relative_stddev) for one in self.excitations]
         self._ratios, self._stddevs = np.array(ratios).T[..., np.newaxis]
         self._sources = np.array([list(Source).index(one.source) for one in self.excitations])
@@ -207,27 +207,10 @@ class ResonanceMonitor:
         speeds.numbers[:, place] = value if value >= 0.0 else math.nan, *rate
         speeds.times[place], speeds.fixed[place] = time, fixed
 
-    def due(self, stamps: Integers) -> BoolArray:
-        """Return which readings are to be assessed, once a speed is reported: one in each period.
-
-        It is the first after the periods of `rate`, counted from a stamp of 0, have changed, also
-        where the clock jumps back. Readings with the same stamp are never assessed twice.
-
-        Parameters
-        ----------
-        stamps : ndarray, (n,)
-            Those of the next readings, ns, in the order in which the readings arrive.
-        """
-        if not self.rate:
-            return np.ones(len(stamps), np.bool_)
-        periods = np.concatenate([[self._period], stamps // round(1e9 / self.rate)])
-        self._period = int(periods[-1])
-        return np.asarray(periods[1:] != periods[:-1])
-
     def assess(
         self, prediction: Prediction, velocity: float, time: int, velocity_error: float = 0.0
     ) -> MessageColumns:
-        """Return the most severe excitation, and the levels of all, as one ``Resonance``.
+        """Return one ``Resonance`` with its ``LoadState``: the worst excitation, and all levels.
 
         Parameters
         ----------
@@ -253,7 +236,9 @@ class ResonanceMonitor:
         speeds: Sequence[ReportedSpeed],
         velocity_error: FloatArray,
     ) -> MessageColumns:
-        """Return the ``Resonance`` of each prediction, while speeds are reported among them.
+        """Return the ``Resonance`` and the ``LoadState`` of each prediction.
+
+        Speeds are reported among the predictions.
 
         Their states are those of `severity.states`.
 
@@ -313,6 +298,12 @@ class ResonanceMonitor:
         columns.quiet_speed, columns.quiet_angle = self._quieter(
             columns.state, worst, predictions.crank_angle, speeds[0], time
         )
+        # A direction is 0 where nothing is known to end a warning.
+        ends = columns.quiet_speed, columns.quiet_angle
+        now = columns.excitation_speed, predictions.crank_angle
+        directions = np.nan_to_num(np.sign(np.array(ends) - now)).astype(np.int8)
+        columns.quiet_speed_direction, columns.quiet_angle_direction = directions
+        columns.load_ratio_limit = np.full(len(time), self.limits.warning)
         columns.crank_velocity, columns.crank_velocity_error = crank
         columns.crank_angle, columns.speeds = predictions.crank_angle, speeds[0].T  # for advice
         return columns
@@ -329,7 +320,7 @@ class ResonanceMonitor:
         natural, zeta = naturals.take(at), predictions.damping_ratios.take(at)
         slope = predictions.frequency_slopes.take(at)
         if self.levels is not None and self.levels.states_uncertainty:
-            stddevs = frequency * self._stddevs, predictions.frequency_stddev.take(at)
+            stddevs = frequency * self._stddevs, predictions.frequency_stddevs.take(at)
             probability = half_power_probability(frequency, stddevs[0], natural, stddevs[1], zeta)
         else:
             probability = np.full(frequency.shape, math.nan)
@@ -384,7 +375,8 @@ class ResonanceMonitor:
             excitation=self._names.take(np.where(stale, len(self._names) - 1, worst)),
             excitation_frequency=frequency,
             excitation_speed=speed,
-            mode=np.where(stale, 0, pairs.mode.take(at)),
+            excitation_index=np.where(stale, -1, worst),
+            mode=np.where(np.isnan(natural), -1, pairs.mode.take(at)),
             natural_frequency=natural,
             margin=margin,
             relative_margin=margin / natural,

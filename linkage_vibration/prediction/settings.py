@@ -292,9 +292,13 @@ class Parameters:
     stale_after: float = _ranged(1.0, 0.01, 3600.0, "s").means(
         "A speed or a crank angle that is older than this is not used."
     )
+    prediction_rate: float = _ranged(0.0, 0.0, 1e4, "Hz").means(
+        "Rate at which `~/prediction` is published, at most: for the first reading in each period "
+        "of the stamps. With 0, each reading has a prediction."
+    )
     resonance_rate: float = _ranged(50.0, 0.0, 1e4, "Hz").means(
-        "Rate at which predictions are assessed for `~/resonance`, at most: the first in each "
-        "period of their stamps. With 0, each is assessed."
+        "Rate at which readings are assessed for `~/resonance` and `~/load_state`, at most: the "
+        "first in each period of the stamps. With 0, each is assessed."
     )
     record: bool = _switch(False).means(
         "Start an MCAP log when the node is activated. `~/start_recording` and `~/stop_recording` "

@@ -4,8 +4,11 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.messages.fields import message_fields
+from linkage_vibration.messages.topics import TABLE_INFO
 from linkage_vibration.prediction.answers import (
     Described,
     Implement,
@@ -66,6 +69,7 @@ def read_described(
     path, file = settings.mechanism_path(), settings.implement_path()
     content, text = load_yaml(path)
     mechanism = mechanism_of(content, path)
+    _check_room(path, mode_names=mechanism.response.modes)
     if file is None:
         if settings.implement:
             raise ParameterError(
@@ -94,6 +98,7 @@ def read_loads(
     """
     path = settings.excitation_path()
     excitations = read_excitations(path)
+    _check_room(path, excitations=len(excitations))
     if settings.excitation_file:
         return excitations
     refused = [one.name for one in excitations if not _acts(one, served)]
@@ -106,6 +111,18 @@ def read_loads(
     return tuple(
         replace(one, load=None, terrain=None) if one.name in refused else one for one in excitations
     )
+
+
+def _check_room(path: Path, **counts: int) -> None:
+    """Refuse a file with longer lists, by the fields of ``TableInfo``, than messages can hold."""
+    limits = {field.name: field.limit for field in message_fields(TABLE_INFO)}
+    for name, count in counts.items():
+        if count > limits[name]:
+            what = "modes" if name == "mode_names" else name
+            raise ParameterError(
+                f"{path} has {count} {what}, and the messages of the node have room for "
+                f"{limits[name]}; reduce their number."
+            )
 
 
 def _acts(excitation: Excitation, served: Served) -> bool:

@@ -72,8 +72,8 @@ class Log:
         rad.
     natural_frequencies, damping_ratios : ndarray, (n, n_modes)
         Hz and 1; NaN for an overdamped mode.
-    frequency_stddev, damping_ratio_stddev : ndarray, (n, n_modes)
-        Hz and 1; NaN in logs that are older than these fields.
+    frequency_stddevs, damping_ratio_stddevs : ndarray, (n, n_modes)
+        Hz and 1; NaN where they are not known.
     passes : ndarray of int, (n_jumps,)
         The first prediction after each jump of the clock to an earlier time. Stamps ascend only
         between jumps.
@@ -110,9 +110,9 @@ class Log:
     status: IntArray
     crank_angle: FloatArray
     natural_frequencies: FloatArray
-    frequency_stddev: FloatArray
+    frequency_stddevs: FloatArray
     damping_ratios: FloatArray
-    damping_ratio_stddev: FloatArray
+    damping_ratio_stddevs: FloatArray
     peak_frequency: FloatArray
     peak_magnitude: FloatArray
     interpolation_error: FloatArray
@@ -188,7 +188,6 @@ def read_log(path: str | Path) -> Log:
         predictions = {name: column[order] for name, column in predictions.items()}
     stamps, frequencies = header_stamps(predictions), predictions["natural_frequencies"]
     table_id = str(predictions.pop("table_id")[-1])
-    unknown = np.broadcast_to(np.nan, frequencies.shape)
     attachments, metadata = _read_provenance(path)
     table, mechanism, mechanism_text, excitations = _read_model(attachments, table_id)
     parameters_text = attachments.get(PARAMETERS, b"").decode(errors="replace")
@@ -201,9 +200,9 @@ def read_log(path: str | Path) -> Log:
         status=predictions["status"].astype(np.int64),
         crank_angle=predictions["crank_angle"],
         natural_frequencies=frequencies,
-        frequency_stddev=predictions.get("frequency_stddev", unknown),
+        frequency_stddevs=predictions["frequency_stddevs"],
         damping_ratios=predictions["damping_ratios"],
-        damping_ratio_stddev=predictions.get("damping_ratio_stddev", unknown),
+        damping_ratio_stddevs=predictions["damping_ratio_stddevs"],
         peak_frequency=predictions["frf_peak_frequency"],
         peak_magnitude=predictions["frf_peak_magnitude"],
         interpolation_error=predictions["interpolation_error"],
@@ -243,6 +242,13 @@ def _read_messages(path: Path) -> tuple[Columns, Columns, dict[Source, Columns]]
     predictions, resonances = (columns.get(topic, {}) for topic in topics)
     if not len(predictions.get("status", ())):
         raise ReviewError(f"{path} holds no prediction; was the joint ever published?")
+    for kind, found in ((PREDICTION, predictions), (RESONANCE, resonances)):
+        lacking = {f.name for f in message_fields(kind)} - {*unused, *found}
+        if found and lacking:
+            raise ReviewError(
+                f"{path} was written by another version, whose {kind.split('/')[-1]} has no "
+                f"{', '.join(sorted(lacking))}; replay the log with this one."
+            )
     return predictions, resonances, {source: columns[topic] for source, topic in speeds.items()}
 
 
@@ -380,7 +386,7 @@ def _resonances(
             first = low + np.searchsorted(stamps[low:high], taken[mine])
             predicted[mine] = np.minimum(first, high - 1)
     fields = [*resonance_fields(), *(f for f in message_fields(RESONANCE) if f.name in _EACH)]
-    every = {field.name: _typed(columns, field, (len(taken), len(names))) for field in fields}
+    every = {field.name: _typed(columns[field.name]) for field in fields}
     messages = MessageColumns(**every).rows(order)
     angles, start = predictions["crank_angle"][predicted[order]], int(stamps[0])
     drive = drive_of(taken[order], start, messages, angles, names, predicted[order])
@@ -392,12 +398,8 @@ def _resonances(
     return drive, MessageColumns(**values)
 
 
-def _typed(columns: Columns, field: Field, shape: tuple[int, int]) -> Column:
-    """Return a column of resonances; not known in logs that are older than this field."""
-    if field.name not in columns:
-        value, kind = ("", object) if field.type == "string" else (np.nan, float)
-        return np.full(shape if field.is_sequence else shape[:1], value, kind)
-    column = columns[field.name]
+def _typed(column: Column) -> Column:
+    """Return a column of resonances, whose integers may be negative."""
     if column.dtype.kind in "iu":
         return column.astype(np.int64)
     return column

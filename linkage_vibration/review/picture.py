@@ -134,7 +134,7 @@ def _draw_modes(ax: "Axes", log: Log) -> None:
     ends = np.full(log.n_modes, np.nan)
     for mode, colour in enumerate(palette.mode_colours(log.n_modes)):
         values = frequencies[:, mode]
-        deviation = np.nan_to_num(log.frequency_stddev[:, mode])
+        deviation = np.nan_to_num(log.frequency_stddevs[:, mode])
         low, high = np.maximum(values - deviation, 0.5 * values), values + deviation
         ax.fill_between(log.times, low, high, color=colour, alpha=0.3, linewidth=0)
         ax.plot(log.times, values, color=colour, linewidth=1.6)

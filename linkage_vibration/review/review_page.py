@@ -180,7 +180,7 @@ def _columns(log: Log, rows: IntArray, axis: TimeAxis) -> dict[str, NDArray[Any]
         columns["table_angle"] = log.table_angle[rows]
     for mode in range(log.n_modes):
         columns[f"f{mode + 1}"] = log.natural_frequencies[rows, mode]
-        columns[f"s{mode + 1}"] = log.frequency_stddev[rows, mode].astype(np.float32)
+        columns[f"s{mode + 1}"] = log.frequency_stddevs[rows, mode].astype(np.float32)
     if log.resonances is not None:
         r = log.resonances
         names = _excitation_names(log)
@@ -208,7 +208,7 @@ def _excitation_names(log: Log) -> list[str]:
 def _has_spread(log: Log) -> bool:
     """Return whether the standard deviations contain more than the error of the table."""
     by_table = log.interpolation_error[:, np.newaxis] * log.natural_frequencies
-    return bool((log.frequency_stddev > 1.001 * by_table).any())
+    return bool((log.frequency_stddevs > 1.001 * by_table).any())
 
 
 def _charts(log: Log) -> Items:
@@ -380,7 +380,7 @@ def _summary(log: Log, warnings: Sequence[Episode], missing: list[tuple[float, f
         add("Highest FRF peak", f"{height:.3g} m/N at {frequency:.2f} Hz")
     for label, value, alert in _load_cards(log, warnings):
         add(label, value, alert=alert)
-    deviations = log.frequency_stddev, log.damping_ratios, log.damping_ratio_stddev
+    deviations = log.frequency_stddevs, log.damping_ratios, log.damping_ratio_stddevs
     if uncertain := uncertain_modes(log.natural_frequencies, *deviations, log.mode_label):
         text = f"{len(uncertain)} of {log.n_modes}: {_largest_deviations(log)}"
         # They are expected if numbers of the mechanism are uncertain.
@@ -433,8 +433,8 @@ def _static_force(log: Log, place: str, alpha3: float) -> str:
 
 def _largest_deviations(log: Log) -> str:
     """Return the largest relative standard deviations of the modes in words."""
-    frequency = largest_deviations(log.natural_frequencies, log.frequency_stddev).max()
-    ratio = largest_deviations(log.damping_ratios, log.damping_ratio_stddev).max()
+    frequency = largest_deviations(log.natural_frequencies, log.frequency_stddevs).max()
+    ratio = largest_deviations(log.damping_ratios, log.damping_ratio_stddevs).max()
     return f"standard deviation up to {frequency:.2g} % (frequency), {ratio:.2g} % (damping)"
 
 

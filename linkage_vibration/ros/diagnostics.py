@@ -138,8 +138,8 @@ def _uncertain(last: Prediction | None, served: Served | None) -> list[str]:
     """
     if last is None or served is None or served.table.uncertain:
         return []
-    frequencies = last.natural_frequencies, last.frequency_stddev
-    ratios = last.damping_ratios, last.damping_ratio_stddev
+    frequencies = last.natural_frequencies, last.frequency_stddevs
+    ratios = last.damping_ratios, last.damping_ratio_stddevs
     return uncertain_modes(*frequencies, *ratios, served.table.mode_label)
 
 

@@ -54,7 +54,13 @@ from linkage_vibration.ros.parameter_server import (
 from linkage_vibration.ros.precedence import rest
 from linkage_vibration.ros.services import Services
 from linkage_vibration.ros.statistics import CLOCK_LEAP, Statistics
-from linkage_vibration_interfaces.msg import Advice, Resonance, TableInfo, VibrationPrediction
+from linkage_vibration_interfaces.msg import (
+    Advice,
+    LoadState,
+    Resonance,
+    TableInfo,
+    VibrationPrediction,
+)
 
 TRANSITIONS = {
     Transition.TRANSITION_CONFIGURE: "configure",
@@ -296,11 +302,14 @@ class LinkageVibrationNode(LifecycleNode):
         limits = LogLimits(*sizes, settings.delete_oldest)
         recorder = Recorder(folder, topics, provenance, limits, settings.compression)
         self._recording = recording = Recording(self, recorder, extra_topics, self._throttle)
-        outputs = (
-            advertise(self, VibrationPrediction, "~/prediction", self._statistics, self._throttle),
-            advertise(self, Resonance, "~/resonance", self._statistics, self._throttle),
-        )
-        self._outputs = [*outputs]
+        self._outputs = outputs = [
+            advertise(self, kind, name, self._statistics, self._throttle)
+            for kind, name in (
+                (VibrationPrediction, "~/prediction"),
+                (Resonance, "~/resonance"),
+                (LoadState, "~/load_state"),
+            )
+        ]
         self._latched = [
             publisher(self, kind, name, latched=True)
             for kind, name in (

@@ -19,6 +19,7 @@ from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.messages.encoding import encode_message
 from linkage_vibration.messages.topics import (
     ADVICE,
+    LOAD_STATE,
     OUTPUT_TOPICS,
     PREDICTION,
     RESONANCE,
@@ -45,6 +46,7 @@ from linkage_vibration.prediction.inputs.topics import input_depth
 from linkage_vibration.prediction.inputs.units import ANGLES, Reading
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.motion import UNKNOWN, Rate, crank_filter, crank_resolution
+from linkage_vibration.prediction.periods import Periods
 from linkage_vibration.prediction.predictor import Prediction, Predictor, Status, fault
 from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.prediction.settings import Parameters
@@ -75,16 +77,16 @@ def output_topics(node: Node) -> list[Topic]:
 
 
 class Predicting:
-    """Answers each reading of the crank angle with a prediction on ``~/prediction``.
+    """Answers readings of the crank angle with predictions on ``~/prediction``.
 
-    Once a speed is known, resonances follow on ``~/resonance``, at a limited rate, and advice on
-    ``~/advice`` while the load exceeds its limit.
+    Once a speed is known, resonances follow on ``~/resonance`` and ``~/load_state``, at a limited
+    rate, and advice on ``~/advice`` while the load exceeds its limit.
 
     Parameters
     ----------
     node, listener : Node, Listener
         The node that publishes, and the one that subscribes.
-    predictions, resonances, advice : Publisher
+    predictions, resonances, load_states, advice : Publisher
         The publishers of these topics.
     settings : Parameters
         The parameters at the start; `apply` changes them while the listener is paused.
@@ -119,6 +121,7 @@ class Predicting:
         listener: Listener,
         predictions: Any,
         resonances: Any,
+        load_states: Any,
         advice: Any,
         settings: Parameters,
         topics: dict[str, LiveTopic],
@@ -146,6 +149,7 @@ class Predicting:
         self._gaps: defaultdict[str, SequenceGaps] = defaultdict(SequenceGaps)
         self._predictions, self._prediction_topic = predictions, predictions.topic_name
         self._resonances, self._resonance_topic = resonances, resonances.topic_name
+        self._load_states, self._periods = load_states, Periods()
         self._advice, self._adviser = advice, Adviser(monitor)
         self.apply(settings, topics)
 
@@ -172,7 +176,8 @@ class Predicting:
         self._crank = crank
         self._motion = crank_filter()  # another calibration is not a motion
         monitor.limits = settings.warning_limits()
-        monitor.stale_after, monitor.rate = settings.stale_after, settings.resonance_rate
+        monitor.stale_after, monitor.periods.rate = settings.stale_after, settings.resonance_rate
+        self._periods.rate = settings.prediction_rate
         for source, fixed in self._fixed.items():
             monitor.set_fixed(source, fixed)
         if before != {(t.name, t.type) for t in topics.values()} and self._subscribed:
@@ -368,18 +373,23 @@ class Predicting:
         counts, received = self._statistics, source[2]
         prediction = self.predictor.predict(reading.crank_angle, reading.stddev)
         self.prediction = prediction
-        encoded = encode_message(PREDICTION, prediction, sec, nanosec, frame)
-        self._predictions.publish(encoded)
-        counts.latencies.append(time.monotonic() - began)
-        answers = [(self._prediction_topic, encoded)]
+        answers = list[tuple[str, bytes]]()
         stamp, needed = 10**9 * sec + nanosec, self._monitor.any_speed_reported
-        needed = needed and bool(self._monitor.due(np.array([stamp]))[0])
+        if self._periods.due(np.array([stamp]))[0]:
+            encoded = encode_message(PREDICTION, prediction, sec, nanosec, frame)
+            self._predictions.publish(encoded)
+            counts.latencies.append(time.monotonic() - began)
+            answers.append((self._prediction_topic, encoded))
+        needed = needed and bool(self._monitor.periods.due(np.array([stamp]))[0])
         velocity, error = self._velocity(reading, stamp, needed)
         if needed:
             self.resonance = self._monitor.assess(prediction, velocity, at, error)
             encoded = encode_message(RESONANCE, self.resonance, sec, nanosec, frame)
             self._resonances.publish(encoded)
             answers.append((self._resonance_topic, encoded))
+            encoded = encode_message(LOAD_STATE, self.resonance, sec, nanosec, frame)
+            self._load_states.publish(encoded)
+            answers.append((self._load_states.topic_name, encoded))
             if self._adviser.due(np.array([self.resonance.total_load_ratio]), np.array([stamp])):
                 advice = self._adviser.answer(self.resonance)
                 encoded = encode_message(ADVICE, advice, sec, nanosec, frame)

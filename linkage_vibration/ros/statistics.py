@@ -32,7 +32,7 @@ class Statistics:
     """What the node counts; the memory is bounded however long it runs."""
 
     received: int = 0  # messages of the hitch
-    with_numbers: int = 0  # predictions that were published, and those without numbers
+    with_numbers: int = 0  # predictions for readings, and those without numbers
     without_numbers: int = 0
     # By topic, the messages that did not arrive: by sequence numbers, and as DDS reports them.
     gaps: Counter[str] = field(default_factory=Counter)
@@ -48,7 +48,7 @@ class Statistics:
 
     @property
     def predicted(self) -> int:
-        """How many predictions were published."""
+        """How many readings were predicted for, also where `prediction_rate` publishes fewer."""
         return self.with_numbers + self.without_numbers
 
     @property

@@ -267,7 +267,7 @@ def test_fewer_rows_of_standard_deviations(tractor: Table) -> None:
     assert len(constants.parameters) > 7 * len(fewer.parameters)
     angles = np.random.default_rng(6).uniform(*tractor.alpha3_range, 2000)
     exact, found = (evaluate(each, angles, 0.0 * angles) for each in (constants, fewer))
-    for name in ("frequency_stddev", "damping_ratio_stddev"):
+    for name in ("frequency_stddevs", "damping_ratio_stddevs"):
         off = np.abs(getattr(found, name) / getattr(exact, name) - 1.0)
         assert 0.0 < off.max() < 0.01
 

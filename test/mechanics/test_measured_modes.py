@@ -160,8 +160,8 @@ def test_a_table_has_the_standard_deviations(model: LinkageModel, tmp_path: Path
     still, moving = predictor.predict(ALPHA3), predictor.predict(ALPHA3, stddev)
     noise = np.array([exact.frequency_stddev[:3], exact.damping_ratio_stddev[:3]])
     np.testing.assert_allclose(predictor.shares(ALPHA3).links, noise, rtol=1e-9)
-    both = np.hypot(still.frequency_stddev, stddev * np.abs(still.frequency_slopes))
-    np.testing.assert_allclose(moving.frequency_stddev, both, rtol=1e-12)
+    both = np.hypot(still.frequency_stddevs, stddev * np.abs(still.frequency_slopes))
+    np.testing.assert_allclose(moving.frequency_stddevs, both, rtol=1e-12)
     many = predict_many(predictor, angles, np.full(3, stddev))
     for i, angle in enumerate(angles):
         one = predictor.predict(angle, stddev)

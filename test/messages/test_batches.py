@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.messages.encoding import encode_columns, encode_message
-from linkage_vibration.messages.topics import PREDICTION, RESONANCE
+from linkage_vibration.messages.topics import LOAD_STATE, PREDICTION, RESONANCE
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.predictor import Predictor, predict_many
 from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor
@@ -105,9 +105,9 @@ def assert_same_resonances(
         else:
             asked.append(event)
             resonance = monitors[0].assess(predictor.predict(first), value, time)
-            expected.append(
-                encode_message(RESONANCE, resonance, -len(asked), time % SECOND, "base_link")
-            )
+            header = -len(asked), time % SECOND, "base_link"
+            kinds = RESONANCE, LOAD_STATE
+            expected.append([encode_message(kind, resonance, *header) for kind in kinds])
     angle, velocity, times = np.array(asked, object).reshape(-1, 3).T
     predictions = predict_many(predictor, angle.astype(float), np.zeros(len(asked)))
     resonances = monitors[1].assess_many(
@@ -118,12 +118,12 @@ def assert_same_resonances(
         np.zeros(len(asked)),
     )
     stamps = -1 - np.arange(len(asked), dtype=np.int32), (times % SECOND).astype(np.uint32)
-    found = {
-        int(i): row.tobytes()
-        for which, rows in encode_columns(RESONANCE, resonances, *stamps, "base_link")
-        for i, row in zip(which, rows, strict=True)
-    }
-    assert [found[i] for i in range(len(asked))] == expected
+    found: list[list[bytes]] = [[] for _ in asked]
+    for kind in (RESONANCE, LOAD_STATE):
+        for which, rows in encode_columns(kind, resonances, *stamps, "base_link"):
+            for i, row in zip(which, rows, strict=True):
+                found[i].append(row.tobytes())
+    assert found == expected
     return resonances.state.tolist()
 
 

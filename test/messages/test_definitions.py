@@ -115,3 +115,16 @@ def test_parts_of_a_service(
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
     assert message_text("made_up/srv/Ask_Request") == request_text
     assert message_text("made_up/srv/Ask_Response") == response_text
+
+
+@pytest.mark.parametrize("texts", [("int8 a", "bool b", "string c\n"), ("", "", "string c\n")])
+def test_parts_of_an_action(
+    texts: tuple[str, str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Goal, result and feedback are separated by two lines, also where the first two are empty."""
+    folder = tmp_path / "share" / "made_up" / "action"
+    folder.mkdir(parents=True)
+    (folder / "Do.action").write_text("---\n".join(text and f"{text.rstrip()}\n" for text in texts))
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
+    parts = (message_text(f"made_up/action/Do_{part}") for part in ("Goal", "Result", "Feedback"))
+    assert tuple(parts) == texts

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from linkage_vibration.messages.encoding import encode_message
-from linkage_vibration.messages.topics import PREDICTION, RESONANCE
+from linkage_vibration.messages.topics import LOAD_STATE, PREDICTION, RESONANCE
 from linkage_vibration.prediction.predictor import Prediction, Status, fault
 from linkage_vibration.prediction.resonance import ResonanceState
 from test.support.messages import resonance
@@ -53,14 +53,14 @@ def test_bytes_are_what_ros_reads(
     assert (message.header.frame_id, message.table_id) == (frame, table)
     assert message.crank_angle == angle or math.isnan(angle)
     assert message.natural_frequencies.tolist() == numbers.tolist()
-    assert message.frequency_stddev.tolist() == (2.0 * numbers).tolist()
+    assert message.frequency_stddevs.tolist() == (2.0 * numbers).tolist()
     assert message.damping_ratios.tolist() == (-numbers).tolist()
     assert (message.frf_peak_frequency, message.frf_peak_magnitude) == (3.0, 4.0)
     own = serialize_message(message)
     assert len(own) == len(encoded)
 
 
-@given(frame=TEXT, excitation=TEXT, number=st.floats(), mode=st.integers(0, 2**32 - 1))
+@given(frame=TEXT, excitation=TEXT, number=st.floats(), mode=st.integers(-1, 2**15 - 1))
 def test_resonances_are_what_ros_reads(
     frame: str, excitation: str, number: float, mode: int
 ) -> None:
@@ -82,6 +82,43 @@ def test_resonances_are_what_ros_reads(
     found = (message.natural_frequency, message.margin, message.relative_margin)
     assert found == (2.0, 3.0, 4.0)
     assert (message.time_to_crossing, message.table_id) == (math.inf, "0123456789ab")
+
+
+@given(
+    margin=st.floats(),
+    ratio=st.floats(width=32),
+    limit=st.floats(2.0**-20, 2.0**20, width=32),
+    numbers=st.tuples(*[st.integers(-1, 2**15 - 1)] * 2),
+    directions=st.tuples(*[st.integers(-1, 1)] * 2),
+    frame=TEXT,
+)
+def test_load_states_have_a_fixed_size(
+    margin: float,
+    ratio: float,
+    limit: float,
+    numbers: tuple[int, int],
+    directions: tuple[int, int],
+    frame: str,
+) -> None:
+    """A ROS 2 reader reads every field, and any values have 35 bytes with those of the header.
+
+    These are 4 of the encapsulation, 8 of the stamp, 8 + 4 + 4 of the numbers, 2 + 2 of the
+    indices, and 3 of the state and the directions.
+    """
+    from rclpy.serialization import deserialize_message
+
+    from linkage_vibration_interfaces.msg import LoadState
+
+    names = "relative_margin", "total_load_ratio", "load_ratio_limit", "excitation_index", "mode"
+    values = dict(zip(names, (margin, ratio, limit, *numbers), strict=True))
+    values |= {"state": 1, "quiet_speed_direction": directions[0]}
+    values |= {"quiet_angle_direction": directions[1]}
+    encoded = encode_message(LOAD_STATE, resonance(**values), -5, 7, frame)
+    assert len(encoded) == 4 + 8 + 8 + 4 + 4 + 2 + 2 + 3
+    message = deserialize_message(encoded, LoadState)
+    assert (message.stamp.sec, message.stamp.nanosec) == (-5, 7)
+    for name, value in values.items():
+        np.testing.assert_equal(getattr(message, name), value)
 
 
 @pytest.mark.parametrize(

@@ -7,11 +7,13 @@ from pathlib import Path
 import pytest
 
 from linkage_vibration.messages.fields import Field, message_fields
-from linkage_vibration.messages.topics import ADVICE, PREDICTION, RESONANCE, TABLE_INFO
+from linkage_vibration.messages.topics import ADVICE, LOAD_STATE, PREDICTION, RESONANCE, TABLE_INFO
 from linkage_vibration.support.resources import share_directory
 
+MESSAGES = [PREDICTION, RESONANCE, LOAD_STATE, ADVICE, TABLE_INFO]
 
-@pytest.mark.parametrize("kind", [PREDICTION, RESONANCE, ADVICE, TABLE_INFO])
+
+@pytest.mark.parametrize("kind", MESSAGES)
 def test_fields_are_those_of_the_generated_class(kind: str) -> None:
     """The fields at the top have the names and order of the class that ROS 2 generates."""
     from linkage_vibration.ros.endpoints import message_class
@@ -31,10 +33,26 @@ def test_nested_fields_and_sequences() -> None:
     assert Field("natural_frequencies", "float64", True) in fields
 
 
+@pytest.mark.parametrize("kind", MESSAGES)
+def test_sequences_are_bounded(kind: str) -> None:
+    """The limits are those of the class that ROS 2 generates, and no sequence is without one."""
+    from linkage_vibration.ros.endpoints import message_class
+
+    types = message_class(kind).get_fields_and_field_types()
+    limits = {
+        name: int(text.rstrip(">").rpartition(", ")[2])
+        for name, text in types.items()
+        if text.startswith("sequence")
+    }
+    fields = [field for field in message_fields(kind) if field.is_sequence]
+    assert {field.name: field.limit for field in fields} == limits
+    assert (limits == {}) == (kind == LOAD_STATE)
+
+
 def test_every_message_has_a_topic_or_a_name() -> None:
     """No message definition is forgotten."""
     found = {path.stem for path in Path(share_directory()).glob("*_interfaces/msg/*.msg")}
-    assert found == {kind.split("/")[-1] for kind in (PREDICTION, RESONANCE, ADVICE, TABLE_INFO)}
+    assert found == {kind.split("/")[-1] for kind in MESSAGES}
 
 
 def test_a_message_in_a_response_is_flattened() -> None:

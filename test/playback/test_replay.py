@@ -25,6 +25,7 @@ from linkage_vibration.cli.main import main
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.messages.encoding import encode_message
 from linkage_vibration.messages.topics import (
+    LOAD_STATE_TOPIC,
     PREDICTION,
     PREDICTION_TOPIC,
     RESONANCE,
@@ -220,6 +221,33 @@ def test_a_log_replayed_is_the_same_log(tmp_path: Path) -> None:
         load_table(tmp_path / "table.npz").table_id
         == load_table(config_file(DEFAULT_TABLE)).table_id
     )
+
+
+def test_predictions_at_a_rate(tmp_path: Path) -> None:
+    """At 10 Hz the log has the first prediction in each tenth of a second, and all else as before.
+
+    Each load state has the state, the total and the mode of its resonance.
+    """
+    each, some = tmp_path / "each.mcap", tmp_path / "some.mcap"
+    replay([DRIVE], each, Parameters())
+    done = replay([DRIVE], some, Parameters(prediction_rate=10.0))
+    expected = {}
+    for time, message in read_messages(each, PREDICTION_TOPIC):
+        period = message.header.stamp.sec, message.header.stamp.nanosec // 10**8
+        expected.setdefault(period, (time, message.crank_angle))
+    found = [(time, m.crank_angle) for time, m in read_messages(some, PREDICTION_TOPIC)]
+    assert found == list(expected.values())
+    assert done.predictions == len(found) == len(data_of(each, PREDICTION_TOPIC)) // 10
+    for topic in (RESONANCE_TOPIC, LOAD_STATE_TOPIC, "/joint_states"):
+        assert data_of(some, topic) == data_of(each, topic) != []
+    pairs = zip(
+        read_messages(each, RESONANCE_TOPIC), read_messages(each, LOAD_STATE_TOPIC), strict=True
+    )
+    for (_, resonance), (_, state) in pairs:
+        stamps = [(at.sec, at.nanosec) for at in (resonance.header.stamp, state.stamp)]
+        assert stamps[0] == stamps[1]
+        assert (resonance.state, resonance.mode) == (state.state, state.mode)
+        np.testing.assert_equal(resonance.total_load_ratio, state.total_load_ratio)
 
 
 def test_every_kind_of_bag_gives_the_same(tmp_path: Path) -> None:

@@ -61,7 +61,7 @@ def test_any_float_is_answered(predictor: Predictor, alpha3: float) -> None:
         *prediction.natural_frequencies,
         *prediction.damping_ratios,
         *prediction.frequency_slopes,
-        *prediction.frequency_stddev,
+        *prediction.frequency_stddevs,
         prediction.frf_peak_frequency,
         prediction.frf_peak_magnitude,
         prediction.interpolation_error,
@@ -118,7 +118,7 @@ def test_uncertainty_is_that_of_samples(predictor: Predictor, degrees: float) ->
     alpha3, stddev = math.radians(degrees), math.radians(0.2)
     angles = alpha3 + np.random.default_rng(6).normal(scale=stddev, size=40_000)
     sampled = predictor.table.evaluate(angles)[:, :3].std(axis=0)
-    predicted = predictor.predict(alpha3, stddev).frequency_stddev
+    predicted = predictor.predict(alpha3, stddev).frequency_stddevs
     # What the first order leaves out, and the scatter of 40,000 samples.
     bend = np.abs(
         predictor.predict(alpha3 + stddev).frequency_slopes
@@ -141,7 +141,7 @@ def test_uncertainty_at_an_extremum_is_of_second_order(predictor: Predictor) -> 
     scatter = alpha3 + np.random.default_rng(6).normal(scale=stddev, size=40_000)
     sampled = float(predictor.table.evaluate(scatter)[:, mode].std())
     bend = abs(slopes[row + 1, mode] - slopes[row, mode]) / (angles[1] - angles[0])
-    assert predictor.predict(alpha3, stddev).frequency_stddev[mode] < 0.5 * sampled
+    assert predictor.predict(alpha3, stddev).frequency_stddevs[mode] < 0.5 * sampled
     assert sampled == pytest.approx(bend * stddev**2 / math.sqrt(2.0), rel=0.3)
 
 
@@ -160,7 +160,7 @@ def test_uncertainty_near_a_toggle() -> None:
         sampled = float(predictor.table.evaluate(angles[angles < stroke[1]])[:, 1].std())
         prediction = predictor.predict(alpha3, stddev)
         assert prediction.status is Status.NEAR_TOGGLE
-        missing = sampled / prediction.frequency_stddev[1] - 1.0
+        missing = sampled / prediction.frequency_stddevs[1] - 1.0
         scatter = 3.0 / math.sqrt(2.0 * angles.size)
         # What the root itself leaves to higher orders and to the smooth rest is a fifth of it.
         assert missing == pytest.approx(7.0 / 16.0 * share**2, rel=0.2, abs=scatter)
@@ -250,7 +250,7 @@ def test_arrays_of_angles(predictor: Predictor) -> None:
     angles, stddev = np.radians([95.0, 179.9, 200.0]), np.array([0.0, 0.01, 0.0])
     many = predictor.predict(angles, stddev)
     alone = [predictor.predict(a, s) for a, s in zip(angles, stddev, strict=True)]
-    for field in ("status", "natural_frequencies", "frequency_stddev", "frf_peak_magnitude"):
+    for field in ("status", "natural_frequencies", "frequency_stddevs", "frf_peak_magnitude"):
         rows = [getattr(each, field) for each in alone]
         np.testing.assert_array_equal(getattr(many, field), np.array(rows))
     row: Any
@@ -285,7 +285,7 @@ def test_parts_of_a_deviation(predictor: Predictor) -> None:
         np.testing.assert_allclose(shares.angle[row], turned, rtol=1e-4)
         missed = one.interpolation_error * getattr(one, name)
         np.testing.assert_allclose(shares.table[row], missed, rtol=1e-12)
-        total = (one.frequency_stddev, one.damping_ratio_stddev)[row]
+        total = (one.frequency_stddevs, one.damping_ratio_stddevs)[row]
         np.testing.assert_allclose(total, np.hypot(turned, missed), rtol=1e-4)
     assert not shares.links.any()
     assert not shares.parameters.any()

@@ -147,7 +147,8 @@ def test_stale_speeds(predictor: Predictor, prediction: Prediction) -> None:
     watch = monitor(stale_after=1.0)
     stale = watch.assess(prediction, 0.0, 0)
     assert stale.state is ResonanceState.STALE
-    assert (stale.excitation, stale.mode, stale.approach) == ("", 0, 0)
+    assert (stale.excitation, stale.mode, stale.approach) == ("", -1, 0)
+    assert stale.excitation_index == -1
     assert math.isnan(stale.margin)
     assert math.isnan(stale.time_to_crossing)
     watch.set_speed(Source.ENGINE, 2000.0, 5 * SECOND)

@@ -20,8 +20,8 @@ def chosen(rate: float, milliseconds: list[int]) -> list[int]:
     """Return the stamps that are due, ms, which are the same one by one and together."""
     stamps = np.array(milliseconds, np.int64) * MS
     one_by_one, together = monitor(rate), monitor(rate)
-    due = [bool(one_by_one.due(stamps[i : i + 1])[0]) for i in range(len(stamps))]
-    halves = [together.due(part).tolist() for part in np.array_split(stamps, 2)]
+    due = [bool(one_by_one.periods.due(stamps[i : i + 1])[0]) for i in range(len(stamps))]
+    halves = [together.periods.due(part).tolist() for part in np.array_split(stamps, 2)]
     assert halves[0] + halves[1] == due
     return [stamp for stamp, is_due in zip(milliseconds, due, strict=True) if is_due]
 
@@ -58,6 +58,6 @@ def test_clock_that_jumps_back() -> None:
 def test_another_rate_while_running() -> None:
     """A rate that is changed holds from the next reading on."""
     watch = monitor(50.0)
-    assert watch.due(np.array([0, MS])).tolist() == [True, False]
-    watch.rate = 0.0
-    assert watch.due(np.array([2 * MS, 3 * MS])).tolist() == [True, True]
+    assert watch.periods.due(np.array([0, MS])).tolist() == [True, False]
+    watch.periods.rate = 0.0
+    assert watch.periods.due(np.array([2 * MS, 3 * MS])).tolist() == [True, True]

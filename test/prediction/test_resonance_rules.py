@@ -146,7 +146,7 @@ def test_every_number_follows_the_rules(with_levels: bool) -> None:
             "f": predictions.natural_frequencies[k].tolist(),
             "zeta": predictions.damping_ratios[k].tolist(),
             "slope": predictions.frequency_slopes[k].tolist(),
-            "s": predictions.frequency_stddev[k].tolist(),
+            "s": predictions.frequency_stddevs[k].tolist(),
             "velocity": float(velocities[k]),
         }
         loads = [*found.load_ratios.tolist(), float(found.total_load_ratio)]
@@ -155,7 +155,7 @@ def test_every_number_follows_the_rules(with_levels: bool) -> None:
         assert found.state == overall, k
         seen |= set(states)
         if best is None:
-            assert (found.excitation, found.mode) == ("", 0)
+            assert (found.excitation, found.mode) == ("", -1)
             assert math.isnan(found.margin)
             continue
         place, (mode, frequency, natural, probability, rate) = -best[0], best[1]

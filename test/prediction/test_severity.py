@@ -134,5 +134,19 @@ def test_a_warning_names_what_ends_it() -> None:
     assert not math.isnan(found.quiet_speed)
     if not math.isnan(found.quiet_angle):
         assert assessed(shaken(6000.0), float(found.quiet_angle), 540.0, 2.0).state != WARNING
+    speed, angle = found.quiet_speed_direction, found.quiet_angle_direction
+    assert speed == (1 if found.quiet_speed > 540.0 else -1)
+    assert angle == (0 if math.isnan(found.quiet_angle) else 1 if found.quiet_angle > 2.0 else -1)
     calm = assessed(shaken(1.0), 2.0, 540.0, 2.0)
     assert math.isnan(calm.quiet_speed)
+    assert (calm.quiet_speed_direction, calm.quiet_angle_direction) == (0, 0)
+
+
+@pytest.mark.parametrize(("factor", "direction"), [(0.99, -1), (1.04, 1)])
+def test_directions_lead_away_from_a_resonance(factor: float, direction: int) -> None:
+    """Below a mode's frequency a smaller speed ends the warning, and above it a larger one."""
+    modes = Predictor(load_table(config_file(DEFAULT_TABLE))).predict(2.0).natural_frequencies
+    monitor = shaken(2000.0, WarningLimits(warning=0.13))
+    found = assessed(monitor, 2.0, 60.0 * factor * float(modes[3]), 2.0)  # the rotor's order is 1
+    assert (found.state, found.quiet_speed_direction) == (WARNING, direction)
+    assert (found.excitation_index, found.mode, found.load_ratio_limit) == (0, 3, 0.13)

@@ -11,7 +11,7 @@ from linkage_vibration.prediction.excitation import ExcitationError, Source
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.readers.excitations import read_excitations
-from linkage_vibration.readers.served import read_loads, read_served
+from linkage_vibration.readers.served import read_described, read_loads, read_served
 from linkage_vibration.support.resources import PAPER_MECHANISM, PAPER_TABLE, config_file
 
 
@@ -78,3 +78,27 @@ def test_places_of_a_named_file(tmp_path: Path) -> None:
     excitations = read_loads(settings, served, pytest.fail)
     with pytest.raises(ExcitationError, match=r"excitation engine 0\.5: a moment acts on a rigid"):
         LevelTable(served.predictor, served.mechanism, excitations)
+
+
+def test_as_many_as_messages_can_hold(tmp_path: Path) -> None:
+    """The limits are those of ``TableInfo``: 64 excitations and 32 modes, and not one more."""
+    path, served = tmp_path / "many.yaml", read_served(Parameters())
+    settings = Parameters(excitation_file=str(path))
+    path.write_text(f"engine: {{speed: engine, orders: {list(range(1, 65))}}}")
+    assert len(read_loads(settings, served)) == 64
+    path.write_text(f"engine: {{speed: engine, orders: {list(range(1, 66))}}}")
+    with pytest.raises(LinkageVibrationError, match=r"many\.yaml has 65 excitations.* for 64; red"):
+        read_loads(settings, served)
+    text, own = config_file("four_bar.yaml").read_text(), tmp_path / "own.yaml"
+    assert text.count("  modes: 3\n") == 1
+    for modes in (32, 33):
+        own.write_text(text.replace("  modes: 3\n", f"  modes: {modes}\n"))
+        if modes == 32:
+            assert (
+                read_described(Parameters(mechanism_file=str(own))).mechanism.response.modes == 32
+            )
+        else:
+            with pytest.raises(
+                LinkageVibrationError, match=r"own\.yaml has 33 modes.* for 32; red"
+            ):
+                read_described(Parameters(mechanism_file=str(own)))

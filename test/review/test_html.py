@@ -58,7 +58,7 @@ def test_columns_are_the_log_s(drive: Path) -> None:
         ("time", log.times),
         ("crank_angle", log.crank_angle),
         ("f3", log.natural_frequencies[:, 2]),
-        ("s1", log.frequency_stddev[:, 0].astype(np.float32)),
+        ("s1", log.frequency_stddevs[:, 0].astype(np.float32)),
         ("peak_magnitude", log.peak_magnitude.astype(np.float32)),
         ("status", log.status),
     ):

@@ -37,7 +37,7 @@ def test_every_number_is_the_message_s(drive: Path) -> None:
         ("crank_angle", log.crank_angle),
         ("status", log.status),
         ("natural_frequencies", log.natural_frequencies),
-        ("frequency_stddev", log.frequency_stddev),
+        ("frequency_stddevs", log.frequency_stddevs),
         ("damping_ratios", log.damping_ratios),
         ("frf_peak_frequency", log.peak_frequency),
         ("frf_peak_magnitude", log.peak_magnitude),

@@ -61,8 +61,8 @@ def test_modes_are_bands_of_their_deviation(loaded: Log) -> None:
         frequencies = loaded.natural_frequencies[:, mode]
         np.testing.assert_array_equal(line.get_xdata(), loaded.times)
         np.testing.assert_array_equal(line.get_ydata(), frequencies)
-        highest = (frequencies + loaded.frequency_stddev[:, mode]).max()
-        lowest = (frequencies - loaded.frequency_stddev[:, mode]).min()
+        highest = (frequencies + loaded.frequency_stddevs[:, mode]).max()
+        lowest = (frequencies - loaded.frequency_stddevs[:, mode]).min()
         vertices = np.asarray(band.vertices)[:, 1]
         assert (vertices.min(), vertices.max()) == pytest.approx((lowest, highest))
     texts = [text.get_text() for text in axes.texts]

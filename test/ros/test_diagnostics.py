@@ -51,9 +51,9 @@ NEAR = resonance(
 UNCERTAIN = replace(
     Predictor(load_table(config_file(PAPER_TABLE))).predict(2.0),
     natural_frequencies=np.array([4.0, 100.0, math.nan]),
-    frequency_stddev=np.array([0.01, 1.4, math.nan]),
+    frequency_stddevs=np.array([0.01, 1.4, math.nan]),
     damping_ratios=np.array([0.01, 0.02, math.nan]),
-    damping_ratio_stddev=np.array([0.0, 0.006, math.nan]),
+    damping_ratio_stddevs=np.array([0.0, 0.006, math.nan]),
 )
 
 

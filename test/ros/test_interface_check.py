@@ -51,11 +51,11 @@ def test_class_with_another_type(monkeypatch: pytest.MonkeyPatch, change: dict[s
 
     def changed(fields: Fields) -> Fields:
         named = {field.name: field for field in fields}
-        named["frequency_stddev"] = replace(named["frequency_stddev"], **change)  # type: ignore[arg-type]
+        named["frequency_stddevs"] = replace(named["frequency_stddevs"], **change)  # type: ignore[arg-type]
         return tuple(named.values())
 
     install(monkeypatch, "linkage_vibration_interfaces/msg/VibrationPrediction", changed)
-    with pytest.raises(InterfaceError, match=r"other fields \(frequency_stddev\)"):
+    with pytest.raises(InterfaceError, match=r"other fields \(frequency_stddevs\)"):
         check_interfaces()
 
 
@@ -67,10 +67,18 @@ def test_class_with_another_order(monkeypatch: pytest.MonkeyPatch) -> None:
         check_interfaces()
 
 
-def test_service_with_other_fields(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A request without one of our fields would fail at the first call, so it is refused before."""
-    request = "linkage_vibration_interfaces/srv/PredictVibration_Request"
-    install(monkeypatch, request, without("shares"))
-    match = r"srv/PredictVibration_Request has other fields \(shares\).* install linkage"
+@pytest.mark.parametrize(
+    ("name", "field"),
+    [
+        ("srv/PredictVibration_Request", "shares"),
+        ("action/SetImplement_Goal", "mass"),
+        ("action/SetImplement_Result", "table_id"),
+        ("action/SetImplement_Feedback", "progress"),
+    ],
+)
+def test_part_with_other_fields(name: str, field: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A part without one of our fields would fail at the first call, so it is refused before."""
+    install(monkeypatch, f"linkage_vibration_interfaces/{name}", without(field))
+    match = rf"{name} has other fields \({field}\).* install linkage"
     with pytest.raises(InterfaceError, match=match):
         check_interfaces()

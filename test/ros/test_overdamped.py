@@ -101,8 +101,8 @@ def test_node(recorded: Any) -> None:
         for name in (
             "natural_frequencies",
             "damping_ratios",
-            "frequency_stddev",
-            "damping_ratio_stddev",
+            "frequency_stddevs",
+            "damping_ratio_stddevs",
         ):
             values = np.array([getattr(one, name) for one in message])
             np.testing.assert_array_equal(np.isnan(values[:, 0]), OVERDAMPED)

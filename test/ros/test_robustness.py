@@ -77,16 +77,18 @@ def test_uncertainty_is_propagated(peer: Any, predictor: Predictor) -> None:
     """The angle's standard deviation becomes that of the frequencies, and can be changed."""
     message = peer.ask([JOINT], [2.5])
     assert (
-        message.frequency_stddev.tolist() == predictor.predict(2.5, 0.01).frequency_stddev.tolist()
+        message.frequency_stddevs.tolist()
+        == predictor.predict(2.5, 0.01).frequency_stddevs.tolist()
     )
     assert set_parameter(peer, "robust", "angle_stddev", 0.02).successful
     message = peer.ask([JOINT], [2.5])
     assert (
-        message.frequency_stddev.tolist() == predictor.predict(2.5, 0.02).frequency_stddev.tolist()
+        message.frequency_stddevs.tolist()
+        == predictor.predict(2.5, 0.02).frequency_stddevs.tolist()
     )
     refused = set_parameter(peer, "robust", "angle_stddev", -1.0)
     assert not refused.successful
-    assert peer.ask([JOINT], [2.5]).frequency_stddev == message.frequency_stddev
+    assert peer.ask([JOINT], [2.5]).frequency_stddevs == message.frequency_stddevs
 
 
 def test_invalid_requests_do_not_end_the_node(peer: Any, node: Any) -> None:
@@ -245,7 +247,7 @@ def test_hitch_position_in_percent(
         expected = predictor.predict(reading.crank_angle, reading.stddev)
         message = answer(percent, lambda m, angle=reading.crank_angle: m.crank_angle == angle)
         assert message.natural_frequencies.tolist() == expected.natural_frequencies.tolist()
-        assert message.frequency_stddev.tolist() == expected.frequency_stddev.tolist()
+        assert message.frequency_stddevs.tolist() == expected.frequency_stddevs.tolist()
         assert abs(message.header.stamp.sec - time.time()) < 3600.0
     answer(102.0, lambda m: m.status == Status.INVALID_ANGLE)
     assert process.stop() == 0

@@ -7,18 +7,22 @@ from pathlib import Path
 from typing import Any
 
 from mcap.reader import make_reader
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
+from std_srvs.srv import Trigger
 
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.support.resources import config_file
-from linkage_vibration_interfaces.msg import Advice
+from linkage_vibration_interfaces.msg import Advice, LoadState
+from test.support.ros_process import until
 
-PREDICTION, RESONANCE, ADVICE = (
-    f"/linkage_vibration/{name}" for name in ("prediction", "resonance", "advice")
+PREDICTION, RESONANCE, LOAD_STATE, ADVICE = (
+    f"/linkage_vibration/{name}" for name in ("prediction", "resonance", "load_state", "advice")
 )
 SETTINGS = Parameters(
     sign=-1,
@@ -79,7 +83,7 @@ def test_live_and_offline(
     [log] = tmp_path.glob("linkage_vibration_*.mcap")
     again = tmp_path / "again.mcap"
     replay([log], again, SETTINGS)
-    for topic in (PREDICTION, RESONANCE, ADVICE):
+    for topic in (PREDICTION, RESONANCE, LOAD_STATE, ADVICE):
         recorded = messages(log, topic)
         assert len(recorded) >= len(messages(offline, topic)) > 0
         assert messages(again, topic) == recorded
@@ -87,3 +91,50 @@ def test_live_and_offline(
     # Arrays are not compared, as they contain NaN.
     assert late[0].sentence == deserialize_message(last, Advice).sentence != ""
     assert late[0].header == deserialize_message(last, Advice).header
+
+
+def test_rates_of_a_control_stack(
+    start: Callable[..., Any], meet: Callable[..., Any], tmp_path: Path
+) -> None:
+    """Of 200 readings in 1 s, 10 have a prediction and 50 a load state, live and in a replay."""
+    rates = {"prediction_rate": 10.0, "resonance_rate": 50.0, "engine_speed": 1800.0}
+    slow = {**rates, "prediction_rate": 0.0}  # for the peer, whose stamps are in one period
+    node = start(**slow, name="control", log_directory=tmp_path)
+    peer, states = meet("control"), list[bytes]()
+    change = peer.node.create_client(SetParameters, "control/set_parameters")
+    value = Parameter("prediction_rate", value=10.0).to_parameter_msg()
+    assert peer.request(change, SetParameters.Request(parameters=[value])).results[0].successful
+    record = peer.node.create_client(Trigger, "control/start_recording")
+    assert peer.request(record, Trigger.Request()).success
+    topics = [f"/control/{name}" for name in ("prediction", "load_state", "resonance")]
+    peer.node.create_subscription(LoadState, topics[1], states.append, 1000, raw=True)
+    peer.second -= 60
+
+    def earlier() -> None:
+        peer.second += 1
+        peer.publish()
+        peer.pause(0.1)
+
+    until(lambda: states and peer.raw, "a load state", earlier)
+    peer.second += 60
+    states.clear()
+    peer.raw.clear()
+    for k in range(200):
+        peer.stamp = 5_000_000 * k - 1
+        peer.publish(positions=[1.9 + 0.002 * k])
+        if k % 4 == 0:
+            peer.spin(lambda k=k: len(states) > k // 4, "a load state")
+    assert (len(peer.raw), len(states)) == (10, 50)
+    found = [deserialize_message(each, LoadState) for each in states]
+    assert [each.stamp.nanosec for each in found] == [20_000_000 * k for k in range(50)]
+    assert node.stop() == 0
+    [log] = tmp_path.glob("linkage_vibration_*.mcap")
+    again = tmp_path / "again.mcap"
+    replay([log], again, Parameters(**rates))
+    for topic in topics:
+        recorded = [(time, data) for _, time, data in messages(log, topic)]
+        name = topic.replace("control", "linkage_vibration")
+        assert [(time, data) for _, time, data in messages(again, name)] == recorded != []
+    # DDS fills its payload up to a multiple of four.
+    recorded = [data + b"\x00" * (-len(data) % 4) for *_, data in messages(log, topics[1])]
+    assert recorded[-50:] == states

@@ -186,8 +186,8 @@ def test_shares(bench: Bench) -> None:
     assert (parts[:, 1:] > 0.0).any(axis=(0, 2, 3)).tolist() == [True, False, True]
     np.testing.assert_array_equal(answer.frequency_shares, parts[:, :, 0].ravel())
     np.testing.assert_array_equal(answer.damping_ratio_shares, parts[:, :, 1].ravel())
-    found = answer.predictions[1].frequency_stddev
-    assert list(found) == predictor.predict(2.3, stddev).frequency_stddev.tolist()
+    found = answer.predictions[1].frequency_stddevs
+    assert list(found) == predictor.predict(2.3, stddev).frequency_stddevs.tolist()
     assert list(bench.call("predict", **asked).frequency_shares) == []
     asked["crank_angle_stddev"] = -0.1
     assert "crank_angle_stddev is -0.1" in bench.call("predict", **asked).message

@@ -48,7 +48,7 @@ def test_a_starter_has_plausible_frequencies(category: int) -> None:
     assert (found.natural_frequencies[:, tractor] < 4.0).all()
     assert (found.natural_frequencies[:, heave] > 5.0).all()
     assert (found.natural_frequencies[:, heave] < 15.0).all()
-    deviations = found.frequency_stddev[:, heave] / found.natural_frequencies[:, heave]
+    deviations = found.frequency_stddevs[:, heave] / found.natural_frequencies[:, heave]
     assert (deviations > 0.1).all()
     assert (deviations < 0.2).all()
 
