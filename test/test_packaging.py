@@ -156,6 +156,7 @@ def test_wheel_holds_every_file(wheel: Path) -> None:
         *(f"{SHARE}/{name}" for name in files_below("config") | files_below("launch")),
         *(f"{SHARE}/{name}" for name in files_below("linkage_vibration_interfaces/msg")),
         *(f"{SHARE}/{name}" for name in files_below("linkage_vibration_interfaces/srv")),
+        *(f"{SHARE}/{name}" for name in files_below("linkage_vibration_interfaces/action")),
     }
 
 

@@ -5,17 +5,21 @@
 import csv
 import math
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from linkage_vibration.bags.log_writer import LogWriter
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.messages.encoding import encode_message
 from linkage_vibration.messages.fields import message_fields
-from linkage_vibration.messages.topics import RESONANCE
+from linkage_vibration.messages.topics import PREDICTION, RESONANCE, log_topic
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.excitation import Source
+from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.review.log import (
     ReviewError,
@@ -168,3 +172,17 @@ def test_latest_resonance_of_each_prediction(tmp_path: Path) -> None:
     assert found is not None
     np.testing.assert_array_equal(found.margin, expected)
     assert (found.state[np.isnan(expected)] == 2).all()  # stale
+
+
+def test_a_log_of_an_earlier_version(tmp_path: Path) -> None:
+    """The error names the field that the messages of such a log lack, and what helps."""
+    topic = log_topic("/p", PREDICTION)
+    named = topic.definition.replace(" frequency_stddevs ", " frequency_stddev ")
+    assert named != topic.definition
+    predictor = Predictor(load_table(config_file(PAPER_TABLE)))
+    data = encode_message(PREDICTION, predictor.predict(2.0), 1, 0, "")
+    with LogWriter(tmp_path / "old.mcap", [replace(topic, definition=named)]) as log:
+        log.write("/p", data, 10**9, 10**9)
+    match = r"old\.mcap was written by another .* VibrationPrediction has no frequency_stddevs; rep"
+    with pytest.raises(ReviewError, match=match):
+        read_log(tmp_path / "old.mcap")
