@@ -192,7 +192,7 @@ class LinkageVibrationNode(LifecycleNode):
         recording, counts = self._recording, self._statistics
         self._deactivate()
         self._clean_up()
-        summary = f"{counts.received} messages received, {counts.predicted} predictions published."
+        summary = f"{counts.received} messages received, {counts.predicted} predictions made."
         self.get_logger().info(summary)
         if recording is not None:
             recording.report_end()

@@ -48,5 +48,5 @@ def test_play_and_watch(
     watching.send_signal(signal.SIGINT)
     assert watching.wait(LIMIT) == 0
     assert node.stop() == 0
-    assert "160 messages received, 160 predictions published." in node.printed
+    assert "160 messages received, 160 predictions made." in node.printed
     assert "deg |" in shown.read_text()

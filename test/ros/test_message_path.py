@@ -43,7 +43,7 @@ class Bench:
         listener = SimpleNamespace(subscribe=self._subscribe, lost=Counter)
         throttle = SimpleNamespace(warn=lambda *_: None, report=lambda *_: None)
         self.path = Predicting(
-            *(node, listener, topic, topic, topic, Parameters()),  # type: ignore[arg-type]
+            *(node, listener, *(topic,) * 4, Parameters()),  # type: ignore[arg-type]
             live_topics(Parameters(), lambda name: f"/{name}"),
             Predictor(load_table(config_file(PAPER_TABLE))),
             ResonanceMonitor(read_excitations(Parameters().excitation_path())),

@@ -248,7 +248,7 @@ def test_signals_end_it_cleanly(start: Callable[..., Any], by: signal.Signals) -
         until(lambda: not ended.has_waiting_signals(), "the handling of the signal")
     assert ended.stop(by) == 0
     assert [line.split()[0] for line in ended.printed.splitlines()] == ["[INFO]", "[INFO]"]
-    assert "predictions published" in ended.printed
+    assert "predictions made" in ended.printed
 
 
 def test_signals_at_any_moment(start: Callable[..., Any]) -> None:
