@@ -302,14 +302,12 @@ class LinkageVibrationNode(LifecycleNode):
         limits = LogLimits(*sizes, settings.delete_oldest)
         recorder = Recorder(folder, topics, provenance, limits, settings.compression)
         self._recording = recording = Recording(self, recorder, extra_topics, self._throttle)
-        self._outputs = outputs = [
-            advertise(self, kind, name, self._statistics, self._throttle)
-            for kind, name in (
-                (VibrationPrediction, "~/prediction"),
-                (Resonance, "~/resonance"),
-                (LoadState, "~/load_state"),
-            )
-        ]
+        outputs = (
+            advertise(self, VibrationPrediction, "~/prediction", self._statistics, self._throttle),
+            advertise(self, Resonance, "~/resonance", self._statistics, self._throttle),
+            advertise(self, LoadState, "~/load_state", self._statistics, self._throttle),
+        )
+        self._outputs = [*outputs]
         self._latched = [
             publisher(self, kind, name, latched=True)
             for kind, name in (
