@@ -45,6 +45,7 @@ STEPS = (
     "libraries",
     "recovery",
     "damaged_logs",
+    "failing",
     "log_readers",
     "can_bus",
     "input_memory",

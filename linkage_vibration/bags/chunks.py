@@ -6,8 +6,9 @@ A replay writes 800,000 messages in a second (`python -m benchmark.libraries`). 
 with `LogWriter`, which writes smaller chunks, so that a crash loses little.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from mcap.opcode import Opcode
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from linkage_vibration.bags.mcap_file import McapFile
+from linkage_vibration.bags.log_writer import LogWriter
 from linkage_vibration.bags.mcap_records import MESSAGE, MESSAGE_RECORD
 from linkage_vibration.bags.writing import Attachment, Topic
 
@@ -45,8 +46,8 @@ class Messages:
     publish_times: Integers
 
 
-class ChunkLog:
-    """An MCAP log that is written by the chunk, with compression on another thread.
+class ChunkLog(LogWriter):
+    """A log that is written by the chunk, with compression on another thread.
 
     Any method raises an OSError if the file cannot be written.
     """
@@ -58,18 +59,14 @@ class ChunkLog:
         attachments: Sequence[Attachment],
         metadata: Mapping[str, Mapping[str, str]],
     ) -> None:
-        self._path = path
+        super().__init__(path, topics, attachments)
         self._sequences = {topic.name: 0 for topic in topics}
         self._pool = ThreadPoolExecutor(1)
         self._under_way = self._pool.submit(lambda: None)
-        self._file = McapFile(path.open("xb"), "ros2")
-        self._file.add_topics(topics)
-        for attachment in attachments:
-            self._file.attach(attachment.record())
         for name, facts in metadata.items():
-            self._file.add_metadata(name, facts)
+            self.add_metadata(name, facts)
 
-    def write(self, messages: Sequence[Messages]) -> None:
+    def write(self, messages: Sequence[Messages]) -> None:  # type: ignore[override]
         """Add a chunk of messages in the order of their places."""
         messages = [group for group in messages if len(group.place)]
         if not messages:
@@ -81,22 +78,19 @@ class ChunkLog:
     def close(self) -> None:
         """Write the summary, and close the file."""
         self._under_way.result()
-        self._file.add_rosbag2_metadata(self._path)
-        self._file.close()
-        self._file.stream.close()
-
-    def __enter__(self) -> "ChunkLog":
-        """Return the log itself."""
-        return self
+        super().close()
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         """Complete the log, unless an error occurred."""
         try:
-            if kind is None:
-                self.close()
+            super().__exit__(kind)
         finally:
             self._pool.shutdown()
-            self._file.stream.close()
+            self.abandon()
+
+    @contextmanager
+    def _failures(self) -> Iterator[None]:
+        yield
 
     def _records(self, messages: Sequence[Messages]) -> tuple[bytes, Integers]:
         """Return the records of a chunk, and the position of each message in them."""

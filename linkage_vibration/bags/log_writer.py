@@ -6,6 +6,7 @@ import contextlib
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from mcap.opcode import Opcode
@@ -24,6 +25,9 @@ _PER_MESSAGE = 47
 _PER_CHUNK, _PER_CHUNK_CHANNEL = 160, 25
 _PER_INDEX = 64
 _PER_SUMMARY = 1024
+
+
+Log = TypeVar("Log", bound="LogWriter")
 
 
 class LogWriter:
@@ -172,7 +176,7 @@ class LogWriter:
         with contextlib.suppress(OSError):
             self._stream.close()
 
-    def __enter__(self) -> "LogWriter":
+    def __enter__(self: Log) -> Log:
         """Return the log itself."""
         return self
 
@@ -197,9 +201,10 @@ class LogWriter:
             raise LogError(
                 f"{self.path} was removed during the recording; keep the log until it is complete."
             ) from None
-        except OSError as error:
+        except (OSError, MemoryError) as error:
+            problem = getattr(error, "strerror", "there is not enough memory")
             repair = f", and complete this log with `linkage-vibration recover {self.path}`"
             raise LogError(
-                f"{self.path} could not be written any further: {error.strerror}; make room on its "
-                f"disk{repair if self.written else ''}."
+                f"{self.path} could not be written any further: {problem}; make room on its disk"
+                f"{repair if self.written else ''}."
             ) from None

@@ -220,7 +220,10 @@ class McapFile:
 def _compressed(compression: str, content: bytes) -> tuple[bytes, bytes]:
     """Return the name of a compression as a chunk stores it, and the compressed content."""
     if compression == "zstd":
-        return b"zstd", zstandard.compress(content)
+        try:
+            return b"zstd", zstandard.compress(content)
+        except zstandard.ZstdError:
+            raise MemoryError from None
     if compression == "lz4":
         return b"lz4", lz4.frame.compress(content)
     return b"", content

@@ -98,15 +98,27 @@ def bag_errors(path: Path) -> Iterator[None]:
 
 
 def _foreign(path: Path) -> str:
-    """Return why an MCAP file with a summary is not of ROS 2; empty for any other file."""
+    """Return why an MCAP file with a summary cannot be read; empty for any other file."""
     from mcap.reader import make_reader
 
-    channels = {}
+    summary = None
     # A damaged file, or another one, makes mcap raise errors of its own, of struct and others.
     with suppress(Exception), path.open("rb") as file:
         summary = make_reader(file).get_summary() if path.suffix == ".mcap" else None
-        channels = summary.channels if summary else {}
-    for channel in channels.values():
+    if summary is None:
+        return ""
+    others = {chunk.compression for chunk in summary.chunk_indexes} - {"", "lz4", "zstd"}
+    if others:
+        return (
+            f"is compressed with {', '.join(sorted(others))}, which no reader here knows; compress "
+            "it with zstd or lz4, such as with `mcap compress`."
+        )
+    if summary.chunk_indexes and not summary.channels:
+        return (
+            "is a valid MCAP file whose summary does not repeat its channels; add them with "
+            "`linkage-vibration recover`."
+        )
+    for channel in summary.channels.values():
         if channel.message_encoding != "cdr":
             return (
                 f"holds messages that are not of ROS 2: {channel.topic} has the encoding "

@@ -3,6 +3,7 @@
 """Files of other programs are read, or the error says what they are; they are not damaged."""
 
 import struct
+import zlib
 from io import BytesIO
 from pathlib import Path
 
@@ -137,3 +138,28 @@ def padded(content: bytes, more: bytes) -> bytes:
             body += more
         found += struct.pack("<BQ", opcode, len(body)) + body
     return found + content[-8:]
+
+
+def test_valid_files_that_cannot_be_read(tmp_path: Path) -> None:
+    """A summary without channels and an unknown compression are named; recovery adds channels."""
+    path = tmp_path / "log.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, repeat_channels=False, compression=CompressionType.LZ4)
+        writer.start("ros2")
+        schema = writer.register_schema("std_msgs/msg/Float64", "ros2msg", b"float64 data\n")
+        channel = writer.register_channel("/a", "cdr", schema)
+        writer.add_message(channel, 1, b"\0\1\0\0" + bytes(8), 1)
+        writer.finish()
+    with pytest.raises(BagError, match="valid MCAP file whose summary does not repeat its ch"):
+        topic_types(path)
+    recover(path, tmp_path / "whole.mcap")
+    assert topic_types(tmp_path / "whole.mcap") == {"/a": "std_msgs/msg/Float64"}
+    content = (tmp_path / "whole.mcap").read_bytes().replace(b"\4\0\0\0zstd", b"\4\0\0\0lzma")
+    footer = len(content) - 8 - 29
+    summary = int.from_bytes(content[footer + 9 : footer + 17], "little")
+    crc = zlib.crc32(content[summary : footer + 25]).to_bytes(4, "little")
+    path.write_bytes(content[: footer + 25] + crc + content[-8:])
+    with pytest.raises(BagError, match="compressed with lzma, which no reader here knows"):
+        read_columns(path, {"/a": "std_msgs/msg/Float64"})
+    result = recover(path, tmp_path / "other.mcap")
+    assert "unknown compression 'lzma'" in result.damages[0]

@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 
 import linkage_vibration
+from benchmark.failing.__main__ import outcomes
 from linkage_vibration.bags.recovery import recover
 from linkage_vibration.cli.main import SUBCOMMANDS, argument_parser, main
 from linkage_vibration.playback.replay import replay
@@ -26,6 +27,7 @@ from linkage_vibration.support.atomic_files import (
 )
 from linkage_vibration.support.exit_codes import ended_by_signals
 from linkage_vibration.support.resources import config_file
+from test.support.programs import require
 
 DRIVE = config_file("drives/hitch_duty_cycle.mcap")
 # Each command that writes a file, with an output that is one of its inputs.
@@ -401,3 +403,17 @@ def test_ended_export_leaves_no_folder(files: Path) -> None:
             raise SystemExit(143)
     assert not Path("new").exists()
     assert [path.name for path in Path("old").iterdir()] == ["mine"]
+
+
+@pytest.mark.parametrize(
+    ("command", "kind"),
+    [("replay", "write"), ("recover", "rename"), ("review", "open"), ("record", "write")],
+)
+def test_failing_operations(command: str, kind: str) -> None:
+    """Whichever operation fails, files are old or new, and a failure is one sentence."""
+    require("gcc")
+    result = outcomes(command, kind, 30)
+    assert result["whole"]
+    sound = {f"{state}, {words}" for state in ("old", "readable") for words in ("one sentence",)}
+    assert result["outcomes"].keys() <= sound | {"new, no word", "readable, no word"}
+    assert any("no word" in outcome for outcome in result["outcomes"])

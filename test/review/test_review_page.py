@@ -95,6 +95,22 @@ def test_click_keeps_the_cursor(page: Any) -> None:
     assert page.evaluate("review.cursor") == kept
 
 
+def test_link_to_a_moment(page: Any, file: Path, log: Log) -> None:
+    """A click puts its time into the address, and a page with a time there opens at it."""
+    page.click(page.place("#chart-peak .u-over", 0.6))
+    kept = page.evaluate("review.cursor")
+    address = page.evaluate("location.href")
+    assert address.endswith(f"#t={log.times[kept]:.3f}")
+    page.evaluate("location.hash = '#t=3.21'")
+    page.settle()
+    assert page.evaluate("review.cursor") == np.argmin(np.abs(log.times - 3.21))
+    page.evaluate("location.hash = '#t=1e9'")
+    page.settle()
+    assert page.evaluate("review.cursor") == np.argmin(np.abs(log.times - 3.21))
+    page.open(file, address[address.index("#") :])
+    assert page.evaluate("review.cursor") == kept
+
+
 def test_drag_zooms_and_pans(page: Any, log: Log) -> None:
     """A drag zooms in, a drag with Shift moves the view, and a double-click shows everything."""
     whole = view(page)

@@ -74,9 +74,11 @@ class Browser:
         os.close(self._read)
         self._profile.cleanup()
 
-    def open(self, page: Path) -> None:
-        """Load a page and wait until it is drawn."""
-        self.send("Page.navigate", url=page.resolve().as_uri())
+    def open(self, page: Path, moment: str = "") -> None:
+        """Load a page, at a moment such as "#t=3.2", and wait until it is drawn."""
+        self.send("Page.navigate", url="about:blank")  # as only the moment may differ
+        self._wait("Page.loadEventFired")
+        self.send("Page.navigate", url=page.resolve().as_uri() + moment)
         self._wait("Page.loadEventFired")
         self.settle()
 

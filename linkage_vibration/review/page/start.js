@@ -9,6 +9,13 @@ if (worst) {
   if (worst.mode !== undefined) setMode(worst.mode);
 }
 showCursor();
+/** Put the cursor on the moment in the address, s since the first stamp, if it names one. */
+function goToAddress() {
+  const moment = location.hash.match(/^#t=(\d+(?:\.\d+)?)$/);
+  if (moment) keep(nearest(clamp(Number(moment[1]), first, last)));
+}
+addEventListener("hashchange", goToAddress);
+goToAddress();
 // The page's numbers and state, for scripts and for the console of the browser.
 window.review = {
   columns, n,

@@ -44,9 +44,11 @@ function setCursor(index) {
   showCursorSoon();
 }
 
-/** Put the cursor on a sample, bring it into view, and announce its numbers to screen readers. */
+/** Put the cursor on a sample, bring it into view, and announce its numbers to screen readers.
+ *  The address of the page then leads to this moment. */
 function keep(index) {
   kept = index;
+  history.replaceState(null, "", `#t=${time[index].toFixed(3)}`);
   setCursor(index);
   const t = time[index];
   if (t < view[0] || t > view[1]) {
