@@ -147,7 +147,7 @@ def test_one_room_writes_files() -> None:
         for path in root.rglob("*.py")
         if writes.search(path.read_text())
     }
-    logs = {f"bags/{name}.py" for name in ("chunks", "log_writer", "recovery")}
+    logs = {f"bags/{name}.py" for name in ("log_writer", "recovery")}
     assert found == logs | {
         *("demo/demo.py", "export/fmu.py", "review/log.py", "support/atomic_files.py"),
     }
