@@ -58,7 +58,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         plain = write_mcap(folder / "joint_states.mcap", seconds)
-        speeds = write_mcap(folder / "speeds.mcap", seconds // 4, speeds=True)
+        speeds = write_mcap(folder / "speeds.mcap", seconds, speeds=True)
         sqlite = write_ros2(folder / "sqlite", seconds // 4)
         ros1 = write_ros1(folder / "ros1.bag", seconds // 4)
         cases = {
