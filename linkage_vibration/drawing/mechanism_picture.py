@@ -68,7 +68,7 @@ def draw_modes(ax: "Axes", names: Sequence[str], predictions: MessageColumns) ->
     frequency_axis(ax, frequencies)
     name_modes(ax, frequencies[-1], names, fontsize=10)
     ax.set(xlabel="crank angle α₃ [deg]", xlim=(angles[0], angles[-1]))
-    unknown = " (no band: not known)" if np.isnan(predictions.frequency_stddev).any() else ""
+    unknown = " (no band: not known)" if np.isnan(predictions.frequency_stddevs).any() else ""
     title = f"Natural frequencies over the stroke, with one standard deviation{unknown}"
     ax.set_title(title, loc="left")
     tidy(ax)
