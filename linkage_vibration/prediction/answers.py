@@ -348,18 +348,25 @@ def _uncertain_centre(claims: dict[str, Any], body: str) -> dict[str, Any]:
     return kinds | ({"correlations": kept} if kept else {})
 
 
+def progress_file(wanted: Path) -> Path:
+    """Return the file in which `rebuilt` writes the finished fraction of its table."""
+    return wanted.with_suffix(".progress")
+
+
 def rebuilt(
     mechanism: Mechanism, like: Table, excitations: Sequence[Excitation], wanted: Path
 ) -> tuple[Predictor, LevelTable]:
     """Build the tables of a changed mechanism, with the places and the accuracy of the old table.
 
     The measured error of the old table is the tolerance, if that exceeds the default. When another
-    process removes the folder ``wanted``, building stops with a `ServingError`.
+    process removes the folder ``wanted``, building stops with a `ServingError`. The finished
+    fraction is in a file beside it; see `progress_file`.
     """
 
-    def check(_: float) -> None:
+    def check(finished: float) -> None:
         if not wanted.exists():
             raise ServingError("Building the table was cancelled.")
+        progress_file(wanted).write_text(f"{finished:.3f}")
 
     check(0.0)
     tolerance = max(TOLERANCE, float(like.interpolation_error.max()))

@@ -38,7 +38,7 @@ from linkage_vibration.prediction.settings import (
 from linkage_vibration.readers.excitations import excitation_files
 from linkage_vibration.readers.served import read_loads, read_served
 from linkage_vibration.ros.diagnostics import Health, statuses
-from linkage_vibration.ros.endpoints import Throttle, advertise, publisher
+from linkage_vibration.ros.endpoints import WARN_PERIOD, Throttle, advertise, publisher
 from linkage_vibration.ros.interface_check import check_interfaces
 from linkage_vibration.ros.listener import Listener
 from linkage_vibration.ros.live_inputs import LiveTopic, check_output_topics, live_topics
@@ -275,6 +275,12 @@ class LinkageVibrationNode(LifecycleNode):
         self.problem, self._state = "", state
         return TransitionCallbackReturn.SUCCESS
 
+    def _on_building(self, finished: float) -> None:
+        """Log how much of a table is built, and stop at a signal."""
+        self._check_signals()
+        words = f"{100.0 * finished:.0f} % of the table is built."
+        self.get_logger().info(words, throttle_duration_sec=WARN_PERIOD)
+
     def _check_signals(self) -> None:
         if self._stop_asked():
             raise ExternalShutdownException
@@ -287,7 +293,7 @@ class LinkageVibrationNode(LifecycleNode):
         folder = log_folder(settings)
         self._memory = memory = Memory(self.get_fully_qualified_name(), settings, self.get_logger())
         self._served = served = read_served(
-            settings, self.get_logger().info, lambda _: self._check_signals(), memory.recall
+            settings, self.get_logger().info, self._on_building, memory.recall
         )
         self._monitored = excitations = read_loads(settings, served, self.get_logger().info)
         self._excitations = excitation_files(settings.excitation_path())

@@ -17,7 +17,10 @@ from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from rclpy.action import ActionServer, CancelResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy
@@ -39,6 +42,7 @@ from linkage_vibration.ros.endpoints import subscribe
 from linkage_vibration.ros.precedence import rest
 from linkage_vibration.support.own_process import call_in_process
 from linkage_vibration.table.table import Table, table_bytes
+from linkage_vibration_interfaces.action import SetImplement as SetImplementAction
 from linkage_vibration_interfaces.msg import Advice, VibrationPrediction
 from linkage_vibration_interfaces.srv import (
     Advise,
@@ -60,6 +64,7 @@ MAX_WAITING = 16
 LATCHED = DurabilityPolicy.TRANSIENT_LOCAL
 # Between so many predictions, less than a millisecond of work, the readings have the processor.
 SLICE = 10
+FEEDBACK_PERIOD = 0.25  # s
 
 
 class ServiceError(LinkageVibrationError):
@@ -91,7 +96,8 @@ class Services:
         self._wanted: Path | None = None  # a folder; its removal stops the building of a table
         # Names on the topic: the last one, and one that is still to be used.
         self._hitched, self._pending = "", ""
-        offer: Any = partial(node.create_service, callback_group=ReentrantCallbackGroup())
+        group = ReentrantCallbackGroup()
+        offer: Any = partial(node.create_service, callback_group=group)
         self._services = [
             offer(PredictVibration, "~/predict", _reporting(self._predict)),
             offer(GetFrf, "~/get_frf", _reporting(self._get_frf)),
@@ -101,6 +107,15 @@ class Services:
             offer(Advise, "~/advise", _reporting(self._advise)),
             offer(SetImplement, "~/set_implement", _reporting(self._set_implement)),
         ]
+        action = ActionServer(
+            node,
+            SetImplementAction,
+            "~/set_implement",
+            self._on_goal,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+            callback_group=group,
+        )
+        self._actions = [action]
         self._subscriptions: list[Any] = []
         if served().implements is not None:
             self._subscriptions = [subscribe(node, String, HITCHED_TOPIC, self._on_hitched)]
@@ -123,11 +138,14 @@ class Services:
         This is called in the executor's thread, or after that has ended. It may take as long as
         the start of a process or one solution of the model.
         """
+        self._stop_building()
+        self._threads.shutdown(cancel_futures=True)
+        self._destroy()
+
+    def _stop_building(self) -> None:
         if self._wanted is not None:
             with suppress(FileNotFoundError):
                 self._wanted.rmdir()
-        self._threads.shutdown(cancel_futures=True)
-        self._destroy()
 
     def _destroy(self) -> None:
         """Destroy the services; if the executor continues, it first answers waiting requests.
@@ -139,6 +157,8 @@ class Services:
             return
         for service in self._services:
             self._node.destroy_service(service)
+        while self._actions:
+            self._actions.pop().destroy()
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
 
@@ -258,6 +278,33 @@ class Services:
         if self._pending and self._node.executor is not None:
             self._node.executor.create_task(self._follow)
 
+    async def _on_goal(self, goal: Any) -> SetImplementAction.Result:
+        """Use another implement as the service does, with progress; a client may cancel it."""
+        clock, result = Clock(clock_type=ClockType.STEADY_TIME), SetImplementAction.Result()
+        timer = self._node.create_timer(FEEDBACK_PERIOD, lambda: self._report(goal), clock=clock)
+        try:
+            await self._set_implement(goal.request, result)
+        finally:
+            self._node.destroy_timer(timer)
+        result.success = not result.message
+        if result.success:
+            goal.succeed()
+        elif goal.is_cancel_requested:
+            goal.canceled()
+        else:
+            goal.abort()
+        return result
+
+    def _report(self, goal: Any) -> None:
+        """Publish how much of a table is built, or stop if its client has cancelled it."""
+        if goal.is_cancel_requested:
+            self._stop_building()
+        elif self._wanted is not None:
+            with suppress(OSError, ValueError):  # nothing is written yet
+                finished = float(answers.progress_file(self._wanted).read_text())
+                feedback = SetImplementAction.Feedback(progress=finished, step="building the table")
+                goal.publish_feedback(feedback)
+
     def _on_hitched(self, data: bytes, _: object) -> None:
         """Use the implement that a message names, once it differs from that of the last one."""
         try:
@@ -290,7 +337,8 @@ class Services:
             )
         changed = answers.replaced(served, wanted)
         with tempfile.TemporaryDirectory(prefix="linkage_vibration_") as folder:
-            self._wanted = Path(folder)
+            self._wanted = Path(folder) / "wanted"
+            self._wanted.mkdir()
             try:
                 building = changed, served.table, self._excitations, self._wanted
                 rebuilt, levels = await self._away(_rebuild, *building)

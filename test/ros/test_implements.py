@@ -46,6 +46,7 @@ def test_from_start_to_restart(
     try:
         node = begin()
         node.wait_for("of three_point_linkage.")
+        assert " % of the table is built." in node.printed
         peer = meet("hitched")
         own = peer.ask().natural_frequencies[0]
         latched = peer.node.create_publisher(String, "hitched_implement", LATCHED)

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import pytest
 import rclpy
+from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.task import Future
 from scipy.integrate import trapezoid
@@ -29,6 +30,7 @@ from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.ros.services import MAX_REQUEST, MAX_WAITING, Services
 from linkage_vibration.support.resources import config_file, share_directory
 from linkage_vibration.table.table import load_table
+from linkage_vibration_interfaces.action import SetImplement as SetImplementAction
 from linkage_vibration_interfaces.srv import (
     Advise,
     GetFrf,
@@ -42,6 +44,7 @@ from test.support.ros_process import LIMIT, has_loaded, own_context, until
 from test.support.served import shipped
 
 NODE = "serving"
+SUCCEEDED, CANCELED, ABORTED = 4, 5, 6  # statuses of action_msgs/msg/GoalStatus
 SERVICES = {
     "predict": PredictVibration,
     "get_frf": GetFrf,
@@ -62,6 +65,7 @@ class Bench:
     spinning: Callable[[], bool]
     spin: Callable[[float], None]
     run: Callable[[Callable[[], None]], None]
+    peer: Any
     clients: dict[str, Any] = field(default_factory=dict)
 
     def ask(self, service: str, **fields: Any) -> Any:
@@ -117,7 +121,7 @@ def bench(domain: int) -> Iterator[Bench]:
             timer = node.create_timer(0.01, call)
             assert called.wait(LIMIT)
 
-        bench = Bench(served, services, thread.is_alive, peer_executor.spin_once, run)
+        bench = Bench(served, services, thread.is_alive, peer_executor.spin_once, run, peer)
         for name, kind in SERVICES.items():
             bench.clients[name] = peer.create_client(kind, f"{NODE}/{name}")
             assert bench.clients[name].wait_for_service(LIMIT)
@@ -295,6 +299,40 @@ def test_set_implement(bench: Bench, tmp_path: Path) -> None:
     assert heavy.model_hash == bench.served[-1].table.model_hash
     exact = bench.served[-1].model.solve(2.3).natural_frequencies[:6]
     np.testing.assert_allclose(prediction.natural_frequencies, exact, rtol=1e-6)
+
+
+def test_implement_with_progress(bench: Bench) -> None:
+    """A cancelled goal keeps the old table; another one reports its progress until it serves."""
+    old, progress = bench.served[0].table.table_id, list[float]()
+    client: Any = ActionClient(bench.peer, SetImplementAction, f"{NODE}/set_implement")
+    assert client.wait_for_server(LIMIT)
+    for mass, ended in (
+        (1200.0, CANCELED),
+        (1200.0, SUCCEEDED),
+        (-1.0, ABORTED),
+    ):
+        progress.clear()
+        wanted = SetImplementAction.Goal(mass=mass, inertia=300.0)
+        hear = lambda message: progress.append(message.feedback.progress)  # noqa: E731
+        goal = bench.wait(client.send_goal_async(wanted, feedback_callback=hear))
+        assert goal.accepted
+        future = goal.get_result_async()
+        if ended == CANCELED:
+            until(lambda: progress, "progress", lambda: bench.spin(0.05))
+            bench.wait(goal.cancel_goal_async())
+        answer = bench.wait(future)
+        assert answer.status == ended
+        assert answer.result.success == (ended == SUCCEEDED)
+        if ended == CANCELED:
+            assert answer.result.message.endswith("Building the table was cancelled.")
+            assert (len(bench.served), answer.result.table_id) == (1, old)
+        elif ended == SUCCEEDED:
+            assert progress == sorted(progress)
+            assert progress[0] >= 0.0
+            assert progress[-1] <= 1.0
+            assert answer.result.table_id == bench.served[1].table.table_id != old
+    assert "mass: -1 is not greater" in answer.result.message
+    client.destroy()
 
 
 @pytest.mark.parametrize(
