@@ -18,7 +18,6 @@ STEPS = (
     "bounds",
     "stability",
     "noise",
-    "gravity",
     "ground",
     "ground_map",
     "tyres_and_damping",

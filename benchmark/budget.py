@@ -25,7 +25,6 @@ PICTURE = Path(__file__).parents[1] / "docs" / "pictures" / "budget.png"
 NAME = "three_point_linkage_on_tractor"
 QUANTITIES = ("f1", "f2", "f3", "highest peak")
 N_ANGLES = 7
-GRAVITY = 9.81  # m/s2
 FINER = 4  # times the elements of the description
 N_HITCH, N_TRACTOR = 3, 3  # modes of the hitch, after those of the tractor
 
@@ -148,11 +147,6 @@ def physical(exact: FloatArray, model: LinkageModel) -> list[Entry]:
             largest(on_ground - on_base),
         ),
         Entry("no oil", "rigid rockshaft against oil, on the tractor", largest(on_base - exact)),
-        Entry(
-            "no gravity",
-            "without gravity against with it",
-            largest(exact - solved(replace(own, gravity=GRAVITY))),
-        ),
         Entry("beams", "beams against solids, clamped linkage, 3 angles", solid_changes()),
     ]
 

@@ -22,7 +22,7 @@ from linkage_vibration.mechanics.components import CENTRE_OF_GRAVITY, Component,
 from linkage_vibration.mechanics.description import GROUND, Mechanism, Spring
 from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.mechanics.kinematics import Configuration, rotation
-from linkage_vibration.mechanics.springs import spring_line, spring_prestress, spring_stiffness
+from linkage_vibration.mechanics.springs import spring_line, spring_stiffness
 
 _ZERO = 1e-12  # Directions with a smaller share of the largest singular value of B are repetitions.
 _CLEAR = 1e-6  # Directions with a larger share are constraints; between both limits it is unclear.
@@ -161,40 +161,6 @@ class InterfaceMap:
         clamped = (link for link in self._mechanism.links if link.clamped is not None)
         return (*labels, *(f"clamp of {link.name} at {link.clamped}" for link in clamped))
 
-    def prestress(
-        self, configuration: Configuration, joints: FloatArray, springs: FloatArray
-    ) -> FloatArray:
-        """Return the stiffness on u that forces at rest add where bodies and springs turn, (n, n).
-
-        The forces of the constraints, (n_constraints,), and of the springs and mounts,
-        (n_springs,), have the order and the signs of the rows of `join`. A point at the arm r of a
-        rigid body that turns by theta moves by -r theta^2 / 2 as well, so a force F there adds F r
-        to the stiffness of the rotation. `components.Prestress` has the part of a link.
-        """
-        stiffness = np.zeros((len(self), len(self)))
-        forces: list[tuple[str, str, FloatArray]] = []
-        for i, (point, first, second) in enumerate(self._mechanism.joints):
-            force = joints[2 * i : 2 * i + 2]
-            forces += [(first, point, -force), (second, point, force)]
-        for spring, force in zip(self._mechanism.springs, springs, strict=False):
-            added = spring_prestress(spring, self._mechanism, configuration, float(force))
-            if len(spring.points) == 1:
-                row = self._elongation(spring, configuration)
-            else:
-                unit, _ = spring_line(spring, self._mechanism, configuration)
-                row = np.array([-unit[1], unit[0]]) @ self._apart(spring, configuration)
-                pulls = force * unit, -force * unit
-                forces += zip(spring.bodies, spring.points, pulls, strict=True)
-            stiffness += added * np.outer(row, row)
-        mounts = mount_springs(self._mechanism.base)
-        for (mount, axis), force in zip(mounts, springs[len(springs) - len(mounts) :], strict=True):
-            forces.append((GROUND, mount.name, -force * np.eye(2)[axis]))
-        for body, point, force in forces:
-            if body in self._centres:
-                theta = self._places[body, CENTRE_OF_GRAVITY][2]
-                stiffness[theta, theta] += force @ self._arm(body, point, configuration)
-        return stiffness
-
     def _arm(self, body: str, point: str, configuration: Configuration) -> FloatArray:
         """Return the way from the centre of gravity of a rigid body to a point, (2,), m."""
         local = self._mechanism.local_points(body)[point]
@@ -205,15 +171,11 @@ class InterfaceMap:
         if len(spring.points) == 1:
             return self._turn(second, spring.points[0]) - self._turn(first, spring.points[0])
         unit, _ = spring_line(spring, self._mechanism, configuration)
-        return np.asarray(unit @ self._apart(spring, configuration))
-
-    def _apart(self, spring: Spring, configuration: Configuration) -> FloatArray:
-        """Return the displacement of the second end relative to the first in x and z, (2, n)."""
-        first, second = (
+        start, end = (
             self.displacement(body, point, configuration)
             for body, point in zip(spring.bodies, spring.points, strict=True)
         )
-        return np.asarray(second - first)
+        return np.asarray(unit @ (end - start))
 
     def _turn(self, body: str, point: str) -> FloatArray:
         """Return the row that picks the rotation of a body at a point, (n,)."""

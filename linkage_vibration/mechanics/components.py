@@ -37,20 +37,12 @@ class Component:
     damping: FloatArray  # (n, n)
     loss_factor: float  # structural damping: the stiffness is K (1 + i eta)
     drawing: Drawing | None  # None where the shape of the body is unknown
-    # (n_dofs + 2, n, n): the stiffness that forces at rest add to a beam, per force of joints and
-    # springs on each interface DoF, N or N m, and per gravity along the local x and z axes, m/s2.
-    # That of a rigid body is in the joints.
-    prestress: FloatArray | None = None
 
-    def own_axes(self, vector: FloatArray, angle: float) -> FloatArray:
-        """Turn a vector, (2,), from the global axes into those of the DoFs of a turned body."""
-        if self.dofs[0].point == CENTRE_OF_GRAVITY:  # a rigid body, which has the global axes
-            return vector
-        c, s = math.cos(angle), math.sin(angle)
-        return np.array([[c, s], [-s, c]]) @ vector
-
-    def translation(self, along: FloatArray) -> FloatArray:
-        """Return the coordinates, (n,), if all of the component moves by (2,) in its axes, m."""
+    def translation(self, along: FloatArray, angle: float) -> FloatArray:
+        """Return the coordinates, (n,), if a turned body moves by (2,) along the global axes, m."""
+        if self.dofs[0].point != CENTRE_OF_GRAVITY:  # a rigid body has the global axes
+            c, s = math.cos(angle), math.sin(angle)
+            along = np.array([[c, s], [-s, c]]) @ along
         local = dict(zip(("x", "z"), along.tolist(), strict=True))
         ends = np.array([local.get(dof.direction, 0.0) for dof in self.dofs])
         n = len(ends)

@@ -82,10 +82,10 @@ def couple(system: UncoupledSystem, joining: Joining) -> CoupledSystem:
     basis = row_space(joining.compatibility, joining.labels).null_space
     stretch = joining.elongation @ basis
     return CoupledSystem(
-        mass=congruent(system, system.mass, basis),
-        stiffness=congruent(system, system.stiffness, basis, stretch, joining.stiffness),
-        damping=congruent(system, system.damping, basis, stretch, joining.damping),
-        loss=congruent(system, system.loss, basis),
+        mass=_congruent(system, system.mass, basis),
+        stiffness=_congruent(system, system.stiffness, basis, stretch, joining.stiffness),
+        damping=_congruent(system, system.damping, basis, stretch, joining.damping),
+        loss=_congruent(system, system.loss, basis),
         basis=basis,
     )
 
@@ -128,7 +128,7 @@ def assembled_frf(
     return frf
 
 
-def congruent(
+def _congruent(
     system: UncoupledSystem,
     matrix: FloatArray,
     basis: FloatArray,

@@ -369,8 +369,6 @@ class Mechanism:
         The drive point and its direction, the band and the number of modes of a prediction.
     base : optional
         What carries the ground, with its mounts; None if the ground does not move.
-    gravity : float
-        m/s2, downwards; 0 leaves out what the weight changes.
     uncertainty : optional
         The standard deviations of its numbers, and their correlations.
     """
@@ -387,7 +385,6 @@ class Mechanism:
     damping: Damping
     response: Response
     base: Base | None = field(default=None, metadata=_LATER)
-    gravity: float = field(default=0.0, metadata=_LATER)
     uncertainty: Uncertainty | None = field(default=None, metadata=_LATER)
 
     def __repr__(self) -> str:

@@ -18,10 +18,9 @@ import numpy as np
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.compatibility import CouplingError, Joining
-from linkage_vibration.mechanics.coupling import UncoupledSystem, couple
+from linkage_vibration.mechanics.coupling import CoupledSystem, UncoupledSystem, couple
 from linkage_vibration.mechanics.description import GROUND, Link, Mechanism, PointForces
 from linkage_vibration.mechanics.dofs import InterfaceDof
-from linkage_vibration.mechanics.gravity import at_rest, weight
 from linkage_vibration.mechanics.kinematics import Configuration, rotation
 from linkage_vibration.mechanics.springs import has_force, tension_share
 
@@ -30,6 +29,9 @@ GRAVITY = 9.80665
 
 LEAST_REFERENCE = 0.1
 """Least reference force of a place, as a share of the largest static force at that angle."""
+
+_SINGULAR = 1e-13  # Nothing holds a motion whose scaled singular value, of the largest, is smaller.
+_BALANCED = 1e-6  # A larger part of the weight that nothing carries is more than rounding.
 
 _COMPONENTS = ("force_x", "force_z")  # of the force of a pin, along the global axes
 _SECTION = ("axial", "shear", "moment")
@@ -66,6 +68,20 @@ def reference(static: FloatArray, given: float | None) -> FloatArray:
         return np.full_like(static, given)
     least = LEAST_REFERENCE * static.max(axis=0, initial=0.0)
     return np.where(least > 0.0, np.maximum(static, least), math.nan)
+
+
+def _at_rest(coupled: CoupledSystem, weight: FloatArray) -> FloatArray:
+    """Return how far weights, (n,), N, move the components, (n,); NaN if nothing carries them."""
+    n = len(coupled.basis)
+    load = np.concatenate([coupled.basis.T @ weight[:n], weight[n:]])
+    size = np.diag(coupled.stiffness)
+    scale = np.sqrt(np.maximum(size, _SINGULAR * size.max() or 1.0))
+    scaled = coupled.stiffness / np.outer(scale, scale)
+    moved = np.linalg.lstsq(scaled, load / scale, rcond=_SINGULAR)[0] / scale
+    unbalanced = np.abs(coupled.stiffness @ moved - load).max()
+    if not unbalanced <= _BALANCED * np.abs(weight).max():
+        return np.full(len(weight), math.nan)
+    return coupled.expand(moved[:, np.newaxis])[:, 0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,10 +200,13 @@ class Forces:
 
         Both are (n,) on the coordinates, m and N. The base is without weight unless asked for.
         """
-        parts = [part for part in self.system.components if with_base or part.name != GROUND]
-        load = weight(parts, self.system, configuration, GRAVITY)
+        load, down = np.zeros(len(self.system.mass)), np.array([0.0, -GRAVITY])
+        for part in self.system.components:
+            if with_base or part.name != GROUND:
+                moved = part.translation(down, configuration.angle(part.name))
+                load[self.system.rows[part.name]] = part.mass @ moved
         try:
-            return at_rest(couple(self.system, joining), load, configuration), load
+            return _at_rest(couple(self.system, joining), load), load
         except CouplingError:
             return np.full(len(load), math.nan), load
 

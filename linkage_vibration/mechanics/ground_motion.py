@@ -86,8 +86,8 @@ def _with_the_ground(
     moved = np.zeros(len(model.system.mass))
     along = np.eye(2)["xz".index(direction)]
     for component in model.system.components:
-        local = component.own_axes(along, solution.configuration.angle(component.name))
-        moved[model.system.rows[component.name]] = component.translation(local)
+        angle = solution.configuration.angle(component.name)
+        moved[model.system.rows[component.name]] = component.translation(along, angle)
     into = (moved @ model.system.mass @ solution.modes.shapes)[np.newaxis]
     along_motion = np.array([[float(place[1] == direction)] for place in outputs])
     # It is -s^2 times the receptance; the rates of all modes add up to zero, so s leaves no rest.

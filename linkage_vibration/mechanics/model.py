@@ -25,7 +25,6 @@ from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.doubts import doubts
 from linkage_vibration.mechanics.fbs import couple_frfs, couple_frfs_with_error, held_frf
 from linkage_vibration.mechanics.forces import Forces, is_force, magnitudes, reference
-from linkage_vibration.mechanics.gravity import check_gravity, prestress, with_prestress
 from linkage_vibration.mechanics.identification import IdentifiedModes, identify
 from linkage_vibration.mechanics.kinematics import Configuration, Kinematics, rotation
 from linkage_vibration.mechanics.modes import DampedModes, Modes, damp_modes, solve_modes
@@ -93,7 +92,6 @@ class LinkageModel:
         self.mechanism = mechanism
         self.kinematics = kinematics or Kinematics(mechanism)
         self.components = mechanism.components(reduced=reduced)
-        check_gravity(mechanism, self.components)
         self.interface = InterfaceMap(mechanism, self.components)
         # The frequencies at which FRFs of the components were computed last, and these FRFs.
         self._frfs: tuple[bytes | None, list[ComplexArray | MeasuredFrfs]] = None, []
@@ -176,7 +174,7 @@ class LinkageModel:
         """Return the forces at `force_places` under the weight, (n_force_places,), N.
 
         They are magnitudes; NaN where nothing carries the weight. Gravity points along -z with
-        9.80665 m/s2, whether or not the mechanism has the key `gravity`.
+        9.80665 m/s2.
 
         Parameters
         ----------
@@ -248,32 +246,9 @@ class LinkageModel:
         """
         configuration = self.kinematics.at(alpha3)
         joining = self.interface.join(configuration)
-        coupled, added = self._assemble(configuration, joining)
+        coupled = couple(self.system, joining)
         modes, vectors = solve_modes(coupled)
-        return Solution(self, configuration, joining, coupled, modes, vectors, added)
-
-    def prestress(self, configuration: Configuration, joining: Joining) -> FloatArray:
-        """Return the stiffness that gravity adds to the components, (n, n); 0 without gravity.
-
-        Parameters
-        ----------
-        configuration, joining
-            Where the bodies are, and what joins them there.
-        """
-        if not self.mechanism.gravity:
-            return np.zeros_like(self.system.stiffness)
-        return prestress(
-            self.mechanism, self.components, self.interface, self.system, configuration, joining
-        )
-
-    def _assemble(
-        self, configuration: Configuration, joining: Joining
-    ) -> tuple[CoupledSystem, FloatArray]:
-        """Return the assembly, and the stiffness that gravity adds to the components."""
-        coupled, added = couple(self.system, joining), self.prestress(configuration, joining)
-        if not self.mechanism.gravity:
-            return coupled, added
-        return with_prestress(coupled, self.system, added, configuration.alpha3), added
+        return Solution(self, configuration, joining, coupled, modes, vectors)
 
     def coupled_frf(
         self,
@@ -314,8 +289,6 @@ class LinkageModel:
             blocks, rows, compliance = self._blocks(joining, lines)
             self._check_noise(blocks, rows, right, compliance)
             return couple_frfs(receptances(blocks), rows, left, right, compliance, lines)
-        if self.mechanism.gravity:  # the components change with the configuration
-            return assembled_frf(self._assemble(configuration, joining)[0], lines, left, right)
         frf = np.empty((len(lines), len(left), len(right)), dtype=complex)
         moving = lines != 0.0
         blocks, rows, compliance = self._blocks(joining, lines[moving])
@@ -499,8 +472,6 @@ class Solution:
         Undamped, ascending.
     vectors : ndarray, (m, m)
         Their shapes on the generalised coordinates.
-    prestress : ndarray, (n, n)
-        The stiffness that gravity adds to the components, SI.
     """
 
     model: LinkageModel
@@ -509,7 +480,6 @@ class Solution:
     coupled: CoupledSystem
     modes: Modes
     vectors: FloatArray
-    prestress: FloatArray
 
     def __repr__(self) -> str:
         """Return the mechanism and the angle, in a line."""

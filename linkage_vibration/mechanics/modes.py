@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import LinAlgError, eig, eigh, eigvalsh
+from scipy.linalg import eig, eigh
 from scipy.optimize import linear_sum_assignment
 
 from linkage_vibration.errors import LinkageVibrationError
@@ -141,16 +141,6 @@ def solve_modes(system: CoupledSystem) -> tuple[Modes, FloatArray]:
     omega = np.sqrt(np.maximum(1.0 / mu - _SHIFT, 0.0))
     vectors = vectors / np.sqrt(mu)
     return Modes(omega, system.expand(vectors)), vectors
-
-
-def lowest_square(system: CoupledSystem) -> float:
-    """Return the lowest omega^2, (rad/s)^2, in the same form; minus infinity if far below zero."""
-    shifted, last = system.stiffness + _SHIFT * system.mass, len(system.mass) - 1
-    try:
-        mu = eigvalsh(system.mass, shifted, subset_by_index=[last, last])[0]
-    except LinAlgError:  # it is below that of the shift
-        return -math.inf
-    return float(1.0 / mu - _SHIFT)
 
 
 def damp_modes(system: CoupledSystem, omega: FloatArray, vectors: FloatArray) -> DampedModes:

@@ -94,7 +94,6 @@ def mechanism_from_mapping(mapping: Any, read_body: BodyReader = _no_files) -> M
         damping=_damping(top["damping"]),
         response=_response(top["response"], points, base=base is not None),
         base=base,
-        gravity=top.number("gravity", default=0.0, least=0.0, hint="give 9.81, in m/s2"),
     )
     top.refuse_unknown()
     _check_topology(mechanism)

@@ -10,7 +10,6 @@ their reduction, on the basis that reduced it: a second reduction might turn its
 the difference of the compatibility matrices of the closed linkages at the same input angle.
 """
 
-import copy
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -21,6 +20,7 @@ from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArra
 from linkage_vibration.mechanics.compatibility import InterfaceMap
 from linkage_vibration.mechanics.components import Component
 from linkage_vibration.mechanics.description import Link, Mechanism, UncertainNumber
+from linkage_vibration.mechanics.kinematics import Kinematics
 from linkage_vibration.mechanics.model import LinkageModel, ModelError, Solution
 from linkage_vibration.mechanics.paths import split_paths
 from linkage_vibration.mechanics.reduction import craig_bampton
@@ -87,14 +87,13 @@ class _Change:
 
     # For each component that changes: indices of its coordinates, and (4, n, n): dM, dC, dK, dL.
     blocks: tuple[tuple[IntArray, FloatArray], ...]
-    # The model with the larger number, where its geometry, a spring or, with gravity, a weight
-    # changes.
-    other: LinkageModel | None
+    # What the model with the larger number has, where its geometry or a spring changes.
+    other: tuple[InterfaceMap, Kinematics] | None
     steps: float  # how many steps to the larger number are one standard deviation
 
 
-# How one standard deviation of each number changes the arrays of a `Joining`, the ``angles`` of the
-# bodies, (n_bodies,), rad, and the ``prestress`` of all components, (n, n).
+# How one standard deviation of each number changes the arrays of a `Joining`, and the ``angles`` of
+# the bodies, (n_bodies,), rad.
 Joins = list[dict[str, FloatArray] | None]
 
 
@@ -183,8 +182,7 @@ class Sensitivity:
         """
         joining, system, n = solution.joining, self._model.system, len(self._model.interface)
         moved, b = shapes[:n], slice(0, n)
-        stiffness = system.stiffness + solution.prestress
-        matrices = system.mass, system.damping, stiffness, system.loss
+        matrices = system.mass, system.damping, system.stiffness, system.loss
         stretch = joining.elongation @ moved
         springs = np.outer(joining.damping, weights[1]) + np.outer(joining.stiffness, weights[2])
         force = joining.elongation.T @ (springs * stretch)
@@ -208,7 +206,6 @@ class Sensitivity:
             more = rate["elongation"] @ moved
             form += gap + gap.T
             form += stretch.T @ (springs * more) + more.T @ (springs * stretch)
-            form += weights[2] * (shapes.T @ rate["prestress"] @ shapes)
         return np.concatenate([np.zeros((0, k, k)), forms])
 
     def _mixing(
@@ -270,15 +267,10 @@ class Sensitivity:
             if block.any():
                 blocks.append((rows[component.name], block))
         larger = sides[1]
-        other: LinkageModel | None = None
+        other: tuple[InterfaceMap, Kinematics] | None = None
         if _joined(sides[0]) != _joined(larger):
-            other = copy.copy(self._model)
-            other.mechanism = larger
-            # Links that were reduced again might differ in the signs of their modes.
-            other.components = (*components[: len(mechanism.links)], *larger.rigid_components())
-            other.interface = InterfaceMap(larger, components)
-            if _points(sides[0]) != _points(larger):
-                other.kinematics = self._model.kinematics.nearby(larger)
+            moves, own = _points(sides[0]) != _points(larger), self._model.kinematics
+            other = InterfaceMap(larger, components), own.nearby(larger) if moves else own
         return _Change(tuple(blocks), other, number.deviation / number.step)
 
     def _link_block(
@@ -339,14 +331,13 @@ def _join_rates(change: _Change, solution: Solution) -> dict[str, FloatArray] | 
     """Return how a number changes what joins the components in a configuration."""
     if change.other is None:
         return None
-    other, here, low = change.other, solution.configuration, solution.joining
-    moves = other.kinematics is not solution.model.kinematics
-    there = other.kinematics.at(here.alpha3) if moves else here
-    high = other.interface.join(there)
+    (interface, kinematics), here, low = change.other, solution.configuration, solution.joining
+    moves = kinematics is not solution.model.kinematics
+    there = kinematics.at(here.alpha3) if moves else here
+    high = interface.join(there)
     names = ("stiffness", "damping", "compatibility", "elongation")
     rates = {name: getattr(high, name) - getattr(low, name) for name in names}
     rates["angles"] = there.angles - here.angles
-    rates["prestress"] = other.prestress(there, high) - solution.prestress
     return {name: change.steps * rate for name, rate in rates.items()}
 
 
@@ -364,9 +355,8 @@ def _points(mechanism: Mechanism) -> object:
 def _joined(mechanism: Mechanism) -> object:
     """Return what the joints and the springs depend on."""
     rigid = [(body.points, body.centre_of_gravity) for body in mechanism.rigid]
-    weights = [body.mass for body in mechanism.rigid if mechanism.gravity]
     mounts = mechanism.base and mechanism.base.mounts
-    return _points(mechanism), rigid, weights, mechanism.springs, mounts
+    return _points(mechanism), rigid, mechanism.springs, mounts
 
 
 def _meshed_as(link: Link, other: Link) -> Link:

@@ -43,23 +43,7 @@ def spring_stiffness(spring: Spring, mechanism: Mechanism, configuration: Config
     axial = _column(spring.name, spring.stiffness, length, configuration)
     if spring.stiffness.ends is None:
         return axial
-    return axial * _lever(spring, mechanism, configuration)[0] ** 2
-
-
-def spring_prestress(
-    spring: Spring, mechanism: Mechanism, configuration: Configuration, force: float
-) -> float:
-    """Return the stiffness that the tension (N) or moment (N m) of a spring at rest adds.
-
-    Between two points it acts across the spring, N/m: T / L. On a joint it acts on the rotation, N
-    m/rad, if a cylinder turns the joint, whose lever r changes: M / r dr/dangle.
-    """
-    if len(spring.points) == 2:
-        return force / spring_line(spring, mechanism, configuration)[1]
-    if not isinstance(spring.stiffness, Cylinder):
-        return 0.0
-    lever, rate = _lever(spring, mechanism, configuration)
-    return force / lever * rate
+    return axial * _lever(spring, mechanism, configuration) ** 2
 
 
 def has_force(spring: Spring) -> bool:
@@ -74,7 +58,7 @@ def tension_share(spring: Spring, mechanism: Mechanism, configuration: Configura
         return 1.0
     if spring.stiffness.ends is None:
         return 1.0 / spring.stiffness.count
-    return 1.0 / (spring.stiffness.count * _lever(spring, mechanism, configuration)[0])
+    return 1.0 / (spring.stiffness.count * _lever(spring, mechanism, configuration))
 
 
 def read_stiffness(keys: Keys, stroke: tuple[float, float]) -> float | StiffnessCurve | Cylinder:
@@ -181,17 +165,13 @@ def oil_pressure(cylinder: Cylinder, tension: float) -> float:
     return abs(tension) / area if area else math.nan
 
 
-def _lever(
-    spring: Spring, mechanism: Mechanism, configuration: Configuration
-) -> tuple[float, float]:
-    """Return the lever of a cylinder about its pin, m, and its derivative by the pin's angle."""
-    unit, length = spring_line(spring, mechanism, configuration)
+def _lever(spring: Spring, mechanism: Mechanism, configuration: Configuration) -> float:
+    """Return the lever of a cylinder about its pin, m."""
+    unit, _ = spring_line(spring, mechanism, configuration)
     body, pin = spring.bodies[0], spring.points[0]
     start = configuration.place(body, mechanism.local_points(body)[pin])
     arm = configuration.place(*_ends(spring, mechanism)[1]) - start  # to the end that turns
-    across = np.array([-arm[1], arm[0]])  # how this end moves as the pin turns
-    lever = float(unit @ across)
-    return lever, (float(across @ across) - lever**2) / length - float(unit @ arm)
+    return float(unit @ np.array([-arm[1], arm[0]]))  # this end moves across the arm
 
 
 def _column(name: str, cylinder: Cylinder, length: float, configuration: Configuration) -> float:

@@ -52,45 +52,13 @@ def _bending_element(
     s^i s^j over the element are the entries of a Hilbert matrix.
     """
     phi = 12.0 * rigidity / (shear_rigidity * length**2)
-    even, odd, w, theta = _static_field(length, phi)
-    mass = length * (line_mass * w.T @ hilbert(4) @ w + rotary * theta.T @ hilbert(3) @ theta)
-    pure, sheared = np.outer(even, even), 3.0 / (1.0 + phi) * np.outer(odd, odd)
-    return symmetric(mass), rigidity / length**3 * (pure + sheared)
-
-
-def _static_field(
-    length: float, phi: float
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return the two ways of bending, and the coefficients of w and theta in s, per coordinate."""
     # Bending by equal and opposite end moments, and by end forces.
     even, odd = np.array([0.0, -length, 0.0, length]), np.array([2.0, length, -2.0, length])
     a3 = odd / (1.0 + phi)
     a2 = (even - 3.0 * a3) / 2.0
     theta_start = np.array([0.0, length, 0.0, 0.0])
     w = np.array([[1.0, 0.0, 0.0, 0.0], theta_start - phi / 2.0 * a3, a2, a3])
-    return even, odd, w, np.array([theta_start, 2.0 * a2, 3.0 * a3]) / length
-
-
-def prestress_matrices(
-    length: float, section: Section, material: Material
-) -> tuple[FloatArray, FloatArray]:
-    """Return the stiffness of a plane element per newton of tension and of shear, (6, 6) each.
-
-    The strains of a beam whose sections turn (Reissner 1972) are, to the second order, u' + w'
-    theta - theta^2 / 2 along it and w' - theta - u' theta across it. So the tension N and the shear
-    force Q add the energy of N (w' theta - theta^2 / 2) - Q u' theta.
-    """
-    shear_rigidity = section.shear_coefficient * material.shear_modulus * section.area
-    phi = 12.0 * material.youngs_modulus * section.second_moment / (shear_rigidity * length**2)
-    _, _, w, theta = _static_field(length, phi)
-    slope = w[1:] * np.array([[1.0], [2.0], [3.0]]) / length
-    mixed, turned = slope.T @ hilbert(3) @ theta, theta.T @ hilbert(3) @ theta
-    tension, shear = np.zeros((2, 6, 6))
-    across = np.array([W, THETA, 3 + W, 3 + THETA])
-    tension[np.ix_(across, across)] = length * (mixed + mixed.T - turned)
-    stretch = np.array([-1.0, 1.0]) / length
-    coupled = -np.outer(stretch, length * hilbert(3)[0] @ theta)
-    along = np.array([U, 3 + U])
-    shear[np.ix_(along, across)] = coupled
-    shear[np.ix_(across, along)] = coupled.T
-    return tension, shear
+    theta = np.array([theta_start, 2.0 * a2, 3.0 * a3]) / length
+    mass = length * (line_mass * w.T @ hilbert(4) @ w + rotary * theta.T @ hilbert(3) @ theta)
+    pure, sheared = np.outer(even, even), 3.0 / (1.0 + phi) * np.outer(odd, odd)
+    return symmetric(mass), rigidity / length**3 * (pure + sheared)

@@ -172,6 +172,7 @@ def test_i_section_is_read(mapping: Any) -> None:
         ),
         (change("input", "link", to="lift_rod"), "input.link", "input_crank"),
         (change("input", "range_deg", to=[180, 90]), "input.range_deg", "ascend"),
+        (change("gravity", to=9.81), "gravity", "not known here; remove it."),
         (change("response", "drive_point", to="E9"), "response.drive_point", "E1"),
         (change("response", "direction", to="y"), "response.direction", "x, z"),
         (

@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from linkage_vibration.mechanics.arrays import FloatArray, symmetric
+from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.bodies.matrices import Matrices, component_of
 from linkage_vibration.mechanics.components import Component, Drawing
 from linkage_vibration.mechanics.description import (
@@ -25,13 +25,7 @@ from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.mechanics.keys import Keys
 from linkage_vibration.mechanics.material import read_material
 from linkage_vibration.mechanics.sections import SHAPES
-from linkage_vibration.mechanics.timoshenko import (
-    THETA,
-    U,
-    W,
-    element_matrices,
-    prestress_matrices,
-)
+from linkage_vibration.mechanics.timoshenko import THETA, U, W, element_matrices
 
 _COORDINATE = {"x": U, "z": W, "theta": THETA}
 _SAME_PLACE = 1e-9  # Places that are nearer, as a share of the beam's length, are one place.
@@ -69,10 +63,7 @@ class Beam:
             )
         except MechanismError as error:
             raise MechanismError(f"links.{link.name}.{error.path}", error.problem) from None
-        component = component_of(link, mechanism, matrices, reduced=reduced)
-        if not mechanism.gravity:
-            return component
-        return replace(component, prestress=_prestress(self, link, component))
+        return component_of(link, mechanism, matrices, reduced=reduced)
 
     def point_forces(self, link: Link, component: Component) -> Mapping[str, PointForces]:
         """Return the forces of the elements beside each point, as `description.Body` says."""
@@ -195,38 +186,6 @@ def beam_matrices(
     places = np.column_stack([nodes, np.zeros(len(nodes))])
     drawing = Drawing(places, displacement[:, :, order])
     return Matrices(tuple(rows), mass[block], stiffness[block], drawing=drawing)
-
-
-def _prestress(beam: Beam, link: Link, component: Component) -> FloatArray:
-    """Return how forces stiffen the equal beams of a link, as `Component.prestress` says.
-
-    They do so by the tension and the shear force of each element, and by the arms of the points.
-    """
-    assert component.drawing is not None
-    places = np.array([place for _, place in link.points])
-    nodes, sections = _mesh(beam, places[:, 0].tolist())
-    lengths, middles = np.diff(nodes), (nodes[1:] + nodes[:-1]) / 2.0
-    elements = zip(lengths.tolist(), sections, strict=True)
-    unit = [prestress_matrices(length, section, beam.material) for length, section in elements]
-    masses = link.count * beam.material.density * lengths * [section.area for section in sections]
-    carried = np.cumsum(masses) - masses / 2.0  # before the middle of each element
-    extra = [link.count * dict(link.masses).get(point, 0.0) for point, _ in link.points]
-    loaded = [
-        [component.dofs.index(InterfaceDof(p, axis)) for axis in "xz"] for p, _ in link.points
-    ]
-    loads = np.eye(len(component.dofs) + 2)
-    gravity = loads[:, np.newaxis, -2:]
-    applied = loads[:, loaded] + np.array(extra)[:, np.newaxis] * gravity
-    before = places[:, 0] < middles[:, np.newaxis]
-    cut = -(before @ applied + carried[:, np.newaxis] * gravity)  # tension and shear force
-    nodal = np.zeros((len(loads), 3 * len(nodes), 3 * len(nodes)))
-    for i, element in enumerate(np.einsum("lec,ecij->elij", cut, unit)):
-        nodal[:, 3 * i : 3 * i + 6, 3 * i : 3 * i + 6] += element
-    node = _nodes_of(link.points, nodes)
-    turns = [3 * node[point] + THETA for point, _ in link.points]
-    nodal[:, turns, turns] += applied[:, :, 1] * places[:, 1]
-    motion = component.drawing.displacement.reshape(3 * len(nodes), -1)
-    return symmetric(motion.T @ nodal @ motion)
 
 
 def _chain(

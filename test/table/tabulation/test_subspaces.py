@@ -59,7 +59,6 @@ CASES = {
         "damping": {"rule": "modal_ratio", "ratio": 0.03},
         "springs.damper": DAMPER | {"damping": 300.0},
     },
-    "gravity": {"gravity": 9.81, "springs.damper": DAMPER | {"damping": 300.0}},
     "loss": {"damping": LOSS, "links.lift_rod.damping": LOSSY},
 }
 
