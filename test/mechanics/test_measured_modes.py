@@ -165,7 +165,7 @@ def test_a_table_has_the_standard_deviations(model: LinkageModel, tmp_path: Path
     many = predict_many(predictor, angles, np.full(3, stddev))
     for i, angle in enumerate(angles):
         one = predictor.predict(angle, stddev)
-        np.testing.assert_array_equal(many.frequency_stddev[i], one.frequency_stddev)
-        np.testing.assert_array_equal(many.damping_ratio_stddev[i], one.damping_ratio_stddev)
+        np.testing.assert_array_equal(many.frequency_stddevs[i], one.frequency_stddevs)
+        np.testing.assert_array_equal(many.damping_ratio_stddevs[i], one.damping_ratio_stddevs)
     assert not load_table().measured
     assert not Predictor(load_table()).shares(2.0).links.any()

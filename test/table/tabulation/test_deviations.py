@@ -94,10 +94,10 @@ def test_between_points_they_are_those_of_the_model(
         exact[0] *= one.natural_frequencies
         np.testing.assert_allclose(shares.parameters, exact, rtol=0.03)
         assert (shares.table[0] == one.interpolation_error * one.natural_frequencies).all()
-        both = one.frequency_stddev, one.damping_ratio_stddev
+        both = one.frequency_stddevs, one.damping_ratio_stddevs
         np.testing.assert_allclose(both, shares.total, rtol=1e-12)
         np.testing.assert_array_equal(
-            (many.frequency_stddev[i], many.damping_ratio_stddev[i]), both
+            (many.frequency_stddevs[i], many.damping_ratio_stddevs[i]), both
         )
 
 
