@@ -20,7 +20,7 @@ from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray
 from linkage_vibration.mechanics.description import Cylinder, Mechanism, Uncertainty, coarser
 from linkage_vibration.mechanics.model import LinkageModel, Place, Solution
-from linkage_vibration.mechanics.modes import MECHANISM
+from linkage_vibration.mechanics.modes import oscillating_indices
 from linkage_vibration.mechanics.response import reach
 from linkage_vibration.mechanics.uncertainty import rotation
 from linkage_vibration.table.interpolation import (
@@ -241,8 +241,7 @@ def _oscillating(solution: Solution) -> tuple[ComplexArray, ComplexArray]:
     root = np.sqrt(damped.stiffness - damped.decay**2 / 4.0)
     poles = np.asarray(1j * root - damped.decay / 2.0)
     turn = np.eye(len(root)) if damped.shapes is None else damped.shapes[0]
-    upper = np.flatnonzero((poles.imag > 0.0) & (np.abs(poles) >= MECHANISM))
-    upper = upper[np.argsort(np.abs(poles[upper]), kind="stable")]
+    upper = oscillating_indices(poles)
     return poles[upper], np.asarray(turn[:, upper] / np.sqrt(2j * root[upper]))
 
 
