@@ -269,7 +269,7 @@ class Parameters:
     )
     implement_file: str = _text("the path of a YAML file").means(
         "Implements that can be chosen by name: by the parameter implement, the service "
-        "`~/set_implement` or the topic `hitched_implement`. The node remembers the choice."
+        "`~/set_implement` or the topic `hitched_implement`."
     )
     implement: str = _text("the name of an implement in implement_file").means(
         "The implement at start. If it is empty, that of the mechanism is used."

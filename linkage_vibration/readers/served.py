@@ -11,7 +11,6 @@ from linkage_vibration.messages.fields import message_fields
 from linkage_vibration.messages.topics import TABLE_INFO
 from linkage_vibration.prediction.answers import (
     Described,
-    Implement,
     Implements,
     Served,
     with_implement,
@@ -32,15 +31,13 @@ def read_served(
     settings: Parameters,
     report: Callable[[str], object] = lambda text: None,
     progress: Callable[[float], object] = lambda finished: None,
-    remembered: Callable[[Implements], Implement | None] = lambda implements: None,
 ) -> Served:
     """Return a mechanism with its table, which is built if the parameters name none for it.
 
     `report` is called with a sentence before a table is built and with what is doubtful,
-    `progress` with the finished fraction of the stroke (it may raise an error to stop), and
-    `remembered` returns an implement that replaces that of the parameters, or None.
+    and `progress` with the finished fraction of the stroke; it may raise an error to stop.
     """
-    described = read_described(settings, remembered)
+    described = read_described(settings)
     mechanism = described.mechanism
     path, table_path = settings.mechanism_path(), settings.table_path()
     if table_path is not None:
@@ -61,11 +58,8 @@ def read_served(
     return described.served(Predictor(table))
 
 
-def read_described(
-    settings: Parameters,
-    remembered: Callable[[Implements], Implement | None] = lambda implements: None,
-) -> Described:
-    """Return the mechanism that the parameters name, with its implement (as in `read_served`)."""
+def read_described(settings: Parameters) -> Described:
+    """Return the mechanism that the parameters name, with the implement that they name."""
     path, file = settings.mechanism_path(), settings.implement_path()
     content, text = load_yaml(path)
     mechanism = mechanism_of(content, path)
@@ -78,11 +72,9 @@ def read_described(
             )
         return Described(mechanism, text)
     implements = Implements(mechanism, text, read_implements(file, mechanism))
-    implement = remembered(implements)
-    if implement is None:
-        if not settings.implement:
-            return Described(mechanism, text, None, implements)
-        implement = implements.find(settings.implement)
+    if not settings.implement:
+        return Described(mechanism, text, None, implements)
+    implement = implements.find(settings.implement)
     changed = with_implement(mechanism, text, implement)
     return Described(*changed, implement, implements)
 

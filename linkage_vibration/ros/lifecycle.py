@@ -43,7 +43,6 @@ from linkage_vibration.ros.interface_check import check_interfaces
 from linkage_vibration.ros.listener import Listener
 from linkage_vibration.ros.live_inputs import LiveTopic, check_output_topics, live_topics
 from linkage_vibration.ros.log_control import Recording, log_folder
-from linkage_vibration.ros.memory import Memory
 from linkage_vibration.ros.message_path import Predicting, input_topics, output_topics
 from linkage_vibration.ros.parameter_server import (
     changed,
@@ -98,7 +97,6 @@ class LinkageVibrationNode(LifecycleNode):
         self._predicting: Predicting | None = None
         self._recording: Recording | None = None
         self._offered: Services | None = None
-        self._memory: Memory | None = None
         self._outputs, self._latched = list[Any](), list[Any]()
 
         self._settings, self._faults = declare_parameters(self)
@@ -291,10 +289,7 @@ class LinkageVibrationNode(LifecycleNode):
         check_interfaces()
         settings = self._settings
         folder = log_folder(settings)
-        self._memory = memory = Memory(self.get_fully_qualified_name(), settings, self.get_logger())
-        self._served = served = read_served(
-            settings, self.get_logger().info, self._on_building, memory.recall
-        )
+        self._served = served = read_served(settings, self.get_logger().info, self._on_building)
         self._monitored = excitations = read_loads(settings, served, self.get_logger().info)
         self._excitations = excitation_files(settings.excitation_path())
         levels = LevelTable(served.predictor, served.mechanism, excitations)
@@ -403,7 +398,7 @@ class LinkageVibrationNode(LifecycleNode):
         return self._served
 
     def _swap(self, served: Served, levels: LevelTable) -> None:
-        """Use another table from now on, and remember its implement."""
+        """Use another table from now on."""
         assert self._predicting is not None
         assert self._recording is not None
         provenance = self._provenance(served)
@@ -415,8 +410,6 @@ class LinkageVibrationNode(LifecycleNode):
         self.get_logger().info(
             f"Predicting from table {served.table.table_id}{_with_name(served)} from now on."
         )
-        if self._memory is not None and served.implement is not None:
-            self._memory.keep(served.implement)
 
     def _publish_model(self, served: Served) -> None:
         info, mechanism, _ = self._latched
