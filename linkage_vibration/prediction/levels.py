@@ -336,6 +336,7 @@ class LevelTable:
         if factors is not None:
             columns, of_levels = _factor_columns(len(self._inputs))
             numbers[:, columns] = np.where(np.isnan(numbers[:, of_levels]), math.nan, factors)
+        numbers[np.isnan(numbers)] = math.nan  # of one sign, so that equal levels are equal bytes
         return _level_columns(numbers, places, reasons)
 
     def members(self, alpha3: FloatArray, speeds: FloatArray) -> FloatArray:
