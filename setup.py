@@ -81,7 +81,7 @@ def installed_files() -> list[tuple[str, list[str]]]:
     """Return what ament and the node look for below ``share``, as (folder, files) pairs."""
     files = [
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
-        (str(SHARE), ["package.xml"]),
+        (str(SHARE), ["package.xml", "LICENSE"]),
     ]
     for top in ("config", "launch", *(f"{INTERFACES}/{kind}" for kind in ("msg", "srv", "action"))):
         for folder in sorted({p.parent for p in Path(top).rglob("*") if p.is_file()}):
