@@ -109,8 +109,9 @@ class FieldReader(NumberReader):
             yield Numbers(alike, value, rate, sec, nanosec, places.frame_id)
 
     def other_names(self, data: bytes) -> Sequence[str]:
-        """Return the names in a message, at most 20."""
-        return self._layouts.find(data).places.names
+        """Return the names in a message without a fault, at most `MAX_NAMES`."""
+        places = self._layouts.find(data).places
+        return () if places.fault else places.names
 
     def _places(self, message: CdrMessage) -> _Places:
         """Return where the numbers of a message are."""

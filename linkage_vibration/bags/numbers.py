@@ -6,6 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +20,7 @@ Integers = NDArray[np.int64]
 
 LISTED_NAMES, MAX_NAMES = 20, 1000
 """What messages contain instead is listed up to so many names, and kept up to so many."""
+_LONG = 60  # characters of a name that are listed
 
 
 class CdrError(ValueError):
@@ -143,7 +145,8 @@ class NumberReader(ABC):
         The names are those that `other_names` returns for messages on the topic.
         """
         if names:
-            listing = ", ".join(sorted(names)[:LISTED_NAMES])
+            listed = (f"{n[:_LONG]}..." if len(n) > _LONG else n or "''" for n in sorted(names))
+            listing = ", ".join(islice(listed, LISTED_NAMES))
             if len(names) > LISTED_NAMES:
                 listing += f" and {len(names) - LISTED_NAMES} more"
             return f"{topic} has no {self.what}; it has {listing}. {self.remedy}"

@@ -93,6 +93,12 @@ def _ranged(default: Value, least: float, largest: float, unit: str) -> _Kind[Va
     return _Kind(default, unit, f"{least:g} to {largest:g}", is_inside, (least, largest))
 
 
+def _rate(default: float, least: float) -> _Kind[float]:
+    """Return the kind of a rate that is limited to at least so much, Hz, or not at all."""
+    valid = f"0, or {least:g} to 10000"
+    return _Kind(default, "Hz", valid, lambda rate: rate == 0.0 or least <= rate <= 1e4)
+
+
 def _choice(default: Value, choices: Collection[Value], *, live: bool = True) -> _Kind[Value]:
     """Return the kind of a parameter with a few valid values."""
     valid = " or ".join(map(str, choices))
@@ -292,11 +298,11 @@ class Parameters:
     stale_after: float = _ranged(1.0, 0.01, 3600.0, "s").means(
         "A speed or a crank angle that is older than this is not used."
     )
-    prediction_rate: float = _ranged(0.0, 0.0, 1e4, "Hz").means(
+    prediction_rate: float = _rate(0.0, 0.001).means(
         "Rate at which `~/prediction` is published, at most: for the first reading in each period "
         "of the stamps. With 0, each reading has a prediction."
     )
-    resonance_rate: float = _ranged(50.0, 0.0, 1e4, "Hz").means(
+    resonance_rate: float = _rate(50.0, 1.0).means(
         "Rate at which readings are assessed for `~/resonance` and `~/load_state`, at most: the "
         "first in each period of the stamps. With 0, each is assessed."
     )

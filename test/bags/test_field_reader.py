@@ -222,12 +222,21 @@ def test_elements_by_name(names: list[str], count: int) -> None:
         elif (times := names.count("a b")) > 1:
             with pytest.raises(ReadingError, match=f"the name a b {times} times; publish each"):
                 reader.read_one(data)
+            assert list(reader.other_names(data)) == []
         elif len(names) != count:
             words = f"{len(names)} names but {count} elements in value, so the one of a b"
             with pytest.raises(ReadingError, match=words):
                 reader.read_one(data)
         else:
             assert reader.read_one(data)[0] == names.index("a b")  # type: ignore[index]
+
+
+def test_names_are_listed_in_short() -> None:
+    """A name of 60 characters is listed, of a longer one its beginning, and an empty one as ''."""
+    words = FieldReader(JOINTS, JOINT_STATE, "position[up]").explain_missing(
+        "/joints", [60 * "x", 61 * "y", ""]
+    )
+    assert f"it has '', {60 * 'x'}, {60 * 'y'}..." in words
 
 
 @given(st.lists(st.tuples(NAMES, st.integers(0, 4), st.booleans()), min_size=1, max_size=6))

@@ -7,10 +7,12 @@ from array import array
 from dataclasses import fields
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
 from linkage_vibration.prediction.parameter_files import parameters_yaml, read_parameters
+from linkage_vibration.prediction.periods import Periods
 from linkage_vibration.prediction.settings import ParameterError, Parameters, check_value
 from linkage_vibration.support.resources import (
     DEFAULT_EXCITATIONS,
@@ -94,6 +96,17 @@ def test_ranges_hold_at_their_ends() -> None:
     for value in (-1e-9, 1.0 + 1e-9, math.nan, math.inf):
         with pytest.raises(ParameterError, match="near_margin must be 0 to 1"):
             check_value("near_margin", value)
+
+
+@pytest.mark.parametrize(("name", "least"), [("prediction_rate", 0.001), ("resonance_rate", 1.0)])
+def test_rates_are_not_limited_or_have_periods(name: str, least: float) -> None:
+    """A period has at most 1000 s, whose ns fit 64 bits, and at most 1 s where warnings need it."""
+    for value in (0.0, least, 1e4):
+        assert check_value(name, value) == value
+        Periods(value).due(np.array([2**63 - 1]))
+    for value in (-1.0, 5e-324, 1e-10, 0.999 * least, 10001.0, math.nan):
+        with pytest.raises(ParameterError, match=f"{name} must be 0, or {least:g} to 10000, not"):
+            check_value(name, value)
 
 
 def test_lists_of_numbers() -> None:
