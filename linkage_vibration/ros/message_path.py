@@ -42,7 +42,7 @@ from linkage_vibration.prediction.inputs.sources import (
     Stamped,
     too_large,
 )
-from linkage_vibration.prediction.inputs.topics import input_depth
+from linkage_vibration.prediction.inputs.topics import INPUT_DEPTH
 from linkage_vibration.prediction.inputs.units import ANGLES, Reading
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.motion import UNKNOWN, Rate, crank_filter, crank_resolution
@@ -208,7 +208,7 @@ class Predicting:
         self._received = self._statistics.received
         for topic in self._topics.values():
             on_message = partial(self._on_message, topic.name, topic.type)
-            kind, depth = message_class(topic.type), input_depth(topic.type)
+            kind, depth = message_class(topic.type), INPUT_DEPTH
             self._listener.subscribe(kind, topic.name, on_message, depth)
 
     def unsubscribe(self) -> None:

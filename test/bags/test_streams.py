@@ -75,7 +75,9 @@ def test_summary_without_channels(tmp_path: Path) -> None:
     assert summary is not None
     assert summary.chunk_indexes
     assert not summary.channels
-    with pytest.raises(BagError, match=r"summary does not repeat its channels.*linkage-vibration recover"):
+    with pytest.raises(
+        BagError, match=r"summary does not repeat its channels.*linkage-vibration recover"
+    ):
         read([path], ["/b"])
     recover(path, tmp_path / "complete.mcap")
     expected = [(10 * k, "/b", float(k)) for k in range(300)]
