@@ -202,12 +202,12 @@ class _Rescue:
         place = max(self.source.end - _FOOTER.size, 0)
         self._read_summary(int.from_bytes(self.source.read(place, 8), "little"))
         self._read_records()
-        found = {key: record for key, (_, record) in self.definitions.items()}
-        if not (self._file or found):
+        definitions = {key: record for key, (_, record) in self.definitions.items()}
+        if not (self._file or definitions):
             raise RecoveryError(f"{self.source.path} has no readable record; give an MCAP file.")
         return (
-            any((records.Channel, channel) in found for channel in self._undefined)
-            or any(found[key] != record for key, record in self._written.items())
+            any((records.Channel, channel) in definitions for channel in self._undefined)
+            or any(definitions[key] != record for key, record in self._written.items())
             or (self._file is not None and self._file.profile != self._output_profile())
         )
 

@@ -68,8 +68,8 @@ def _description(
         yield f"{table.mode_label(mode)}: base {base}, rigid bodies {bodies}, links {links}"
     if table.free_modes:
         ground = mechanism.base
-        one = table.free_modes == 1
-        left_out = "1 mode at 0 Hz is" if one else f"{table.free_modes} modes at 0 Hz are"
+        single = table.free_modes == 1
+        left_out = "1 mode at 0 Hz is" if single else f"{table.free_modes} modes at 0 Hz are"
         fix = "clamp the input link or put a spring on its joint"
         if ground is not None and not ground.mounts:
             fix = "give its base mounts"

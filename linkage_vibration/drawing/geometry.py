@@ -21,7 +21,7 @@ Curves = dict[str, FloatArray]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Scene:
+class Outline:
     """The curves, in m, and the positions, (n, 2), in m, that show a linkage."""
 
     bodies: Curves  # see `curves`
@@ -30,7 +30,7 @@ class Scene:
     centres: FloatArray  # centres of gravity
 
 
-def scene(model: LinkageModel, configuration: Configuration) -> Scene:
+def scene(model: LinkageModel, configuration: Configuration) -> Outline:
     """Return the curves and points that show a linkage in a configuration."""
     mechanism = model.mechanism
     ground = dict(mechanism.ground)
@@ -39,7 +39,7 @@ def scene(model: LinkageModel, configuration: Configuration) -> Scene:
     joints = [place(body, mechanism.local_points(body)[point]) for point, body in pins.items()]
     centres = [place(body.name, body.centre_of_gravity) for body in mechanism.rigid]
     bodies = curves(model, configuration)
-    return Scene(bodies, _rows(joints), _rows(list(ground.values())), _rows(centres))
+    return Outline(bodies, _rows(joints), _rows(list(ground.values())), _rows(centres))
 
 
 def curves(model: LinkageModel, configuration: Configuration) -> Curves:

@@ -24,8 +24,8 @@ class LiveLine:
         """Show the load ratio and the state of a resonance with the next predictions."""
         state = ResonanceState(resonance.state).name.lower()
         ratio = resonance.total_load_ratio
-        known = "unknown" if math.isnan(ratio) else f"{ratio:.2f}"
-        self._load = f"load {known:>7} {state:<7} | "
+        text = "unknown" if math.isnan(ratio) else f"{ratio:.2f}"
+        self._load = f"load {text:>7} {state:<7} | "
 
     def show(self, prediction: Any) -> None:
         """Write the line, if its time has come."""

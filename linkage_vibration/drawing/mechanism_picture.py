@@ -145,7 +145,7 @@ def _load_ratios(
     """
     every = np.full((len(Source), len(angles) * len(speeds)), math.nan)
     every[list(Source).index(source)] = np.tile(speeds, len(angles))
-    found = levels.at(np.repeat(angles, len(speeds)), every)
-    unknown = (found.ground_unknown != "") & (source is Source.GROUND)
-    ratios = np.where(unknown, math.nan, found.total_load_ratio.astype(float))
+    results = levels.at(np.repeat(angles, len(speeds)), every)
+    unknown = (results.ground_unknown != "") & (source is Source.GROUND)
+    ratios = np.where(unknown, math.nan, results.total_load_ratio.astype(float))
     return np.asarray(ratios.reshape(len(angles), len(speeds)))

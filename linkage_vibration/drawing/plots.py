@@ -72,9 +72,9 @@ def frequency_axis(ax: "Axes", frequencies: FloatArray) -> None:
     ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     ax.yaxis.set_major_formatter("{x:g}")
     ax.yaxis.set_minor_locator(NullLocator())
-    known = frequencies[np.isfinite(frequencies) & (frequencies > 0.0)]
-    if len(known):
-        ax.set_ylim(0.6 * float(known.min()), 2.0 * float(known.max()))
+    positive = frequencies[np.isfinite(frequencies) & (frequencies > 0.0)]
+    if len(positive):
+        ax.set_ylim(0.6 * float(positive.min()), 2.0 * float(positive.max()))
 
 
 def name_modes(
@@ -85,10 +85,10 @@ def name_modes(
     Names are apart by at least a share of the height. A mode that ends with NaN has none.
     """
     low, high = np.log(ax.get_ylim())
-    known = np.flatnonzero(np.isfinite(ends))
-    heights = spread((np.log(ends[known]) - low) / (high - low), least)
+    finite = np.flatnonzero(np.isfinite(ends))
+    heights = spread((np.log(ends[finite]) - low) / (high - low), least)
     colours = palette.mode_colours(len(names))
-    for i, height in zip(known.tolist(), heights.tolist(), strict=True):
+    for i, height in zip(finite.tolist(), heights.tolist(), strict=True):
         style: dict[str, Any] = {"color": colours[i], "fontsize": fontsize, "va": "center"}
         name = plain(names[i] or f"mode {i + 1}")
         ax.text(1.01, height, name, transform=ax.transAxes, fontweight="bold", **style)

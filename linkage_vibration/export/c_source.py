@@ -127,8 +127,8 @@ def existing_table(header: str) -> str:
     >>> existing_table('#define HITCH_TABLE_ID "0123456789abcdef"')
     '0123456789abcdef'
     """
-    found = re.search(r'^#define \w+_TABLE_ID "(\w+)"$', header, re.MULTILINE)
-    return found[1] if found else ""
+    match = re.search(r'^#define \w+_TABLE_ID "(\w+)"$', header, re.MULTILINE)
+    return match[1] if match else ""
 
 
 def _suffix(constants: Constants) -> str:
@@ -278,8 +278,8 @@ def _order_test_values(constants: Constants, angles: Reals, stddev: Reals) -> di
     speeds = random.uniform(0.0, _HIGHEST_SPEEDS, (len(rows), 3)).astype(angles.dtype)
     speeds[::7], speeds[::11, 1] = 0.0, math.nan
     outputs = evaluate(constants, angles, stddev)
-    found = assess(constants.orders, outputs, angles, speeds)
-    numbers = np.hstack([found[name].reshape(len(rows), -1) for name in ASSESSED])
+    assessed = assess(constants.orders, outputs, angles, speeds)
+    numbers = np.hstack([assessed[name].reshape(len(rows), -1) for name in ASSESSED])
     largest = np.fmax.reduce(np.abs(numbers), axis=0, initial=0.0)
     return {
         "assessed": str(len(rows)),

@@ -386,8 +386,8 @@ class _Joiner:
         while first < len(self._cubics):
             after = self._longest(first)
             starts.append(self._ends[first])
-            one = after == first + 1
-            cubics.append(self._cubics[first] if one else self._cubic(first, after))
+            single = after == first + 1
+            cubics.append(self._cubics[first] if single else self._cubic(first, after))
             first = after
         return np.array(starts), np.array(cubics)
 

@@ -244,8 +244,8 @@ def _positions(
     inside = (angle >= low) & (angle <= high)
     sound_low, sound_high = map(real, constants.sound_range)
     sound = (angle >= sound_low) & (angle <= sound_high)
-    known = np.where(sound, statuses["STATUS_OK"], statuses["STATUS_NEAR_TOGGLE"])
-    status = np.where(inside, known, statuses["STATUS_OUT_OF_RANGE"])
+    sound_status = np.where(sound, statuses["STATUS_OK"], statuses["STATUS_NEAR_TOGGLE"])
+    status = np.where(inside, sound_status, statuses["STATUS_OUT_OF_RANGE"])
     status = np.where(np.isfinite(crank_angle), status, statuses["STATUS_INVALID_ANGLE"])
     return status.astype(np.int32), np.where(inside, angle, low), inside
 
@@ -304,8 +304,8 @@ def assess(
     with np.errstate(all="ignore"):
         natural = outputs.natural_frequencies.T[:, np.newaxis]
         apart = np.nan_to_num(np.abs(frequency / natural - real(1.0)), nan=math.inf)
-        own = np.take_along_axis(natural, apart.argmin(axis=0)[np.newaxis], axis=0)[0]
-        margin = (frequency - own) / own
+        nearest = np.take_along_axis(natural, apart.argmin(axis=0)[np.newaxis], axis=0)[0]
+        margin = (frequency - nearest) / nearest
         levels = np.full((2, *speed.shape), real(math.nan))
         if t:
             magnitude, still = _magnitudes(orders, angle, w)

@@ -56,5 +56,5 @@ def tyre_stiffness(keys: Keys) -> float:
     age = keys.number("age_years", default=0.0, least=0.0, most=30.0, hint="give years")
     pressure = keys.number("pressure", least=2e4, most=5e5, hint="give Pa; 1 bar is 1.0e+5")
     factor = keys.number("factor", default=1.0, least=0.2, most=5.0, hint="1 is the formula")
-    one = 172.0 - 1.77 * rim + 5.6 * age + 0.34 * width * rim * pressure / 1e5
-    return keys.integer("count", default=1) * factor * 1e3 * one
+    stiffness = 172.0 - 1.77 * rim + 5.6 * age + 0.34 * width * rim * pressure / 1e5
+    return keys.integer("count", default=1) * factor * 1e3 * stiffness

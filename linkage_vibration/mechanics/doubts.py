@@ -45,18 +45,18 @@ def _overload(mechanism: Mechanism, over: Sequence[Configuration]) -> Iterator[s
     cylinder = springs[0].stiffness if len(springs) == 1 else None
     if not isinstance(cylinder, Cylinder) or any(link.clamped for link in mechanism.links):
         return
-    found = []
+    loads = []
     for at in over:
         _, lever = length_and_rate(springs[0], mechanism, at)
         bodies = mechanism.rigid_bodies
         rates = [body.mass * at.place_rate(body.name, body.centre_of_gravity)[1] for body in bodies]
         tension = -GRAVITY * sum(rates) / (cylinder.count * lever or math.nan)
-        found.append((oil_pressure(cylinder, tension), lever, math.degrees(at.alpha3)))
-    if any(math.isnan(pressure) for pressure, *_ in found):
+        loads.append((oil_pressure(cylinder, tension), lever, math.degrees(at.alpha3)))
+    if any(math.isnan(pressure) for pressure, *_ in loads):
         text = "would have to pull, but no oil is locked on the side of its rod"
         yield f"{springs[0].name} {text}; check base_end and rod_end, or give `rod`."
         return
-    pressure, lever, angle = max(found)
+    pressure, lever, angle = max(loads)
     if pressure > _PUMP:
         need = f"needs {pressure / 1e5:.0f} bar in {springs[0].name} at alpha3 = {angle:.0f} deg"
         has = f"its lever is {1e3 * abs(lever):.0f} mm, and tractors reach {_PUMP / 1e5:.0f} bar"

@@ -132,8 +132,8 @@ class Forces:
             at, forces = self._forces_at(name, configuration, joining)
             if direction not in forces:
                 hint = "; add `real: true` if its section is that of the real link"
-                known = f"{', '.join(forces) or 'no force'}{hint * (direction in _STRESSES)}"
-                raise ForceError(f"{name} has no {direction}; it has: {known}.")
+                available = f"{', '.join(forces) or 'no force'}{hint * (direction in _STRESSES)}"
+                raise ForceError(f"{name} has no {direction}; it has: {available}.")
             row[at] = forces[direction]
         return rows
 

@@ -56,12 +56,12 @@ class ModelError(LinkageVibrationError):
 
 def pairs(places: Sequence[Place | str]) -> list[Place]:
     """Return places as pairs, of which some may be written like "E1.z"."""
-    found = [p.rpartition(".")[::2] if isinstance(p, str) else tuple(p) for p in places]
-    for place, pair in zip(places, found, strict=True):
+    split = [p.rpartition(".")[::2] if isinstance(p, str) else tuple(p) for p in places]
+    for place, pair in zip(places, split, strict=True):
         if len(pair) != 2 or not pair[0]:
             hint = 'give a list of places, such as ["E1.z"] or [("E1", "z")]'
             raise ModelError(f"{place!r} is not a place; {hint}.")
-    return [(point, direction) for point, direction in found]
+    return [(point, direction) for point, direction in split]
 
 
 class LinkageModel:
@@ -615,7 +615,7 @@ def _component_frf(
     off = np.abs(component.frequencies[at] - frequencies)
     if (off > 1e-9 * frequencies).any():
         worst = float(frequencies[int(off.argmax())])
-        own = f"its own ({component.frequencies[0]:g} to {component.frequencies[-1]:g} Hz)"
-        raise ModelError(f"links.{component.name} has no FRF at {worst:g} Hz; use {own}.")
+        available = f"its own ({component.frequencies[0]:g} to {component.frequencies[-1]:g} Hz)"
+        raise ModelError(f"links.{component.name} has no FRF at {worst:g} Hz; use {available}.")
     measured = component.measured
     return MeasuredFrfs(measured.frf[at], measured.kept, measured.leverage[at])

@@ -65,19 +65,19 @@ def message_text(type_name: str) -> str:
     installed = _shipped(type_name) or _installed(type_name)
     if installed is not None:
         return installed.read_text(encoding="utf-8")
-    known = None
+    store = None
     with suppress(ImportError):
         from rosbags.typesys import Stores, get_typestore
 
-        known = get_typestore(Stores.LATEST)
-    if known is None or type_name not in known.types:
+        store = get_typestore(Stores.LATEST)
+    if store is None or type_name not in store.types:
         file = f"share/{package}/msg/{name}.msg"
         raise DefinitionError(
             f"The definition of {type_name} ({file}) was not found under "
             f"{', '.join(map(str, prefixes()))}; install {package}, or source the ROS 2 that has "
             "it. For a standard type, `pip install rosbags` is enough."
         )
-    text, _ = known.generate_msgdef(type_name, ros_version=2)
+    text, _ = store.generate_msgdef(type_name, ros_version=2)
     return text.split(SEPARATOR)[0].rstrip("\n")
 
 

@@ -144,14 +144,14 @@ def replay_summary(done: Replayed) -> str:
 
 def problems(done: Replayed) -> list[str]:
     """Return a sentence for each thing that a replay could not do."""
-    found = list(done.disagreements)
+    sentences = list(done.disagreements)
     if missing := done.predictions - done.with_numbers:
         which = "No prediction has" if not done.with_numbers else f"{missing} predictions have no"
         hint = "check the joint, its sign, scale and offset, and the range of the table"
-        found.append(f"{which} numbers, as the crank angle is out of range or invalid; {hint}.")
+        sentences.append(f"{which} numbers, as the crank angle is out of range or invalid; {hint}.")
     if left_out := done.refused + done.unreadable:
-        found.append(f"{left_out} messages were left out ({done.fault.rstrip('.')}).")
-    return found
+        sentences.append(f"{left_out} messages were left out ({done.fault.rstrip('.')}).")
+    return sentences
 
 
 def replay(
@@ -461,14 +461,14 @@ def _served(settings: Parameters, what_if: WhatIf, building: Callable[[float], o
 
 def _refuse_repeated(paths: Sequence[Path]) -> None:
     """Refuse a file that is given twice, by itself or within the folder of a bag."""
-    found: dict[tuple[int, int], Path] = {}
+    earlier: dict[tuple[int, int], Path] = {}
     for path in paths:
         for file in path.iterdir() if path.is_dir() else [path]:
             if file.exists():
                 key = file.stat().st_dev, file.stat().st_ino
-                if key in found:
-                    raise ReplayError(f"{path} and {found[key]} are one bag; give each bag once.")
-                found[key] = path
+                if key in earlier:
+                    raise ReplayError(f"{path} and {earlier[key]} are one bag; give each bag once.")
+                earlier[key] = path
 
 
 def _refuse_empty(done: Replayed, bags: Bags, read: CrankInput) -> None:

@@ -125,11 +125,11 @@ def advise(
     alpha3 = np.repeat(angles, len(speeds))
     columns = np.repeat(question.speeds[:, np.newaxis], len(speeds), axis=1)
     columns[_GROUND] = speeds
-    found, every = levels.over(angles, columns), np.tile(columns, len(angles))
-    reasons, texts = _reasons(levels, excitations, found, alpha3, every)
+    results, every = levels.over(angles, columns), np.tile(columns, len(angles))
+    reasons, texts = _reasons(levels, excitations, results, alpha3, every)
     load, velocity = (
         np.where(reasons, math.nan, total.astype(float))
-        for total in (found.total_load_ratio, found.total_velocity)
+        for total in (results.total_load_ratio, results.total_velocity)
     )
     permitted = [cells[-1:, -1:], cells[:-1, -1:], cells[-1:, :-1], cells[:-1, :-1]]
     chosen = np.array([smallest(load, among.ravel()) for among in permitted])
@@ -223,7 +223,7 @@ def _steps(
 def _reasons(
     levels: LevelTable,
     excitations: Sequence[Excitation],
-    found: MessageColumns,
+    results: MessageColumns,
     alpha3: FloatArray,
     speeds: FloatArray,
 ) -> tuple[NDArray[np.uint8], tuple[str, ...]]:
@@ -233,11 +233,11 @@ def _reasons(
     """
     loaded = np.array([[one.load is not None] for one in excitations])
     at_work = loaded & np.isfinite(speeds[[list(Source).index(one.source) for one in excitations]])
-    ground = found.ground_unknown
+    ground = results.ground_unknown
     inside = np.isfinite(angles_in_table(alpha3, levels.alpha3_range))
     refused = {
-        _NO_LOAD: np.isnan(found.total_load_ratio),
-        _LOST: (at_work & np.isnan(found.velocities.T)).any(axis=0),
+        _NO_LOAD: np.isnan(results.total_load_ratio),
+        _LOST: (at_work & np.isnan(results.velocities.T)).any(axis=0),
         **{str(text): ground == text for text in np.unique(ground) if text},
         _OUTSIDE: ~inside,
     }
@@ -268,11 +268,11 @@ def _probabilities(members: FloatArray) -> FloatArray:
 
     If all members agree, they may still be wrong: half a member on each side is added.
     """
-    known = np.isfinite(members) & np.isfinite(members[:, :1])
-    n, quieter = known.sum(axis=0), (known & (members < members[:, :1])).sum(axis=0)
-    found = np.where(n > 0, (quieter + 0.5) / (n + 1.0), math.nan)
-    found[NOW] = math.nan
-    return np.asarray(found)
+    finite = np.isfinite(members) & np.isfinite(members[:, :1])
+    n, quieter = finite.sum(axis=0), (finite & (members < members[:, :1])).sum(axis=0)
+    probability = np.where(n > 0, (quieter + 0.5) / (n + 1.0), math.nan)
+    probability[NOW] = math.nan
+    return np.asarray(probability)
 
 
 def _regret(chosen: FloatArray, members: FloatArray) -> float:
@@ -335,6 +335,8 @@ class Adviser:
         low, high = _LIVE_SPEEDS
         permitted = None if math.isnan(ground) else (low * ground, high * ground)
         question = Question(resonance.crank_angle, resonance.speeds, None, permitted)
-        found = advise(levels, self._monitor.excitations, question, _LIVE_SHAPE, with_regrets=False)
-        found.message.table_id = resonance.table_id
-        return found.message
+        advice = advise(
+            levels, self._monitor.excitations, question, _LIVE_SHAPE, with_regrets=False
+        )
+        advice.message.table_id = resonance.table_id
+        return advice.message

@@ -242,12 +242,12 @@ def answer_ground(
         force = is_force(place)
         point = None if force else place
         ground = GroundTable(table, mechanism, terrain, [place] if force else [], point)
-        found = ground.at(np.array([alpha3]), np.array([speed]))
-        level, acceleration = found.velocity[0], found.acceleration[0]
+        motion = ground.at(np.array([alpha3]), np.array([speed]))
+        level, acceleration = motion.velocity[0], motion.acceleration[0]
         if force:
-            level, acceleration = math.sqrt(found.forces2[0, 0]), math.nan
-        rows.append((level, acceleration, found.off_ground_share[0]))
-        reasons.append(REASONS[found.reason[0]])
+            level, acceleration = math.sqrt(motion.forces2[0, 0]), math.nan
+        rows.append((level, acceleration, motion.off_ground_share[0]))
+        reasons.append(REASONS[motion.reason[0]])
         density = np.full(len(lines), 0.0 * level)  # NaN where the level is not known
         angle = served.predictor.angle_in_table(alpha3)
         if level > 0.0 and angle is not None:

@@ -91,10 +91,10 @@ class _Modes:
             # It is (x + i y) upper + (x - i y) lower with x + i y at an output, by real products.
             both = np.concatenate([upper + lower, 1j * (upper - lower)], axis=-1)
             factors = np.stack([both.real, both.imag], axis=1)
-            found = factors @ self.outputs[members, np.newaxis]
-        found[:, 0] += far[0]
-        found[:, 1] += w * far[1]
-        return np.asarray(found)
+            responses = factors @ self.outputs[members, np.newaxis]
+        responses[:, 0] += far[0]
+        responses[:, 1] += w * far[1]
+        return np.asarray(responses)
 
 
 class Members:
@@ -164,9 +164,9 @@ class Members:
         # What the table adds to the modes of the mechanism itself.
         left = self._table_responses(around, omega[0])
         left = left - self._nominal.responses(omega[:1], loads, around)
-        found = modes.responses(omega, loads, slice(1, None))
-        found += (1.0 - share) * left[0] + share * left[1]
-        return found
+        responses = modes.responses(omega, loads, slice(1, None))
+        responses += (1.0 - share) * left[0] + share * left[1]
+        return responses
 
     def _modes(self, values: NDArray[np.float32]) -> _Modes:
         """Return the modes of values, (n, n_used), each of them of a member or at an angle."""
@@ -211,8 +211,8 @@ class Members:
                 for i, (place, value) in enumerate(zip(load.places, values.tolist(), strict=True)):
                     factor: FloatArray | float = 1.0
                     if load.mounts and value:  # the stiffness or the damping of a mount
-                        own = mounts[:, load.mounts[i], kind, "xz".index(place[1])]
-                        factor = own / own[0]
+                        coefficients = mounts[:, load.mounts[i], kind, "xz".index(place[1])]
+                        factor = coefficients / coefficients[0]
                     row[kind, :, table.places.index(place)] += value * factor
         return weights
 
@@ -249,8 +249,8 @@ class GroundMembers:
         every = np.arange(len(mounts)).repeat(len(lines))
         orders, values = [1, *[0] * (len(outputs) - 1)] * (members.n + 1), []
         for angle in self._angles.tolist():
-            found = members.at(angle).responses(omega, every, slice(None))
-            transfer = (found[:, 0] + 1j * found[:, 1]).swapaxes(1, 2)
+            responses = members.at(angle).responses(omega, every, slice(None))
+            transfer = (responses[:, 0] + 1j * responses[:, 1]).swapaxes(1, 2)
             transfer = transfer.reshape(-1, len(mounts), len(lines))
             squares = ground_squares(transfer, orders, mounts, terrain, lines)
             values.append(contract(squares, np.exp(self._speeds)))

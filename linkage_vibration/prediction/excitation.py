@@ -149,13 +149,13 @@ def excitations_from_mapping(
 
     Examples
     --------
-    >>> found = excitations_from_mapping({"shaft": {"speed": "pto", "orders": [1, 2]}})
-    >>> [(one.name, round(540 * one.ratio, 6)) for one in found]
+    >>> excitations = excitations_from_mapping({"shaft": {"speed": "pto", "orders": [1, 2]}})
+    >>> [(each.name, round(540 * each.ratio, 6)) for each in excitations]
     [('shaft 1', 9.0), ('shaft 2', 18.0)]
     """
     try:
         keys = Keys(where, mapping)
-        found = [
+        excitations = [
             excitation
             for name in keys
             for excitation in (
@@ -165,15 +165,15 @@ def excitations_from_mapping(
             )
         ]
         keys.refuse_unknown()
-        for second in [one.name for one in found if one.terrain][1:]:
+        for second in [one.name for one in excitations if one.terrain][1:]:
             raise MechanismError(
                 where, f"{second} is a second terrain, but all wheels roll on one; remove it."
             )
     except MechanismError as error:
         raise ExcitationError(str(error)) from None
-    if not found:
+    if not excitations:
         raise ExcitationError(f"{where}: there is no excitation; give at least one by its name.")
-    return tuple(found)
+    return tuple(excitations)
 
 
 def _orders(keys: Keys, name: str) -> list[Excitation]:

@@ -251,8 +251,8 @@ def _weights(squares: GroundSquares, speeds: FloatArray, lost: bool) -> NDArray[
     step = math.log(f[1] / f[0])
     # A limit between two lines cuts a part of what the nearer one stands for.
     low, high = (np.log(n * speeds) - np.log(f) for n in terrain.wavenumbers)
-    known = np.clip(0.5 + high / step, 0.0, 1.0) * np.clip(0.5 - low / step, 0.0, 1.0)
-    size = terrain.psd(f, speeds) * f * step * (1.0 - known if lost else known)
+    covered = np.clip(0.5 + high / step, 0.0, 1.0) * np.clip(0.5 - low / step, 0.0, 1.0)
+    size = terrain.psd(f, speeds) * f * step * (1.0 - covered if lost else covered)
     size[:, [0, -1]] /= 2.0
     parts = [size]
     angles = 2.0 * math.pi * f * (squares.apart[:, np.newaxis, np.newaxis] / speeds)
@@ -367,9 +367,9 @@ class GroundTable:
         every = replace(parts[0], values=np.concatenate([part.values for part in parts]))
         # The acceleration has the largest share of its power at short waves, as large as forces.
         sharpest = replace(parts[0], values=np.stack([part.values[1] for part in parts]))
-        found = contract(every, speeds).reshape(count + 1, len(places), -1)
+        squares = contract(every, speeds).reshape(count + 1, len(places), -1)
         lost = contract(sharpest, speeds, lost=True)[:, np.newaxis]
-        values = np.concatenate([found, lost], axis=1) * speeds ** (1.0 - terrain.exponent)
+        values = np.concatenate([squares, lost], axis=1) * speeds ** (1.0 - terrain.exponent)
         loads = np.broadcast_to(
             _static_loads(mechanism, mounts, angles)[..., np.newaxis],
             (count + 1, len(mounts), len(speeds)),

@@ -176,7 +176,7 @@ class ReadingWatch:
 
     def _look(self, reading: _Reading) -> None:
         """Look at a reading; see `take`."""
-        now, stamp, received, angle, velocity, known, sender = reading
+        now, stamp, received, angle, velocity, in_table, sender = reading
         window = self._window
         window.received += 1
         self.stamps_back += stamp < self._stamp
@@ -189,7 +189,7 @@ class ReadingWatch:
         if not math.isfinite(angle):
             window.invalid += 1
         else:
-            if not known:
+            if not in_table:
                 window.n_outside += 1
                 if len(window.outside) < _KEPT:
                     window.outside.append(angle)

@@ -352,9 +352,9 @@ class LevelTable:
         members, angles = self._members, angles_in_table(alpha3, self.alpha3_range)
         rows = np.flatnonzero(np.isfinite(angles))
         width = _unknown(0, len(self._inputs))[0].shape[1]
-        found = np.full((len(alpha3), self.n_members, width), math.nan)
+        quantities = np.full((len(alpha3), self.n_members, width), math.nan)
         if members is None or not len(rows):
-            return found
+            return quantities
         angles, speeds, ground = angles[rows], speeds[:, rows], None
         nominal = self._forcing_at(speeds)
         if self._ground is not None:
@@ -370,8 +370,8 @@ class LevelTable:
                 if self._ground_members is not None and not rolling.reason[0]:
                     amplitudes, speed = self._draws[0][:, self._terrain], float(speeds[_GROUND, i])
                     rolling = self._ground_members.levels(rolling, angle, speed, amplitudes)
-            self._evaluate(found[row], None, squares, modes.references[1:], forcing, rolling)
-        return found
+            self._evaluate(quantities[row], None, squares, modes.references[1:], forcing, rolling)
+        return quantities
 
     def member_totals(
         self, alpha3: FloatArray, speeds: FloatArray
@@ -600,9 +600,9 @@ def _sum(terms: FloatArray) -> FloatArray:
 
 def _mean(values: FloatArray) -> FloatArray:
     """Return the mean over members, (n, k), of (n, n_members, k); NaN if too few are known."""
-    known = ~np.isnan(values)
-    count = known.sum(axis=1)
-    mean = _sum(np.where(known, values, 0.0)) / count
+    finite = ~np.isnan(values)
+    count = finite.sum(axis=1)
+    mean = _sum(np.where(finite, values, 0.0)) / count
     return np.where(count >= _KNOWN * values.shape[1], mean, math.nan)
 
 
@@ -686,8 +686,8 @@ class _Samples:
         cells = _FIRST_CELLS
         while True:
             at, values = self._along(2 * cells)
-            found = _spline(at[::2], values[::2])(at[1::2])
-            wrong = ~(self._errors(found, values[1::2]) <= ERROR)
+            interpolated = _spline(at[::2], values[::2])(at[1::2])
+            wrong = ~(self._errors(interpolated, values[1::2]) <= ERROR)
             if not wrong.any() or cells >= _MOST_CELLS:
                 return at, values, wrong.repeat(2)
             cells *= 2
@@ -735,8 +735,8 @@ class _Samples:
         a, b, rest = frf.residues, frf.rates, frf.residual
         terms = a[0] / frf.stiffness
         static = np.abs(terms.sum(axis=1) + rest[0])
-        known = static > _STATIC * (np.abs(terms).sum(axis=1) + np.abs(rest[0]))
-        others = [rest.real, rest.imag, rate.real, np.where(known, static, math.nan)]
+        significant = static > _STATIC * (np.abs(terms).sum(axis=1) + np.abs(rest[0]))
+        others = [rest.real, rest.imag, rate.real, np.where(significant, static, math.nan)]
         return (
             np.array([frf.stiffness.real, frf.stiffness.imag, frf.decay]),
             np.array([a.real, a.imag, b.real]).transpose(0, 3, 1, 2),

@@ -51,9 +51,9 @@ def load_input(excitation: Excitation, table: Table, mechanism: Mechanism) -> Un
     load, response = excitation.load, mechanism.response
     if load is None:
         return _force((response.point, response.direction))
-    found = _input(load, mechanism, f"excitation {excitation.name}")
+    load_place = _input(load, mechanism, f"excitation {excitation.name}")
     missing = sorted(
-        {point for point, direction in found.places if (point, direction) not in table.places}
+        {point for point, direction in load_place.places if (point, direction) not in table.places}
     )
     if missing:
         raise ExcitationError(
@@ -61,7 +61,7 @@ def load_input(excitation: Excitation, table: Table, mechanism: Mechanism) -> Un
             f"{load.place} acts; name them and {response.point} in `linkage-vibration build "
             "--frf-points`, and give that table in table_file."
         )
-    return found
+    return load_place
 
 
 def _input(load: Load, mechanism: Mechanism, where: str) -> UnitLoad:
@@ -92,8 +92,8 @@ def soil_motion(name: str, mechanism: Mechanism, where: str = "") -> UnitLoad:
             "describe the tractor under base: in the mechanism, or give a force."
         )
     if (point, direction) not in soil_places(mechanism):
-        known = ", ".join(".".join(place) for place in soil_places(mechanism))
-        raise ExcitationError(f"{where}: the soil has no motion {name}; name one of: {known}.")
+        motions = ", ".join(".".join(place) for place in soil_places(mechanism))
+        raise ExcitationError(f"{where}: the soil has no motion {name}; name one of: {motions}.")
     axis = "xz".index(direction)
     mounts = [
         mount
@@ -111,7 +111,7 @@ def soil_motion(name: str, mechanism: Mechanism, where: str = "") -> UnitLoad:
 
 def _moment(body: str, mechanism: Mechanism, where: str) -> UnitLoad:
     """Return a pair of forces at two points of a rigid body, which is a moment of 1 N m on it."""
-    rigid = {one.name: one for one in mechanism.rigid_bodies}
+    rigid = {body.name: body for body in mechanism.rigid_bodies}
     if mechanism.base is not None:
         rigid["base"] = mechanism.base.body
     if body not in rigid:
@@ -127,11 +127,11 @@ def _moment(body: str, mechanism: Mechanism, where: str) -> UnitLoad:
             f"{where}: {body} has fewer than two points at which a table can have FRFs; give a "
             "force at a point."
         )
-    pairs = [(one, other) for one in points for other in points]
-    one, other = max(pairs, key=lambda pair: math.dist(points[pair[0]], points[pair[1]]))
-    (x0, z0), (x1, z1) = points[one], points[other]
-    across = np.array([-(z1 - z0), x1 - x0]) / math.dist(points[one], points[other]) ** 2
-    places: Sequence[Place] = [(point, d) for point in (one, other) for d in ("x", "z")]
+    pairs = [(first, second) for first in points for second in points]
+    first, second = max(pairs, key=lambda pair: math.dist(points[pair[0]], points[pair[1]]))
+    (x0, z0), (x1, z1) = points[first], points[second]
+    across = np.array([-(z1 - z0), x1 - x0]) / math.dist(points[first], points[second]) ** 2
+    places: Sequence[Place] = [(point, d) for point in (first, second) for d in ("x", "z")]
     kinematics = None if body == "base" else Kinematics(mechanism)
 
     def weights(alpha3: float) -> tuple[FloatArray, FloatArray]:

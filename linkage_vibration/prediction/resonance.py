@@ -283,8 +283,8 @@ class ResonanceMonitor:
         exceeds[:-1] &= self._warns
         warns = self._timer.follow(exceeds, time, self.limits.dwell)
         # The ground is near no mode, so only a load ratio says something about it.
-        known = np.where(self._rolling, ~np.isnan(ratio[:-1]), pairs.apart < math.inf)
-        state = states(ratio[:-1], pairs.apart, known, warns[:-1], self.limits)
+        assessable = np.where(self._rolling, ~np.isnan(ratio[:-1]), pairs.apart < math.inf)
+        state = states(ratio[:-1], pairs.apart, assessable, warns[:-1], self.limits)
         rank, severity = RANKS.take(state), severities(ratio[:-1], pairs.apart, self.limits)
         highest = np.maximum.reduce(rank)
         worst = np.where(rank == highest, severity, -1.0).argmax(axis=0)
@@ -407,9 +407,9 @@ class ResonanceMonitor:
                 self._factors_time = now
                 due.append(row)
             rows.append(len(due))
-        found = self.levels.factor_rows(angles[due], speeds[:, due], self.limits.warning)
-        held = self._factors if self._factors.size else found[:1]
-        factors = np.concatenate([held, found])[rows]
+        computed = self.levels.factor_rows(angles[due], speeds[:, due], self.limits.warning)
+        held = self._factors if self._factors.size else computed[:1]
+        factors = np.concatenate([held, computed])[rows]
         self._factors = factors[-1:]
         return self.levels.at(angles, speeds, factors)
 

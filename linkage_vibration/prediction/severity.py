@@ -234,8 +234,8 @@ def present_sentence(resonance: MessageColumns, excitations: Sequence[Excitation
         return f"No load is known{no_load_words(resonance, excitations)}.{tail}"
     if resonance.state != ResonanceState.WARNING:
         total = ratio_words(resonance.total_load_ratio)
-        known = "known " if rolls else ""
-        return f"All {known}loads are {total} of the static forces.{tail}"
+        qualifier = "known " if rolls else ""
+        return f"All {qualifier}loads are {total} of the static forces.{tail}"
     return f"{_warning(resonance, excitations)}{tail}"
 
 

@@ -135,12 +135,12 @@ def drive_of(
 
 def episodes(drive: Drive) -> list[Episode]:
     """Return the warnings in the order in which they were written."""
-    severity, found = drive.severity(), []
+    severity, warnings = drive.severity(), []
     for first, last in runs(drive.resonances.state == ResonanceState.WARNING, drive.passes):
         worst = first + int(severity[first:last].argmax())
         duration = float(drive.held[first:last].sum())
-        found.append(Episode(float(drive.times[first]), duration, worst))
-    return found
+        warnings.append(Episode(float(drive.times[first]), duration, worst))
+    return warnings
 
 
 def worst_message(drive: Drive) -> int:
@@ -180,12 +180,12 @@ def contributions(drive: Drive) -> list[Contribution]:
     for i, name in enumerate(drive.names):
         state, ratio = drive.resonances.states[:, i], drive.resonances.load_ratios[:, i]
         warning = state == ResonanceState.WARNING
-        known = np.isfinite(ratio)
-        worst = int(np.where(known, ratio, -1.0).argmax())
+        finite = np.isfinite(ratio)
+        worst = int(np.where(finite, ratio, -1.0).argmax())
         every.append(
             Contribution(
                 name,
-                float(ratio[worst]) if known.any() else math.nan,
+                float(ratio[worst]) if finite.any() else math.nan,
                 worst,
                 drive.time_in(warning),
                 drive.time_in(state == ResonanceState.NOTE),
@@ -251,8 +251,8 @@ def _loads(
         shortly = f" for {limits.dwell:g} s" if largest > limits.warning else ""
         sparse = shortly and bool(drive.broken.all()) and len(drive.broken) > 1
         why = f" Readings more than {GAP:g} s apart cannot warn." if sparse else ""
-        known = "known " if _not_counted(drive) else ""
-        return f"No {known}load exceeded the limit of {limit}{shortly}. {what}{why}"
+        qualifier = "known " if _not_counted(drive) else ""
+        return f"No {qualifier}load exceeded the limit of {limit}{shortly}. {what}{why}"
     return f"{_exceeded(drive, limits)}. {what} {avoid}".rstrip()
 
 
@@ -276,8 +276,8 @@ def _not_counted(drive: Drive) -> str:
     if drive.times[0] >= _LATE:
         late = f"{drive.times[0]:.1f} s"
         texts.append(f"No load is known for the first {late}, as no speed was known until then.")
-    known = np.isfinite(resonances.load_ratios).any(axis=0)
-    silent = [name for name, its in zip(drive.names, known, strict=True) if not its]
+    has_load = np.isfinite(resonances.load_ratios).any(axis=0)
+    silent = [name for name, its in zip(drive.names, has_load, strict=True) if not its]
     if silent:
         more = len(silent) - _MOST_NAMES
         names = [*silent[:_MOST_NAMES], f"{more} more"] if more > 1 else silent
@@ -404,11 +404,11 @@ class _Tried:
         """Return where the limit is exceeded, (n_angles, n_speeds); NaN where it is not known."""
         every = np.repeat(self.speeds[:, np.newaxis], len(speeds), axis=1)
         every[list(Source).index(self.source)] = speeds
-        found = self.levels.over(angles, every)
-        exceeds = (found.total_load_ratio > self.limits.warning).astype(float)
-        loads = found.load_ratios[:, self.ours]
-        known = np.isfinite(loads) | np.isnan(loads).all(axis=0)  # some never have a load
-        exceeds[(exceeds == 0.0) & ~known.all(axis=1)] = math.nan
+        levels = self.levels.over(angles, every)
+        exceeds = (levels.total_load_ratio > self.limits.warning).astype(float)
+        loads = levels.load_ratios[:, self.ours]
+        has_load = np.isfinite(loads) | np.isnan(loads).all(axis=0)  # some never have a load
+        exceeds[(exceeds == 0.0) & ~has_load.all(axis=1)] = math.nan
         return np.asarray(exceeds.reshape(len(angles), len(speeds)))
 
 

@@ -126,88 +126,88 @@ def compare(
     return Difference(a, b, a.stamps[rows_a], rows_a, rows_b, quantities, changes)
 
 
-def difference_summary(found: Difference) -> str:
+def difference_summary(delta: Difference) -> str:
     """Return a difference as a text for a terminal."""
     lines = [
-        f"A: {found.a.path}, table {found.a.table_id}",
-        f"B: {found.b.path}, table {found.b.table_id}",
-        _matched(found),
-        sentence(found),
+        f"A: {delta.a.path}, table {delta.a.table_id}",
+        f"B: {delta.b.path}, table {delta.b.table_id}",
+        _matched(delta),
+        sentence(delta),
         f"{'B - A':<30}{'largest':>14}{'at [s]':>12}{'relative':>12}{'rms':>14}  unit",
     ]
-    for name, largest, at, relative, rms, unit in _rows(found):
+    for name, largest, at, relative, rms, unit in _rows(delta):
         lines.append(f"{name:<30}{largest:>14}{at:>12}{relative:>12}{rms:>14}  {unit}")
-    for name, changed in _changed_files(found).items():
+    for name, changed in _changed_files(delta).items():
         lines += ["", f"{name}, A -> B:", *(f"  {line}" for line in changed)]
     return "\n".join(lines)
 
 
-def sentence(found: Difference) -> str:
+def sentence(delta: Difference) -> str:
     """Return in one sentence what differs most, and by how much."""
-    compared = [q for q in found.quantities if q.key[0] == "f" and q.differs]
-    if not problems(found):
+    compared = [q for q in delta.quantities if q.key[0] == "f" and q.differs]
+    if not problems(delta):
         return "The logs have equal predictions."
     if not compared:
         others = "the logs differ in other quantities or in status"
-        return f"The natural frequencies are equal; {others}{_loads(found)}."
+        return f"The natural frequencies are equal; {others}{_loads(delta)}."
     most = max(compared, key=lambda q: q.largest_relative)
     at = most.farthest or 0
-    change, times = most.largest, found.times
+    change, times = most.largest, delta.times
     text = (
         f"{most.name[0].upper()}{most.name[1:]} differs most: in B it is {abs(change):.3g} "
         f"{most.unit} ({100.0 * abs(change / most.a[at]):.2g} %) "
         f"{'higher' if change > 0.0 else 'lower'} at {clock(float(times[at]), float(times[-1]))} s"
     )
-    return f"{text}{_loads(found)}."
+    return f"{text}{_loads(delta)}."
 
 
-def _loads(found: Difference) -> str:
+def _loads(delta: Difference) -> str:
     """Return the largest load ratios of both logs, in words; empty if neither is known."""
     texts = []
-    for log, rows in ((found.a, found.rows_a), (found.b, found.rows_b)):
+    for log, rows in ((delta.a, delta.rows_a), (delta.b, delta.rows_b)):
         ratios = np.empty(0) if log.resonances is None else log.resonances.total_load_ratio[rows]
-        known = ratios[np.isfinite(ratios)]
-        texts.append(f"{known.max():.2g}" if len(known) else "not known")
+        finite = ratios[np.isfinite(ratios)]
+        texts.append(f"{finite.max():.2g}" if len(finite) else "not known")
     if set(texts) == {"not known"}:
         return ""
     return f"; the largest load ratio is {texts[0]} in A and {texts[1]} in B"
 
 
-def problems(found: Difference) -> list[str]:
+def problems(delta: Difference) -> list[str]:
     """Return a sentence that says that the logs differ, if they do."""
-    n = len(found.stamps)
-    same = len(found.a.stamps) == len(found.b.stamps) == n and not found.status_changes
-    same &= (found.a.resonances is None) == (found.b.resonances is None)
-    if same and not any(q.differs or q.one_sided for q in found.quantities):
+    n = len(delta.stamps)
+    same = len(delta.a.stamps) == len(delta.b.stamps) == n and not delta.status_changes
+    same &= (delta.a.resonances is None) == (delta.b.resonances is None)
+    if same and not any(q.differs or q.one_sided for q in delta.quantities):
         return []
     return ["The logs differ."]
 
 
-def difference_page(found: Difference) -> Page:
+def difference_page(delta: Difference) -> Page:
     """Return what a page shows of a difference."""
-    values = [values for q in found.quantities for values in (q.a, q.b, q.b - q.a)]
-    kept = thinned(values, np.array([q.farthest or 0 for q in found.quantities], dtype=np.int64))
-    times = found.times
-    gaps, jumps = gap_starts(times), found.jumps
+    values = [values for q in delta.quantities for values in (q.a, q.b, q.b - q.a)]
+    kept = thinned(values, np.array([q.farthest or 0 for q in delta.quantities], dtype=np.int64))
+    times = delta.times
+    gaps, jumps = gap_starts(times), delta.jumps
     columns: dict[str, NDArray[Any]] = {"time": times[kept]}
     readings: Items = []
-    for q in found.quantities:
+    for q in delta.quantities:
         columns |= {f"a_{q.key}": q.a[kept], f"b_{q.key}": q.b[kept]}
         readings += _readings(q)
-    for part, log, rows in (("A", found.a, found.rows_a), ("B", found.b, found.rows_b)):
+    for part, log, rows in (("A", delta.a, delta.rows_a), ("B", delta.b, delta.rows_b)):
         key = f"{part.lower()}_status"
         columns[key] = log.status[rows][kept].astype(np.uint8)
         readings.append({"id": key, "label": f"Status, {part}", "column": key, "words": STATUSES})
     content: dict[str, Any] = {
-        "charts": [chart for q in found.quantities for chart in _charts(q)],
+        "charts": [chart for q in delta.quantities for chart in _charts(q)],
         "overview": {"column": "a_angle", "factor": DEG, "label": "α3"},
         "readings": readings,
-        "brief": [f"d_{q.key}" for q in found.quantities[1:3]],
-        "answer": sentence(found),
-        "tables": [_table(found, kept)],
-        "summary": _cards(found),
+        "brief": [f"d_{q.key}" for q in delta.quantities[1:3]],
+        "answer": sentence(delta),
+        "tables": [_table(delta, kept)],
+        "summary": _cards(delta),
         "histograms": [],
-        "provenance": _provenance(found),
+        "provenance": _provenance(delta),
         "shades": [
             *([float(times[i]), float(times[i + 1]), "gap"] for i in gaps),
             *([float(times[i - 1]), float(times[i]), "jump", "clock back"] for i in jumps),
@@ -217,9 +217,9 @@ def difference_page(found: Difference) -> Page:
     }
     return Page(
         title="Two logs of one drive",
-        subtitle=f"A: {found.a.path.name}; B: {found.b.path.name}. {_matched(found)}",
+        subtitle=f"A: {delta.a.path.name}; B: {delta.b.path.name}. {_matched(delta)}",
         columns=columns,
-        start_ns=int(found.stamps[0]),
+        start_ns=int(delta.stamps[0]),
         breaks=np.unique(np.searchsorted(kept, np.concatenate([gaps + 1, jumps]))).tolist(),
         modes=[],
         content=content,
@@ -248,15 +248,15 @@ def _rows_of_same_stamps(a: IntArray, b: IntArray) -> tuple[IntArray, IntArray]:
 def _quantities(log: Log, rows: IntArray) -> dict[str, tuple[str, str, float, FloatArray]]:
     """Return the name, the unit, the factor and the values of each quantity of a log."""
     angles = np.where(np.isfinite(log.crank_angle), log.crank_angle, np.nan)
-    found = {"angle": ("crank angle", "deg", DEG, angles[rows])}
+    quantities = {"angle": ("crank angle", "deg", DEG, angles[rows])}
     for mode, values in enumerate(log.natural_frequencies[rows].T):
-        found[f"f{mode + 1}"] = (log.mode_label(mode), "Hz", 1.0, values)
-    found["peak_frequency"] = ("FRF peak frequency", "Hz", 1.0, log.peak_frequency[rows])
-    found["peak_magnitude"] = ("FRF peak", "m/N", 1.0, log.peak_magnitude[rows])
+        quantities[f"f{mode + 1}"] = (log.mode_label(mode), "Hz", 1.0, values)
+    quantities["peak_frequency"] = ("FRF peak frequency", "Hz", 1.0, log.peak_frequency[rows])
+    quantities["peak_magnitude"] = ("FRF peak", "m/N", 1.0, log.peak_magnitude[rows])
     if log.resonances is not None:
         ratios = log.resonances.total_load_ratio[rows].astype(float)
-        found["load"] = ("load ratio", "1", 1.0, ratios)
-    return found
+        quantities["load"] = ("load ratio", "1", 1.0, ratios)
+    return quantities
 
 
 def _charts(q: Quantity) -> Items:
@@ -270,8 +270,8 @@ def _charts(q: Quantity) -> Items:
     chart = {"id": q.key, "title": title, "unit": q.unit, "series": both, "key": key}
     less = {"column": f"b_{q.key}", "minus": f"a_{q.key}", "factor": q.factor, "colour": INK}
     small = {"id": f"d_{q.key}", "title": f"{title}, B \N{MINUS SIGN} A", "unit": q.unit}
-    own = {"series": [less], "guides": [0.0], "height": 90}
-    return [chart | {"log": q.unit == "m/N"}, small | own]
+    style = {"series": [less], "guides": [0.0], "height": 90}
+    return [chart | {"log": q.unit == "m/N"}, small | style]
 
 
 def _readings(q: Quantity) -> Items:
@@ -285,22 +285,22 @@ def _readings(q: Quantity) -> Items:
             reading["predicted"] = f"{part.lower()}_peak_magnitude"
         readings.append(reading | {"factor": q.factor, "digits": 8, "colour": colour})
     less = {"column": f"b_{q.key}", "minus": f"a_{q.key}", "factor": q.factor}
-    own = {"id": f"d_{q.key}", "label": "B \N{MINUS SIGN} A", "unit": q.unit, "digits": 4}
-    return [*readings, own | less]
+    heading = {"id": f"d_{q.key}", "label": "B \N{MINUS SIGN} A", "unit": q.unit, "digits": 4}
+    return [*readings, heading | less]
 
 
-def _matched(found: Difference) -> str:
-    n = len(found.stamps)
-    only_a, only_b = len(found.a.stamps) - n, len(found.b.stamps) - n
+def _matched(delta: Difference) -> str:
+    n = len(delta.stamps)
+    only_a, only_b = len(delta.a.stamps) - n, len(delta.b.stamps) - n
     return (
         f"{n} predictions have the same stamps, {only_a} are only in A, {only_b} are only in B; "
-        f"{found.status_changes} differ in status."
+        f"{delta.status_changes} differ in status."
     )
 
 
-def _rows(found: Difference) -> list[list[str]]:
+def _rows(delta: Difference) -> list[list[str]]:
     """Return name, largest difference, its time and relative size, rms and unit, as texts."""
-    times = found.times
+    times = delta.times
     return [
         [
             q.name,
@@ -310,7 +310,7 @@ def _rows(found: Difference) -> list[list[str]]:
             _digits(q.factor * q.rms, 6),
             q.unit + (f"; {q.one_sided} in one log only" if q.one_sided else ""),
         ]
-        for q in found.quantities
+        for q in delta.quantities
     ]
 
 
@@ -319,42 +319,42 @@ def _digits(value: float, count: int) -> str:
     return "" if math.isnan(value) else f"{value:.{count}g}"
 
 
-def _table(found: Difference, kept: IntArray) -> dict[str, Any]:
+def _table(delta: Difference, kept: IntArray) -> dict[str, Any]:
     rows: Items = []
-    for q, cells in zip(found.quantities, _rows(found), strict=True):
+    for q, cells in zip(delta.quantities, _rows(delta), strict=True):
         row: dict[str, Any] = {"cells": [f"{q.name} [{cells[-1]}]", *cells[1:-1]]}
         if q.differs and q.farthest is not None:
             index = int(np.searchsorted(kept, q.farthest))
-            row |= {"time": float(found.times[q.farthest]), "index": index, "length": 0.0}
+            row |= {"time": float(delta.times[q.farthest]), "index": index, "length": 0.0}
         rows.append(row)
     title, note = "Differences, B \N{MINUS SIGN} A", "Choose a row to go to its largest difference."
     head = ["quantity", "largest", "at", "relative to A", "rms"]
     return {"id": "differences", "title": title, "note": note, "head": head, "rows": rows}
 
 
-def _cards(found: Difference) -> Items:
+def _cards(delta: Difference) -> Items:
     """Return what the table of differences does not say."""
-    jumps = len(found.jumps)
+    jumps = len(delta.jumps)
     often = "once" if jumps == 1 else f"{jumps} times"
     return [{"label": "The clock jumped back", "value": often, "alert": True}] if jumps else []
 
 
-def _provenance(found: Difference) -> dict[str, Any]:
-    a, b = (dict(provenance_rows(log)) for log in (found.a, found.b))
+def _provenance(delta: Difference) -> dict[str, Any]:
+    a, b = (dict(provenance_rows(log)) for log in (delta.a, delta.b))
     rows = [["", "A", "B"]]
     rows += [[key, a.get(key, ""), b.get(key, "")] for key in dict.fromkeys([*a, *b])]
     files = [
         {"name": f"{name.capitalize()}: changed values, A -> B", "text": "\n".join(changed)}
-        for name, changed in _changed_files(found).items()
+        for name, changed in _changed_files(delta).items()
     ]
     return {"title": "What made the logs", "rows": rows, "files": files}
 
 
-def _changed_files(found: Difference) -> dict[str, list[str]]:
+def _changed_files(delta: Difference) -> dict[str, list[str]]:
     """Return the changed values of the mechanism and of the parameters; none if none changed."""
     changes = {
-        "mechanism": _changes(found.a.mechanism_text, found.b.mechanism_text),
-        "parameters": _changes(found.a.parameters_text, found.b.parameters_text),
+        "mechanism": _changes(delta.a.mechanism_text, delta.b.mechanism_text),
+        "parameters": _changes(delta.a.parameters_text, delta.b.parameters_text),
     }
     return {name: changed for name, changed in changes.items() if changed}
 

@@ -96,7 +96,7 @@ def speeds_at_drive(log: Log) -> dict[Source, FloatArray]:
     """Return the magnitude of each speed at each resonance, (n,), rpm or m/s; NaN if not known."""
     assert log.drive is not None
     unknown = np.char.split(log.drive.resonances.unknown_speeds.astype(str), ", ").tolist()
-    found = {}
+    speeds = {}
     for source, (times, values) in all_speeds(log).items():
         rows = np.searchsorted(times, log.times[log.drive.predictions], side="right") - 1
         latest = values[np.maximum(rows, 0)]
@@ -104,8 +104,8 @@ def speeds_at_drive(log: Log) -> dict[Source, FloatArray]:
             latest = np.abs(latest)
         used = (rows >= 0) & (latest >= 0.0) & (latest < np.inf)
         used &= np.array([source.value not in names for names in unknown])
-        found[source] = np.where(used, latest, np.nan)
-    return found
+        speeds[source] = np.where(used, latest, np.nan)
+    return speeds
 
 
 def real_times(log: Log) -> FloatArray:

@@ -268,20 +268,20 @@ def durations(log: Log) -> FloatArray:
 
 def problems(log: Log) -> list[str]:
     """Return a sentence for each kind of missing or invalid prediction."""
-    found = []
+    sentences = []
     if faulty := int((log.status != Status.OK).sum()):
-        found.append(f"{faulty} of {len(log.stamps)} predictions are not OK.")
+        sentences.append(f"{faulty} of {len(log.stamps)} predictions are not OK.")
     if len(log.passes):
         often = "once" if len(log.passes) == 1 else f"{len(log.passes)} times"
-        found.append(f"The clock jumped back {often}.")
+        sentences.append(f"The clock jumped back {often}.")
     if missing := gaps(log):
         longest = max(end - start for start, end in missing)
         where = "one gap of" if len(missing) == 1 else f"{len(missing)} gaps of up to"
-        found.append(f"Predictions are missing in {where} {longest:.3g} s.")
+        sentences.append(f"Predictions are missing in {where} {longest:.3g} s.")
     records = [r for name, r in log.metadata.items() if name.startswith(RECORDING_METADATA)]
     if dropped := max((int(record.get("dropped", 0)) for record in records), default=0):
-        found.append(f"The log lacks {dropped} messages that the disk was too slow to record.")
-    return found
+        sentences.append(f"The log lacks {dropped} messages that the disk was too slow to record.")
+    return sentences
 
 
 def write_csv(log: Log, path: Path) -> None:
@@ -447,11 +447,11 @@ def _read_model(
         for name, path in paths.items():
             if name.endswith((".yaml", ".yml")) and name not in (PARAMETERS, EXCITATIONS):
                 try:
-                    found = read_mechanism(path)
+                    candidate = read_mechanism(path)
                 except LinkageVibrationError:
                     continue  # This is another file, or its links refer to missing files.
-                if table is None or found.model_hash == table.model_hash:
-                    mechanism, text = found, attachments[name].decode()
+                if table is None or candidate.model_hash == table.model_hash:
+                    mechanism, text = candidate, attachments[name].decode()
         if EXCITATIONS in paths:
             # Another version of the package may have described them differently.
             with suppress(LinkageVibrationError):
@@ -462,9 +462,9 @@ def _read_model(
 def _parameters(text: str) -> dict[str, object]:
     """Return the parameters in a ROS parameter file, whatever the name of the node is."""
     try:
-        found = yaml.safe_load(text)
+        content = yaml.safe_load(text)
     except yaml.YAMLError:
         return {}
-    while isinstance(found, dict) and len(found) == 1:
-        [found] = found.values()
-    return found if isinstance(found, dict) else {}
+    while isinstance(content, dict) and len(content) == 1:
+        [content] = content.values()
+    return content if isinstance(content, dict) else {}

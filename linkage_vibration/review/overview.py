@@ -51,7 +51,7 @@ def drive_summary(log: Log) -> dict[str, Any]:
     drive = log.drive
     warnings = [] if drive is None else episodes(drive)
     parts = [] if drive is None else contributions(drive)
-    known = drive is not None and bool((drive.resonances.state != ResonanceState.STALE).any())
+    judged = drive is not None and bool((drive.resonances.state != ResonanceState.STALE).any())
     worst = None
     if drive is not None and np.isfinite(drive.resonances.total_load_ratio).any():
         row = worst_message(drive)
@@ -77,8 +77,8 @@ def drive_summary(log: Log) -> dict[str, Any]:
         "gaps": len(gaps(log)),
         "clock_jumps": len(log.passes),
         "mode_names": list(log.table.mode_names) if log.table else [],
-        "warnings": len(warnings) if known else None,
-        "in_warning_s": _rounded(sum(e.duration for e in warnings)) if known else None,
+        "warnings": len(warnings) if judged else None,
+        "in_warning_s": _rounded(sum(e.duration for e in warnings)) if judged else None,
         "excitations": [
             {
                 "name": part.name,

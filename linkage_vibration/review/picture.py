@@ -198,10 +198,10 @@ def _draw_total(ax: "Axes", log: Log, limits: WarningLimits) -> None:
     assert drive is not None
     total[np.flatnonzero(drive.broken[1:])] = np.nan
     factor = np.asarray(drive.resonances.total_load_ratio_factor, dtype=float)
-    known = np.isfinite(factor) & np.isfinite(total)
-    if known.any():
+    finite = np.isfinite(factor) & np.isfinite(total)
+    if finite.any():
         low, high = total / factor, total * factor
-        ax.fill_between(drive.times, low, high, where=known, color=palette.GREY, alpha=0.3, lw=0)
+        ax.fill_between(drive.times, low, high, where=finite, color=palette.GREY, alpha=0.3, lw=0)
     above = total > limits.warning
     parts = ground_and_orders(drive, log.excitations) or ()
     labels = "the ground", "all orders together, at most"

@@ -194,8 +194,8 @@ def _columns(log: Log, rows: IntArray, axis: TimeAxis) -> dict[str, NDArray[Any]
         if log.drive is not None and (parts := ground_and_orders(log.drive, log.excitations)):
             at = np.searchsorted(log.drive.predictions, rows, side="right") - 1
             for name, values in zip(_PARTS, parts, strict=True):
-                found = np.where(at < 0, np.nan, values[at])
-                columns[name] = found.astype(np.float32)
+                latest = np.where(at < 0, np.nan, values[at])
+                columns[name] = latest.astype(np.float32)
     return columns
 
 
@@ -310,13 +310,13 @@ def _contributions_table(
     """Return the table of excitations, by their loads; none without excitations."""
     lines, whole = [], float(real_times(log).max())
     for part in parts:
-        known = not math.isnan(part.load_ratio)
+        has_load = not math.isnan(part.load_ratio)
         assert log.drive is not None
-        at = clock(float(log.drive.times[part.worst]), whole) if known else ""
-        ratio = f"{part.load_ratio:.3f}" if known else "not known"
+        at = clock(float(log.drive.times[part.worst]), whole) if has_load else ""
+        ratio = f"{part.load_ratio:.3f}" if has_load else "not known"
         times = [f"{part.warning_time:.2f}", str(part.warnings), f"{part.note_time:.2f}"]
         line = {"cells": [part.name, ratio, at, *times], "length": 0.0}
-        lines.append(line | (_place(log, part.worst, rows, axis) if known else {}))
+        lines.append(line | (_place(log, part.worst, rows, axis) if has_load else {}))
     if not lines:
         return []
     note = (

@@ -266,19 +266,20 @@ class Predicting:
     def _judge_speeds(self, now: float) -> list[Fault]:
         """Return what was wrong with the speeds that are not fixed."""
         faults: list[Fault] = []
-        missing, known = dict[str, bool](), any(fixed is not None for fixed in self._fixed.values())
+        missing = dict[str, bool]()
+        any_known = any(fixed is not None for fixed in self._fixed.values())
         for topic in self._topics.values():
             for source, speed in topic.speeds:
                 if self._fixed[source] is None:
                     watch = self._speeds[source]
                     publishers = partial(self._publishers, topic.name)
                     faults += watch.judge(now, self.stale_after, publishers)
-                    known = known or watch.arrived
+                    any_known = any_known or watch.arrived
                     if not watch.arrived:
                         missing[watch.name] = speed.settings.chosen
         age = now - self._began
         if age > self.stale_after:
-            faults += missing_speeds(missing, age, any_known=known)
+            faults += missing_speeds(missing, age, any_known=any_known)
         return faults
 
     def _publishers(self, topic: str) -> list[str]:

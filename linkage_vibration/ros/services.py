@@ -249,18 +249,18 @@ class Services:
         )
         table_id = self._served().table.table_id
         sec, nanosec = self._node.get_clock().now().seconds_nanoseconds()
-        found = await self._away(advise, self._levels, self._excitations, question)
+        advised = await self._away(advise, self._levels, self._excitations, question)
         # The bytes of the topic, decoded, so that the service and the topic cannot differ.
-        found.message.table_id = table_id
-        encoded = encode_message(ADVICE, found.message, sec, nanosec, "")
+        advised.message.table_id = table_id
+        encoded = encode_message(ADVICE, advised.message, sec, nanosec, "")
         response.advice = deserialize_message(encoded, Advice)
-        response.regrets = _doubles(found.regrets)
-        response.crank_angles = _doubles(found.crank_angles)
-        response.ground_speeds = _doubles(found.ground_speeds)
-        response.load_ratios = _doubles(found.load_ratios)
-        response.velocities = _doubles(found.velocities)
-        response.reasons = array("B", found.reasons.tobytes())
-        response.reason_texts = list(found.reason_texts)
+        response.regrets = _doubles(advised.regrets)
+        response.crank_angles = _doubles(advised.crank_angles)
+        response.ground_speeds = _doubles(advised.ground_speeds)
+        response.load_ratios = _doubles(advised.load_ratios)
+        response.velocities = _doubles(advised.velocities)
+        response.reasons = array("B", advised.reasons.tobytes())
+        response.reason_texts = list(advised.reason_texts)
 
     async def _set_implement(
         self, request: SetImplement.Request, response: SetImplement.Response

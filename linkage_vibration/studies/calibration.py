@@ -253,11 +253,11 @@ def fit_report(calibration: CalibrationTask, result: CalibrationResult) -> str:
             stated, change = f"{result.stated[i]:{form}}", f"{round(result.moved[i], 1) + 0.0:+.1f}"
             if math.isnan(result.stated[i]):
                 stated, change = "none", ""
-            found = "unknown" if names[i] in unknown else f"{deviations[i]:{form}}"
-            found = "on a bound" if names[i] in result.on_bound else found
+            deviation = "unknown" if names[i] in unknown else f"{deviations[i]:{form}}"
+            deviation = "on a bound" if names[i] in result.on_bound else deviation
             first, *more = split_paths(names[i])
             name = first + ", ..." * bool(more)
-            lines.append(f"{name:44}{result.values[i]:12.4g}{stated:>9}{change:>15}{found:>12}")
+            lines.append(f"{name:44}{result.values[i]:12.4g}{stated:>9}{change:>15}{deviation:>12}")
     if far := [names[i] for i in np.flatnonzero(np.abs(result.moved) > _DOUBTFUL)]:
         lines.append(
             f"\nThe fit changes {', '.join(far)} by more than {_DOUBTFUL:g} stated deviations; "

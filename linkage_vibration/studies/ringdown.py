@@ -203,15 +203,15 @@ def _changes(decays: Decays, fit: DecayFit, rate: float) -> FloatArray:
         [each[: int(_EARLIER * len(each))] for each in decays],
     ]
     fewer = without_faint(decays, fit, rate, _RARE).poles
-    found = [refined(window, fit.poles, rate).poles for window in windows]
+    refits = [refined(window, fit.poles, rate).poles for window in windows]
     same = np.full(len(fit.poles), math.nan, dtype=complex)
     if len(fewer):
         apart = np.abs(np.log(fewer / fit.poles[:, np.newaxis]))
         nearest = apart.argmin(axis=1)
         mutual = apart.argmin(axis=0)[nearest] == np.arange(len(same))
         same[mutual] = fewer[nearest[mutual]]
-    found.append(same)
-    return np.asarray(np.array([_values(poles) for poles in found]) - _values(fit.poles))
+    refits.append(same)
+    return np.asarray(np.array([_values(poles) for poles in refits]) - _values(fit.poles))
 
 
 def _stddevs(decays: Decays, fit: DecayFit) -> FloatArray:

@@ -206,9 +206,9 @@ def _second_order(
 
     The last of an odd number of real poles is doubled, and the numerator cancels one.
     """
-    one, other = paired(poles)
-    n, other = len(other), np.append(other, one[len(other) :])
-    p, q, first, second = poles[one], poles[other], residues[..., one], residues[..., other]
+    left, right = paired(poles)
+    n, right = len(right), np.append(right, left[len(right) :])
+    p, q, first, second = poles[left], poles[right], residues[..., left], residues[..., right]
     second[..., n:] = 0.0
     above = -(first * q + second * p).real.astype(complex)
     rates = (first + second).real.astype(complex)

@@ -120,9 +120,11 @@ def _with_frfs(
 
     Terms have the same indices as the modes, since there is no mechanism mode.
     """
-    own = list(zip(terms, tracked.orders, tracked.shapes, strict=True))
-    both = [(each, np.delete(np.arange(len(each.damped.decay)), order)) for each, order, _ in own]
-    shapes = [each.rows @ shapes[: each.rows.shape[1]] for each, _, shapes in own]
+    tracks = list(zip(terms, tracked.orders, tracked.shapes, strict=True))
+    both = [
+        (each, np.delete(np.arange(len(each.damped.decay)), order)) for each, order, _ in tracks
+    ]
+    shapes = [each.rows @ shapes[: each.rows.shape[1]] for each, _, shapes in tracks]
     far = far_poles(
         np.concatenate([each.damped.stiffness[rest] for each, rest in both]),
         np.concatenate([each.damped.decay[rest] for each, rest in both]),
@@ -133,8 +135,8 @@ def _with_frfs(
         table,
         places=sampler.places,
         forces=sampler.forces,
-        term_stiffness=np.array([each.damped.stiffness[order] for each, order, _ in own]),
-        term_decay=np.array([each.damped.decay[order] for each, order, _ in own]),
+        term_stiffness=np.array([each.damped.stiffness[order] for each, order, _ in tracks]),
+        term_decay=np.array([each.damped.decay[order] for each, order, _ in tracks]),
         participations=np.array(shapes).astype(complex),
         far_stiffness=far.stiffness,
         far_decay=far.decay,

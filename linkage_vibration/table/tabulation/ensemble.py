@@ -117,8 +117,8 @@ class _Solver:
         exact = [_oscillating(sampler.solution(angle))[0] for angle in few]
         for self._mesh in _COARSER:
             model = self._coarse(sampler.model.mechanism)
-            found = [self._solved(model, angle).poles for angle in few]
-            if all(_agree(*both, self._limit) for both in zip(found, exact, strict=True)):
+            coarse = [self._solved(model, angle).poles for angle in few]
+            if all(_agree(*both, self._limit) for both in zip(coarse, exact, strict=True)):
                 break
         self._mass = model.system.mass
         every = _nodes(table, 2 * n_nodes - 1)
@@ -145,10 +145,10 @@ class _Solver:
 
     def member(self, mechanism: Mechanism) -> _Member:
         """Return a member: the poles of a mechanism, followed from node to node, and the rest."""
-        model, found = self._coarse(mechanism), self.unknown
+        model, member = self._coarse(mechanism), self.unknown
         if mechanism.base is not None:
             mounts = mechanism.base.mounts
-            found.mounts[:] = [(mount.stiffness, mount.damping) for mount in mounts]
+            member.mounts[:] = [(mount.stiffness, mount.damping) for mount in mounts]
         shapes: dict[int, ComplexArray] = {}
         for node in (*range(self._base, len(self.nodes)), *range(self._base - 1, -1, -1)):
             before = node + 1 if node < self._base else node - 1
@@ -163,11 +163,11 @@ class _Solver:
                 continue
             shapes[node], rows = here.shapes[:, order] * signs, here.rows[:, order] * signs
             near = (rows[:, np.newaxis] * rows[: len(self._table.places)] / here.poles[order]).real
-            found.poles[node], found.shapes[node] = here.poles[order], rows
-            found.far[node] = here.flexibility + 2.0 * near.sum(axis=2)
-            found.static[node] = here.static
-        self._check(model, found.poles)
-        return found
+            member.poles[node], member.shapes[node] = here.poles[order], rows
+            member.far[node] = here.flexibility + 2.0 * near.sum(axis=2)
+            member.static[node] = here.static
+        self._check(model, member.poles)
+        return member
 
     def _check(self, model: LinkageModel, poles: ComplexArray) -> None:
         """Note whether the poles of a member can be interpolated between two of its nodes."""
@@ -206,12 +206,12 @@ class _Solver:
         solution = model.solve(alpha3)
         poles, turn = _oscillating(solution)
         kept = slice(0, 2 * int((np.abs(poles) < self._limit).sum()) + 4)
-        own = solution.participation(self._places)
+        participation = solution.participation(self._places)
         return _Modes(
             poles[kept],
             np.asarray(solution.modes.shapes @ turn[:, kept]),
-            np.asarray(own @ turn[:, kept]),
-            own / solution.modes.omega**2 @ own[: len(self._table.places)].T,
+            np.asarray(participation @ turn[:, kept]),
+            participation / solution.modes.omega**2 @ participation[: len(self._table.places)].T,
             model.forces.at_rest(solution.configuration, solution.joining),
         )
 
