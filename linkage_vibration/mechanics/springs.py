@@ -58,7 +58,8 @@ def tension_share(spring: Spring, mechanism: Mechanism, configuration: Configura
         return 1.0
     if spring.stiffness.ends is None:
         return 1.0 / spring.stiffness.count
-    return 1.0 / (spring.stiffness.count * _lever(spring, mechanism, configuration))
+    lever = spring.stiffness.count * _lever(spring, mechanism, configuration)
+    return 1.0 / (lever or math.nan)  # A cylinder without a lever holds nothing.
 
 
 def read_stiffness(keys: Keys, stroke: tuple[float, float]) -> float | StiffnessCurve | Cylinder:
