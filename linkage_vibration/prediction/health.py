@@ -295,7 +295,7 @@ def _range(window: _Window, expected: Expected) -> list[Fault]:
 
 def _stamps(window: _Window, expected: Expected) -> list[Fault]:
     least, most = window.ages
-    advice = "synchronise the clocks, or set use_sim_time if a bag is played with its clock."
+    advice = "synchronise the clocks, or set use_sim_time exactly if a clock is published."
     sentences = []
     if window.unstamped:
         sentences.append(

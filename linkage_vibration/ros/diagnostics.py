@@ -28,6 +28,7 @@ class Health:
     state: str  # of the lifecycle
     problem: str  # why the node could not reach another state; empty if it could
     second: Second
+    clock_missing: bool = False  # whether a simulated clock has not begun
     served: Served | None = None  # these are None while the node is not configured
     predicting: Predicting | None = None
     recording: Recording | None = None
@@ -52,6 +53,11 @@ def _predictions(health: Health, statistics: Statistics) -> tuple[Level, str]:
 def _warning(health: Health, statistics: Statistics) -> str:
     """Return a sentence about the most serious reason for a warning, or an empty one."""
     second = health.second
+    if health.clock_missing:
+        return (
+            "The parameter use_sim_time is true, but no time arrives on /clock; publish it, or set "
+            "the parameter to false."
+        )
     if second.without_numbers > 0.0:
         share = 100.0 * second.without_numbers
         return f"{share:.0f} % of the crank angles have no prediction; see the node's warnings."

@@ -141,16 +141,22 @@ class LinkageVibrationNode(LifecycleNode):
             settings = changed(self._settings, asked, configured=configured)
             if configured:
                 topics = live_topics(settings, self.resolve_topic_name)
+                check_output_topics(topics, self.resolve_topic_name)
                 input_topics(topics)  # which need their definitions
         except LinkageVibrationError as error:
             return SetParametersResult(successful=False, reason=str(error))
         result = SetParametersResult(successful=True)
+        before = [self.get_parameter_or(parameter.name) for parameter in asked]
         if asked:
             result = super().set_parameters_atomically(asked)
         if result.successful:
+            try:
+                self._apply(settings, topics)
+            except LinkageVibrationError as error:
+                super().set_parameters_atomically(before)
+                return SetParametersResult(successful=False, reason=str(error))
             for parameter in parameter_list:
                 self._faults.pop(parameter.name, None)
-            self._apply(settings, topics)
         return result
 
     def set_parameters(self, parameter_list: "list[Parameter[Any]]") -> list[SetParametersResult]:
@@ -424,19 +430,23 @@ class LinkageVibrationNode(LifecycleNode):
         return Provenance(files, {**package_versions(), **facts, **implement_facts(served)})
 
     def _apply(self, settings: Parameters, topics: dict[str, LiveTopic]) -> None:
-        """Use other parameters from now on, with the topics of their inputs."""
+        """Use other parameters and the topics of their inputs, or keep the old ones."""
         before, self._settings = self._settings, settings
-        if settings.service_events != before.service_events:
-            self._publish_service_events()
-        if self._predicting is None or self._recording is None:
-            return
-        if settings != before:
+        predicting, recording = self._predicting, self._recording
+        if predicting is not None and recording is not None and settings != before:
             provenance = self._provenance(self._serving())
             with self._listener.paused():
                 for topic in input_topics(topics):
-                    self._recording.recorder.add_topic(topic)
-                self._predicting.apply(settings, topics)
-                self._recording.recorder.change_provenance(provenance)
+                    recording.recorder.add_topic(topic)
+                try:
+                    predicting.apply(settings, topics)
+                except LinkageVibrationError:  # a topic cannot be subscribed to
+                    self._settings = before
+                    predicting.apply(before, live_topics(before, self.resolve_topic_name))
+                    raise
+                recording.recorder.change_provenance(provenance)
+        if settings.service_events != before.service_events:
+            self._publish_service_events()
 
     def _on_second(self) -> None:
         now, counts = time.monotonic(), self._statistics
@@ -450,6 +460,7 @@ class LinkageVibrationNode(LifecycleNode):
             self._state,
             self.problem,
             counts.since_last_time(now),
+            not self.get_clock().now().nanoseconds,
             self._served,
             self._predicting,
             self._recording,

@@ -16,6 +16,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from linkage_vibration.prediction.settings import ParameterError
 from linkage_vibration.ros.endpoints import subscribe
 
 WAKE_PERIOD = 1.0  # s; without a limit, the events executor blocks the other threads
@@ -56,7 +57,14 @@ class Listener:
 
     def subscribe(self, kind: Any, topic: str, on_message: Callable[..., None], depth: int) -> None:
         """Subscribe to a topic; see `linkage_vibration.ros.endpoints.subscribe`."""
-        subscription = subscribe(self._node, kind, topic, on_message, input_depth=depth)
+        try:
+            subscription = subscribe(self._node, kind, topic, on_message, input_depth=depth)
+        except RuntimeError:  # of rcl; DDS has one type for each topic in a process
+            raise ParameterError(
+                f"Topic {topic} cannot be read as {kind.__module__.partition('.')[0]}/msg/"
+                f"{kind.__name__}, because this process uses it with another type; choose another "
+                "topic, or its type."
+            ) from None
         # The executor does not know this event, so that it cannot come while it is destroyed.
         with suppress(UnsupportedEventTypeError), subscription.handle:
             kind = QoSSubscriptionEventType.RCL_SUBSCRIPTION_MESSAGE_LOST

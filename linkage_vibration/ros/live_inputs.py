@@ -61,15 +61,15 @@ def live_topics(settings: Parameters, resolve: Callable[[str], str]) -> dict[str
 def check_output_topics(inputs: Iterable[str], resolve: Callable[[str], str]) -> None:
     """Raise a `ParameterError` if an output is on the topic of an input or of another output.
 
-    ``inputs`` has absolute names. Remapping alone, which ``resolve`` applies, can cause that.
+    ``inputs`` has absolute names, and ``resolve`` applies remappings.
     """
     used = dict.fromkeys(inputs, "an input")
     for output in OUTPUT_TOPICS:
         name = resolve(output.name)
         if name in used:
             raise ParameterError(
-                f"{output.name} is remapped to {name}, which is the topic of {used[name]} already; "
-                "remap it to another name."
+                f"Topic {name} is that of both {used[name]} and the output {output.name}; choose "
+                "another topic for one of them."
             )
         used[name] = output.name
 

@@ -119,7 +119,7 @@ def changed(settings: Parameters, asked: "list[Parameter[Any]]", *, configured: 
     """
     _check_sim_time(asked)
     for parameter in asked:
-        if parameter.name.startswith("qos_overrides."):
+        if parameter.name.partition(".")[0] == "qos_overrides":
             raise ParameterError(f"Parameter {parameter.name} is read at the start; give it there.")
     requested = {p.name: p.value for p in asked if not is_ros_parameter(p.name)}
     new = with_values(settings, requested)

@@ -78,7 +78,10 @@ def test_refusals_end_the_process(start: Callable[..., Any]) -> None:
         (["-p", "sign:=3"], "Parameter sign must be 1 or -1, not 3"),
         (["-p", "offset:=.nan"], "Parameter offset must be"),
         (["-p", "table_file:=/none.npz"], "/none.npz: cannot be read"),
-        (["-r", "~/prediction:=/joint_states"], "is remapped to /joint_states, which is the topic"),
+        (
+            ["-r", "~/prediction:=/joint_states"],
+            "is that of both an input and the output",
+        ),
         (["-p", "log_directory:=/none"], "log_directory must be a folder to which the node"),
     ],
 )

@@ -288,7 +288,10 @@ def test_nothing_is_watched(tractor: Tractor, start: Callable[..., Any]) -> None
 
 
 def test_clock_that_goes_forward(tractor: Tractor, start: Callable[..., Any]) -> None:
-    """A simulated clock that begins late, or goes on by 9 s, has not jumped; one by 492 s has."""
+    """A simulated clock that begins late, or goes on by 9 s, has not jumped; one by 492 s has.
+
+    Before it begins, a status says that no time arrives.
+    """
     node = start(name="simulated", use_sim_time=True, hitch_topic="/simulated_joints")
     simulated = Tractor(tractor.peer, tractor.folder, "simulated")
     joints = tractor.peer.node.create_publisher(JointState, "/simulated_joints", SENSOR)
@@ -301,6 +304,8 @@ def test_clock_that_goes_forward(tractor: Tractor, start: Callable[..., Any]) ->
 
         return publish
 
+    missing = "use_sim_time is true, but no time arrives on /clock"
+    simulated.wait_for("predictions", WARN, missing, lambda i: simulated.say(2.0, publisher=joints))
     for second in (100, 109):
         simulated.wait_for("predictions", OK, "Predicting", publish_at(second))
     simulated.wait_for("predictions", WARN, "The clock has jumped", publish_at(601))

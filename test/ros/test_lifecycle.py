@@ -265,6 +265,35 @@ def test_parameters_are_checked_before_they_are_set(
     assert node.get_parameter("engine_speed").value == 1800.0
 
 
+@pytest.mark.parametrize(
+    ("topic", "words"),
+    [
+        (
+            "/here/resonance",
+            "Topic /here/resonance is that of both an input and the output",
+        ),
+        ("/parameter_events", "Topic /parameter_events cannot be read as std_msgs/msg/Float64"),
+    ],
+)
+def test_topics_of_the_node_itself_are_refused(
+    managed: Callable[..., Any], topic: str, words: str
+) -> None:
+    """DDS has one type for a topic in a process; a refused one leaves the node as it was."""
+    node = managed()
+    assert node.trigger_configure() is SUCCESS
+    assert node.trigger_activate() is SUCCESS
+    before, settings = entities(node), node._settings
+    result = node.set_parameters_atomically(
+        [Parameter("service_events", value="metadata"), Parameter("engine_topic", value=topic)]
+    )
+    assert not result.successful
+    assert words in result.reason
+    assert node.get_parameter("engine_topic").value == ""
+    assert node.get_parameter("service_events").value == "none"
+    assert (entities(node), node._settings) == (before, settings)
+    assert node.set_parameters([Parameter("engine_topic", value="/rpm")])[0].successful
+
+
 def test_descriptors(managed: Callable[..., Any]) -> None:
     """`ros2 param describe` shows unit, range and meaning."""
     node = managed()
