@@ -157,11 +157,7 @@ def scenes() -> dict[str, Scene]:
 
 
 def model_squares(
-    model: LinkageModel,
-    scene: Scene,
-    built: Table,
-    amplitudes: FloatArray,
-    frequencies: FloatArray,
+    model: LinkageModel, scene: Scene, built: Table, amplitudes: FloatArray, frequencies: FloatArray
 ) -> FloatArray:
     """Return squares of velocities, then of load ratios of each pin, (1 + n_pins, m, n).
 

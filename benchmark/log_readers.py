@@ -44,11 +44,7 @@ Message = tuple[str, int, int, Any]
 def topic(name: str, type_name: str) -> Topic:
     """Return a topic as the node describes it."""
     return Topic(
-        name,
-        type_name,
-        message_definition(type_name),
-        type_hash(type_name),
-        offered_qos_profiles(),
+        name, type_name, message_definition(type_name), type_hash(type_name), offered_qos_profiles()
     )
 
 

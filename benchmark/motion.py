@@ -134,9 +134,7 @@ def _true_direction(
 def _counted(pairs: Sequence[tuple[float, float]]) -> Directions:
     said, true = np.array(pairs).T
     return Directions(
-        int((said == true).sum()),
-        int(((said != true) & (said != 0)).sum()),
-        int((said == 0).sum()),
+        int((said == true).sum()), int(((said != true) & (said != 0)).sum()), int((said == 0).sum())
     )
 
 

@@ -71,10 +71,7 @@ def blueprint() -> rrb.Blueprint:
             overrides={prediction: modes, resonance: [severe]},
         ),
         rrb.TimeSeriesView(
-            name="Load ratio",
-            origin="/",
-            contents=[resonance],
-            overrides={resonance: loads},
+            name="Load ratio", origin="/", contents=[resonance], overrides={resonance: loads}
         ),
         rrb.TimeSeriesView(
             name="Crank angle [rad]",

@@ -34,11 +34,7 @@ from linkage_vibration.prediction.verdict import Drive, contributions, episodes
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.review.log import read_log
-from linkage_vibration.support.resources import (
-    DEFAULT_EXCITATIONS,
-    DEFAULT_MECHANISM,
-    config_file,
-)
+from linkage_vibration.support.resources import DEFAULT_EXCITATIONS, DEFAULT_MECHANISM, config_file
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -59,12 +59,7 @@ NOT_RUN = {
     "twine": "releases are made by hand",
 }
 # Pages with commands that take longer than everything else together.
-SLOW = {
-    "docs/calibration.md",
-    "docs/measure_your_hitch.md",
-    "docs/plan.md",
-    "docs/reproduction.md",
-}
+SLOW = {"docs/calibration.md", "docs/measure_your_hitch.md", "docs/plan.md", "docs/reproduction.md"}
 
 
 # Pages whose commands print what the blocks of text below them show.
@@ -113,9 +108,7 @@ def installed_by(page: Path) -> frozenset[str]:
 
 
 @pytest.fixture(scope="module")
-def environment_of(
-    tmp_path_factory: pytest.TempPathFactory,
-) -> Callable[[Path], dict[str, str]]:
+def environment_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Path], dict[str, str]]:
     """Return a function that makes the environment of a page, or returns one that is the same."""
     folder = tmp_path_factory.mktemp("wheel")
     unwanted = shutil.ignore_patterns(".*", "__pycache__", "*.egg-info", "build", "install", "log")

@@ -118,8 +118,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made = shutil.ignore_patterns(".*", "__pycache__", "*.egg-info", "build", "install", "log")
     shutil.copytree(ROOT, source, ignore=made)
     subprocess.run(
-        [sys.executable, "-m", "pip", "wheel", "-qq", "--no-deps", "-w", folder, source],
-        check=True,
+        [sys.executable, "-m", "pip", "wheel", "-qq", "--no-deps", "-w", folder, source], check=True
     )
     (built,) = folder.glob("*.whl")
     return built

@@ -16,12 +16,7 @@ from benchmark.speed.scene import MODES, Rows, Scene, eleven
 from linkage_vibration.mechanics.components import Component
 from linkage_vibration.mechanics.fbs import component_frf, couple_frfs
 from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.mechanics.response import (
-    PoleResidue,
-    far_poles,
-    in_reach,
-    pole_residue,
-)
+from linkage_vibration.mechanics.response import PoleResidue, far_poles, in_reach, pole_residue
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]

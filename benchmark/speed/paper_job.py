@@ -24,16 +24,7 @@ from tqdm import tqdm
 from benchmark.report import RESULTS, machine, publish, table
 from benchmark.speed import coupled, peers
 from benchmark.speed.assembled import sparse_frf
-from benchmark.speed.scene import (
-    LINES,
-    MECHANISM,
-    SWEEP,
-    Rows,
-    Scene,
-    changed,
-    eleven,
-    frf_error,
-)
+from benchmark.speed.scene import LINES, MECHANISM, SWEEP, Rows, Scene, changed, eleven, frf_error
 from benchmark.speed.timing import Spread, pin_threads, seconds, spread, turns
 from benchmark.speed.train import train
 from linkage_vibration.drawing.palette import COLOURS, INK

@@ -111,12 +111,7 @@ class SdynpyFrfs:
     """
 
     def __init__(
-        self,
-        model: LinkageModel,
-        lines: FloatArray,
-        rows: Rows = eleven,
-        *,
-        held: bool = False,
+        self, model: LinkageModel, lines: FloatArray, rows: Rows = eleven, *, held: bool = False
     ) -> None:
         sdynpy = _load_sdynpy()
         self._model, self._rows, self._held = model, rows, held

@@ -13,13 +13,7 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import linear_sum_assignment
 
 from benchmark.report import table
-from benchmark.stability.damping_pictures import (
-    Near,
-    Stroke,
-    Sweep,
-    draw_meetings,
-    draw_sweeps,
-)
+from benchmark.stability.damping_pictures import Near, Stroke, Sweep, draw_meetings, draw_sweeps
 from linkage_vibration.mechanics.description import Spring
 from linkage_vibration.mechanics.model import LinkageModel, Solution
 from linkage_vibration.mechanics.modes import damp_modes

@@ -13,13 +13,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from benchmark.report import table
-from benchmark.stability.static_limit import (
-    ALPHA3,
-    PLACES,
-    component_frfs,
-    linkage,
-    picture_of,
-)
+from benchmark.stability.static_limit import ALPHA3, PLACES, component_frfs, linkage, picture_of
 from linkage_vibration.drawing.palette import COLOURS, GREY, INK
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.components import Component

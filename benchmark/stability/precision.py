@@ -17,13 +17,7 @@ from scipy.linalg import eigh
 from scipy.sparse.linalg import eigsh
 
 from benchmark.report import table
-from benchmark.stability.static_limit import (
-    ALPHA3,
-    PLACES,
-    component_frfs,
-    linkage,
-    plain_lm_fbs,
-)
+from benchmark.stability.static_limit import ALPHA3, PLACES, component_frfs, linkage, plain_lm_fbs
 from linkage_vibration.drawing.palette import COLOURS, GREY
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.bodies.beam import Beam, Segment, beam_matrices

@@ -332,10 +332,7 @@ def _tables(mechanism: Mechanism) -> str:
 
 
 def _draw(
-    errors: _Errors,
-    ratios: dict[str, FloatArray],
-    changes: dict[str, FloatArray],
-    picture: Path,
+    errors: _Errors, ratios: dict[str, FloatArray], changes: dict[str, FloatArray], picture: Path
 ) -> None:
     from matplotlib.figure import Figure
 

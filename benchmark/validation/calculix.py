@@ -146,11 +146,7 @@ class _Deck:
         return {point: first + i for i, point in enumerate(places)}
 
     def _link(
-        self,
-        link: Link,
-        configuration: Configuration,
-        mesh: SolidMesh,
-        pins: Mapping[str, int],
+        self, link: Link, configuration: Configuration, mesh: SolidMesh, pins: Mapping[str, int]
     ) -> list[tuple[int, int]]:
         """Add a link tied to its pins; return its fixed rotations."""
         x, z = configuration.place(link.name, (0.0, 0.0))

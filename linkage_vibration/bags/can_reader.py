@@ -15,13 +15,7 @@ from linkage_vibration.bags.can_signals import SIGNALS, CanSignal
 from linkage_vibration.bags.cdr import Layout, Layouts
 from linkage_vibration.bags.dbc import dbc_signal
 from linkage_vibration.bags.message_types import CAN_FRAME
-from linkage_vibration.bags.numbers import (
-    Integers,
-    LeftOut,
-    MessageNumber,
-    NumberReader,
-    Numbers,
-)
+from linkage_vibration.bags.numbers import Integers, LeftOut, MessageNumber, NumberReader, Numbers
 from linkage_vibration.bags.schemas import FieldError
 from linkage_vibration.bags.streams import Block, Bytes
 

@@ -23,14 +23,7 @@ from linkage_vibration.bags.numbers import (
     Numbers,
     ReadingError,
 )
-from linkage_vibration.bags.schemas import (
-    NUMBERS,
-    Schema,
-    SchemaField,
-    Step,
-    find_path,
-    has_header,
-)
+from linkage_vibration.bags.schemas import NUMBERS, Schema, SchemaField, Step, find_path, has_header
 from linkage_vibration.bags.streams import Block
 
 _STRUCT = {"f8": "d", "f4": "f", "i1": "b", "i2": "h", "i4": "i", "i8": "q"}

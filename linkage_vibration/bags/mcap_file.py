@@ -24,13 +24,7 @@ from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from linkage_vibration.bags.mcap_records import (
-    CHUNK,
-    MAGIC,
-    MESSAGE_INDEX,
-    MESSAGE_RECORD,
-    RECORD,
-)
+from linkage_vibration.bags.mcap_records import CHUNK, MAGIC, MESSAGE_INDEX, MESSAGE_RECORD, RECORD
 from linkage_vibration.bags.writing import LIBRARY, ROSBAG2_METADATA, Topic, rosbag2_metadata
 
 Integers = NDArray[np.int64]

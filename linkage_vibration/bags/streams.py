@@ -30,18 +30,8 @@ from numpy.typing import NDArray
 
 from linkage_vibration.bags.can_logs import CanLog
 from linkage_vibration.bags.mcap_file import decompressed, message_heads
-from linkage_vibration.bags.mcap_records import (
-    MESSAGE,
-    MESSAGE_INDEX,
-    MESSAGE_RECORD,
-    RECORD,
-)
-from linkage_vibration.bags.reading import (
-    BagError,
-    bag_errors,
-    bag_reader,
-    mcap_files,
-)
+from linkage_vibration.bags.mcap_records import MESSAGE, MESSAGE_INDEX, MESSAGE_RECORD, RECORD
+from linkage_vibration.bags.reading import BagError, bag_errors, bag_reader, mcap_files
 from linkage_vibration.bags.schemas import Schema, schema_of_store
 
 if TYPE_CHECKING:

@@ -27,12 +27,7 @@ def run(options: argparse.Namespace) -> int:
     """Print the angles, and draw the picture; return the exit code."""
     import numpy as np
 
-    from linkage_vibration.studies.pose import (
-        angle_rows,
-        category_text,
-        cylinder_rows,
-        force_rows,
-    )
+    from linkage_vibration.studies.pose import angle_rows, category_text, cylinder_rows, force_rows
     from linkage_vibration.support.atomic_files import check_output
 
     source = mechanism_file(options)

@@ -30,10 +30,7 @@ _ANGLES, _MAP = 181, (91, 161)  # angles of a curve; angles and speeds of a map
 
 
 def draw_mechanism(
-    predictor: Predictor,
-    levels: LevelTable,
-    excitations: Sequence[Excitation],
-    limit: float,
+    predictor: Predictor, levels: LevelTable, excitations: Sequence[Excitation], limit: float
 ) -> tuple["Figure", list[str]]:
     """Draw modes, orders and load ratios; return the figure, and a sentence for each source.
 

@@ -56,10 +56,7 @@ class Assembly:
     """
 
     def __init__(
-        self,
-        components: Sequence[Component | FrfComponent],
-        held: BoolArray,
-        joining: Joining,
+        self, components: Sequence[Component | FrfComponent], held: BoolArray, joining: Joining
     ) -> None:
         kept = joining.compatibility[:, ~held].any(axis=1)
         rigid, _ = independent_rows(joining.compatibility[kept], 0.0)

@@ -20,13 +20,7 @@ from scipy.interpolate import CubicSpline
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray
-from linkage_vibration.mechanics.closure import (
-    NEAR,
-    Pins,
-    cannot_close,
-    closed_angles,
-    pose_notice,
-)
+from linkage_vibration.mechanics.closure import NEAR, Pins, cannot_close, closed_angles, pose_notice
 from linkage_vibration.mechanics.description import GROUND, Mechanism, MechanismError, Point
 
 _STEP = 0.3  # arc length, with lengths scaled by the largest body; about 10 deg of rotation

@@ -83,11 +83,7 @@ class LinkageModel:
     """
 
     def __init__(
-        self,
-        mechanism: Mechanism,
-        *,
-        reduced: bool = True,
-        kinematics: Kinematics | None = None,
+        self, mechanism: Mechanism, *, reduced: bool = True, kinematics: Kinematics | None = None
     ) -> None:
         self.mechanism = mechanism
         self.kinematics = kinematics or Kinematics(mechanism)

@@ -71,11 +71,7 @@ def rigid_motions(
     for dof in dofs:
         x, z = places[dof.point]
         rows.append(
-            {
-                "x": [1.0, 0.0, -z],
-                "z": [0.0, 1.0, x],
-                "theta": [0.0, 0.0, 1.0],
-            }[dof.direction]
+            {"x": [1.0, 0.0, -z], "z": [0.0, 1.0, x], "theta": [0.0, 0.0, 1.0]}[dof.direction]
         )
     return np.array(rows)
 

@@ -425,9 +425,7 @@ def searched(band: tuple[float, float], *, free: bool) -> tuple[float, float]:
 
 
 def in_reach(
-    stiffness: FloatArray | ComplexArray,
-    band: tuple[float, float],
-    decay: FloatArray | None = None,
+    stiffness: FloatArray | ComplexArray, band: tuple[float, float], decay: FloatArray | None = None
 ) -> BoolArray:
     """Return which modes are in a band (Hz), or too close above it for far poles, (n_modes,).
 

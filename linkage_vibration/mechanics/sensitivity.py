@@ -169,11 +169,7 @@ class Sensitivity:
         return values, power, forms, (size / (2.0 * math.pi), ratios, logs, changes)
 
     def _forms(
-        self,
-        solution: Solution,
-        joins: Joins,
-        shapes: Numbers,
-        weights: Numbers,
+        self, solution: Solution, joins: Joins, shapes: Numbers, weights: Numbers
     ) -> Numbers:
         """Return the changes of psi_j^T Z_i psi_i with the forces of the constraints.
 

@@ -21,12 +21,7 @@ from linkage_vibration.mechanics.model import LinkageModel, Place
 from linkage_vibration.mechanics.modes import MECHANISM
 from linkage_vibration.mechanics.parsing import again_from_mapping
 from linkage_vibration.prediction.excitation import Excitation
-from linkage_vibration.prediction.ground import (
-    REASONS,
-    GroundTable,
-    ground_lines,
-    ground_spectrum,
-)
+from linkage_vibration.prediction.ground import REASONS, GroundTable, ground_lines, ground_spectrum
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.table.table import Table

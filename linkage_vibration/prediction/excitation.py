@@ -120,9 +120,7 @@ def no_profile(name: str) -> Spectrum:
 
 
 def excitations_from_mapping(
-    mapping: object,
-    where: str = "excitations",
-    read_profile: ReadProfile = no_profile,
+    mapping: object, where: str = "excitations", read_profile: ReadProfile = no_profile
 ) -> tuple[Excitation, ...]:
     """Return the excitations that a mapping describes.
 

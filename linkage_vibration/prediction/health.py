@@ -47,18 +47,9 @@ _PLAUSIBLE = {
     Source.GROUND: (0.0, 25.0),
 }
 """The range of speeds of an engine, a PTO shaft or a tractor that is not at rest, rpm or m/s."""
-_AGREEMENT = {
-    HITCH: (0.03, "rad"),
-    ENGINE: (50.0, "rpm"),
-    PTO: (20.0, "rpm"),
-    GROUND: (0.3, "m/s"),
-}
+_AGREEMENT = {HITCH: (0.03, "rad"), ENGINE: (50.0, "rpm"), PTO: (20.0, "rpm"), GROUND: (0.3, "m/s")}
 """Differences between publishers up to these are noise."""
-_OTHER_UNITS = {
-    Source.ENGINE: "rad/s or Hz",
-    Source.PTO: "rad/s or Hz",
-    Source.GROUND: "km/h",
-}
+_OTHER_UNITS = {Source.ENGINE: "rad/s or Hz", Source.PTO: "rad/s or Hz", Source.GROUND: "km/h"}
 
 
 _Reading = tuple[float, int, int, float, float, bool, str]

@@ -44,11 +44,7 @@ _DECAY = 0.98  # the largest residual counts less by this factor with each new m
 _RESIDUALS = 6  # so many are needed to know the noise, or that a motion is smooth
 
 _CRANK = 1.0, 0.01  # rad/s^2, such as of a lift of 90 deg in 3 s, and rad
-_SPEEDS = {
-    Source.ENGINE: (250.0, 1.0),
-    Source.PTO: (250.0, 1.0),
-    Source.GROUND: (2.0, 0.1),
-}
+_SPEEDS = {Source.ENGINE: (250.0, 1.0), Source.PTO: (250.0, 1.0), Source.GROUND: (2.0, 0.1)}
 """Usual bend, rpm/s^2 or m/s^3, and coarsest resolution, rpm or m/s."""
 
 

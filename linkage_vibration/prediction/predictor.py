@@ -308,12 +308,7 @@ class Predictor:
         return Shares(*np.array(parts).reshape(4, 2, self._n_modes))
 
     def _parts(
-        self,
-        angle: float,
-        stddev: float,
-        values: list[float],
-        slopes: list[float],
-        error: float,
+        self, angle: float, stddev: float, values: list[float], slopes: list[float], error: float
     ) -> tuple[list[float], ...]:
         """Return the parts of the standard deviations of values, each (2 n_modes,)."""
         n = self._n_modes

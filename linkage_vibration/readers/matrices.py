@@ -62,9 +62,7 @@ _FASTEST = 1e30  # 1/s2 or 1/s, greatest plausible ratio to the mass
 
 
 def read_matrices(
-    path: Path,
-    dofs: Sequence[InterfaceDof] | None = None,
-    modes: int | None = None,
+    path: Path, dofs: Sequence[InterfaceDof] | None = None, modes: int | None = None
 ) -> Matrices:
     """Read and check the matrices of a component from ``.npz``.
 

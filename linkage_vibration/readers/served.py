@@ -9,12 +9,7 @@ from pathlib import Path
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.messages.fields import message_fields
 from linkage_vibration.messages.topics import TABLE_INFO
-from linkage_vibration.prediction.answers import (
-    Described,
-    Implements,
-    Served,
-    with_implement,
-)
+from linkage_vibration.prediction.answers import Described, Implements, Served, with_implement
 from linkage_vibration.prediction.excitation import Excitation, ExcitationError
 from linkage_vibration.prediction.ground import vertical_mounts
 from linkage_vibration.prediction.loads import load_input

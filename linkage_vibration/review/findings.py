@@ -14,12 +14,7 @@ from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.severity import WarningLimits
-from linkage_vibration.prediction.verdict import (
-    avoidance,
-    drive_sentence,
-    episodes,
-    worst_message,
-)
+from linkage_vibration.prediction.verdict import avoidance, drive_sentence, episodes, worst_message
 from linkage_vibration.review.log import Log
 
 _HEIGHTS = 91, 1  # heights and speeds that are tried for the sentence

@@ -30,11 +30,7 @@ from linkage_vibration.prediction.excitation import Excitation
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.provenance import attachments, implement_facts
 from linkage_vibration.prediction.resonance import ResonanceMonitor
-from linkage_vibration.prediction.settings import (
-    NODE_NAME,
-    ParameterError,
-    Parameters,
-)
+from linkage_vibration.prediction.settings import NODE_NAME, ParameterError, Parameters
 from linkage_vibration.readers.excitations import excitation_files
 from linkage_vibration.readers.served import read_loads, read_served
 from linkage_vibration.ros.diagnostics import Health, statuses

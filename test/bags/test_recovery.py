@@ -29,13 +29,7 @@ from test.support.mcap_damage import DAMAGES, example_logs, intact, read_message
 
 FLOAT = "std_msgs/msg/Float64"
 TOPICS = [
-    Topic(
-        name,
-        FLOAT,
-        message_definition(FLOAT),
-        type_hash(FLOAT),
-        offered_qos_profiles(),
-    )
+    Topic(name, FLOAT, message_definition(FLOAT), type_hash(FLOAT), offered_qos_profiles())
     for name in ("/a", "/b")
 ]
 COUNT = 400

@@ -146,10 +146,7 @@ def test_plan_chooses_and_measures(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "remedy"),
     [
-        (
-            ("replay", "a.mcap", "-o", "x.csv"),
-            r"use x\.mcap",
-        ),
+        (("replay", "a.mcap", "-o", "x.csv"), r"use x\.mcap"),
         (("replay", "a.mcap", "-o", "x.db3"), r"use x\.mcap\.$"),
         (("review", "a.mcap", "-o", "x.csv"), r"use x\.html"),
         (("review", "a.mcap", "--csv", "x.mcap"), r"use x\.csv"),

@@ -396,10 +396,7 @@ def test_signal_during_an_import(files: Path, name: str, number: signal.Signals)
 def test_ended_export_leaves_no_folder(files: Path) -> None:
     """A folder that a command created is removed if a signal ends it, but no folder with files."""
     for folder in ("new/inner", "old/inner"):
-        with (
-            pytest.raises(SystemExit),
-            new_folder(Path(folder), OutputError),
-        ):
+        with pytest.raises(SystemExit), new_folder(Path(folder), OutputError):
             if "old" in folder:
                 Path("old/mine").touch()
             raise SystemExit(143)

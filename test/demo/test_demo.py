@@ -39,15 +39,7 @@ def demo(output: Path, *arguments: str) -> str:
         for name, value in os.environ.items()
         if name not in ("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE")
     }
-    command = [
-        sys.executable,
-        "-m",
-        "linkage_vibration.cli",
-        "demo",
-        "-o",
-        str(output),
-        *arguments,
-    ]
+    command = [sys.executable, "-m", "linkage_vibration.cli", "demo", "-o", str(output), *arguments]
     result = subprocess.run(
         command, env=environment, capture_output=True, text=True, timeout=600, check=False
     )

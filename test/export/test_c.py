@@ -507,11 +507,7 @@ def test_command(tmp_path: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch) -
     ],
 )
 def test_command_that_cannot_be_run(
-    tmp_path: Path,
-    capsys: Any,
-    monkeypatch: pytest.MonkeyPatch,
-    arguments: list[str],
-    words: str,
+    tmp_path: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch, arguments: list[str], words: str
 ) -> None:
     """What is wrong is an error of one sentence."""
     monkeypatch.chdir(tmp_path)

@@ -16,11 +16,7 @@ from linkage_vibration.cli.main import main
 from linkage_vibration.export.c_source import c_files, description_of
 from linkage_vibration.export.constants import constants_of, fewer_cells, single
 from linkage_vibration.export.evaluation import exported
-from linkage_vibration.prediction.excitation import (
-    Excitation,
-    Source,
-    excitations_from_mapping,
-)
+from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor, predict_many
 from linkage_vibration.prediction.resonance import ResonanceMonitor, ResonanceState
@@ -39,11 +35,7 @@ from test.support.programs import require
 
 ORDERS = tuple(one for one in read_excitations(config_file("excitations.yaml")) if not one.terrain)
 CASES = {
-    "tractor with amplitudes": (
-        DEFAULT_MECHANISM,
-        DEFAULT_TABLE,
-        ORDERS,
-    ),
+    "tractor with amplitudes": (DEFAULT_MECHANISM, DEFAULT_TABLE, ORDERS),
     "paper without amplitudes": (
         PAPER_MECHANISM,
         PAPER_TABLE,

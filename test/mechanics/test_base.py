@@ -263,9 +263,7 @@ def test_hardest_mounts_hold_the_base(clamped: LinkageModel) -> None:
         np.testing.assert_allclose(near, expected, rtol=1e-6)
 
 
-def test_hash_of_a_linkage_without_base_is_that_before_bases_existed(
-    clamped: LinkageModel,
-) -> None:
+def test_hash_of_a_linkage_without_base_is_that_before_bases_existed(clamped: LinkageModel) -> None:
     """The table that ships was built before; with a base the hash differs."""
     with np.load(config_file("tables/three_point_linkage.npz")) as stored:
         text = str(stored["metadata"]) if "metadata" in stored else str(dict(stored))

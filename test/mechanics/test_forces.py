@@ -97,11 +97,7 @@ def rigid_statics(alpha3: float) -> dict[str, float]:
     steel = 7800.0
     bodies: list[tuple[float, Array, dict[str, float]]] = [  # mass, centre, and signs of pins
         (2 * steel * 0.05 * 0.032 * 0.81, (p1 + e1) / 2, {"P1": 1, "V1": 1, "E1": 1}),
-        (
-            steel * math.pi / 4 * (0.08**2 - 0.04**2) * 0.52,
-            (p2 + e2) / 2,
-            {"P2": 1, "E2": 1},
-        ),
+        (steel * math.pi / 4 * (0.08**2 - 0.04**2) * 0.52, (p2 + e2) / 2, {"P2": 1, "E2": 1}),
         (2 * steel * 0.02 * 0.036 * 0.203, (p3 + v2) / 2, {"P3": 1, "V2": 1}),
         (2 * steel * math.pi / 4 * 0.029**2 * 0.534, (v2 + v1) / 2, {"V2": -1, "V1": -1}),
         (800.0, centre, {"E1": -1, "E2": -1}),

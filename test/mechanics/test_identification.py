@@ -268,12 +268,7 @@ LOW = np.array([0.8, 3.0, 3.5, 7.0, 150.0])
 
 @pytest.mark.parametrize(
     ("modes", "share"),
-    [
-        ([0, 1, 2, 3, 4], 0.0),
-        ([0, 1, 2, 3, 4], 1e-3),
-        ([1, 2, 3, 4], 0.01),
-        ([1, 3, 4], 0.05),
-    ],
+    [([0, 1, 2, 3, 4], 0.0), ([0, 1, 2, 3, 4], 1e-3), ([1, 2, 3, 4], 0.01), ([1, 3, 4], 0.05)],
 )
 def test_modes_below_ten_hertz(modes: list[int], share: float) -> None:
     """Modes from 0.8 Hz on come out beside one at 150 Hz, fewer in more noise."""

@@ -111,11 +111,7 @@ def assert_same_resonances(
     angle, velocity, times = np.array(asked, object).reshape(-1, 3).T
     predictions = predict_many(predictor, angle.astype(float), np.zeros(len(asked)))
     resonances = monitors[1].assess_many(
-        predictions,
-        velocity.astype(float),
-        times.astype(np.int64),
-        reported,
-        np.zeros(len(asked)),
+        predictions, velocity.astype(float), times.astype(np.int64), reported, np.zeros(len(asked))
     )
     stamps = -1 - np.arange(len(asked), dtype=np.int32), (times % SECOND).astype(np.uint32)
     found: list[list[bytes]] = [[] for _ in asked]

@@ -48,10 +48,7 @@ def test_orders_of_shafts_and_tyres() -> None:
         ({None: {"speed": "pto", "orders": [1]}}, "excitations: the key None is not text"),
         ({"a": {"speed": "pto", "orders": [True]}}, r"excitations.a.orders\[0\]"),
         ({"a": {"speed": "pto", "orders": [1], "ratio": -1}}, "excitations.a.ratio"),
-        (
-            {"a": {"speed": "pto", "orders": [1], "gear": 2}},
-            "a.gear: this key is not known",
-        ),
+        ({"a": {"speed": "pto", "orders": [1], "gear": 2}}, "a.gear: this key is not known"),
         ({"a": {"speed": "ground", "orders": [1]}}, "excitations.a.rolling_radius"),
         (
             {"a": {"speed": "ground", "orders": [1], "rolling_radius": 800}},

@@ -475,8 +475,7 @@ def test_limits_of_readings_that_agree() -> None:
 
 
 @pytest.mark.parametrize(
-    ("age", "words"),
-    [(-0.09, ""), (-0.11, "in the future"), (0.99, ""), (1.01, "1.0 s old")],
+    ("age", "words"), [(-0.09, ""), (-0.11, "in the future"), (0.99, ""), (1.01, "1.0 s old")]
 )
 def test_limits_of_the_age_of_stamps(age: float, words: str) -> None:
     """Stamps may be 0.1 s ahead, and as old as a reading may be."""

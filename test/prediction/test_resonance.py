@@ -14,11 +14,7 @@ from hypothesis import strategies as st
 
 from linkage_vibration.messages.encoding import encode_message
 from linkage_vibration.messages.topics import RESONANCE
-from linkage_vibration.prediction.excitation import (
-    Excitation,
-    Source,
-    excitations_from_mapping,
-)
+from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
 from linkage_vibration.prediction.predictor import Prediction, Predictor, predict_many
 from linkage_vibration.prediction.resonance import (
     ReportedSpeed,

@@ -247,10 +247,7 @@ def test_each_source_that_warned_is_to_be_avoided(
     states = [WARNING, CLEAR, WARNING]
     found = drive(states, [0.7, 0.0, 0.5], excitation=names, load_ratios=ratios)
     nan = math.nan
-    speeds = {
-        Source.PTO: np.array([540.0, nan, nan]),
-        Source.ENGINE: np.array([nan, nan, 1990.0]),
-    }
+    speeds = {Source.PTO: np.array([540.0, nan, nan]), Source.ENGINE: np.array([nan, nan, 1990.0])}
     text = avoidance(found, LIMITS, excitations, levels, speeds)
     assert "Avoid PTO speeds of " in text
     assert "Avoid engine speeds of " in text

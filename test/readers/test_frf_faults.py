@@ -245,10 +245,7 @@ def test_random_links(seeds: range) -> None:
     sound = results["none"]
     assert sound.refused == {True: 0, False: 0}
     assert sound.tried[True] >= 0.5 * len(seeds)
-    least = {
-        "magnitudes of accelerances": 0.99,
-        "exp(-i omega t)": 0.8,
-    }
+    least = {"magnitudes of accelerances": 0.99, "exp(-i omega t)": 0.8}
     for fault in FAULTS:
         found = results[fault]
         assert share(found) >= (least.get(fault, 1.0) if seeds == MANY else 0.4), fault

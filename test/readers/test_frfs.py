@@ -204,10 +204,7 @@ BAD_UFF: dict[str, tuple[Callable[[], list[dict[str, Any]]], str]] = {
         lambda: [*functions(), functions()[1]],
         "has the FRF of response A x to a force at A z twice",
     ),
-    "unequal frequencies": (
-        short,
-        r"response B x to a force at A z has other frequencies than",
-    ),
+    "unequal frequencies": (short, r"response B x to a force at A z has other frequencies than"),
     "millimetres by label": (
         lambda: first(ordinate_axis_units_lab="mm/s^2"),
         r"response A x to a force at A x has the unit 'mm/s\^2', not the SI unit of an accel",
@@ -305,10 +302,7 @@ BAD_NPZ: dict[str, tuple[dict[str, Any], str]] = {
         {"frf": -(OMEGA**2) * receptance(FREQUENCIES[1:])},
         r"belongs to a mass of .* convert it to m/N over Hz if it is in .*, an acceleration",
     ),
-    "mobility": (
-        {"frf": 1j * OMEGA * receptance(FREQUENCIES[1:])},
-        "belongs to a mass of",
-    ),
+    "mobility": ({"frf": 1j * OMEGA * receptance(FREQUENCIES[1:])}, "belongs to a mass of"),
     "one line": (
         {"frequencies": FREQUENCIES[1:2], "frf": receptance(FREQUENCIES[1:2])},
         "has 1 frequencies; give 2 or more",

@@ -65,10 +65,7 @@ def test_implements_are_read(mechanism: Mechanism, tmp_path: Path) -> None:
         ({}, "implements: names no implement; add one."),
         ({1: PLOUGH}, "implements: the key 1 is not text"),
         ([], "implements: [] is not a mapping"),
-        (
-            {"plough": {**PLOUGH, "centre_of_gravity": {**TAPE, "E1": 9.0}}},
-            "apart",
-        ),
+        ({"plough": {**PLOUGH, "centre_of_gravity": {**TAPE, "E1": 9.0}}}, "apart"),
     ],
 )
 def test_errors_name_the_place(

@@ -239,10 +239,7 @@ BAD = {
         change("stiffness", six_digits),
         r"stiffness is not positive semi-definite .* write every digit \(%\.17g\)",
     ),
-    "negative damping": (
-        change("damping", lambda c: -c),
-        "damping is not positive semi-definite",
-    ),
+    "negative damping": (change("damping", lambda c: -c), "damping is not positive semi-definite"),
 }
 
 

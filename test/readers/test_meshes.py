@@ -338,10 +338,7 @@ BAD: dict[str, tuple[Callable[[str], str], str]] = {
         lambda text: re.sub(r"( 4 2 3 3) (\d+) ", r"\1 0 ", text, count=1),
         "inverted elements|elements on nodes that it does not have",
     ),
-    "huge counts": (
-        replaced("$Nodes\n20", "$Nodes\n2000000000"),
-        "has the number 2000000000",
-    ),
+    "huge counts": (replaced("$Nodes\n20", "$Nodes\n2000000000"), "has the number 2000000000"),
     "not a number": (
         lambda text: re.sub(r"^2 0 ", "2 nan ", text, flags=re.MULTILINE),
         "coordinates are not finite",
@@ -404,10 +401,7 @@ def test_missing_extra(tmp_path: Path, module: str, monkeypatch: pytest.MonkeyPa
 
 @pytest.mark.parametrize(("version", "order"), [("2.2", 1), ("4.1", 1), ("4.1", 2)])
 def test_spoilt_files(
-    tmp_path: Path,
-    version: str,
-    order: int,
-    mutations: Callable[[bytes, int], Iterator[bytes]],
+    tmp_path: Path, version: str, order: int, mutations: Callable[[bytes, int], Iterator[bytes]]
 ) -> None:
     """Each of 200 damaged files is read or gives one sentence; nothing else is raised."""
     path = write_bar(tmp_path / "bar.msh", (3, 1, 1), order=order, version=version)

@@ -21,13 +21,7 @@ from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.settings import Parameters
-from linkage_vibration.review.log import (
-    ReviewError,
-    durations,
-    gaps,
-    read_log,
-    write_csv,
-)
+from linkage_vibration.review.log import ReviewError, durations, gaps, read_log, write_csv
 from linkage_vibration.support.resources import PAPER_MECHANISM, PAPER_TABLE, config_file
 from linkage_vibration.table.table import load_table
 from test.support.messages import read_messages

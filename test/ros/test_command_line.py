@@ -78,18 +78,12 @@ def test_refusals_end_the_process(start: Callable[..., Any]) -> None:
         (["-p", "sign:=3"], "Parameter sign must be 1 or -1, not 3"),
         (["-p", "offset:=.nan"], "Parameter offset must be"),
         (["-p", "table_file:=/none.npz"], "/none.npz: cannot be read"),
-        (
-            ["-r", "~/prediction:=/joint_states"],
-            "is that of both an input and the output",
-        ),
+        (["-r", "~/prediction:=/joint_states"], "is that of both an input and the output"),
         (["-p", "log_directory:=/none"], "log_directory must be a folder to which the node"),
     ],
 )
 def test_refusals(
-    environment: dict[str, str],
-    arguments: list[str],
-    words: str,
-    capfd: pytest.CaptureFixture[str],
+    environment: dict[str, str], arguments: list[str], words: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """Whatever prevents the start, the node ends with a sentence and exit code 1."""
     assert run(["node", "--ros-args", *arguments], lambda: False) == 1

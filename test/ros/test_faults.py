@@ -111,9 +111,7 @@ class Tractor:
 
 @pytest.fixture(scope="module")
 def tractor(
-    start: Callable[..., Any],
-    meet: Callable[[str], Any],
-    tmp_path_factory: pytest.TempPathFactory,
+    start: Callable[..., Any], meet: Callable[[str], Any], tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Tractor]:
     """Return a tractor with a node that watches it."""
     folder = tmp_path_factory.mktemp("logs")

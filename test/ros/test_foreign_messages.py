@@ -23,14 +23,7 @@ from linkage_vibration.prediction.settings import Parameters, with_values
 from linkage_vibration.testing.bag_checks import Limits, check_bag
 from linkage_vibration_interfaces.msg import Resonance, VibrationPrediction
 from test.support.interface_packages import built_package, environment_with, import_here
-from test.support.ros_process import (
-    JOINT,
-    RunningNode,
-    documented,
-    own_context,
-    start_node,
-    until,
-)
+from test.support.ros_process import JOINT, RunningNode, documented, own_context, start_node, until
 
 ISOBUS = documented("node.md", "engine_input: ros2_isobus")
 SETTINGS = with_values(Parameters(), ISOBUS)

@@ -268,10 +268,7 @@ def test_parameters_are_checked_before_they_are_set(
 @pytest.mark.parametrize(
     ("topic", "words"),
     [
-        (
-            "/here/resonance",
-            "Topic /here/resonance is that of both an input and the output",
-        ),
+        ("/here/resonance", "Topic /here/resonance is that of both an input and the output"),
         ("/parameter_events", "Topic /parameter_events cannot be read as std_msgs/msg/Float64"),
     ],
 )

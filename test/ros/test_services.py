@@ -306,11 +306,7 @@ def test_implement_with_progress(bench: Bench) -> None:
     old, progress = bench.served[0].table.table_id, list[float]()
     client: Any = ActionClient(bench.peer, SetImplementAction, f"{NODE}/set_implement")
     assert client.wait_for_server(LIMIT)
-    for mass, ended in (
-        (1200.0, CANCELED),
-        (1200.0, SUCCEEDED),
-        (-1.0, ABORTED),
-    ):
+    for mass, ended in ((1200.0, CANCELED), (1200.0, SUCCEEDED), (-1.0, ABORTED)):
         progress.clear()
         wanted = SetImplementAction.Goal(mass=mass, inertia=300.0)
         hear = lambda message: progress.append(message.feedback.progress)  # noqa: E731

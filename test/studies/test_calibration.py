@@ -528,8 +528,5 @@ def test_targets_of_a_file(tmp_path: Path) -> None:
     )
     (tmp_path / "fit.yaml").write_text(text)
     found = read_calibration(tmp_path / "fit.yaml")
-    assert found.targets == (
-        Target(2, math.pi / 2.0, 3.5, 0.01),
-        Target(3, "lowest", 4.0, 0.2),
-    )
+    assert found.targets == (Target(2, math.pi / 2.0, 3.5, 0.01), Target(3, "lowest", 4.0, 0.2))
     assert found.parameters == (Parameter(HEIGHT, 0.02, 0.1),)

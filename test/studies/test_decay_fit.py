@@ -8,13 +8,7 @@ import numpy as np
 import pytest
 
 from linkage_vibration.mechanics.arrays import FloatArray
-from linkage_vibration.studies.decay_fit import (
-    fit_decays,
-    gains,
-    refined,
-    variance,
-    without_faint,
-)
+from linkage_vibration.studies.decay_fit import fit_decays, gains, refined, variance, without_faint
 
 RATE = 50.0  # Hz
 POLES = np.array([-0.6 + 7.0j, -0.8 + 9.0j, -2.0 + 60.0j])  # rad/s

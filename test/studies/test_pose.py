@@ -10,12 +10,7 @@ from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.kinematics import Kinematics
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
-from linkage_vibration.studies.pose import (
-    angle_rows,
-    category_text,
-    cylinder_rows,
-    force_rows,
-)
+from linkage_vibration.studies.pose import angle_rows, category_text, cylinder_rows, force_rows
 from test.mechanics.test_closure import four_bar_mapping
 from test.mechanics.test_forces import CANTILEVER, model_of
 from test.mechanics.test_springs import propped, thrusts

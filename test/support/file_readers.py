@@ -192,11 +192,7 @@ def _tables() -> Seeds:
 def _chain() -> dict[str, FloatArray]:
     """Return the matrices of three masses on a line, joined by springs; the last is internal."""
     spring = np.array([[1.0, 0.0, -1.0], [0.0, 1.0, -1.0], [-1.0, -1.0, 2.0]])
-    return {
-        "mass": np.diag([2.0, 2.0, 1.0]),
-        "stiffness": 1e7 * spring,
-        "damping": 30.0 * spring,
-    }
+    return {"mass": np.diag([2.0, 2.0, 1.0]), "stiffness": 1e7 * spring, "damping": 30.0 * spring}
 
 
 def _saved_npz(**arrays: Any) -> bytes:

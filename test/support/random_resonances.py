@@ -88,10 +88,7 @@ def random_drive(seed: int) -> list[Message]:
 
 
 def _message(
-    rng: np.random.Generator,
-    now: int,
-    states: NDArray[Any],
-    known: NDArray[Any],
+    rng: np.random.Generator, now: int, states: NDArray[Any], known: NDArray[Any]
 ) -> Message:
     """Return a message whose excitations have these states."""
     drawn = np.float32(rng.lognormal(-1.5, 1.0, len(states)))

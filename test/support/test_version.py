@@ -11,11 +11,7 @@ from pathlib import Path
 import pytest
 
 import linkage_vibration
-from linkage_vibration.support.version import (
-    OLDEST,
-    OldLibraryError,
-    check_versions,
-)
+from linkage_vibration.support.version import OLDEST, OldLibraryError, check_versions
 
 SENTENCE = (
     "linkage_vibration needs numpy 1.26.4 or later, but 1.26.3 is installed; "

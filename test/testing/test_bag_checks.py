@@ -42,11 +42,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def rewritten(
-    log: Path,
-    path: Path,
-    keep: "np.ndarray",
-    delays: "np.ndarray",
-    empty: Sequence[str] = (),
+    log: Path, path: Path, keep: "np.ndarray", delays: "np.ndarray", empty: Sequence[str] = ()
 ) -> Path:
     """Write joint states of a log, and predictions that were sent after a delay, s."""
     with log.open("rb") as file:

@@ -11,9 +11,7 @@ from linkage_vibration.mechanics.keys import Keys
 BodyReader = Callable[[Keys, dict[str, Point]], Body]
 """Reads a body from the keys of its link and the link's points."""
 
-BODIES: dict[str, BodyReader] = {
-    "material": beam.read,
-}
+BODIES: dict[str, BodyReader] = {"material": beam.read}
 """The key by which a link is known to be of a kind, and what reads that kind.
 
 Bodies from files, whose key is ``file``, are listed in `readers.mechanism`.

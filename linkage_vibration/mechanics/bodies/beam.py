@@ -56,10 +56,7 @@ class Beam:
         """Return the component of the beam, as `description.Body.component` says."""
         try:
             matrices = beam_matrices(
-                self,
-                link.points,
-                rotations=mechanism.rotations(link.name),
-                masses=link.masses,
+                self, link.points, rotations=mechanism.rotations(link.name), masses=link.masses
             )
         except MechanismError as error:
             raise MechanismError(f"links.{link.name}.{error.path}", error.problem) from None

@@ -41,13 +41,7 @@ class Matrices(Body):
         return component_of(link, mechanism, body, reduced=reduced)
 
 
-def component_of(
-    link: Link,
-    mechanism: Mechanism,
-    body: Matrices,
-    *,
-    reduced: bool,
-) -> Component:
+def component_of(link: Link, mechanism: Mechanism, body: Matrices, *, reduced: bool) -> Component:
     """Order the coordinates of one of a link's equal bodies, reduce them, and damp the result."""
     wanted = mechanism.interface_dofs(link)
     first = link.positions(wanted, body.dofs)

@@ -28,11 +28,7 @@ def heights(at: FloatArray, sizes: FloatArray, band: tuple[float, float]) -> Flo
 
 
 def row_errors(
-    rows: FloatArray,
-    exact: FloatArray,
-    n_modes: int,
-    band: tuple[float, float],
-    least: float = 0.0,
+    rows: FloatArray, exact: FloatArray, n_modes: int, band: tuple[float, float], least: float = 0.0
 ) -> FloatArray:
     """Return the largest relative errors of values and of the highest peak, (2,).
 

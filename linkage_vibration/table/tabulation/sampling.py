@@ -20,11 +20,7 @@ from linkage_vibration.table.pole_cells import oscillating, values_of
 from linkage_vibration.table.table import TableError
 from linkage_vibration.table.tabulation.accuracy import LOOSER, Accuracy
 from linkage_vibration.table.tabulation.peaks import SILENT, heights
-from linkage_vibration.table.tabulation.subspaces import (
-    PoleSample,
-    mass_root,
-    sample_poles,
-)
+from linkage_vibration.table.tabulation.subspaces import PoleSample, mass_root, sample_poles
 
 _REMEMBERED = 64  # So many solutions of the model are kept.
 _SPARE = 4  # So many further modes may continue a tracked one.
@@ -87,10 +83,7 @@ class Sampler:
     """Solves a model at stroke variables (`interpolation.stroke_variable`), each once."""
 
     def __init__(
-        self,
-        model: LinkageModel,
-        points: Sequence[str] | None,
-        progress: Callable[[float], object],
+        self, model: LinkageModel, points: Sequence[str] | None, progress: Callable[[float], object]
     ) -> None:
         self.model = model
         # The names and the deviations of modes use the same solutions; each takes up to megabytes.
@@ -281,12 +274,7 @@ class Sampler:
         return replace(sample, terms=self._terms(solution))
 
     def _sample(
-        self,
-        alpha3: float,
-        modes: Modes,
-        ratios: FloatArray,
-        elastic: IntArray,
-        drive: PoleResidue,
+        self, alpha3: float, modes: Modes, ratios: FloatArray, elastic: IntArray, drive: PoleResidue
     ) -> Sample:
         band, name = self.response.peak_band, self.model.mechanism.name
         reach = int(in_reach(modes.omega[elastic] ** 2, self.response.band).sum())
