@@ -15,14 +15,7 @@ for name in ("pyuff", "meshio", "skfem", "rosbags"):
     pytest.importorskip(name, reason="reads or writes files of one kind (extras uff, fe and bags)")
 
 from linkage_vibration.errors import LinkageVibrationError  # noqa: E402
-from test.support.damage import (  # noqa: E402
-    ACCEPTED,
-    BOMBS,
-    REFUSED,
-    damaged,
-    read_outcome,
-    write_files,
-)
+from test.support.damage import ACCEPTED, BOMBS, REFUSED, damaged, read_outcome, write_files  # noqa: E402
 from test.support.file_readers import Reader, all_readers  # noqa: E402
 
 READERS = {reader.name: reader for reader in all_readers()}
