@@ -26,6 +26,7 @@ ROOMS = [
     "export",
     "drawing",
     "playback",
+    "listening",
     "review",
     "testing",
     "studies",
