@@ -14,6 +14,7 @@ from linkage_vibration.mechanics.springs import length_and_rate, oil_pressure
 
 _STEEL, _WIDEST = 7850.0, 6.0  # kg/m3 and m: no implement is a solid bar of steel of this width
 _PUMP = 200e5  # Pa; the pumps of tractors reach about this pressure
+_NO_LEVER = 1e-6  # m; a shorter lever of a cylinder is rounding
 _BESIDE = 0.5  # A centre of gravity is beside two pins beyond this share of their distance.
 
 
@@ -48,9 +49,14 @@ def _overload(mechanism: Mechanism, over: Sequence[Configuration]) -> Iterator[s
     loads = []
     for at in over:
         _, lever = length_and_rate(springs[0], mechanism, at)
+        if abs(lever) < _NO_LEVER:
+            angle = math.degrees(at.alpha3)
+            text = f"has no lever at alpha3 = {angle:.0f} deg, so it holds nothing there"
+            yield f"{springs[0].name} {text}; check where its ends are."
+            return
         bodies = mechanism.rigid_bodies
         rates = [body.mass * at.place_rate(body.name, body.centre_of_gravity)[1] for body in bodies]
-        tension = -GRAVITY * sum(rates) / (cylinder.count * lever or math.nan)
+        tension = -GRAVITY * sum(rates) / (cylinder.count * lever)
         loads.append((oil_pressure(cylinder, tension), lever, math.degrees(at.alpha3)))
     if any(math.isnan(pressure) for pressure, *_ in loads):
         text = "would have to pull, but no oil is locked on the side of its rod"

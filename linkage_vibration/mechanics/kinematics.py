@@ -61,16 +61,16 @@ class Toggle:
 class KinematicsError(LinkageVibrationError):
     """The linkage cannot close at the requested angle alpha3, rad.
 
-    `nearest` is the end of the range in which it closes, on that side; None if the linkage closes
-    at every angle and the requested value is not an angle. `question` is that of `unit_question`.
+    `nearest` is the end of the range in which it closes, on that side; None if the requested value
+    is not a finite angle. `question` is that of `unit_question`.
     """
 
     def __init__(self, alpha3: float, nearest: Toggle | None, question: str = "") -> None:
-        advice = "give a finite angle."
+        text = f"alpha3 = {alpha3} is not an angle; give a finite one."
         if nearest is not None:
-            advice = f"the nearest angle at which it can is its toggle at {nearest}."
-        problem = f"The linkage cannot close at alpha3 = {math.degrees(alpha3):.3f} deg"
-        super().__init__(f"{problem}; {advice} {question}".rstrip())
+            text = f"The linkage cannot close at alpha3 = {math.degrees(alpha3):.3f} deg; the "
+            text += f"nearest angle at which it can is its toggle at {nearest}. {question}".rstrip()
+        super().__init__(text)
         self.alpha3 = alpha3
         self.nearest = nearest
 
@@ -294,7 +294,7 @@ class Kinematics:
         return np.asarray(np.arcsin(np.clip(share, -1.0, 1.0)))
 
     def _out_of_reach(self, alpha3: float) -> KinematicsError:
-        if self.toggles is None:
+        if self.toggles is None or not math.isfinite(alpha3):
             return KinematicsError(alpha3, None)
         low, high = self.toggles
         below = alpha3 - low.alpha3 < high.alpha3 - alpha3

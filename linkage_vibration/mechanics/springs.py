@@ -137,11 +137,13 @@ def spring_line(
     first, second = _ends(spring, mechanism)
     away = configuration.place(*second) - configuration.place(*first)
     length = math.hypot(*away)
-    if length < _SAME_PLACE and len(spring.points) == 2:
+    if length < _SAME_PLACE:
+        between = len(spring.points) == 2
+        hint = "put it on the joint instead" if between else "correct base_end or rod_end"
         raise MechanismError(
             f"springs.{spring.name}",
             f"its two ends meet at alpha3 = {math.degrees(configuration.alpha3):.3f} deg, so "
-            "that it has no direction there; put it on the joint instead.",
+            f"that it has no direction there; {hint}.",
         )
     return away / length, length
 

@@ -17,10 +17,10 @@ _YIELD = 250e6  # Pa; a static stress above that of plain steel is no real one
 # Of ISO 730, by category, m: mast height, lift range, pins at E1 and their distance. The page
 # docs/your_own_hitch.md says where each number was found, and which ones could not be verified.
 _ISO_730 = {
-    1: ("0.460 m (not verified)", 0.610, "22 mm thick and 0.683 m apart (not verified)"),
-    2: ("0.610 m", 0.650, "28 mm thick and 0.825 m apart"),
-    3: ("0.685 m", 0.735, "36.6 mm thick and 0.965 m apart"),
-    4: ("0.685 m (not verified)", 0.760, "50.8 mm thick and 1.166 m apart"),
+    1: ("0.460 m (not verified; ", 0.610, "22 mm thick and 0.683 m apart (not verified)"),
+    2: ("0.610 m (", 0.650, "28 mm thick and 0.825 m apart"),
+    3: ("0.685 m (", 0.735, "36.6 mm thick and 0.965 m apart"),
+    4: ("0.685 m (not verified; ", 0.760, "50.8 mm thick and 1.166 m apart"),
 }
 
 
@@ -91,7 +91,7 @@ def category_text(mechanism: Mechanism, kinematics: Kinematics, category: int) -
             )
             break
     return (
-        f"Category {category} in ISO 730 has a mast of {mast} (here: {here}), and a lift range of "
+        f"Category {category} in ISO 730 has a mast of {mast}here: {here}), and a lift range of "
         f"{lift:.3f} m (not verified; here: {moves}). Its lower pins are {pins}."
     )
 
@@ -108,6 +108,11 @@ def force_rows(model: LinkageModel, angles: Sequence[float]) -> str:
             for name, stress in model.forces.stresses_at_rest(configuration, joining).items():
                 stresses[stress] = f"{name} at alpha3 = {math.degrees(alpha3):.2f} deg"
     text = _aligned(rows)
+    if any("nan" in row for row in rows):
+        text += (
+            "\nNothing holds the linkage against its weight where forces are nan; give the crank "
+            "`clamped`, a spring, or a cylinder with a lever."
+        )
     worst = max((stress for stress in stresses if not math.isnan(stress)), default=0.0)
     if worst > _YIELD:
         text += (

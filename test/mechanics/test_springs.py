@@ -15,7 +15,7 @@ from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.mechanics.springs import length_and_rate, spring_stiffness
 from linkage_vibration.support.resources import config_file
 from test.mechanics.test_forces import LEVER
-from test.support.bob import BOB
+from test.support.bob import ARM, BOB, MASS
 
 # The crank (0.203 m long, about P3) is pushed by two cylinders that stand on the tractor.
 OIL = {
@@ -136,6 +136,35 @@ def test_a_cylinder_that_cannot_pull_is_doubted() -> None:
     assert "strut would have to pull" in propped(10.0, 2.0).notice
     assert propped(10.0, 2.0, rod=0.03).notice == ""
     assert propped(10.0, -2.0).notice == ""
+
+
+def jointed(**cylinder: Any) -> LinkageModel:
+    """Return a body about the origin that a cylinder on its pin holds, from below."""
+    oil = {"bore": 0.05, "stroke": 1.0, "closed_length": 0.5, "bulk_modulus": 1e9}
+    ends = {"base_end": [0.3, -1.0], "rod_end": [0.3, 0.0]}
+    spring = {"joint": "P", "cylinder": {**oil, **ends, **cylinder}}
+    mapping = {**LEVER, "ground": {"P": [0.0, 0.0]}, "springs": {"strut": spring}}
+    return LinkageModel(mechanism_from_mapping(mapping))
+
+
+def test_a_cylinder_without_a_lever_holds_nothing() -> None:
+    """With its rod at the pin its force is not known, and the notice says why; 1 cm holds."""
+    model = jointed(rod_end=[0.0, 0.0])
+    assert np.isnan(model.static_forces(0.0)).all()
+    notice = "strut has no lever at alpha3 = -10 deg, so it holds nothing there"
+    assert model.notice.startswith(notice)
+    held = jointed(rod_end=[0.01, 0.0])
+    lever = 0.01 / math.hypot(0.29, 1.0)
+    assert held.static_forces(0.0) == pytest.approx(MASS * 9.80665 * ARM / lever, rel=1e-6)
+    assert held.notice == ""
+
+
+def test_a_cylinder_whose_ends_meet_is_refused() -> None:
+    """It has no direction there, so the error says which ends to correct."""
+    model = jointed(base_end=[0.0, 0.0], rod_end=[0.0, 0.0])
+    with pytest.raises(MechanismError, match=r"ends meet .* correct base_end or rod_end") as caught:
+        model.solve(0.0)
+    assert caught.value.path == "springs.strut"
 
 
 def test_curve_passes_through_its_values() -> None:

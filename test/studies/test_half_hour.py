@@ -5,12 +5,14 @@
 import math
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
+from scipy.stats import binom, norm
 
 from linkage_vibration.cli.main import main
 from linkage_vibration.mechanics.model import LinkageModel
@@ -66,6 +68,33 @@ def true_hitch(mapping: dict[str, Any], path: Path, seed: int) -> dict[str, Any]
     return dict(with_numbers(exact, pairs))
 
 
+def is_chance(away: Sequence[float]) -> bool:
+    """Return whether errors, in standard deviations, are such as chance makes with 95 %.
+
+    As if they were independent: of n, no more are outside of their interval of 95 % than the
+    binomial distribution allows, and none is beyond the limit of n comparisons (Bonferroni).
+    """
+    n, outside = len(away), sum(each > norm.isf(0.025) for each in away)
+    return bool(outside <= binom.ppf(0.95, n, 0.05) and max(away) < norm.isf(0.025 / n))
+
+
+@pytest.mark.parametrize(
+    ("away", "expected"),
+    [
+        ([2.0] * 4 + [0.0] * 29, True),
+        ([2.0] * 5 + [0.0] * 28, False),
+        ([3.1] + [0.0] * 32, True),
+        ([3.2] + [0.0] * 32, False),
+        ([2.2, 1.9], True),
+        ([2.3, 0.0], False),
+        ([2.0, 2.0], False),
+    ],
+)
+def test_what_chance_makes(away: list[float], expected: bool) -> None:
+    """Of 33 numbers four are outside and none beyond 3.17; of two one is, and none beyond 2.24."""
+    assert is_chance(away) == expected
+
+
 @pytest.mark.parametrize(
     "seed", [1, *(pytest.param(seed, marks=pytest.mark.nightly) for seed in (2, 3, 4))]
 )
@@ -74,8 +103,7 @@ def test_half_an_hour(
 ) -> None:
     """What is true lies within the stated intervals, and the frequencies are known far better.
 
-    A twentieth of 33 numbers lies outside of its interval of 95 % by chance, so four may.
-    The two that are fitted lie within their intervals of 99 %: with four seeds, one leaves 95 %.
+    One rule holds for all 33 numbers, and for the two that are fitted alone: `is_chance`.
     """
     monkeypatch.chdir(tmp_path)
     mapping = described()
@@ -101,7 +129,7 @@ def test_half_an_hour(
         first, last, own = (one.natural_frequencies[3] for one in found)  # the implement's heave
         far.append(abs(first / own - 1.0))
         near.append(abs(last / own - 1.0))
-    assert max(near) < 0.2 * max(far)
+    assert max(near) < 0.1 * max(far)
 
     uncertainty, away = after.uncertainty, {}
     assert uncertainty is not None
@@ -112,7 +140,5 @@ def test_half_an_hour(
             error, change = math.log(number.value / own), change / number.value
         away[number.path] = abs(error) / change
     assert len(away) == 33
-    assert max(away.values()) < 3.0
-    assert sum(one > 1.96 for one in away.values()) <= 4
-    assert away["rigid_bodies.implement.mass"] < 2.58
-    assert away["rigid_bodies.implement.inertia"] < 2.58
+    assert is_chance(list(away.values()))
+    assert is_chance([away[f"rigid_bodies.implement.{name}"] for name in ("mass", "inertia")])

@@ -62,9 +62,12 @@ def test_the_table_of_forces() -> None:
 
 
 def test_forces_that_nothing_carries_are_not_numbers() -> None:
-    """A bar that hangs freely has NaN, and no sentence."""
+    """A bar that hangs freely has NaN, and a sentence why; one that is clamped has none."""
     bar = {key: value for key, value in CANTILEVER["links"]["bar"].items() if key != "clamped"}
-    assert force_rows(model_of(CANTILEVER, "links.bar", bar), [0.5]).split()[-1] == "nan"
+    _, row, reason = force_rows(model_of(CANTILEVER, "links.bar", bar), [0.5]).splitlines()
+    assert row.split()[-1] == "nan"
+    assert reason.startswith("Nothing holds the linkage against its weight where forces are nan")
+    assert "nan" not in force_rows(model_of(CANTILEVER), [0.5])
 
 
 @pytest.mark.parametrize(("height", "rod"), [(-2.0, None), (2.0, 0.03)])
@@ -102,5 +105,7 @@ def test_a_category_beside_the_hitch(mechanism: Mechanism) -> None:
     moves = float(text.partition("(not verified; here: ")[2].split()[0])
     assert moves == pytest.approx(high - low, abs=0.0015)
     assert "lower pins are 36.6 mm thick and 0.965 m apart." in text
+    text = category_text(mechanism, kinematics, 4)
+    assert "has a mast of 0.685 m (not verified; here: 0.438 m from E1 to E2)" in text
     alone = propped(500.0, 2.0)
     assert "here: no rigid body" in category_text(alone.mechanism, alone.kinematics, 1)
