@@ -14,9 +14,9 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from linkage_vibration.bags.blocks import Bytes
 from linkage_vibration.bags.cdr import STAMP, CdrMessage, Layout
 from linkage_vibration.bags.message_types import CAN_FRAME, ISOBUS_FRAME
-from linkage_vibration.bags.streams import Bytes
 
 EXTENDED, REMOTE, ERROR = 1 << 31, 1 << 30, 1 << 29
 FLAGS = EXTENDED | REMOTE | ERROR

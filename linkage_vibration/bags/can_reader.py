@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from linkage_vibration.bags.blocks import Block, Bytes
 from linkage_vibration.bags.can_frames import EXTENDED, FRAME_TYPES, FramePlaces
 from linkage_vibration.bags.can_signals import SIGNALS, CanSignal
 from linkage_vibration.bags.cdr import Layout, Layouts
@@ -17,7 +18,6 @@ from linkage_vibration.bags.dbc import dbc_signal
 from linkage_vibration.bags.message_types import CAN_FRAME
 from linkage_vibration.bags.numbers import Integers, LeftOut, MessageNumber, NumberReader, Numbers
 from linkage_vibration.bags.schemas import FieldError
-from linkage_vibration.bags.streams import Block, Bytes
 
 _FIRST = np.zeros(1, np.int64)
 _LAST_ADDRESS = 253  # 254 is that of a sender without an address, and 255 stands for all

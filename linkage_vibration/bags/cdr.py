@@ -18,8 +18,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from linkage_vibration.bags.blocks import Block, Bytes
 from linkage_vibration.bags.numbers import CdrError, Integers, LeftOut
-from linkage_vibration.bags.streams import Block, Bytes
 
 ORIGIN = 4  # bytes of the encapsulation header, after which CDR aligns numbers to their sizes
 STAMP = 8  # bytes of the stamp of a header, which comes first

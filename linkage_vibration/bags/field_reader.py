@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from linkage_vibration.bags.blocks import Block
 from linkage_vibration.bags.cdr import ORIGIN, STAMP, CdrMessage, Layouts
 from linkage_vibration.bags.numbers import (
     MAX_NAMES,
@@ -24,7 +25,6 @@ from linkage_vibration.bags.numbers import (
     ReadingError,
 )
 from linkage_vibration.bags.schemas import NUMBERS, Schema, SchemaField, Step, find_path, has_header
-from linkage_vibration.bags.streams import Block
 
 _STRUCT = {"f8": "d", "f4": "f", "i1": "b", "i2": "h", "i4": "i", "i8": "q"}
 _STRUCT |= {"u1": "B", "u2": "H", "u4": "I", "u8": "Q"}

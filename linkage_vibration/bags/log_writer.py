@@ -10,6 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 from mcap.opcode import Opcode
+from mcap.records import Attachment as AttachmentRecord
 
 from linkage_vibration.bags.mcap_file import McapFile
 from linkage_vibration.bags.mcap_records import MESSAGE, MESSAGE_HEAD
@@ -81,9 +82,9 @@ class LogWriter:
             with self._failures():
                 self._add_topics(topics)
                 for attachment in attachments:
-                    self._file.attach(attachment.record())
-                    names = attachment.name + attachment.media_type
-                    self._index_bytes += _PER_INDEX + len(names.encode())
+                    about = attachment.name, attachment.media_type
+                    self._file.attach(AttachmentRecord(0, 0, *about, attachment.data))
+                    self._index_bytes += _PER_INDEX + len("".join(about).encode())
                 self._stream.flush()
         except LogError:
             self.abandon()

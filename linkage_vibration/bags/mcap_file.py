@@ -22,10 +22,11 @@ import zstandard
 from mcap import records as mcap
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
+from mcap.writer import LIBRARY_IDENTIFIER
 from numpy.typing import NDArray
 
 from linkage_vibration.bags.mcap_records import CHUNK, MAGIC, MESSAGE_INDEX, MESSAGE_RECORD, RECORD
-from linkage_vibration.bags.writing import LIBRARY, ROSBAG2_METADATA, Topic, rosbag2_metadata
+from linkage_vibration.bags.writing import ROSBAG2_METADATA, Topic, rosbag2_metadata
 
 Integers = NDArray[np.int64]
 KNOWN_COMPRESSIONS = (b"", b"lz4", b"zstd")  # as chunks name them
@@ -68,7 +69,7 @@ class McapFile:
         self._attachments: list[mcap.AttachmentIndex] = []
         self._metadata: list[mcap.MetadataIndex] = []
         stream.write(MAGIC)
-        self._write(mcap.Header(profile, LIBRARY))
+        self._write(mcap.Header(profile, f"linkage_vibration {LIBRARY_IDENTIFIER}"))
 
     @property
     def chunk_count(self) -> int:

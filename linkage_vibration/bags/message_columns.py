@@ -14,10 +14,11 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from linkage_vibration.bags.blocks import Block, Bytes, Integers
 from linkage_vibration.bags.cdr import CdrMessage, Layouts
 from linkage_vibration.bags.reading import BagError
 from linkage_vibration.bags.schemas import NUMBERS, Schema, SchemaField
-from linkage_vibration.bags.streams import Block, Bytes, Integers, open_bags
+from linkage_vibration.bags.streams import open_bags
 
 Column: TypeAlias = NDArray[Any]
 Columns: TypeAlias = dict[str, Column]

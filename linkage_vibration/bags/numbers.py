@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from linkage_vibration.bags.streams import Block
+from linkage_vibration.bags.blocks import Block
 from linkage_vibration.errors import LinkageVibrationError
 
 FloatArray = NDArray[np.float64]

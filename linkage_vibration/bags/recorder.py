@@ -12,12 +12,15 @@ import time
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
-from linkage_vibration.bags.log_writer import LogWriter
 from linkage_vibration.bags.writing import Attachment, LogError, Topic
+from linkage_vibration.support.missing_library import missing_library
+
+if TYPE_CHECKING:
+    from linkage_vibration.bags.log_writer import LogWriter
 
 # When the queue is this full, messages are dropped. 50,000 messages are 10 s of five topics at
 # 1 kHz, which is longer than the pauses of a working disk. As many more may be on their way to it.
@@ -299,7 +302,7 @@ class Recorder:
         log.sync()
         self._flushed = time.monotonic()
 
-    def _report_dropped(self, log: LogWriter) -> None:
+    def _report_dropped(self, log: "LogWriter") -> None:
         """Store in the file how many messages were dropped so far."""
         self._reported, self._reports = self.dropped, self._reports + 1
         # Viewers warn of two records of one name.
@@ -309,7 +312,7 @@ class Recorder:
     def _begin_file(self) -> None:
         """Begin the next file; raise `LogError` if that fails."""
         self._room = self._make_room()
-        self._log = log = LogWriter(
+        self._log = log = log_writer()(
             _unused_path(self._folder),
             list(self._topics.values()),
             self._provenance.attachments,
@@ -424,8 +427,21 @@ class Recorder:
 
 def package_versions() -> dict[str, str]:
     """Return the versions of Python and of the main libraries, for `Provenance.metadata`."""
-    distributions = ("linkage_vibration", "mcap", "numpy", "scipy")
-    return {"python": platform.python_version()} | {name: version(name) for name in distributions}
+    versions = {"python": platform.python_version()}
+    for name in ("linkage_vibration", "mcap", "numpy", "scipy"):
+        with contextlib.suppress(PackageNotFoundError):  # a node predicts without mcap
+            versions[name] = version(name)
+    return versions
+
+
+def log_writer() -> "type[LogWriter]":
+    """Return what writes logs, or raise a `LogError` that names the library that is missing."""
+    try:
+        from linkage_vibration.bags.log_writer import LogWriter
+    except ImportError as error:
+        problem = missing_library(error)
+        raise LogError(f"No log can be recorded and no bag be read: {problem}") from None
+    return LogWriter
 
 
 def _unused_path(folder: Path) -> Path:

@@ -28,6 +28,7 @@ from mcap.records import Chunk, ChunkIndex
 from mcap.summary import Summary
 from numpy.typing import NDArray
 
+from linkage_vibration.bags.blocks import Block, Integers
 from linkage_vibration.bags.can_logs import CanLog
 from linkage_vibration.bags.mcap_file import decompressed, message_heads
 from linkage_vibration.bags.mcap_records import MESSAGE, MESSAGE_INDEX, MESSAGE_RECORD, RECORD
@@ -41,9 +42,6 @@ if TYPE_CHECKING:
 
     from linkage_vibration.bags.reading import BagReader
 
-Bytes = NDArray[np.uint8]
-Integers = NDArray[np.int64]
-
 BLOCK = 4096
 """The least number of messages in a block, so that calls of NumPy cost little for each."""
 
@@ -52,49 +50,6 @@ _GATHERED = 1024  # messages in a part that rosbags reads one by one
 
 
 _LATEST = 2**63 - 1  # ns, the year 2262; MCAP has unsigned times, whose upper half is meaningless
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Block:
-    """Messages of several topics as columns.
-
-    Attributes
-    ----------
-    buffer : ndarray of uint8
-        Contains the bytes of the messages.
-    starts, sizes : ndarray, (n,)
-        Position and number of each message's bytes in it.
-    topics : ndarray, (n,)
-        Index of each message's topic in the requested names.
-    log_times, publish_times : ndarray, (n,)
-        Times of receiving and of sending, ns; they are equal except in MCAP.
-    """
-
-    buffer: Bytes
-    starts: Integers
-    sizes: Integers
-    topics: Integers
-    log_times: Integers
-    publish_times: Integers
-
-    def __len__(self) -> int:
-        """Return the number of messages."""
-        return len(self.starts)
-
-    def message(self, row: int) -> bytes:
-        """Return the bytes of one message."""
-        start = int(self.starts[row])
-        return self.buffer[start : start + int(self.sizes[row])].tobytes()
-
-    def rows(self, which: Integers | slice) -> "Block":
-        """Return the messages with these indices, in their order."""
-        return Block(self.buffer, *(column[which] for column in self.columns()))
-
-    def columns(self) -> tuple[Integers, ...]:
-        """Return everything except the buffer."""
-        return self.starts, self.sizes, self.topics, self.log_times, self.publish_times
-
-
 _Message: TypeAlias = tuple[str, int, int, bytes]
 """Topic, log time and publish time, ns, and data in CDR."""
 # Order of messages with the same time: number of the bag, place in it.

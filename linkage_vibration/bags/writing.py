@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import yaml
-from mcap.records import Attachment as AttachmentRecord
-from mcap.writer import LIBRARY_IDENTIFIER, CompressionType
 
 from linkage_vibration.errors import LinkageVibrationError
 
@@ -18,9 +16,8 @@ from linkage_vibration.errors import LinkageVibrationError
 QUEUE_DEPTH = 1000
 # The newest version of rosbag2 metadata with integer policies, see offered_qos_profiles.
 ROSBAG2_METADATA_VERSION = 7
-LIBRARY = f"linkage_vibration {LIBRARY_IDENTIFIER}"  # what the header of a log names
 ROSBAG2_METADATA = "rosbag2"  # the name of its record
-COMPRESSIONS = tuple(kind.name.lower() for kind in CompressionType)
+COMPRESSIONS = ("none", "lz4", "zstd")  # as mcap.writer.CompressionType names them
 
 
 class LogError(LinkageVibrationError):
@@ -68,10 +65,6 @@ class Attachment:
     name: str
     media_type: str
     data: bytes
-
-    def record(self) -> AttachmentRecord:
-        """Return the file as a record of MCAP."""
-        return AttachmentRecord(0, 0, self.name, self.media_type, self.data)
 
 
 def offered_qos_profiles(*, latched: bool = False) -> str:

@@ -12,10 +12,11 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from linkage_vibration.bags.blocks import Block
 from linkage_vibration.bags.chunks import ChunkLog, Messages
 from linkage_vibration.bags.numbers import LeftOut
 from linkage_vibration.bags.recorder import PROVENANCE_METADATA, package_versions
-from linkage_vibration.bags.streams import Bags, BagTopic, Block, open_bags
+from linkage_vibration.bags.streams import Bags, BagTopic, open_bags
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.messages.columns import MessageColumns, joined
 from linkage_vibration.messages.encoding import encode_columns, encode_message

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from linkage_vibration.bags.message_columns import Columns, header_stamps, read_columns, topic_types
 from linkage_vibration.bags.message_types import IMU
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray
@@ -30,6 +29,9 @@ def read_recording(path: Path, topic: str | None = None) -> tuple[FloatArray, Fl
     """
     if path.suffix.lower() == ".csv":
         return _csv(path)
+    # A node that has no such libraries reads profiles of the ground here, but no bags.
+    from linkage_vibration.bags.message_columns import header_stamps, read_columns, topic_types
+
     topics = [name for name, kind in topic_types(path).items() if kind == IMU]
     if topic is not None and topic not in topics:
         names = f"topics: {', '.join(topics)}" if topics else "no such topic"
@@ -40,14 +42,10 @@ def read_recording(path: Path, topic: str | None = None) -> tuple[FloatArray, Fl
     name = topic or topics[0]
     columns = read_columns(path, {name: IMU})[name]
     signals = np.column_stack([columns[channel] for channel in _CHANNELS])
-    return _ordered(path, _seconds(columns), signals)
-
-
-def _seconds(columns: Columns) -> FloatArray:
-    """Return the times of messages, s: those of measuring, or of recording without stamps."""
+    # The times are those of measuring, or of recording without stamps.
     stamps = header_stamps(columns)
     times = stamps if stamps.any() else columns["log_time"].astype(np.int64)
-    return np.asarray(1e-9 * (times - times[:1]))
+    return _ordered(path, np.asarray(1e-9 * (times - times[:1])), signals)
 
 
 def _csv(path: Path) -> tuple[FloatArray, FloatArray]:

@@ -22,8 +22,14 @@ from rclpy.qos import QoSProfile
 from rclpy.service_introspection import ServiceIntrospectionState
 from std_msgs.msg import String
 
-from linkage_vibration.bags.recorder import LogLimits, Provenance, Recorder, package_versions
-from linkage_vibration.bags.writing import QUEUE_DEPTH
+from linkage_vibration.bags.recorder import (
+    LogLimits,
+    Provenance,
+    Recorder,
+    log_writer,
+    package_versions,
+)
+from linkage_vibration.bags.writing import QUEUE_DEPTH, LogError
 from linkage_vibration.errors import LinkageVibrationError, printable
 from linkage_vibration.prediction.answers import Served, place_name
 from linkage_vibration.prediction.excitation import Excitation
@@ -291,6 +297,10 @@ class LinkageVibrationNode(LifecycleNode):
         check_interfaces()
         settings = self._settings
         folder = log_folder(settings)
+        try:
+            log_writer()
+        except LogError as error:
+            self.get_logger().warning(f"{error} The node predicts without.")
         self._served = served = read_served(settings, self.get_logger().info, self._on_building)
         self._monitored = excitations = read_loads(settings, served, self.get_logger().info)
         self._excitations = excitation_files(settings.excitation_path())

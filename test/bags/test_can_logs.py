@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from linkage_vibration.bags.blocks import Block
 from linkage_vibration.bags.can_frames import (
     ERROR,
     EXTENDED,
@@ -26,7 +27,7 @@ from linkage_vibration.bags.message_columns import read_columns, topic_types
 from linkage_vibration.bags.message_types import ISOBUS_FRAME
 from linkage_vibration.bags.numbers import CdrError, LeftOut
 from linkage_vibration.bags.reading import BagError
-from linkage_vibration.bags.streams import Block, open_bags
+from linkage_vibration.bags.streams import open_bags
 from test.support.can_bus import EPOCH, BusFrame, identifier, recorded_frames, write_candump
 
 can = pytest.importorskip("can", reason="logs are written with python-can (extra can)")

@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from linkage_vibration.bags.blocks import Block
 from linkage_vibration.bags.field_reader import FieldReader
 from linkage_vibration.bags.message_types import JOINT_STATE
 from linkage_vibration.bags.numbers import CdrError, LeftOut, ReadingError
@@ -22,7 +23,6 @@ from linkage_vibration.bags.schemas import (
     schema_of_store,
     schema_of_text,
 )
-from linkage_vibration.bags.streams import Block
 
 SEPARATOR = "\n" + "=" * 80 + "\n"
 PART = f"{SEPARATOR}MSG: a/Part\nstring label\nint16[2] pair\nfloat64 value\nuint8[] rest"

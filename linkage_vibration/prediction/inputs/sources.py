@@ -10,13 +10,13 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from linkage_vibration.bags.blocks import Block
 from linkage_vibration.bags.can_frames import FRAME_TYPES
 from linkage_vibration.bags.can_reader import CanReader, find_signal
 from linkage_vibration.bags.field_reader import FieldReader
 from linkage_vibration.bags.message_types import JOINT_STATE
 from linkage_vibration.bags.numbers import Integers, LeftOut, NumberReader, Numbers
 from linkage_vibration.bags.schemas import FieldError, Schema, find_path
-from linkage_vibration.bags.streams import Block
 from linkage_vibration.prediction.health import differing_seconds, senders_disagree
 from linkage_vibration.prediction.inputs.units import HitchScale, InputError, Reading, wrong_unit
 

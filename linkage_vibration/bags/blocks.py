@@ -1,0 +1,52 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Messages as columns."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Bytes = NDArray[np.uint8]
+Integers = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Block:
+    """Messages of several topics as columns.
+
+    Attributes
+    ----------
+    buffer : ndarray of uint8
+        Contains the bytes of the messages.
+    starts, sizes : ndarray, (n,)
+        Position and number of each message's bytes in it.
+    topics : ndarray, (n,)
+        Index of each message's topic in the requested names.
+    log_times, publish_times : ndarray, (n,)
+        Times of receiving and of sending, ns; they are equal except in MCAP.
+    """
+
+    buffer: Bytes
+    starts: Integers
+    sizes: Integers
+    topics: Integers
+    log_times: Integers
+    publish_times: Integers
+
+    def __len__(self) -> int:
+        """Return the number of messages."""
+        return len(self.starts)
+
+    def message(self, row: int) -> bytes:
+        """Return the bytes of one message."""
+        start = int(self.starts[row])
+        return self.buffer[start : start + int(self.sizes[row])].tobytes()
+
+    def rows(self, which: Integers | slice) -> "Block":
+        """Return the messages with these indices, in their order."""
+        return Block(self.buffer, *(column[which] for column in self.columns()))
+
+    def columns(self) -> tuple[Integers, ...]:
+        """Return everything except the buffer."""
+        return self.starts, self.sizes, self.topics, self.log_times, self.publish_times
