@@ -4,6 +4,7 @@
 
 import io
 import os
+import re
 import signal
 import sys
 from collections.abc import Sequence
@@ -117,6 +118,9 @@ def argument_parser() -> "argparse.ArgumentParser":
         module = import_module(f"linkage_vibration.cli.{name}")
         text = (module.__doc__ or "").strip()
         subparser = subparsers.add_parser(name, help=text.partition("\n")[0], description=text)
+        # No option begins like a number, so "-90:-80:5" and "-120:low.csv" are no options. Python
+        # itself treats only complete numbers so.
+        subparser._negative_number_matcher = re.compile(r"-\.?\d")
         module.add_arguments(subparser)
         subparser.set_defaults(run=module.run)
     return parser

@@ -4,6 +4,7 @@
 
 import argparse
 import math
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     text = "also print the standard deviations, and the share of each of their causes"
     add("--shares", action="store_true", help=text)
     text = "standard deviation of the angle in degrees, for --shares (default: %(default)s)"
-    add("--angle-stddev-deg", type=float, default=0.0, help=text)
+    add("--angle-stddev-deg", type=_deviation, default=0.0, metavar="DEG", help=text)
     add("--csv", type=Path, help="CSV file of the predictions to write")
 
 
@@ -85,6 +86,14 @@ def _angles(text: str) -> list[float]:
             f"{text!r} has over {_MOST_ANGLES} angles; widen the step."
         )
     return [first + i * more[1] for i in range(int(count) + 1)]
+
+
+def _deviation(text: str) -> float:
+    """Return a standard deviation, which is not negative."""
+    with suppress(ValueError):
+        if 0.0 <= float(text) < math.inf:
+            return float(text)
+    raise argparse.ArgumentTypeError(f"{text!r} is no standard deviation; give 0 or more.")
 
 
 def _described(shares: "Shares") -> str:

@@ -3,7 +3,9 @@
 """Helps to draw pictures with matplotlib."""
 
 import io
+import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -52,8 +54,33 @@ def write_png(figure: "Figure", picture: Path, **style: Any) -> None:
 def png_bytes(figure: "Figure", **style: Any) -> bytes:
     """Return a figure as the content of a PNG file."""
     png = io.BytesIO()
+    _find_fonts(figure)
     figure.savefig(png, format="png", **style)
     return png.getvalue()
+
+
+def _find_fonts(figure: "Figure") -> None:
+    """Add an installed font to the texts of a figure if the usual one lacks some characters."""
+    from matplotlib.font_manager import FontProperties, findfont, fontManager
+    from matplotlib.ft2font import FT2Font
+    from matplotlib.text import Text
+
+    texts = [text for text in figure.findobj(Text) if isinstance(text, Text)]
+    needed = {ord(letter) for text in texts for letter in text.get_text() if letter.isprintable()}
+    usual = FontProperties()
+    missing = needed.difference(FT2Font(findfont(usual)).get_charmap())
+    if not missing:
+        return
+    for font in fontManager.ttflist:
+        if font.name.startswith("Last Resort"):
+            continue  # It has a box for every character.
+        with suppress(OSError, RuntimeError):  # a font that was removed or is damaged
+            if missing.issubset(FT2Font(font.fname).get_charmap()):
+                for text in texts:
+                    text.set_fontfamily([*usual.get_family(), font.name])
+                return
+    letters = "".join(map(chr, sorted(missing)))
+    print(f"No installed font has {letters}; the picture shows boxes instead.", file=sys.stderr)
 
 
 def tidy(ax: "Axes") -> None:

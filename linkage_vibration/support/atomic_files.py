@@ -14,8 +14,7 @@ import yaml
 
 from linkage_vibration.errors import LinkageVibrationError
 
-# Files of these kinds are not written by a command that writes another kind.
-_KINDS = [".mcap", ".html", ".csv", ".png", ".npz", ".nc", ".yaml", ".fmu", ".bag", ".db3"]
+_DATA = [".mcap", ".html", ".csv", ".png", ".npz", ".yaml", ".fmu", ".bag", ".db3"]  # of commands
 
 
 class OutputError(LinkageVibrationError):
@@ -64,7 +63,7 @@ def check_paths(paths: Sequence[Path]) -> None:
             for path in paths:
                 _add_files(path, used)
             for path in used:
-                other = path.suffix not in _KINDS and path not in paths  # in a folder of logs
+                other = path.suffix not in _DATA and path not in paths  # in a folder of logs
                 if not other and path.exists() and os.path.samestat(path.stat(), status):
                     sys.stderr = sys.stdout if stream is sys.stderr else sys.stderr
                     raise OutputError(
@@ -98,8 +97,8 @@ def new_folder(folder: Path, error: type[LinkageVibrationError]) -> Iterator[Non
 
 
 def check_suffix(path: Path, suffix: str) -> None:
-    """Refuse an output whose suffix is that of another format than its own."""
-    if path.suffix.lower() in _KINDS and path.suffix.lower() != suffix:
+    """Refuse an output with another suffix than that of its format; it may have none."""
+    if path.suffix.lower().replace(".yml", ".yaml") not in ("", suffix):
         name = path.with_suffix(suffix)
         raise OutputError(f"{path}: the output is a {suffix} file; use {name}.")
 

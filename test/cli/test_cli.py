@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 import linkage_vibration.cli
-from linkage_vibration.cli.main import SUBCOMMANDS, main
+from linkage_vibration.cli.main import SUBCOMMANDS, argument_parser, main
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.readers.mechanism import read_mechanism
@@ -110,6 +110,30 @@ def test_ranges_that_are_refused(angles: str, capsys: Any) -> None:
 
 
 @pytest.mark.parametrize(
+    ("words", "name", "value"),
+    [
+        (["predict", "-90:-80:5"], "angle_deg", [[-90.0, -85.0, -80.0]]),
+        (["predict", "-.5:0:.5", "-1e1", "--shares"], "angle_deg", [[-0.5, 0.0], [-10.0]]),
+        (["measure", "-120:a.csv", "-9:b.csv"], "recordings", ["-120:a.csv", "-9:b.csv"]),
+        (["pose", "--at", "-90", "-1e-3"], "at", [-90.0, -1e-3]),
+        (["inclinometer", "--readings", "-43.2=-38.2"], "readings", ["-43.2=-38.2"]),
+        (["pose", "-o", "x.png"], "output", Path("x.png")),
+    ],
+)
+def test_words_that_begin_with_minus(words: list[str], name: str, value: object) -> None:
+    """Such a word is a number, alone or with what follows; only letters after it make an option."""
+    assert vars(argument_parser().parse_args(words))[name] == value
+
+
+@pytest.mark.parametrize("deviation", ["-1", "nan", "inf", "a"])
+def test_deviations_that_are_refused(deviation: str, capsys: Any) -> None:
+    """A standard deviation is a number from 0."""
+    with pytest.raises(SystemExit):
+        main(["predict", "120", "--angle-stddev-deg", deviation])
+    assert f"'{deviation}'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (("build", "none.yaml"), "none.yaml: cannot be opened"),
@@ -154,6 +178,8 @@ def test_plan_chooses_and_measures(tmp_path: Path) -> None:
         (("diff", "a.mcap", "a.mcap", "-o", "x.png"), r"use x\.html"),
         (("recover", "a.mcap", "-o", "x.csv"), r"use x\.mcap"),
         (("build", "-o", "x.yaml"), r"use x\.npz"),
+        (("pose", "-o", "x.svg"), r"use x\.png"),
+        (("predict", "120", "--csv", "x.xlsx"), r"use x\.csv"),
     ],
 )
 def test_output_of_another_format(

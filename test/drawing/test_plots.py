@@ -1,0 +1,46 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures show characters that the usual font lacks."""
+
+from pathlib import Path
+
+import matplotlib
+import pytest
+from matplotlib.figure import Figure
+from matplotlib.font_manager import fontManager
+
+from linkage_vibration.drawing.plots import png_bytes
+
+OTHER = chr(0x2ADD)  # STIXGeneral, which matplotlib brings, has this sign, and DejaVu Sans has not
+JAPANESE = "耕うん"
+
+
+def title_font(text: str) -> list[str]:
+    """Return the fonts of a title after its picture was made."""
+    figure = Figure()
+    title = figure.subplots().set_title(text)
+    assert png_bytes(figure).startswith(b"\x89PNG")
+    return list(title.get_fontfamily())
+
+
+def test_usual_font() -> None:
+    """Latin and Greek letters need no other font."""
+    assert title_font("Load ratio, α₃ in °") == list(matplotlib.rcParams["font.family"])
+
+
+def test_font_that_has_a_character(capsys: pytest.CaptureFixture[str]) -> None:
+    """An installed font that has the character is added, and nothing is said."""
+    assert title_font(f"a {OTHER}")[-1].startswith("STIX")
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.filterwarnings("ignore:Glyph")
+def test_character_without_a_font(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without such a font, one sentence names the characters; matplotlib's boxes do not count."""
+    brought = [each for each in fontManager.ttflist if "mpl-data" in Path(each.fname).parts]
+    monkeypatch.setattr(fontManager, "ttflist", brought)
+    title_font(f"Load {JAPANESE}")
+    start = f"No installed font has {''.join(sorted(JAPANESE))};"
+    assert capsys.readouterr().err.startswith(start)
