@@ -40,11 +40,7 @@ def run(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     from linkage_vibration.readers.mechanism import load_yaml, read_mechanism
-    from linkage_vibration.studies.plan.measurement import (
-        plan_and_measure,
-        plan_report,
-        write_planned,
-    )
+    from linkage_vibration.studies.plan.choice import plan_and_measure, plan_report, write_planned
     from linkage_vibration.studies.plan.question import PlanError, Scene
     from linkage_vibration.studies.plan.unknowns import unknowns
     from linkage_vibration.support.atomic_files import check_output

@@ -81,10 +81,8 @@ class InterfaceMap:
         self, mechanism: Mechanism, components: Sequence[Component | FrfComponent]
     ) -> None:
         self._mechanism = mechanism
-        self._index: dict[tuple[str, InterfaceDof], int] = {}
-        for component in components:
-            for dof in component.dofs:
-                self._index[component.name, dof] = len(self._index)
+        dofs = [(component.name, dof) for component in components for dof in component.dofs]
+        self._index = {dof: i for i, dof in enumerate(dofs)}
         self._places: dict[tuple[str, str], list[int]] = {}  # of x, z and, if there is one, theta
         for (body, dof), at in self._index.items():
             self._places.setdefault((body, dof.point), []).append(at)

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from linkage_vibration.studies.mode_pairing import pair_modes
+from linkage_vibration.studies.measurement import pair_modes
 from linkage_vibration.studies.ringdown import MeasuredMode
 
 FREQUENCIES = st.lists(st.floats(0.5, 500.0), min_size=1, max_size=5).map(sorted)

@@ -21,10 +21,13 @@ from linkage_vibration.mechanics.description import Mechanism, Rayleigh
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.studies.plan.choice import ELEMENTS, MODES, Plan, plan
-from linkage_vibration.studies.plan.measurement import (
+from linkage_vibration.studies.plan.choice import (
+    ELEMENTS,
+    MODES,
     Measured,
+    Plan,
     measure,
+    plan,
     plan_and_measure,
     plan_report,
     solve_reference,
