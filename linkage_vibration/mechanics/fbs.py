@@ -54,10 +54,7 @@ def component_frf(
     """
     omega = np.multiply(frequencies, 2.0 * math.pi)
     if (omega == 0.0).any() and _is_floating(stiffness):
-        raise FbsError(
-            "A component that is free to move has no receptance at 0 Hz; begin above 0, at 0.1 Hz "
-            "or more."
-        )
+        raise FbsError("A component that is free to move has no receptance at 0 Hz; begin above.")
     lossy = np.asarray((1.0 + 1j * loss_factor) * stiffness, dtype=np.complex128)
     matrices: list[Matrix] = [lossy, mass, damping]
     frf = np.empty((len(omega), n_dofs, n_dofs), dtype=complex)
@@ -65,11 +62,8 @@ def component_frf(
     for start in range(0, len(omega), step):
         frf[start : start + step] = _inverse(matrices, n_dofs, omega[start : start + step])
     for line in np.flatnonzero(~np.isfinite(frf).all(axis=(1, 2))):
-        raise FbsError(
-            f"A component's dynamic stiffness is singular at {frequencies[line]:g} Hz: it "
-            "resonates there without damping, or has a coordinate without mass and stiffness; "
-            "add damping, or change the frequencies."
-        )
+        problem = f"A component's dynamic stiffness is singular at {frequencies[line]:g} Hz"
+        raise FbsError(f"{problem}; add damping or missing mass, or change the frequencies.")
     return symmetric(frf)
 
 

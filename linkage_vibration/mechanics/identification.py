@@ -160,11 +160,9 @@ def _check_complete(
     worst = int(left.argmax())
     if left[worst] > _UNEXPLAINED:
         where = omega[worst + _RUN // 2] / (2.0 * math.pi)
-        raise IdentificationError(
-            f"The modes found between {band[0]:g} and {band[1]:g} Hz leave "
-            f"{100.0 * left[worst]:.0f} % of the FRFs unexplained near {where:.4g} Hz, so that "
-            "a mode may be missing there; lower the noise, or refine the lines."
-        )
+        rest = f"{100.0 * left[worst]:.0f} % of the FRFs unexplained near {where:.4g} Hz"
+        hint = "so that a mode may be missing there; lower the noise, or refine the lines"
+        raise IdentificationError(f"The modes of the band leave {rest}, {hint}.")
 
 
 def _line_sizes(

@@ -297,10 +297,8 @@ class Sensitivity:
         whole = link.body.component(link, mechanism, reduced=False)
         assert isinstance(whole, Component)
         if len(whole.mass) != len(basis):
-            raise ModelError(
-                f"links.{link.name}: a small change of a number changes its mesh; give it another "
-                "number of elements."
-            )
+            problem = "a small change of a number changes its mesh; give other `elements`"
+            raise ModelError(f"links.{link.name}: {problem}.")
         mass, stiffness = (basis.T @ matrix @ basis for matrix in (whole.mass, whole.stiffness))
         if getattr(link.body, "damping", None) is None:
             damping = (link.damping or mechanism.damping).viscous(mass, stiffness)

@@ -140,11 +140,9 @@ def spring_line(
     if length < _SAME_PLACE:
         between = len(spring.points) == 2
         hint = "put it on the joint instead" if between else "correct base_end or rod_end"
-        raise MechanismError(
-            f"springs.{spring.name}",
-            f"its two ends meet at alpha3 = {math.degrees(configuration.alpha3):.3f} deg, so "
-            f"that it has no direction there; {hint}.",
-        )
+        where = f"alpha3 = {math.degrees(configuration.alpha3):.3f} deg"
+        problem = f"its two ends meet at {where}, so it has no direction there; {hint}."
+        raise MechanismError(f"springs.{spring.name}", problem)
     return away / length, length
 
 
@@ -180,14 +178,11 @@ def _lever(spring: Spring, mechanism: Mechanism, configuration: Configuration) -
 def _column(name: str, cylinder: Cylinder, length: float, configuration: Configuration) -> float:
     """Return the stiffness of the oil along the cylinder, N/m."""
     travel = length - cylinder.closed_length
+    at = f"alpha3 = {math.degrees(configuration.alpha3):.2f} deg"
     if not -cylinder.margin <= travel <= cylinder.stroke + cylinder.margin:
-        raise MechanismError(
-            f"springs.{name}.cylinder",
-            f"its ends are {length:.4g} m apart at alpha3 = "
-            f"{math.degrees(configuration.alpha3):.2f} deg, but it is {cylinder.closed_length:g} "
-            f"to {cylinder.closed_length + cylinder.stroke:g} m long; correct the ends, "
-            "closed_length or stroke.",
-        )
+        fits = f"{cylinder.closed_length:g} to {cylinder.closed_length + cylinder.stroke:g} m long"
+        problem = f"its ends are {length:.4g} m apart at {at}, but it is {fits}; correct the ends, "
+        raise MechanismError(f"springs.{name}.cylinder", f"{problem}closed_length or stroke.")
     bore = math.pi / 4.0 * cylinder.bore**2
     sides = [(bore, travel)]
     if cylinder.rod is not None:
@@ -197,11 +192,8 @@ def _column(name: str, cylinder: Cylinder, length: float, configuration: Configu
     for area, height in sides:
         volume = cylinder.hose_volume + area * height
         if cylinder.count * cylinder.bulk_modulus * area**2 > STIFFEST * volume:
-            raise MechanismError(
-                f"springs.{name}.cylinder",
-                f"at alpha3 = {math.degrees(configuration.alpha3):.2f} deg its oil is only "
-                f"{height:.2g} m high, and as stiff as a rigid body; give hose_volume, or correct "
-                "closed_length.",
-            )
+            problem = f"at {at} its oil is only {height:.2g} m high, and as stiff as a rigid body"
+            hint = "give hose_volume, or correct closed_length"
+            raise MechanismError(f"springs.{name}.cylinder", f"{problem}; {hint}.")
         stiffness += cylinder.count * cylinder.bulk_modulus * area**2 / volume
     return stiffness

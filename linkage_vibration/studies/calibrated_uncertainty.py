@@ -92,10 +92,7 @@ def replace_section(
     """
     root: Any = yaml.compose(text, yaml.SafeLoader)
     if root.flow_style:
-        raise error(
-            "The mechanism is written in braces, so no section uncertainty can be added; write its "
-            "first level as a block, one key on a line."
-        )
+        raise error("The mechanism is in braces; write its first level with one key on a line.")
     for key, value in root.value:
         if key.value == "uncertainty":
             end = text.find("\n", _end(value))

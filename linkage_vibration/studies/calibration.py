@@ -228,10 +228,8 @@ def calibrate(
             best = fit if better else best
         finished(math.inf if best is None else float(best.cost))
     if best is None:
-        raise CalibrationError(
-            "The mechanism could be solved from no starting point; narrow the bounds or correct "
-            f"the description. The last problem: {problem}"
-        )
+        hint = "narrow the bounds, or correct the description"
+        raise CalibrationError(f"No start could be solved; {hint}. The last problem: {problem}")
     return _result(calibration, unknowns, best)
 
 
@@ -306,10 +304,8 @@ def _natural_frequencies(model: LinkageModel, targets: Sequence[Target]) -> Floa
     highest = max(target.mode for target in targets)
     fewest = min(map(len, solved.values()))
     if highest > fewest:
-        raise CalibrationError(
-            f"targets: mode {highest} is not among the {fewest} modes of the model that is fitted; "
-            "give a lower mode."
-        )
+        problem = f"the fitted model has {fewest} modes, so none is mode {highest}"
+        raise CalibrationError(f"targets: {problem}; give a lower mode.")
     frequencies = []
     for target, at in zip(targets, asked, strict=True):
         curve = np.array([solved[alpha3][target.mode - 1] for alpha3 in at])

@@ -51,10 +51,8 @@ def calibrate(
     percent reaches from 0 to 100.
     """
     if not 0.0 < stddev_deg < math.inf or not math.isfinite(tractor_deg):
-        raise InclinometerError(
-            f"The deviation of {stddev_deg:g} deg and the inclination of {tractor_deg:g} deg have "
-            "to be finite, and the first greater than 0."
-        )
+        given = f"{stddev_deg:g} deg and the inclination of {tractor_deg:g} deg"
+        raise InclinometerError(f"The deviation of {given} have to be finite, the first above 0.")
     points = np.concatenate([number_pairs(moments), number_pairs(readings)])
     noise, ends = 0.0, np.empty(0)
     if series is not None:
@@ -93,10 +91,8 @@ def reading_at(times: FloatArray, readings: FloatArray, moment: float) -> tuple[
     """Return the mean of readings, (n,), around a moment (s), and the deviation of one of them."""
     window = readings[(np.abs(times - moment) <= _WINDOW) & np.isfinite(readings)]
     if not len(window):
-        raise InclinometerError(
-            f"There is no reading within {_WINDOW:g} s of {moment:g} s; choose a moment from 0 to "
-            f"{times[-1]:.3f} s after the first reading of the bag."
-        )
+        hint = f"choose a moment from 0 to {times[-1]:.3f} s after the first reading of the bag"
+        raise InclinometerError(f"No reading is within {_WINDOW:g} s of {moment:g} s; {hint}.")
     return float(window.mean()), float(window.std())
 
 
@@ -118,10 +114,8 @@ def crank_angles(
     if angles[-1] < angles[0]:
         grid, angles = grid[::-1], angles[::-1]
     if np.diff(angles).min() <= 0.0:
-        raise InclinometerError(
-            f"{body} has one inclination at two crank angles; measure on another body, such as "
-            f"{mechanism.input_body}."
-        )
+        hint = f"measure on another body, such as {mechanism.input_body}"
+        raise InclinometerError(f"{body} has one inclination at two crank angles; {hint}.")
     angles -= math.pi * round(angles.mean() / math.pi)
     shown = angles.mean() + np.remainder(inclinations - angles.mean() + math.pi / 2.0, math.pi)
     shown -= math.pi / 2.0
@@ -144,10 +138,8 @@ def fit(
     residuals if these are larger than the deviations of the points, (n,), explain.
     """
     if len(np.unique(np.float32(readings))) < _DEGREE + 2:
-        raise InclinometerError(
-            f"{len(readings)} points do not show their errors; measure at {_DEGREE + 2} or more "
-            "heights over the whole stroke."
-        )
+        hint = f"measure at {_DEGREE + 2} or more heights over the whole stroke"
+        raise InclinometerError(f"{len(readings)} points do not show their errors; {hint}.")
     reach = np.append(readings, ends)
     middle, half = (reach.max() + reach.min()) / 2.0, np.ptp(reach) / 2.0
     places = (readings - middle) / half
@@ -158,9 +150,7 @@ def fit(
     grid = np.linspace(-1.0, 1.0, _STEPS * (_KNOTS - 1) + 1)
     angles, slopes = np.polyval(curve, grid), np.polyval(np.polyder(curve), grid) / half
     if np.ptp(np.sign(slopes)) or not np.all(slopes):
-        raise InclinometerError(
-            "The curve through the points turns back; check their order and the angles."
-        )
+        raise InclinometerError("The curve through the points turns back; check the angles.")
     powers = np.vander(grid, _DEGREE + 1)
     variance = np.einsum("ij,jk,ik->i", powers, covariance, powers) * max(excess, 1.0) ** 2
     largest = math.sqrt((variance + (slopes * noise) ** 2).max())

@@ -110,11 +110,9 @@ def calibration_text(modes: Sequence[ComparedMode], mechanism: Path, output: Pat
         if each.mode is not None and not each.rival
     ]
     if not targets:
-        raise MeasurementError(
-            f"No measured frequency is within a factor of {FARTHEST:g} of one mode of the "
-            "mechanism, and clearly nearer to it than to another; check the angles, and the masses "
-            "and springs of the mechanism."
-        )
+        problem = f"No measured frequency is within a factor of {FARTHEST:g} of one mode alone"
+        hint = "check the angles, and the masses and springs of the mechanism"
+        raise MeasurementError(f"{problem}; {hint}.")
     mapping = load_yaml(mechanism)[0]
     content = {
         "mechanism": os.path.relpath(mechanism, output.resolve().parent),

@@ -88,10 +88,8 @@ def measure_modes(times: FloatArray, signals: FloatArray) -> list[MeasuredMode]:
     signals, moving = (each[:, alive] / noise[alive] for each in (signals, moving))
     decays = find_decays(moving, rate)
     if not decays:
-        raise RingdownError(
-            f"No blow stands out of the {len(signals) / rate:.0f} s; hit harder, or leave a second "
-            "of rest before and several after each blow."
-        )
+        hint = "hit harder, or leave a second of rest before and several after each blow"
+        raise RingdownError(f"No blow stands out of the {len(signals) / rate:.0f} s; {hint}.")
     return modes_of_decays([signals[part] for part in decays], rate)
 
 
@@ -103,10 +101,9 @@ def _refuse_overload(signals: FloatArray) -> None:
         top = side.max(axis=0)
         count = (side == top).sum(axis=0) * ((top > _FAR * typical) & (typical > 0.0))
         if count.max(initial=0) > _OVERLOADED:
-            raise RingdownError(
-                f"Channel {int(count.argmax()) + 1} has its largest value {int(count.max())} "
-                "times, as an overloaded sensor; hit softer, or set a larger range."
-            )
+            channel = f"Channel {int(count.argmax()) + 1} has its largest value {count.max()} times"
+            hint = "hit softer, or set a larger range"
+            raise RingdownError(f"{channel}, as an overloaded sensor; {hint}.")
 
 
 def _resampled(times: FloatArray, signals: FloatArray) -> tuple[float, FloatArray]:
@@ -114,21 +111,16 @@ def _resampled(times: FloatArray, signals: FloatArray) -> tuple[float, FloatArra
     kept = np.diff(times, prepend=-math.inf) > 0.0
     times, signals = times[kept], signals[kept]
     if len(times) < _FEWEST:
-        raise RingdownError(
-            f"The recording has samples at {len(times)} different times; give {_FEWEST} or more."
-        )
+        problem = f"The recording has samples at {len(times)} different times"
+        raise RingdownError(f"{problem}; give {_FEWEST} or more.")
     steps = np.diff(times)
     step, longest = float(np.median(steps)), int(steps.argmax())
     if step > 1.0 / _SLOWEST:
-        raise RingdownError(
-            f"The recording has {1.0 / step:.2g} samples a second, too few for a blow; give the "
-            "times in seconds, and record at 200 Hz or more."
-        )
+        problem = f"The recording has {1.0 / step:.2g} samples a second, too few for a blow"
+        raise RingdownError(f"{problem}; give times in seconds, and record at 200 Hz or more.")
     if steps[longest] > _PAUSE:
-        raise RingdownError(
-            f"The recording pauses for {steps[longest]:.3g} s after {times[longest]:.6g} s; give a "
-            "recording without pauses."
-        )
+        pause = f"{steps[longest]:.3g} s after {times[longest]:.6g} s"
+        raise RingdownError(f"The recording pauses for {pause}; give one without pauses.")
     even = np.arange(times[0], times[-1], step)
     return 1.0 / step, np.asarray(CubicSpline(times, signals)(even))
 

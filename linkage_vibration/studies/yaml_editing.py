@@ -30,11 +30,9 @@ def edit_text(
     replaced = sorted(edit for edit in edits if edit[0] < edit[1])
     for first, second in itertools.pairwise(replaced):
         if first[0] == second[0]:
-            raise error(
-                f"{edits[first]} and {edits[second]} are one number in the file, through an alias, "
-                f"so they cannot become {first[2]} and {second[2]}; write a number of its own for "
-                "each."
-            )
+            problem = f"{edits[first]} and {edits[second]} are one number in the file, by an alias"
+            hint = f"write one for each, as they become {first[2]} and {second[2]}"
+            raise error(f"{problem}; {hint}.")
     for start, end, word in sorted(edits, reverse=True):
         text = text[:start] + word + text[end:]
     return text

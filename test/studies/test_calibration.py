@@ -191,7 +191,7 @@ def test_linkage_that_never_closes_is_refused(mapping: Any) -> None:
     mapping = yaml.safe_load(yaml.safe_dump(mapping, sort_keys=False))
     mapping["links"]["lift_rod"]["points"]["V1"] = 0.1
     target = Target(1, math.radians(100.0), 3.0, 0.01)
-    with pytest.raises(CalibrationError, match="from no starting point"):
+    with pytest.raises(CalibrationError, match="No start could be solved"):
         calibrate(calibration(mapping, [target], Parameter(HEIGHT, 0.02, 0.1)), starts=2)
 
 

@@ -177,7 +177,9 @@ def test_reading_at_a_moment() -> None:
     readings[10:21] = math.nan
     assert reading_at(times, readings, 1.4)[0] == 1.0  # the last one is 0.5 s before
     for moment in (1.45, -0.6, 3.6):
-        with pytest.raises(InclinometerError, match=r"no reading within 0\.5 s .* 0 to 3\.000 s"):
+        with pytest.raises(
+            InclinometerError, match=r"No reading is within 0\.5 s .* 0 to 3\.000 s"
+        ):
             reading_at(times, readings, moment)
 
 
@@ -228,7 +230,7 @@ def test_deviations_that_cannot_be_used(
     mechanism: Mechanism, stddev: float, tractor: float
 ) -> None:
     """A deviation of zero, and angles that are not finite, are refused."""
-    with pytest.raises(InclinometerError, match="have to be finite, and the first greater than 0"):
+    with pytest.raises(InclinometerError, match="have to be finite, the first above 0"):
         calibrate(mechanism, "input_crank", "V", [], WORDS, None, tractor, stddev)
 
 

@@ -112,7 +112,7 @@ def test_without_blows() -> None:
 def test_recordings_that_would_mislead() -> None:
     """Milliseconds, a pause, and an overloaded sensor are refused with the remedy."""
     times, signals = recording(np.random.default_rng(3))
-    with pytest.raises(RingdownError, match=r"0\.1 samples a second, .* give the times in seconds"):
+    with pytest.raises(RingdownError, match=r"0\.1 samples a second, .* give times in seconds"):
         measure_modes(1000.0 * times, signals)
     with pytest.raises(RingdownError, match=r"pauses for 9\.\d+ s after 11.*without pauses"):
         measure_modes(np.where(times < 11.5, times, times + 9.0), signals)

@@ -163,10 +163,8 @@ class _Trials:
                 error = self._mesh_errors(elements)
                 if self.scene.share(error) <= _RESOLVED:
                     return elements, error
-        raise PlanError(
-            f"No mesh up to {ELEMENTS[-1]} elements a link is fine enough for a tolerance of "
-            f"{self.scene.tolerance:g} up to {self.scene.band[1]:g} Hz; give a larger one."
-        )
+        problem = f"No mesh up to {ELEMENTS[-1]} elements a link is fine enough for"
+        raise _too_strict(self.scene, problem)
 
     def _mesh_errors(self, elements: int) -> FloatArray:
         """Return the errors of a mesh, (3,), from its last two halvings (Richardson's method).
@@ -198,10 +196,8 @@ def _cheapest(trials: _Trials, share: float) -> Pair:
     for pair in sorted(pairs, key=lambda pair: pair[0] * _ELEMENT_WORK + pair[1] * solves):
         if trials.meets(pair, share):
             return pair
-    raise PlanError(
-        f"No mesh up to {ELEMENTS[-1]} elements and no {MODES[-1]} modes a link meet a tolerance "
-        f"of {scene.tolerance:g} up to {scene.band[1]:g} Hz; give a larger one, or a lower band."
-    )
+    problem = f"No mesh up to {ELEMENTS[-1]} elements and no {MODES[-1]} modes a link meet"
+    raise _too_strict(scene, problem)
 
 
 def _plan_of_table(trials: _Trials, why: str) -> Plan:
@@ -210,10 +206,8 @@ def _plan_of_table(trials: _Trials, why: str) -> Plan:
     pair = _cheapest(trials, 1.0 - _TABLE_ROOM)
     left = scene.allowed - trials.errors(pair)
     if scene.places and left[2] < FRF_FLOOR:
-        raise PlanError(
-            f"A table's FRFs are accurate to {FRF_FLOOR:g} at best; give a tolerance of "
-            f"{2.0 * FRF_FLOOR / LOOSER:g} or more, no points, or no time per prediction."
-        )
+        hint = f"give a tolerance of {2.0 * FRF_FLOOR / LOOSER:g} or more, no points, or no time"
+        raise PlanError(f"A table's FRFs are accurate to {FRF_FLOOR:g} at best; {hint}.")
     table, tolerance, added = _fitting_table(trials, pair, left)
     built = f"built to {tolerance:.2g}, so that model and table meet it together"
     choice = f"table of {len(table.alpha3)} points"
@@ -242,10 +236,13 @@ def _fitting_table(
             return table, tolerance, errors
         tighter = tolerance / _TIGHTER
         tolerance = max(safe, tighter) if tolerance > safe else tighter
-    raise PlanError(
-        f"A solve takes longer than is allowed, and no table follows {scene.mechanism.name} to "
-        f"a tolerance of {scene.tolerance:g} between its points; give a larger one."
-    )
+    raise _too_strict(scene, "A solve takes longer than is allowed, and no table meets")
+
+
+def _too_strict(scene: Scene, problem: str) -> PlanError:
+    """Return the error that nothing meets the tolerance of a scene."""
+    tolerance = f"a tolerance of {scene.tolerance:g} up to {scene.band[1]:g} Hz"
+    return PlanError(f"{problem} {tolerance}; give a larger tolerance, or a lower band.")
 
 
 def _table(trials: _Trials, pair: Pair, tolerance: float) -> Table:
@@ -255,14 +252,11 @@ def _table(trials: _Trials, pair: Pair, tolerance: float) -> Table:
     try:
         table = build_table(model, tolerance, scene.points, lambda _: trials.solved())
     except TableError as error:
-        raise PlanError(
-            f"A solve takes longer than is allowed, and no table can be built: {error}"
-        ) from None
+        problem = "A solve takes longer than is allowed, and no table can be built"
+        raise PlanError(f"{problem}: {error}") from None
     if scene.places and not table.places:
-        raise PlanError(
-            "A solve takes longer than is allowed, and no table of such a linkage holds FRFs; ask "
-            "for no points, or for no time per prediction."
-        )
+        problem = "A solve takes longer than is allowed, and no table of such a linkage holds FRFs"
+        raise PlanError(f"{problem}; ask for no points, or for no time per prediction.")
     return table
 
 
@@ -306,10 +300,7 @@ def plan_and_measure(
             return replace(chosen, scene=scene, reasons=reasons), measured
         share *= _AIMED / worst
         why = f"{share:.2g} x the tolerance, as a plan measured {worst:.3g} x the tolerance"
-    raise PlanError(
-        f"No plan meets a tolerance of {scene.tolerance:g} up to {scene.band[1]:g} Hz: the last of "
-        f"{_PLANS} measured {worst:.2g} times as much; give a larger tolerance, or a lower band."
-    )
+    raise _too_strict(scene, f"The last of {_PLANS} plans measured {worst:.2g} times")
 
 
 def solve_reference(plan: Plan, solved: Callable[[], object] = lambda: None) -> list[Result]:

@@ -98,27 +98,20 @@ def check_scene(scene: Scene) -> None:
     """Refuse an invalid scene by a PlanError."""
     low, high = scene.band
     if not 0.0 <= low < high < math.inf:
-        raise PlanError(
-            f"The band from {low:g} to {high:g} Hz is invalid; give two frequencies that ascend "
-            "from 0 or above."
-        )
+        hint = "give two frequencies that ascend from 0 or above"
+        raise PlanError(f"The band from {low:g} to {high:g} Hz is invalid; {hint}.")
     if not 1e-9 <= scene.tolerance < 1.0:
-        raise PlanError(
-            f"The tolerance {scene.tolerance:g} is invalid; give a relative error from 1e-9 to 1."
-        )
+        hint = "give a relative error from 1e-9 to 1"
+        raise PlanError(f"The tolerance {scene.tolerance:g} is invalid; {hint}.")
     if not 0.0 < scene.seconds_per_prediction <= math.inf:
-        raise PlanError(
-            f"The time limit of {1e6 * scene.seconds_per_prediction:g} microseconds for a "
-            "prediction is invalid; give a positive number."
-        )
+        limit = f"{1e6 * scene.seconds_per_prediction:g} microseconds for a prediction"
+        raise PlanError(f"The time limit of {limit} is invalid; give a positive number.")
     if not scene.angles[0] <= scene.angles[1]:
         raise PlanError("The range of angles does not ascend; give the smaller one first.")
     for link in scene.mechanism.links:
         if isinstance(link.body, Frfs):
-            raise PlanError(
-                f"links.{link.name} is given by FRFs, so its measurement sets the accuracy and a "
-                "plan has nothing to choose; describe the link as a beam or by matrices."
-            )
+            problem = "is given by FRFs, whose measurement sets the accuracy"
+            raise PlanError(f"links.{link.name} {problem}; describe it as a beam or by matrices.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,11 +132,9 @@ class Result:
         lines, weights = frf_lines(self.frf, self.scene.band)
         frf = self.frf.frf(lines)
         if not np.isfinite(frf).all():
-            raise PlanError(
-                f"An FRF of {self.scene.mechanism.name} is infinite in the band, because a mode is "
-                "undamped or free to move; give its links damping, begin the band above 0 Hz, or "
-                "ask for no points."
-            )
+            problem = f"An FRF of {self.scene.mechanism.name} is infinite in the band"
+            hint = "give its links damping, begin the band above 0 Hz, or ask for no points"
+            raise PlanError(f"{problem}; {hint}.")
         return lines, weights, np.asarray(weights * frf)
 
     def errors(self, exact: "Result") -> FloatArray:
