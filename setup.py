@@ -120,7 +120,7 @@ setup(
     extras_require={**EXTRAS, "test": TEST, "bench": BENCH},
     entry_points={
         "console_scripts": [
-            "linkage-vibration = linkage_vibration.cli.main:main",
+            "linkage-vibration = linkage_vibration.cli.__main__:main",
             "linkage_vibration_node = linkage_vibration.ros.node:main",
         ],
         "pytest11": ["linkage_vibration = linkage_vibration.testing.pytest_plugin"],

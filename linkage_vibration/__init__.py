@@ -7,8 +7,8 @@ imported when it is first used, so that importing the package is fast.
 """
 
 from importlib import import_module
-from typing import TYPE_CHECKING
 
+TYPE_CHECKING = False  # That of typing would take most of the time of this import.
 if TYPE_CHECKING:
     from linkage_vibration.errors import LinkageVibrationError
     from linkage_vibration.mechanics.description import Mechanism

@@ -13,6 +13,7 @@ import numpy as np
 from linkage_vibration.bags.can_frames import EXTENDED, FLAGS, PAYLOAD
 from linkage_vibration.bags.can_signals import Bits, CanSignal, j1939_key
 from linkage_vibration.bags.schemas import FieldError
+from linkage_vibration.support.atomic_files import refuse_pipe
 from linkage_vibration.support.version import check_versions
 
 if TYPE_CHECKING:
@@ -74,6 +75,7 @@ def _load(path: Path, changed: int) -> "Database":
             f"Reading {path} needs cantools; run `pip install linkage_vibration[can]`."
         ) from None
     try:
+        refuse_pipe(path)
         # Other messages than ours may overlap themselves; ours is checked by itself.
         database = Database(strict=False)
         database.add_dbc_string(_text(path.read_bytes()))

@@ -20,6 +20,7 @@ from linkage_vibration.bags.can_logs import (
     read_can_log,
 )
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.support.atomic_files import refuse_pipe
 from linkage_vibration.support.version import check_versions
 from linkage_vibration.support.yaml_size import refuse_unbounded
 
@@ -154,6 +155,7 @@ def _kind(path: Path) -> str:
             f"{path} is not a bag; give a .bag, .mcap or .db3 file, or a log of a CAN bus "
             f"({', '.join(SUFFIXES)})."
         )
+    refuse_pipe(path)
     magic = _MAGIC[suffix]
     with path.open("rb") as file:
         start = file.read(len(magic) or 1)

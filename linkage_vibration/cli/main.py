@@ -10,7 +10,7 @@ import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from linkage_vibration.support.exit_codes import FAILED, ended_by_signals
 
@@ -108,7 +108,11 @@ def argument_parser() -> "argparse.ArgumentParser":
 
     from linkage_vibration.support.version import VERSION
 
-    parser = argparse.ArgumentParser(
+    class Parser(argparse.ArgumentParser):
+        def _print_message(self, message: str, file: Any = None) -> None:
+            (file or sys.stderr).write(message)  # argparse would hide that the disk is full
+
+    parser = Parser(
         prog="linkage-vibration",
         description="Predict how a linkage vibrates in each of its configurations.",
     )

@@ -9,6 +9,7 @@ import numpy as np
 from linkage_vibration.bags.message_types import IMU
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.support.atomic_files import refuse_pipe
 
 _CHANNELS = [
     f"{part}.{axis}" for part in ("linear_acceleration", "angular_velocity") for axis in "xyz"
@@ -62,6 +63,7 @@ def read_numbers(path: Path) -> FloatArray:
     an empty cell is NaN.
     """
     try:
+        refuse_pipe(path)
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError:
         raise RecordingError(f"{path}: is not text in UTF-8; save it as CSV UTF-8.") from None

@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Writes files so that no reader ever finds half of one, and no input is lost."""
 
+import errno
 import os
+import shutil
 import stat
 import sys
 import tempfile
@@ -72,6 +74,12 @@ def check_paths(paths: Sequence[Path]) -> None:
                     )
 
 
+def refuse_pipe(path: Path) -> None:
+    """Raise an OSError for an input that is a pipe, as its reader might wait for ever."""
+    if path.is_fifo():
+        raise OSError(errno.EINVAL, "it is a pipe, not a file")
+
+
 def make_folder(folder: Path, error: type[LinkageVibrationError]) -> None:
     """Create a folder if it is missing, and those above it; raise the error if that fails."""
     try:
@@ -113,22 +121,38 @@ def replacement(
     refused, and with ``new_only`` any file. If the context fails, nothing is left behind; a failure
     to write raises this kind of error.
     """
-    target = Path(os.path.realpath(path))
-    if target.exists() and not target.is_file():
-        raise error(f"{path}: is no regular file; give the name of a file.")
-    prefix = os.fsdecode(b".%b." % os.fsencode(target.name)[:99])
+    with _new_file(path, error, new_only) as (new, target):
+        yield new
+        _move(new, target, new_only)
+
+
+def write_files(files: Mapping[Path, Iterable[bytes]], error: type[LinkageVibrationError]) -> None:
+    """Write the parts of files as `replacement` does, or none of the files if one fails."""
+    with ExitStack() as stack:
+        moves = list[tuple[Path, Path, Path]]()
+        for path, parts in files.items():
+            new, target = stack.enter_context(_new_file(path, error))
+            with new.open("wb") as file:
+                file.writelines(parts)
+            moves.append((path, new, target))
+        with ExitStack() as undo:
+            for path, new, target in moves:
+                with _errors(path, error):
+                    if not target.exists():
+                        undo.callback(target.unlink, missing_ok=True)
+                    elif len(moves) > 1:
+                        old = new.with_name("old" if new.name != "old" else "older")
+                        shutil.copy2(target, old)
+                        undo.callback(old.replace, target)
+                    _move(new, target)
+            undo.pop_all()
+
+
+@contextmanager
+def _errors(path: Path, error: type[LinkageVibrationError]) -> Iterator[None]:
+    """Turn a failure to write a file into this kind of error."""
     try:
-        if new_only and os.path.lexists(path):
-            raise FileExistsError
-        with tempfile.TemporaryDirectory(".tmp", prefix, target.parent) as inside:
-            new = Path(inside) / path.name
-            yield new
-            if new_only:
-                _move_to_free_name(new, target)
-            else:
-                with suppress(FileNotFoundError):
-                    new.chmod(stat.S_IMODE(target.stat().st_mode))
-                new.replace(target)
+        yield
     except FileExistsError:
         raise error(f"{path} exists already; choose another name.") from None
     except OSError as problem:
@@ -137,12 +161,32 @@ def replacement(
         ) from None
 
 
-def write_files(files: Mapping[Path, Iterable[bytes]], error: type[LinkageVibrationError]) -> None:
-    """Write the parts of files as `replacement` does, or none of the files if one fails."""
-    with ExitStack() as stack:
-        for path, parts in files.items():
-            with stack.enter_context(replacement(path, error)).open("wb") as file:
-                file.writelines(parts)
+@contextmanager
+def _new_file(
+    path: Path, error: type[LinkageVibrationError], new_only: bool = False
+) -> Iterator[tuple[Path, Path]]:
+    """Give the paths of a new file and of the one that it becomes; see `replacement`."""
+    target = Path(os.path.realpath(path))
+    if target.exists() and not target.is_file():
+        raise error(f"{path}: is no regular file; give the name of a file.")
+    prefix = os.fsdecode(b".%b." % os.fsencode(target.name)[:99])
+    with _errors(path, error):
+        if new_only and os.path.lexists(path):
+            raise FileExistsError
+        with tempfile.TemporaryDirectory(".tmp", prefix, target.parent) as inside:
+            yield Path(inside) / path.name, target
+
+
+def _move(new: Path, target: Path, new_only: bool = False) -> None:
+    """Move a file to its place once the disk has it, so that a power failure leaves no part."""
+    with new.open("rb") as file:
+        os.fsync(file.fileno())
+    if new_only:
+        _move_to_free_name(new, target)
+    else:
+        with suppress(FileNotFoundError):
+            new.chmod(stat.S_IMODE(target.stat().st_mode))
+        new.replace(target)
 
 
 def write_bytes(path: Path, data: bytes, error: type[LinkageVibrationError]) -> None:

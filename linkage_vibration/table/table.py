@@ -25,7 +25,7 @@ from linkage_vibration.mechanics.kinematics import unit_question
 from linkage_vibration.mechanics.model import Place, pairs
 from linkage_vibration.mechanics.response import FarPoles, PoleResidue, sum_of_modes
 from linkage_vibration.messages.columns import MessageColumns
-from linkage_vibration.support.atomic_files import check_suffix, write_bytes
+from linkage_vibration.support.atomic_files import check_suffix, refuse_pipe, write_bytes
 from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
 from linkage_vibration.table.cells import Cells, spline_cells
 from linkage_vibration.table.interpolation import (
@@ -692,6 +692,7 @@ def load_table(path: str | Path | None = None, mechanism: Mechanism | None = Non
 def _read(path: Path) -> Table:
     rebuild = "build one with `linkage-vibration build`."
     try:
+        refuse_pipe(path)
         with np.load(path, allow_pickle=False) as archive:
             metadata = json.loads(str(archive["metadata"]))
             if metadata["format"] != FORMAT or metadata["units"] != UNITS:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 import linkage_vibration
 from benchmark.failing.__main__ import outcomes
@@ -24,6 +25,7 @@ from linkage_vibration.support.atomic_files import (
     check_outputs,
     new_folder,
     write_bytes,
+    write_files,
 )
 from linkage_vibration.support.exit_codes import ended_by_signals
 from linkage_vibration.support.resources import config_file
@@ -290,6 +292,27 @@ def test_pipe_as_input(files: Path, option: str) -> None:
     assert b"pipe.mcap: is no regular file" in done.stderr
 
 
+@pytest.mark.parametrize(
+    "command",
+    [
+        "measure 120:pipe.csv",
+        "measure 120:pipe.mcap",
+        "calibrate fit.yaml -o new.yaml",
+        "replay drive.mcap --params-file parameters.yaml -o new.mcap",
+    ],
+)
+def test_pipe_that_a_word_or_a_file_names(files: Path, command: str) -> None:
+    """A pipe is also refused where a word or a YAML file names it."""
+    for name in ("pipe.csv", "pipe.mcap", "pipe.yaml"):
+        os.mkfifo(name)
+    Path("fit.yaml").write_text(Path("fit.yaml").read_text().replace("linkage.yaml", "pipe.yaml"))
+    parameters = {"/**": {"ros__parameters": {"mechanism_file": str(files / "pipe.yaml")}}}
+    Path("parameters.yaml").write_text(yaml.safe_dump(parameters))
+    done = shell(f"$L {command}")
+    assert (done.returncode, done.stderr.count(b"\n")) == (1, 1)
+    assert b"it is a pipe, not a file" in done.stderr
+
+
 @pytest.mark.parametrize("command", ["summary log.mcap", "pose linkage.yaml", "export --c new"])
 def test_reader_that_ends(files: Path, command: str) -> None:
     """A reader that wants no more ends a command without a word, after its files are written."""
@@ -299,10 +322,11 @@ def test_reader_that_ends(files: Path, command: str) -> None:
         assert len(list(Path("new").iterdir())) == 3
 
 
-@pytest.mark.parametrize("command", ["summary log.mcap", "pose linkage.yaml"])
-def test_full_standard_output(files: Path, command: str) -> None:
+@pytest.mark.parametrize("command", ["summary log.mcap", "pose linkage.yaml", "plan --help"])
+@pytest.mark.parametrize("buffered", ["PYTHONUNBUFFERED=1", "PYTHONUNBUFFERED="])
+def test_full_standard_output(files: Path, command: str, buffered: str) -> None:
     """Output that cannot be written is an error of one sentence."""
-    done = shell(f"$L {command} > /dev/full")
+    done = shell(f"{buffered} $L {command} > /dev/full")
     assert (done.returncode, done.stderr.count(b"\n")) == (1, 1)
     assert b"The standard output cannot be used (No space left on device)" in done.stderr
 
@@ -345,29 +369,56 @@ def test_failed_table_leaves_no_page(files: Path, capsys: Any, option: str) -> N
     assert [name for name in contents(files) if name.startswith(".")] == []
 
 
+def test_failed_rename_restores_the_other_files(files: Path, monkeypatch: Any) -> None:
+    """If the second of three files cannot be moved to its place, the first is as it was."""
+    Path("first").write_bytes(b"old")
+    Path("first").chmod(0o600)
+    moved, replace = list[Path](), Path.replace
+
+    def replace_once(path: Path, target: Path) -> Path:
+        moved.append(target)
+        if target.name == "second":
+            raise OSError(5, "Input/output error")
+        return replace(path, target)
+
+    monkeypatch.setattr(Path, "replace", replace_once)
+    with pytest.raises(OutputError, match="second: cannot be written"):
+        write_files({Path(n): [b"new"] for n in ("new", "first", "second", "third")}, OutputError)
+    assert [path.name for path in moved] == ["new", "first", "second", "first"]
+    assert (Path("first").read_bytes(), Path("first").stat().st_mode & 0o777) == (b"old", 0o600)
+    assert not {"new", "second", "third"} & set(contents(files))
+    assert [name for name in contents(files) if name.startswith(".")] == []
+
+
 INTERRUPTED = """
 import os, signal, sys
 
+library, number = sys.argv[1], int(sys.argv[2])
+sys.argv[1:] = sys.argv[3:]
+
 class Interrupter:
     def find_spec(self, name, path=None, target=None):
-        if name == sys.argv[1]:
+        if name == library:
             sys.meta_path.remove(self)
             try:
-                os.kill(os.getpid(), int(sys.argv[2]))
+                os.kill(os.getpid(), number)
                 for _ in range(10**5):
                     pass
             except BaseException:  # as extensions turn any exception into an ImportError
+                if name.startswith("linkage_vibration"):
+                    raise
                 raise ImportError("interrupted") from None
 
 sys.meta_path.insert(0, Interrupter())
-from linkage_vibration.cli.main import main
-sys.exit(main(sys.argv[3:]))
+from linkage_vibration.cli.__main__ import main
+sys.exit(main())
 """
 
 
 @pytest.mark.parametrize(
     ("name", "number"),
     [
+        ("linkage_vibration.support.exit_codes", signal.SIGINT),
         ("argparse", signal.SIGINT),
         ("importlib.metadata", signal.SIGHUP),
         ("numpy", signal.SIGINT),
