@@ -352,7 +352,8 @@ class _Replay:
             [ReportedSpeed(n, *speed[1:]) for n, speed in zip(earlier, speeds, strict=True)],
             error,
         )
-        advised = self._adviser.due(resonances.total_load_ratio, stamps[assessed])
+        ratios_at = resonances.total_load_ratio.tolist(), stamps[assessed].tolist()
+        advised = [self._adviser.is_due(*each) for each in zip(*ratios_at, strict=True)]
         answers = np.full(len(rows), -1)
         answers[assessed] = np.arange(len(assessed))
         for group in groups:
@@ -362,7 +363,7 @@ class _Replay:
             for kind in (RESONANCE, LOAD_STATE):
                 found += _encoded(kind, of_group, block, group, kept)
             self.done.resonances += len(kept)
-            for i in kept[np.isin(answer[kept], advised)].tolist():
+            for i in kept[np.array(advised, np.bool_)[answer[kept]]].tolist():
                 advice = self._adviser.answer(resonances.message(answer[i]))
                 found.append(_advice(block, group, i, advice))
         return found

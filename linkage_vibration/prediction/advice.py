@@ -319,14 +319,13 @@ class Adviser:
         self._monitor = monitor
         self._last = -_PERIOD
 
-    def due(self, load_ratios: FloatArray, stamps: IntArray) -> list[int]:
-        """Return for which of the next resonances, (n,), advice is due; stamps are in ns."""
-        rows = []
-        for row in np.flatnonzero(load_ratios > self._monitor.limits.warning).tolist():
-            if not 0 <= int(stamps[row]) - self._last < _PERIOD:
-                self._last = int(stamps[row])
-                rows.append(row)
-        return rows
+    def is_due(self, load_ratio: float, stamp: int) -> bool:
+        """Return whether advice is due for the next resonance; its stamp is in ns."""
+        exceeded = load_ratio > self._monitor.limits.warning
+        if not exceeded or 0 <= stamp - self._last < _PERIOD:
+            return False
+        self._last = stamp
+        return True
 
     def answer(self, resonance: MessageColumns) -> MessageColumns:
         """Return the advice for a resonance of the monitor, as ``Advice.msg``."""

@@ -17,6 +17,13 @@ class Periods:
         self.rate = rate
         self._last = -(2**63)
 
+    def is_due(self, stamp: int) -> bool:
+        """Return whether the next message is due, from its stamp, ns."""
+        if not self.rate:
+            return True
+        before, self._last = self._last, stamp // round(1e9 / self.rate)
+        return self._last != before
+
     def due(self, stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return which messages are due, (n,), from their stamps, ns, in the order of arrival."""
         if not self.rate:

@@ -11,13 +11,14 @@ from typing import overload
 import numpy as np
 from numpy.typing import NDArray
 
+from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.kinematics import unit_question
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.table.table import Table
 
 FloatArray = NDArray[np.float64]
 
-_FARTHEST_ANGLE = 1e6  # deg; a larger angle is not a few turns off
+_FARTHEST_ANGLE = 1e6  # deg; beyond it, nobody is asked whether the joint's zero is a turn off
 _UNCERTAIN_FREQUENCY, _UNCERTAIN_RATIO = 1.0, 20.0  # %
 _TURN = 2.0 * math.pi
 _FARTHEST = 1e6  # rad; a larger angle is too coarse to be reduced to one turn
@@ -261,10 +262,23 @@ class Predictor:
             a toggle, where frequencies vary with sqrt(d), it is too small by the fraction
             7/16 (stddev / d)^2; within a few stddev it is meaningless. The other parts (`Shares`)
             are added as the root of the sum of squares.
+
+        Raises
+        ------
+        LinkageVibrationError
+            If an argument is neither a real number nor an array of them with one axis, or if the
+            number of standard deviations is not that of the angles.
         """
-        if not isinstance(alpha3, float) and np.ndim(alpha3) == 1:
-            angles = np.asarray(alpha3, dtype=float)
-            return predict_many(self, angles, np.broadcast_to(stddev, angles.shape))
+        if not (isinstance(alpha3, float) and isinstance(stddev, float)):
+            angles, given = _numbers(alpha3, "alpha3"), _numbers(stddev, "stddev")
+            if given.shape not in ((), angles.shape):
+                raise LinkageVibrationError(
+                    f"`stddev` has {given.size} numbers for {angles.size} angles; give one "
+                    "number, or one for each angle."
+                )
+            if angles.ndim:
+                return predict_many(self, angles, np.broadcast_to(given, angles.shape))
+            alpha3, stddev = angles, given
         # NumPy numbers of another precision would change the arithmetic.
         alpha3, stddev = float(alpha3), float(stddev)
         angle = self.angle_in_table(alpha3)
@@ -325,6 +339,22 @@ class Predictor:
         status = Status.OUT_OF_RANGE if math.isfinite(alpha3) else Status.INVALID_ANGLE
         modes = unknown, unknown, unknown, unknown
         return Prediction(alpha3, status, *modes, nan, nan, nan, self._table_id, unknown)
+
+
+def _numbers(value: object, name: str) -> FloatArray:
+    """Return one real number, or an array of them with one axis; refuse anything else."""
+    try:
+        numbers = np.asanyarray(value)
+    except ValueError:  # lists of different lengths
+        numbers = np.array(None)
+    masked = isinstance(numbers, np.ma.MaskedArray)
+    if masked or numbers.dtype.kind not in "iuf" or numbers.ndim > 1:
+        text = " ".join(repr(value).split())
+        shown = text if len(text) <= 60 else f"{text[:57]}..."
+        raise LinkageVibrationError(
+            f"`{name}` is {shown}; give a real number, or a list or an array of them with one axis."
+        )
+    return numbers.astype(float)
 
 
 def predict_many(predictor: Predictor, alpha3: FloatArray, stddev: FloatArray) -> MessageColumns:

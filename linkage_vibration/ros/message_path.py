@@ -10,7 +10,6 @@ from contextlib import suppress
 from functools import partial
 from typing import Any, TypeVar
 
-import numpy as np
 from rclpy.node import Node
 
 from linkage_vibration.bags.numbers import MAX_NAMES, CdrError, ReadingError
@@ -376,12 +375,12 @@ class Predicting:
         self.prediction = prediction
         answers = list[tuple[str, bytes]]()
         stamp, needed = 10**9 * sec + nanosec, self._monitor.any_speed_reported
-        if self._periods.due(np.array([stamp]))[0]:
+        if self._periods.is_due(stamp):
             encoded = encode_message(PREDICTION, prediction, sec, nanosec, frame)
             self._predictions.publish(encoded)
             counts.latencies.append(time.monotonic() - began)
             answers.append((self._prediction_topic, encoded))
-        needed = needed and bool(self._monitor.periods.due(np.array([stamp]))[0])
+        needed = needed and self._monitor.periods.is_due(stamp)
         velocity, error = self._velocity(reading, stamp, needed)
         if needed:
             self.resonance = self._monitor.assess(prediction, velocity, at, error)
@@ -391,7 +390,7 @@ class Predicting:
             encoded = encode_message(LOAD_STATE, self.resonance, sec, nanosec, frame)
             self._load_states.publish(encoded)
             answers.append((self._load_states.topic_name, encoded))
-            if self._adviser.due(np.array([self.resonance.total_load_ratio]), np.array([stamp])):
+            if self._adviser.is_due(float(self.resonance.total_load_ratio), stamp):
                 advice = self._adviser.answer(self.resonance)
                 encoded = encode_message(ADVICE, advice, sec, nanosec, frame)
                 self._advice.publish(encoded)

@@ -3,7 +3,6 @@
 """Advice agrees with a search of every cell, for loads in closed form and the shipped model."""
 
 import math
-from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
@@ -298,9 +297,8 @@ def test_negative_speeds_of_shafts_are_refused(source: int) -> None:
 def test_advice_is_due_once_a_second_above_the_limit() -> None:
     """Stamps decide, on both sides of the limit and of a second; a clock may jump back."""
     monitor: Any = SimpleNamespace(limits=WarningLimits(warning=0.33))
-    due: Callable[..., list[int]] = Adviser(monitor).due
-    stamps = np.array([0, 1, 999_999_999, 10**9, 10**9 + 1, 5, 6])
-    ratios = np.array([0.33, 0.331, 0.4, 0.4, 0.4, 0.4, math.nan])
-    assert due(ratios, stamps) == [1, 4, 5]
-    assert due(np.array([0.4]), np.array([10**9 + 4])) == []
-    assert due(np.array([0.4]), np.array([10**9 + 5])) == [0]
+    is_due = Adviser(monitor).is_due
+    stamps = 0, 1, 999_999_999, 10**9, 10**9 + 1, 5, 6, 10**9 + 4, 10**9 + 5
+    ratios = 0.33, 0.331, 0.4, 0.4, 0.4, 0.4, math.nan, 0.4, 0.4
+    due = [False, True, False, False, True, True, False, False, True]
+    assert [is_due(*each) for each in zip(ratios, stamps, strict=True)] == due

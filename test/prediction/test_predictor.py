@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.prediction.predictor import (
     Prediction,
@@ -258,6 +259,35 @@ def test_arrays_of_angles(predictor: Predictor) -> None:
         assert len(predictor.predict(row)) == 1
     for row in (2, np.float32(2.3), np.array(2.3)):
         assert isinstance(predictor.predict(row), Prediction)
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        np.zeros((2, 1)),
+        [[2.0], [2.0, 2.1]],
+        "2.0",
+        None,
+        2.0 + 0.0j,
+        True,
+        np.ma.masked_array([2.0, 2.1], [False, True]),
+    ],
+)
+def test_what_is_no_angle_is_refused(predictor: Predictor, value: Any) -> None:
+    """The error names the argument, for the angle and for its standard deviation."""
+    for name in ("alpha3", "stddev"):
+        with pytest.raises(LinkageVibrationError, match=f"^`{name}` is .*; give a real number"):
+            predictor.predict(**{"alpha3": 2.0, name: value})
+
+
+def test_numbers_of_angles_and_deviations(predictor: Predictor) -> None:
+    """There is one standard deviation for all angles, or one for each."""
+    assert len(predictor.predict(np.array([]))) == 0
+    assert len(predictor.predict(np.array([2.0, 2.1]), 0.1)) == 2
+    assert len(predictor.predict(np.array([2.0, 2.1]), np.array([0.1, 0.2]))) == 2
+    for angles in (np.array([2.0, 2.1, 2.2]), np.array([2.0]), np.array(2.0)):
+        with pytest.raises(LinkageVibrationError, match="`stddev` has 2 numbers for"):
+            predictor.predict(angles, np.array([0.1, 0.2]))
 
 
 def test_dataset_of_predictions(predictor: Predictor) -> None:

@@ -20,7 +20,7 @@ def chosen(rate: float, milliseconds: list[int]) -> list[int]:
     """Return the stamps that are due, ms, which are the same one by one and together."""
     stamps = np.array(milliseconds, np.int64) * MS
     one_by_one, together = monitor(rate), monitor(rate)
-    due = [bool(one_by_one.periods.due(stamps[i : i + 1])[0]) for i in range(len(stamps))]
+    due = [one_by_one.periods.is_due(stamp) for stamp in stamps.tolist()]
     halves = [together.periods.due(part).tolist() for part in np.array_split(stamps, 2)]
     assert halves[0] + halves[1] == due
     return [stamp for stamp, is_due in zip(milliseconds, due, strict=True) if is_due]
