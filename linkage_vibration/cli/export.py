@@ -22,6 +22,11 @@ if TYPE_CHECKING:
     from linkage_vibration.prediction.excitation import Excitation
     from linkage_vibration.table.table import Table
 
+_LOAD_RATIOS = (
+    " Load ratios come from numbers of their own in single precision, of which each differs by at "
+    "most 1 % of its largest value."
+)
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
@@ -68,7 +73,8 @@ def run(options: argparse.Namespace) -> int:
     if options.tolerance is not None:
         fewer = fewer_cells(constants, options.tolerance)
     chosen, errors = exported(constants, fewer, in_single=options.single)
-    files = _files(options, table, chosen, errors.text)
+    text = f"{errors.text}{_LOAD_RATIOS if orders and orders.forces else ''}"
+    files = _files(options, table, chosen, text)
     with new_folder(options.c, ExportError) if options.c else nullcontext():
         check_outputs(list(files), inputs)
         write_files({file: [data] for file, data in files.items()}, ExportError)
@@ -76,7 +82,7 @@ def run(options: argparse.Namespace) -> int:
         print(f"Written: {file}")
     print(
         f"Table {table.table_id} of {table.mechanism_name}: {len(chosen.starts)} of "
-        f"{len(constants.starts)} cells, {chosen.size} bytes of constants. {errors.text}"
+        f"{len(constants.starts)} cells, {chosen.size} bytes of constants. {text}"
     )
     if chosen.gaps:
         print(chosen.gap_text)
@@ -138,28 +144,46 @@ def orders_of(
     """Return excitations of a mechanism with the responses to them, as an export contains them."""
     import numpy as np
 
-    from linkage_vibration.export.constants import Orders
+    from linkage_vibration.export.constants import Orders, forces_of
     from linkage_vibration.prediction.levels import LevelTable
     from linkage_vibration.prediction.predictor import Predictor
+    from linkage_vibration.prediction.severity import DEFAULT_LIMITS, GAP, RANKS
 
-    levels = LevelTable(Predictor(table), mechanism, excitations, with_forces=False)
-    starts, cubics, n_terms, inputs = levels.arrays
+    levels = LevelTable(Predictor(table), mechanism, excitations)
+    starts, cubics, t, which = levels.arrays
+    i, names = int(which.max()) + 1, [name for name, _ in table.forces if levels.force_places]
+    forces, o = None, 1 + len(names)
+    ends = np.cumsum([3 * t, 3 * t * o * i, 3 * o * i, i if t else 0])
+    at = np.split(np.arange(cubics.shape[2]), ends)  # as `prediction.levels` arranges the values
+    above, rest = (part.reshape(-1, o, i) for part in at[1:3])
+    if names:
+        residues = cubics[:, :, above[:, 1:].reshape(3, -1)]
+        others = cubics[:, :, np.append(rest[:, 1:], at[4])]
+        components = tuple(names.count(name) for name in levels.force_places)
+        borders = np.append(starts, table.alpha3_range[1])
+        forces = forces_of(components, borders, residues, others)
+    own = np.concatenate([at[0], above[:, 0].ravel(), rest[:, 0].ravel(), at[3]])
     return Orders(
         names=tuple(excitation.name for excitation in excitations),
         sources=tuple(excitation.source.value for excitation in excitations),
         ratios=np.array([excitation.ratio for excitation in excitations]),
-        forces=np.array([_force(excitation) for excitation in excitations]),
-        inputs=tuple(inputs.tolist()),
-        n_terms=n_terms,
-        n_inputs=int(inputs.max()) + 1,
+        loads=np.array([_force(excitation) for excitation in excitations]),
+        inputs=tuple(which.tolist()),
+        n_terms=t,
+        n_inputs=i,
         starts=starts,
-        cubics=cubics,
+        cubics=cubics[:, :, own],
         highest_frequency=table.band[1],
+        warns=tuple(excitation.warns for excitation in excitations),
+        limits=(DEFAULT_LIMITS.warning, DEFAULT_LIMITS.note, DEFAULT_LIMITS.near),
+        times=(round(1e9 * DEFAULT_LIMITS.dwell), round(1e9 * GAP)),
+        ranks=tuple(RANKS.tolist()),
+        forces=forces,
     )
 
 
 def _force(excitation: "Excitation") -> tuple[float, float, float, float]:
-    """Return the load of an excitation as `Orders.forces` has it."""
+    """Return the load of an excitation as `Orders.loads` has it."""
     from linkage_vibration.prediction.excitation import LoadKind
 
     load = excitation.load

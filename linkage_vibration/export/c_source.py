@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from linkage_vibration.export.constants import Constants, ExportError, Orders, Reals
+from linkage_vibration.export.constants import Constants, ExportError, Forces, Orders, Reals
 from linkage_vibration.export.evaluation import ASSESSED, NUMBERS, SOURCES, assess, evaluate
 from linkage_vibration.messages.fields import message_constants, message_fields
-from linkage_vibration.messages.topics import PREDICTION, RESONANCE
+from linkage_vibration.messages.topics import LOAD_STATE, PREDICTION, RESONANCE
 from linkage_vibration.support.version import VERSION
 from linkage_vibration.table.table import Table
 
@@ -141,7 +141,6 @@ def _values(description: Description, constants: Constants) -> dict[str, str]:
     low, high = (math.degrees(angle) for angle in constants.alpha3_range)
     turns = ", of any turn" if constants.turns else ""
     fields = (*message_fields(RESONANCE), *message_fields(PREDICTION))
-    statuses = message_constants(PREDICTION).items()
     values = {
         **{field.name: comment(field.comment) for field in fields},
         **_numbers(constants, f),
@@ -160,19 +159,29 @@ def _values(description: Description, constants: Constants) -> dict[str, str]:
         "real": "float" if f else "double",
         "in_double": ", whose numbers were rounded to single precision" if f else "",
         "range": f"{low:.6g} to {high:.6g} deg{turns}",
-        "statuses": "\n".join(f"#define {prefix.upper()}_{name} {v}" for name, v in statuses),
+        "statuses": _macros(prefix, PREDICTION),
         "turn": literal(float(constants.starts.dtype.type(2.0 * math.pi)), f),
         "orders_header": "",
         "orders_source": "",
     }
     if orders is not None:
         values |= _numbers(orders, f, "response_") | _order_values(orders, f)
+        values |= {"states": _macros(prefix, LOAD_STATE), "forces_source": ""}
+        if orders.forces is not None:
+            values |= _numbers(orders.forces, "f", "force_")
+            values["forces_source"] = filled("forces.c.in", values)
         values["orders_header"] = filled("orders.h.in", values)
         values["orders_source"] = filled("orders.c.in", values)
     return values
 
 
-def _numbers(holder: Constants | Orders, f: str, prefix: str = "") -> dict[str, str]:
+def _macros(prefix: str, kind: str) -> str:
+    """Return the constants of a message as macros."""
+    constants = message_constants(kind).items()
+    return "\n".join(f"#define {prefix.upper()}_{name} {value}" for name, value in constants)
+
+
+def _numbers(holder: Constants | Orders | Forces, f: str, prefix: str = "") -> dict[str, str]:
     """Return the numbers of a dataclass, and the lengths of its arrays, by the names of fields."""
     texts = {}
     for field, value in vars(holder).items():
@@ -224,16 +233,25 @@ def _lines(words: Iterable[str], indent: str) -> list[str]:
 def _order_values(orders: Orders, f: str) -> dict[str, str]:
     """Return what stands for the excitations in their templates."""
     real, rows = orders.starts.dtype.type, []
-    given = orders.ratios.tolist(), orders.omegas.tolist(), orders.forces.tolist()
-    for source, *pair, force, which in zip(orders.sources, *given, orders.inputs, strict=True):
-        *load, soil = force
+    given = orders.ratios.tolist(), orders.omegas.tolist(), orders.loads.tolist()
+    every = zip(orders.sources, *given, orders.inputs, orders.warns, strict=True)
+    for source, *pair, (*load, soil), which, warns in every:
         numbers = [literal(v, f) for v in (*pair, *load)]
-        row = ", ".join([f"{SOURCES.index(source)}u", *numbers, str(int(soil)), f"{which}u"])
-        rows.append(f"    {{{row}}}")
+        last = str(int(soil)), f"{which}u", f"{warns:d}u"
+        rows.append(f"    {{{', '.join([f'{SOURCES.index(source)}u', *numbers, *last])}}}")
+    components = orders.forces.components if orders.forces else ()
+    dwell, gap = (f"INT64_C({time})" for time in orders.times)
     return {
         "order_names": _texts(orders.names),
         "n_orders": str(len(orders.names)),
         "excitations": ",\n".join(rows),
+        "n_forces": str(len(components)),
+        "n_components": str(sum(components)),
+        "components": ", ".join(f"{count}u" for count in components),
+        "limits": ", ".join([*(literal(float(real(v)), f) for v in orders.limits), dwell]),
+        "ranks": ", ".join(map(str, orders.ranks)),
+        "gap": gap,
+        "tiny": literal(1e-37 if f else 1e-300, f),
         "highest_omega": literal(float(real(2.0 * math.pi * orders.highest_frequency)), f),
     }
 

@@ -27,13 +27,28 @@ _SAME = 1e-6  # of the largest value: a larger step between two cells is a jump
 _ZERO = 1e-4  # of the largest value: smaller values have no relative error of their own
 _SMALL_TERM = 1e-2  # of its largest residue: the same of a term of a response
 _LARGEST_TOLERANCE = 1e-3  # that of the peak is a hundred times as large
-_DEVIATION = 0.01  # relative error of standard deviations with fewer rows
+_DEVIATION = 0.01  # relative error of standard deviations with fewer rows, and of forces
 _MOST_GAPS = 1e-3  # of the range
 _SHARE = 0.3  # of the tolerance of a response, which each of its numbers may use
 
 
 class ExportError(LinkageVibrationError):
     """A table cannot be exported."""
+
+
+@dataclass(frozen=True, eq=False)
+class Forces:
+    """Responses of forces in pins and cylinders, and their static forces.
+
+    The cubics, (n_cells, 4, n_values), are in single precision; they have residues and residuals of
+    all components, as `prediction.levels` arranges them, and then the static forces, N. Without
+    imaginary parts of residues these are left out.
+    """
+
+    components: tuple[int, ...]  # of each pin and cylinder, 1 or 2
+    is_complex: bool
+    starts: Reals
+    cubics: Reals
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +61,7 @@ class Orders:
         Such as "engine 1.5", and the speeds that they follow: "engine", "pto" or "ground".
     ratios : ndarray, (n_orders,)
         Frequency per speed, Hz/rpm or Hz/(m/s).
-    forces : ndarray, (n_orders, 4)
+    loads : ndarray, (n_orders, 4)
         Of each load the amplitude (root mean square over time), the speed at which it has this
         amplitude, the exponent of its growth, and 1 if it is an acceleration of the soil. The
         amplitude is NaN where it is not known.
@@ -58,18 +73,33 @@ class Orders:
         Cells of poles and residues, as `prediction.levels` arranges them.
     highest_frequency : float
         Up to which responses are known, Hz.
+    warns : tuple of bool, (n_orders,)
+        Whether each excitation may warn.
+    limits : tuple of float
+        Default limits of warnings and notes, and the margin, 1.
+    times : tuple of int
+        Default dwell time, and the gap that ends warnings, ns.
+    ranks : tuple of int
+        How bad each state is.
+    forces : Forces, optional
+        None without load ratios.
     """
 
     names: tuple[str, ...]
     sources: tuple[str, ...]
     ratios: Reals
-    forces: Reals
+    loads: Reals
     inputs: tuple[int, ...]
     n_terms: int
     n_inputs: int
     starts: Reals
     cubics: Reals
     highest_frequency: float
+    warns: tuple[bool, ...]
+    limits: tuple[float, float, float]
+    times: tuple[int, int]
+    ranks: tuple[int, ...]
+    forces: Forces | None = None
 
     @property
     def omegas(self) -> Reals:
@@ -176,7 +206,8 @@ class Constants:
     @property
     def size(self) -> int:
         """Bytes of all arrays."""
-        values = [*vars(self).values(), *(vars(self.orders).values() if self.orders else ())]
+        holders = [self, self.orders, self.orders and self.orders.forces]
+        values = [value for holder in holders if holder for value in vars(holder).values()]
         return sum(value.nbytes for value in values if isinstance(value, np.ndarray))
 
 
@@ -347,6 +378,30 @@ def fewer_cells(constants: Constants, tolerance: float) -> Constants:
         parameter_step=every * constants.parameter_step,
         orders=orders,
     )
+
+
+def forces_of(
+    components: tuple[int, ...], ends: FloatArray, residues: FloatArray, others: FloatArray
+) -> Forces:
+    """Return forces with few cells: each number may differ by 1 % of its largest value.
+
+    Parameters
+    ----------
+    components : tuple of int
+        Of each pin and cylinder.
+    ends : ndarray, (n_cells + 1,)
+        Of the cells, rad.
+    residues, others : ndarray, (n_cells, 4, 3, k) and (n_cells, 4, n)
+        Cubics of both parts and the rates, and what follows them.
+    """
+    is_complex, n = bool(residues[:, :, 1].any()), len(residues)
+    parts = residues if is_complex else residues[:, :, ::2]
+    cubics = np.concatenate([parts.reshape(n, 4, -1), others], axis=2)
+    sizes = smallest_sizes(cubics, np.diff(ends), 1.0)
+    starts, cubics = _Joiner(ends, cubics, _DEVIATION * sizes).joined()
+    rounded = starts.astype(np.float32)
+    cubics = moved(cubics, rounded.astype(float) - starts).astype(np.float32)
+    return Forces(components, is_complex, rounded, cubics)
 
 
 def _kept_rows(rows: Reals) -> int:

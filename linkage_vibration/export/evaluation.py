@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from linkage_vibration.export.constants import (
     Constants,
     FloatArray,
+    Forces,
     Orders,
     Reals,
     extremes,
@@ -43,7 +44,9 @@ ASSESSED = (
     "relative_margin",
     "velocities",
     "amplifications",
+    "load_ratios",
     "total_velocity",
+    "total_load_ratio",
 )
 """Numbers about excitations that the generated test compares."""
 SOURCES = ("engine", "pto", "ground")
@@ -306,35 +309,88 @@ def assess(
         apart = np.nan_to_num(np.abs(frequency / natural - real(1.0)), nan=math.inf)
         nearest = np.take_along_axis(natural, apart.argmin(axis=0)[np.newaxis], axis=0)[0]
         margin = (frequency - nearest) / nearest
-        levels = np.full((2, *speed.shape), real(math.nan))
+        levels = np.full((3, *speed.shape), real(math.nan))
+        total = np.full(len(angle), real(math.nan))
         if t:
-            magnitude, still = _magnitudes(orders, angle, w)
-            amplitude, at, exponent, soil = orders.forces.astype(real).T[..., np.newaxis]
+            factors = _factors(orders, angle, w)
+            magnitude, still = _magnitudes(orders, angle, w, factors)
+            amplitude, at, exponent, soil = orders.loads.astype(real).T[..., np.newaxis]
             load = amplitude * (speed / at) ** exponent
             load = np.where(soil != 0.0, load / (w * w), load)
             load = np.where(speed > 0.0, load, real(0.0) * amplitude)
-            levels = np.array([(magnitude * load) * w, magnitude / still])
-            levels[:, ~(w <= real(2.0 * math.pi * orders.highest_frequency))] = math.nan
+            known = w <= real(2.0 * math.pi * orders.highest_frequency)
+            load, still = np.where(known, [load, still], real(math.nan))
+            levels[:2] = (magnitude * load) * w, magnitude / still
+            if orders.forces is not None:
+                squares, lost = _load_ratios(orders, orders.forces, angle, w, factors, load)
+                levels[2] = np.sqrt(squares.max(axis=0))
+                total = np.add.accumulate(np.fmax(squares, 0.0), axis=1)[:, -1].max(axis=0)
+                total = np.sqrt(total) + lost
         squares = np.add.accumulate(np.nan_to_num(levels[0] * levels[0], nan=0.0))[-1]
-        total = np.where(np.isnan(levels[0]).all(axis=0), real(math.nan), np.sqrt(squares))
-    return dict(zip(ASSESSED, (frequency.T, margin.T, *levels.swapaxes(1, 2), total), strict=True))
+        unknown = np.isnan(levels[0]).all(axis=0)
+        totals = [np.where(unknown, real(math.nan), x) for x in (np.sqrt(squares), total)]
+    columns = (frequency.T, margin.T, *levels.swapaxes(1, 2), *totals)
+    return dict(zip(ASSESSED, columns, strict=True))
 
 
-def _magnitudes(orders: Orders, angle: Reals, w: Reals) -> tuple[Reals, Reals]:
+def _factors(orders: Orders, angle: Reals, w: Reals) -> tuple[Reals, Reals]:
+    """Return both parts of 1 / (k - w^2 - i w c), (n_terms, n_orders, n)."""
+    t = orders.n_terms
+    values = Cells(orders.starts, orders.cubics).many_values(angle).T
+    k, k_imaginary, c = values[: 3 * t].reshape(3, t, 1, -1)
+    d, d_imaginary = k - w * w, c * w + k_imaginary
+    size = d * d + d_imaginary * d_imaginary
+    return d / size, d_imaginary / size
+
+
+def _summed(factors: tuple[Reals, Reals], above: Reals, rest: Reals, w: Reals) -> Reals:
+    """Return squares of sums of terms over the first axis; the last two are orders and angles.
+
+    Of numerators and rest, (3, ...), there are both parts and the rate.
+    """
+    (d, d_imaginary), (a, a_imaginary, b) = factors, above
+    numerator = a_imaginary + b * w
+    parts = a * d + numerator * d_imaginary, numerator * d - a * d_imaginary
+    real, imaginary = (np.add.accumulate(part)[-1] for part in parts)
+    real, imaginary = real + rest[0], imaginary + rest[1] + rest[2] * w
+    return np.asarray(real * real + imaginary * imaginary)
+
+
+def _magnitudes(
+    orders: Orders, angle: Reals, w: Reals, factors: tuple[Reals, Reals]
+) -> tuple[Reals, Reals]:
     """Return magnitudes of responses to unit loads at frequencies, and of the static ones.
 
     Both are (n_orders, n), as the angular frequencies are; angles are (n,).
     """
     t, i, inputs = orders.n_terms, orders.n_inputs, np.array(orders.inputs)
     values = Cells(orders.starts, orders.cubics).many_values(angle).T
-    k, k_imaginary, c = values[: 3 * t].reshape(3, t, 1, -1)
     above = 3 * t * (1 + i)
-    a, a_imaginary, b = values[3 * t : above].reshape(3, t, i, -1)[:, :, inputs]
-    rest, rest_imaginary, rate = values[above : above + 3 * i].reshape(3, i, -1)[:, inputs]
-    d, d_imaginary = k - w * w, c * w + k_imaginary
-    size, numerator = d * d + d_imaginary * d_imaginary, a_imaginary + b * w
-    d, d_imaginary = d / size, d_imaginary / size
-    parts = a * d + numerator * d_imaginary, numerator * d - a * d_imaginary
-    real, imaginary = (np.add.accumulate(part)[-1] for part in parts)
-    real, imaginary = real + rest, imaginary + rest_imaginary + rate * w
-    return np.sqrt(real * real + imaginary * imaginary), values[above + 3 * i :][inputs]
+    terms = values[3 * t : above].reshape(3, t, i, -1)[:, :, inputs]
+    rest = values[above : above + 3 * i].reshape(3, i, -1)[:, inputs]
+    return np.sqrt(_summed(factors, terms, rest, w)), values[above + 3 * i :][inputs]
+
+
+def _load_ratios(
+    orders: Orders,
+    forces: Forces,
+    angle: Reals,
+    w: Reals,
+    factors: tuple[Reals, Reals],
+    load: Reals,
+) -> tuple[Reals, Reals]:
+    """Return squares of load ratios, (n_forces, n_orders, n), and NaN without all static forces."""
+    real, inputs = orders.starts.dtype.type, np.array(orders.inputs)
+    cells = Cells(forces.starts.astype(real), forces.cubics.astype(real))
+    values, k, n = cells.many_values(angle).T, sum(forces.components), len(angle)
+    size = k * orders.n_inputs
+    end = (2 + forces.is_complex) * orders.n_terms * size
+    above = values[:end].reshape(-1, orders.n_terms, k, orders.n_inputs, n)[..., inputs, :]
+    if not forces.is_complex:
+        above = np.stack([above[0], 0.0 * above[1], above[1]])
+    rest = values[end : end + 3 * size].reshape(3, k, orders.n_inputs, n)[:, :, inputs]
+    each = factors[0][:, np.newaxis], factors[1][:, np.newaxis]
+    first = np.cumsum((0, *forces.components[:-1]))
+    squares = np.add.reduceat(_summed(each, above, rest, w), first) * (load * load)
+    references = values[end + 3 * size :]
+    return squares / (references * references)[:, np.newaxis], (0.0 * references).sum(axis=0)

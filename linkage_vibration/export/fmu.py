@@ -159,6 +159,8 @@ def _variables(
     integers = [_Variable("status", "output", text, None, ends, is_integer=True)]
     if orders is not None:
         reals += _outputs(RESONANCE, _PER_ORDER, orders.names) + _outputs(RESONANCE, _TOTALS)
+        reals += _outputs(RESONANCE, ["load_ratios"], orders.names)
+        reals += _outputs(RESONANCE, ["total_load_ratio"])
         text = "1, mode that is nearest to the excitation, from 1; 0 if it is not known"
         ends = 0.0, float(constants.n_modes)
         for i, name in enumerate(orders.names, 1):

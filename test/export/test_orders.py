@@ -19,7 +19,8 @@ from linkage_vibration.export.evaluation import exported
 from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor, predict_many
-from linkage_vibration.prediction.resonance import ResonanceMonitor, ResonanceState
+from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor, ResonanceState
+from linkage_vibration.prediction.severity import WarningLimits
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import (
@@ -64,12 +65,7 @@ def case(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     mechanism = read_mechanism(config_file(mechanism_file))
     constants = constants_of(table, orders_of(table, mechanism, excitations))
     library = Library(tmp_path_factory.mktemp("orders"), description_of(table, ""), constants)
-    return (
-        table,
-        LevelTable(Predictor(table), mechanism, excitations, with_forces=False),
-        excitations,
-        library,
-    )
+    return (table, LevelTable(Predictor(table), mechanism, excitations), excitations, library)
 
 
 def drawn(table: Table) -> tuple[Any, Any]:
@@ -138,6 +134,68 @@ def test_most_severe_excitation(case: Case) -> None:
     assert compared > 100
 
 
+@pytest.mark.parametrize("in_single", [False, True])
+def test_load_ratios(case: Case, in_single: bool, tmp_path: Path) -> None:
+    """Load ratios are those of the node within 1 %, or 1e-5 of the static force."""
+    table, known, _, library = case
+    if in_single:
+        library = Library(tmp_path, description_of(table, ""), single(library.constants))
+    angles, speeds = drawn(table)
+    angles = np.clip(angles, *np.nextafter(table.alpha3_range, 2.0).astype(np.float32))
+    found = library.assess(library.predict(angles, 0.0 * angles), speeds)
+    levels = known.at(angles, speeds.T)
+    for name in ("load_ratios", "total_load_ratio"):
+        own, expected = found[name], getattr(levels, name)
+        np.testing.assert_array_equal(np.isnan(own), np.isnan(expected), name)
+        np.testing.assert_allclose(own, expected, rtol=0.01, atol=1e-5, err_msg=name)
+    assert np.isfinite(found["total_load_ratio"]).any() == bool(known.force_places)
+
+
+def drive(table: Table) -> tuple[Any, Any, Any]:
+    """Return times, ns, angles and speeds, (n, 3), of a drive into a resonance and out of it.
+
+    The PTO stays below, in and above the resonance for long and for short, then the same backwards;
+    between them there are a gap, a step back, an unknown speed and angles out of the table.
+    """
+    low, high = table.alpha3_range
+    ramp = np.concatenate(
+        [np.linspace(0.0, 1100.0, 1500), np.tile([100.0, 540.0], (40, 20)).ravel()]
+    )
+    pto = np.concatenate([ramp, ramp[::-1], ramp])
+    n = len(pto)
+    times = 10_000_000 * np.arange(n)
+    times[n // 2 :] += 5_000_000_000
+    times[2 * n // 3 :] -= 2_000_000_000
+    speeds = np.column_stack([np.linspace(800.0, 2200.0, n), pto, np.full(n, math.nan)])
+    speeds[n // 4 : n // 4 + 30, 1] = math.nan
+    angles = 0.5 * (low + high) + 0.45 * (high - low) * np.sin(np.linspace(0.0, 9.0, n))
+    angles[n // 5 : n // 5 + 40] = high + 0.1
+    return times, angles, speeds
+
+
+def test_states_over_a_drive(case: Case) -> None:
+    """States, dwell and hysteresis are those of the node's monitor in both directions."""
+    table, known, excitations, library = case
+    times, angles, speeds = drive(table)
+    limits = WarningLimits(warning=0.02, note=0.01, dwell=0.3, near=0.1)
+    monitor = ResonanceMonitor(excitations, limits, levels=known)
+    reports = [
+        ReportedSpeed(i, source, speed, int(times[i]))
+        for i, row in enumerate(speeds.tolist())
+        for source, speed in zip(Source, row, strict=True)
+    ]
+    predictions = predict_many(Predictor(table), angles, 0.0 * angles)
+    still = np.zeros(len(times))
+    expected = monitor.assess_many(predictions, still, times, reports, still)
+    predicted = library.predict(angles, still)
+    found = library.judge(predicted, library.assess(predicted, speeds), times, limits)
+    np.testing.assert_array_equal(found[:, 0], expected.state)
+    np.testing.assert_array_equal(found[:, 1], expected.excitation_index)
+    np.testing.assert_array_equal(found[:, 2:], expected.states)
+    entered = np.flatnonzero(np.diff((found[:, 0] == ResonanceState.WARNING).astype(int)))
+    assert (len(entered) >= 4) == bool(known.force_places)
+
+
 @pytest.mark.parametrize(
     ("tolerance", "in_single"), [(None, True), (1e-5, False), (1e-5, True), (1e-3, False)]
 )
@@ -152,7 +210,7 @@ def test_error_of_responses(
     mechanism_file, table_file, excitations = CASES[name]
     mechanism = read_mechanism(config_file(mechanism_file))
     table = load_table(config_file(table_file), mechanism)
-    known = LevelTable(Predictor(table), mechanism, excitations, with_forces=False)
+    known = LevelTable(Predictor(table), mechanism, excitations)
     exact = constants_of(table, orders_of(table, mechanism, excitations))
     fewer = exact if tolerance is None else fewer_cells(exact, tolerance)
     constants, errors = exported(exact, fewer, in_single=in_single)
@@ -200,7 +258,7 @@ def test_generated_test(case: Case, in_single: bool, tmp_path: Path) -> None:
         compile_c([*command, f"{description.name}_test.c", "-lm", "-o", "run"], tmp_path)
         done = subprocess.run([tmp_path / "run"], capture_output=True, text=True)
         assert done.returncode == code, done.stdout
-    numbers = 1000 * (5 * constants.n_modes + 3) + 200 * (4 * len(excitations) + 1)
+    numbers = 1000 * (5 * constants.n_modes + 3) + 200 * (5 * len(excitations) + 2)
     assert f"of {numbers} numbers" in done.stdout
 
 

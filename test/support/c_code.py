@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from linkage_vibration.export.c_source import Description, c_files
 from linkage_vibration.export.constants import Constants, Reals
 from linkage_vibration.export.evaluation import NUMBERS
+from linkage_vibration.prediction.severity import WarningLimits
 from test.support.programs import require
 
 COMPILERS = ("gcc", "clang")
@@ -43,6 +44,19 @@ void assess_many(const PREFIX_prediction *predictions, const PREFIX_real *speeds
     size_t i;
     for (i = 0u; i < count; i++) {
         PREFIX_assess(&predictions[i], &speeds[PREFIX_SPEEDS * i], &found[i]);
+    }
+}
+void judge_many(const PREFIX_prediction *predictions, const PREFIX_resonance *resonances,
+                const int64_t *times, const PREFIX_limits *limits, size_t count,
+                PREFIX_load_state *found);
+void judge_many(const PREFIX_prediction *predictions, const PREFIX_resonance *resonances,
+                const int64_t *times, const PREFIX_limits *limits, size_t count,
+                PREFIX_load_state *found)
+{
+    PREFIX_warnings warnings = {0};
+    size_t i;
+    for (i = 0u; i < count; i++) {
+        PREFIX_judge(&predictions[i], &resonances[i], limits, times[i], &warnings, &found[i]);
     }
 }
 """
@@ -122,6 +136,8 @@ class Library:
                 ),
                 ("total_velocity", real),
                 ("total_acceleration", real),
+                ("load_ratios", real, (n,)),
+                ("total_load_ratio", real),
             ],
             align=True,
         )
@@ -129,4 +145,23 @@ class Library:
         own = np.ascontiguousarray(speeds, real)
         pointers = [ctypes.c_void_p(x.ctypes.data) for x in (predictions, own, found)]
         self._library.assess_many(*pointers[:2], ctypes.c_size_t(len(found)), pointers[2])
+        return found
+
+    def judge(
+        self,
+        predictions: NDArray[np.void],
+        resonances: NDArray[np.void],
+        times: NDArray[np.int64],
+        limits: WarningLimits,
+    ) -> NDArray[np.int32]:
+        """Return states at times, ns, (n, 2 + n_orders): of all, the worst one, and of each."""
+        assert self.constants.orders is not None
+        found = np.zeros((len(times), 2 + len(self.constants.orders.names)), np.int32)
+        real = self.constants.starts.dtype
+        kind = [("warning", real), ("note", real), ("near", real), ("dwell", np.int64)]
+        own = limits.warning, limits.note, limits.near, round(1e9 * limits.dwell)
+        given = np.array(own, np.dtype(kind, align=True))
+        every = (predictions, resonances, np.ascontiguousarray(times, np.int64), given, found)
+        pointers = [ctypes.c_void_p(x.ctypes.data) for x in every]
+        self._library.judge_many(*pointers[:4], ctypes.c_size_t(len(found)), pointers[4])
         return found
