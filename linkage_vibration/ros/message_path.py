@@ -294,7 +294,8 @@ class Predicting:
         counts.wait = max(counts.wait, wait)
         number = info["publication_sequence_number"]
         if number is not None:
-            counts.gaps[name] += self._gaps[name].before(number, info["source_timestamp"])
+            publishers = partial(self._node.count_publishers, name)
+            counts.gaps[name] += self._gaps[name].before(number, publishers)
         if topic.crank is not None:
             counts.received += 1
             # While newer readings wait, an old angle is worthless. What is left out is not

@@ -4,12 +4,12 @@
 
 import math
 from collections import Counter, deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 LATENCIES = 1_000  # the percentiles are those of this many latest latencies
 CLOCK_LEAP = 10.0  # s; a simulated clock was set if it goes forward by more
 CLOCK_STEP = 0.5  # s; the wall clock was set if it differs by more from the steady clock
-_SHORTEST = 10_000  # ns; nobody sends two messages in less
 _PUBLISHERS = 16  # on one topic, of which the last numbers are kept
 
 
@@ -80,20 +80,22 @@ class SequenceGaps:
     """Finds the messages that are missing between the sequence numbers of publishers of a topic.
 
     rclpy does not say which publisher sent a message. So a number belongs to the publisher whose
-    last one is the next below it, unless nobody could have sent so many messages in between.
+    last one is the next below it, unless it is the first of a publisher that has sent nothing yet.
     """
 
     def __init__(self) -> None:
         self._numbers: deque[int] = deque(maxlen=_PUBLISHERS)  # the last one of each publisher
-        self._sent = 0  # ns
 
-    def before(self, number: int, sent: int) -> int:
-        """Return how many messages are missing before the one with this number, sent at ns."""
-        elapsed, self._sent = sent - self._sent, sent
-        last = max((each for each in self._numbers if each < number), default=None)
-        if last is not None and (number - last - 1) * _SHORTEST <= elapsed:
+    def before(self, number: int, publishers: Callable[[], int]) -> int:
+        """Return how many messages are missing before this one, on a topic of so many publishers.
+
+        They are only counted, which takes a while, where a number is missing.
+        """
+        last = max((each for each in self._numbers if each < number), default=number)
+        missing = max(number - last - 1, 0)
+        if last == number or (missing and len(self._numbers) < publishers()):
+            missing = 0
+        else:
             self._numbers.remove(last)
-            self._numbers.append(number)
-            return number - last - 1
         self._numbers.append(number)
-        return 0
+        return missing

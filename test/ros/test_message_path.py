@@ -39,6 +39,7 @@ class Bench:
         node = SimpleNamespace(
             get_clock=lambda: SimpleNamespace(ros_time_is_active=False),
             get_publishers_info_by_topic=lambda topic: [],
+            count_publishers=lambda topic: 1,
         )
         listener = SimpleNamespace(subscribe=self._subscribe, lost=Counter)
         throttle = SimpleNamespace(warn=lambda *_: None, report=lambda *_: None)
