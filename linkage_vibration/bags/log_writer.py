@@ -15,6 +15,7 @@ from mcap.records import Attachment as AttachmentRecord
 from linkage_vibration.bags.mcap_file import McapFile
 from linkage_vibration.bags.mcap_records import MESSAGE, MESSAGE_HEAD
 from linkage_vibration.bags.writing import Attachment, LogError, Topic
+from linkage_vibration.support.commands import command
 
 # A chunk is compressed and written at once, so its size limits how long `write` can take.
 CHUNK_BYTES = 64 * 1024
@@ -204,7 +205,7 @@ class LogWriter:
             ) from None
         except (OSError, MemoryError) as error:
             problem = getattr(error, "strerror", "there is not enough memory")
-            repair = f", and complete this log with `linkage-vibration recover {self.path}`"
+            repair = f", and complete this log with `{command(f'recover {self.path}')}`"
             raise LogError(
                 f"{self.path} could not be written any further: {problem}; make room on its disk"
                 f"{repair if self.written else ''}."

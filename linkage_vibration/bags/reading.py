@@ -21,6 +21,7 @@ from linkage_vibration.bags.can_logs import (
 )
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.support.atomic_files import refuse_pipe
+from linkage_vibration.support.commands import command
 from linkage_vibration.support.version import check_versions
 from linkage_vibration.support.yaml_size import refuse_unbounded
 
@@ -35,7 +36,7 @@ _MAGIC = {".bag": b"#ROSBAG V2.0", ".mcap": b"\x89MCAP0\r\n", ".db3": b"SQLite f
 _MAGIC |= dict.fromkeys(SUFFIXES, b"")
 _REPAIR = {
     ".bag": "`rosbag reindex`",
-    ".mcap": "`linkage-vibration recover`",
+    ".mcap": "`{recover}`",
     ".db3": "`ros2 bag reindex` on its folder",
     "": "`ros2 bag reindex`",
 }
@@ -94,7 +95,7 @@ def bag_errors(path: Path) -> Iterator[None]:
         if can_log_suffix(path):
             remedy = "convert it again, or read what is left of it with the tool that wrote it"
             raise BagError(f"{path} is damaged or incomplete ({text}); {remedy}.") from error
-        repair = _REPAIR["" if path.is_dir() else path.suffix]
+        repair = _REPAIR["" if path.is_dir() else path.suffix].format(recover=command("recover"))
         raise BagError(f"{path} is damaged or incomplete ({text}); try {repair}.") from error
 
 
@@ -117,7 +118,7 @@ def _foreign(path: Path) -> str:
     if summary.chunk_indexes and not summary.channels:
         return (
             "is a valid MCAP file whose summary does not repeat its channels; add them with "
-            "`linkage-vibration recover`."
+            f"`{command('recover')}`."
         )
     for channel in summary.channels.values():
         if channel.message_encoding != "cdr":

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 from linkage_vibration.bags.writing import Attachment, LogError, Topic
+from linkage_vibration.support.commands import command
 from linkage_vibration.support.missing_library import missing_library
 
 if TYPE_CHECKING:
@@ -214,7 +215,7 @@ class Recorder:
             self._keep(
                 LogError(
                     f"{self.path} is still being written, as its disk does not respond; complete "
-                    f"it with `linkage-vibration recover {self.path}` when the disk responds."
+                    f"it with `{command(f'recover {self.path}')}` when the disk responds."
                 )
             )
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from linkage_vibration.cli.arguments import SHIPPED, mechanism_file
+from linkage_vibration.support.commands import command
 
 _TOLERANCE = 1e-4  # by default, of a mechanism whose numbers count as exact
 
@@ -79,5 +80,5 @@ def _written(output: Path, tolerance: float | None, points: Sequence[str]) -> st
     if tolerance is None:
         return text
     at = " ".join(["", "--frf-points", *points]) if points else ""
-    build = f"linkage-vibration build {output} --tolerance {tolerance:.3g}{at}"
+    build = command(f"build {output} --tolerance {tolerance:.3g}{at}")
     return f"{text}\nTo build its table: {build}"

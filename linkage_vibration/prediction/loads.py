@@ -15,6 +15,7 @@ from linkage_vibration.mechanics.ground_motion import soil_places
 from linkage_vibration.mechanics.kinematics import Kinematics
 from linkage_vibration.mechanics.model import Place
 from linkage_vibration.prediction.excitation import Excitation, ExcitationError, Load, LoadKind
+from linkage_vibration.support.commands import command
 from linkage_vibration.table.table import Table
 
 Weights = Callable[[float], tuple[FloatArray, FloatArray]]
@@ -58,8 +59,8 @@ def load_input(excitation: Excitation, table: Table, mechanism: Mechanism) -> Un
     if missing:
         raise ExcitationError(
             f"excitation {excitation.name}: the table has no FRF at {', '.join(missing)}, where "
-            f"{load.place} acts; name them and {response.point} in `linkage-vibration build "
-            "--frf-points`, and give that table in table_file."
+            f"{load.place} acts; name them and {response.point} in "
+            f"`{command('build --frf-points')}`, and give that table in table_file."
         )
     return load_place
 

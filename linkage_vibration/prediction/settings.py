@@ -37,6 +37,7 @@ from linkage_vibration.prediction.inputs.units import (
     InputError,
 )
 from linkage_vibration.prediction.severity import WarningLimits
+from linkage_vibration.support.commands import command
 from linkage_vibration.support.resources import (
     DEFAULT_EXCITATIONS,
     DEFAULT_MECHANISM,
@@ -464,7 +465,7 @@ def check_value(name: str, value: object) -> Any:
     parameter = DECLARED.get(name)
     if parameter is None:
         similar = get_close_matches(name, [*DECLARED, *ROS_PARAMETERS], 1)
-        listing = "`linkage_vibration_node --help` lists what is valid."
+        listing = f"`{command('--help', 'linkage_vibration_node')}` lists what is valid."
         hint = f"did you mean {similar[0]}?" if similar else listing
         raise ParameterError(f"Parameter {name} is unknown; {hint}")
     value, words = converted(name, value), parameter.metadata

@@ -18,6 +18,7 @@ from linkage_vibration.prediction.settings import ParameterError, Parameters
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.implements import read_implements
 from linkage_vibration.readers.mechanism import load_yaml, mechanism_of
+from linkage_vibration.support.commands import command
 from linkage_vibration.table.table import load_table
 from linkage_vibration.table.tabulation import build_table
 
@@ -43,7 +44,7 @@ def read_served(
     else:
         why = "table_file is not given"
     report(
-        f"Building the table of {path}, as {why}; `linkage-vibration build` saves a table, which "
+        f"Building the table of {path}, as {why}; `{command('build')}` saves a table, which "
         "then loads at once."
     )
     model = LinkageModel(mechanism)

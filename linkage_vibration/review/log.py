@@ -46,6 +46,7 @@ from linkage_vibration.prediction.verdict import Drive, drive_of
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.atomic_files import write_text
+from linkage_vibration.support.commands import command
 from linkage_vibration.table.table import Table, TableError, load_table
 
 IntArray = NDArray[np.int64]
@@ -426,7 +427,7 @@ def _read_provenance(path: Path) -> tuple[dict[str, bytes], dict[str, dict[str, 
                 metadata |= {m.name: dict(m.metadata) for m in reader.iter_metadata()}
         except (McapError, OSError, ValueError) as error:
             raise ReviewError(
-                f"{one} is damaged ({error}); repair it with `linkage-vibration recover`."
+                f"{one} is damaged ({error}); repair it with `{command('recover')}`."
             ) from None
     return attachments, metadata
 

@@ -24,6 +24,7 @@ from linkage_vibration.prediction.inputs.presets import HITCH, PRESETS
 from linkage_vibration.prediction.settings import NODE_NAME, Parameters, with_values
 from linkage_vibration.ros.command_line import start_errors
 from linkage_vibration.ros.endpoints import message_class
+from linkage_vibration.support.commands import command
 from linkage_vibration_interfaces.msg import Resonance, TableInfo, VibrationPrediction
 
 SETTLING = 1.0  # s; a subscriber finds a publisher somewhat later than the publisher finds it
@@ -139,7 +140,7 @@ def watch(
                 due = math.inf
                 report(
                     f"No prediction on {node.resolve_topic_name(topic)} yet. Check that the node "
-                    "is active, that it receives readings (`linkage-vibration play` sends some), "
+                    f"is active, that it receives readings (`{command('play')}` sends some), "
                     "and ROS_DOMAIN_ID."
                 )
 

@@ -26,6 +26,7 @@ from linkage_vibration.mechanics.model import Place, pairs
 from linkage_vibration.mechanics.response import FarPoles, PoleResidue, sum_of_modes
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.support.atomic_files import check_suffix, refuse_pipe, write_bytes
+from linkage_vibration.support.commands import command
 from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
 from linkage_vibration.table.cells import Cells, spline_cells
 from linkage_vibration.table.interpolation import (
@@ -684,13 +685,13 @@ def load_table(path: str | Path | None = None, mechanism: Mechanism | None = Non
         raise TableError(
             f"{path}: was built from another mechanism ({table.mechanism_name}, model "
             f"{table.model_hash[:12]}) than the one in use ({mechanism.name}, model "
-            f"{mechanism.model_hash[:12]}); build it again with `linkage-vibration build`."
+            f"{mechanism.model_hash[:12]}); build it again with `{command('build')}`."
         )
     return table
 
 
 def _read(path: Path) -> Table:
-    rebuild = "build one with `linkage-vibration build`."
+    rebuild = f"build one with `{command('build')}`."
     try:
         refuse_pipe(path)
         with np.load(path, allow_pickle=False) as archive:
