@@ -161,17 +161,25 @@ def j1939_key(identifier: int) -> tuple[int, int]:
 
 
 def _signal(
-    name: str, group: int, first_byte: int, n_bytes: int, scale: float, unit: str
+    name: str,
+    group: int,
+    first_byte: int,
+    n_bytes: int,
+    scale: float,
+    unit: str,
+    offset: float = 0.0,
 ) -> CanSignal:
     """Return a signal of a parameter group; bytes are counted from 1, as in the standards."""
     key, mask = j1939_key(group << 8)
     bits = Bits(8 * (first_byte - 1), 8 * n_bytes, first_byte - 1 + n_bytes)
-    return CanSignal(name, unit, key, mask, bits, scale, reserved=True)
+    return CanSignal(name, unit, key, mask, bits, scale, offset, reserved=True)
 
 
-# Name, parameter group, first byte (from 1), number of bytes, value of one bit, unit, parameter.
+# Name, parameter group, first byte (from 1), number of bytes, value of one bit, unit, offset.
 _BUILT_IN = (
     ("rear_hitch_position", 65093, 1, 1, 0.4, "%"),  # SPN 1873
+    ("rear_draft", 65093, 4, 2, 10.0, "N", -320e3),  # SPN 1879
+    ("rear_lower_link_force", 65093, 3, 1, 0.8, "%", -100.0),  # SPN 1881
     ("front_hitch_position", 65094, 1, 1, 0.4, "%"),  # SPN 1872
     ("engine_speed", 61444, 4, 2, 0.125, "rpm"),  # SPN 190
     ("rear_pto_speed", 65091, 1, 2, 0.125, "rpm"),  # SPN 1883

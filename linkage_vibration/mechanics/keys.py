@@ -69,6 +69,10 @@ class Keys:
         """Return whether the value of a key is a mapping."""
         return isinstance(self._value.get(key), Mapping)
 
+    def is_list(self, key: str) -> bool:
+        """Return whether the value of a key is a list."""
+        return isinstance(self._value.get(key), list)
+
     def number(
         self,
         key: str,

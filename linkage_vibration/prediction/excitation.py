@@ -133,8 +133,9 @@ def excitations_from_mapping(
         relative standard deviation of the frequencies, ``no_warning`` lists orders that never warn.
         ``force``, ``moment``, ``base_acceleration`` or ``base_displacement`` list the amplitude of
         each order ``at`` a place and ``at_speed``; they grow with the power ``exponent`` of the
-        speed, and have the relative standard deviation ``amplitude_stddev``. Instead of orders,
-        ``ground`` may have a ``terrain``; docs/excitation.md describes its keys.
+        speed, and have the relative standard deviation ``amplitude_stddev``, one for all or a list
+        with one for each. Instead of orders, ``ground`` may have a ``terrain``; docs/excitation.md
+        describes its keys.
     where : str
         Path of the mapping in errors.
     read_profile : callable
@@ -279,8 +280,22 @@ def _loads(keys: Keys, orders: list[float]) -> list[Load | None]:
     exponent = keys.number("exponent", default=0.0)
     if abs(exponent) > _STEEPEST:
         raise keys.error("exponent", f"{exponent:g} is not from -{_STEEPEST:g} to {_STEEPEST:g}.")
-    spread = _stddev(keys, "amplitude_stddev")
-    return [Load(kind, place, value, speed, exponent, spread) for value in amplitudes]
+    spreads = _stddevs(keys, len(amplitudes))
+    return [
+        Load(kind, place, value, speed, exponent, spread)
+        for value, spread in zip(amplitudes, spreads, strict=True)
+    ]
+
+
+def _stddevs(keys: Keys, count: int) -> list[float]:
+    """Return the deviations of amplitudes: one for all, or one for each."""
+    key = "amplitude_stddev"
+    if not keys.is_list(key):
+        return [_stddev(keys, key)] * count
+    values = keys.numbers(key)
+    if len(values) != count or not all(0.0 <= value <= 1.0 for value in values):
+        raise keys.error(key, f"give one number, or one for each of the {count} orders, 0 to 1.")
+    return values
 
 
 def _stddev(keys: Keys, key: str, default: float = 0.0) -> float:

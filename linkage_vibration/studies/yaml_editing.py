@@ -51,6 +51,10 @@ def _edits(root: Any, keys: Sequence[str], words: Sequence[str]) -> Iterator[tup
         after = ", " if parent.flow_style else "\n" + " " * first.column
         yield first.index, first.index, f"{keys[-1]}: {value}{after}"
         return
+    if isinstance(old, yaml.ScalarNode) and len(words) > 1:  # one number becomes a list
+        end = old.end_mark.index
+        yield end - len(old.value), end, f"[{', '.join(words)}]"
+        return
     scalars = old.value if isinstance(old, yaml.SequenceNode) else [old]
     for scalar, word in zip(scalars, words, strict=True):
         # The mark of a number with an anchor begins at the anchor, so this counts from the end.

@@ -23,6 +23,10 @@ STANDARD = """\
 VERSION ""
 BO_ {hitch} RearHitch: 8 Vector__XXX
  SG_ Position : 0|8@1+ (0.4,0) [0|100] "%" Vector__XXX
+BO_ {draft} RearDraft: 8 Vector__XXX
+ SG_ Draft : 24|16@1+ (10,-320000) [-320000|322550] "N" Vector__XXX
+BO_ {force} RearForce: 8 Vector__XXX
+ SG_ Force : 16|8@1+ (0.8,-100) [-100|100] "%" Vector__XXX
 BO_ {front} FrontHitch: 8 Vector__XXX
  SG_ Position : 0|8@1+ (0.4,0) [0|100] "%" Vector__XXX
 BO_ {engine} Engine: 8 Vector__XXX
@@ -50,10 +54,15 @@ BO_ {vehicle} Vehicle: 8 Vector__XXX
             "ground": 65097,
             "vehicle": 65265,
         }.items()
-    }
+    },
+    # Other addresses, as a DBC file has one message for each identifier.
+    draft=EXTENDED | identifier(65093, 253, 3),
+    force=EXTENDED | identifier(65093, 252, 3),
 )
 SAME = {
     "rear_hitch_position": "RearHitch.Position",
+    "rear_draft": "RearDraft.Draft",
+    "rear_lower_link_force": "RearForce.Force",
     "front_hitch_position": "FrontHitch.Position",
     "engine_speed": "Engine.Speed",
     "rear_pto_speed": "RearPto.Speed",
@@ -133,7 +142,7 @@ def test_reserved_numbers_are_not_values(name: str) -> None:
         return bytes(first) + raw.to_bytes(width, "little") + bytes(8 - first - width)
 
     last = 0xFA if width == 1 else 0xFAFF
-    assert value(signal, frame(last)) == pytest.approx(signal.scale * last)
+    assert value(signal, frame(last)) == pytest.approx(signal.scale * last + signal.offset)
     for raw in range(last + 1, 1 << 8 * width):
         assert np.isnan(value(signal, frame(raw)))
     low = (width - 1) * 8

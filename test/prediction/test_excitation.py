@@ -80,6 +80,12 @@ def test_amplitudes_of_each_order() -> None:
     assert (one.warns, two.warns) == (True, False)
 
 
+def test_deviations_of_each_order() -> None:
+    """A list has one deviation for each order."""
+    orders = excitations_from_mapping({"rotor": {**LOAD, "amplitude_stddev": [0.1, 1.0]}})
+    assert [one.load.relative_stddev for one in orders if one.load] == [0.1, 1.0]
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
@@ -87,6 +93,8 @@ def test_amplitudes_of_each_order() -> None:
         ({"force": [3.0, -1.0]}, r"rotor.force: give one number .* none below zero"),
         ({"moment": [1.0, 2.0]}, r"rotor.moment: force is given too; describe each under a name"),
         ({"exponent": 9}, r"rotor.exponent: 9 is not from -4 to 4"),
+        ({"amplitude_stddev": [0.5]}, r"rotor.amplitude_stddev: give one number, or one for each"),
+        ({"amplitude_stddev": [0.5, 1.1]}, r"one for each of the 2 orders, 0 to 1"),
         ({"amplitude_stddev": 50}, r"rotor.amplitude_stddev: 50 is not from 0 to 1"),
         ({"no_warning": [3]}, r"rotor.no_warning: 3 is not one of the orders; remove it"),
         ({"at": None}, r"rotor.at: this key is missing"),

@@ -27,6 +27,11 @@ links:
         (("links", "bar", "offsets", "1"), ["2e-07"], "    offsets: [0.1, 2.0e-07]"),
         (("links", "rod", "mass"), ["4"], "  rod: {mass: 4, length: &l 0.5, modes: 3}  # flow"),
         (("links", "bar", "range"), ["1", "2"], "    range: [1, 2]"),
+        (
+            ("links", "rod", "modes"),
+            ["1", "2e-07"],
+            "  rod: {length: &l 0.5, modes: [1, 2.0e-07]}  # flow",
+        ),
     ],
 )
 def test_only_the_number_changes(keys: tuple[str, ...], words: list[str], line: str) -> None:

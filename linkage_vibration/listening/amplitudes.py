@@ -1,0 +1,180 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Measured orders beside predicted ones, and the amplitudes of excitations that follow."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from linkage_vibration.listening.orders import Orders
+from linkage_vibration.listening.transfer import Transfer
+from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.prediction.ensemble import draws
+from linkage_vibration.prediction.excitation import Excitation
+
+_FEWEST = 5  # windows with an order
+# An order is heard if what noise leaves of its mean square exceeds so many standard deviations, and
+# if its mean square exceeds noise so many times: a mode that noise shakes is a line, too.
+_HEARD, _ABOVE = 2.0, 4.0
+_SURE = 1.0  # the largest relative standard deviation in a file of excitations
+_LEAST = 1e-300
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredOrder:
+    """An order over a drive; numbers that are not known are NaN.
+
+    Attributes
+    ----------
+    excitation : Excitation
+    windows : int
+        In how many windows it stands alone.
+    measured, measured_stddev : float
+        Root mean square over these windows, m/s^2 or N; the largest possible if it is not heard.
+    predicted, predicted_factor : float
+        The same as predicted, and exp of the standard deviation of its logarithm.
+    amplitude, relative_stddev : float
+        Amplitude of the excitation at its reference speed, SI, and its relative standard deviation.
+    heard : bool
+        Whether it stands out of the noise.
+    """
+
+    excitation: Excitation
+    windows: int
+    measured: float
+    measured_stddev: float
+    predicted: float
+    predicted_factor: float
+    amplitude: float
+    relative_stddev: float
+    heard: bool
+
+    @property
+    def difference(self) -> float:
+        """Logarithm of measured over predicted, over its standard deviation; NaN if not known."""
+        if not self.heard or not self.predicted > 0.0:
+            return math.nan
+        noise = self.measured_stddev / self.measured
+        stddev = math.hypot(math.log(self.predicted_factor), noise)
+        return math.log(self.measured / self.predicted) / stddev if stddev else math.nan
+
+
+def unit_responses(transfer: Transfer, orders: Orders, angles: FloatArray) -> FloatArray:
+    """Return amplitudes at a sensor per unit, (m, 1 + n_members, n_loaded); angles (m,) in rad."""
+    first, last = transfer.alpha3_range
+    omega = 2.0 * math.pi * orders.frequencies[:, transfer.loaded]
+    rows = [
+        transfer.gains(angle, w)
+        if first <= angle <= last
+        else np.full((1 + transfer.n_members, len(w)), math.nan)
+        for angle, w in zip(angles.tolist(), omega, strict=True)
+    ]
+    return np.array(rows).reshape(len(rows), 1 + transfer.n_members, len(transfer.loaded))
+
+
+def measure_orders(
+    excitations: Sequence[Excitation], orders: Orders, units: FloatArray, loaded: Sequence[int]
+) -> list[MeasuredOrder]:
+    """Return each order that any window has, measured and predicted; units: `unit_responses`."""
+    n_members = units.shape[1] - 1
+    factors = draws(excitations, n_members)[0] if n_members else np.empty((len(excitations), 0))
+    rows = []
+    for i, one in enumerate(excitations):
+        squares, noise = orders.squares[:, i], orders.noise[:, i]
+        scale = np.full((len(squares), 1 + n_members), math.nan)
+        if one.load is not None:
+            relative = (orders.speeds[:, i] / one.load.speed) ** one.load.exponent
+            scale = units[:, :, list(loaded).index(i)] * relative[:, np.newaxis]
+        valid = np.isfinite(squares)
+        if one.load is not None:
+            valid &= np.isfinite(scale).all(axis=1) & (scale > 0.0).all(axis=1)
+        if valid.any():
+            rows.append(_row(one, squares[valid], noise[valid], scale[valid], factors[i]))
+    return rows
+
+
+def _row(
+    one: Excitation, squares: FloatArray, noise: FloatArray, scale: FloatArray, factors: FloatArray
+) -> MeasuredOrder:
+    """Return an order from squares of amplitudes, (m,), and amplitudes per unit, (m, k)."""
+    m, net = len(squares), squares - noise
+    mean = float(net.mean())
+    # A line of amplitude a in complex noise of variance s: var |A|^2 = 2 a^2 s + s^2.
+    stddev = float(np.sqrt((2.0 * np.maximum(net, 0.0) * noise + noise**2).sum())) / m
+    heard = m >= _FEWEST and mean > _HEARD * stddev
+    heard = heard and float(squares.mean()) > _ABOVE * float(noise.mean())
+    rms = math.sqrt((mean if heard else float(squares.mean())) / 2.0)
+    amplitude = relative = predicted = factor = math.nan
+    if one.load is not None:
+        gains = np.sqrt((scale**2).mean(axis=0) / 2.0)
+        predicted = one.load.amplitude * float(gains[0])
+        spread = np.log(np.maximum(gains[1:] * factors, _LEAST))
+        factor = math.exp(float(spread.std()) if len(spread) else one.load.relative_stddev)
+        if heard:
+            amplitude, relative = _amplitude(net, noise, scale)
+    return MeasuredOrder(
+        one, m, rms, stddev / (4.0 * rms) if heard else math.nan, predicted, factor,
+        amplitude, relative, heard,
+    )  # fmt: skip
+
+
+def _amplitude(net: FloatArray, noise: FloatArray, scale: FloatArray) -> tuple[float, float]:
+    """Return the amplitude of an excitation, and its relative standard deviation.
+
+    Windows are weighted by what noise and the members of the table leave of them. The deviation has
+    three parts: noise, the scatter of the windows, and that of the members.
+    """
+    each = net[:, np.newaxis] / scale**2  # (m, k): squares of the amplitude
+    members = np.log(scale[:, 1:]).std(axis=1) if scale.shape[1] > 1 else np.zeros(len(net))
+    size = max(float(np.median(each[:, 0])), _LEAST)
+    weak = noise / (scale[:, 0] ** 2 * size)  # of the square that noise makes
+    weights = 1.0 / (2.0 * weak + weak**2 + (2.0 * members) ** 2 + 1e-4)
+    weights /= weights.sum()
+    square, *others = (weights @ each).tolist()
+    if square <= 0.0:
+        return math.nan, math.nan
+    scatter = float(np.sqrt((weights**2 * (each[:, 0] - square) ** 2).sum())) / square
+    model = float(np.log(np.maximum(others, _LEAST)).std()) if others else 0.0
+    return math.sqrt(square), math.hypot(scatter, model) / 2.0
+
+
+def amplitude_numbers(
+    rows: Sequence[MeasuredOrder], content: dict[str, dict[str, object]]
+) -> list[tuple[list[str], list[str]]]:
+    """Return keys and words of the amplitudes and deviations of a file of excitations to change.
+
+    The content is that of the file. Orders that were not heard, or that are not known within their
+    own size, keep their numbers.
+    """
+    sure = {row.excitation.name: row for row in rows if row.relative_stddev <= _SURE}
+    numbers = []
+    for name, entry in content.items():
+        kind = next(
+            (
+                kind
+                for kind in ("force", "moment", "base_acceleration", "base_displacement")
+                if kind in entry
+            ),
+            "",
+        )
+        orders = entry.get("orders")
+        if not kind or not isinstance(orders, list):
+            continue
+        found = [sure.get(f"{name} {order:g}") for order in orders]
+        if not any(found):
+            continue
+        old, spread = entry[kind], entry.get("amplitude_stddev", 0.0)
+        assert isinstance(old, list)
+        spreads = spread if isinstance(spread, list) else [spread] * len(old)
+        values = [
+            f"{row.amplitude:.4g}" if row else f"{was:.6g}"
+            for row, was in zip(found, old, strict=True)
+        ]
+        words = [
+            f"{row.relative_stddev:.2g}" if row else f"{was:g}"
+            for row, was in zip(found, spreads, strict=True)
+        ]
+        numbers += [([name, kind], values), ([name, "amplitude_stddev"], words)]
+    return numbers

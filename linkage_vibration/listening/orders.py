@@ -1,0 +1,84 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Order tracking: how strongly each order of a speed is in a measured signal."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from linkage_vibration.listening.signals import Signal
+from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.prediction.excitation import Excitation, Source
+
+SECONDS = 4.0
+"""Length of a window, s, which resolves 0.25 Hz; the windows follow each other."""
+_APART = 2.0 / SECONDS  # Hz: orders closer than that are one line
+_HIGHEST = 0.45  # of the rate
+_BESIDE = np.array([-5.0, -4.0, -3.0, 3.0, 4.0, 5.0]) / SECONDS  # Hz, where only noise remains
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Orders:
+    """Orders in m windows of a signal.
+
+    Attributes
+    ----------
+    times : ndarray, (m,)
+        Middles of the windows, s.
+    speeds, frequencies : ndarray, (m, n_excitations)
+        Mean speeds, rpm or m/s, and mean frequencies, Hz; NaN where they are not known.
+    squares, noise : ndarray, (m, n_excitations)
+        Squares of amplitudes, the sums over the axes, and the part of them that noise makes,
+        (m/s^2)^2 or N^2; NaN where the order cannot be told from another.
+    """
+
+    times: FloatArray
+    speeds: FloatArray
+    frequencies: FloatArray
+    squares: FloatArray
+    noise: FloatArray
+
+
+def track_orders(
+    signal: Signal,
+    excitations: Sequence[Excitation],
+    speeds: Mapping[Source, tuple[FloatArray, FloatArray]],
+) -> Orders:
+    """Return the amplitudes of orders; speeds are times, s, and values, rpm or m/s.
+
+    In each window, least squares find cosine and sine of all orders together over the angles that
+    the shafts turn, which are the integrals of the speeds; so speeds may change.
+    """
+    times, values = signal.windows(SECONDS)
+    m, n, _ = values.shape
+    shape = (m, len(excitations))
+    mean, hertz, squares, noise = (np.full(shape, math.nan) for _ in range(4))
+    turns = np.zeros((*shape, n))
+    for i, one in enumerate(excitations):
+        if one.terrain is None and one.source in speeds:
+            since, speed = speeds[one.source]
+            each = np.interp(times, since, np.abs(speed), left=math.nan, right=math.nan)
+            mean[:, i], hertz[:, i] = each.mean(axis=1), one.ratio * each.mean(axis=1)
+            turns[:, i] = np.cumsum(one.ratio * each / signal.rate, axis=1)
+    window = np.hanning(n)
+    beside = np.exp(-2j * math.pi * np.multiply.outer(_BESIDE, np.arange(n) / signal.rate))
+    for k in range(m):
+        with np.errstate(invalid="ignore"):
+            used = (hertz[k] > _APART) & (hertz[k] < _HIGHEST * signal.rate)
+        at = np.flatnonzero(used)
+        if not len(at):
+            continue
+        phasors = np.exp(2j * math.pi * turns[k, at])
+        columns = np.concatenate([phasors.real, phasors.imag, np.ones((1, n))]).T
+        fit = np.linalg.lstsq(columns * window[:, np.newaxis], values[k] * window[:, np.newaxis])[0]
+        rest = (values[k] - columns @ fit) * window[:, np.newaxis] ** 2
+        parts = fit[: 2 * len(at)].reshape(2, len(at), -1)
+        apart = np.abs(hertz[k, at] - hertz[k, at][:, np.newaxis])
+        alone = (apart + np.where(np.eye(len(at)), math.inf, 0.0)).min(axis=1) > _APART
+        lines = np.einsum("an,bn,nc->abc", phasors.conj(), beside, rest, optimize=True)
+        lines *= 2.0 / (window**2).sum()
+        noise[k, at] = np.where(alone, (np.abs(lines) ** 2).sum(axis=2).mean(axis=1), math.nan)
+        squares[k, at] = np.where(alone, (parts**2).sum(axis=(0, 2)), math.nan)
+    return Orders(times.mean(axis=1), mean, hertz, squares, noise)

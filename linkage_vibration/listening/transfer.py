@@ -1,0 +1,91 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a table says a sensor measures for each unit of an excitation, and how sure that is."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from linkage_vibration.listening.signals import SignalError
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray
+from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.prediction.ensemble import Members
+from linkage_vibration.prediction.excitation import Excitation, LoadKind
+from linkage_vibration.prediction.loads import load_input
+from linkage_vibration.readers.sensors import Sensor
+from linkage_vibration.table.table import Table
+
+
+class Transfer:
+    """Amplitudes at the place of a sensor per unit of each excitation that has an amplitude.
+
+    A `SignalError` says that the table has no response there.
+    """
+
+    def __init__(
+        self, table: Table, mechanism: Mechanism, excitations: Sequence[Excitation], sensor: Sensor
+    ) -> None:
+        self._table, self.sensor = table, sensor
+        point, _, part = sensor.at.partition(".")
+        if sensor.accelerates:
+            self._outputs = [(sensor.at, axis) for axis in "xz"]
+        else:
+            forces = [row for row in table.forces if row[0] == point]
+            self._outputs = [row for row in forces if part in ("", row[1])]
+        rows = (*table.places, *table.forces)
+        if not self._outputs or not set(self._outputs) <= set(rows):
+            places = sorted({place for place, _ in table.places})
+            known = places if sensor.accelerates else table.force_places
+            raise SignalError(
+                f"The table has no response at {sensor.at}, where {sensor.name} measures; name one "
+                f"of {', '.join(known) or 'none'}, or build a table with --frf-points."
+            )
+        self.loaded = [i for i, one in enumerate(excitations) if one.load is not None]
+        self._loads = [load_input(excitations[i], table, mechanism) for i in self.loaded]
+        self._accelerated = np.array(
+            [
+                one.load is not None and one.load.kind is LoadKind.BASE_ACCELERATION
+                for one in excitations
+            ]
+        )[self.loaded]
+        self._members: Members | None = None
+        if len(table.ensemble_alpha3):
+            self._members = Members(table, self._loads, self._outputs, 0, self._at_nodes)
+        self.n_members = self._members.n if self._members else 0
+        self.alpha3_range = table.alpha3_range
+
+    def gains(self, alpha3: float, omega: FloatArray) -> FloatArray:
+        """Return amplitudes per unit, (1 + n_members, n_loaded), the mechanism itself first.
+
+        They are in m/s^2 or N, root sums of squares over the axes, at rad/s, (n_loaded,), which are
+        NaN where they are not known.
+        """
+        known = np.isfinite(omega)
+        w = np.where(known, omega, 1.0)
+        responses = [self._nominal(alpha3, w)[np.newaxis]]
+        if self._members is not None:
+            which: IntArray = np.arange(len(w))
+            each = np.tile(w, (self.n_members, 1))
+            parts = self._members.responses(alpha3, self._members.at(alpha3), each, which)
+            responses.append(parts[:, 0] + 1j * parts[:, 1])
+        gains = np.sqrt((np.abs(np.concatenate(responses)) ** 2).sum(axis=2))
+        gains = gains * (w**2 if self.sensor.accelerates else 1.0)
+        gains = gains / np.where(self._accelerated, w**2, 1.0)
+        return np.asarray(np.where(known, gains, math.nan))
+
+    def _nominal(self, alpha3: float, omega: FloatArray) -> ComplexArray:
+        """Return responses of the table to unit loads, (n_loaded, n_outputs)."""
+        rows = []
+        for load, w in zip(self._loads, omega.tolist(), strict=True):
+            weights = [each[:, np.newaxis] for each in load.weights(alpha3)]
+            frf = self._table.frf(alpha3, self._outputs, load.places)
+            response, rate = frf.driven(weights[0], weights[1])
+            at = response.frf(np.array([w / (2.0 * math.pi)]))[0, :, 0]
+            rows.append(at + 1j * w * rate[:, 0])
+        return np.array(rows).reshape(len(omega), len(self._outputs))
+
+    def _at_nodes(self, nodes: slice, omega: FloatArray) -> FloatArray:
+        angles = self._table.ensemble_alpha3[nodes].tolist()
+        responses = np.array([self._nominal(angle, omega) for angle in angles])
+        return np.stack([responses.real, responses.imag], axis=1)

@@ -1,0 +1,78 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Orders are found in a signal whose speed changes, with the noise beside them."""
+
+import math
+
+import numpy as np
+import pytest
+
+from linkage_vibration.listening.orders import Orders, track_orders
+from linkage_vibration.listening.signals import Signal
+from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.prediction.excitation import Source, excitations_from_mapping
+from test.listening.test_signals import sensor
+
+RATE, SECONDS = 200.0, 400.0
+TIMES = np.arange(0.0, SECONDS, 1.0 / RATE)
+ENGINE = 1800.0 + 200.0 * np.sin(0.1 * TIMES)  # rpm: 25 to 33 Hz
+
+
+def tracked(values: FloatArray, orders: str = "1", pto: float = 540.0) -> Orders:
+    """Return the orders of an engine, and order 1 of a PTO, in a signal along x."""
+    mapping = {
+        "engine": {"speed": "engine", "orders": [float(each) for each in orders.split()]},
+        "pto": {"speed": "pto", "orders": [1.0]},
+    }
+    speeds = {Source.ENGINE: (TIMES, ENGINE), Source.PTO: (TIMES, pto + 0.0 * TIMES)}
+    axes = values if values.ndim > 1 else np.outer(values, [1.0, 0.0, 0.0])
+    signal = Signal(sensor(), TIMES, axes, RATE, ())
+    return track_orders(signal, excitations_from_mapping(mapping), speeds)
+
+
+def wave(order: float, amplitude: float) -> FloatArray:
+    """Return a vibration of an order of the engine, whose angle is the integral of its speed."""
+    turned = 30.0 * TIMES - 200.0 / 60.0 / 0.1 * (np.cos(0.1 * TIMES) - 1.0)  # turns
+    return np.asarray(amplitude * np.cos(2.0 * math.pi * order * turned + 0.7))
+
+
+def test_amplitudes_while_the_speed_changes() -> None:
+    """The amplitude of each order is found to 1 % while the speed changes by 1 Hz in a window."""
+    found = tracked(wave(1.0, 2.0) + wave(0.5, 0.3), "1 0.5")
+    assert found.squares.shape == (100, 3)
+    np.testing.assert_allclose(np.sqrt(found.squares[:, :2]), [[2.0, 0.3]] * 100, rtol=0.01)
+    np.testing.assert_allclose(found.frequencies[:, 0], found.speeds[:, 0] / 60.0)
+    assert (found.squares[:, 2] < 1e-5).all()
+
+
+def test_noise_beside_an_order() -> None:
+    """In white noise of deviation s, n samples leave E|A|^2 = 7.78 s^2 / n, beside the order, too.
+
+    With the square w of a window of Hann as the weight, A = 2 sum w x e / sum w, so E|A|^2 = 4 s^2
+    sum w^2 / (sum w)^2, and sum w = 3 n / 8, sum w^2 = 35 n / 128.
+    """
+    random = np.random.default_rng(3)
+    axes = random.normal(0.0, 1.0, (len(TIMES), 3))
+    found = tracked(axes)
+    expected = 3 * 7.78 / (4.0 * RATE)  # along three axes
+    assert found.noise.mean() == pytest.approx(expected, rel=0.05)
+    assert found.squares.mean() == pytest.approx(expected, rel=0.1)
+
+
+@pytest.mark.parametrize(("apart", "known"), [(0.6, True), (0.4, False)])
+def test_orders_that_meet_are_not_known(apart: float, known: bool) -> None:
+    """Two lines less than 0.5 Hz apart cannot be told from each other in 4 s."""
+    values = np.cos(2.0 * math.pi * 30.0 * TIMES)
+    mapping = {"pto": {"speed": "pto", "orders": [1.0, 1.0 + apart / 30.0]}}
+    signal = Signal(sensor(), TIMES, np.column_stack([values] * 3), RATE, ())
+    speeds = {Source.PTO: (TIMES, 1800.0 + 0.0 * TIMES)}
+    found = track_orders(signal, excitations_from_mapping(mapping), speeds)
+    assert np.isfinite(found.squares).all() == known
+    assert np.isfinite(found.squares).any() == known
+
+
+def test_where_there_is_no_order() -> None:
+    """Nothing is known without a speed, at a standstill, and near half of the rate."""
+    found = tracked(wave(1.0, 1.0), "1 4", pto=0.0)
+    assert np.isfinite(found.squares).all(axis=0).tolist() == [True, False, False]
+    assert not np.isfinite(found.squares[:, 1:]).any()

@@ -1,0 +1,160 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""What is doubtful about a measured signal is named, and what is not stays unnamed."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from linkage_vibration.listening.signals import SignalError, measured_signal
+from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.readers.sensors import Sensor
+
+RATE, N = 200.0, 4000
+
+
+def sensor(**changes: Any) -> Sensor:
+    """Return an accelerometer on the implement."""
+    values: dict[str, Any] = {
+        "name": "imu",
+        "at": "E1",
+        "accelerates": True,
+        "scale": 1.0,
+        "axes": np.eye(3),
+        "limit": math.inf,
+        "file": None,
+        "topic": "/imu",
+        "fields": (),
+        "columns": (),
+        "starts_at": 0.0,
+        "filtered": True,
+    }
+    return Sensor(**{**values, **changes})
+
+
+def readings(gravity: FloatArray | None = None, amplitude: float = 1.0) -> FloatArray:
+    """Return a vibration of 10 Hz along all axes, and noise, beside gravity along z."""
+    wave = amplitude * np.sin(2.0 * math.pi * 10.0 * np.arange(N) / RATE)
+    noise = np.random.default_rng(0).normal(0.0, 1e-3, (N, 3))
+    return wave[:, np.newaxis] + noise + (np.array([0, 0, 9.81]) if gravity is None else gravity)
+
+
+def doubts(values: FloatArray, times: FloatArray | None = None, **changes: Any) -> str:
+    """Return all doubts about readings, (n, 3), of modes up to 20 Hz."""
+    at = np.arange(len(values)) / RATE if times is None else times
+    return " ".join(measured_signal(sensor(**changes), at, values, 20.0).doubts)
+
+
+def test_a_sound_signal_has_no_doubts() -> None:
+    """Gravity is along z, the steps are even, and nothing is near half of the rate."""
+    assert doubts(readings(), filtered=False) == ""
+
+
+def test_axes_and_unit_are_those_of_the_tractor() -> None:
+    """A sensor upside down, in g, shows 9.80665 m/s2 upwards."""
+    axes = np.diag([1.0, -1.0, -1.0])
+    gravity = np.array([0.0, 0.0, -1.0])
+    signal = measured_signal(
+        sensor(scale=9.80665, axes=axes), np.arange(N) / RATE, readings(gravity, 0.0), 20.0
+    )
+    np.testing.assert_allclose(signal.values.mean(axis=0), [0.0, 0.0, 9.80665], atol=1e-3)
+    assert signal.rate == pytest.approx(RATE)
+    assert not signal.doubts
+
+
+@pytest.mark.parametrize(("limit", "named"), [(11.0, False), (10.8, True)])
+def test_known_range(limit: float, named: bool) -> None:
+    """The largest reading is 10.81 m/s2; a range that it nearly reaches cuts off peaks."""
+    assert ("reach the range" in doubts(readings(), limit=limit)) == named
+
+
+@pytest.mark.parametrize(("repeats", "named"), [(2, False), (3, True)])
+def test_unknown_range(repeats: int, named: bool) -> None:
+    """Three equal largest readings in a row are an overload, and two may be chance."""
+    values = readings()
+    values[100 : 100 + repeats, 2] = 40.0
+    assert ("overloaded" in doubts(values)) == named
+
+
+def test_a_constant_channel_is_not_overloaded() -> None:
+    """An axis that shows nothing at all is still, not at its range."""
+    values = readings()
+    values[:, 1] = 0.25
+    assert "overloaded" not in doubts(values)
+
+
+@pytest.mark.parametrize(("gap", "named"), [(0.005, False), (2.0, True)])
+def test_gaps(gap: float, named: bool) -> None:
+    """Two seconds without samples are a gap, of which no window contains a part."""
+    times = np.arange(N) / RATE
+    times[1000:] += gap
+    signal = measured_signal(sensor(), times, readings(), 20.0)
+    assert any("gaps of up to" in text for text in signal.doubts) == named
+    at, values = signal.windows(1.0)
+    assert values.shape == (20, 200, 3)
+    assert not np.any((at[:, 0] < times[999]) & (at[:, -1] > times[1000] + 1e-9) & named)
+
+
+@pytest.mark.parametrize(("share", "named"), [(0.05, False), (0.2, True)])
+def test_uneven_steps(share: float, named: bool) -> None:
+    """Steps that vary by 20 % are named, and those that vary by 5 % are not."""
+    steps = np.where(np.arange(N) % 2, 1.0 + share, 1.0 - share) / RATE
+    assert ("steps vary" in doubts(readings(), np.cumsum(steps))) == named
+
+
+@pytest.mark.parametrize(("highest", "named"), [(99.0, False), (101.0, True)])
+def test_rate(highest: float, named: bool) -> None:
+    """200 samples a second show modes up to 100 Hz."""
+    signal = measured_signal(sensor(), np.arange(N) / RATE, readings(), highest)
+    assert any("shows nothing above 100 Hz" in text for text in signal.doubts) == named
+
+
+@pytest.mark.parametrize(
+    ("hertz", "filtered", "named"), [(85.0, False, False), (97.0, False, True), (97.0, True, False)]
+)
+def test_folded_vibration(hertz: float, filtered: bool, named: bool) -> None:
+    """Vibration just below half of the rate may be folded, unless the sensor has a filter."""
+    wave = np.sin(2.0 * math.pi * hertz * np.arange(N) / RATE)
+    values = readings() + wave[:, np.newaxis]
+    assert ("folded" in doubts(values, filtered=filtered)) == named
+
+
+@pytest.mark.parametrize(
+    ("gravity", "named"),
+    [
+        (9.81, ""),
+        (1.0, "write `unit: g`"),
+        (96.2, "write `unit: m/s2`"),
+        (8.5, ""),
+        (8.0, "check its unit"),
+        (0.5, "shows no gravity"),
+    ],
+)
+def test_gravity_has_a_size(gravity: float, named: str) -> None:
+    """Gravity of 1 or of 96 m/s2 names the unit, and another size is named, too."""
+    text = doubts(readings(np.array([0.0, 0.0, gravity])))
+    assert (named in text) if named else not text
+
+
+@pytest.mark.parametrize(("tilt", "named"), [(13.0, False), (17.0, True)])
+def test_gravity_has_a_direction(tilt: float, named: bool) -> None:
+    """A sensor that hangs 17 deg away from its mounting is named."""
+    angle = math.radians(tilt)
+    gravity = 9.81 * np.array([math.sin(angle), 0.0, math.cos(angle)])
+    assert ("hang loose" in doubts(readings(gravity))) == named
+
+
+def test_forces_have_no_gravity() -> None:
+    """A draft pin is not asked for gravity, and keeps its scale."""
+    force = sensor(accelerates=False, scale=1e3, axes=np.eye(1))
+    signal = measured_signal(force, np.arange(N) / RATE, readings()[:, :1], 20.0)
+    assert not signal.doubts
+    assert signal.values.std() == pytest.approx(1e3 / math.sqrt(2.0), rel=1e-3)
+
+
+def test_a_few_samples_are_refused() -> None:
+    """Less than 16 samples at different times are no signal."""
+    with pytest.raises(SignalError, match="imu has 1 samples"):
+        measured_signal(sensor(), np.zeros(N), readings(), 20.0)
