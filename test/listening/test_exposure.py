@@ -13,8 +13,8 @@ from test.listening.test_signals import sensor
 
 # Table 3 of ISO 2631-1:1997 in thousandths, as transcribed by several public programs. Above 8 Hz,
 # transcriptions of Wd differ in the third digit; 10, 50, 63 and 80 Hz are left out.
-THIRDS = 0.5, 0.63, 0.8, 1.0, 1.25, 1.6, 2.0, 2.5, 3.15, 4.0, 5.0, 6.3, 8.0, 12.5, 16.0, 20.0, 25.0
-THIRDS += 31.5, 40.0
+THIRDS = [0.5, 0.63, 0.8, 1.0, 1.25, 1.6, 2.0, 2.5, 3.15, 4.0, 5.0, 6.3, 8.0, 12.5, 16.0, 20.0]
+THIRDS += [25.0, 31.5, 40.0]
 WK = (
     418,
     459,
