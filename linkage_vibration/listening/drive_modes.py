@@ -1,0 +1,215 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Natural frequencies that the vibration of a drive shows, beside those of a table."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.listening.gates import line_doubt, order_doubt, wheelbase_lines, window_doubt
+from linkage_vibration.listening.output_only import Candidate, identify, mac
+from linkage_vibration.listening.segments import find_segments, over_phase
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
+from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.mechanics.model import Place
+from linkage_vibration.prediction.excitation import Excitation, Source
+from linkage_vibration.prediction.ground import vertical_mounts
+from linkage_vibration.table.table import Table
+
+_AROUND = 0.7, 1.4  # of a predicted frequency: the band in which its mode is sought
+_MODEL = 0.12  # standard deviation of ln(frequency) of a model, where modes are paired
+_ALIKE = 0.5  # least MAC of a measured shape and that of the model
+_UNSURE = 0.02  # relative deviation of a frequency that is not reported
+_LOWEST, _HIGHEST = 0.5, 0.3  # Hz of a mode, and its share of the sampling rate
+_ROLLS = 0.3  # m/s above which the wheels count as rolling
+_INCLINOMETER = math.radians(0.5)  # standard deviation of an angle
+_INTERVAL = 1.96  # standard deviations that a 95 % interval reaches to either side
+
+
+class DriveError(LinkageVibrationError):
+    """Modes cannot be sought in a drive."""
+
+
+@dataclass(frozen=True, slots=True)
+class DriveMode:
+    """A mode at one height, as predicted and as measured."""
+
+    alpha3: float  # rad, mean over its segments
+    mode: int  # from 0
+    predicted: float  # Hz
+    predicted_stddev: float  # relative, by uncertain numbers and the angle; NaN if not known
+    frequency: float  # Hz, measured, undamped
+    frequency_stddev: float  # Hz
+    ratio: float  # damping ratio, measured, 1
+    ratio_stddev: float
+    seconds: float  # of all segments
+    doubt: str = ""  # why it is not reported; empty if it is
+
+    @property
+    def deviation(self) -> float:
+        """Relative standard deviation of the measured frequency."""
+        return self.frequency_stddev / self.frequency
+
+    @property
+    def difference(self) -> float:
+        """ln(measured / predicted) over the standard deviation of both, 1."""
+        both = math.hypot(self.predicted_stddev, self.deviation)
+        return math.log(self.frequency / self.predicted) / both
+
+    @property
+    def consistent(self) -> bool:
+        """Whether the difference is within the 95 % interval of both."""
+        return abs(self.difference) <= _INTERVAL
+
+
+def listen_modes(
+    table: Table,
+    mechanism: Mechanism,
+    times: FloatArray,
+    signals: FloatArray,
+    places: Sequence[Place],
+    crank_angle: FloatArray,
+    speeds: Mapping[Source, FloatArray],
+    excitations: Sequence[Excitation] = (),
+) -> tuple[DriveMode, ...]:
+    """Return the modes at each height of a drive, by height and mode, with doubtful ones.
+
+    Parameters
+    ----------
+    table, mechanism : Table and Mechanism
+        The prediction.
+    times, signals : ndarray, (n,) and (n, n_channels)
+        s, even; accelerations, without gaps.
+    places : sequence of (point, direction)
+        Of the table, one for each channel.
+    crank_angle : ndarray, (n,)
+        rad; NaN where it is not known.
+    speeds : mapping of Source to ndarray, (n,)
+        rpm and m/s; NaN where they are not known. Without the speed over ground, the machine
+        counts as standing.
+    excitations
+        Orders that hide modes, and the terrain.
+    """
+    signals = np.asarray(signals, dtype=float)
+    arrays = [signals, crank_angle, *speeds.values()]
+    steps = np.diff(times)
+    if len(times) < 2 or {len(each) for each in arrays} != {len(times)}:
+        raise DriveError("The arrays of a drive differ in length; give one row for each time.")
+    if signals.shape[1] != len(places) or not np.isfinite(signals).all():
+        raise DriveError("Signals have gaps, or are not one channel for each place; fill or cut.")
+    if steps.min() <= 0.0 or np.abs(steps / steps.mean() - 1.0).max() > 0.5:
+        raise DriveError("The times of a drive are not even; resample the signals first.")
+    low, high = table.alpha3_range
+    angle = np.where((crank_angle >= low) & (crank_angle <= high), crank_angle, np.nan)
+    predicted = np.full((len(times), table.n_modes), np.nan)
+    known = np.isfinite(angle)
+    predicted[known] = table.evaluate(angle[known])[:, : table.n_modes]
+    drive = _Drive(table, mechanism, times, signals, tuple(places), angle, predicted)
+    return tuple(
+        mode
+        for segments in find_segments(times, angle)
+        for mode in _at_height(drive, segments, dict(speeds), excitations)
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Drive:
+    """The arguments of `listen_modes`, and the predicted frequencies."""
+
+    table: Table
+    mechanism: Mechanism
+    times: FloatArray
+    signals: FloatArray
+    places: tuple[Place, ...]
+    angle: FloatArray
+    predicted: FloatArray  # (n, n_modes), Hz
+
+
+def _at_height(
+    drive: _Drive,
+    segments: Sequence[slice],
+    speeds: dict[Source, FloatArray],
+    excitations: Sequence[Excitation],
+) -> list[DriveMode]:
+    """Return the modes that segments at one height show."""
+    table, rows = drive.table, np.concatenate([np.r_[each] for each in segments])
+    alpha3 = float(drive.angle[rows].mean())
+    ground = speeds.get(Source.GROUND, np.zeros(len(drive.times)))[rows]
+    rolls = bool((ground > _ROLLS).any())
+    slowest = float(np.quantile(ground[ground > _ROLLS], 0.05)) if rolls else math.inf
+    shapes = model_shapes(table, alpha3, drive.places)
+    means = drive.predicted[rows].mean(axis=0)
+    slopes, deviations = table.slopes(alpha3), table.parameter_deviations(alpha3)
+    given = 1.0 / float(drive.times[1] - drive.times[0])
+    modes = []
+    for mode in np.flatnonzero((means > _LOWEST) & (means < _HIGHEST * given)).tolist():
+        windows, rate, mean = over_phase(
+            drive.times, drive.signals, segments, drive.predicted[:, mode]
+        )
+        lag = 1 + math.ceil(rate * wheelbase(drive.mechanism) / slowest)
+        found = identify(windows, rate, (_AROUND[0] * mean, _AROUND[1] * mean), lag)
+        best = _best(found, mode, means, shapes)
+        if best is None:
+            continue
+        over_time = best.frequency / mean * drive.predicted[rows, mode]
+        there = {source: speed[rows] for source, speed in speeds.items()}
+        doubt = order_doubt(over_time, there, excitations) or window_doubt(windows, rate, lag, best)
+        for each in excitations:
+            if not doubt and rolls and each.terrain is not None and each.terrain.raised:
+                at = np.quantile(ground[ground > _ROLLS], (0.05, 0.35, 0.65, 0.95)).tolist()
+                place = drive.places[int(np.abs(best.shape).argmax())]
+                lines = wheelbase_lines(table, drive.mechanism, each.terrain, place, alpha3, at)
+                doubt = line_doubt(best.frequency, mean, lines)
+        turned = _INCLINOMETER * slopes[mode] / mean
+        modes.append(
+            DriveMode(
+                alpha3,
+                mode,
+                mean,
+                math.hypot(deviations[mode], turned),
+                best.frequency,
+                best.frequency_stddev,
+                best.ratio,
+                best.ratio_stddev,
+                len(rows) / given,
+                doubt,
+            )
+        )
+    return modes
+
+
+def _best(
+    found: Sequence[Candidate], mode: int, means: FloatArray, shapes: ComplexArray
+) -> Candidate | None:
+    """Return the sure candidate that fits a mode best, and no other mode better; or None."""
+    scored = []
+    for each in found:
+        alike = mac(each.shape, shapes)
+        scores = alike * np.exp(-0.5 * (np.log(each.frequency / means) / _MODEL) ** 2)
+        sure = each.frequency_stddev < _UNSURE * each.frequency
+        if sure and np.nanargmax(scores) == mode and alike[mode] > _ALIKE:
+            scored.append((float(scores[mode]), each))
+    return max(scored, key=lambda pair: pair[0])[1] if scored else None
+
+
+def model_shapes(table: Table, alpha3: float, places: Sequence[Place]) -> ComplexArray:
+    """Return shapes of the table's modes at places, (n_places, n_modes)."""
+    terms = table.frf(alpha3, places, places)
+    hertz = np.sqrt(np.abs(terms.stiffness)) / (2.0 * math.pi)
+    columns = []
+    for each in table.evaluate(np.array([alpha3]))[0, : table.n_modes].tolist():
+        k = int(np.abs(hertz - each).argmin())
+        s = -terms.decay[k] / 2.0 + 2j * math.pi * hertz[k]
+        residues = terms.residues[:, :, k] + s * terms.rates[:, :, k]
+        best = int(np.abs(np.diag(residues)).argmax())
+        columns.append(residues[:, best] / residues[best, best])
+    return np.array(columns).T
+
+
+def wheelbase(mechanism: Mechanism) -> float:
+    """Return the distance of the first and last mount that roll over the ground, m."""
+    at = [mount.at[0] for mount in vertical_mounts(mechanism)]
+    return max(at) - min(at) if at else 0.0

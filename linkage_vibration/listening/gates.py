@@ -1,0 +1,101 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Reasons not to believe an identified mode: an order, a line of the wheelbase, a single window."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.signal import find_peaks
+
+from linkage_vibration.listening.output_only import (
+    ALIKE,
+    ORDERS,
+    Candidate,
+    covariances,
+    mac,
+    poles_and_shapes,
+)
+from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.mechanics.model import Place
+from linkage_vibration.prediction.excitation import Excitation, Source
+from linkage_vibration.prediction.ground import Terrain, ground_spectrum
+from linkage_vibration.table.table import Table
+
+NEAR, MOST_NEAR = 0.05, 0.02
+"""Relative distance at which an order hides a mode, and the share of the time that it may, 1."""
+WINDOWS = 2
+"""Windows that must show a mode."""
+
+_LINE = 0.05  # relative distance of a line to what it explains
+_PROMINENT = 1.0  # dB of a line
+_ALIKE_HZ = 0.05  # relative distance of the same mode in a window
+_ORDERS = 3  # of the diagram, at which a window shows a mode
+
+
+def order_doubt(
+    frequency: FloatArray, speeds: dict[Source, FloatArray], excitations: Sequence[Excitation]
+) -> str:
+    """Return which order was near a frequency over time, Hz, (n,), for too long; else nothing.
+
+    Speeds are (n,), in the units of their sources; one that is not known counts as near.
+    """
+    for each in excitations:
+        if each.terrain is not None or each.source not in speeds:
+            continue
+        away = np.abs(each.ratio * speeds[each.source] / frequency - 1.0)
+        share = 1.0 - float((away > NEAR).mean())
+        if share > MOST_NEAR:
+            percent = f"{100.0 * share:.0f} % of the time"
+            return f"{each.name} was within {100.0 * NEAR:g} % of it, or not known, in {percent}"
+    return ""
+
+
+def wheelbase_lines(
+    table: Table,
+    mechanism: Mechanism,
+    terrain: Terrain,
+    place: Place,
+    alpha3: float,
+    speeds: Sequence[float],
+) -> FloatArray:
+    """Return frequencies, Hz, of maxima of the predicted spectrum that no mode makes.
+
+    The spectrum is the mean of those of the acceleration at speeds in m/s, as a line that follows
+    a changing speed is none. The angle is in rad.
+    """
+    spectra = [ground_spectrum(table, mechanism, terrain, place, alpha3, v) for v in speeds]
+    f = spectra[0][0]
+    mean = np.nan_to_num(np.mean([psd for _, psd in spectra], axis=0)) * f**2
+    peaks = find_peaks(10.0 * np.log10(np.maximum(mean, 1e-30)), prominence=_PROMINENT)[0]
+    modes = table.evaluate(np.array([alpha3]))[0, : table.n_modes]
+    away = np.abs(np.log(np.divide.outer(f[peaks], modes)))
+    return np.asarray(f[peaks][np.nanmin(away, axis=1) > _LINE])
+
+
+def line_doubt(frequency: float, predicted: float, lines: FloatArray) -> str:
+    """Return that a line of the wheelbase explains a frequency better than a mode; else nothing."""
+    away = np.abs(np.log(lines / frequency))
+    if not len(lines) or away.min() > min(_LINE, abs(np.log(predicted / frequency))):
+        return ""
+    return f"the wheelbase makes a line at {lines[away.argmin()]:.2f} Hz, where no mode is"
+
+
+def window_doubt(
+    windows: Sequence[FloatArray], rate: float, first_lag: int, candidate: Candidate
+) -> str:
+    """Return that fewer than `WINDOWS` windows, (n, n_channels), show a mode; else nothing."""
+    shown = 0
+    for window in windows:
+        scale = window.std(axis=0)
+        sums, counts = covariances([window / scale], first_lag, len(window))
+        if not len(counts):
+            continue
+        orders = 0
+        for poles, shapes in poles_and_shapes(sums[0] / counts[0], rate, ORDERS):
+            hertz, damping = np.abs(poles) / (2.0 * np.pi), -poles.real / np.abs(poles)
+            near = np.abs(hertz / candidate.frequency - 1.0) < _ALIKE_HZ
+            alike = mac(candidate.shape / scale, shapes) > ALIKE
+            orders += bool((near & alike & (damping > 0.0)).any())
+        shown += orders >= _ORDERS
+    return "" if shown >= WINDOWS else f"{shown} of {len(windows)} windows show it"

@@ -1,0 +1,213 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Modes from responses alone, by covariance-driven stochastic subspace identification.
+
+If white noise drives a linear system, the covariances of its responses are sums of its decays.
+The same noise arriving again later, as from a road under a second axle, adds to the covariances up
+to that delay alone; so the identification may begin behind it.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.stats import t as student
+
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
+
+ORDERS = range(4, 25, 2)  # numbers of poles that the stability diagram compares
+ALIKE = 0.8
+"""Least MAC of two shapes of one mode."""
+
+_ROWS = 18  # block rows of the Hankel matrix
+_STABLE, _STABLE_RATIO = 0.02, 0.3  # relative changes from an order to the next
+_FEWEST_ORDERS = 3  # at which a mode is stable
+_LARGEST_RATIO = 0.2  # damping ratio of a mode; beyond it a pole describes the noise
+_MOST_LOST = 0.1  # share of the blocks without which a mode may be missing
+_INTERVAL = 1.96  # standard deviations that a 95 % interval reaches to either side
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidate:
+    """A mode that a stability diagram shows."""
+
+    frequency: float  # Hz, undamped
+    ratio: float  # damping ratio, 1
+    shape: ComplexArray  # (n_channels,), the largest is 1
+    frequency_stddev: float  # Hz; 1.96 of it reach to the ends of the 95 % interval
+    ratio_stddev: float
+
+
+def covariances(
+    windows: Sequence[FloatArray], first_lag: int, block: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return sums of products of signals over blocks, and the number of products in each.
+
+    The sums are (n_blocks, 2 `_ROWS`, n_channels, n_channels), for lags from `first_lag` on.
+
+    Parameters
+    ----------
+    windows : sequence of ndarray, (n, n_channels)
+        Signals without a mean, at one rate.
+    first_lag, block : int
+        Samples; a window is divided into blocks of at least this length, the last one longer.
+    """
+    sums, counts = [], []
+    for window in windows:
+        longest = first_lag + 2 * _ROWS
+        used = len(window) - longest
+        parts = max(used // block, 1) if used > 0 else 0
+        for start, end in pairwise(np.linspace(0, used, parts + 1).astype(int).tolist()):
+            now = window[start:end]
+            lags = range(first_lag, longest)
+            sums.append([window[start + lag : end + lag].T @ now for lag in lags])
+            counts.append(end - start)
+    return np.array(sums), np.array(counts, dtype=float)
+
+
+def poles_and_shapes(
+    covariance: FloatArray, rate: float, orders: Sequence[int] = ORDERS
+) -> list[tuple[ComplexArray, ComplexArray]]:
+    """Return the oscillating poles, rad/s, (n,), and shapes, (n_channels, n), of each order.
+
+    Parameters
+    ----------
+    covariance : ndarray, (2 `_ROWS`, n_channels, n_channels)
+        At lags one sample apart.
+    rate, orders
+        Hz; numbers of poles.
+    """
+    n = covariance.shape[1]
+    at = np.add.outer(np.arange(_ROWS), np.arange(_ROWS))
+    hankel = covariance[at].transpose(0, 2, 1, 3).reshape(_ROWS * n, _ROWS * n)
+    left, singular, _ = np.linalg.svd(hankel)
+    results = []
+    for order in orders:
+        observability = left[:, :order] * np.sqrt(singular[:order])
+        step = np.linalg.lstsq(observability[:-n], observability[n:], rcond=None)[0]
+        values, vectors = np.linalg.eig(step)
+        kept = (values.imag > 0.0) & (np.abs(values) > 0.0)
+        shapes = observability[:n] @ vectors[:, kept]
+        results.append((np.log(values[kept].astype(complex)) * rate, shapes.astype(complex)))
+    return results
+
+
+def identify(
+    windows: Sequence[FloatArray],
+    rate: float,
+    band: tuple[float, float],
+    first_lag: int = 1,
+    block_seconds: float = 4.0,
+) -> list[Candidate]:
+    """Return the stable modes within a band, ascending, with deviations of a jackknife.
+
+    Parameters
+    ----------
+    windows : sequence of ndarray, (n, n_channels)
+        Signals of one state of the system, each without a gap.
+    rate, band
+        Hz; frequencies that are reported, Hz.
+    first_lag : int
+        Samples; noise that comes again within them does not bias the modes.
+    block_seconds : float
+        Length of the blocks, each of which is left out once; longer than the decays.
+    """
+    scale = np.sqrt(np.mean([(window**2).mean(axis=0) for window in windows], axis=0))
+    if not scale.all():  # A channel that shows nothing has no shape.
+        return []
+    windows = [window / scale for window in windows]
+    sums, counts = covariances(windows, first_lag, round(block_seconds * rate))
+    n = len(counts)
+    if n < 4:  # The deviation of fewer blocks says nothing.
+        return []
+    mean = sums.sum(axis=0) / counts.sum()
+    diagram = poles_and_shapes(mean, rate)
+    clusters = stable_poles(diagram, band)
+    if not clusters:
+        return []
+    without = [
+        poles_and_shapes((sums.sum(axis=0) - sums[i]) / (counts.sum() - counts[i]), rate)
+        for i in range(n)
+    ]
+    candidates = []
+    for cluster in clusters:
+        ratios = []
+        for order, k in cluster:
+            pole, shape = diagram[order][0][k], diagram[order][1][:, k]
+            ratios.append([nearest(pole, shape, *each[order]) / pole for each in without])
+        # A pole that is missing in one order says nothing there; the median of the others counts.
+        shown = np.isfinite(ratios).any(axis=0)
+        pole = _median(np.array([diagram[order][0][k] for order, k in cluster]))
+        found = pole * _median(np.array(ratios)[:, shown])
+        if len(found) < max((1.0 - _MOST_LOST) * n, 4):
+            continue
+        factor = float(student.ppf(0.975, len(found) - 1)) / _INTERVAL
+        stddevs = [
+            factor * math.sqrt(len(found) - 1.0) * float(each.std()) for each in _values(found)
+        ]
+        frequency, ratio = (float(each) for each in _values(pole))
+        order, k = cluster[len(cluster) // 2]
+        shape = diagram[order][1][:, k] * scale
+        shape = shape / shape[np.abs(shape).argmax()]
+        candidates.append(Candidate(frequency, ratio, shape, *stddevs))
+    return sorted(candidates, key=lambda each: each.frequency)
+
+
+def _median(values: ComplexArray) -> ComplexArray:
+    """Return medians of the real and of the imaginary parts along the first axis."""
+    return np.asarray(np.nanmedian(values.real, axis=0) + 1j * np.nanmedian(values.imag, axis=0))
+
+
+def _values(poles: ComplexArray) -> tuple[FloatArray, FloatArray]:
+    """Return natural frequencies, Hz, and damping ratios of poles."""
+    size = np.abs(poles)
+    return size / (2.0 * math.pi), -poles.real / size
+
+
+def mac(shape: ComplexArray, shapes: ComplexArray) -> FloatArray:
+    """Return the modal assurance criteria of a shape, (n,), with others, (n, n_shapes)."""
+    size = (np.abs(shape) ** 2).sum() * (np.abs(shapes) ** 2).sum(axis=0)
+    return np.asarray(np.abs(shape.conj() @ shapes) ** 2 / np.maximum(size, 1e-300))
+
+
+def nearest(
+    pole: complex, shape: ComplexArray, poles: ComplexArray, shapes: ComplexArray
+) -> complex:
+    """Return the nearest of poles that has a shape alike and is within 20 %, or NaN."""
+    away = np.abs(poles / pole - 1.0) + (mac(shape, shapes) < ALIKE)
+    i = int(away.argmin()) if len(away) else 0
+    return complex(poles[i]) if len(away) and away[i] < 0.2 else complex(math.nan)
+
+
+def stable_poles(
+    diagram: Sequence[tuple[ComplexArray, ComplexArray]], band: tuple[float, float]
+) -> list[list[tuple[int, int]]]:
+    """Return chains of poles that hardly change from an order to the next.
+
+    Each is a list of indices: of the order, and of the pole in it.
+    """
+    chains: list[list[tuple[int, int]]] = []
+    for i, (poles, shapes) in enumerate(diagram):
+        frequencies, ratios = _values(poles)
+        for k in range(len(poles)):
+            inside = band[0] <= frequencies[k] <= band[1] and 0.0 < ratios[k] < _LARGEST_RATIO
+            if not inside:
+                continue
+            fits = []
+            for chain in chains:
+                before, at = chain[-1]
+                if before not in (i - 1, i - 2):
+                    continue
+                frequency, ratio = (each[at] for each in _values(diagram[before][0]))
+                away = abs(frequencies[k] / frequency - 1.0)
+                alike = mac(diagram[before][1][:, at], shapes[:, [k]])[0] > ALIKE
+                steady = abs(ratios[k] / ratio - 1.0) < _STABLE_RATIO
+                if away < _STABLE and steady and alike:
+                    fits.append((away, chain))
+            if fits:
+                min(fits, key=lambda fit: fit[0])[1].append((i, k))
+            else:
+                chains.append([(i, k)])
+    return [chain for chain in chains if len(chain) >= _FEWEST_ORDERS]

@@ -1,0 +1,89 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Parts of a drive in which the crank moves little, and their signals over the phase of a mode."""
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.signal import butter, sosfiltfilt
+
+from linkage_vibration.mechanics.arrays import FloatArray
+
+SHORTEST, LONGEST = 8.0, 20.0
+"""Seconds of a segment."""
+ACROSS = math.radians(8.0)
+"""Largest difference between the angles of segments that belong to one height, rad."""
+
+_FASTEST = math.radians(1.0)  # rad/s; a crank that moves faster drives what it moves
+_LOOKS = 10.0  # Hz at which the angle is looked at
+_ROOM = 3.0  # Frequencies of a mode up to half of the rate to which signals are resampled.
+
+
+def find_segments(times: FloatArray, crank_angle: FloatArray) -> list[list[slice]]:
+    """Return the segments of each height; a height is a group of segments at similar angles.
+
+    Parameters
+    ----------
+    times, crank_angle : ndarray, (n,)
+        s, even; rad, NaN where it is not known.
+    """
+    step = max(1, round(1.0 / (_LOOKS * float(times[1] - times[0]))))
+    t, angle = times[::step], crank_angle[::step]
+    moves = np.abs(np.gradient(angle, t)) > _FASTEST
+    found: list[slice] = []
+    start, low, high = 0, math.inf, -math.inf
+    for i in range(len(t) + 1):
+        if i < len(t) and not moves[i] and math.isfinite(angle[i]):
+            low, high = min(low, angle[i]), max(high, angle[i])
+            if high - low <= ACROSS / 2.0:
+                continue
+        if i > start and t[i - 1] - t[start] >= SHORTEST:
+            parts = math.ceil((t[i - 1] - t[start]) / LONGEST)
+            edges = (np.linspace(start, i - 1, parts + 1).astype(int) * step).tolist()
+            found += [slice(a, b) for a, b in pairwise(edges)]
+        again = i < len(t) and not moves[i] and math.isfinite(angle[i])
+        start = i if again else i + 1
+        low, high = (angle[i], angle[i]) if again else (math.inf, -math.inf)
+    heights: list[list[slice]] = []
+    for segment in sorted(found, key=lambda each: float(crank_angle[each].mean())):
+        here = crank_angle[segment].mean()
+        if heights and here - crank_angle[heights[-1][0]].mean() <= ACROSS / 2.0:
+            heights[-1].append(segment)
+        else:
+            heights.append([segment])
+    return heights
+
+
+def over_phase(
+    times: FloatArray, signals: FloatArray, segments: Sequence[slice], predicted: FloatArray
+) -> tuple[list[FloatArray], float, float]:
+    """Return signals of segments over the phase of a predicted frequency, (m, n_channels) each.
+
+    A mode whose frequency is a constant multiple of the predicted one is then at a constant
+    frequency: that multiple of the mean, which is returned with the rate, both in Hz.
+
+    Parameters
+    ----------
+    times, signals, segments
+        s, even, (n,); (n, n_channels); from `find_segments`.
+    predicted : ndarray, (n,)
+        Hz.
+    """
+    given = 1.0 / float(times[1] - times[0])
+    mean = float(np.mean([predicted[each].mean() for each in segments]))
+    rate = min(2.0 * _ROOM * mean, given)
+    filters = [butter(2, 0.25 * mean, "highpass", fs=given, output="sos")]
+    if rate < given:
+        filters.append(butter(6, 0.4 * rate, fs=given, output="sos"))
+    windows = []
+    for segment in segments:
+        each = signals[segment] - signals[segment].mean(axis=0)
+        for sos in filters:
+            each = sosfiltfilt(sos, each, axis=0)
+        phase = np.cumsum(predicted[segment]) / (given * mean)
+        even = np.arange(phase[0], phase[-1], 1.0 / rate)
+        windows.append(CubicSpline(phase, each)(even))
+    return windows, rate, mean

@@ -1,0 +1,97 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Modes of simulated drives of a tractor that differs from the table's."""
+
+import math
+
+import numpy as np
+import pytest
+
+from benchmark.listening.simulation import FILE, RATE, SENSORS, Scene, simulate
+from linkage_vibration.listening.drive_modes import (
+    DriveError,
+    DriveMode,
+    listen_modes,
+    model_shapes,
+)
+from linkage_vibration.listening.output_only import mac
+from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.prediction.excitation import Source, excitations_from_mapping
+from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.support.resources import config_file
+from linkage_vibration.table.table import Table, load_table
+
+HEAVE = 3  # mode, from 0
+
+
+@pytest.fixture(scope="module")
+def arguments() -> tuple[Table, Mechanism]:
+    """Return the table and the mechanism of the tractor."""
+    table = load_table(config_file(f"tables/{FILE}.npz"))
+    return table, read_mechanism(config_file(f"{FILE}.yaml"))
+
+
+def test_heave_of_a_heavier_implement(arguments: tuple[Table, Mechanism]) -> None:
+    """The heave, 5 % below the prediction, is within three deviations; the PTO at it hides it."""
+    drive = simulate(1, Scene(road=256e-6, seconds=180.0))
+    speeds = {Source(name): values for name, values in drive.speeds.items()}
+    given = *arguments, drive.times, drive.signals, SENSORS, drive.crank_angle, speeds
+    heaves = [each for each in listen_modes(*given) if each.mode == HEAVE and not each.doubt]
+    assert heaves
+    for each in heaves:
+        there = np.abs(drive.crank_angle - each.alpha3) < math.radians(2.0)
+        true = drive.frequencies[there, HEAVE].mean()
+        assert abs(each.frequency - true) < 3.0 * each.frequency_stddev
+        assert abs(each.frequency / each.predicted - 1.0) < 0.1
+    order = 60.0 * heaves[0].frequency / float(drive.speeds["pto"].mean())
+    shaft = excitations_from_mapping({"shaft": {"speed": "pto", "orders": [order]}})
+    doubts = [each.doubt for each in listen_modes(*given, shaft) if each.mode == HEAVE]
+    assert any(doubt.startswith(f"shaft {order:g} was within") for doubt in doubts)
+
+
+def test_an_hour_without_excitation(arguments: tuple[Table, Mechanism]) -> None:
+    """The noise of the sensors alone shows no mode in an hour at two heights."""
+    drive = simulate(5, Scene(road=0.0, seconds=3600.0))
+    speeds = {Source(name): values for name, values in drive.speeds.items()}
+    modes = listen_modes(*arguments, drive.times, drive.signals, SENSORS, drive.crank_angle, speeds)
+    assert [each for each in modes if not each.doubt] == []
+
+
+def test_shapes_of_the_table(arguments: tuple[Table, Mechanism]) -> None:
+    """They are those of the undamped model, as damping hardly couples its modes."""
+    table, mechanism = arguments
+    shapes = model_shapes(table, 2.5, SENSORS)
+    undamped = LinkageModel(mechanism).solve(2.5).mode_shapes(SENSORS)
+    for mode in range(4):
+        assert mac(shapes[:, mode], undamped[:, [mode]].astype(complex))[0] > 0.95
+
+
+def test_difference() -> None:
+    """With 3 and 4 %, ln(measured / predicted) of 0.1 is 2 deviations, and -0.097 is -1.94."""
+    high, low = 5.0 * math.exp(0.1), 5.0 * math.exp(-0.097)
+    mode = DriveMode(2.0, 3, 5.0, 0.03, high, 0.04 * high, 0.02, 0.0, 9.0)
+    assert mode.difference == pytest.approx(2.0)
+    assert not mode.consistent
+    lower = DriveMode(2.0, 3, 5.0, 0.03, low, 0.04 * low, 0.02, 0.0, 9.0)
+    assert lower.difference == pytest.approx(-1.94)
+    assert lower.consistent
+
+
+def test_what_is_refused(arguments: tuple[Table, Mechanism]) -> None:
+    """Arrays of other lengths, gaps in signals, too few places, and uneven times."""
+    n = 4000
+    times, angle = np.arange(n) / RATE, np.full(n, 2.0)
+
+    def listen(times: FloatArray, signals: FloatArray) -> object:
+        return listen_modes(*arguments, times, signals, SENSORS, angle, {})
+
+    assert listen(times, np.zeros((n, 4))) == ()
+    with pytest.raises(DriveError, match="differ in length"):
+        listen(times, np.zeros((n - 1, 4)))
+    for signals in (np.zeros((n, 3)), np.full((n, 4), math.nan)):
+        with pytest.raises(DriveError, match="gaps, or are not one channel"):
+            listen(times, signals)
+    with pytest.raises(DriveError, match="not even"):
+        listen(times**2, np.zeros((n, 4)))

@@ -1,0 +1,49 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Segments of a drive, and signals over the phase of a predicted frequency."""
+
+import math
+
+import numpy as np
+import pytest
+
+from linkage_vibration.listening.segments import find_segments, over_phase
+
+RATE, SHORTEST = 100.0, 8.0  # Hz, s
+
+
+@pytest.mark.parametrize(("seconds", "count"), [(7.5, 0), (8.5, 1)])
+def test_shortest_segment(seconds: float, count: int) -> None:
+    """A segment lasts at least 8 s: 7.5 s between two quick moves are too short, 8.5 s are not."""
+    times = np.arange(0.0, 6.0 + seconds, 1.0 / RATE)
+    angle = np.interp(times, [0.0, 3.0, 3.0 + seconds, 6.0 + seconds], [2.5, 2.0, 2.0, 2.5])
+    assert len(find_segments(times, angle)) == count
+
+
+@pytest.mark.parametrize(("degrees", "heights"), [(2.0, 1), (10.0, 2)])
+def test_heights(degrees: float, heights: int) -> None:
+    """Segments whose angles differ by 2 deg are one height, and by 10 deg two."""
+    times = np.arange(0.0, 43.0, 1.0 / RATE)
+    angle = 2.0 + math.radians(degrees) * np.interp(times, [20.0, 23.0], [0.0, 1.0])
+    found = find_segments(times, angle)
+    assert len(found) == heights
+    assert all((each.stop - each.start) / RATE >= SHORTEST for group in found for each in group)
+
+
+def test_unknown_angle() -> None:
+    """Without an angle there is no segment."""
+    times = np.arange(0.0, 20.0, 1.0 / RATE)
+    assert find_segments(times, np.full(len(times), np.nan)) == []
+
+
+def test_over_phase() -> None:
+    """A chirp that is 1.1 times the prediction becomes a sine of 1.1 times its mean."""
+    times = np.arange(0.0, 40.0, 1.0 / RATE)
+    predicted = 4.0 + 0.05 * times
+    signal = np.sin(math.tau * 1.1 * np.cumsum(predicted) / RATE)[:, np.newaxis]
+    windows, rate, mean = over_phase(times, signal, [slice(0, len(times))], predicted)
+    spectrum = np.abs(np.fft.rfft(windows[0][:, 0] * np.hanning(len(windows[0])), 2**16))
+    peak = spectrum.argmax() * rate / 2**16
+    assert peak == pytest.approx(1.1 * predicted.mean(), rel=2e-3)
+    assert mean == pytest.approx(predicted.mean())
+    assert spectrum[[int(peak * 0.9 / rate * 2**16)]] < 0.01 * spectrum.max()
