@@ -5,9 +5,10 @@
 import os
 import signal
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from multiprocessing import get_context, parent_process
 from typing import ParamSpec, TypeVar
 
@@ -31,15 +32,32 @@ def call_in_process(function: Callable[P, T], *args: P.args, **kwargs: P.kwargs)
     for _ in range(TRIES):
         with ProcessPoolExecutor(1, get_context("spawn"), _begin_process) as pool:
             try:
-                return pool.submit(function, *args, **kwargs).result()
+                with _one_blas_thread():  # the process starts here
+                    answer = pool.submit(function, *args, **kwargs)
+                return answer.result()
             except BrokenProcessPool:
                 pass
     raise ProcessError(f"The process of a task died {TRIES} times; check the free memory.")
 
 
+@contextmanager
+def _one_blas_thread() -> Iterator[None]:
+    """Let new processes have one BLAS thread, also if their main module imports NumPy at once.
+
+    Several threads wait for each other, on a busy machine for most of the time.
+    """
+    name = "OPENBLAS_NUM_THREADS"
+    before, os.environ[name] = os.environ.get(name), "1"
+    try:
+        yield
+    finally:
+        os.environ.pop(name)
+        if before is not None:
+            os.environ[name] = before
+
+
 def _begin_process() -> None:
-    """Use one BLAS thread, ignore Ctrl-C, which the parent handles, and end with the parent."""
-    os.environ["OPENBLAS_NUM_THREADS"] = "1"  # NumPy, which is imported later, reads it
+    """Ignore Ctrl-C, which the parent handles, and end with the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
