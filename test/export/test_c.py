@@ -319,12 +319,14 @@ def test_misra(paper: Table, tmp_path: Path) -> None:
     files = c_files(described(paper), fewer_cells(constants_of(paper), 1e-3))
     write(files, tmp_path)
     source = f"{described(paper).name}.c"
-    command = [require("cppcheck"), "--addon=misra", "--std=c99", "--quiet", source]
+    command = [require("cppcheck"), "--addon=misra", "--enable=style", "--std=c99", "--quiet"]
+    command += ["-U__FAST_MATH__", "-U__FINITE_MATH_ONLY__", "-DDBL_MANT_DIG=53", source]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert ": error:" not in done.stderr, done.stderr
     rules = set(re.findall(r"misra-c2012-([0-9.]+)", done.stderr))
-    assert rules == {"2.5", "8.9"}
-    for rule in rules:
+    # cppcheck 2.10 does not see 8.7, and 2.22 takes the name "cell" for a literal with a suffix.
+    assert {"2.5", "8.9"} <= rules <= {"2.5", "7.3", "8.7", "8.9"}
+    for rule in rules - {"7.3"}:
         assert re.search(rf"^ \* +rules? {rule} ", files[source], re.MULTILINE)
 
 
