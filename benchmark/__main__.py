@@ -23,6 +23,7 @@ STEPS = (
     "tyres_and_damping",
     "own_hitch",
     "measured_modes",
+    "listening",
     "uncertainty",
     "ensemble",
     "advice",

@@ -50,7 +50,7 @@ class Scene:
     oil: float = 0.7  # bulk modulus over that of the model
     soil: bool = False  # whether the implement is on the soil
     moves: bool = False  # whether the crank creeps between the heights
-    road: float = 64e-6  # m3 at 0.1 1/m; 0 without any excitation
+    road: float = 64e-6  # m3 at 0.1 1/m (class B); 0 without any excitation
     seconds: float = SECONDS
 
 

@@ -40,7 +40,8 @@ class DriveMode:
     alpha3: float  # rad, mean over its segments
     mode: int  # from 0
     predicted: float  # Hz
-    predicted_stddev: float  # relative, by uncertain numbers and the angle; NaN if not known
+    predicted_stddev: float  # relative, by uncertain numbers; NaN if not known
+    angle_stddev: float  # relative, of the frequency by the angle
     frequency: float  # Hz, measured, undamped
     frequency_stddev: float  # Hz
     ratio: float  # damping ratio, measured, 1
@@ -50,8 +51,8 @@ class DriveMode:
 
     @property
     def deviation(self) -> float:
-        """Relative standard deviation of the measured frequency."""
-        return self.frequency_stddev / self.frequency
+        """Relative standard deviation of the measured frequency, with that of the angle."""
+        return math.hypot(self.frequency_stddev / self.frequency, self.angle_stddev)
 
     @property
     def difference(self) -> float:
@@ -163,13 +164,13 @@ def _at_height(
                 place = drive.places[int(np.abs(best.shape).argmax())]
                 lines = wheelbase_lines(table, drive.mechanism, each.terrain, place, alpha3, at)
                 doubt = line_doubt(best.frequency, mean, lines)
-        turned = _INCLINOMETER * slopes[mode] / mean
         modes.append(
             DriveMode(
                 alpha3,
                 mode,
                 mean,
-                math.hypot(deviations[mode], turned),
+                deviations[mode],
+                _INCLINOMETER * abs(slopes[mode]) / mean,
                 best.frequency,
                 best.frequency_stddev,
                 best.ratio,

@@ -11,25 +11,20 @@ doubtful if the best pairing without it costs hardly more.
 """
 
 import math
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import yaml
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.mechanics.paths import number_at
-from linkage_vibration.readers.mechanism import load_yaml
+from linkage_vibration.readers.targets import targets_text
 from linkage_vibration.studies.ringdown import MeasuredMode
 
 _INCLINOMETER = math.radians(0.5)  # standard deviation of an angle
 _UNKNOWN = 0.01  # relative deviation of a frequency that one or two decays show
-_BOUNDS = 3.0  # from a number of the mechanism to its bounds in the calibration
 FARTHEST = 1.5  # ratio of the frequencies of a pair: beyond it they are not paired
 _SIGMAS = 3.0  # standard deviations at which a distance is 1
 _MODEL = math.log(FARTHEST) / _SIGMAS  # standard deviation of log(frequency) of a model
@@ -100,12 +95,7 @@ def calibration_text(modes: Sequence[ComparedMode], mechanism: Path, output: Pat
     the mechanism.
     """
     targets = [
-        {
-            "mode": each.mode + 1,
-            "at_deg": round(math.degrees(each.alpha3), 6),
-            "hz": float(f"{each.measured.frequency:.7g}"),
-            "deviation": float(f"{each.deviation:.3g}"),
-        }
+        (each.mode, each.alpha3, each.measured.frequency, each.deviation)
         for each in modes
         if each.mode is not None and not each.rival
     ]
@@ -113,22 +103,7 @@ def calibration_text(modes: Sequence[ComparedMode], mechanism: Path, output: Pat
         problem = f"No measured frequency is within a factor of {FARTHEST:g} of one mode alone"
         hint = "check the angles, and the masses and springs of the mechanism"
         raise MeasurementError(f"{problem}; {hint}.")
-    mapping = load_yaml(mechanism)[0]
-    content = {
-        "mechanism": os.path.relpath(mechanism, output.resolve().parent),
-        "parameters": _rigid_numbers(mapping),
-        "targets": targets,
-    }
-    head = "# Made from recordings of blows. The parameters and their bounds are yours to choose.\n"
-    return head + yaml.safe_dump(content, sort_keys=False)
-
-
-def _rigid_numbers(mapping: dict[str, Any]) -> dict[str, list[float]]:
-    """Return the masses and moments of inertia of the rigid bodies, with wide bounds."""
-    bodies = mapping.get("rigid_bodies", {})
-    paths = [f"rigid_bodies.{name}.{key}" for name in bodies for key in ("mass", "inertia")]
-    numbers = {path: float(number_at(mapping, path)) for path in paths}
-    return {path: [value / _BOUNDS, value * _BOUNDS] for path, value in numbers.items()}
+    return targets_text(targets, mechanism, output, "recordings of blows")
 
 
 def comparison_table(modes: Sequence[ComparedMode], names: Sequence[str]) -> str:

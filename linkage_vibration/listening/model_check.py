@@ -1,0 +1,82 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the modes of a drive say about a model: differences, what may explain them, and targets."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from linkage_vibration.listening.drive_modes import DriveError, DriveMode
+from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.mechanics.sensitivity import Sensitivity
+from linkage_vibration.readers.targets import targets_text
+
+WARNING = (
+    "These are suggestions: other numbers, or another form of the model, may explain the same "
+    "difference. Measure the number before you change it."
+)
+
+_ABOVE = 1.1  # times the highest frequency, up to which changes are computed
+
+
+@dataclass(frozen=True, slots=True)
+class Explanation:
+    """An uncertain number whose change alone brings the predictions nearer to what was measured."""
+
+    path: str  # in the description
+    change: float  # most probable, in standard deviations that the description states
+    left: float  # share of the squared differences that it leaves, with the change's own, 1
+
+
+def explanations(model: LinkageModel, modes: Iterable[DriveMode]) -> tuple[Explanation, ...]:
+    """Return the uncertain numbers by what they explain of the differences, the best first.
+
+    Doubtful modes do not count. A difference is weighted by the measured deviation alone, and a
+    change of the number costs its square, in standard deviations.
+    """
+    sure = [mode for mode in modes if not mode.doubt]
+    if model.mechanism.uncertainty is None or not sure:
+        return ()
+    sensitivity, rates = Sensitivity(model), []
+    for mode in sure:
+        changes = sensitivity.at(model.solve(mode.alpha3), _ABOVE * mode.predicted)
+        nearest = int(np.abs(changes.frequencies / mode.predicted - 1.0).argmin())
+        rates.append(changes.log_frequencies[:, nearest])
+    weights = 1.0 / np.array([mode.deviation for mode in sure])
+    apart = weights * np.log([mode.frequency / mode.predicted for mode in sure])
+    weighted = np.array(rates).T * weights  # (n_numbers, n_sure)
+    shifts = weighted @ apart / (1.0 + (weighted**2).sum(axis=1))
+    left = 1.0 - shifts * (weighted @ apart) / (apart @ apart)
+    order = np.argsort(left, kind="stable").tolist()
+    paths = [number.path for number in sensitivity.numbers]
+    return tuple(Explanation(paths[i], float(shifts[i]), float(left[i])) for i in order)
+
+
+def difference_text(mode: DriveMode, name: str) -> str:
+    """Return a sentence about a mode with a name, in degrees and hertz."""
+    what = f"{name} at {math.degrees(mode.alpha3):.1f} deg: {mode.frequency:.3f} Hz"
+    if mode.doubt:
+        return f"{what} is not reported, because {mode.doubt}."
+    percent = 100.0 * (mode.frequency / mode.predicted - 1.0)
+    side = "lower" if percent < 0.0 else "higher"
+    verdict = "consistent" if mode.consistent else "not consistent"
+    return (
+        f"{what} +- {mode.frequency_stddev:.3f} is {abs(percent):.1f} % {side} than predicted, "
+        f"{abs(mode.difference):.1f} standard deviations: {verdict}."
+    )
+
+
+def drive_targets(modes: Sequence[DriveMode], mechanism: Path, output: Path) -> str:
+    """Return the text of a calibration, to be written to output, from the modes without doubts.
+
+    It raises DriveError if there are none.
+    """
+    targets = [
+        (each.mode, each.alpha3, each.frequency, each.deviation) for each in modes if not each.doubt
+    ]
+    if not targets:
+        raise DriveError("No mode of the drive is without doubt; drive longer, or elsewhere.")
+    return targets_text(targets, mechanism, output, "a drive")

@@ -1,0 +1,49 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Writes measured natural frequencies as the targets of a calibration."""
+
+import math
+import os
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from linkage_vibration.mechanics.paths import number_at
+from linkage_vibration.readers.mechanism import load_yaml
+
+_BOUNDS = 3.0  # from a number of the mechanism to its bounds in the calibration
+
+
+def targets_text(
+    modes: Iterable[tuple[int, float, float, float]], mechanism: Path, output: Path, source: str
+) -> str:
+    """Return the text of a calibration (written to output) of rigid bodies to measured modes.
+
+    Each has its index from 0, the angle in rad, Hz, and a relative standard deviation.
+    """
+    targets = [
+        {
+            "mode": mode + 1,
+            "at_deg": round(math.degrees(alpha3), 6),
+            "hz": float(f"{hertz:.7g}"),
+            "deviation": float(f"{deviation:.3g}"),
+        }
+        for mode, alpha3, hertz, deviation in modes
+    ]
+    content = {
+        "mechanism": os.path.relpath(mechanism, output.resolve().parent),
+        "parameters": _rigid_numbers(load_yaml(mechanism)[0]),
+        "targets": targets,
+    }
+    head = f"# Made from {source}. The parameters and their bounds are yours to choose.\n"
+    return head + yaml.safe_dump(content, sort_keys=False)
+
+
+def _rigid_numbers(mapping: dict[str, Any]) -> dict[str, list[float]]:
+    """Return the masses and moments of inertia of the rigid bodies, with wide bounds."""
+    bodies = mapping.get("rigid_bodies", {})
+    paths = [f"rigid_bodies.{name}.{key}" for name in bodies for key in ("mass", "inertia")]
+    numbers = {path: float(number_at(mapping, path)) for path in paths}
+    return {path: [value / _BOUNDS, value * _BOUNDS] for path, value in numbers.items()}

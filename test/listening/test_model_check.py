@@ -1,0 +1,67 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""What explains modes that a changed model makes, and targets that `calibrate` reads."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from linkage_vibration.listening.drive_modes import DriveError, DriveMode
+from linkage_vibration.listening.model_check import difference_text, drive_targets, explanations
+from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.mechanics.parsing import mechanism_from_mapping
+from linkage_vibration.mechanics.paths import with_numbers
+from linkage_vibration.readers.mechanism import load_yaml, read_mechanism
+from linkage_vibration.studies.calibration import read_calibration
+from linkage_vibration.support.resources import config_file
+
+FILE = config_file("three_point_linkage_on_tractor.yaml")
+MASS = "rigid_bodies.implement.mass"
+MODE = DriveMode(2.5, 3, 8.0, 0.08, 0.003, 7.6, 0.038, 0.02, 0.002, 60.0)
+
+
+def test_a_heavier_implement_explains_its_modes() -> None:
+    """Of a model with 10 % more mass, one deviation of the mass explains nearly everything."""
+    model = LinkageModel(read_mechanism(FILE))
+    mapping = with_numbers(load_yaml(FILE)[0], [(MASS, 880.0)])
+    heavier = LinkageModel(mechanism_from_mapping(mapping))
+    modes = []
+    for alpha3 in (1.9, 2.4, 2.9):
+        pairs = [each.solve(alpha3).natural_frequencies for each in (model, heavier)]
+        for mode in (0, 3):
+            predicted, found = (float(each[mode]) for each in pairs)
+            values = predicted, 0.08, 0.001, found, 0.002 * found
+            modes.append(DriveMode(alpha3, mode, *values, 0.02, 0.002, 60.0))
+    best = explanations(model, modes)[0]
+    assert best.path == MASS
+    assert best.change == pytest.approx(1.0, abs=0.1)
+    assert best.left < 0.1
+    assert explanations(model, [replace(each, doubt="a reason") for each in modes]) == ()
+
+
+def test_sentences() -> None:
+    """A mode that is 5 % lower with 8 % is consistent; with 1 % it is not; a doubt is named."""
+    text = difference_text(MODE, "heave")
+    assert text == (
+        "heave at 143.2 deg: 7.600 Hz +- 0.038 is 5.0 % lower than predicted, "
+        "0.6 standard deviations: consistent."
+    )
+    known = difference_text(replace(MODE, predicted_stddev=0.01), "heave")
+    assert known.endswith("4.4 standard deviations: not consistent.")
+    doubted = difference_text(replace(MODE, doubt="engine 1 was near"), "heave")
+    assert doubted.endswith("7.600 Hz is not reported, because engine 1 was near.")
+
+
+def test_targets(tmp_path: Path) -> None:
+    """A calibration reads the targets of modes without doubts; without any there is an error."""
+    doubted = replace(MODE, doubt="a reason")
+    path = tmp_path / "fit.yaml"
+    path.write_text(drive_targets([MODE, doubted], FILE, path))
+    [target] = read_calibration(path).targets
+    assert (target.mode, target.frequency) == (4, 7.6)
+    assert target.at == pytest.approx(2.5)
+    assert target.deviation == pytest.approx(math.hypot(0.005, 0.003), rel=1e-2)
+    with pytest.raises(DriveError, match="No mode of the drive is without doubt"):
+        drive_targets([doubted], FILE, path)
