@@ -22,7 +22,7 @@ from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.mechanics.paths import with_numbers
 from linkage_vibration.readers.mechanism import load_yaml
-from linkage_vibration.studies.folding import doubt_folds
+from linkage_vibration.studies.measurement import doubt_folds
 from linkage_vibration.studies.ringdown import measure_modes
 from linkage_vibration.support.resources import config_file
 

@@ -54,7 +54,7 @@ def section(pictures: Path) -> str:
         coupled = couple(
             model.system, replace(joining, compatibility=more, labels=(*labels, *names))
         )
-        rank = len(row_space(more, (*labels, *names)).rows)
+        rank = len(row_space(more, (*labels, *names))[0])
         assert rank == len(b)
         omega = solve_modes(coupled)[0].omega[:10]
         plain = [share(plain_lm_fbs(blocks, more, rows, how), once) for how in ("solve", "inv")]

@@ -33,7 +33,7 @@ def run(options: argparse.Namespace) -> int:
 
     from linkage_vibration.readers.recordings import read_recording
     from linkage_vibration.studies import measurement as study
-    from linkage_vibration.studies.folding import doubt_folds
+    from linkage_vibration.studies.measurement import doubt_folds
     from linkage_vibration.studies.ringdown import RingdownError, measure_modes
     from linkage_vibration.support.atomic_files import check_output, write_text
 

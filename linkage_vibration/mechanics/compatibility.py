@@ -45,16 +45,11 @@ class Joining:
     damping: FloatArray  # (n_springs,)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RowSpace:
-    """The independent constraints in the rows of B."""
-
-    rows: FloatArray  # (rank, n): an orthonormal basis of what the rows of B span
-    null_space: FloatArray  # (n, n - rank): an orthonormal basis of the motions that open no joint
-
-
-def row_space(compatibility: FloatArray, labels: Sequence[str]) -> RowSpace:
+def row_space(compatibility: FloatArray, labels: Sequence[str]) -> tuple[FloatArray, FloatArray]:
     """Separate the independent constraints in the rows of B, (n_constraints, n), from repetitions.
+
+    Orthonormal bases are returned: (rank, n) of what the rows of B span, and (n, n - rank) of the
+    motions that open no joint.
 
     Joints that are closed twice, or that join a rigid body to itself, repeat other rows or have
     rows of zeros. Rows that nearly repeat others are refused: keeping them would magnify rounding,
@@ -71,7 +66,7 @@ def row_space(compatibility: FloatArray, labels: Sequence[str]) -> RowSpace:
             f"largest singular value): {'; '.join(names)}. Close each joint once, and let the two "
             "sides of a repeated one agree to the last digit."
         )
-    return RowSpace(right[:rank], right[rank:].T)
+    return right[:rank], right[rank:].T
 
 
 class InterfaceMap:

@@ -63,14 +63,12 @@ def uncoupled_system(components: Sequence[Component]) -> UncoupledSystem:
     places = np.argsort(is_inner, kind="stable")
     order, ends = np.ix_(places, places), np.cumsum([len(c.mass) for c in components])
     rows = np.split(np.argsort(places), ends[:-1])
+    parts = ((c.mass, c.stiffness, c.damping, c.loss_factor * c.stiffness) for c in components)
     return UncoupledSystem(
-        components=tuple(components),
-        n_interface=int((~is_inner).sum()),
-        rows={c.name: at for c, at in zip(components, rows, strict=True)},
-        mass=block_diag(*(c.mass for c in components))[order],
-        stiffness=block_diag(*(c.stiffness for c in components))[order],
-        damping=block_diag(*(c.damping for c in components))[order],
-        loss=block_diag(*(c.loss_factor * c.stiffness for c in components))[order],
+        tuple(components),
+        int((~is_inner).sum()),
+        {c.name: at for c, at in zip(components, rows, strict=True)},
+        *(block_diag(*matrices)[order] for matrices in zip(*parts, strict=True)),
     )
 
 
@@ -79,7 +77,7 @@ def couple(system: UncoupledSystem, joining: Joining) -> CoupledSystem:
 
     Constraints that repeat others have no effect.
     """
-    basis = row_space(joining.compatibility, joining.labels).null_space
+    _, basis = row_space(joining.compatibility, joining.labels)
     stretch = joining.elongation @ basis
     return CoupledSystem(
         mass=_congruent(system, system.mass, basis),

@@ -54,7 +54,8 @@ def component_frf(
     """
     omega = np.multiply(frequencies, 2.0 * math.pi)
     if (omega == 0.0).any() and _is_floating(stiffness):
-        raise FbsError("A component that is free to move has no receptance at 0 Hz; begin above.")
+        problem = "A component that is free to move has no receptance at 0 Hz"
+        raise FbsError(f"{problem}; begin above 0, at 0.1 Hz or more.")
     lossy = np.asarray((1.0 + 1j * loss_factor) * stiffness, dtype=np.complex128)
     matrices: list[Matrix] = [lossy, mass, damping]
     frf = np.empty((len(omega), n_dofs, n_dofs), dtype=complex)
@@ -199,14 +200,12 @@ def independent_rows(
     n_rows = len(compatibility)
     spread = np.broadcast_to(compliance, (*np.shape(compliance)[:-1], n_rows))
     rigid = ~spread.any(axis=tuple(range(spread.ndim - 1)))
-    constraints = row_space(compatibility[rigid], [f"row {row}" for row in np.flatnonzero(rigid)])
-    if len(constraints.rows) == rigid.sum():
+    rows, _ = row_space(compatibility[rigid], [f"row {row}" for row in np.flatnonzero(rigid)])
+    if len(rows) == rigid.sum():
         return compatibility, spread
-    zeros = np.zeros((*spread.shape[:-1], len(constraints.rows)))
-    return (
-        np.vstack([constraints.rows, compatibility[~rigid]]),
-        np.concatenate([zeros, spread[..., ~rigid]], axis=-1),
-    )
+    zeros = np.zeros((*spread.shape[:-1], len(rows)))
+    weights = np.concatenate([zeros, spread[..., ~rigid]], axis=-1)
+    return np.vstack([rows, compatibility[~rigid]]), weights
 
 
 def _solve(matrices: ComplexArray, right: Matrix) -> ComplexArray:

@@ -208,9 +208,8 @@ def _models(omega: FloatArray, frf: ComplexArray, degree: int) -> Iterator[_Mode
     size = np.sqrt((np.abs(accelerance) ** 2).mean(axis=(0, 2), keepdims=True))
     accelerance /= np.where(size > 0.0, size, 1.0)  # outputs of any unit have the same weight
     first = _Fraction(z, accelerance, np.ones(len(z)), degree)
-    second = _Fraction(
-        z, accelerance, 1.0 / np.abs(np.linalg.det(first.denominator(degree))), degree
-    )
+    weights = 1.0 / np.abs(np.linalg.det(first.denominator(degree)))
+    second = _Fraction(z, accelerance, weights, degree)
     step = 2 if frf.shape[2] == 1 else 1  # poles come in pairs
     for k in range(step, degree + 1, step):
         roots, shapes = second.roots(k)
@@ -294,9 +293,8 @@ def _recurring(models: list[_Model]) -> tuple[ComplexArray, BoolArray]:
     half of orders have as well.
     """
     models = models[len(models) // 2 :]
-    flags = [
-        np.mean([_recurs(model, other) for other in models], axis=0) >= _RECURS for model in models
-    ]
+    shares = [np.mean([_recurs(model, other) for other in models], axis=0) for model in models]
+    flags = [share >= _RECURS for share in shares]
     best = int(np.argmax([flag.sum() for flag in flags]))
     order = np.argsort(np.abs(models[best].poles))
     return models[best].poles[order], flags[best][order]
@@ -332,10 +330,8 @@ def _residues(
     right = weights * frf.reshape(len(omega), -1)
     columns = real_equations(weights * terms)
     norms = np.linalg.norm(columns, axis=0)
-    unknowns = (
-        np.linalg.lstsq(columns / norms, real_equations(right), rcond=None)[0]
-        / norms[:, np.newaxis]
-    )
+    unknowns = np.linalg.lstsq(columns / norms, real_equations(right), rcond=None)[0]
+    unknowns /= norms[:, np.newaxis]
     n = len(poles)
     complete = unknowns[:n] + 1j * unknowns[n : 2 * n]
     fitted = (terms @ unknowns).reshape(frf.shape)

@@ -378,12 +378,12 @@ class Kinematics:
             ahead, rate = closed
             onward = rate / np.linalg.norm(rate)
             bend = math.acos(min(1.0, float(onward @ tangent)))
-            if bend > 2.0 * _BEND or self._side(ahead, onward) != side:
-                step /= 2.0
-                continue
             slopes = way * (tangent @ self._input), way * (onward @ self._input)
-            if way * ((ahead - pose) @ self._input) < step * min(slopes) / 2.0 or slopes[1] <= 0.0:
-                step /= 2.0  # alpha3 turned back, perhaps back and forth, within the step
+            # Within the step, alpha3 may have turned back, perhaps back and forth.
+            turned = way * ((ahead - pose) @ self._input) < step * min(slopes) / 2.0
+            strays = bend > 2.0 * _BEND or self._side(ahead, onward) != side
+            if strays or turned or slopes[1] <= 0.0:
+                step /= 2.0
                 continue
             poses.append(ahead)
             curvature = (onward - tangent) / step

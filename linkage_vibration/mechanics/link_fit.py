@@ -119,9 +119,8 @@ class _Fit:
         plain = np.tensordot(self.tail, self.coefficients, axes=1)
         moved = real_equations(self.weights * rates)
         again = np.tensordot(self.basis.T @ moved, plain, axes=1)
-        return np.asarray(
-            np.tensordot(rate, plain, axes=1) - np.tensordot(terms @ self.tail, again, axes=1)
-        )
+        here = np.tensordot(rate, plain, axes=1)
+        return np.asarray(here - np.tensordot(terms @ self.tail, again, axes=1))
 
     def shares(self, terms: ComplexArray) -> ComplexArray:
         """Return the weights of the lines' parts in the values of the fit, (n_s, 2 n_freq)."""
@@ -210,9 +209,8 @@ def fit_link(
         _, left, columns = _columns(s, shape, weights, right)
         if left < (_ROUNDING * np.linalg.norm(right)) ** 2:
             columns = columns[:0]  # FRFs without noise
-        pulls = np.linalg.pinv(columns.T, rcond=_RESOLVED).reshape(
-            -1, 2 * len(omega), *across.shape[1:]
-        )
+        pulls = np.linalg.pinv(columns.T, rcond=_RESOLVED)
+        pulls = pulls.reshape(-1, 2 * len(omega), *across.shape[1:])
         double = np.concatenate([weights, weights])[:, :, np.newaxis]
         pulls = symmetric(double * pulls @ elastic.T)
     side = rigid @ across @ elastic.T

@@ -59,11 +59,8 @@ def find_mass_lines(frequencies: FloatArray, frf: ComplexArray) -> MassLines | N
     lines = min(windows, key=lambda window: window[0])[1]
     terms = -(omega[lines, np.newaxis, np.newaxis] ** 2) * frf[lines]
     values = _expand(omega[lines], terms.reshape(len(terms), -1))[0]
-    return MassLines(
-        float(frequencies[lines.start]),
-        float(frequencies[lines.stop - 1]),
-        values[0].real.reshape(frf.shape[1:]),
-    )
+    first, last = frequencies[[lines.start, lines.stop - 1]].tolist()
+    return MassLines(first, last, values[0].real.reshape(frf.shape[1:]))
 
 
 def _windows(frequencies: FloatArray) -> Iterator[slice]:

@@ -88,6 +88,7 @@ class LinkageModel:
         self.mechanism = mechanism
         self.kinematics = kinematics or Kinematics(mechanism)
         self.components = mechanism.components(reduced=reduced)
+        self._measured = [c for c in self.components if isinstance(c, FrfComponent)]
         self.interface = InterfaceMap(mechanism, self.components)
         # The frequencies at which FRFs of the components were computed last, and these FRFs.
         self._frfs: tuple[bytes | None, list[ComplexArray | MeasuredFrfs]] = None, []
@@ -116,12 +117,10 @@ class LinkageModel:
         ModelError
             If a component has no matrices.
         """
-        parts = [c for c in self.components if isinstance(c, Component)]
-        for component in self.components:
-            if isinstance(component, FrfComponent):
-                hint = "use `coupled_frf`, or `identify` the modes from FRFs"
-                raise ModelError(f"links.{component.name} is known by its FRFs alone; {hint}.")
-        return uncoupled_system(parts)
+        for component in self._measured:
+            hint = "use `coupled_frf`, or `identify` the modes from FRFs"
+            raise ModelError(f"links.{component.name} is known by its FRFs alone; {hint}.")
+        return uncoupled_system([c for c in self.components if isinstance(c, Component)])
 
     def rows(self, places: Sequence[Place | str], configuration: Configuration) -> FloatArray:
         """Return the displacements at places per interface DoF, (n_places, n_interface).
@@ -163,8 +162,7 @@ class LinkageModel:
 
         There are none if a link is known by its FRFs.
         """
-        measured = any(isinstance(component, FrfComponent) for component in self.components)
-        return () if measured else self.forces.names
+        return () if self._measured else self.forces.names
 
     def static_forces(self, alpha3: float) -> FloatArray:
         """Return the forces at `force_places` under the weight, (n_force_places,), N.
@@ -281,7 +279,7 @@ class LinkageModel:
         configuration = self.kinematics.at(alpha3)
         lines, joining = np.asarray(frequencies, dtype=float), self.interface.join(configuration)
         left, right = self.rows(outputs, configuration), self.rows(inputs, configuration)
-        if any(isinstance(component, FrfComponent) for component in self.components):
+        if self._measured:
             blocks, rows, compliance = self._blocks(joining, lines)
             self._check_noise(blocks, rows, right, compliance)
             return couple_frfs(receptances(blocks), rows, left, right, compliance, lines)
@@ -305,15 +303,15 @@ class LinkageModel:
         ModelError
             If two such links do not share them.
         """
-        measured = [c for c in self.components if isinstance(c, FrfComponent)]
-        for component in measured[1:]:
-            if not np.array_equal(component.frequencies, measured[0].frequencies):
-                both = f"links.{component.name} and links.{measured[0].name}"
+        if not self._measured:
+            return None
+        first, *others = self._measured
+        for component in others:
+            if not np.array_equal(component.frequencies, first.frequencies):
+                both = f"links.{component.name} and links.{first.name}"
                 hint = "measure or resample them on one axis"
                 raise ModelError(f"{both} are known at different frequencies; {hint}.")
-        if not measured:
-            return None
-        return measured[0].frequencies[measured[0].frequencies > 0.0]
+        return first.frequencies[first.frequencies > 0.0]
 
     def identify(self, alpha3: float) -> "IdentifiedSolution":
         """Identify the modes in the response band from coupled FRFs.
@@ -362,8 +360,7 @@ class LinkageModel:
         compliance: ComplexArray,
     ) -> None:
         """Refuse measured FRFs whose noise dominates the coupled ones where the forces act."""
-        measured = [c for c in self.components if isinstance(c, FrfComponent)]
-        link = max(measured, key=lambda c: c.noise)
+        link = max(self._measured, key=lambda c: c.noise)
         gain = noise_gain(blocks, rows, inputs, inputs, compliance)
         frf = couple_frfs_with_error(receptances(blocks), rows, inputs, inputs, compliance)[0]
         share = link.noise * float(np.linalg.norm(gain * frf) / np.linalg.norm(frf))

@@ -269,13 +269,8 @@ def _viscous_modes(omega: FloatArray, viscous: FloatArray) -> DampedModes:
     first, second = paired(poles)
     order = np.argsort(np.abs(poles[first] * poles[second]), kind="stable")
     first, second = first[order], second[order]
-    both = np.array([poles[first], poles[second]])
-    return DampedModes(
-        both.prod(axis=0).real + 0j,
-        -both.sum(axis=0).real,
-        np.array([shapes[:, first], shapes[:, second]]),
-        both,
-    )
+    both, pairs = np.array([poles[first], poles[second]]), [shapes[:, first], shapes[:, second]]
+    return DampedModes(both.prod(axis=0).real + 0j, -both.sum(axis=0).real, np.array(pairs), both)
 
 
 def _refined(

@@ -70,9 +70,8 @@ def rigid_motions(
     rows = []
     for dof in dofs:
         x, z = places[dof.point]
-        rows.append(
-            {"x": [1.0, 0.0, -z], "z": [0.0, 1.0, x], "theta": [0.0, 0.0, 1.0]}[dof.direction]
-        )
+        by_direction = {"x": [1.0, 0.0, -z], "z": [0.0, 1.0, x], "theta": [0.0, 0.0, 1.0]}
+        rows.append(by_direction[dof.direction])
     return np.array(rows)
 
 

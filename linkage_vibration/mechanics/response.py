@@ -173,13 +173,10 @@ class PoleResidue:
 
         # (a + s b) (w + s v) with s^2 = D - kappa - s gamma, where D is the term's denominator.
         a, b, squared = self.residues, self.rates, summed(self.rates, v)
-        parts = PoleResidue(
-            self.stiffness,
-            self.decay,
-            summed(a, w) - squared * self.stiffness,
-            summed(a, v) + summed(b, w) - squared * self.decay,
-            squared.sum(axis=2) + self.residual @ w,
-        )
+        residues = summed(a, w) - squared * self.stiffness
+        rates = summed(a, v) + summed(b, w) - squared * self.decay
+        residual = squared.sum(axis=2) + self.residual @ w
+        parts = PoleResidue(self.stiffness, self.decay, residues, rates, residual)
         return parts, np.asarray(self.residual @ v)
 
     def _only(self, which: BoolArray) -> "PoleResidue":

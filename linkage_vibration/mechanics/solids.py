@@ -148,14 +148,9 @@ def _fixed_interface_modes(
         if whole:
             squares, shapes = eigh(stiffness.toarray(), mass.toarray())
         else:
-            squares, shapes = eigsh(
-                stiffness,
-                asked,
-                mass,
-                sigma=0.0,
-                OPinv=LinearOperator((n, n), solve),
-                v0=np.random.default_rng(0).standard_normal(n),  # the same result every time
-            )
+            start = np.random.default_rng(0).standard_normal(n)  # the same result every time
+            inverse = LinearOperator((n, n), solve)
+            squares, shapes = eigsh(stiffness, asked, mass, sigma=0.0, OPinv=inverse, v0=start)
             ascending = np.argsort(squares)
             squares, shapes = squares[ascending], shapes[:, ascending]
         if mirror is not None:

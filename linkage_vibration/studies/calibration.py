@@ -103,7 +103,7 @@ class CalibrationTask:
     text: str  # of the file that the description was read from
     parameters: tuple[Parameter, ...]
     targets: tuple[Target, ...]
-    # Of the last geometry; they take longest, and most fits do not change the geometry.
+    # Those of the last geometry: computing them takes longest, and most fits keep the geometry.
     kinematics: dict[object, Kinematics] = field(default_factory=dict, compare=False)
 
     @property
@@ -257,10 +257,9 @@ def fit_report(calibration: CalibrationTask, result: CalibrationResult) -> str:
             name = first + ", ..." * bool(more)
             lines.append(f"{name:44}{result.values[i]:12.4g}{stated:>9}{change:>15}{deviation:>12}")
     if far := [names[i] for i in np.flatnonzero(np.abs(result.moved) > _DOUBTFUL)]:
-        lines.append(
-            f"\nThe fit changes {', '.join(far)} by more than {_DOUBTFUL:g} stated deviations; "
-            "check the number, its deviation, and which modes the targets belong to."
-        )
+        hint = "check the number, its deviation, and which modes the targets belong to"
+        change = f"by more than {_DOUBTFUL:g} stated deviations"
+        lines.append(f"\nThe fit changes {', '.join(far)} {change}; {hint}.")
     if np.isnan(result.stated).any():
         lines.append(
             "\nThe mechanism states no deviation of some parameters (none). Before the fit, all "
@@ -353,9 +352,8 @@ def _exact(mapping: dict[str, Any]) -> dict[str, Any]:
 def _moved(number: UncertainNumber, steps: float) -> float:
     """Return a number that has changed by so many of its standard deviations."""
     change = number.deviation * steps
-    return (
-        number.value * math.exp(change / number.value) if number.relative else number.value + change
-    )
+    share = change / number.value if number.relative else 0.0
+    return number.value * math.exp(share) if number.relative else number.value + change
 
 
 def _change(number: UncertainNumber, value: float) -> float:

@@ -24,8 +24,8 @@ _CHANCE = 0.01  # probability that noise alone makes a pole as strong as the fai
 _MOST_DAMPED = 0.5  # damping ratio; beyond it there is hardly an oscillation
 _STEP = 0.04  # relative, between frequencies of the search
 _SOUGHT = (0.02, 0.08)  # damping ratios of the search
-_MOST = 20  # poles that are searched for
-_STEPS = 30  # of a fit, of which few are needed
+_MOST = 20  # largest number of poles
+_STEPS = 30  # largest number of steps of a fit; few are needed
 _EXACT = 1e-12  # variance of residuals that are rounding, in the unit of the signals
 _CONVERGED = 1e-6  # relative change of the sum of squares
 

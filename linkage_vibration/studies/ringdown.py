@@ -67,7 +67,7 @@ class MeasuredMode:
     ratio: float  # damping ratio, 1
     frequency_stddev: float  # Hz
     ratio_stddev: float
-    decays: int  # that show it
+    decays: int  # number of blows that show it
     doubt: str = ""  # why it is not reported, such as "1 of 5 blows show it"
 
 

@@ -122,12 +122,12 @@ def test_rows_that_repeat_are_left_out(seed: int, rank: int, extra: int) -> None
     rng = np.random.default_rng(seed)
     rows = np.linalg.qr(rng.normal(size=(9, 9)))[0][:rank]
     matrix = np.vstack([rows, rng.integers(-2, 3, (extra, rank)) @ rows])
-    found = row_space(matrix, [""] * len(matrix))
-    assert found.rows.shape == (rank, 9)
-    both = np.vstack([found.rows, found.null_space.T])
+    basis, null_space = row_space(matrix, [""] * len(matrix))
+    assert basis.shape == (rank, 9)
+    both = np.vstack([basis, null_space.T])
     np.testing.assert_allclose(both @ both.T, np.eye(9), atol=1e-12)
-    np.testing.assert_allclose(matrix @ found.null_space, 0.0, atol=1e-12)
-    np.testing.assert_allclose(matrix @ found.rows.T @ found.rows, matrix, atol=1e-12)
+    np.testing.assert_allclose(matrix @ null_space, 0.0, atol=1e-12)
+    np.testing.assert_allclose(matrix @ basis.T @ basis, matrix, atol=1e-12)
 
 
 def test_cut_off_has_a_clear_side() -> None:
@@ -135,7 +135,7 @@ def test_cut_off_has_a_clear_side() -> None:
 
     def beside(apart: float) -> int:
         rows = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1.0, apart, 0.0]])
-        return len(row_space(rows, ["first", "other", "second"]).rows)
+        return len(row_space(rows, ["first", "other", "second"])[0])
 
     assert beside(0.0) == beside(1e-13) == 2
     assert beside(1e-5) == 3
@@ -155,4 +155,4 @@ def test_a_joint_of_a_body_with_itself(model: LinkageModel) -> None:
     joining = model.interface.join(configuration)
     matrix = np.vstack([joining.compatibility, *rows])
     n = len(joining.labels)
-    assert len(row_space(matrix, [""] * len(matrix)).rows) == n
+    assert len(row_space(matrix, [""] * len(matrix))[0]) == n

@@ -178,7 +178,7 @@ def test_zero_frequency() -> None:
     none, mass = np.zeros((2, 2)), np.eye(2)
     held = component_frf(mass, pair + np.diag([100.0, 0.0]), none, 2, np.array([0.0]))
     np.testing.assert_allclose(held[0].real, [[0.01, 0.01], [0.01, 0.012]], rtol=1e-12)
-    with pytest.raises(FbsError, match="0 Hz; begin above"):
+    with pytest.raises(FbsError, match="0 Hz; begin above 0"):
         component_frf(mass, pair, none, 2, np.array([0.0, 1.0]))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.studies.folding import doubt_folds, possible_folds
+from linkage_vibration.studies.measurement import doubt_folds, possible_folds
 from linkage_vibration.studies.ringdown import MeasuredMode
 
 RATE = 400.0  # Hz

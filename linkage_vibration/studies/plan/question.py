@@ -23,7 +23,7 @@ from linkage_vibration.table.table import Table
 from linkage_vibration.table.tabulation.accuracy import LOOSER
 from linkage_vibration.table.tabulation.frf_errors import frf_lines, worst_frf_error
 
-_SOLVES, _LOOKUPS = 25, 1000  # that are timed; a lookup takes microseconds
+_SOLVES, _LOOKUPS = 25, 1000  # how many are timed; a lookup takes microseconds
 
 
 class PlanError(LinkageVibrationError):
