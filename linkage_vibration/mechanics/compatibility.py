@@ -137,13 +137,9 @@ class InterfaceMap:
         damping = [s.damping + s.retardation * k for s, k in zip(springs, stiffness, strict=True)]
         stiffness += [mount.stiffness[axis] for mount, axis in mounts]
         damping += [mount.damping[axis] for mount, axis in mounts]
-        return Joining(
-            compatibility=np.array(rows),
-            labels=self._labels,
-            elongation=np.array(stretches).reshape(-1, len(self)),
-            stiffness=np.array(stiffness),
-            damping=np.array(damping),
-        )
+        elongation = np.array(stretches).reshape(-1, len(self))
+        both = np.array(stiffness), np.array(damping)
+        return Joining(np.array(rows), self._labels, elongation, *both)
 
     @cached_property
     def _labels(self) -> tuple[str, ...]:
@@ -164,10 +160,8 @@ class InterfaceMap:
         if len(spring.points) == 1:
             return self._turn(second, spring.points[0]) - self._turn(first, spring.points[0])
         unit, _ = spring_line(spring, self._mechanism, configuration)
-        start, end = (
-            self.displacement(body, point, configuration)
-            for body, point in zip(spring.bodies, spring.points, strict=True)
-        )
+        ends = zip(spring.bodies, spring.points, strict=True)
+        start, end = (self.displacement(*end, configuration) for end in ends)
         return np.asarray(unit @ (end - start))
 
     def _turn(self, body: str, point: str) -> FloatArray:

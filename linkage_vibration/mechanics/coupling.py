@@ -79,13 +79,10 @@ def couple(system: UncoupledSystem, joining: Joining) -> CoupledSystem:
     """
     _, basis = row_space(joining.compatibility, joining.labels)
     stretch = joining.elongation @ basis
-    return CoupledSystem(
-        mass=_congruent(system, system.mass, basis),
-        stiffness=_congruent(system, system.stiffness, basis, stretch, joining.stiffness),
-        damping=_congruent(system, system.damping, basis, stretch, joining.damping),
-        loss=_congruent(system, system.loss, basis),
-        basis=basis,
-    )
+    mass, loss = (_congruent(system, matrix, basis) for matrix in (system.mass, system.loss))
+    stiffness = _congruent(system, system.stiffness, basis, stretch, joining.stiffness)
+    damping = _congruent(system, system.damping, basis, stretch, joining.damping)
+    return CoupledSystem(mass, stiffness, damping, loss, basis)
 
 
 def assembled_frf(

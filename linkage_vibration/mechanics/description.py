@@ -178,6 +178,10 @@ class Link:
     masses: tuple[tuple[str, float], ...]  # point masses: name of the point and kg
     damping: Damping | None  # its own rule, or None for the mechanism's
 
+    def meshed(self, elements: int, modes: int) -> "Link":
+        """Return the link with other numbers of elements and of fixed-interface modes."""
+        return dataclasses.replace(self, modes=modes, body=self.body.with_elements(elements))
+
     def positions(self, wanted: Sequence[InterfaceDof], have: Sequence[InterfaceDof]) -> list[int]:
         """Return where the DoFs that the linkage needs are among those that the link's body has."""
         for dof in wanted:
@@ -445,11 +449,8 @@ class Mechanism:
 
     def rotations(self, link: str) -> frozenset[str]:
         """Return the points at which a link's rotation is held or sprung, and must be kept."""
-        points = {
-            spring.points[0]
-            for spring in self.springs
-            if len(spring.points) == 1 and link in spring.bodies
-        }
+        turned = [each for each in self.springs if len(each.points) == 1 and link in each.bodies]
+        points = {spring.points[0] for spring in turned}
         points.update(other.clamped for other in self.links if other.name == link and other.clamped)
         return frozenset(points)
 
@@ -469,15 +470,11 @@ class Mechanism:
 
 def coarser(mechanism: Mechanism, elements: int, modes: int) -> Mechanism:
     """Return a mechanism with at most so many elements and modes in each link."""
-    links = (
-        dataclasses.replace(
-            link,
-            body=link.body.with_elements(min(elements, link.body.elements or elements)),
-            modes=min(modes, link.modes),
-        )
+    links = tuple(
+        link.meshed(min(elements, link.body.elements or elements), min(modes, link.modes))
         for link in mechanism.links
     )
-    return dataclasses.replace(mechanism, links=tuple(links))
+    return dataclasses.replace(mechanism, links=links)
 
 
 def rayleigh_damping(ratio: float, low: float, high: float) -> Rayleigh:

@@ -266,15 +266,9 @@ class Kinematics:
             raise self._out_of_reach(alpha3)
         scale = np.array([self._length, self._length, 1.0])
         bodies, rates = (rows.reshape(-1, 3) * scale for rows in closed)
-        return Configuration(
-            alpha3=alpha3,
-            bodies=self._bodies,
-            origins=bodies[:, :2],
-            angles=bodies[:, 2],
-            origin_rates=rates[:, :2],
-            velocity_ratios=rates[:, 2],
-            toggle_distance=min(alpha3 - low, high - alpha3),
-        )
+        poses = bodies[:, :2], bodies[:, 2], rates[:, :2], rates[:, 2]
+        away = min(alpha3 - low, high - alpha3)
+        return Configuration(alpha3, self._bodies, *poses, toggle_distance=away)
 
     def nearby(self, mechanism: Mechanism) -> "Kinematics":
         """Return the kinematics of a mechanism whose points differ little, with these toggles."""

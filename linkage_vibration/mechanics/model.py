@@ -377,12 +377,9 @@ class LinkageModel:
         springs = 1.0 / (joining.stiffness + 1j * omega * joining.damping)
         # Components are computed with those DoFs held that the ground holds at every angle.
         compatibility = joining.compatibility[joining.compatibility[:, ~self._held].any(axis=1)]
-        rigid = np.zeros((len(omega), len(compatibility)))
-        return (
-            self._component_frfs(frequencies),
-            np.vstack([compatibility, joining.elongation]),
-            np.hstack([rigid, springs]),
-        )
+        rows = np.vstack([compatibility, joining.elongation])
+        compliance = np.hstack([np.zeros((len(omega), len(compatibility))), springs])
+        return self._component_frfs(frequencies), rows, compliance
 
     @cached_property
     def _held(self) -> BoolArray:

@@ -113,12 +113,8 @@ def regularise(
     kept = fit.rigid
     fitted = kept @ fit.lines @ kept + fit.elastic.at_lines()
     _check_consistent(dofs, raw - fitted, fitted)
-    return RegularisedFrfs(
-        fitted * np.outer(unit, unit),
-        unit[:, np.newaxis] * kept / unit[np.newaxis],
-        fit.elastic.leverage,
-        fit,
-    )
+    kept = unit[:, np.newaxis] * kept / unit[np.newaxis]
+    return RegularisedFrfs(fitted * np.outer(unit, unit), kept, fit.elastic.leverage, fit)
 
 
 def _check_consistent(

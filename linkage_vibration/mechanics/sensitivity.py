@@ -133,11 +133,8 @@ class Sensitivity:
         shapes, omega = solution.modes.shapes[:, elastic], omega[elastic]
         values, decay, loss = omega**2, damped.decay[elastic], damped.stiffness.imag[elastic]
         zeros, ones = np.zeros(len(elastic)), np.ones(len(elastic))
-        weights = (
-            [-values, zeros, ones, zeros],
-            [-decay, ones, zeros, zeros],
-            [-loss, zeros, zeros, ones],
-        )
+        frequency, viscosity = [-values, zeros, ones, zeros], [-decay, ones, zeros, zeros]
+        weights = (frequency, viscosity, [-loss, zeros, zeros, ones])
         forms = [self._forms(solution, joins, shapes, np.array(each)) for each in weights]
         main, slower, lossier = (_diagonals(form).real for form in forms)
         size = np.abs(values + 1j * loss)
@@ -356,7 +353,7 @@ def _joined(mechanism: Mechanism) -> object:
 def _meshed_as(link: Link, other: Link) -> Link:
     """Return a link with as many elements as another."""
     elements = other.body.elements
-    return link if elements is None else replace(link, body=link.body.with_elements(elements))
+    return link if elements is None else link.meshed(elements, link.modes)
 
 
 def _diagonals(forms: Numbers) -> Numbers:

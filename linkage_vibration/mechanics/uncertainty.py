@@ -93,13 +93,9 @@ def _number(
     deviation = keys.number(path, least=0.0, most=1.0 if relative else math.inf, hint=hint)
     places = split_paths(path)
     # Counts are exact, and the file of a link is read as it is.
-    valid = [
-        place
-        for place in number_paths(mapping)
-        if (parts := place.split("."))[0] in _ROOTS
-        and parts[-1] not in _COUNTS
-        and "file" not in parts
-    ]
+    split = [place.split(".") for place in number_paths(mapping)]
+    free = [parts for parts in split if parts[-1] not in _COUNTS and "file" not in parts]
+    valid = [".".join(parts) for parts in free if parts[0] in _ROOTS]
     for place in places:
         if place not in valid:
             near = f"the paths that are most like it are {_most_like(place, valid)}"
@@ -112,10 +108,8 @@ def _number(
     deviation *= abs(values[0]) if relative else 1.0
     step = max(_STEP * deviation, _LEAST_STEP * abs(values[0]))
     try:
-        low, high = (
-            parse(with_numbers(mapping, [(place, value) for place in places]))
-            for value in (values[0] - step, values[0] + step)
-        )
+        sides = [dict.fromkeys(places, values[0] + change) for change in (-step, step)]
+        low, high = (parse(with_numbers(mapping, side.items())) for side in sides)
     except MechanismError as error:
         raise keys.error(path, f"the number cannot vary by {step:.3g} ({error}).") from None
     return UncertainNumber(path, values[0], deviation, step, relative, (low, high))

@@ -283,11 +283,9 @@ def write_mechanism(calibration: CalibrationTask, result: CalibrationResult, pat
     """
     edits = []
     for i, (name, value) in enumerate(zip(result.names, result.values.tolist(), strict=True)):
-        word = f"{value:.6g}"
-        places = split_paths(name)
-        if i < len(calibration.parameters) or float(word) != number_at(
-            calibration.mapping, places[0]
-        ):
+        word, places = f"{value:.6g}", split_paths(name)
+        described = number_at(calibration.mapping, places[0])
+        if i < len(calibration.parameters) or float(word) != described:
             edits += [(place.split("."), [word]) for place in places]
     text = edit_text(calibration.text, edits, CalibrationError)
     section = posterior_section(result.names, result.relative, result.covariance)
@@ -328,9 +326,8 @@ def _unknowns(calibration: CalibrationTask) -> _Unknowns:
     mapping, names = calibration.mapping, list(calibration.names)
     mechanism_from_mapping(mapping)
     prior = prior_section(mapping, names)
-    shared = [
-        (path, number_at(mapping, p.paths[0])) for p in calibration.parameters for path in p.paths
-    ]
+    places = [parameter.paths for parameter in calibration.parameters]
+    shared = [(path, number_at(mapping, paths[0])) for paths in places for path in paths]
     described = with_numbers(_exact(mapping) | ({"uncertainty": prior} if prior else {}), shared)
     uncertainty = mechanism_from_mapping(described).uncertainty
     if uncertainty is None:
@@ -339,9 +336,8 @@ def _unknowns(calibration: CalibrationTask) -> _Unknowns:
     names += [number.path for number in others]
     claims = tuple((names.index(number.path), number) for number in uncertainty.numbers)
     correlation = np.array(uncertainty.correlation).reshape(2 * [len(claims)])
-    return _Unknowns(
-        calibration.parameters, others, claims, np.linalg.inv(np.linalg.cholesky(correlation))
-    )
+    whitening = np.linalg.inv(np.linalg.cholesky(correlation))
+    return _Unknowns(calibration.parameters, others, claims, whitening)
 
 
 def _exact(mapping: dict[str, Any]) -> dict[str, Any]:

@@ -86,9 +86,8 @@ def category_text(mechanism: Mechanism, kinematics: Kinematics, category: int) -
             over = [kinematics.at(angle) for angle in np.linspace(*mechanism.stroke, 181)]
             heights = np.array([[at.place(body.name, c)[1] for c in (a, b)] for at in over])
             here = f"{math.dist(a, b):.3f} m from {first} to {second}"
-            moves = (
-                f"{np.ptp(heights, axis=0)[heights.mean(axis=0).argmin()]:.3f} m over the stroke"
-            )
+            lower = heights[:, heights.mean(axis=0).argmin()]
+            moves = f"{np.ptp(lower):.3f} m over the stroke"
             break
     return (
         f"Category {category} in ISO 730 has a mast of {mast}here: {here}), and a lift range of "
@@ -100,19 +99,18 @@ def force_rows(model: LinkageModel, angles: Sequence[float]) -> str:
     """Return a table of the forces under the weight at crank angles, rad, and what is wrong."""
     rows, stresses = [["alpha3", *(f"{name} [kN]" for name in model.force_places)]], {}
     for alpha3 in angles:
-        forces = model.static_forces(alpha3) / 1e3 if model.force_places else ()
-        rows.append([f"{math.degrees(alpha3):.2f}", *(f"{force:.2f}" for force in forces)])
+        degrees = f"{math.degrees(alpha3):.2f}"
+        rows.append([degrees])
         if model.force_places:
+            rows[-1] += [f"{force:.2f}" for force in model.static_forces(alpha3) / 1e3]
             configuration = model.kinematics.at(alpha3)
             joining = model.interface.join(configuration)
             for name, stress in model.forces.stresses_at_rest(configuration, joining).items():
-                stresses[stress] = f"{name} at alpha3 = {math.degrees(alpha3):.2f} deg"
+                stresses[stress] = f"{name} at alpha3 = {degrees} deg"
     text = _aligned(rows)
     if any("nan" in row for row in rows):
-        text += (
-            "\nNothing holds the linkage against its weight where forces are nan; give the crank "
-            "`clamped`, a spring, or a cylinder with a lever."
-        )
+        hint = "give the crank `clamped`, a spring, or a cylinder with a lever"
+        text += f"\nNothing holds the linkage against its weight where forces are nan; {hint}."
     worst = max((stress for stress in stresses if not math.isnan(stress)), default=0.0)
     if worst > _YIELD:
         text += (

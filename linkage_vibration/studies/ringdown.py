@@ -190,10 +190,8 @@ def _changes(decays: Decays, fit: DecayFit, rate: float) -> FloatArray:
     A pole that fewer poles do without is NaN.
     """
     late = min(int(_FORCED * rate), min(map(len, decays)) // 4)
-    windows = [
-        [each[late:] for each in decays],
-        [each[: int(_EARLIER * len(each))] for each in decays],
-    ]
+    early = [each[: int(_EARLIER * len(each))] for each in decays]
+    windows = [each[late:] for each in decays], early
     fewer = without_faint(decays, fit, rate, _RARE).poles
     refits = [refined(window, fit.poles, rate).poles for window in windows]
     same = np.full(len(fit.poles), math.nan, dtype=complex)

@@ -12,10 +12,10 @@ import pytest
 from numpy.typing import NDArray
 
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.bodies.beam import element_matrices
 from linkage_vibration.mechanics.description import Material
 from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.mechanics.sections.rectangle import rectangle
-from linkage_vibration.mechanics.timoshenko import element_matrices
 from linkage_vibration.readers.component_files import ComponentFileError
 from linkage_vibration.readers.frfs import read_frfs
 

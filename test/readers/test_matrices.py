@@ -15,12 +15,12 @@ from scipy import sparse
 from scipy.linalg import eigh
 
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.bodies.beam import element_matrices
 from linkage_vibration.mechanics.bodies.matrices import Matrices
 from linkage_vibration.mechanics.description import Material
 from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.mechanics.reduction import craig_bampton
 from linkage_vibration.mechanics.sections.rectangle import rectangle
-from linkage_vibration.mechanics.timoshenko import element_matrices
 from linkage_vibration.readers import component_files, matrices
 from linkage_vibration.readers.component_files import ComponentFileError
 from linkage_vibration.readers.matrices import read_matrices

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.bodies.beam import element_matrices
 from linkage_vibration.mechanics.bodies.matrices import Matrices
 from linkage_vibration.mechanics.description import Material
 from linkage_vibration.mechanics.sections.rectangle import rectangle
-from linkage_vibration.mechanics.timoshenko import element_matrices
 from linkage_vibration.readers.component_files import ComponentFileError
 from linkage_vibration.readers.meshes import mesh_matrices
 

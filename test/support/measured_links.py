@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
+from linkage_vibration.mechanics.bodies.beam import element_matrices
 from linkage_vibration.mechanics.bodies.frfs import Frfs
 from linkage_vibration.mechanics.description import Material, Point
 from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.mechanics.mass_lines import find_mass_lines
 from linkage_vibration.mechanics.sections.rectangle import rectangle
-from linkage_vibration.mechanics.timoshenko import element_matrices
 from linkage_vibration.readers.component_files import FileError
 from linkage_vibration.readers.frf_faults import check_faults
 

@@ -65,12 +65,5 @@ def component_of(link: Link, mechanism: Mechanism, body: Matrices, *, reduced: b
     rule = link.damping or mechanism.damping
     if viscous is None:
         viscous = rule.viscous(mass, stiffness)
-    return Component(
-        name=link.name,
-        dofs=wanted,
-        mass=link.count * mass,
-        stiffness=link.count * stiffness,
-        damping=link.count * viscous,
-        loss_factor=rule.loss_factor,
-        drawing=drawing,
-    )
+    mass, stiffness, viscous = (link.count * each for each in (mass, stiffness, viscous))
+    return Component(link.name, wanted, mass, stiffness, viscous, rule.loss_factor, drawing)

@@ -12,12 +12,8 @@ def rectangle(width: float, height: float, poisson_ratio: float) -> Section:
     The shear coefficient is Cowper's (J. Appl. Mech. 33, 1966, 335-340), for any ratio of the
     sides.
     """
-    return Section(
-        area=width * height,
-        second_moment=width * height**3 / 12.0,
-        shear_coefficient=10.0 * (1.0 + poisson_ratio) / (12.0 + 11.0 * poisson_ratio),
-        outer_fibre=height / 2.0,
-    )
+    shear = 10.0 * (1.0 + poisson_ratio) / (12.0 + 11.0 * poisson_ratio)
+    return Section(width * height, width * height**3 / 12.0, shear, height / 2.0)
 
 
 def read(keys: Keys, poisson_ratio: float) -> Section:

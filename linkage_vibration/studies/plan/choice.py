@@ -136,11 +136,8 @@ class _Trials:
 
     def meets(self, pair: Pair, share: float) -> bool:
         """Return whether a pair meets a share of the tolerance; stop at an angle where it fails."""
-        return all(
-            self.scene.share(self._result(pair, exact.alpha3).errors(exact) + self._mesh_error)
-            <= share
-            for exact in self._exact
-        )
+        each = (self._result(pair, exact.alpha3).errors(exact) for exact in self._exact)
+        return all(self.scene.share(errors + self._mesh_error) <= share for errors in each)
 
     def _solvable(self, pair: Pair) -> LinkageModel:
         mechanism = self.scene.with_settings(*pair, 1)

@@ -85,10 +85,7 @@ class Scene:
         of natural frequencies that a prediction reports.
         """
         mechanism = self.mechanism
-        links = [
-            replace(link, modes=modes, body=link.body.with_elements(elements))
-            for link in mechanism.links
-        ]
+        links = [link.meshed(elements, modes) for link in mechanism.links]
         stroke = mechanism.stroke if self.one_angle else self.angles
         response = replace(mechanism.response.with_band(self.band), modes=n_modes)
         return replace(mechanism, links=tuple(links), stroke=stroke, response=response)
