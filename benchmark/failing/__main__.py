@@ -18,6 +18,8 @@ from benchmark.failing.runs import COMMANDS, KINDS
 from benchmark.report import machine, publish, table
 
 MOST = 1000  # runs of a command and a kind of operation
+# A run takes seconds, and the whole has 11,768 and 1,194 allocations.
+LIMITED = {("replay", "allocation"): 40, ("review", "allocation"): 40}
 COLUMNS = ["command", "operation", "runs", "until a run passed", "outcomes"]
 
 
@@ -26,8 +28,8 @@ def main() -> None:
     most = int(sys.argv[1]) if len(sys.argv) > 1 else MOST
     rows = []
     for command in COMMANDS:
-        for kind in KINDS:
-            result = outcomes(command, kind, most)
+        for kind in KINDS if command != "numpy" else ("allocation",):
+            result = outcomes(command, kind, min(most, LIMITED.get((command, kind), most)))
             ends = "; ".join(f"{count} {text}" for text, count in result["outcomes"].items())
             rows.append([command, kind, f"{result['runs']}", ["no", "yes"][result["whole"]], ends])
             print(" | ".join(rows[-1]), flush=True)
@@ -37,12 +39,16 @@ def main() -> None:
         [
             "This page shows what commands leave when one operation fails: in the first run the "
             "first one, in the second run the second one, and so on, until a run passes because it "
-            f"has fewer operations, or up to {most} runs. The files of an output are old or new; "
-            "of several outputs some may be new and others old if a rename fails. A log that the "
-            "recorder leaves can be read or recovered. One sentence stands with exit code 1, and "
-            "no word with exit code 0. Allocations count from 64 KiB. Each run is a fork of a "
-            "process that has imported the libraries.",
+            f"has fewer operations, or up to {most} runs. The files of an output are old or new, "
+            "all of them. A log that the recorder leaves can be read or recovered. One sentence "
+            "stands with exit code 1, and no word with exit code 0. Allocations count from 64 KiB. "
+            "Each run is a fork of a process that has imported the libraries.",
             table(COLUMNS, rows),
+            "The allocations of replay and review are not all reached: there are 11,768 and 1,194, "
+            "and a run takes seconds. A signal 11 is a fault of NumPy, which does not check an "
+            "allocation of the buffers in which it converts real numbers to complex ones: the row "
+            "numpy multiplies an array of each kind, without any code of this package. The output "
+            "of a command that dies in this way is the old file; a temporary folder may be left.",
         ],
         machine("mcap"),
     )

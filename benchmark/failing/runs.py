@@ -11,6 +11,7 @@ import faulthandler
 import hashlib
 import json
 import os
+import re
 import shutil
 import sys
 import tempfile
@@ -32,6 +33,7 @@ KINDS = ("open", "write", "fsync", "rename", "allocation")
 # Each command with its outputs, all of which exist before.
 COMMANDS = {
     "record": ([], []),
+    "numpy": ([], []),
     "replay": (["drive.mcap", "-o", "new.mcap"], ["new.mcap"]),
     "recover": (["cut.mcap", "-o", "fresh.mcap"], ["fresh.mcap"]),
     "review": (["log.mcap", "-o", "page.html", "--csv", "table.csv"], ["page.html", "table.csv"]),
@@ -93,7 +95,8 @@ def _child(
         code = 2
         try:
             words = [command, *COMMANDS[command][0]]
-            code = _record(folder) if command == "record" else run_command(words)
+            own = {"record": _record, "numpy": _multiply}
+            code = own[command](folder) if command in own else run_command(words)
         except BaseException:
             traceback.print_exc()
         finally:
@@ -103,6 +106,16 @@ def _child(
     status = os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
     reached = status < 0 or bool(status & 64)
     return (status if status < 0 else status & 63), reached, errors.read_text()
+
+
+def _multiply(folder: Path) -> int:
+    """Multiply real and complex numbers; return 1 with a sentence if there is no memory."""
+    try:
+        np.ones((8000, 1)) * np.ones((8000, 8), complex)
+    except MemoryError:
+        print("linkage-vibration: There is no memory.", file=sys.stderr)
+        return 1
+    return 0
 
 
 def _record(folder: Path) -> int:
@@ -129,7 +142,9 @@ def _verdict(folder: Path, command: str, code: int, error: str) -> str:
     """Return how a run ended: "new file", "old file", or what is wrong."""
     if code < 0:
         place = [line.split("/")[-1] for line in error.splitlines() if line.startswith("  File")]
-        return f"killed by signal {-code} in {place[0] if place else 'a library'}"
+        states = " and ".join(sorted(_states(folder, command)))
+        where = re.sub(r'", line \d+', "", place[0]) if place else "a library"
+        return f"killed by signal {-code} in {where}" + (f", {states}" if states else "")
     if code not in (0, 1) or (code == 1) != bool(error):
         return f"exit code {code} with {error[:200]!r}"
     if code == 1 and (error.count("\n") != 1 or not error.startswith("linkage-vibration: ")):
@@ -139,7 +154,7 @@ def _verdict(folder: Path, command: str, code: int, error: str) -> str:
     states = _states(folder, command)
     if "part" in states or (code == 0 and "old" in states):
         return f"{' and '.join(sorted(states))} file with exit code {code}"
-    what = " and ".join(sorted(states)) or "readable"
+    what = " and ".join(sorted(states)) or ("readable" if command == "record" else "no file")
     return f"{what}, {'one sentence' if code else 'no word'}"
 
 

@@ -144,6 +144,25 @@ class Log:
         data = MessageColumns(**_predictions(self)).to_xarray().rename(row="time")
         return data.assign_coords(time=self.stamps.astype("datetime64[ns]"))
 
+    def to_pandas(self) -> Any:
+        """Return a `pandas.DataFrame` with the columns of `review --csv` over the stamps, UTC.
+
+        It needs the extra `xarray`, which brings pandas.
+
+        Raises
+        ------
+        LinkageVibrationError
+            If pandas is not installed.
+        """
+        try:
+            import pandas
+        except ImportError:
+            hint = "install it with `pip install linkage_vibration[xarray]`"
+            raise LinkageVibrationError(f"pandas is not installed; {hint}.") from None
+        table = log_table(self)
+        index = pandas.to_datetime(table.pop("stamp_ns"), utc=True).rename("time")
+        return pandas.DataFrame(table, index=index)
+
     def mode_label(self, mode: int) -> str:
         """Return how a mode, counted from 0, is called, as in "mode 4 (implement heave)"."""
         return f"mode {mode + 1}" if self.table is None else self.table.mode_label(mode)
@@ -295,6 +314,11 @@ def csv_text(log: Log) -> str:
 
     The numbers of an overdamped mode, and those that are not known, are "nan".
     """
+    return table_text(log_table(log))
+
+
+def log_table(log: Log) -> dict[str, NDArray[Any]]:
+    """Return the columns of a log, (n,), by the names of their fields, as its CSV file has them."""
     table = {"stamp_ns": log.stamps} | prediction_table(_predictions(log))
     if log.resonances is not None:
         for field in resonance_fields():
@@ -304,7 +328,7 @@ def csv_text(log: Log) -> str:
         modes = np.where(near, log.resonances.mode + 1, 0)
         names = np.array(["", *(log.mode_name(mode) for mode in range(log.n_modes))])
         table |= {"mode": modes, "mode_name": names[np.minimum(modes, log.n_modes)]}
-    return table_text(table)
+    return table
 
 
 def prediction_table(predictions: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:

@@ -457,7 +457,13 @@ def test_ended_export_leaves_no_folder(files: Path) -> None:
 
 @pytest.mark.parametrize(
     ("command", "kind"),
-    [("replay", "write"), ("recover", "rename"), ("review", "open"), ("record", "write")],
+    [
+        ("export", "rename"),
+        ("recover", "rename"),
+        pytest.param("replay", "write", marks=pytest.mark.nightly),
+        pytest.param("review", "open", marks=pytest.mark.nightly),
+        pytest.param("record", "write", marks=pytest.mark.nightly),
+    ],
 )
 def test_failing_operations(command: str, kind: str) -> None:
     """Whichever operation fails, files are old or new, and a failure is one sentence."""

@@ -3,6 +3,7 @@
 """A log is read as it was written."""
 
 import csv
+import io
 import math
 import sys
 from dataclasses import replace
@@ -21,7 +22,7 @@ from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.settings import Parameters
-from linkage_vibration.review.log import ReviewError, durations, gaps, read_log, write_csv
+from linkage_vibration.review.log import ReviewError, csv_text, durations, gaps, read_log, write_csv
 from linkage_vibration.support.resources import PAPER_MECHANISM, PAPER_TABLE, config_file
 from linkage_vibration.table.table import load_table
 from test.support.messages import read_messages
@@ -125,6 +126,22 @@ def test_datasets_of_logs(drive: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "xarray", None)
     with pytest.raises(LinkageVibrationError, match=r"`pip install linkage_vibration\[xarray\]`"):
         log.to_xarray()
+
+
+def test_table_of_pandas(drive: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The rows of pandas are those of the CSV file, at the stamps; without pandas it is named."""
+    pandas = pytest.importorskip("pandas", reason="pandas is not installed")
+    log = read_log(drive)
+    frame, table = log.to_pandas(), pandas.read_csv(io.StringIO(csv_text(log)))
+    assert frame.index.name == "time"
+    assert frame.index.as_unit("ns").asi8.tolist() == table.pop("stamp_ns").tolist()
+    numbers = frame.select_dtypes("number")
+    assert list(frame.columns) == list(table.columns)
+    np.testing.assert_allclose(numbers, table[numbers.columns], rtol=1e-12)
+    assert frame.excitation.tolist() == table.excitation.fillna("").tolist()
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(LinkageVibrationError, match=r"`pip install linkage_vibration\[xarray\]`"):
+        log.to_pandas()
 
 
 def test_bare_log(write_log: Any, tmp_path: Path) -> None:
