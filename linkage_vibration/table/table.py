@@ -639,7 +639,10 @@ def table_bytes(table: Table) -> bytes:
     metadata = json.dumps({**table._metadata(), "checksum": table.checksum}, sort_keys=True)
     archive = io.BytesIO()
     arrays = {name: getattr(table, name) for name in table._names}
-    np.savez_compressed(archive, metadata=np.array(metadata), **arrays)
+    try:
+        np.savez_compressed(archive, metadata=np.array(metadata), **arrays)
+    except ValueError as error:  # zipfile hides that there is not enough memory
+        raise MemoryError from error
     return archive.getvalue()
 
 
