@@ -142,9 +142,9 @@ def _verdict(folder: Path, command: str, code: int, error: str) -> str:
     """Return how a run ended: "new file", "old file", or what is wrong."""
     if code < 0:
         place = [line.split("/")[-1] for line in error.splitlines() if line.startswith("  File")]
-        states = " and ".join(sorted(_states(folder, command)))
+        left_files = " and ".join(sorted(_states(folder, command)))
         where = re.sub(r'", line \d+', "", place[0]) if place else "a library"
-        return f"killed by signal {-code} in {where}" + (f", {states}" if states else "")
+        return f"killed by signal {-code} in {where}" + (f", {left_files}" if left_files else "")
     if code not in (0, 1) or (code == 1) != bool(error):
         return f"exit code {code} with {error[:200]!r}"
     if code == 1 and (error.count("\n") != 1 or not error.startswith("linkage-vibration: ")):
