@@ -37,7 +37,7 @@ EXTRAS = {
     "fe": ["meshio", "scikit-fem"],
     "uff": ["pyuff"],
     "plots": ["matplotlib>=3.6.3"],
-    "xarray": ["xarray"],
+    "xarray": ["pandas", "xarray"],
     "docs": ["furo", "myst-parser", "numpydoc", "sphinx"],
 }
 _USED = ("bags", "can", "fe", "uff", "plots", "xarray")

@@ -57,6 +57,7 @@ DISTRIBUTIONS = {
     "setuptools": (None, None),  # comes with pip and with colcon
     "skfem": ("scikit-fem", None),
     "tqdm": ("tqdm", "python3-tqdm"),
+    "pandas": ("pandas", None),
     "xarray": ("xarray", None),
     "yaml": ("pyyaml", "python3-yaml"),
     "zstandard": ("zstandard", "mcap-ros2-support"),
