@@ -412,10 +412,14 @@ class SpeedWatch:
         self._window = _Window()
         self._time = self._since = math.nan  # s, of the last value and of the last plausible one
         self._before = self._value = math.nan  # the last two values
+        self._passed = False
 
     def take(self, now: float, value: float, sender: str = "") -> None:
         """Take a value (rpm or m/s) that arrived at ``now`` by the steady clock, s."""
         low, high = _PLAUSIBLE[self._source]
+        # In another unit a shaft of a PTO never reaches 120; in rpm it passes there as it starts.
+        self._passed = self._passed or (self._source is Source.PTO and low <= abs(value) <= high)
+        low = 0.0 if self._passed else low
         resumed = not now - self._time <= _FRESH
         if resumed or value == 0.0 or low <= abs(value) <= high:
             self._since = now

@@ -416,6 +416,15 @@ def test_limits_of_plausible_speeds(
         assert "which is not plausible" in fault.sentence
 
 
+@pytest.mark.parametrize(("before", "asked"), [(119.5, True), (120.5, False)])
+def test_a_shaft_may_start_slowly(before: float, asked: bool) -> None:
+    """Once a PTO has passed 120 rpm, it is in rpm, and may turn slowly for any time."""
+    watch = SpeedWatch(Source.PTO, "/speed")
+    for i in range(100):
+        watch.take(0.1 * i, before if i < 10 else 56.5)
+    assert bool(watch.judge(10.0, 1.0, list)) == asked
+
+
 def test_a_starter_may_turn_an_engine_for_three_seconds() -> None:
     """A slow engine is no fault for 3 s, which begin again after a pause of more than a second."""
     assert speed_faults(Source.ENGINE, 200.0, 3.05) == []
