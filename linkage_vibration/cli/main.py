@@ -28,6 +28,7 @@ SUBCOMMANDS = (
     "advise",
     "inclinometer",
     "measure",
+    "listen",
     "calibrate",
     "plan",
     "export",

@@ -53,10 +53,13 @@ class MeasuredOrder:
 
     @property
     def difference(self) -> float:
-        """Logarithm of measured over predicted, over its standard deviation; NaN if not known."""
-        if not self.heard or not self.predicted > 0.0:
+        """Logarithm of measured over predicted, over its standard deviation; NaN if not known.
+
+        Of an order that is not heard, it is the largest possible if that is negative.
+        """
+        if not self.predicted > 0.0 or not (self.heard or self.measured < self.predicted):
             return math.nan
-        noise = self.measured_stddev / self.measured
+        noise = self.measured_stddev / self.measured if self.heard else 0.0
         stddev = math.hypot(math.log(self.predicted_factor), noise)
         return math.log(self.measured / self.predicted) / stddev if stddev else math.nan
 

@@ -51,7 +51,8 @@ class Exposure:
 
     def hours_until(self, value: float) -> float:
         """Return after how many hours of the same vibration A(8) reaches a value, m/s^2."""
-        return 8.0 * (value / max(self.weighted)) ** 2
+        worst = max(self.weighted)
+        return 8.0 * (value / worst) ** 2 if worst else math.inf
 
 
 def weighting(frequencies: NDArray[Any], *, vertical: bool) -> ComplexArray:

@@ -91,14 +91,15 @@ def _parts(page: Page) -> Iterator[str]:
     yield filled(end, texts)
 
 
-def picture_html(title: str, sentences: Sequence[str], png: bytes) -> str:
-    """Return the text of a page with a picture and sentences, which needs no other file."""
+def picture_html(title: str, sentences: Sequence[str], png: bytes, more: str = "") -> str:
+    """Return the text of a page with a picture, sentences and more HTML below them."""
     texts = {
         "title": html.escape(title),
         "css": page_file("page.css"),
         "sentences": "\n".join(f"<p>{html.escape(text)}</p>" for text in sentences),
         "alt": html.escape(" ".join(sentences)) or "picture",
         "png": base64.b64encode(png).decode(),
+        "more": more,
     }
     return filled(page_file("picture.html"), texts)
 

@@ -100,8 +100,8 @@ class Log:
         The mechanism that the table was built from, if the log holds it.
     parameters : dict of str
         The parameters of the node or the replay that made the log.
-    mechanism_text, parameters_text : str
-        The same as YAML; empty if the log does not hold them.
+    mechanism_text, parameters_text, excitations_text : str
+        The same, and the excitations, as YAML; empty if the log does not hold them.
     metadata : dict of str to dict of str to str
         The log's metadata records by their names.
     """
@@ -127,6 +127,7 @@ class Log:
     mechanism_text: str
     parameters: dict[str, object]
     parameters_text: str
+    excitations_text: str
     metadata: dict[str, dict[str, str]]
     passes: IntArray
 
@@ -240,6 +241,7 @@ def read_log(path: str | Path) -> Log:
         mechanism_text=mechanism_text,
         parameters=_parameters(parameters_text),
         parameters_text=parameters_text,
+        excitations_text=attachments.get(EXCITATIONS, b"").decode(errors="replace"),
         metadata=metadata,
         passes=passes,
     )

@@ -37,6 +37,7 @@ OVERWRITES = {
     "build": ["linkage.yaml", "-o", "linkage.yaml"],
     "plan": ["linkage.yaml", "--angle-deg", "120", "-o", "linkage.yaml"],
     "measure": ["120:linkage.csv", "--mechanism", "linkage.yaml", "-o", "linkage.yaml"],
+    "listen": ["log.mcap", "--sensors", "fit.yaml", "--amplitudes", "fit.yaml"],
     "calibrate": ["fit.yaml", "-o", "linkage.yaml"],
     "recover": ["log.mcap", "-o", "log.mcap"],
     "replay": ["log.mcap", "--params-file", "fit.yaml", "-o", "fit.yaml"],

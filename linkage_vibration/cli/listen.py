@@ -1,0 +1,62 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Write a page with the measured vibration of a drive beside the predicted one.
+
+The log holds the predictions of the drive; the file of sensors says what measured it, and where.
+"""
+
+import argparse
+from pathlib import Path
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    add = parser.add_argument
+    add("log", type=Path, metavar="LOG", help="MCAP file of predictions, of the node or a replay")
+    add("--sensors", type=Path, required=True, metavar="FILE", help="YAML file of sensors")
+    text = "HTML file to write (default: LOG with _listen.html)"
+    add("-o", "--output", type=Path, help=text)
+    text = "also write the excitations with measured amplitudes and deviations to this file"
+    add("--amplitudes", type=Path, metavar="FILE", help=text)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Write the page and the amplitudes, and print the answer; return the exit code."""
+    import yaml
+
+    from linkage_vibration.listening.amplitudes import amplitude_numbers
+    from linkage_vibration.listening.exposure import exposure
+    from linkage_vibration.listening.signals import measured_signal
+    from linkage_vibration.readers.sensors import read_measured, read_sensors
+    from linkage_vibration.review.listening_page import answer, hear, kinds, listening_page
+    from linkage_vibration.review.log import ReviewError, read_log
+    from linkage_vibration.studies.yaml_editing import edit_text
+    from linkage_vibration.support.atomic_files import check_outputs, check_suffix, write_files
+
+    output = options.output or options.log.with_name(f"{options.log.stem}_listen.html")
+    outputs = [output, *([options.amplitudes] if options.amplitudes else [])]
+    check_suffix(output, ".html")
+    if options.amplitudes:
+        check_suffix(options.amplitudes, ".yaml")
+    check_outputs(outputs, [options.log, options.sensors])
+    sensors, log = read_sensors(options.sensors), read_log(options.log)
+    highest = float(log.natural_frequencies[-1].max(initial=0.0))
+    heard, felt = [], []
+    for sensor in sensors:
+        times, readings = read_measured(sensor, options.log, int(log.stamps[0]))
+        signal = measured_signal(sensor, times, readings, highest)
+        if sensor.at == "seat":
+            felt.append((signal, exposure(signal, kinds(log, signal))))
+        else:
+            heard.append(hear(log, signal))
+    content = {output: [listening_page(log, heard, felt).encode()]}
+    if options.amplitudes:
+        rows = [row for one in heard for row in one.rows]
+        numbers = amplitude_numbers(rows, yaml.safe_load(log.excitations_text))
+        content[options.amplitudes] = [
+            edit_text(log.excitations_text, numbers, ReviewError).encode()
+        ]
+    write_files(content, ReviewError)
+    print(answer(heard))
+    print(f"Written: {', '.join(map(str, outputs))}")
+    return 0

@@ -1,0 +1,242 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""A page with the measured vibration of a drive beside the predicted one."""
+
+import html
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from linkage_vibration.drawing import palette
+from linkage_vibration.drawing.plots import frequency_axis, name_modes, plain, png_bytes, tidy
+from linkage_vibration.listening.amplitudes import MeasuredOrder, measure_orders, unit_responses
+from linkage_vibration.listening.exposure import ACTION, LIMIT, Exposure, kinds_of_work
+from linkage_vibration.listening.orders import SECONDS, Orders, track_orders
+from linkage_vibration.listening.signals import Signal
+from linkage_vibration.listening.spectra import levels, spectrogram
+from linkage_vibration.listening.transfer import Transfer
+from linkage_vibration.mechanics.arrays import FloatArray, IntArray
+from linkage_vibration.mechanics.kinematics import Kinematics
+from linkage_vibration.prediction.excitation import Source
+from linkage_vibration.review.findings import all_speeds
+from linkage_vibration.review.html import picture_html
+from linkage_vibration.review.log import Log, ReviewError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_SURE = 2.0  # standard deviations within which measured and predicted agree
+_HEIGHTS = 31  # angles of the drive at which the height is computed
+_LABELLED = 5  # orders with a name in the picture
+_CANNOT = (
+    "A signal at one place shows neither the forces in the pins nor a mode that does not move it; "
+    "the ground's part is not predicted at a sensor. One drive does not validate the model."
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Heard:
+    """What a sensor heard: orders, levels in windows, and predicted levels with their factor."""
+
+    signal: Signal
+    orders: Orders
+    rows: list[MeasuredOrder]
+    measured: FloatArray  # (m,), rms, m/s or N
+    predicted: FloatArray  # (m,), of all orders that are known there
+
+
+def hear(log: Log, signal: Signal) -> Heard:
+    """Return what a sensor heard in the drive of a log, beside what its model predicts there."""
+    if log.table is None or log.mechanism is None or not log.excitations:
+        raise ReviewError(f"{log.path} holds no table with excitations; replay the drive again.")
+    transfer = Transfer(log.table, log.mechanism, log.excitations, signal.sensor)
+    orders = track_orders(signal, log.excitations, all_speeds(log))
+    angles = np.interp(orders.times, log.times, log.table_angle)
+    units = unit_responses(transfer, orders, angles)
+    rows = measure_orders(log.excitations, orders, units, transfer.loaded)
+    squares = np.zeros(len(orders.times))
+    for column, i in enumerate(transfer.loaded):
+        load = log.excitations[i].load
+        assert load is not None
+        size = load.amplitude * (orders.speeds[:, i] / load.speed) ** load.exponent
+        amplitude = units[:, 0, column] * size
+        if signal.sensor.accelerates:
+            with np.errstate(invalid="ignore", divide="ignore"):  # of a shaft at rest
+                amplitude = amplitude / (2.0 * math.pi * orders.frequencies[:, i])
+        squares += np.nan_to_num(amplitude**2) / 2.0
+    return Heard(signal, orders, rows, levels(signal, SECONDS), np.sqrt(squares))
+
+
+def kinds(log: Log, signal: Signal) -> IntArray:
+    """Return the kind of work at each sample, from the speed over ground and the hitch's height."""
+    at, values = all_speeds(log).get(Source.GROUND, (log.times, np.full(len(log.times), np.nan)))
+    speed = np.interp(signal.times, at, values)
+    bodies = log.mechanism.rigid_bodies if log.mechanism else ()
+    point = log.mechanism.response.point if log.mechanism else ""
+    owner = next((body for body in bodies if point in dict(body.points)), None)
+    if log.mechanism is None or owner is None:
+        return kinds_of_work(np.full(len(speed), np.nan), np.zeros(len(speed)))
+    kinematics, local = Kinematics(log.mechanism), dict(owner.points)[point]
+    low, high = float(np.nanmin(log.table_angle)), float(np.nanmax(log.table_angle))
+    angles = np.linspace(low, high, _HEIGHTS)
+    heights = [float(kinematics.at(a).place(owner.name, local)[1]) for a in angles.tolist()]
+    angle = np.interp(signal.times, log.times, log.table_angle)
+    return kinds_of_work(speed, np.interp(angle, angles, heights))
+
+
+def answer(heard: Sequence[Heard]) -> str:
+    """Return in words where measured and predicted agree."""
+    parts = []
+    for one in heard:
+        off = [row for row in one.rows if abs(row.difference) > _SURE]
+        known = [row for row in one.rows if row.heard and not math.isnan(row.difference)]
+        agree = len([row for row in known if row not in off])
+        text = f"At {one.signal.sensor.name}, {agree} of {len(known)} orders that stand out of the "
+        text += f"noise agree with the prediction (within {_SURE:g} standard deviations)."
+        if off:
+            factors = [
+                f"{row.excitation.name} is {'' if row.heard else 'at most '}"
+                f"{row.measured / row.predicted:.2g} times as strong as predicted"
+                for row in off
+            ]
+            text += f" These differ: {', '.join(factors)}."
+        rest = len({*one.rows} - {*known, *off})
+        parts.append(f"{text} Of {rest} others nothing is known, as they are below the noise.")
+    return " ".join(parts)
+
+
+def listening_page(
+    log: Log, heard: Sequence[Heard], felt: Sequence[tuple[Signal, Exposure]]
+) -> str:
+    """Return the text of the page."""
+    from matplotlib.figure import Figure
+
+    signals = [*(one.signal for one in heard), *(signal for signal, _ in felt)]
+    doubts = [(s.sensor.name, text) for s in signals for text in s.doubts or ("none",)]
+    parts = [_orders_table(one) for one in heard]
+    parts += [_exposure_table(signal, exposure) for signal, exposure in felt]
+    parts.append(_table("What is doubtful about the sensors", ["sensor", "doubt"], doubts))
+    figure = Figure(figsize=(11.0, 6.8 * max(len(heard), 1)), dpi=110, layout="constrained")
+    axes = figure.subplots(
+        2 * len(heard), squeeze=False, sharex=True, height_ratios=[2.4, 1.0] * len(heard)
+    )[:, 0]
+    for i, one in enumerate(heard):
+        _draw_spectrogram(axes[2 * i], log, one)
+        _draw_levels(axes[2 * i + 1], one)
+    axes[-1].set_xlabel("time since the first prediction [s]", fontsize=13)
+    first = answer(heard)
+    sentences = [first, _CANNOT]
+    return picture_html("Measured beside predicted", sentences, png_bytes(figure), "".join(parts))
+
+
+def _draw_spectrogram(ax: "Axes", log: Log, one: Heard) -> None:
+    """Draw the measured spectrum over time under predicted modes and orders."""
+    times, frequencies, power = spectrogram(one.signal, SECONDS)
+    decibels = 10.0 * np.log10(np.maximum(power[:, 1:], 1e-12))
+    low, high = np.percentile(decibels, [30.0, 99.8])
+    style = {"shading": "nearest", "cmap": "Greys", "vmin": low, "vmax": high}
+    image = ax.pcolormesh(times, frequencies[1:], decibels.T, rasterized=True, **style)
+    unit = "(m/s²)²/Hz" if one.signal.sensor.accelerates else "N²/Hz"
+    ax.figure.colorbar(image, ax=ax, pad=0.16, aspect=40, label=f"measured [dB of 1 {unit}]")
+    top = 0.5 * one.signal.rate
+    ends = np.full(log.n_modes, np.nan)
+    for mode, colour in enumerate(palette.mode_colours(log.n_modes)):
+        values = log.natural_frequencies[:, mode]
+        deviation = 2.0 * np.nan_to_num(log.frequency_stddevs[:, mode])
+        ax.fill_between(log.times, values - deviation, values + deviation, color=colour, alpha=0.3)
+        ax.plot(log.times, values, color=colour, lw=1.4)
+        if (known := values[np.isfinite(values) & (values < top)]).size:
+            ends[mode] = known[-1]
+    frequency_axis(ax, ends)
+    ax.set_ylim(max(0.5, float(frequencies[1])), top)
+    rows = sorted((row for row in one.rows if row.heard), key=lambda row: -row.measured)
+    names = [each.name for each in log.excitations]
+    for row in rows[:_LABELLED]:
+        hertz = one.orders.frequencies[:, names.index(row.excitation.name)]
+        ax.plot(one.orders.times, np.where(hertz > 0.0, hertz, np.nan), color=palette.INK, ls=":")
+        if (at := np.flatnonzero(hertz > 0.0)).size:
+            place = float(one.orders.times[at[0]]), float(hertz[at[0]])
+            back = {"boxstyle": "round,pad=0.1", "color": "white", "alpha": 0.8}
+            ax.annotate(plain(row.excitation.name), place, bbox=back, fontsize=9)
+    name_modes(ax, ends, [log.mode_name(mode) for mode in range(log.n_modes)], least=0.05)
+    title = f"{one.signal.sensor.name}: measured spectrum (grey), predicted natural frequencies"
+    title += "\n(coloured, with two standard deviations), and measured orders (dotted)"
+    ax.set_title(title, loc="left", fontsize=12)
+
+
+def _draw_levels(ax: "Axes", one: Heard) -> None:
+    """Draw measured and predicted levels over time."""
+    unit, scale = ("mm/s", 1e3) if one.signal.sensor.accelerates else ("N", 1.0)
+    measured, predicted = scale * one.measured, scale * one.predicted
+    factor = max((row.predicted_factor for row in one.rows if row.predicted > 0.0), default=1.0)
+    times = one.orders.times
+    band = predicted / factor, predicted * factor
+    ax.fill_between(times, *band, color=palette.COLOURS[1], alpha=0.25, step="mid")
+    label = "predicted, orders alone, with the largest standard deviation of one"
+    ax.step(times, predicted, where="mid", color=palette.COLOURS[1], label=label)
+    label = "measured, everything from 1 Hz"
+    ax.step(times, measured, where="mid", color=palette.INK, label=label)
+    ax.set_ylabel(f"rms [{unit}]", fontsize=13)
+    ax.set_yscale("log")
+    ax.yaxis.set_major_formatter("{x:g}")
+    positive = np.concatenate([measured, predicted])
+    if (positive := positive[positive > 0.0]).size:
+        ax.set_ylim(0.5 * float(positive.min()), 2.0 * float(positive.max()))
+    ax.legend(frameon=False, fontsize=10, ncols=2, loc="lower left", bbox_to_anchor=(0.0, 1.0))
+    tidy(ax)
+
+
+def _orders_table(one: Heard) -> str:
+    unit = "m/s²" if one.signal.sensor.accelerates else "N"
+    head = ["order", "windows", f"measured, rms [{unit}]", f"predicted, rms [{unit}]"]
+    head += ["difference / standard deviation", "amplitude of the excitation"]
+    rows = []
+    for row in one.rows:
+        bound = f"{row.measured:.3g} ± {row.measured_stddev:.2g}"
+        cells = [row.excitation.name, str(row.windows)]
+        cells.append(bound if row.heard else f"below {row.measured:.2g} (noise)")
+        known = not math.isnan(row.predicted)
+        factor = f"{row.predicted:.3g} (× or ÷ {row.predicted_factor:.2g})"
+        cells.append(factor if known else "not known")
+        cells.append(_deviations(row))
+        text, load = "", row.excitation.load
+        if load is not None and not math.isnan(row.amplitude):
+            text = (
+                f"{row.amplitude:.3g} ± {100.0 * row.relative_stddev:.0f} %, not {load.amplitude:g}"
+            )
+        rows.append([*cells, text])
+    return _table(f"Orders at {one.signal.sensor.name}", head, rows)
+
+
+def _deviations(row: MeasuredOrder) -> str:
+    """Return the difference in standard deviations in words; empty if it is not known."""
+    if math.isnan(row.difference):
+        return ""
+    return f"{row.difference:+.1f}" if row.heard else f"at most {row.difference:+.1f}"
+
+
+def _exposure_table(signal: Signal, felt: Exposure) -> str:
+    """Return the exposure of a person, from the signal alone."""
+    head = ["kind of work", "share of time", f"above {ACTION:g} m/s²", f"above {LIMIT:g} m/s²"]
+    rows = [[name, *(f"{100.0 * s:.0f} %" for s in shares)] for name, shares in felt.shares.items()]
+    x, y, z = felt.weighted
+    text = f"Weighted accelerations are {x:.2g} (x), {y:.2g} (y) and {z:.2g} m/s² (z). "
+    text += f"A(8) of a day with these {felt.seconds / 60.0:.1f} min alone is {felt.a8:.3f} m/s²; "
+    hours = felt.hours_until(ACTION)
+    reached = f"{hours:.1f} h of the same reach" if hours < 24.0 else "no day of the same reaches"
+    text += f"{reached} the action value."
+    name = f"Exposure at {signal.sensor.name} (ISO 2631-1, 2002/44/EC), measured alone"
+    return _table(name, head, rows, text)
+
+
+def _table(title: str, head: Sequence[str], rows: Iterable[Sequence[str]], note: str = "") -> str:
+    columns = "".join(f'<th scope="col">{html.escape(text)}</th>' for text in head)
+    lines = (
+        "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
+    )
+    text = f'<p class="note">{html.escape(note)}</p>' if note else ""
+    body = f"<thead><tr>{columns}</tr></thead><tbody>{''.join(lines)}</tbody>"
+    return f"<section><h2>{html.escape(title)}</h2>{text}<table>{body}</table></section>\n"

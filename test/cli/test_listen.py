@@ -1,0 +1,53 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""A simulated drive is heard, and its page and its excitations say what was simulated."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from linkage_vibration.cli.main import main
+from linkage_vibration.listening.signals import Signal
+from linkage_vibration.listening.spectra import levels
+from linkage_vibration.playback.replay import replay
+from linkage_vibration.readers.excitations import read_excitations
+from test.listening.test_signals import sensor
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "simulated_drive.py"
+
+
+def test_levels_of_a_tone() -> None:
+    """A tone of 1 m/s2 at 10 Hz moves with 1 / (2 pi 10 sqrt(2)) = 0.01125 m/s rms."""
+    times = np.arange(0.0, 20.0, 0.005)
+    values = np.outer(np.sin(2.0 * np.pi * 10.0 * times), [0.0, 0.0, 1.0])
+    found = levels(Signal(sensor(), times, values, 200.0, ()), 4.0)
+    np.testing.assert_allclose(found, 0.01125, rtol=0.01)
+
+
+def test_listen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The true amplitudes, 600 and 150 N, are within two deviations of what the drive shows."""
+    pytest.importorskip("matplotlib", reason="the extra plots is not installed")
+    subprocess.run([sys.executable, EXAMPLE, tmp_path], check=True, capture_output=True)
+    log, page, written = (tmp_path / name for name in ("log.mcap", "page.html", "out.yaml"))
+    replay(tmp_path / "drive.mcap", log)
+    sensors = tmp_path / "sensors.yaml"
+    command = ["listen", str(log), "--sensors", str(sensors), "-o", str(page)]
+    assert main([*command, "--amplitudes", str(written)]) == 0
+    answer = capsys.readouterr().out
+    assert "2 of 2 orders that stand out of the noise agree with the prediction" in answer
+    assert "tyre_lugs 1 is at most" in answer  # no tyre shakes the simulated tractor
+    text = page.read_text()
+    assert "Orders at implement" in text
+    assert "Exposure at seat" in text
+    assert [word in text for word in ("standing", "transport", "work")] == [True] * 3
+    loads = {one.name: one.load for one in read_excitations(written)}
+    for name, true in (("crankshaft 1", 600.0), ("rotor 1", 150.0)):
+        load = loads[name]
+        assert load is not None
+        assert abs(np.log(load.amplitude / true)) < 2.0 * load.relative_stddev
+    sensors.write_text("imu: {file: drive.mcap, topic: /implement/imu, unit: m/s2, at: P9}")
+    assert main(command) == 1
+    assert "The table has no response at P9" in capsys.readouterr().err
