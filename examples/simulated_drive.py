@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What do IMUs on the implement and on the seat record while a tractor works, drives and works?
 
-It writes drive.mcap and sensors.yaml: ``python simulated_drive.py FOLDER``. The implement is 10 %
-heavier than its type plate says, and excitations have other amplitudes than the package assumes.
+It writes simulated_drive.mcap and sensors.yaml: ``python simulated_drive.py FOLDER``. The
+implement is 10 % heavier than its type plate says, and excitations have other amplitudes than those
+that the package assumes.
 """
 
 import sys
@@ -29,7 +30,7 @@ ORDERS = {
 SOIL = 6.0  # N/sqrt(Hz), at each place
 SENSORS = """\
 implement:            # an IMU on the implement, upside down
-  file: drive.mcap
+  file: simulated_drive.mcap
   topic: /implement/imu
   unit: m/s2
   at: E1
@@ -37,7 +38,7 @@ implement:            # an IMU on the implement, upside down
   range: 78.5         # m/s2
   filtered: true
 seat:
-  file: drive.mcap
+  file: simulated_drive.mcap
   topic: /seat/imu
   unit: m/s2
   at: seat
@@ -45,6 +46,7 @@ seat:
 """
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else ".")
+bag = folder / "simulated_drive.mcap"
 config, random = Path(__file__).parents[1] / "config", np.random.default_rng(1)
 mechanism = lv.read_mechanism(config / "three_point_linkage_on_tractor.yaml")
 [body] = mechanism.rigid_bodies
@@ -88,7 +90,7 @@ stamp, imu = store.types["builtin_interfaces/msg/Time"], store.types["sensor_msg
 joint, number = (store.types[kinds[name]] for name in ("/joint_states", "/engine_speed"))
 still, unknown = vector(0.0, 0.0, 0.0), np.zeros(9)
 turn = store.types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
-with LogWriter(folder / "drive.mcap", [log_topic(*each) for each in kinds.items()]) as log:
+with LogWriter(bag, [log_topic(*each) for each in kinds.items()]) as log:
     for k in range(len(times)):
         time = START * 10**9 + k * 10**9 // RATE
         head = header(stamp(time // 10**9, time % 10**9), "")
@@ -103,4 +105,4 @@ with LogWriter(folder / "drive.mcap", [log_topic(*each) for each in kinds.items(
         for name, message in messages.items():
             log.write(name, bytes(store.serialize_cdr(message, kinds[name])), time, time)
 (folder / "sensors.yaml").write_text(SENSORS)
-print(f"{folder / 'drive.mcap'}: {SECONDS} s, up to {np.abs(moved[:2]).max():.0f} m/s2 at E1")
+print(f"{bag}: {SECONDS} s, up to {np.abs(moved[:2]).max():.0f} m/s2 at E1")

@@ -28,7 +28,7 @@ EXPECTED = {
     "grid_of_designs.py": "800 kg, 0.366 m: 4.18, 98.89, 166.08 Hz",
     "heavier_implement.py": "mode 4 (implement heave): at most -6.2 %, at 169.0 deg",
     "resonances_at_an_angle.py": "mode 4:    6.48 Hz",
-    "simulated_drive.py": "drive.mcap: 180 s",
+    "simulated_drive.py": "simulated_drive.mcap: 180 s",
     "simulated_hammer.py": "175.csv: 5 blows",
     "table_of_my_linkage.py": "mode 1 in the middle: 220.88 Hz",
     "test_my_drive.py": "2 passed",
@@ -36,7 +36,7 @@ EXPECTED = {
 REPLAY_TEST = "replay_testing_drive.py"  # needs ROS 2 packages that PyPI does not have
 NOTEBOOK = "first_look.ipynb"
 WRITTEN = {
-    "simulated_drive.py": {"drive.mcap", "sensors.yaml"},
+    "simulated_drive.py": {"simulated_drive.mcap", "sensors.yaml"},
     "simulated_hammer.py": {"95.csv", "115.csv", "135.csv", "155.csv", "175.csv"},
 }
 

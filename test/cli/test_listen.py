@@ -32,7 +32,7 @@ def test_listen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("matplotlib", reason="the extra plots is not installed")
     subprocess.run([sys.executable, EXAMPLE, tmp_path], check=True, capture_output=True)
     log, page, written = (tmp_path / name for name in ("log.mcap", "page.html", "out.yaml"))
-    replay(tmp_path / "drive.mcap", log)
+    replay(tmp_path / "simulated_drive.mcap", log)
     sensors = tmp_path / "sensors.yaml"
     command = ["listen", str(log), "--sensors", str(sensors), "-o", str(page)]
     assert main([*command, "--amplitudes", str(written)]) == 0
@@ -48,6 +48,7 @@ def test_listen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         load = loads[name]
         assert load is not None
         assert abs(np.log(load.amplitude / true)) < 2.0 * load.relative_stddev
-    sensors.write_text("imu: {file: drive.mcap, topic: /implement/imu, unit: m/s2, at: P9}")
+    text = "file: simulated_drive.mcap, topic: /implement/imu, unit: m/s2, at: P9"
+    sensors.write_text(f"imu: {{{text}}}")
     assert main(command) == 1
     assert "The table has no response at P9" in capsys.readouterr().err
