@@ -105,14 +105,14 @@ def test_from_a_bag_to_parameters(
         (["BAG", "--times", "1=20", "4=x"], "4=x: write two numbers"),
         (
             ["BAG", "--times", "99=20"],
-            "no reading within 0.5 s of 99 s; choose a moment from 0 to 23",
+            "No reading is within 0.5 s of 99 s; choose a moment from 0 to 23",
         ),
         (["BAG", "--times", "1=50"], "No pose has input_crank at the inclination 50.00 deg"),
         (["BAG", "--times", "1=-88", "4=-75"], "2 points do not show their errors"),
         (["BAG", "--joint", "boom", "--times", "1=2"], "has no joint boom; it has"),
         (["--readings", "1=-88", "2=-60", "3=-30", "4=-60", "5=-88"], "points turns back"),
         (["--readings", "1=-88", "--body", "boom"], "There is no body 'boom'; name one of:"),
-        (["--readings", "1=-88", "--stddev-deg", "0"], "greater than 0"),
+        (["--readings", "1=-88", "--stddev-deg", "0"], "have to be finite, the first above 0"),
         (["BAG"], "0 points do not show their errors"),
     ],
 )
