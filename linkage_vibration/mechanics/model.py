@@ -221,11 +221,13 @@ class LinkageModel:
         forces = [i for i, place in enumerate(places) if is_force(place)]
         if not forces:
             return self.rows(places, configuration)
-        rows, moved = np.zeros((len(places), len(self.system.mass))), set(range(len(places)))
+        rows, moved = np.zeros((len(places), len(self.system.mass))), np.ones(len(places), bool)
         joining = self.interface.join(configuration)
         rows[forces] = self.forces.rows([places[i] for i in forces], configuration, joining)
-        for i in moved.difference(forces):
-            rows[i, : len(self.interface)] = self.rows([places[i]], configuration)[0]
+        moved[forces] = False
+        if moved.any():
+            at = [place for place in places if not is_force(place)]
+            rows[moved, : len(self.interface)] = self.rows(at, configuration)
         return rows
 
     def solve(self, alpha3: float) -> "Solution":

@@ -117,7 +117,7 @@ class _Solver:
         exact = [_oscillating(sampler.solution(angle))[0] for angle in few]
         for self._mesh in _COARSER:
             model = self._coarse(sampler.model.mechanism)
-            coarse = [self._solved(model, angle).poles for angle in few]
+            coarse = [_oscillating(model.solve(angle))[0] for angle in few]
             if all(_agree(*both, self._limit) for both in zip(coarse, exact, strict=True)):
                 break
         self._mass = model.system.mass
@@ -174,7 +174,7 @@ class _Solver:
         between = self._checked % len(self._between)
         self._checked += 1
         if np.isfinite(poles).all():
-            here = self._solved(model, float(self._between[between])).poles
+            here, _ = _oscillating(model.solve(float(self._between[between])))
             off = np.exp(self._matrix[between] @ np.log(poles))[:, np.newaxis] - here
             share = np.abs(off) / np.abs(here.real)
             self.rough |= bool(share[linear_sum_assignment(share)].max() > _BETWEEN)
