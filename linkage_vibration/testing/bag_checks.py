@@ -14,15 +14,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from linkage_vibration.bags.message_columns import Columns, first_topic, read_columns, topic_types
+from linkage_vibration.bags.message_columns import first_topic, topic_types
 from linkage_vibration.bags.streams import open_bags
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.messages.topics import PREDICTION, RESONANCE
+from linkage_vibration.messages.topics import PREDICTION
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.inputs.presets import HITCH, PRESETS
 from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.settings import Parameters
-from linkage_vibration.review.log import read_log
+from linkage_vibration.review.log import Log, read_log
 from linkage_vibration.review.picture import plot
 
 FloatArray = NDArray[np.float64]
@@ -84,8 +84,8 @@ class Failure:
     limit : str
         A field of `Limits`.
     time, seconds : int and float
-        When it was exceeded most, or first if there is no degree: log time, ns, and time since the
-        first prediction of the bag, s.
+        When it was exceeded most, or first if there is no degree: the stamp, ns, and the time since
+        the first prediction of the bag, s.
     count, words : int and str
         How many times it was exceeded, and what happened then.
     """
@@ -138,20 +138,6 @@ class Report:
         return "\n  ".join(lines)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Signals:
-    """The checked quantities, by columns."""
-
-    time: Integers  # (n,), ns, of predictions
-    crank_angle: FloatArray  # deg
-    status: Integers
-    load_time: Integers  # (m,), ns, of resonances
-    load_ratio: FloatArray  # 1, NaN where it is not known
-    load_place: NDArray[np.object_]
-    excitation: NDArray[np.object_]
-    latency: FloatArray  # (n,), s, NaN if the reading is not in the log
-
-
 def check_bag(
     bag: str | Path,
     limits: Limits,
@@ -188,41 +174,13 @@ def check_bag(
             folder = stack.enter_context(tempfile.TemporaryDirectory())
             log = Path(folder) / "replayed.mcap"
             replay([bag], log, settings)
-        signals = _signals(bag, log, limits)
-        failures = _failures(signals, limits)
+        read = read_log(log)
+        waits = np.empty(0) if limits.latency is None else latencies(bag, log)
+        failures = _failures(bag, read, waits, limits)
         drawn = Path(picture) if failures and picture is not None else None
         if drawn is not None:
-            plot(read_log(log), drawn)
-    return Report(bag, len(signals.time), tuple(failures), drawn)
-
-
-def _signals(bag: Path, log: Path, limits: Limits) -> _Signals:
-    types = topic_types(log)
-    prediction, resonance = first_topic(types, PREDICTION), first_topic(types, RESONANCE)
-    columns = read_columns(log, {name: types[name] for name in (prediction, resonance) if name})
-    predictions: Columns = columns[prediction]
-    if not len(predictions.get("log_time", ())):
-        raise TestKitError(f"{bag} holds no prediction; was the joint ever published?")
-    resonances = columns.get(resonance, {})
-    ratio = resonances.get("total_load_ratio", np.empty(0)).astype(float)
-    if limits.load_ratio is not None and not np.isfinite(ratio).any():
-        raise TestKitError(
-            f"{bag} contains no load ratio: no speed is known, no excitation at work has an "
-            "amplitude within the frequencies of the table; record engine_speed, pto_speed or "
-            "ground_speed too, or give settings, with which the bag is replayed, such as a fixed "
-            "speed."
-        )
-    n = len(predictions["log_time"])
-    return _Signals(
-        predictions["log_time"],
-        np.rad2deg(predictions["crank_angle"]),
-        predictions["status"].astype(np.int64),
-        resonances.get("log_time", np.empty(0, np.int64)),
-        ratio,
-        resonances.get("total_load_place", np.empty(0, object)),
-        resonances.get("excitation", np.empty(0, object)),
-        np.full(n, np.nan) if limits.latency is None else latencies(bag, log),
-    )
+            plot(read, drawn)
+    return Report(bag, len(read.stamps), tuple(failures), drawn)
 
 
 def latencies(bag: Path, log: Path) -> FloatArray:
@@ -251,40 +209,50 @@ def latencies(bag: Path, log: Path) -> FloatArray:
     return np.asarray(1e-9 * (published - begun))
 
 
-def _failures(signals: _Signals, limits: Limits) -> list[Failure]:
+def _failures(bag: Path, log: Log, latency: FloatArray, limits: Limits) -> list[Failure]:
     """Return the exceeded limits in the order of time."""
-    failures: list[Failure] = []
+    failures, drive = list[Failure](), log.drive
+    loads = np.empty(0) if drive is None else drive.resonances.total_load_ratio.astype(float)
+    load_stamps = log.stamps[:0] if drive is None else log.stamps[drive.predictions]
+    if limits.load_ratio is not None and not np.isfinite(loads).any():
+        raise TestKitError(
+            f"{bag} contains no load ratio: no speed is known, no excitation at work has an "
+            "amplitude within the frequencies of the table; record engine_speed, pto_speed or "
+            "ground_speed too, or give settings, with which the bag is replayed, such as a fixed "
+            "speed."
+        )
 
-    def add(limit: str, times: Integers, exceeded: NDArray[np.bool_], at: int, words: str) -> None:
-        time = int(times[at])
-        then = int(np.searchsorted(signals.load_time, time, "right")) - 1
-        if limit != "load_ratio" and then >= 0 and np.isfinite(signals.load_ratio[then]):
-            words += f" ({_load(signals, then)})"
-        seconds = 1e-9 * (time - int(signals.time[0]))
+    def load(at: int) -> str:
+        """Return the load ratio of a resonance in words, with its place and its main cause."""
+        assert drive is not None
+        of = drive.resonances.message(at)
+        place, cause = of.total_load_place, of.excitation
+        return f"the load ratio in {place} is {of.total_load_ratio:.2g}, mostly by {cause}"
+
+    def add(limit: str, stamps: Integers, exceeded: NDArray[np.bool_], at: int, words: str) -> None:
+        time = int(stamps[at])
+        then = int(np.searchsorted(load_stamps, time, "right")) - 1
+        if limit != "load_ratio" and then >= 0 and np.isfinite(loads[then]):
+            words += f" ({load(then)})"
+        seconds = 1e-9 * (time - int(log.stamps[0]))
         failures.append(Failure(limit, time, seconds, int(exceeded.sum()), words))
 
     if limits.statuses is not None:
-        exceeded = ~np.isin(signals.status, [int(status) for status in limits.statuses])
+        exceeded = ~np.isin(log.status, [int(status) for status in limits.statuses])
         if exceeded.any():
             at = int(exceeded.argmax())
-            angle, status = signals.crank_angle[at], Status(int(signals.status[at]))
+            angle, status = math.degrees(log.crank_angle[at]), Status(int(log.status[at]))
             words = f"the status is {status.name} at a crank angle of {angle:.2f} deg"
-            add("statuses", signals.time, exceeded, at, words)
-    gaps, latency = 1e-9 * np.diff(signals.time), signals.latency
+            add("statuses", log.stamps, exceeded, at, words)
+    gaps = 1e-9 * np.diff(log.stamps)
     checks: list[tuple[str, Integers, FloatArray, Callable[[int], str]]] = [
-        ("load_ratio", signals.load_time, signals.load_ratio, lambda i: _load(signals, i)),
-        ("gap", signals.time[:-1], gaps, lambda i: f"no prediction for {gaps[i]:.3f} s"),
-        ("latency", signals.time, latency, lambda i: f"a prediction took {latency[i]:.5f} s"),
+        ("load_ratio", load_stamps, loads, load),
+        ("gap", log.stamps[:-1], gaps, lambda i: f"no prediction for {gaps[i]:.3f} s"),
+        ("latency", log.stamps, latency, lambda i: f"a prediction took {latency[i]:.5f} s"),
     ]
-    for limit, times, values, describe in checks:
+    for limit, stamps, values, describe in checks:
         largest = getattr(limits, limit)
         if largest is not None and (exceeded := values > largest).any():
             at = int(np.nanargmax(values))
-            add(limit, times, exceeded, at, f"{describe(at)}, more than {largest:g},")
+            add(limit, stamps, exceeded, at, f"{describe(at)}, more than {largest:g},")
     return sorted(failures, key=lambda failure: failure.time)
-
-
-def _load(signals: _Signals, at: int) -> str:
-    """Return the load ratio of a resonance in words, with its place and its main cause."""
-    ratio, place = signals.load_ratio[at], signals.load_place[at]
-    return f"the load ratio in {place} is {ratio:.2g}, mostly by {signals.excitation[at]}"
