@@ -22,11 +22,11 @@ import sys
 import numpy as np
 from pathlib import Path
 import linkage_vibration as lv
-from linkage_vibration.review.log import write_csv
+from linkage_vibration.review.log import csv_text
 log, table = sys.argv[1:]
 lv.replay(lv.__path__[0] + "/../config/drives/hitch_duty_cycle.mcap", log)
 drive = lv.read_log(log)
-write_csv(drive, Path(table))
+Path(table).write_text(csv_text(drive))
 found, rows = drive.resonances, np.arange(len(drive.stamps))
 expected = 2.0 * drive.damping_ratios[rows, found.mode] * found.natural_frequency
 known = np.diff(found.margin, prepend=0.0) != 0.0  # the resonance is that of the prediction

@@ -107,10 +107,10 @@ def _csv(advice: "Advice") -> str:
     """Return the map as CSV, with a line for each height and speed."""
     import numpy as np
 
-    lines = ["crank_angle_rad,ground_speed_m_per_s,load_ratio,velocity_m_per_s,reason"]
-    for i, j in np.ndindex(advice.reasons.shape):
-        numbers = [advice.crank_angles[i], advice.ground_speeds[j]]
-        numbers += [advice.load_ratios[i, j], advice.velocities[i, j]]
-        text = advice.reason_texts[advice.reasons[i, j]]
-        lines.append(",".join([*(repr(float(v)) for v in numbers), f'"{text}"']))
-    return "\n".join(lines) + "\n"
+    from linkage_vibration.review.log import table_text
+
+    angles, speeds = np.meshgrid(advice.crank_angles, advice.ground_speeds, indexing="ij")
+    columns = {"crank_angle_rad": angles, "ground_speed_m_per_s": speeds}
+    columns |= {"load_ratio": advice.load_ratios, "velocity_m_per_s": advice.velocities}
+    columns["reason"] = np.array(advice.reason_texts)[advice.reasons]
+    return table_text({name: values.ravel() for name, values in columns.items()})

@@ -34,8 +34,8 @@ def run(options: argparse.Namespace) -> int:
     import numpy as np
 
     from linkage_vibration.prediction.predictor import Status, fault
-    from linkage_vibration.review.log import prediction_table, write_table
-    from linkage_vibration.support.atomic_files import check_output
+    from linkage_vibration.review.log import prediction_table, table_text
+    from linkage_vibration.support.atomic_files import OutputError, check_output, write_text
 
     check_output(options.csv, ".csv", list(filter(None, (options.mechanism, options.table))))
     degrees = [angle for angles in options.angle_deg for angle in angles]
@@ -65,7 +65,8 @@ def run(options: argparse.Namespace) -> int:
     if options.csv:
         many = predictor.predict(np.radians(degrees), math.radians(options.angle_stddev_deg))
         columns = {name: each for name, each in vars(many).items() if name != "table_id"}
-        write_table({"crank_angle_deg": np.array(degrees)} | prediction_table(columns), options.csv)
+        table = {"crank_angle_deg": np.array(degrees)} | prediction_table(columns)
+        write_text(options.csv, table_text(table), OutputError)
         print(f"Written: {options.csv}")
     return 0 if good else 1
 

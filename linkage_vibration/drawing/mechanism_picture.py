@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from linkage_vibration.drawing import palette
-from linkage_vibration.drawing.plots import frequency_axis, name_modes, plain, tidy
+from linkage_vibration.drawing.plots import draw_bands, frequency_axis, name_modes, plain, tidy
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.excitation import Excitation, Source
@@ -56,12 +56,7 @@ def draw_mechanism(
 def draw_modes(ax: "Axes", names: Sequence[str], predictions: MessageColumns) -> None:
     """Draw each natural frequency with its standard deviation over the crank angle."""
     angles, frequencies = np.degrees(predictions.crank_angle), predictions.natural_frequencies
-    deviations = np.nan_to_num(predictions.frequency_stddevs)
-    for mode, colour in enumerate(palette.mode_colours(len(names))):
-        values, deviation = frequencies[:, mode], deviations[:, mode]
-        low = np.maximum(values - deviation, 0.5 * values)
-        ax.fill_between(angles, low, values + deviation, color=colour, alpha=0.3, linewidth=0)
-        ax.plot(angles, values, color=colour, linewidth=1.8)
+    draw_bands(ax, angles, frequencies, predictions.frequency_stddevs)
     frequency_axis(ax, frequencies)
     name_modes(ax, frequencies[-1], names, fontsize=10)
     ax.set(xlabel="crank angle α₃ [deg]", xlim=(angles[0], angles[-1]))

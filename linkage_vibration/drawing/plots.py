@@ -90,6 +90,15 @@ def tidy(ax: "Axes") -> None:
     ax.spines[["top", "right"]].set_visible(False)
 
 
+def draw_bands(ax: "Axes", x: FloatArray, frequencies: FloatArray, stddevs: FloatArray) -> None:
+    """Draw each mode, (n, n_modes), Hz, over x as a line with a band of one standard deviation."""
+    for mode, colour in enumerate(palette.mode_colours(frequencies.shape[1])):
+        values, deviation = frequencies[:, mode], np.nan_to_num(stddevs[:, mode])
+        low = np.maximum(values - deviation, 0.5 * values)
+        ax.fill_between(x, low, values + deviation, color=colour, alpha=0.3, linewidth=0)
+        ax.plot(x, values, color=colour, linewidth=1.7)
+
+
 def frequency_axis(ax: "Axes", frequencies: FloatArray) -> None:
     """Give an axis decades of frequency, Hz, that contain all known ones of these."""
     from matplotlib.ticker import LogLocator, NullLocator

@@ -51,13 +51,11 @@ class Page:
     content: Mapping[str, Any]
 
 
-def page_html(page: Page) -> str:
-    """Return the text of a page, which needs no other file and no network."""
-    return b"".join(page_parts(page)).decode()
-
-
 def page_parts(page: Page) -> Iterator[bytes]:
-    """Yield the text of a page in parts in UTF-8, as the columns of a long log are large."""
+    """Yield the text of a page, which needs no other file and no network, in UTF-8.
+
+    It comes in parts, as the columns of a long log are large.
+    """
     return (part.encode(errors="backslashreplace") for part in _parts(page))
 
 

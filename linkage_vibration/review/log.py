@@ -45,7 +45,6 @@ from linkage_vibration.prediction.severity import ResonanceState
 from linkage_vibration.prediction.verdict import Drive, drive_of
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.support.atomic_files import write_text
 from linkage_vibration.support.commands import command
 from linkage_vibration.table.table import Table, TableError, load_table
 
@@ -207,7 +206,7 @@ def read_log(path: str | Path) -> Log:
     order, passes = in_passes(header_stamps(predictions))
     if (np.diff(order) != 1).any():  # a copy takes time and memory
         predictions = {name: column[order] for name, column in predictions.items()}
-    stamps, frequencies = header_stamps(predictions), predictions["natural_frequencies"]
+    stamps, status = header_stamps(predictions), predictions.pop("status").astype(np.int64)
     table_id = str(predictions.pop("table_id")[-1])
     attachments, metadata = _read_provenance(path)
     table, mechanism, mechanism_text, excitations = _read_model(attachments, table_id)
@@ -218,15 +217,7 @@ def read_log(path: str | Path) -> Log:
     return Log(
         path=path,
         stamps=stamps,
-        status=predictions["status"].astype(np.int64),
-        crank_angle=predictions["crank_angle"],
-        natural_frequencies=frequencies,
-        frequency_stddevs=predictions["frequency_stddevs"],
-        damping_ratios=predictions["damping_ratios"],
-        damping_ratio_stddevs=predictions["damping_ratio_stddevs"],
-        peak_frequency=predictions["frf_peak_frequency"],
-        peak_magnitude=predictions["frf_peak_magnitude"],
-        interpolation_error=predictions["interpolation_error"],
+        status=status,
         drive=drive,
         resonances=at_predictions,
         speeds={
@@ -244,6 +235,7 @@ def read_log(path: str | Path) -> Log:
         excitations_text=attachments.get(EXCITATIONS, b"").decode(errors="replace"),
         metadata=metadata,
         passes=passes,
+        **{name.removeprefix("frf_"): predictions[name] for name in _numbers() if name != "status"},
     )
 
 
@@ -306,11 +298,6 @@ def problems(log: Log) -> list[str]:
     return sentences
 
 
-def write_csv(log: Log, path: Path) -> None:
-    """Write `csv_text` to a file; a `ReviewError` is raised if it cannot be written."""
-    write_text(path, csv_text(log), ReviewError)
-
-
 def csv_text(log: Log) -> str:
     """Return a log as CSV: one line for each prediction, with the fields of the messages.
 
@@ -345,11 +332,6 @@ def prediction_table(predictions: Mapping[str, NDArray[Any]]) -> dict[str, NDArr
     return table
 
 
-def write_table(table: Mapping[str, NDArray[Any]], path: Path) -> None:
-    """Write `table_text` to a file; a `ReviewError` is raised if it cannot be written."""
-    write_text(path, table_text(table), ReviewError)
-
-
 def table_text(table: Mapping[str, NDArray[Any]]) -> str:
     """Return columns, (n,), as CSV with their names in the first line."""
     text = io.StringIO()
@@ -361,9 +343,12 @@ def table_text(table: Mapping[str, NDArray[Any]]) -> str:
 
 def _predictions(log: Log) -> dict[str, NDArray[Any]]:
     """Return the columns of the predictions by the names of their fields."""
-    names = [field.name for field in message_fields(PREDICTION)]
-    kept = [n for n in names if not n.startswith("header.") and n != "table_id"]
-    return {name: getattr(log, name.removeprefix("frf_")) for name in kept}
+    return {name: getattr(log, name.removeprefix("frf_")) for name in _numbers()}
+
+
+def _numbers() -> list[str]:
+    """Return the names of the fields of a prediction that a log has as arrays of numbers."""
+    return [f.name for f in message_fields(PREDICTION) if f.type in ("float64", "uint8")]
 
 
 def _suffix(field: Field) -> str:

@@ -12,6 +12,7 @@ from linkage_vibration.drawing import palette
 from linkage_vibration.drawing.intervals import gap_starts
 from linkage_vibration.drawing.mechanism_picture import draw_modes
 from linkage_vibration.drawing.plots import (
+    draw_bands,
     frequency_axis,
     name_modes,
     plain,
@@ -131,24 +132,14 @@ def _broken(log: Log, values: FloatArray) -> FloatArray:
 def _draw_modes(ax: "Axes", log: Log) -> None:
     """Draw each mode as a band of its standard deviation, with its name at the right."""
     frequencies = np.column_stack([_broken(log, values) for values in log.natural_frequencies.T])
-    ends = np.full(log.n_modes, np.nan)
-    for mode, colour in enumerate(palette.mode_colours(log.n_modes)):
-        values = frequencies[:, mode]
-        deviation = np.nan_to_num(log.frequency_stddevs[:, mode])
-        low, high = np.maximum(values - deviation, 0.5 * values), values + deviation
-        ax.fill_between(log.times, low, high, color=colour, alpha=0.3, linewidth=0)
-        ax.plot(log.times, values, color=colour, linewidth=1.6)
-        if np.isfinite(values).any():
-            ends[mode] = values[np.isfinite(values)][-1]
+    draw_bands(ax, log.times, frequencies, log.frequency_stddevs)
+    ends = np.array([[np.nan, *each[np.isfinite(each)]][-1] for each in frequencies.T])
     frequency_axis(ax, ends)
     ax.yaxis.label.set_fontsize(13)
     name_modes(ax, ends, [log.mode_name(mode) for mode in range(log.n_modes)], least=_LEAST_APART)
-    ax.set_title(
-        "Where the linkage resonates (coloured, with one standard deviation), and what\n"
-        "excites it (black, as wide as the load that it causes; red above the limit)",
-        loc="left",
-        fontsize=13,
-    )
+    title = "Where the linkage resonates (coloured, with one standard deviation), and what\n"
+    title += "excites it (black, as wide as the load that it causes; red above the limit)"
+    ax.set_title(title, loc="left", fontsize=13)
 
 
 def _draw_excitations(ax: "Axes", log: Log, limits: WarningLimits) -> None:
@@ -189,7 +180,7 @@ def _draw_excitations(ax: "Axes", log: Log, limits: WarningLimits) -> None:
             }
             back = {"boxstyle": "round,pad=0.1", "color": "white", "alpha": 0.75}
             place = float(times[at]), float(frequencies[at])
-            ax.annotate(plain(order.name), place, bbox=back, zorder=4, **style)
+            ax.annotate(plain(order.name), place, bbox=back, zorder=4, fontsize=11, **style)
 
 
 def _draw_total(ax: "Axes", log: Log, limits: WarningLimits) -> None:
@@ -213,35 +204,22 @@ def _draw_total(ax: "Axes", log: Log, limits: WarningLimits) -> None:
         ax.legend(loc="upper right", fontsize=10, ncols=3)
     ax.plot(drive.times, np.where(above, total, np.nan), color=_ABOVE, linewidth=3.0)
     ax.axhline(limits.warning, color=_ABOVE, linestyle="--", linewidth=1.2)
-    ax.text(
-        1.01,
-        limits.warning,
-        "limit",
-        color=_ABOVE,
-        fontsize=12,
-        va="center",
-        transform=ax.get_yaxis_transform(),
-    )
+    beside: dict[str, Any] = {"fontsize": 12, "transform": ax.get_yaxis_transform()}
+    ax.text(1.01, limits.warning, "limit", color=_ABOVE, va="center", **beside)
     room = 1.4 if parts else 1.15
     ax.set_ylim(0.0, room * max(float(np.nanmax(total)), limits.warning))
     ax.set_ylabel("load ratio", fontsize=13)
-    ax.set_title(
-        "Load ratio: vibration over static force, in the pin or cylinder where it is largest",
-        loc="left",
-        fontsize=13,
-    )
+    title = "Load ratio: vibration over static force, in the pin or cylinder where it is largest"
+    ax.set_title(title, loc="left", fontsize=13)
 
 
 def _shade_what_is_missing(ax: "Axes", log: Log) -> None:
     """Shade the times without predictions, and those whose predictions have no numbers."""
     times, starts = log.times, gap_starts(log.times)
     if len(starts):
-        style: dict[str, Any] = {
-            "facecolor": palette.GAP_SHADE,
-            "edgecolor": palette.GREY,
-            "hatch": "//",
-        }
-        shaded(ax, np.column_stack([times[starts], times[starts + 1]]).tolist(), lw=0, **style)
+        style: dict[str, Any] = {"facecolor": palette.GAP_SHADE, "edgecolor": palette.GREY}
+        spans = np.column_stack([times[starts], times[starts + 1]]).tolist()
+        shaded(ax, spans, lw=0, hatch="//", **style)
     for i in log.passes:
         ax.axvline(times[i], color=palette.INK, lw=1.2, linestyle=(0, (1, 2)))
     invalid = np.isin(log.status, (Status.OUT_OF_RANGE, Status.INVALID_ANGLE))

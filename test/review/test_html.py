@@ -16,14 +16,20 @@ from linkage_vibration.review.html import (
     _FOLDER,
     _SCRIPTS,
     MAX_SAMPLES,
+    Page,
     _column,
     packed,
-    page_html,
+    page_parts,
     thinned,
     write_page,
 )
 from linkage_vibration.review.log import ReviewError, read_log
 from linkage_vibration.review.review_page import review_page
+
+
+def page_text(page: Page) -> str:
+    """Return the text of a page."""
+    return b"".join(page_parts(page)).decode()
 
 
 def held(page: str) -> Any:
@@ -34,7 +40,7 @@ def held(page: str) -> Any:
 
 def test_page_needs_nothing_else(drive: Path) -> None:
     """No script, style or picture comes from elsewhere, and the page contains uPlot's licence."""
-    page = page_html(review_page(read_log(drive)))
+    page = page_text(review_page(read_log(drive)))
     assert not re.search(r"""(?:src|href)=["']?(?!data:,)\w""", page.split('id="data"')[0])
     assert "@import" not in page
     assert "fetch(" not in page
@@ -52,7 +58,7 @@ def test_page_holds_every_script() -> None:
 def test_columns_are_the_log_s(drive: Path) -> None:
     """Times, angles and frequencies are in the page exactly, and the rest as float32."""
     log = read_log(drive)
-    data = held(page_html(review_page(log)))
+    data = held(page_text(review_page(log)))
     types = {"f8": "<f8", "f4": "<f4", "u1": "u1"}
     for name, expected in (
         ("time", log.times),
@@ -75,7 +81,7 @@ def test_columns_are_the_log_s(drive: Path) -> None:
 def test_text_of_a_log_stays_text(drive: Path) -> None:
     """Names and parameters that look like HTML neither end a script nor make an element."""
     log = replace(read_log(drive), parameters_text="</script><b>", path=Path("<i>.mcap"))
-    page = page_html(review_page(log))
+    page = page_text(review_page(log))
     assert "</script><b>" not in page
     assert "<i>.mcap" not in page
     assert held(page)["provenance"]["files"][0]["text"] == "</script><b>"

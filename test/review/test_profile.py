@@ -14,7 +14,7 @@ from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.review.html import page_html
+from linkage_vibration.review.html import page_parts
 from linkage_vibration.review.log import read_log
 from linkage_vibration.review.review_page import review_page
 from linkage_vibration.support.resources import DEFAULT_MECHANISM, config_file
@@ -55,4 +55,4 @@ def test_measured_profile_from_its_file_to_the_page(tmp_path: Path) -> None:
     velocity = s * moved * waves[band] / len(heights)
     expected = math.sqrt(2.0 * float((np.abs(velocity) ** 2).sum()))
     assert abs(level / expected - 1.0) < 0.05
-    assert "lane.csv" in page_html(review_page(found))
+    assert b"lane.csv" in b"".join(page_parts(review_page(found)))
