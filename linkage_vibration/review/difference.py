@@ -60,9 +60,8 @@ class Quantity:
     @property
     def largest_relative(self) -> float:
         """The largest of abs(B - A) / abs(A), or NaN."""
-        compared = np.isfinite(self.change) & (self.a != 0.0)
-        relative = np.abs(self.change[compared] / self.a[compared])
-        return float(relative.max()) if len(relative) else math.nan
+        size = np.where(self.a != 0.0, np.abs(self.a), math.nan)
+        return float(np.fmax.reduce(np.abs(self.change) / size, initial=math.nan))
 
     @property
     def rms(self) -> float:
@@ -189,6 +188,8 @@ def difference_page(delta: Difference) -> Page:
     kept = thinned(values, np.array([q.farthest or 0 for q in delta.quantities], dtype=np.int64))
     times = delta.times
     gaps, jumps = gap_starts(times), delta.jumps
+    often = "once" if len(jumps) == 1 else f"{len(jumps)} times"
+    back = {"label": "The clock jumped back", "value": often, "alert": True}
     columns: dict[str, NDArray[Any]] = {"time": times[kept]}
     readings: Items = []
     for q in delta.quantities:
@@ -205,7 +206,9 @@ def difference_page(delta: Difference) -> Page:
         "brief": [f"d_{q.key}" for q in delta.quantities[1:3]],
         "answer": sentence(delta),
         "tables": [_table(delta, kept)],
-        "summary": _cards(delta),
+        "summary": [{"label": "The clock jumped back", "value": often, "alert": True}][
+            : len(jumps)
+        ],
         "histograms": [],
         "provenance": _provenance(delta),
         "shades": [
@@ -330,13 +333,6 @@ def _table(delta: Difference, kept: IntArray) -> dict[str, Any]:
     title, note = "Differences, B \N{MINUS SIGN} A", "Choose a row to go to its largest difference."
     head = ["quantity", "largest", "at", "relative to A", "rms"]
     return {"id": "differences", "title": title, "note": note, "head": head, "rows": rows}
-
-
-def _cards(delta: Difference) -> Items:
-    """Return what the table of differences does not say."""
-    jumps = len(delta.jumps)
-    often = "once" if jumps == 1 else f"{jumps} times"
-    return [{"label": "The clock jumped back", "value": often, "alert": True}] if jumps else []
 
 
 def _provenance(delta: Difference) -> dict[str, Any]:

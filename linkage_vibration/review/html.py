@@ -91,15 +91,16 @@ def _parts(page: Page) -> Iterator[str]:
 
 def picture_html(title: str, sentences: Sequence[str], png: bytes, more: str = "") -> str:
     """Return the text of a page with a picture, sentences and more HTML below them."""
-    texts = {
-        "title": html.escape(title),
-        "css": page_file("page.css"),
-        "sentences": "\n".join(f"<p>{html.escape(text)}</p>" for text in sentences),
-        "alt": html.escape(" ".join(sentences)) or "picture",
-        "png": base64.b64encode(png).decode(),
-        "more": more,
-    }
-    return filled(page_file("picture.html"), texts)
+    alt, data = html.escape(" ".join(sentences)) or "picture", base64.b64encode(png).decode()
+    picture = f'<img alt="{alt}" src="data:image/png;base64,{data}">'
+    return plain_html(title, sentences, picture + more)
+
+
+def plain_html(title: str, sentences: Sequence[str], main: str) -> str:
+    """Return the text of a page without scripts; the main part is HTML."""
+    texts = {"title": html.escape(title), "css": page_file("page.css"), "main": main}
+    texts["sentences"] = "\n".join(f"<p>{html.escape(text)}</p>" for text in sentences)
+    return filled(page_file("plain.html"), texts)
 
 
 def filled(template: str, texts: Mapping[str, str]) -> str:

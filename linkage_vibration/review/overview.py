@@ -16,7 +16,7 @@ from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.severity import ResonanceState
 from linkage_vibration.prediction.verdict import contributions, episodes, worst_message
 from linkage_vibration.review.findings import first_sentence
-from linkage_vibration.review.html import filled, page_file
+from linkage_vibration.review.html import plain_html
 from linkage_vibration.review.log import Log, ReviewError, gaps
 
 _TIME = "in_warning_s"
@@ -114,8 +114,10 @@ def overview_html(drives: Sequence[tuple[dict[str, Any], str]], failures: Sequen
     )
     columns = "".join(f'<th scope="col">{html.escape(text)}</th>' for text in head)
     notes = "".join(f'<p class="failure">{html.escape(text)}</p>\n' for text in failures)
-    texts = {"css": page_file("page.css"), "notes": notes, "columns": columns, "rows": rows}
-    return filled(page_file("overview.html"), texts)
+    table = f"<table><thead><tr>{columns}</tr></thead><tbody>\n{rows}</tbody></table>"
+    scroll = f'<div class="scroll" tabindex="0" aria-label="Drives">{table}</div>'
+    hint = "Each row is a drive. Choose its name to see its page."
+    return plain_html("Drives", [hint], notes + scroll)
 
 
 def _cells(drive: dict[str, Any], page: str, name: str) -> str:

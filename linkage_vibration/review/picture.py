@@ -172,12 +172,7 @@ def _draw_excitations(ax: "Axes", log: Log, limits: WarningLimits) -> None:
         visible = (frequencies > low) & (frequencies < high)
         if i in shown and visible.any():
             at = int(np.where(visible, load, -1.0).argmax())
-            style = {
-                "xytext": (0, 7),
-                "textcoords": "offset points",
-                "fontsize": 11,
-                "ha": "center",
-            }
+            style = {"xytext": (0, 7), "textcoords": "offset points", "ha": "center"}
             back = {"boxstyle": "round,pad=0.1", "color": "white", "alpha": 0.75}
             place = float(times[at]), float(frequencies[at])
             ax.annotate(plain(order.name), place, bbox=back, zorder=4, fontsize=11, **style)

@@ -182,15 +182,14 @@ def _columns(log: Log, rows: IntArray, axis: TimeAxis) -> dict[str, NDArray[Any]
         columns[f"f{mode + 1}"] = log.natural_frequencies[rows, mode]
         columns[f"s{mode + 1}"] = log.frequency_stddevs[rows, mode].astype(np.float32)
     if log.resonances is not None:
-        r = log.resonances
-        names = _excitation_names(log)
-        columns["state"] = r.state[rows].astype(np.uint8)
-        columns["excitation"] = np.searchsorted(names, r.excitation[rows]).astype(np.uint8)
-        columns["excitation_frequency"] = r.excitation_frequency[rows].astype(np.float32)
-        columns["margin"] = r.relative_margin[rows].astype(np.float32)
-        columns["load_ratio"] = r.total_load_ratio[rows].astype(np.float32)
+        r, names = log.resonances.rows(rows), _excitation_names(log)
         near = np.where(np.isnan(r.natural_frequency), 0, r.mode + 1)
-        columns["resonance_mode"] = near[rows].astype(np.uint8)
+        counts = {"state": r.state, "resonance_mode": near}
+        counts["excitation"] = np.searchsorted(names, r.excitation)
+        columns |= {name: values.astype(np.uint8) for name, values in counts.items()}
+        numbers = {"margin": r.relative_margin, "load_ratio": r.total_load_ratio}
+        numbers["excitation_frequency"] = r.excitation_frequency
+        columns |= {name: values.astype(np.float32) for name, values in numbers.items()}
         if log.drive is not None and (parts := ground_and_orders(log.drive, log.excitations)):
             at = np.searchsorted(log.drive.predictions, rows, side="right") - 1
             for name, values in zip(_PARTS, parts, strict=True):
