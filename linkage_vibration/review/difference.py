@@ -206,9 +206,7 @@ def difference_page(delta: Difference) -> Page:
         "brief": [f"d_{q.key}" for q in delta.quantities[1:3]],
         "answer": sentence(delta),
         "tables": [_table(delta, kept)],
-        "summary": [{"label": "The clock jumped back", "value": often, "alert": True}][
-            : len(jumps)
-        ],
+        "summary": [back] if len(jumps) else [],
         "histograms": [],
         "provenance": _provenance(delta),
         "shades": [
