@@ -165,6 +165,9 @@ def main() -> None:
         f"({100.0 * false / len(sure):.1f} %) are further than {100.0 * FAR:g} % and their "
         f"interval from every true mode. {doubted} were doubted; {wrong} of these are so far away."
     )
+    shares = [(row[0], int(row[5].split("(")[1].split()[0])) for row in rows(sure)]
+    missed = [f"{name} ({percent} %)" for name, percent in shares if not 90 <= percent <= 99]
+    counts += f" The goal is missed by: {', '.join(missed) or 'none'}."
     intro = (
         "`listen_modes` reports natural frequencies whose intervals of 95 % hold, or says why it "
         f"doubts them. {DRIVES} drives of 120 s were simulated in time at {RATE:g} Hz, with the "
