@@ -9,7 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.listening.gates import line_doubt, order_doubt, wheelbase_lines, window_doubt
+from linkage_vibration.listening.gates import (
+    damping_doubt,
+    line_doubt,
+    order_doubt,
+    wheelbase_lines,
+    window_doubt,
+)
 from linkage_vibration.listening.output_only import Candidate, identify, mac
 from linkage_vibration.listening.segments import find_segments, over_phase
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
@@ -144,6 +150,7 @@ def _at_height(
     shapes = model_shapes(table, alpha3, drive.places)
     means = drive.predicted[rows].mean(axis=0)
     slopes, deviations = table.slopes(alpha3), table.parameter_deviations(alpha3)
+    ratios = table.evaluate(np.array([alpha3]))[0, table.n_modes : 2 * table.n_modes]
     given = 1.0 / float(drive.times[1] - drive.times[0])
     modes = []
     for mode in np.flatnonzero((means > _LOWEST) & (means < _HIGHEST * given)).tolist():
@@ -158,6 +165,7 @@ def _at_height(
         over_time = best.frequency / mean * drive.predicted[rows, mode]
         there = {source: speed[rows] for source, speed in speeds.items()}
         doubt = order_doubt(over_time, there, excitations) or window_doubt(windows, rate, lag, best)
+        doubt = doubt or damping_doubt(float(ratios[mode]))
         for each in excitations:
             if not doubt and rolls and each.terrain is not None and each.terrain.raised:
                 at = np.quantile(ground[ground > _ROLLS], (0.05, 0.35, 0.65, 0.95)).tolist()

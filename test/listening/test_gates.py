@@ -7,7 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from linkage_vibration.listening.gates import line_doubt, order_doubt, wheelbase_lines, window_doubt
+from linkage_vibration.listening.gates import (
+    damping_doubt,
+    line_doubt,
+    order_doubt,
+    wheelbase_lines,
+    window_doubt,
+)
 from linkage_vibration.listening.output_only import Candidate
 from linkage_vibration.prediction.excitation import Source, excitations_from_mapping
 from linkage_vibration.prediction.ground import Terrain
@@ -36,6 +42,12 @@ def test_unknown_speed() -> None:
     excitations = excitations_from_mapping({"shaft": {"speed": "pto", "orders": [1]}})
     unknown = {Source.PTO: np.full(10, math.nan)}
     assert "not known, in 100 %" in order_doubt(np.full(10, 5.0), unknown, excitations)
+
+
+@pytest.mark.parametrize(("ratio", "doubted"), [(0.039, False), (0.041, True), (math.nan, True)])
+def test_damping(ratio: float, doubted: bool) -> None:
+    """The deviation of a mode that is damped by more than 4 %, or unknown, is not known."""
+    assert bool(damping_doubt(ratio)) == doubted
 
 
 def test_lines_of_the_wheelbase() -> None:
