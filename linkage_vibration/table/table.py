@@ -292,24 +292,29 @@ class Table:
         They are those of the logarithms of frequencies, then those of damping ratios, 2 n_modes;
         NaN where the first order is not enough, and 0 without uncertain numbers.
         """
-        return self._deviation_cells.values(alpha3)
+        if not self.uncertain:
+            return [0.0] * (2 * self.n_modes)
+        first, step, rows = self._parameter_rows
+        place = (alpha3 - first) / step
+        i = min(int(place), len(rows) - 2)
+        share = place - i
+        return [a + (b - a) * share for a, b in zip(rows[i], rows[i + 1], strict=True)]
 
     def evaluate_parameter_deviations(self, alpha3: FloatArray) -> FloatArray:
         """Return the same at many angles, (n, 2 n_modes), equal to the last bit."""
-        return self._deviation_cells.many_values(alpha3)
+        if not self.uncertain:
+            return np.zeros((len(alpha3), 2 * self.n_modes))
+        first, step, plain = self._parameter_rows
+        place, rows = (alpha3 - first) / step, np.array(plain)
+        i = np.minimum(place.astype(np.int64), len(rows) - 2)
+        share = (place - i)[:, np.newaxis]
+        return np.asarray(rows[i] + (rows[i + 1] - rows[i]) * share)
 
     @cached_property
-    def _deviation_cells(self) -> Cells:
-        """The cells of `parameter_stddev`, which are linear; one without uncertain numbers."""
-        nothing = np.zeros((2, 2 * self.n_modes))
-        rows = np.hstack(list(self.parameter_stddev)) if self.uncertain else nothing
-        angles = np.linspace(*self.alpha3_range, len(rows))
-        cubics = np.zeros((len(rows) - 1, 4, 2 * self.n_modes))
-        cubics[:, 2], cubics[:, 3] = (
-            np.diff(rows, axis=0) / np.diff(angles)[:, np.newaxis],
-            rows[:-1],
-        )
-        return Cells(angles[:-1], cubics)
+    def _parameter_rows(self) -> tuple[float, float, list[list[float]]]:
+        """First angle and step of `parameter_stddev`, rad, and its rows, (n_angles, 2 n_modes)."""
+        (first, last), n = self.alpha3_range, self.parameter_stddev.shape[1]
+        return first, (last - first) / (n - 1), np.hstack(list(self.parameter_stddev)).tolist()
 
     def interpolate(self, alpha3: float) -> tuple[list[float], float, float, float]:
         """Evaluate the values of a prediction at an angle (rad) within the range.
