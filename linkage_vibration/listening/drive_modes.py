@@ -21,8 +21,10 @@ from linkage_vibration.listening.segments import find_segments, over_phase
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import Place
+from linkage_vibration.mechanics.uncertainty import INTERVAL
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.ground import vertical_mounts
+from linkage_vibration.readers.targets import INCLINOMETER
 from linkage_vibration.table.table import Table
 
 _AROUND = 0.7, 1.4  # of a predicted frequency: the band in which its mode is sought
@@ -31,8 +33,6 @@ _ALIKE = 0.5  # least MAC of a measured shape and that of the model
 _UNSURE = 0.02  # relative deviation of a frequency that is not reported
 _LOWEST, _HIGHEST = 0.5, 0.3  # Hz of a mode, and its share of the sampling rate
 _ROLLS = 0.3  # m/s above which the wheels count as rolling
-_INCLINOMETER = math.radians(0.5)  # standard deviation of an angle
-_INTERVAL = 1.96  # standard deviations that a 95 % interval reaches to either side
 
 
 class DriveError(LinkageVibrationError):
@@ -67,9 +67,9 @@ class DriveMode:
         return math.log(self.frequency / self.predicted) / both
 
     @property
-    def consistent(self) -> bool:
-        """Whether the difference is within the 95 % interval of both."""
-        return abs(self.difference) <= _INTERVAL
+    def consistent(self) -> bool | None:
+        """Whether the difference is within the 95 % interval of both; None if not known."""
+        return None if math.isnan(self.difference) else abs(self.difference) <= INTERVAL
 
 
 def listen_modes(
@@ -178,7 +178,7 @@ def _at_height(
                 mode,
                 mean,
                 deviations[mode],
-                _INCLINOMETER * abs(slopes[mode]) / mean,
+                INCLINOMETER * abs(slopes[mode]) / mean,
                 best.frequency,
                 best.frequency_stddev,
                 best.ratio,

@@ -40,16 +40,19 @@ def order_doubt(
 ) -> str:
     """Return which order was near a frequency over time, Hz, (n,), for too long; else nothing.
 
-    Speeds are (n,), in the units of their sources; one that is not known counts as near.
+    Speeds are (n,), in the units of their sources. One that is not known may hide any mode, also
+    that of a terrain, which makes lines.
     """
     for each in excitations:
-        if each.terrain is not None or each.source not in speeds:
-            continue
-        away = np.abs(each.ratio * speeds[each.source] / frequency - 1.0)
-        share = 1.0 - float((away > NEAR).mean())
-        if share > MOST_NEAR:
-            percent = f"{100.0 * share:.0f} % of the time"
-            return f"{each.name} was within {100.0 * NEAR:g} % of it, or not known, in {percent}"
+        speed = speeds.get(each.source, np.full(len(frequency), np.nan))
+        away = np.abs(each.ratio * speed / frequency - 1.0)
+        unknown, near = float(np.isnan(speed).mean()), float((away <= NEAR).mean())
+        if unknown > MOST_NEAR:
+            what = f"the {each.source.value} speed, which {each.name} follows,"
+            return f"{what} is not known in {100.0 * unknown:.0f} % of the time"
+        if near > MOST_NEAR:
+            what = f"{each.name} was within {100.0 * NEAR:g} % of it"
+            return f"{what} in {100.0 * near:.0f} % of the time"
     return ""
 
 

@@ -62,11 +62,11 @@ def difference_text(mode: DriveMode, name: str) -> str:
         return f"{what} is not reported, because {mode.doubt}."
     percent = 100.0 * (mode.frequency / mode.predicted - 1.0)
     side = "lower" if percent < 0.0 else "higher"
+    apart = f"{what} +- {mode.frequency_stddev:.3f} is {abs(percent):.1f} % {side} than predicted"
+    if mode.consistent is None:
+        return f"{apart}, but the deviation of the prediction is not known."
     verdict = "consistent" if mode.consistent else "not consistent"
-    return (
-        f"{what} +- {mode.frequency_stddev:.3f} is {abs(percent):.1f} % {side} than predicted, "
-        f"{abs(mode.difference):.1f} standard deviations: {verdict}."
-    )
+    return f"{apart}, {abs(mode.difference):.1f} standard deviations: {verdict}."
 
 
 def drive_targets(modes: Sequence[DriveMode], mechanism: Path, output: Path) -> str:

@@ -16,6 +16,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
+from linkage_vibration.mechanics.uncertainty import INTERVAL
 
 ORDERS = range(4, 25, 2)  # numbers of poles that the stability diagram compares
 ALIKE = 0.8
@@ -26,7 +27,6 @@ _STABLE, _STABLE_RATIO = 0.02, 0.3  # relative changes from an order to the next
 _FEWEST_ORDERS = 3  # at which a mode is stable
 _LARGEST_RATIO = 0.2  # damping ratio of a mode; beyond it a pole describes the noise
 _MOST_LOST = 0.1  # share of the blocks without which a mode may be missing
-_INTERVAL = 1.96  # standard deviations that a 95 % interval reaches to either side
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,7 +143,7 @@ def identify(
         found = pole * _median(np.array(ratios)[:, shown])
         if len(found) < max((1.0 - _MOST_LOST) * n, 4):
             continue
-        factor = float(student.ppf(0.975, len(found) - 1)) / _INTERVAL
+        factor = float(student.ppf(0.975, len(found) - 1)) / INTERVAL
         stddevs = [
             factor * math.sqrt(len(found) - 1.0) * float(each.std()) for each in _values(found)
         ]

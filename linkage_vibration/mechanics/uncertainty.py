@@ -26,6 +26,9 @@ from linkage_vibration.mechanics.paths import (
     with_numbers,
 )
 
+INTERVAL = 1.96
+"""Standard deviations that an interval of 95 % reaches to either side."""
+
 _ROOTS = ("base", "damping", "ground", "links", "rigid_bodies", "springs")
 _COUNTS = ("count", "elements", "modes")
 _STEP = 1e-4  # Differences are over this share of a standard deviation,

@@ -13,6 +13,9 @@ import yaml
 from linkage_vibration.mechanics.paths import number_at
 from linkage_vibration.readers.mechanism import load_yaml
 
+INCLINOMETER = math.radians(0.5)
+"""Standard deviation of a measured angle, rad."""
+
 _BOUNDS = 3.0  # from a number of the mechanism to its bounds in the calibration
 
 

@@ -20,10 +20,9 @@ import numpy as np
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.readers.targets import targets_text
+from linkage_vibration.readers.targets import INCLINOMETER, targets_text
 from linkage_vibration.studies.ringdown import MeasuredMode
 
-_INCLINOMETER = math.radians(0.5)  # standard deviation of an angle
 _UNKNOWN = 0.01  # relative deviation of a frequency that one or two decays show
 FARTHEST = 1.5  # ratio of the frequencies of a pair: beyond it they are not paired
 _SIGMAS = 3.0  # standard deviations at which a distance is 1
@@ -82,7 +81,7 @@ def compare(
 def _steps(model: LinkageModel, alpha3: float) -> list[float]:
     """Return steps of the deviation of an angle that remain within the stroke, rad."""
     first, last = model.mechanism.stroke
-    steps = [step for step in (-_INCLINOMETER, _INCLINOMETER) if first <= alpha3 + step <= last]
+    steps = [step for step in (-INCLINOMETER, INCLINOMETER) if first <= alpha3 + step <= last]
     if not first <= alpha3 <= last or not steps:
         raise MeasurementError(
             f"{math.degrees(alpha3):g} deg is outside the stroke of {model.mechanism.name}, "

@@ -20,6 +20,7 @@ from scipy.stats import t as student
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
+from linkage_vibration.mechanics.uncertainty import INTERVAL
 from linkage_vibration.studies.decay_fit import (
     DecayFit,
     Decays,
@@ -48,7 +49,6 @@ _RARE = 1e-6  # probability that noise makes a mode that a fit of fewer poles ke
 _SHOWN = 1e-3  # the same in a single decay that shows a mode
 _MOVES = 0.03  # relative: a frequency that a window changes by more is not reported
 _UNSURE = 0.02  # relative deviation of a frequency that is not reported
-_INTERVAL = 1.96  # standard deviations that a 95 % interval reaches to either side
 
 
 class RingdownError(LinkageVibrationError):
@@ -220,6 +220,6 @@ def _stddevs(decays: Decays, fit: DecayFit) -> FloatArray:
         return np.asarray(np.sqrt(white))
     steps = np.linalg.pinv(curvature - fit.curvatures) @ fit.gradients[:, :, np.newaxis]
     without = np.einsum("vai,nai->nvi", slopes, steps.reshape(n, 2, count))
-    widened = float(student.ppf(0.975, n - 1)) / _INTERVAL  # few decays do not tell their spread
+    widened = float(student.ppf(0.975, n - 1)) / INTERVAL  # few decays do not tell their spread
     jackknife = (n - 1) / n * ((without - without.mean(axis=0)) ** 2).sum(axis=0)
     return np.asarray(np.sqrt(np.maximum(white, widened**2 * jackknife)))

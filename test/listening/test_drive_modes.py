@@ -3,6 +3,7 @@
 """Modes of simulated drives of a tractor that differs from the table's."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -73,7 +74,8 @@ def test_difference() -> None:
     high, low = 5.0 * math.exp(0.1), 5.0 * math.exp(-0.097)
     mode = DriveMode(2.0, 3, 5.0, 0.03, 0.0, high, 0.04 * high, 0.02, 0.0, 9.0)
     assert mode.difference == pytest.approx(2.0)
-    assert not mode.consistent
+    assert mode.consistent is False
+    assert replace(mode, predicted_stddev=math.nan).consistent is None
     lower = DriveMode(2.0, 3, 5.0, 0.03, 0.0, low, 0.04 * low, 0.02, 0.0, 9.0)
     assert lower.difference == pytest.approx(-1.94)
     assert lower.consistent

@@ -37,11 +37,31 @@ def test_order(rpm: float, percent: int, doubted: bool) -> None:
     assert doubt.startswith("shaft 1 was within 5 %") == doubted
 
 
-def test_unknown_speed() -> None:
-    """An order whose speed is not known may hide any mode."""
-    excitations = excitations_from_mapping({"shaft": {"speed": "pto", "orders": [1]}})
-    unknown = {Source.PTO: np.full(10, math.nan)}
-    assert "not known, in 100 %" in order_doubt(np.full(10, 5.0), unknown, excitations)
+SHAFT = {"shaft": {"speed": "pto", "orders": [1]}}
+TERRAIN = {"field": {"speed": "ground", "terrain": {"class": "B"}, "raised": True}}
+
+
+@pytest.mark.parametrize(
+    ("mapping", "speeds", "doubt"),
+    [
+        (SHAFT, {}, "the pto speed, which shaft 1 follows, is not known in 100 % of the time"),
+        (SHAFT, {Source.PTO: [math.nan] * 100}, "the pto speed, which shaft 1 follows, is not"),
+        (SHAFT, {Source.PTO: [600.0] * 97 + [math.nan] * 3}, "the pto speed, which shaft 1"),
+        (SHAFT, {Source.PTO: [600.0] * 99 + [math.nan]}, ""),
+        (TERRAIN, {Source.PTO: [600.0] * 100}, "the ground speed, which field (class B) follows"),
+        (TERRAIN, {Source.GROUND: [3.0] * 97 + [math.nan] * 3}, "the ground speed, which field"),
+        (TERRAIN, {Source.GROUND: [3.0] * 99 + [math.nan]}, ""),
+    ],
+)
+def test_unknown_speed(
+    mapping: dict[str, object], speeds: dict[Source, list[float]], doubt: str
+) -> None:
+    """A speed that is not known for more than 2 % of the time may hide any mode."""
+    excitations = excitations_from_mapping(mapping)
+    arrays = {source: np.array(values) for source, values in speeds.items()}
+    text = order_doubt(np.full(100, 5.0), arrays, excitations)
+    assert text.startswith(doubt)
+    assert bool(text) == bool(doubt)
 
 
 @pytest.mark.parametrize(("ratio", "doubted"), [(0.039, False), (0.041, True), (math.nan, True)])

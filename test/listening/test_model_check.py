@@ -42,7 +42,7 @@ def test_a_heavier_implement_explains_its_modes() -> None:
 
 
 def test_sentences() -> None:
-    """A mode that is 5 % lower with 8 % is consistent; with 1 % it is not; a doubt is named."""
+    """A mode that is 5 % lower with 8 % is consistent, and with 1 % not; a doubt is named."""
     text = difference_text(MODE, "heave")
     assert text == (
         "heave at 143.2 deg: 7.600 Hz +- 0.038 is 5.0 % lower than predicted, "
@@ -50,6 +50,8 @@ def test_sentences() -> None:
     )
     known = difference_text(replace(MODE, predicted_stddev=0.01), "heave")
     assert known.endswith("4.4 standard deviations: not consistent.")
+    unknown = difference_text(replace(MODE, predicted_stddev=math.nan), "heave")
+    assert unknown.endswith("than predicted, but the deviation of the prediction is not known.")
     doubted = difference_text(replace(MODE, doubt="engine 1 was near"), "heave")
     assert doubted.endswith("7.600 Hz is not reported, because engine 1 was near.")
 
