@@ -10,14 +10,14 @@ import argparse
 import math
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from linkage_vibration.cli.arguments import SHIPPED, mechanism_file
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from linkage_vibration.export.constants import Constants, Orders
+    from linkage_vibration.export.constants import Constants, Ensemble, Orders
     from linkage_vibration.mechanics.description import Mechanism
     from linkage_vibration.prediction.excitation import Excitation
     from linkage_vibration.table.table import Table
@@ -135,13 +135,22 @@ def _read(options: argparse.Namespace, path: Path) -> "tuple[Table, Orders | Non
     orders = [excitation for excitation in excitations if excitation.terrain is None]
     if len(orders) < len(excitations):
         print("The ground is left out, as an export computes the responses to orders alone.")
-    return table, orders_of(table, mechanism, orders) if orders else None
+    if not orders:
+        return table, None
+    return table, orders_of(table, mechanism, orders, coarse=options.tolerance is not None)
 
 
 def orders_of(
-    table: "Table", mechanism: "Mechanism", excitations: "Sequence[Excitation]"
+    table: "Table",
+    mechanism: "Mechanism",
+    excitations: "Sequence[Excitation]",
+    *,
+    coarse: bool = False,
 ) -> "Orders":
-    """Return excitations of a mechanism with the responses to them, as an export contains them."""
+    """Return excitations of a mechanism with the responses to them, as an export contains them.
+
+    Differences of the members of the ensemble have 16 bits, or 8 if they are coarse.
+    """
     import numpy as np
 
     from linkage_vibration.export.constants import Orders, forces_of
@@ -179,6 +188,45 @@ def orders_of(
         times=(round(1e9 * DEFAULT_LIMITS.dwell), round(1e9 * GAP)),
         ranks=tuple(RANKS.tolist()),
         forces=forces,
+        ensemble=_ensemble(table, levels.member_arrays, o, coarse=coarse),
+    )
+
+
+def _ensemble(
+    table: "Table", arrays: "tuple[Any, ...]", n_outputs: int, *, coarse: bool
+) -> "Ensemble | None":
+    """Return the members whose numbers are possible, if these are as many as the node needs."""
+    import numpy as np
+
+    from linkage_vibration.export.constants import Ensemble
+    from linkage_vibration.mechanics.forces import LEAST_REFERENCE
+    from linkage_vibration.prediction.levels import KNOWN
+
+    if not arrays:
+        return None
+    nodes, values, places, *draws = arrays
+    possible = np.isfinite(values[:, 1:]).all(axis=(0, 2))
+    if possible.mean() < KNOWN:
+        return None
+    apart = (values[:, 1:] - values[:, :1])[:, possible].swapaxes(1, 2)
+    kind = np.int8 if coarse else np.int16
+    steps = np.abs(apart).max(axis=2) / np.float32(np.iinfo(kind).max)
+    counts = np.round(apart / np.where(steps > 0.0, steps, 1.0)[..., np.newaxis])
+    low, high = table.toggles or (0.0, 0.0)
+    return Ensemble(
+        n_modes=table.ensemble_poles.shape[-1],
+        n_outputs=n_outputs,
+        stroke_middle=(low + high) / 2.0,
+        stroke_half=(high - low) / 2.0,
+        least_share=LEAST_REFERENCE,
+        reference=table.reference_force or 0.0,
+        nodes=nodes.astype(np.float32),
+        places=places.astype(np.uint16),
+        nominal=values[:, 0],
+        steps=steps,
+        values=counts.astype(kind),
+        amplitudes=draws[0][possible].astype(np.float32),
+        frequencies=draws[1][possible].astype(np.float32),
     )
 
 

@@ -11,7 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from linkage_vibration.export.constants import Constants, ExportError, Forces, Orders, Reals
+from linkage_vibration.export.constants import (
+    Constants,
+    Ensemble,
+    ExportError,
+    Forces,
+    Orders,
+    Reals,
+)
 from linkage_vibration.export.evaluation import ASSESSED, NUMBERS, SOURCES, assess, evaluate
 from linkage_vibration.messages.fields import message_constants, message_fields
 from linkage_vibration.messages.topics import LOAD_STATE, PREDICTION, RESONANCE
@@ -90,9 +97,11 @@ def literal(value: float, suffix: str = "") -> str:
 
     Examples
     --------
-    >>> literal(0.1), literal(-2.0, "f"), literal(float("nan"))
-    ('0x1.999999999999ap-4', '-0x1p+1f', 'NAN')
+    >>> literal(0.1), literal(-2.0, "f"), literal(float("nan")), literal(-3)
+    ('0x1.999999999999ap-4', '-0x1p+1f', 'NAN', '-3')
     """
+    if isinstance(value, int):
+        return str(value)
     if math.isnan(value):
         return "NAN"
     if math.isinf(value):
@@ -167,9 +176,16 @@ def _values(description: Description, constants: Constants) -> dict[str, str]:
     if orders is not None:
         values |= _numbers(orders, f, "response_") | _order_values(orders, f)
         values |= {"states": _macros(prefix, LOAD_STATE), "forces_source": ""}
+        values |= {"ensemble_header": "", "ensemble_source": ""}
         if orders.forces is not None:
-            values |= _numbers(orders.forces, "f", "force_")
+            values |= _numbers(orders.forces, f, "force_")
             values["forces_source"] = filled("forces.c.in", values)
+        if orders.ensemble is not None:
+            values |= _numbers(orders.ensemble, f, "member_")
+            values["member_count"] = str(len(orders.ensemble.amplitudes))
+            values["member_type"] = f"{orders.ensemble.values.dtype}_t"
+            values["ensemble_header"] = filled("ensemble.h.in", values)
+            values["ensemble_source"] = filled("ensemble.c.in", values)
         values["orders_header"] = filled("orders.h.in", values)
         values["orders_source"] = filled("orders.c.in", values)
     return values
@@ -181,14 +197,17 @@ def _macros(prefix: str, kind: str) -> str:
     return "\n".join(f"#define {prefix.upper()}_{name} {value}" for name, value in constants)
 
 
-def _numbers(holder: Constants | Orders | Forces, f: str, prefix: str = "") -> dict[str, str]:
+def _numbers(
+    holder: Constants | Orders | Forces | Ensemble, f: str, prefix: str = ""
+) -> dict[str, str]:
     """Return the numbers of a dataclass, and the lengths of its arrays, by the names of fields."""
     texts = {}
     for field, value in vars(holder).items():
         name = f"{prefix}{field}"
         if isinstance(value, np.ndarray):
             texts[f"n_{name}"], texts[f"width_of_{name}"] = str(len(value)), str(value.shape[-1])
-            texts[name] = _rows(value.swapaxes(1, 2) if value.ndim == 3 else value, f)
+            own = "f" if value.dtype == np.float32 else f
+            texts[name] = _rows(value.swapaxes(1, 2) if value.ndim == 3 else value, own)
         elif isinstance(value, float):
             texts[name] = literal(value, f)
         elif isinstance(value, int):
@@ -246,6 +265,7 @@ def _order_values(orders: Orders, f: str) -> dict[str, str]:
         "n_orders": str(len(orders.names)),
         "excitations": ",\n".join(rows),
         "n_forces": str(len(components)),
+        "n_totals": str(len(components) or 1),
         "n_components": str(sum(components)),
         "components": ", ".join(f"{count}u" for count in components),
         "limits": ", ".join([*(literal(float(real(v)), f) for v in orders.limits), dwell]),

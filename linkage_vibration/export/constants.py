@@ -52,6 +52,45 @@ class Forces:
 
 
 @dataclass(frozen=True, eq=False)
+class Ensemble:
+    """The members of a table's ensemble, by which levels are uncertain.
+
+    Attributes
+    ----------
+    n_modes, n_outputs : int
+    stroke_middle, stroke_half : float
+        Of the stroke variable, rad; the half is 0 if it is the angle itself.
+    least_share, reference : float
+        The share of the largest static force that forces are compared with at least; and what they
+        are compared with, N, or 0.
+    nodes : ndarray, (n_nodes,)
+        Where members are known, in the stroke variable.
+    places : ndarray, (n_values,)
+        Which numbers of `prediction.ensemble.Members` the values are.
+    nominal, steps : ndarray, (n_nodes, n_values)
+        Values of the mechanism itself, and the steps of the differences.
+    values : ndarray of int, (n_nodes, n_values, n_members)
+        How many steps members differ from it.
+    amplitudes, frequencies : ndarray, (n_members, n_orders)
+        Their factors of loads and frequencies.
+    """
+
+    n_modes: int
+    n_outputs: int
+    stroke_middle: float
+    stroke_half: float
+    least_share: float
+    reference: float
+    nodes: Reals
+    places: NDArray[np.integer]
+    nominal: Reals
+    steps: Reals
+    values: NDArray[np.integer]
+    amplitudes: Reals
+    frequencies: Reals
+
+
+@dataclass(frozen=True, eq=False)
 class Orders:
     """Excitations, and the responses of the response point to them.
 
@@ -83,6 +122,8 @@ class Orders:
         How bad each state is.
     forces : Forces, optional
         None without load ratios.
+    ensemble : Ensemble, optional
+        None without standard deviations of levels.
     """
 
     names: tuple[str, ...]
@@ -100,6 +141,7 @@ class Orders:
     times: tuple[int, int]
     ranks: tuple[int, ...]
     forces: Forces | None = None
+    ensemble: Ensemble | None = None
 
     @property
     def omegas(self) -> Reals:
@@ -206,7 +248,8 @@ class Constants:
     @property
     def size(self) -> int:
         """Bytes of all arrays."""
-        holders = [self, self.orders, self.orders and self.orders.forces]
+        orders = self.orders
+        holders = [self, orders, orders and orders.forces, orders and orders.ensemble]
         values = [value for holder in holders if holder for value in vars(holder).values()]
         return sum(value.nbytes for value in values if isinstance(value, np.ndarray))
 

@@ -135,6 +135,14 @@ class Members:
         self._values = values.take(self._used, axis=2).astype(np.float32)
         self._nominal = self._modes(self._values[:, 0])
 
+    @property
+    def arrays(self) -> tuple[FloatArray, NDArray[np.float32], IntArray]:
+        """Nodes in the stroke variable, values, (n_nodes, n_members + 1, n_used), and their places.
+
+        The mechanism itself comes first; the places are those in the parts of `_at_nodes`.
+        """
+        return self._variables, self._values, self._used
+
     def at(self, alpha3: float) -> _Modes:
         """Return the modes at an angle, rad."""
         at = stroke_variable(np.array([alpha3]), self._table.toggles)

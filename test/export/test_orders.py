@@ -3,6 +3,7 @@
 """Margins and responses by order in exported C are those of the resonance monitor."""
 
 import math
+import re
 import subprocess
 from dataclasses import replace
 from pathlib import Path
@@ -31,7 +32,7 @@ from linkage_vibration.support.resources import (
     config_file,
 )
 from linkage_vibration.table.table import Table, load_table
-from test.support.c_code import Library, compile_c, write
+from test.support.c_code import Library, compile_c, misra_rules, write
 from test.support.programs import require
 
 ORDERS = tuple(one for one in read_excitations(config_file("excitations.yaml")) if not one.terrain)
@@ -196,6 +197,72 @@ def test_states_over_a_drive(case: Case) -> None:
     assert (len(entered) >= 4) == bool(known.force_places)
 
 
+def tractor(members_lost: int = 0) -> tuple[Any, Table]:
+    """Return the shipped mechanism and table, some of whose members are not possible."""
+    mechanism = read_mechanism(config_file(DEFAULT_MECHANISM))
+    table = load_table(config_file(DEFAULT_TABLE), mechanism)
+    poles = table.ensemble_poles.copy()
+    poles[1 : 1 + members_lost, 0] = math.nan
+    return mechanism, replace(table, ensemble_poles=poles)
+
+
+@pytest.mark.parametrize(
+    ("coarse", "in_single", "lost", "largest"),
+    [
+        (False, False, 0, (0.002, 0.02, 0.15)),
+        (False, True, 3, (0.002, 0.02, 0.15)),
+        (True, False, 0, (0.03, 0.2, 0.6)),
+    ],
+)
+def test_deviations_of_levels(
+    coarse: bool, in_single: bool, lost: int, largest: tuple[float, ...], tmp_path: Path
+) -> None:
+    """Logarithms of factors are those of the node within a share, also without three members.
+
+    The largest shares are those of the totals, of load ratios and of velocities, which differ most
+    where the response point is in a node of vibration.
+    """
+    mechanism, table = tractor(lost)
+    known = LevelTable(Predictor(table), mechanism, ORDERS)
+    constants = constants_of(table, orders_of(table, mechanism, ORDERS, coarse=coarse))
+    constants = single(constants) if in_single else fewer_cells(constants, 1e-6)
+    library = Library(tmp_path, description_of(table, ""), constants)
+    angles, speeds = (each[:300] for each in drawn(table))
+    predicted = library.predict(angles, 0.0 * angles)
+    found = library.deviate(predicted, library.assess(predicted, speeds), speeds, 0.33)
+    expected = known.factors(angles, speeds.T, 0.33)
+    total, each, velocity = largest
+    for name, off in (
+        ("total_velocity_factor", total),
+        ("total_load_ratio_factor", total),
+        ("load_ratio_factors", each),
+        ("velocity_factors", velocity),
+    ):
+        own, true = np.log(found[name].astype(float)), np.log(expected[name].astype(float))
+        np.testing.assert_array_equal(np.isnan(own), np.isnan(true), name)
+        np.testing.assert_allclose(own, true, rtol=off, atol=1e-6, err_msg=name)
+        # Of a hundred, all but one differ far less.
+        error = np.abs(own - true) / np.maximum(true, 1e-6)
+        assert np.nanquantile(error, 0.99) < (0.3 if coarse and off == velocity else 0.02), name
+    probability = found["warning_probability"]
+    np.testing.assert_allclose(probability, expected["warning_probability"], atol=1.01 / 61)
+    assert len(np.unique(probability[np.isfinite(probability)])) > 10
+
+
+def test_deviations_need_members() -> None:
+    """With fewer than 95 % of the members, or without an ensemble, there are no deviations."""
+    for lost, is_known in ((3, True), (4, False)):
+        mechanism, table = tractor(lost)
+        orders = orders_of(table, mechanism, ORDERS)
+        factors = LevelTable(Predictor(table), mechanism, ORDERS).factors(
+            np.array([2.0]), np.array([[2000.0], [540.0], [2.0]]), 0.33
+        )
+        assert (orders.ensemble is not None) == is_known
+        assert np.isfinite(factors["total_load_ratio_factor"][0]) == is_known
+    header, *_ = c_files(description_of(table, ""), constants_of(table, orders)).values()
+    assert "_deviat" not in header
+
+
 @pytest.mark.parametrize(
     ("tolerance", "in_single"), [(None, True), (1e-5, False), (1e-5, True), (1e-3, False)]
 )
@@ -274,25 +341,56 @@ int main(void)
         const PREFIX_real speeds[3] = {(i % 7) ? 2.0 * i : NAN, 0.5 * i, 0.01 * (i - 500)};
         PREFIX_predict((i % 11) ? 1.5 + 1e-3 * i : INFINITY, 0.0, &prediction);
         PREFIX_assess(&prediction, speeds, &found);
+        /* more */
     }
     return 0;
 }
 """
+_DEVIATE = """
+        if (i % 40 == 0) {
+            PREFIX_deviations deviations;
+            PREFIX_deviate(&prediction, speeds, &found, 0.33, &deviations);
+        }
+"""
 
 
-def test_sanitizers(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["tractor with amplitudes", "paper without amplitudes"])
+def test_sanitizers(name: str, tmp_path: Path) -> None:
     """Neither the address sanitizer nor that of undefined behaviour finds a fault."""
-    mechanism, table_file, excitations = CASES["paper without amplitudes"]
+    mechanism, table_file, excitations = CASES[name]
     table = load_table(config_file(table_file))
     orders = orders_of(table, read_mechanism(config_file(mechanism)), excitations)
     description = description_of(table, "")
-    write(c_files(description, constants_of(table, orders)), tmp_path)
-    (tmp_path / "main.c").write_text(_MAIN.replace("PREFIX", description.name))
+    write(c_files(description, fewer_cells(constants_of(table, orders), 1e-3)), tmp_path)
+    more = _DEVIATE if orders.ensemble else ""
+    (tmp_path / "main.c").write_text(
+        _MAIN.replace("/* more */", more).replace("PREFIX", description.name)
+    )
     flags = ["-fsanitize=address,undefined", "-fno-sanitize-recover", "-o", "run"]
     command = [require("gcc"), "-std=c99", *flags, f"{description.name}.c", "main.c", "-lm"]
     compile_c(command, tmp_path)
     done = subprocess.run([tmp_path / "run"], capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def without_numbers(source: str) -> str:
+    """Return a source whose tables have no numbers, so that a checker reads it in seconds."""
+    return re.sub(r"(?<=\]) = \{\n[^;]*\};", ";", source)
+
+
+@pytest.mark.parametrize("name", ["tractor with amplitudes", "paper without amplitudes"])
+def test_misra(name: str, tmp_path: Path) -> None:
+    """A checker of MISRA C:2012 finds no deviation that the source does not list."""
+    mechanism, table_file, excitations = CASES[name]
+    table = load_table(config_file(table_file))
+    orders = orders_of(table, read_mechanism(config_file(mechanism)), excitations)
+    files = c_files(description_of(table, ""), constants_of(table, orders))
+    assert misra_rules({file: without_numbers(text) for file, text in files.items()}, tmp_path) <= {
+        "2.5",
+        "7.3",
+        "8.7",
+        "8.9",
+    }
 
 
 def test_command(tmp_path: Path, capsys: Any) -> None:

@@ -3,6 +3,7 @@
 """Compiles exported C, and calls it at many angles."""
 
 import ctypes
+import re
 import subprocess
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -75,6 +76,34 @@ def write(files: Mapping[str, str], folder: Path) -> None:
         (folder / name).write_text(text)
 
 
+_DEVIATE = """
+void deviate_many(const PREFIX_prediction *predictions, const PREFIX_resonance *resonances,
+                  const PREFIX_real *speeds, const PREFIX_real *limit, size_t count,
+                  PREFIX_deviations *found);
+void deviate_many(const PREFIX_prediction *predictions, const PREFIX_resonance *resonances,
+                  const PREFIX_real *speeds, const PREFIX_real *limit, size_t count,
+                  PREFIX_deviations *found)
+{
+    size_t i;
+    for (i = 0u; i < count; i++) {
+        PREFIX_deviate(&predictions[i], &speeds[PREFIX_SPEEDS * i], &resonances[i], *limit,
+                       &found[i]);
+    }
+}
+"""
+
+
+def misra_rules(files: Mapping[str, str], folder: Path) -> set[str]:
+    """Return the rules of MISRA C:2012 that cppcheck finds broken; it finds no error."""
+    write(files, folder)
+    [source] = [name for name in files if name.endswith(".c") and not name.endswith("_test.c")]
+    command = [require("cppcheck"), "--addon=misra", "--enable=style", "--std=c99", "--quiet"]
+    command += ["-U__FAST_MATH__", "-U__FINITE_MATH_ONLY__", "-DDBL_MANT_DIG=53", source]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
+    assert ": error:" not in done.stderr, done.stderr
+    return set(re.findall(r"misra-c2012-([0-9.]+)", done.stderr))
+
+
 class Library:
     """Exported C, compiled as a shared library."""
 
@@ -89,6 +118,7 @@ class Library:
         prefix, self.constants = description.name, constants
         write(c_files(description, constants), folder)
         loop = _LOOP + (_ASSESS if constants.orders else "")
+        loop += _DEVIATE if constants.orders and constants.orders.ensemble else ""
         (folder / "loop.c").write_text(
             loop.replace("PREFIX_SPEEDS", f"{prefix.upper()}_SPEEDS").replace("PREFIX", prefix)
         )
@@ -164,4 +194,23 @@ class Library:
         every = (predictions, resonances, np.ascontiguousarray(times, np.int64), given, found)
         pointers = [ctypes.c_void_p(x.ctypes.data) for x in every]
         self._library.judge_many(*pointers[:4], ctypes.c_size_t(len(found)), pointers[4])
+        return found
+
+    def deviate(
+        self,
+        predictions: NDArray[np.void],
+        resonances: NDArray[np.void],
+        speeds: Reals,
+        limit: float,
+    ) -> NDArray[np.void]:
+        """Return how uncertain the levels are, with the names of the message."""
+        assert self.constants.orders is not None
+        n, real = len(self.constants.orders.names), self.constants.starts.dtype
+        totals = "total_velocity_factor", "total_load_ratio_factor", "warning_probability"
+        several = [(name, real, (n,)) for name in ("velocity_factors", "load_ratio_factors")]
+        kind = np.dtype([*several, *((name, real) for name in totals)], align=True)
+        found, given = np.zeros(len(predictions), kind), np.array([limit], real)
+        every = predictions, resonances, np.ascontiguousarray(speeds, real), given, found
+        pointers = [ctypes.c_void_p(x.ctypes.data) for x in every]
+        self._library.deviate_many(*pointers[:4], ctypes.c_size_t(len(found)), pointers[4])
         return found
