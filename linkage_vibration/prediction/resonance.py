@@ -166,9 +166,18 @@ class ResonanceMonitor:
         n = len(self._filters)
         self._speeds = _Speeds(np.full((3, n), math.nan), np.zeros(n, np.int64), np.zeros(n, bool))
         self._timer = WarningTimer(len(self.excitations) + 1)  # the last is that of the total
-        self._quiet: dict[int, tuple[int, float, float]] = {}  # by source: time, ns, and the answer
-        self._factors_time, self._factors = _NO_PERIOD, np.empty((1, 0))
+        self._forget_held()
         self.any_speed_reported = False  # without a speed there is nothing to assess
+
+    def use(self, limits: WarningLimits | None = None, levels: LevelTable | None = None) -> None:
+        """Use other limits or other levels from now on, also for what is held between readings."""
+        self.limits, self.levels = limits or self.limits, levels or self.levels
+        self._forget_held()
+
+    def _forget_held(self) -> None:
+        # By source: the time, ns; speed and angle then; and the quiet ones.
+        self._quiet: dict[int, tuple[int, FloatArray, FloatArray]] = {}
+        self._factors_time, self._factors = _NO_PERIOD, np.empty((1, 0))
 
     def set_speed(self, source: Source, value: float, time: int) -> None:
         """Use a reported speed; its rate is estimated as `RateFilter` describes.
@@ -433,10 +442,15 @@ class ResonanceMonitor:
         quiet = np.full((2, len(time)), math.nan)
         for row in np.flatnonzero(state == WARNING).tolist():
             source, now = int(self._sources[worst[row]]), int(time[row])
-            then = self._quiet.get(source)
-            if then is None or not 0 <= now - then[0] < 1e9 * _QUIET_FOR:
-                then = self._quiet[source] = now, *self._sought(angles[row], speeds[:, row], source)
-            quiet[:, row] = then[1:]
+            then, present = self._quiet.get(source), np.array([speeds[source, row], angles[row]])
+            if (
+                then is None
+                or not 0 <= now - then[0] < 1e9 * _QUIET_FOR
+                or _passed(*then[1:], present)
+            ):
+                sought = np.array(self._sought(angles[row], speeds[:, row], source))
+                then = self._quiet[source] = now, present, sought
+            quiet[:, row] = then[2]
         return quiet
 
     def _sought(self, angle: float, speeds: FloatArray, source: int) -> tuple[float, float]:
@@ -491,3 +505,8 @@ class ResonanceMonitor:
         limit = math.floor(min(1e9 * self.stale_after, _LATEST))
         fresh = fixed | (np.abs(time - times) <= limit)
         return np.where(fresh, numbers, math.nan)
+
+
+def _passed(before: FloatArray, sought: FloatArray, present: FloatArray) -> bool:
+    """Return whether a speed or an angle that was sought has been passed since."""
+    return bool(((sought - before) * (sought - present) < 0.0).any())

@@ -174,7 +174,7 @@ class Predicting:
         assert crank is not None
         self._crank = crank
         self._motion = crank_filter()  # another calibration is not a motion
-        monitor.limits = settings.warning_limits()
+        monitor.use(settings.warning_limits())
         monitor.stale_after, monitor.periods.rate = settings.stale_after, settings.resonance_rate
         self._periods.rate = settings.prediction_rate
         for source, fixed in self._fixed.items():
@@ -191,7 +191,8 @@ class Predicting:
         predictor, levels : Predictor, LevelTable
             What looks it up.
         """
-        self.predictor, self._monitor.levels = predictor, levels
+        self.predictor = predictor
+        self._monitor.use(levels=levels)
 
     def subscribe(self) -> None:
         """Answer messages as soon as the listener starts."""

@@ -142,6 +142,46 @@ def test_a_warning_names_what_ends_it() -> None:
     assert (calm.quiet_speed_direction, calm.quiet_angle_direction) == (0, 0)
 
 
+def later(monitor: ResonanceMonitor, alpha3: float, speed: float) -> Any:
+    """Return the resonance 0.1 s after those of `assessed` over 2 s."""
+    assert monitor.levels is not None
+    monitor.set_fixed(Source.PTO, speed)
+    predictor = monitor.levels._predictor
+    return monitor.assess(predictor.predict(alpha3), 0.0, 21 * SECOND // 10)
+
+
+def test_what_ends_a_warning_follows_the_limits_and_the_levels() -> None:
+    """A new limit, or a stronger excitation, gives another quiet speed at once, as if it were new.
+
+    Without a change, the speed is held.
+    """
+    for force, limits in ((6000.0, WarningLimits(warning=0.2)), (12000.0, WarningLimits())):
+        monitor, other = shaken(6000.0), shaken(force, limits)
+        held = assessed(monitor, 2.0, 540.0, 2.0).quiet_speed
+        assert later(monitor, 2.0, 540.0 + 1e-3).quiet_speed == held
+        monitor.use(limits, other.levels)
+        expected = assessed(other, 2.0, 540.0, 2.0)
+        found = later(monitor, 2.0, 540.0)
+        assert (found.quiet_speed, found.load_ratio_factor) == (
+            expected.quiet_speed,
+            expected.load_ratio_factor,
+        )
+        assert expected.quiet_speed != held
+
+
+def test_what_ends_a_warning_is_sought_again_once_it_is_passed() -> None:
+    """A speed that has not reached the quiet one keeps it; one beyond it gets the next one."""
+    monitor = shaken(2000.0, WarningLimits(warning=0.13))
+    modes = Predictor(load_table(config_file(DEFAULT_TABLE))).predict(2.0).natural_frequencies
+    speed = 60.0 * 0.99 * float(modes[3])
+    quiet = float(assessed(monitor, 2.0, speed, 2.0).quiet_speed)
+    assert quiet < speed
+    assert later(monitor, 2.0, quiet + 0.1).quiet_speed == quiet
+    beyond = later(monitor, 2.0, quiet - 0.1)
+    assert beyond.state == WARNING  # it lasts for the dwell time
+    assert beyond.quiet_speed == quiet - 0.1  # which is quiet itself
+
+
 @pytest.mark.parametrize(("factor", "direction"), [(0.99, -1), (1.04, 1)])
 def test_directions_lead_away_from_a_resonance(factor: float, direction: int) -> None:
     """Below a mode's frequency a smaller speed ends the warning, and above it a larger one."""
