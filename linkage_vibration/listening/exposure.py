@@ -14,15 +14,17 @@ from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArra
 
 ACTION, LIMIT = 0.5, 1.15
 """Values of A(8) in 2002/44/EC, m/s^2, above which an employer must act, and which is forbidden."""
-KINDS = "standing", "transport", "work"
+WEIGHTED = 80.0
+"""Hz, up to which the standards weight vibration."""
+KINDS = "standing", "transport", "work", "not known"
 _DAY = 8.0 * 3600.0  # s
-_FACTORS = 1.4, 1.4, 1.0  # of x, y and z, for the health of a sitting person
+_FACTORS = np.array([1.4, 1.4, 1.0])  # of x, y and z, for the health of a sitting person
 _BAND = 0.4, 100.0  # Hz, whose two filters are Butterworth's of order 2
 _STEP = {False: (2.0, 2.0, 0.63), True: (12.5, 12.5, 0.63)}  # f3, f4 (Hz) and Q4 of Wd and Wk
 _RISE = 2.37, 0.91, 3.35, 0.91  # f5 (Hz), Q5, f6 (Hz) and Q6 of Wk
 _SECOND = 1.0  # s, of a running rms
 _STANDS = 0.3  # m/s
-_RAISED = 0.75  # of the range of heights in a drive; above it, the hitch is raised
+_RAISED = 0.75  # of the stroke; above it, the hitch is raised
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +36,7 @@ class Exposure:
     weighted : tuple of float, (3,)
         Frequency-weighted accelerations along x, y and z with their factors, rms, m/s^2.
     seconds : float
-        How long was measured.
+        How long was measured, without gaps.
     shares : dict of str to (float, float, float)
         For each kind of work: its share of the time, and the shares of it in which the running rms
         of the worst axis exceeds the action and the limit value.
@@ -75,34 +77,40 @@ def weighting(frequencies: NDArray[Any], *, vertical: bool) -> ComplexArray:
 
 def exposure(signal: Signal, kinds: IntArray) -> Exposure:
     """Return the exposure of a sensor on a seat; ``kinds`` has one of `KINDS` for each sample."""
-    steps = np.arange(signal.times[0], signal.times[-1], 1.0 / signal.rate)
-    values = np.stack([np.interp(steps, signal.times, each) for each in signal.values.T])
-    values -= values.mean(axis=1, keepdims=True)
-    n = len(steps)
-    frequencies = np.fft.rfftfreq(2 * n, 1.0 / signal.rate)
-    for axis, factor in enumerate(_FACTORS):  # exact filters, which a low rate does not bend
-        spectrum = np.fft.rfft(values[axis], 2 * n) * weighting(frequencies, vertical=axis == 2)
-        values[axis] = factor * np.fft.irfft(spectrum, 2 * n)[:n]
     long = max(round(_SECOND * signal.rate), 1)
-    running = values[:, : n // long * long].reshape(3, -1, long)
-    worst = np.sqrt((running**2).mean(axis=2)).max(axis=0)
-    at = np.interp(steps[: n // long * long : long], signal.times, np.arange(len(kinds)))
-    kind = kinds[at.astype(np.int64)]
-    x, y, z = np.sqrt((values**2).mean(axis=1)).tolist()
+    squares, count, worst, kind = np.zeros(3), 0, [np.empty(0)], [kinds[:0]]
+    for times in signal.stretches():
+        values = _weighted(signal.at(times), signal.rate)
+        squares += (values**2).sum(axis=0)
+        count += len(times)
+        seconds = values[: len(times) // long * long].reshape(-1, long, 3)
+        worst.append(np.sqrt((seconds**2).mean(axis=1)).max(axis=1))
+        middles = times[long // 2 :: long][: len(seconds)]
+        kind.append(kinds[np.searchsorted(signal.times, middles, side="right") - 1])
+    running, found = np.concatenate(worst), np.concatenate(kind)
     shares = {}
     for i, name in enumerate(KINDS):
-        if (chosen := kind == i).any():
-            above = [float((worst[chosen] > value).mean()) for value in (ACTION, LIMIT)]
+        if (chosen := found == i).any():
+            above = [float((running[chosen] > value).mean()) for value in (ACTION, LIMIT)]
             shares[name] = (float(chosen.mean()), above[0], above[1])
-    return Exposure((x, y, z), n / signal.rate, shares)
+    x, y, z = np.sqrt(squares / count).tolist()
+    return Exposure((x, y, z), count / signal.rate, shares)
+
+
+def _weighted(values: FloatArray, rate: float) -> FloatArray:
+    """Return even samples, (n, 3), weighted by filters that a low rate does not bend."""
+    n = len(values)
+    frequencies = np.fft.rfftfreq(2 * n, 1.0 / rate)
+    gains = np.stack([weighting(frequencies, vertical=vertical) for vertical in (False, True)])
+    spectrum = np.fft.rfft(values - values.mean(axis=0), 2 * n, axis=0) * gains[[0, 0, 1]].T
+    return np.asarray(_FACTORS * np.fft.irfft(spectrum, 2 * n, axis=0)[:n])
 
 
 def kinds_of_work(speed: FloatArray, height: FloatArray) -> IntArray:
     """Return the index in `KINDS` of each sample from ground speeds, m/s, and heights of the hitch.
 
-    It stands below 0.3 m/s. Otherwise it is transport if the hitch is in the highest quarter of the
-    heights of the drive, else work; so it is where the speed is not known.
+    A height is a share of the stroke, 0 to 1. The tractor stands below 0.3 m/s. Otherwise it is
+    transport if the hitch is in the highest quarter of its stroke, else work.
     """
-    low, high = float(np.nanmin(height)), float(np.nanmax(height))
-    raised = (height > low + _RAISED * (high - low)) & np.isfinite(speed)
-    return np.asarray(np.where(np.abs(speed) < _STANDS, 0, np.where(raised, 1, 2)))
+    moves = np.where(np.isnan(speed + height), 3, np.where(height > _RAISED, 1, 2))
+    return np.asarray(np.where(np.abs(speed) < _STANDS, 0, moves))

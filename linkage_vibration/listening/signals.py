@@ -5,6 +5,7 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -49,22 +50,34 @@ class Signal:
     rate: float
     doubts: tuple[str, ...]
 
+    def stretches(self) -> list[FloatArray]:
+        """Return the even times, s, (n,), of each stretch without gaps."""
+        edges = [0, *(gap_starts(self.times) + 1).tolist(), len(self.times)]
+        ends = [(self.times[a], self.times[b - 1]) for a, b in pairwise(edges)]
+        return [a + np.arange(int((b - a) * self.rate + 1.5)) / self.rate for a, b in ends]
+
+    def at(self, times: FloatArray) -> FloatArray:
+        """Return values at times, (..., k)."""
+        return np.stack([np.interp(times, self.times, each) for each in self.values.T], axis=-1)
+
     def windows(self, seconds: float) -> tuple[FloatArray, FloatArray]:
         """Return times of samples, (m, n), and samples without their means, (m, n, k).
 
         The windows follow each other, and their samples are even; none contains a gap.
         """
         n = max(round(seconds * self.rate), 2)
-        ends = [*gap_starts(self.times).tolist(), len(self.times) - 1]
-        starts = [0, *(end + 1 for end in ends[:-1])]
-        at = [
-            self.times[first] + np.arange(n * k, n * (k + 1)) / self.rate
-            for first, last in zip(starts, ends, strict=True)
-            for k in range(int((self.times[last] - self.times[first]) * self.rate + 1.0) // n)
-        ]
-        times = np.array(at).reshape(-1, n)
-        values = np.stack([np.interp(times, self.times, each) for each in self.values.T], axis=-1)
+        whole = [times[: len(times) // n * n] for times in self.stretches()]
+        times = np.concatenate(whole).reshape(-1, n)
+        values = self.at(times)
         return times, values - values.mean(axis=1, keepdims=True)
+
+
+def known_at(times: FloatArray, since: FloatArray, values: FloatArray) -> FloatArray:
+    """Return values, (n,), of a log at other times; NaN before, after and in gaps of their own."""
+    found = np.interp(times, since, values, left=math.nan, right=math.nan)
+    for i in gap_starts(since).tolist():
+        found[(times > since[i]) & (times < since[i + 1])] = math.nan
+    return found
 
 
 def measured_signal(

@@ -13,9 +13,9 @@ import numpy as np
 from linkage_vibration.drawing import palette
 from linkage_vibration.drawing.plots import frequency_axis, name_modes, plain, png_bytes, tidy
 from linkage_vibration.listening.amplitudes import MeasuredOrder, measure_orders, unit_responses
-from linkage_vibration.listening.exposure import ACTION, LIMIT, Exposure, kinds_of_work
+from linkage_vibration.listening.exposure import ACTION, LIMIT, WEIGHTED, Exposure, kinds_of_work
 from linkage_vibration.listening.orders import SECONDS, Orders, track_orders
-from linkage_vibration.listening.signals import Signal
+from linkage_vibration.listening.signals import Signal, known_at
 from linkage_vibration.listening.spectra import levels, spectrogram
 from linkage_vibration.listening.transfer import Transfer
 from linkage_vibration.mechanics.arrays import FloatArray, IntArray
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _SURE = 2.0  # standard deviations within which measured and predicted agree
-_HEIGHTS = 31  # angles of the drive at which the height is computed
+_HEIGHTS = 31  # angles of the stroke at which the height is computed
 _LABELLED = 5  # orders with a name in the picture
 _CANNOT = (
     "A signal at one place shows neither the forces in the pins nor a mode that does not move it; "
@@ -73,18 +73,17 @@ def hear(log: Log, signal: Signal) -> Heard:
 def kinds(log: Log, signal: Signal) -> IntArray:
     """Return the kind of work at each sample, from the speed over ground and the hitch's height."""
     at, values = all_speeds(log).get(Source.GROUND, (log.times, np.full(len(log.times), np.nan)))
-    speed = np.interp(signal.times, at, values)
+    speed = known_at(signal.times, at, values)
+    angle = known_at(signal.times, log.times, log.table_angle)
     bodies = log.mechanism.rigid_bodies if log.mechanism else ()
     point = log.mechanism.response.point if log.mechanism else ""
     owner = next((body for body in bodies if point in dict(body.points)), None)
-    if log.mechanism is None or owner is None:
-        return kinds_of_work(np.full(len(speed), np.nan), np.zeros(len(speed)))
+    if log.mechanism is None or log.table is None or owner is None:
+        return kinds_of_work(speed, np.full(len(speed), np.nan))
     kinematics, local = Kinematics(log.mechanism), dict(owner.points)[point]
-    low, high = float(np.nanmin(log.table_angle)), float(np.nanmax(log.table_angle))
-    angles = np.linspace(low, high, _HEIGHTS)
-    heights = [float(kinematics.at(a).place(owner.name, local)[1]) for a in angles.tolist()]
-    angle = np.interp(signal.times, log.times, log.table_angle)
-    return kinds_of_work(speed, np.interp(angle, angles, heights))
+    angles = np.linspace(*log.table.alpha3_range, _HEIGHTS)
+    z = np.array([kinematics.at(a).place(owner.name, local)[1] for a in angles.tolist()])
+    return kinds_of_work(speed, np.interp(angle, angles, (z - z.min()) / np.ptp(z)))
 
 
 def answer(heard: Sequence[Heard]) -> str:
@@ -222,12 +221,15 @@ def _exposure_table(signal: Signal, felt: Exposure) -> str:
     """Return the exposure of a person, from the signal alone."""
     head = ["kind of work", "share of time", f"above {ACTION:g} m/s²", f"above {LIMIT:g} m/s²"]
     rows = [[name, *(f"{100.0 * s:.0f} %" for s in shares)] for name, shares in felt.shares.items()]
-    x, y, z = felt.weighted
+    (x, y, z), rate = felt.weighted, signal.rate
     text = f"Weighted accelerations are {x:.2g} (x), {y:.2g} (y) and {z:.2g} m/s² (z). "
     text += f"A(8) of a day with these {felt.seconds / 60.0:.1f} min alone is {felt.a8:.3f} m/s²; "
     hours = felt.hours_until(ACTION)
     reached = f"{hours:.1f} h of the same reach" if hours < 24.0 else "no day of the same reaches"
     text += f"{reached} the action value."
+    if rate < 2.0 * WEIGHTED:
+        text += f" At {rate:.3g} Hz, nothing above {rate / 2.0:.3g} Hz was measured, and the "
+        text += f"weighting reaches {WEIGHTED:g} Hz: these accelerations are lower bounds."
     name = f"Exposure at {signal.sensor.name} (ISO 2631-1, 2002/44/EC), measured alone"
     return _table(name, head, rows, text)
 

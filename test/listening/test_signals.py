@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from linkage_vibration.listening.signals import SignalError, measured_signal
+from linkage_vibration.listening.signals import SignalError, known_at, measured_signal
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.readers.sensors import Sensor
 
@@ -95,6 +95,13 @@ def test_gaps(gap: float, named: bool) -> None:
     at, values = signal.windows(1.0)
     assert values.shape == (20, 200, 3)
     assert not np.any((at[:, 0] < times[999]) & (at[:, -1] > times[1000] + 1e-9) & named)
+
+
+def test_what_a_log_knows_between_its_messages() -> None:
+    """Values between messages are interpolated, but not before, after, and in a gap of 2 s."""
+    since = np.append(np.arange(0.0, 1.0, 0.05), np.arange(3.0, 4.0, 0.05))
+    found = known_at(np.array([-0.1, 0.5, 0.525, 2.0, 3.0, 3.5, 4.1]), since, 2.0 * since)
+    np.testing.assert_allclose(found, [np.nan, 1.0, 1.05, np.nan, 6.0, 7.0, np.nan])
 
 
 @pytest.mark.parametrize(("share", "named"), [(0.05, False), (0.2, True)])
