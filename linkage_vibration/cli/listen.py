@@ -22,13 +22,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Write the page and the amplitudes, and print the answer; return the exit code."""
+    import numpy as np
     import yaml
+    from tqdm import tqdm
 
     from linkage_vibration.listening.amplitudes import amplitude_numbers
     from linkage_vibration.listening.exposure import exposure
     from linkage_vibration.listening.signals import measured_signal
     from linkage_vibration.readers.sensors import read_measured, read_sensors
-    from linkage_vibration.review.listening_page import answer, hear, kinds, listening_page
+    from linkage_vibration.review.listening_page import NOTHING, answer, hear, kinds, listening_page
     from linkage_vibration.review.log import ReviewError, read_log
     from linkage_vibration.studies.yaml_editing import edit_text
     from linkage_vibration.support.atomic_files import check_outputs, check_suffix, write_files
@@ -38,11 +40,16 @@ def run(options: argparse.Namespace) -> int:
     check_suffix(output, ".html")
     if options.amplitudes:
         check_suffix(options.amplitudes, ".yaml")
-    check_outputs(outputs, [options.log, options.sensors])
-    sensors, log = read_sensors(options.sensors), read_log(options.log)
-    highest = float(log.natural_frequencies[-1].max(initial=0.0))
+    sensors = read_sensors(options.sensors)
+    files = [sensor.file for sensor in sensors if sensor.file]
+    check_outputs(outputs, [options.log, options.sensors, *files])
+    if options.amplitudes and all(sensor.at == "seat" for sensor in sensors):
+        text = "all sensors are on a seat, where no amplitude can be measured"
+        raise ReviewError(f"{options.sensors}: {text}; add one on the linkage.")
+    log = read_log(options.log)
+    highest = float(np.fmax.reduce(log.natural_frequencies.ravel(), initial=0.0))
     heard, felt = [], []
-    for sensor in sensors:
+    for sensor in tqdm(sensors, disable=None, unit=" sensors", delay=2.0):
         times, readings = read_measured(sensor, options.log, int(log.stamps[0]))
         signal = measured_signal(sensor, times, readings, highest)
         if sensor.at == "seat":
@@ -57,6 +64,6 @@ def run(options: argparse.Namespace) -> int:
             edit_text(log.excitations_text, numbers, ReviewError).encode()
         ]
     write_files(content, ReviewError)
-    print(answer(heard))
+    print(answer(heard) or NOTHING)
     print(f"Written: {', '.join(map(str, outputs))}")
     return 0

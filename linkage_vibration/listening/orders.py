@@ -72,7 +72,8 @@ def track_orders(
             continue
         phasors = np.exp(2j * math.pi * turns[k, at])
         columns = np.concatenate([phasors.real, phasors.imag, np.ones((1, n))]).T
-        fit = np.linalg.lstsq(columns * window[:, np.newaxis], values[k] * window[:, np.newaxis])[0]
+        weighted = columns * window[:, np.newaxis], values[k] * window[:, np.newaxis]
+        fit = np.linalg.lstsq(*weighted, rcond=None)[0]
         rest = (values[k] - columns @ fit) * window[:, np.newaxis] ** 2
         parts = fit[: 2 * len(at)].reshape(2, len(at), -1)
         apart = np.abs(hertz[k, at] - hertz[k, at][:, np.newaxis])

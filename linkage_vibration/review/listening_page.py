@@ -22,7 +22,7 @@ from linkage_vibration.mechanics.arrays import FloatArray, IntArray
 from linkage_vibration.mechanics.kinematics import Kinematics
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.review.findings import all_speeds
-from linkage_vibration.review.html import picture_html
+from linkage_vibration.review.html import picture_html, plain_html
 from linkage_vibration.review.log import Log, ReviewError
 
 if TYPE_CHECKING:
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 _SURE = 2.0  # standard deviations within which measured and predicted agree
 _HEIGHTS = 31  # angles of the stroke at which the height is computed
 _LABELLED = 5  # orders with a name in the picture
+NOTHING = "No sensor is on the linkage, so nothing is compared with the prediction."
 _CANNOT = (
     "A signal at one place shows neither the forces in the pins nor a mode that does not move it; "
     "the ground's part is not predicted at a sensor. One drive does not validate the model."
@@ -45,7 +46,8 @@ class Heard:
     orders: Orders
     rows: list[MeasuredOrder]
     measured: FloatArray  # (m,), rms, m/s or N
-    predicted: FloatArray  # (m,), of all orders that are known there
+    predicted: FloatArray  # (m,), of all orders but those below; NaN where a speed is not known
+    unknown: tuple[str, ...]  # sources of orders whose speeds the log lacks
 
 
 def hear(log: Log, signal: Signal) -> Heard:
@@ -53,21 +55,26 @@ def hear(log: Log, signal: Signal) -> Heard:
     if log.table is None or log.mechanism is None or not log.excitations:
         raise ReviewError(f"{log.path} holds no table with excitations; replay the drive again.")
     transfer = Transfer(log.table, log.mechanism, log.excitations, signal.sensor)
-    orders = track_orders(signal, log.excitations, all_speeds(log))
-    angles = np.interp(orders.times, log.times, log.table_angle)
+    speeds = all_speeds(log)
+    orders = track_orders(signal, log.excitations, speeds)
+    angles = known_at(orders.times, log.times, log.table_angle)
     units = unit_responses(transfer, orders, angles)
     rows = measure_orders(log.excitations, orders, units, transfer.loaded)
-    squares = np.zeros(len(orders.times))
+    squares, unknown = np.zeros(len(orders.times)), dict[str, None]()
     for column, i in enumerate(transfer.loaded):
-        load = log.excitations[i].load
-        assert load is not None
-        size = load.amplitude * (orders.speeds[:, i] / load.speed) ** load.exponent
-        amplitude = units[:, 0, column] * size
-        if signal.sensor.accelerates:
-            with np.errstate(invalid="ignore", divide="ignore"):  # of a shaft at rest
+        one = log.excitations[i]
+        if one.load is None or one.source not in speeds:
+            unknown[one.source.value] = None
+            continue
+        speed = orders.speeds[:, i]
+        amplitude = units[:, 0, column] * one.load.amplitude
+        with np.errstate(invalid="ignore", divide="ignore"):  # of a shaft at rest
+            amplitude = amplitude * (speed / one.load.speed) ** one.load.exponent
+            if signal.sensor.accelerates:
                 amplitude = amplitude / (2.0 * math.pi * orders.frequencies[:, i])
-        squares += np.nan_to_num(amplitude**2) / 2.0
-    return Heard(signal, orders, rows, levels(signal, SECONDS), np.sqrt(squares))
+        squares += np.where(speed == 0.0, 0.0, amplitude**2 / 2.0)
+    measured = levels(signal, SECONDS)
+    return Heard(signal, orders, rows, measured, np.sqrt(squares), tuple(unknown))
 
 
 def kinds(log: Log, signal: Signal) -> IntArray:
@@ -102,8 +109,11 @@ def answer(heard: Sequence[Heard]) -> str:
                 for row in off
             ]
             text += f" These differ: {', '.join(factors)}."
-        rest = len({*one.rows} - {*known, *off})
-        parts.append(f"{text} Of {rest} others nothing is known, as they are below the noise.")
+        rest = [row for row in one.rows if row not in known and row not in off]
+        alone = sum(row.heard for row in rest)
+        if alone:
+            text += f" Of {alone} others that stand out of it, no prediction is known."
+        parts.append(f"{text} {len(rest) - alone} others are below the noise.")
     return " ".join(parts)
 
 
@@ -111,14 +121,22 @@ def listening_page(
     log: Log, heard: Sequence[Heard], felt: Sequence[tuple[Signal, Exposure]]
 ) -> str:
     """Return the text of the page."""
-    from matplotlib.figure import Figure
-
     signals = [*(one.signal for one in heard), *(signal for signal, _ in felt)]
     doubts = [(s.sensor.name, text) for s in signals for text in s.doubts or ("none",)]
     parts = [_orders_table(one) for one in heard]
     parts += [_exposure_table(signal, exposure) for signal, exposure in felt]
     parts.append(_table("What is doubtful about the sensors", ["sensor", "doubt"], doubts))
-    figure = Figure(figsize=(11.0, 6.8 * max(len(heard), 1)), dpi=110, layout="constrained")
+    title, more = "Measured beside predicted", "".join(parts)
+    if not heard:
+        return plain_html(title, [NOTHING], more)
+    return picture_html(title, [answer(heard), _CANNOT], _picture(log, heard), more)
+
+
+def _picture(log: Log, heard: Sequence[Heard]) -> bytes:
+    """Return spectrograms and levels as a PNG picture."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11.0, 6.8 * len(heard)), dpi=110, layout="constrained")
     axes = figure.subplots(
         2 * len(heard), squeeze=False, sharex=True, height_ratios=[2.4, 1.0] * len(heard)
     )[:, 0]
@@ -126,9 +144,7 @@ def listening_page(
         _draw_spectrogram(axes[2 * i], log, one)
         _draw_levels(axes[2 * i + 1], one)
     axes[-1].set_xlabel("time since the first prediction [s]", fontsize=13)
-    first = answer(heard)
-    sentences = [first, _CANNOT]
-    return picture_html("Measured beside predicted", sentences, png_bytes(figure), "".join(parts))
+    return png_bytes(figure)
 
 
 def _draw_spectrogram(ax: "Axes", log: Log, one: Heard) -> None:
@@ -174,7 +190,10 @@ def _draw_levels(ax: "Axes", one: Heard) -> None:
     times = one.orders.times
     band = predicted / factor, predicted * factor
     ax.fill_between(times, *band, color=palette.COLOURS[1], alpha=0.25, step="mid")
-    label = "predicted, orders alone, with the largest standard deviation of one"
+    lacking = (
+        f" (without {', '.join(one.unknown)}, whose speed the log lacks)" if one.unknown else ""
+    )
+    label = f"predicted, orders alone{lacking}, with the largest standard deviation of one"
     ax.step(times, predicted, where="mid", color=palette.COLOURS[1], label=label)
     label = "measured, everything from 1 Hz"
     ax.step(times, measured, where="mid", color=palette.INK, label=label)

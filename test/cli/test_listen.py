@@ -52,3 +52,15 @@ def test_listen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     sensors.write_text(f"imu: {{{text}}}")
     assert main(command) == 1
     assert "The table has no response at P9" in capsys.readouterr().err
+    sensors.write_text(
+        "driver: {file: simulated_drive.mcap, topic: /seat/imu, unit: m/s2, at: seat}"
+    )
+    assert main(command) == 0
+    assert "nothing is compared" in capsys.readouterr().out
+    assert main([*command, "--amplitudes", str(written)]) == 1
+    assert "all sensors are on a seat" in capsys.readouterr().err
+    recording = tmp_path / "imu.html"
+    recording.write_text("time\n")
+    sensors.write_text(f"imu: {{file: {recording.name}, topic: /imu, unit: g, at: E1}}")
+    assert main([*command[:4], "-o", str(recording)]) == 1
+    assert recording.read_text() == "time\n"

@@ -9,7 +9,7 @@ import pytest
 
 from linkage_vibration.listening.signals import Signal
 from linkage_vibration.prediction.excitation import Source
-from linkage_vibration.review.listening_page import kinds
+from linkage_vibration.review.listening_page import hear, kinds
 from linkage_vibration.review.log import Log, read_log
 from test.listening.test_signals import sensor
 from test.review.conftest import WriteLog
@@ -48,3 +48,21 @@ def test_kinds_of_work_follow_the_stroke(log: Log, end: int, kind: int) -> None:
     assert set(found[inside].tolist()) == {kind}
     assert set(found[~inside].tolist()) == {3}
     assert set(kinds(replace(log, crank_angle=angle), signal).tolist()) == {3}
+
+
+def test_a_level_is_not_known_where_a_speed_or_the_angle_is_not(log: Log) -> None:
+    """It is known inside the log; not where the engine's speed is NaN, and not outside of the log.
+
+    A PTO that the log lacks is named, and one at rest adds nothing.
+    """
+    times = log.times
+    known = np.where(times < 20.1, 1500.0, np.nan)
+    engine = {Source.ENGINE: (times, known)}
+    both = engine | {Source.PTO: (times, np.zeros(len(times)))}
+    signal = shaken(log, 0.0, 8.0)
+    found = [hear(replace(log, speeds=each), signal) for each in (engine, both)]
+    assert [Source.PTO.value in each.unknown for each in found] == [True, False]
+    for each in found:
+        middle = each.orders.times
+        np.testing.assert_array_equal(np.isfinite(each.predicted), middle < 20.0)
+    np.testing.assert_array_equal(found[0].predicted, found[1].predicted)
