@@ -21,7 +21,8 @@ from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import load_table
 
-DRIVES, OTHER_DRIVES = 120, 16
+DRIVES, OTHER_DRIVES = 200, 16
+FIRST = 2000  # seed; limits were chosen on drives with smaller ones
 INTERVAL = 1.96  # standard deviations
 FAR = 0.05  # relative distance to every true mode, of a mode that is false
 BLOCK_ROWS, ORDER, BLOCKS = 30, 16, 20  # of pyOMA2
@@ -72,7 +73,7 @@ def estimates_of(seed: int) -> list[Estimate]:
         factors = (drive.frequencies[rows] / predicted[rows]).mean(axis=0)
         true = factors * predicted[rows].mean(axis=0)
         heights[float(drive.crank_angle[rows].mean())] = true
-        if seed < OTHER_DRIVES:
+        if seed < FIRST + OTHER_DRIVES:
             for mode, frequency, stddev in of_pyoma(drive, segments, predicted, true):
                 found.append(estimate(OTHER, what.soil, mode, true, frequency, stddev))
     for each in listen_modes(prediction, mechanism, *arguments):
@@ -152,7 +153,7 @@ COLUMNS = ("mode", "reported", "bias", "median error", "median deviation", "in i
 
 def main() -> None:
     """Simulate, listen, and write the page."""
-    estimates = [each for seed in range(DRIVES) for each in estimates_of(seed)]
+    estimates = [each for seed in range(FIRST, FIRST + DRIVES) for each in estimates_of(seed)]
     ours = [each for each in estimates if each.program == OURS]
     sure = [each for each in ours if not each.doubt]
     false = sum(each.false for each in sure)
@@ -175,8 +176,8 @@ def main() -> None:
         "that is 30 % softer, a spring and a damper under the implement, or a crank that creeps. "
         "Both axles roll over one profile (class B) at 5 to 13 km/h; engine, PTO, broadband "
         "forces and sensor noise are in the signals, and the implement's sensor is 10 cm and "
-        "5 deg off. The tilt in the field of gravity is not simulated. The goal is 90 to 99 % of "
-        "200 drives; the machine that made this page was too busy for all of them."
+        "5 deg off. The tilt in the field of gravity is not simulated. The goal is that 90 to "
+        "99 % of the intervals hold. Modes whose predicted damping ratio exceeds 4 % are doubted."
     )
     peer = (
         f"pyOMA2 (SSI-cov with uncertainties, {BLOCK_ROWS} block rows, order {ORDER}) had the "

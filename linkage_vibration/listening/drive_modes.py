@@ -30,7 +30,6 @@ from linkage_vibration.table.table import Table
 _AROUND = 0.7, 1.4  # of a predicted frequency: the band in which its mode is sought
 _MODEL = 0.12  # standard deviation of ln(frequency) of a model, where modes are paired
 _ALIKE = 0.5  # least MAC of a measured shape and that of the model
-_UNSURE = 0.02  # relative deviation of a frequency that is not reported
 _LOWEST, _HIGHEST = 0.5, 0.3  # Hz of a mode, and its share of the sampling rate
 _ROLLS = 0.3  # m/s above which the wheels count as rolling
 
@@ -193,13 +192,16 @@ def _at_height(
 def _best(
     found: Sequence[Candidate], mode: int, means: FloatArray, shapes: ComplexArray
 ) -> Candidate | None:
-    """Return the sure candidate that fits a mode best, and no other mode better; or None."""
+    """Return the candidate that fits a mode best, and no other mode better; or None.
+
+    Estimates are not chosen by their deviations: those that are too small would be preferred.
+    """
     scored = []
     for each in found:
         alike = mac(each.shape, shapes)
         scores = alike * np.exp(-0.5 * (np.log(each.frequency / means) / _MODEL) ** 2)
-        sure = each.frequency_stddev < _UNSURE * each.frequency
-        if sure and np.nanargmax(scores) == mode and alike[mode] > _ALIKE:
+        known = math.isfinite(each.frequency_stddev)
+        if known and np.nanargmax(scores) == mode and alike[mode] > _ALIKE:
             scored.append((float(scores[mode]), each))
     return max(scored, key=lambda pair: pair[0])[1] if scored else None
 
