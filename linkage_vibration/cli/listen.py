@@ -40,9 +40,9 @@ def run(options: argparse.Namespace) -> int:
     check_suffix(output, ".html")
     if options.amplitudes:
         check_suffix(options.amplitudes, ".yaml")
+    check_outputs(outputs, [options.log, options.sensors])
     sensors = read_sensors(options.sensors)
-    files = [sensor.file for sensor in sensors if sensor.file]
-    check_outputs(outputs, [options.log, options.sensors, *files])
+    check_outputs(outputs, [sensor.file for sensor in sensors if sensor.file])
     if options.amplitudes and all(sensor.at == "seat" for sensor in sensors):
         text = "all sensors are on a seat, where no amplitude can be measured"
         raise ReviewError(f"{options.sensors}: {text}; add one on the linkage.")
