@@ -89,8 +89,8 @@ def line_doubt(frequency: float, predicted: float, lines: FloatArray) -> str:
 def damping_doubt(ratio: float) -> str:
     """Return that the deviation of a mode with a predicted damping ratio is not known, or nothing.
 
-    In `benchmark/results/listening.md`, half to four fifths of the intervals of tractor modes on
-    tyres hold where 95 % should. Intervals of modes below the limit hold.
+    On simulated drives, too few of the intervals of tractor modes on tyres held. Those of modes
+    below the limit hold, see `benchmark/results/listening.md`.
     """
     if ratio <= MOST_DAMPED:  # NaN, of an overdamped mode, is not.
         return ""
