@@ -19,7 +19,7 @@ from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import Place
 from linkage_vibration.prediction.excitation import Excitation, Source
-from linkage_vibration.prediction.ground import Terrain, ground_spectrum
+from linkage_vibration.prediction.ground import Terrain, ground_spectrum, vertical_mounts
 from linkage_vibration.table.table import Table
 
 NEAR, MOST_NEAR = 0.05, 0.02
@@ -67,8 +67,10 @@ def wheelbase_lines(
     """Return frequencies, Hz, of maxima of the predicted spectrum that no mode makes.
 
     The spectrum is the mean of those of the acceleration at speeds in m/s, as a line that follows
-    a changing speed is none. The angle is in rad.
+    a changing speed is none. The angle is in rad. Fewer than two mounts make no line.
     """
+    if len(vertical_mounts(mechanism)) < 2:
+        return np.array([])
     spectra = [ground_spectrum(table, mechanism, terrain, place, alpha3, v) for v in speeds]
     f = spectra[0][0]
     mean = np.nan_to_num(np.mean([psd for _, psd in spectra], axis=0)) * f**2

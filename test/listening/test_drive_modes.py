@@ -12,10 +12,11 @@ from benchmark.listening.simulation import FILE, RATE, SENSORS, Scene, simulate
 from linkage_vibration.listening.drive_modes import (
     DriveError,
     DriveMode,
+    _best,
     listen_modes,
     model_shapes,
 )
-from linkage_vibration.listening.output_only import mac
+from linkage_vibration.listening.output_only import Candidate, mac
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
@@ -50,6 +51,28 @@ def test_heave_of_a_heavier_implement(arguments: tuple[Table, Mechanism]) -> Non
     shaft = excitations_from_mapping({"shaft": {"speed": "pto", "orders": [order]}})
     doubts = [each.doubt for each in listen_modes(*given, shaft) if each.mode == HEAVE]
     assert any(doubt.startswith(f"shaft {order:g} was within") for doubt in doubts)
+
+
+def test_without_a_base(arguments: tuple[Table, Mechanism]) -> None:
+    """Where no wheels are modelled, a raised terrain does not end the search: heave is found."""
+    table, mechanism = arguments
+    drive = simulate(1, Scene(road=256e-6))
+    speeds = {Source(name): values for name, values in drive.speeds.items()}
+    given = drive.times, drive.signals, SENSORS, drive.crank_angle, speeds
+    field = {"field": {"speed": "ground", "terrain": {"class": "B"}, "raised": True}}
+    modes = listen_modes(
+        table, replace(mechanism, base=None), *given, excitations_from_mapping(field)
+    )
+    assert HEAVE in [each.mode for each in modes if not each.doubt]
+
+
+@pytest.mark.parametrize("stddev", [0.019, 0.021, 0.5])
+def test_deviation_does_not_select(stddev: float) -> None:
+    """A random deviation does not decide whether a candidate is the mode; its shape does."""
+    shapes = np.eye(2, dtype=complex)
+    found = [Candidate(5.0, 0.02, shapes[0], 5.0 * stddev, 0.001)]
+    assert _best(found, 0, np.array([5.1, 9.0]), shapes) is found[0]
+    assert _best(found, 1, np.array([5.1, 9.0]), shapes) is None
 
 
 def test_an_hour_without_excitation(arguments: tuple[Table, Mechanism]) -> None:

@@ -3,6 +3,7 @@
 """Both sides of each reason not to believe a mode."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -73,7 +74,8 @@ def test_damping(ratio: float, doubted: bool) -> None:
 def test_lines_of_the_wheelbase() -> None:
     """At 20 km/h and 165 deg, maxima are at 5.69, 9.6 and 12.1 Hz; a changing speed blurs them.
 
-    The numbers come from a prototype that computed the spectrum on its own.
+    One mount, or no base, makes none. The numbers come from a prototype that computed the
+    spectrum on its own.
     """
     name = "three_point_linkage_on_tractor"
     table = load_table(config_file(f"tables/{name}.npz"))
@@ -84,6 +86,11 @@ def test_lines_of_the_wheelbase() -> None:
         assert np.abs(lines / hertz - 1.0).min() < 0.03
     modes = table.evaluate(np.radians([165.0]))[0, : table.n_modes]
     assert np.abs(np.log(np.divide.outer(lines, modes))).min() > 0.05
+    assert mechanism.base is not None
+    single = replace(mechanism.base, mounts=mechanism.base.mounts[:1])
+    for base in (single, None):
+        fewer = replace(mechanism, base=base)
+        assert len(wheelbase_lines(table, fewer, *arguments[2:], [20.0 / 3.6])) == 0
 
 
 @pytest.mark.parametrize(
