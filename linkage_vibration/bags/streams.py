@@ -33,6 +33,7 @@ from linkage_vibration.bags.can_logs import CanLog
 from linkage_vibration.bags.mcap_file import decompressed, message_heads
 from linkage_vibration.bags.mcap_records import MESSAGE, MESSAGE_INDEX, MESSAGE_RECORD, RECORD
 from linkage_vibration.bags.reading import BagError, bag_errors, bag_reader, mcap_files
+from linkage_vibration.bags.recorder import PROVENANCE_METADATA
 from linkage_vibration.bags.schemas import Schema, schema_of_store
 
 if TYPE_CHECKING:
@@ -123,6 +124,16 @@ class Bags:
             )
         return definitions[0] if definitions else None
 
+    @property
+    def is_own_log(self) -> bool:
+        """Whether they are one log that this package has written, in the order of arrival."""
+        path = self.paths[0]
+        if len(self.paths) > 1 or mcap_files(path) != [path]:
+            return False
+        with bag_errors(path), path.open("rb") as file:
+            summary = make_reader(file).get_summary() or Summary()
+            return any(each.name == PROVENANCE_METADATA for each in summary.metadata_indexes)
+
     def blocks(self, names: Sequence[str], as_written: bool = False) -> Iterator[Block]:
         """Yield the messages of topics with these names, in the order of log times.
 
@@ -134,8 +145,9 @@ class Bags:
             for number, (path, bag) in enumerate(zip(self.paths, self._bags, strict=True))
         ]
         if as_written:
-            return (part.load() for part in itertools.chain.from_iterable(parts))
-        return _ordered(heapq.merge(*parts, key=lambda part: (part.first, part.rank)))
+            return _ordered(itertools.chain.from_iterable(parts), as_written)
+        merged = heapq.merge(*parts, key=lambda part: (part.first, part.rank))
+        return _ordered(merged, as_written)
 
 
 @contextmanager
@@ -155,8 +167,8 @@ def open_bags(paths: Sequence[Path]) -> Iterator[Bags]:
         yield Bags(paths, bags)
 
 
-def _ordered(parts: Iterable[_Part]) -> Iterator[Block]:
-    """Turn parts in the order of their first times into blocks in the order of times."""
+def _ordered(parts: Iterable[_Part], as_written: bool) -> Iterator[Block]:
+    """Turn parts in the order of their first times, or as written, into blocks in that order."""
     held: list[tuple[_Rank, Block]] = []
     upcoming = iter(parts)
     part = next(upcoming, None)
@@ -166,17 +178,19 @@ def _ordered(parts: Iterable[_Part]) -> Iterator[Block]:
         if part is not None and sum(len(block) for _, block in held) < BLOCK:
             continue
         # A later message waits, as a part that is not loaded yet may have earlier ones.
+        all_ready = part is None or as_written
         complete = _LATEST if part is None else part.first
         ready, waiting = [], []
         for rank, block in sorted(held, key=lambda entry: entry[0]):
-            early = block.log_times < complete if part is not None else np.ones(len(block), bool)
+            early = np.ones(len(block), bool) if all_ready else block.log_times < complete
             ready.append(block.rows(np.flatnonzero(early)))
             if not early.all():
                 waiting.append((rank, _compact(block.rows(np.flatnonzero(~early)))))
         held = waiting
         block = _joined(ready)
         if len(block):
-            yield block.rows(np.argsort(block.log_times, kind="stable"))
+            order = np.argsort(block.log_times, kind="stable")
+            yield block if as_written else block.rows(order)
 
 
 def _joined(blocks: Sequence[Block]) -> Block:

@@ -166,6 +166,7 @@ def replay(
 ) -> Replayed:
     """Predict for each reading of the hitch in bags, and write a log.
 
+    A single log of the node is read as it was written, and other bags in the order of log times.
     The log contains the input messages unchanged, a prediction for each reading and, where a speed
     is known, resonances and advice at their rates, at the log times of the readings. The bytes of
     all are those that the node publishes.
@@ -230,7 +231,7 @@ def replay(
         total, done = sum(topic.count for topic in once.values()), 0
         with replacement(output, ReplayError) as unfinished:
             with ChunkLog(unfinished, log_topics, files, metadata) as log:
-                for block in bags.blocks(list(once)):
+                for block in bags.blocks(list(once), bags.is_own_log):
                     log.write(run.messages(block))
                     done += len(block)
                     progress(done, total)

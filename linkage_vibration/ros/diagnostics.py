@@ -15,7 +15,7 @@ from linkage_vibration.prediction.health import Fault, Level, ReadingWatch, over
 from linkage_vibration.prediction.predictor import Prediction, uncertain_modes
 from linkage_vibration.prediction.severity import ResonanceState, present_sentence
 from linkage_vibration.ros.log_control import Recording
-from linkage_vibration.ros.message_path import LONGEST_WAIT, Predicting
+from linkage_vibration.ros.message_path import LONGEST_WAIT, NO_CLOCK, Predicting
 from linkage_vibration.ros.statistics import Second, Statistics
 
 _LOST = 0.01  # share of the messages; a wireless network loses fewer
@@ -28,7 +28,6 @@ class Health:
     state: str  # of the lifecycle
     problem: str  # why the node could not reach another state; empty if it could
     second: Second
-    clock_missing: bool = False  # whether a simulated clock has not begun
     served: Served | None = None  # these are None while the node is not configured
     predicting: Predicting | None = None
     recording: Recording | None = None
@@ -41,6 +40,8 @@ def _predictions(health: Health, statistics: Statistics) -> tuple[Level, str]:
         return Level.ERROR, health.problem
     if health.state != "active" or predicting is None:
         return Level.OK, f"The node is {health.state}."
+    if predicting.clock_missing:
+        return Level.STALE, NO_CLOCK
     if not predicting.age <= predicting.stale_after:  # the age is NaN before the first reading
         since = "" if math.isnan(predicting.age) else f" for {predicting.age:.1f} s"
         return Level.STALE, f"The node has not received {predicting.input_name}{since}."
@@ -53,11 +54,6 @@ def _predictions(health: Health, statistics: Statistics) -> tuple[Level, str]:
 def _warning(health: Health, statistics: Statistics) -> str:
     """Return a sentence about the most serious reason for a warning, or an empty one."""
     second = health.second
-    if health.clock_missing:
-        return (
-            "The parameter use_sim_time is true, but no time arrives on /clock; publish it, or set "
-            "the parameter to false."
-        )
     if second.without_numbers > 0.0:
         share = 100.0 * second.without_numbers
         return f"{share:.0f} % of the crank angles have no prediction; see the node's warnings."

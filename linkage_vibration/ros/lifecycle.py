@@ -466,7 +466,6 @@ class LinkageVibrationNode(LifecycleNode):
             self._state,
             self.problem,
             counts.since_last_time(now),
-            not self.get_clock().now().nanoseconds,
             self._served,
             self._predicting,
             self._recording,

@@ -29,6 +29,7 @@ from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.health import (
     Expected,
     Fault,
+    Level,
     ReadingWatch,
     SpeedWatch,
     missing_speeds,
@@ -56,6 +57,10 @@ from linkage_vibration.ros.statistics import SequenceGaps, Statistics
 
 MISSING_AFTER = 5.0  # s without the joint, before a warning says that it is missing
 LONGEST_WAIT = 0.5  # s in the queue, after which newer readings are preferred
+NO_CLOCK = (
+    "Nothing is predicted, as use_sim_time is true, but no time arrives on /clock; publish it, or "
+    "set the parameter to false."
+)
 
 _Value = TypeVar("_Value")
 _Message = tuple[str, bytes, int, MessageInfo]  # topic, bytes, time of receipt (ns), origin
@@ -110,8 +115,8 @@ class Predicting:
     readings : ReadingWatch
     age, stale_after : float
         Of the last reading, s, and when it is too old.
-    reading_faults, speed_faults : list of Fault
-        Set by `judge`.
+    reading_faults, speed_faults, clock_missing : list of Fault, and bool
+        Set by `judge`; the last says whether a simulated clock has not begun.
     """
 
     def __init__(
@@ -136,6 +141,7 @@ class Predicting:
         self.readings, self.age = ReadingWatch(), math.nan
         self.reading_faults: list[Fault] = []
         self.speed_faults: list[Fault] = []
+        self.clock_missing = False
         self._node, self._clock, self._listener = node, node.get_clock(), listener
         self._monitor, self._record = monitor, record
         self._statistics, self._throttle = statistics, throttle
@@ -221,8 +227,14 @@ class Predicting:
 
     def judge(self, now: float) -> None:
         """Set the faults of the inputs since the last call; ``now`` is by the steady clock, s."""
-        self.reading_faults = self._judge_readings(now) if self._subscribed else []
-        self.speed_faults = self._judge_speeds(now) if self._subscribed else []
+        self.clock_missing = self._subscribed and self._now() <= 0
+        self._throttle.report("clock", NO_CLOCK if self.clock_missing else "")
+        if self.clock_missing:
+            self._began = self._judged = now  # what the clock holds up is not missing itself
+            self.reading_faults = self.speed_faults = [Fault(Level.STALE, NO_CLOCK)]
+        else:
+            self.reading_faults = self._judge_readings(now) if self._subscribed else []
+            self.speed_faults = self._judge_speeds(now) if self._subscribed else []
         self.age = now - self.readings.last
         self._statistics.reported |= self._listener.lost()
 
@@ -304,6 +316,8 @@ class Predicting:
             if wait > LONGEST_WAIT and began < self._answered + LONGEST_WAIT:
                 counts.dropped += 1
                 return
+        if received <= 0:
+            return  # before a simulated clock runs; the log has no time for it
         if len(data) > MAX_BYTES:
             self._refuse_large(topic, len(data))
             return

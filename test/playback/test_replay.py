@@ -19,8 +19,10 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
+from linkage_vibration.bags.log_writer import LogWriter
 from linkage_vibration.bags.message_types import FLOAT64, JOINT_STATE
 from linkage_vibration.bags.reading import BagError
+from linkage_vibration.bags.recorder import PROVENANCE_METADATA
 from linkage_vibration.cli.main import main
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.messages.encoding import encode_message
@@ -221,6 +223,29 @@ def test_a_log_replayed_is_the_same_log(tmp_path: Path) -> None:
         load_table(tmp_path / "table.npz").table_id
         == load_table(config_file(DEFAULT_TABLE)).table_id
     )
+
+
+@pytest.mark.parametrize("own", [True, False])
+def test_clock_that_jumped_back(tmp_path: Path, own: bool) -> None:
+    """A log is read in the order in which it was written, and another bag in that of its times.
+
+    Stamps in order of their times are in fewer periods of `resonance_rate`, here 20 ms.
+    """
+    with DRIVE.open("rb") as file:
+        entries = list(make_reader(file).iter_messages())[:120]  # 1 s
+    topics = {c.topic: log_topic(c.topic, s.name) for s, c, _ in entries}  # type: ignore[union-attr]
+    looped, output = tmp_path / "looped.mcap", tmp_path / "output.mcap"
+    with LogWriter(looped, list(topics.values())) as log:
+        log.add_metadata(PROVENANCE_METADATA if own else "another", {})
+        for _, channel, message in 3 * entries:
+            log.write(channel.topic, message.data, message.log_time, message.publish_time)
+    done = replay(looped, output)
+    with output.open("rb") as file:
+        found = make_reader(file).iter_messages([PREDICTION_TOPIC], log_time_order=False)
+        times = [message.log_time for *_, message in found]
+    readings = [m.log_time for _, channel, m in entries if channel.topic == "/joint_states"]
+    assert times == (3 * readings if own else sorted(3 * readings))
+    assert done.resonances == (150 if own else 50)
 
 
 def test_predictions_at_a_rate(tmp_path: Path) -> None:

@@ -75,6 +75,7 @@ PREDICTING = {
     "readings": ReadingWatch(),
     "reading_faults": [],
     "speed_faults": [],
+    "clock_missing": False,
 }
 
 
@@ -105,6 +106,7 @@ def healthy(**changes: Any) -> Health:
             "The node is unconfigured",
         ),
         ({"problem": "/none.yaml: cannot be read"}, ERROR, "/none.yaml"),
+        ({"age": 2.5, "clock_missing": True}, STALE, "no time arrives on /clock"),
         ({"age": 2.5}, STALE, "not received joint hitch on /joint_states for 2.5 s"),
         ({"age": math.nan}, STALE, "has not received joint hitch on /joint_states."),
         ({"second": replace(QUIET, without_numbers=0.25)}, WARN, "25 % of the crank angles"),

@@ -16,13 +16,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from builtin_interfaces.msg import Time
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from rosgraph_msgs.msg import Clock
 
 from linkage_vibration.prediction.predictor import Predictor, Status
 from linkage_vibration.ros.node import main
@@ -302,27 +300,6 @@ def test_full_disk_ends_only_the_log(
     assert peer.ask([JOINT], [2.0]).status == Status.OK
     assert recorder.stop() == 0
     assert recorder.printed.count("could not be written") == 1
-
-
-def test_simulated_time(
-    start: Callable[..., Any], meet: Callable[[str], Any], tmp_path: Path
-) -> None:
-    """Nothing is logged before the simulated clock runs; after that the log has its times."""
-    recorder = start(name="simulated", record=True, log_directory=tmp_path, use_sim_time=True)
-    peer = meet("simulated")
-    clock = peer.node.create_publisher(Clock, "/clock", QoSProfile(depth=1))
-    peer.ask([JOINT], [1.7])
-
-    def simulated() -> bool:
-        clock.publish(Clock(clock=Time(sec=42)))
-        return bool(peer.call([2.0]).predictions[0].header.stamp.sec == 42)
-
-    until(simulated, "the simulated time")
-    peer.ask([JOINT], [2.2])
-    assert recorder.stop() == 0
-    [path] = tmp_path.iterdir()
-    logged = list(read_messages(path, "/joint_states"))
-    assert [(time, list(m.position)) for time, m in logged] == [(42_000_000_000, [2.2])]
 
 
 def test_log_holds_what_was_published(

@@ -3,9 +3,12 @@
 """A drive gives the same bytes live over DDS and offline."""
 
 from collections.abc import Callable
+from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
 from mcap.reader import make_reader
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
@@ -18,7 +21,7 @@ from std_srvs.srv import Trigger
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.support.resources import config_file
-from linkage_vibration_interfaces.msg import Advice, LoadState
+from linkage_vibration_interfaces.msg import Advice, LoadState, VibrationPrediction
 from test.support.ros_process import until
 
 PREDICTION, RESONANCE, LOAD_STATE, ADVICE = (
@@ -91,6 +94,62 @@ def test_live_and_offline(
     # Arrays are not compared, as they contain NaN.
     assert late[0].sentence == deserialize_message(last, Advice).sentence != ""
     assert late[0].header == deserialize_message(last, Advice).header
+
+
+def test_simulated_clock(
+    start: Callable[..., Any], meet: Callable[..., Any], tmp_path: Path
+) -> None:
+    """A replay of the log has the answers of a node whose clock begins late, and jumps back twice.
+
+    Nothing is used that arrives before the clock begins, such as the first speed.
+    """
+    start(name="plain")
+    peer = meet("plain")
+    node = start(name="simulated", use_sim_time=True, record=True, log_directory=tmp_path)
+    answers, diagnostics = list[bytes](), list[Any]()
+    subscribe = peer.node.create_subscription
+    subscribe(VibrationPrediction, "/simulated/prediction", answers.append, 1000, raw=True)
+    subscribe(DiagnosticArray, "/diagnostics", diagnostics.append, 10)
+    engine = peer.node.create_publisher(Float64, "/engine_speed", 10)
+    peer.spin(lambda: engine.get_subscription_count() == 2)
+
+    def received() -> int:
+        """Return how many readings the node has received, by its last diagnostics."""
+        found = [s for m in diagnostics for s in m.status if s.name == "/simulated: predictions"]
+        return int({v.key: v.value for v in found[-1].values}["messages received"]) if found else 0
+
+    def read(time: int, pause: float = 1.0) -> None:
+        peer.tick(time)
+        peer.second, peer.stamp = divmod(time - 1, 10**9)
+        peer.publish(positions=[1.9 + 2e-10 * time])
+        peer.pause(pause, lambda: len(answers) > before)
+
+    def early() -> None:
+        peer.publish()
+        peer.pause(0.2)
+
+    engine.publish(Float64(data=1800.0))
+    until(lambda: received() > 5, "readings without a time", early)
+    assert answers == []
+    assert "no time arrives on /clock" in node.printed
+    times = [20_000_000 * k for k in range(1, 51)]
+    for loop, time in product(range(3), times):
+        if loop or time > times[24]:
+            engine.publish(Float64(data=1700.0 + 1e-7 * time))
+        before = len(answers)
+        until(lambda: len(answers) > before, "a prediction", partial(read, time))  # noqa: B023
+    assert node.stop() == 0
+    [log] = tmp_path.glob("linkage_vibration_*.mcap")
+    again, counts = tmp_path / "again.mcap", list[int]()
+    replay(log, again, Parameters())
+    for topic in ("prediction", "resonance", "load_state"):
+        recorded = [(time, data) for _, time, data in messages(log, f"/simulated/{topic}")]
+        replayed = messages(again, f"/linkage_vibration/{topic}")
+        assert [(time, data) for _, time, data in replayed] == recorded
+        counts.append(len(recorded))
+    # The speeds may change their places with the readings after them.
+    assert counts[0] >= 150
+    assert 100 <= counts[1] == counts[2] <= 125
 
 
 def test_rates_of_a_control_stack(

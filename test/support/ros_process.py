@@ -20,11 +20,13 @@ from typing import Any
 
 import rclpy
 import yaml
+from builtin_interfaces.msg import Time
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
 from linkage_vibration_interfaces.msg import VibrationPrediction
@@ -205,8 +207,8 @@ class Peer:
     ----------
     node, executor : rclpy Node and SingleThreadedExecutor
         The participant, and the executor that spins it.
-    publisher : rclpy Publisher
-        For joint states.
+    publisher, clock : rclpy Publisher
+        For joint states, and for a simulated clock.
     client : rclpy Client
         Of the service ``~/predict``.
     predictions : list of VibrationPrediction
@@ -220,11 +222,16 @@ class Peer:
     node: Any
     executor: Any
     publisher: Any
+    clock: Any
     client: Any
     second: int
     predictions: list[Any] = field(default_factory=list)
     raw: list[bytes] = field(default_factory=list)
     stamp: int = 0
+
+    def tick(self, time: int) -> None:
+        """Set the simulated clock of the nodes that have one, ns."""
+        self.clock.publish(Clock(clock=Time(sec=time // 10**9, nanosec=time % 10**9)))
 
     def publish(
         self,
@@ -305,23 +312,26 @@ def peer_of(name: str, domain: int, number: int = 0) -> Iterator[Peer]:
     number : int
         The number of the peer, which no other peer on this domain has.
     """
+
+    def publish() -> None:
+        peer.tick(1)  # a node with a simulated clock predicts as soon as it runs
+        peer.publish()
+        peer.pause(0.5)
+
     with own_context(domain) as context:
         node = rclpy.create_node(f"peer_{number}", context=context)
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
         publisher = node.create_publisher(JointState, "joint_states", SENSOR)
         client = node.create_client(PredictVibration, f"{name}/predict")
-        peer = Peer(node, executor, publisher, client, 1_700_000_000 + number)
+        clock = node.create_publisher(Clock, "/clock", 10)
+        peer = Peer(node, executor, publisher, clock, client, 1_700_000_000 + number)
         node.create_subscription(
             VibrationPrediction, f"{name}/prediction", peer.on_prediction, 1000, raw=True
         )
         try:
             peer.spin(client.service_is_ready, f"the node {name}")
-            until(
-                lambda: peer.predictions,
-                "a prediction",
-                lambda: peer.publish() and peer.pause(0.5),  # type: ignore[func-returns-value]
-            )
+            until(lambda: peer.predictions, "a prediction", publish)
             # Predictions come in the order of the joint states, so no other follows this one.
             peer.ask()
             peer.predictions.clear()
