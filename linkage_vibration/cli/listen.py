@@ -29,7 +29,7 @@ def run(options: argparse.Namespace) -> int:
     from linkage_vibration.listening.amplitudes import amplitude_numbers
     from linkage_vibration.listening.exposure import exposure
     from linkage_vibration.listening.signals import measured_signal
-    from linkage_vibration.readers.sensors import read_measured, read_sensors
+    from linkage_vibration.readers.sensors import SEAT, read_measured, read_sensors
     from linkage_vibration.review.listening_page import NOTHING, answer, hear, kinds, listening_page
     from linkage_vibration.review.log import ReviewError, read_log
     from linkage_vibration.studies.yaml_editing import edit_text
@@ -43,7 +43,7 @@ def run(options: argparse.Namespace) -> int:
     check_outputs(outputs, [options.log, options.sensors])
     sensors = read_sensors(options.sensors)
     check_outputs(outputs, [sensor.file for sensor in sensors if sensor.file])
-    if options.amplitudes and all(sensor.at == "seat" for sensor in sensors):
+    if options.amplitudes and all(sensor.at == SEAT for sensor in sensors):
         text = "all sensors are on a seat, where no amplitude can be measured"
         raise ReviewError(f"{options.sensors}: {text}; add one on the linkage.")
     log = read_log(options.log)
@@ -52,7 +52,7 @@ def run(options: argparse.Namespace) -> int:
     for sensor in tqdm(sensors, disable=None, unit=" sensors", delay=2.0):
         times, readings = read_measured(sensor, options.log, int(log.stamps[0]))
         signal = measured_signal(sensor, times, readings, highest)
-        if sensor.at == "seat":
+        if sensor.at == SEAT:
             felt.append((signal, exposure(signal, kinds(log, signal))))
         else:
             heard.append(hear(log, signal))

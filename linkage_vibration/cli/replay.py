@@ -21,6 +21,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--scale", type=float, help="rad per unit of position")
     add("--offset", type=float, help="rad")
     add("--table", type=Path, help="table to use (default: the shipped one)")
+    text = "YAML file of sensors, whose signals are compared with the predictions"
+    add("--sensors", type=Path, metavar="FILE", help=text)
     text = "kg; predict as if the implement had this mass"
     add("--implement-mass", type=float, help=text)
     text = "kg m2; predict as if the implement had this moment of inertia"
@@ -41,6 +43,7 @@ def run(options: argparse.Namespace) -> int:
     check_output(options.output, ".mcap", inputs)
     given = {name: getattr(options, name) for name in ("sign", "scale", "offset")}
     given |= {"joint_name": options.joint, "table_file": options.table}
+    given["sensor_file"] = options.sensors
     settings = read_settings(options, **given)
     what_if = WhatIf(options.implement_mass, options.implement_inertia)
     if what_if != WhatIf() or settings.table_path() is None:

@@ -3,7 +3,7 @@
 """Measured orders beside predicted ones, and the amplitudes of excitations that follow."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,9 +12,10 @@ from linkage_vibration.listening.orders import Orders
 from linkage_vibration.listening.transfer import Transfer
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.prediction.ensemble import draws
-from linkage_vibration.prediction.excitation import Excitation
+from linkage_vibration.prediction.excitation import Excitation, Source
 
-_FEWEST = 5  # windows with an order
+FEWEST = 5
+"""Windows of a drive in which an order is heard."""
 # An order is heard if what noise leaves of its mean square exceeds so many standard deviations, and
 # if its mean square exceeds noise so many times: a mode that noise shakes is a line, too.
 _HEARD, _ABOVE = 2.0, 4.0
@@ -77,10 +78,42 @@ def unit_responses(transfer: Transfer, orders: Orders, angles: FloatArray) -> Fl
     return np.array(rows).reshape(len(rows), 1 + transfer.n_members, len(transfer.loaded))
 
 
+def predicted_levels(
+    transfer: Transfer,
+    excitations: Sequence[Excitation],
+    orders: Orders,
+    units: FloatArray,
+    known: Container[Source],
+) -> FloatArray:
+    """Return the predicted rms of all orders whose loads and speeds are known, m/s or N, (m,).
+
+    It is NaN in windows in which one of these speeds is not known, and everywhere without any.
+    """
+    squares, any_known = np.zeros(len(orders.times)), False
+    for column, i in enumerate(transfer.loaded):
+        load, speed = excitations[i].load, orders.speeds[:, i]
+        if load is None or excitations[i].source not in known:
+            continue
+        amplitude, any_known = units[:, 0, column] * load.amplitude, True
+        with np.errstate(invalid="ignore", divide="ignore"):  # of a shaft at rest
+            amplitude = amplitude * (speed / load.speed) ** load.exponent
+            if transfer.sensor.accelerates:
+                amplitude = amplitude / (2.0 * math.pi * orders.frequencies[:, i])
+        squares += np.where(speed == 0.0, 0.0, amplitude**2 / 2.0)
+    return np.sqrt(squares) if any_known else np.full(len(squares), math.nan)
+
+
 def measure_orders(
-    excitations: Sequence[Excitation], orders: Orders, units: FloatArray, loaded: Sequence[int]
+    excitations: Sequence[Excitation],
+    orders: Orders,
+    units: FloatArray,
+    loaded: Sequence[int],
+    fewest: int = FEWEST,
 ) -> list[MeasuredOrder]:
-    """Return each order that any window has, measured and predicted; units: `unit_responses`."""
+    """Return each order that any window has, measured and predicted; units: `unit_responses`.
+
+    An order is heard in at least the fewest windows.
+    """
     n_members = units.shape[1] - 1
     factors = draws(excitations, n_members)[0] if n_members else np.empty((len(excitations), 0))
     rows = []
@@ -94,19 +127,24 @@ def measure_orders(
         if one.load is not None:
             valid &= np.isfinite(scale).all(axis=1) & (scale > 0.0).all(axis=1)
         if valid.any():
-            rows.append(_row(one, squares[valid], noise[valid], scale[valid], factors[i]))
+            rows.append(_row(one, squares[valid], noise[valid], scale[valid], factors[i], fewest))
     return rows
 
 
 def _row(
-    one: Excitation, squares: FloatArray, noise: FloatArray, scale: FloatArray, factors: FloatArray
+    one: Excitation,
+    squares: FloatArray,
+    noise: FloatArray,
+    scale: FloatArray,
+    factors: FloatArray,
+    fewest: int,
 ) -> MeasuredOrder:
     """Return an order from squares of amplitudes, (m,), and amplitudes per unit, (m, k)."""
     m, net = len(squares), squares - noise
     mean = float(net.mean())
     # A line of amplitude a in complex noise of variance s: var |A|^2 = 2 a^2 s + s^2.
     stddev = float(np.sqrt((2.0 * np.maximum(net, 0.0) * noise + noise**2).sum())) / m
-    heard = m >= _FEWEST and mean > _HEARD * stddev
+    heard = m >= fewest and mean > _HEARD * stddev
     heard = heard and float(squares.mean()) > _ABOVE * float(noise.mean())
     rms = math.sqrt((mean if heard else float(squares.mean())) / 2.0)
     amplitude = relative = predicted = factor = math.nan

@@ -87,7 +87,7 @@ def measured_signal(
 
     Modes of interest are up to the highest frequency, Hz.
     """
-    distinct = np.append(True, np.diff(times) > 0.0)
+    distinct = np.diff(times, prepend=-math.inf) > 0.0
     times, readings = times[distinct], readings[distinct]
     if len(times) < _FEWEST:
         raise SignalError(f"{sensor.name} has {len(times)} samples; record at least {_FEWEST}.")

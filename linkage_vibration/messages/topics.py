@@ -11,6 +11,7 @@ PREDICTION = f"{OWN_PACKAGE}/msg/VibrationPrediction"
 RESONANCE = f"{OWN_PACKAGE}/msg/Resonance"
 LOAD_STATE = f"{OWN_PACKAGE}/msg/LoadState"
 ADVICE = f"{OWN_PACKAGE}/msg/Advice"
+MEASURED = f"{OWN_PACKAGE}/msg/MeasuredVibration"
 TABLE_INFO = f"{OWN_PACKAGE}/msg/TableInfo"
 
 PREDICTION_TOPIC = "/linkage_vibration/prediction"
@@ -18,6 +19,7 @@ PREDICTION_TOPIC = "/linkage_vibration/prediction"
 RESONANCE_TOPIC = "/linkage_vibration/resonance"
 LOAD_STATE_TOPIC = "/linkage_vibration/load_state"
 ADVICE_TOPIC = "/linkage_vibration/advice"
+MEASURED_TOPIC = "/linkage_vibration/measured"
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +80,13 @@ OUTPUT_TOPICS = (
         _LATCHED,
         "Once a second while the total load ratio exceeds its limit: at which height and ground "
         "speed it would be smaller ([advice](advice.md)). It commands nothing.",
+    ),
+    NodeTopic(
+        "~/measured",
+        MEASURED,
+        _OUTPUT_QOS,
+        "Once a second for each sensor of `sensor_file`: what it measures of each order, and what "
+        "is predicted there ([listening](listen_to_your_hitch.md#while-you-drive)).",
     ),
     NodeTopic(
         "~/table_info",

@@ -61,7 +61,7 @@ def choose_topics(
     topics: dict[str, BagTopic] = {}
     for name, source in sources.items():
         topic = remaps.get(source.topic) or _only_topic(bags, source)
-        full = _full_name(source.topic)
+        full = full_name(source.topic)
         # A log lists all topics of the node, even those without messages.
         there = any(each.name == full and each.count for each in bags.topics)
         if name == HITCH or topic or there or source.chosen:
@@ -69,7 +69,7 @@ def choose_topics(
     return topics
 
 
-def _full_name(topic: str) -> str:
+def full_name(topic: str) -> str:
     """Return the name of a topic of a node that has its default name."""
     if topic.startswith("~/"):
         return f"/{NODE_NAME}/{topic[2:]}"

@@ -4,6 +4,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import TypeAlias
@@ -17,6 +18,7 @@ from linkage_vibration.bags.chunks import ChunkLog, Messages
 from linkage_vibration.bags.numbers import LeftOut
 from linkage_vibration.bags.recorder import PROVENANCE_METADATA, package_versions
 from linkage_vibration.bags.streams import Bags, BagTopic, open_bags
+from linkage_vibration.listening.live import second, sensor_monitor
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.messages.columns import MessageColumns, joined
 from linkage_vibration.messages.encoding import encode_columns, encode_message
@@ -25,6 +27,8 @@ from linkage_vibration.messages.topics import (
     ADVICE_TOPIC,
     LOAD_STATE,
     LOAD_STATE_TOPIC,
+    MEASURED,
+    MEASURED_TOPIC,
     PREDICTION,
     PREDICTION_TOPIC,
     RESONANCE,
@@ -35,6 +39,7 @@ from linkage_vibration.playback.remapping import (
     ReplayError,
     bag_paths,
     choose_topics,
+    full_name,
     logged_topic,
     topic_schema,
 )
@@ -51,6 +56,7 @@ from linkage_vibration.prediction.provenance import attachments, implement_facts
 from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor
 from linkage_vibration.prediction.settings import NODE_NAME, Parameters
 from linkage_vibration.readers.excitations import excitation_files
+from linkage_vibration.readers.sensors import SensorReader, live_sensors, sensor_files
 from linkage_vibration.readers.served import read_described, read_loads, read_served
 from linkage_vibration.support.atomic_files import check_outputs, replacement
 from linkage_vibration.table.tabulation import build_table
@@ -62,6 +68,7 @@ Integers = NDArray[np.int64]
 REPLAY_METADATA = "linkage_vibration.replay"
 _SpeedRow: TypeAlias = tuple[int, Source, float, int]  # row, speed, value, time (ns)
 _ANSWERS = {
+    MEASURED: MEASURED_TOPIC,
     PREDICTION: PREDICTION_TOPIC,
     RESONANCE: RESONANCE_TOPIC,
     LOAD_STATE: LOAD_STATE_TOPIC,
@@ -211,7 +218,8 @@ def replay(
         topics = choose_topics(bags, settings, remaps)
         served = _served(settings, what_if, building)
         inputs_read = _inputs(bags, settings, topics)
-        once = {topic.name: topic for topic in topics.values()}
+        sensors = _Sensors(bags, settings, served)
+        once = {topic.name: topic for topic in (*topics.values(), *sensors.topics)}
         log_topics = [logged_topic(bags, topic) for topic in once.values()]
         log_topics.append(log_topic(PREDICTION_TOPIC, PREDICTION))
         notices: list[str] = []
@@ -220,13 +228,17 @@ def replay(
             log_topics += [log_topic(_ANSWERS[kind], kind) for kind in (RESONANCE, LOAD_STATE)]
             excitations = excitation_files(settings.excitation_path())
             log_topics.append(log_topic(ADVICE_TOPIC, ADVICE, latched=True))
+        if sensors.monitor is not None:
+            log_topics.append(log_topic(MEASURED_TOPIC, MEASURED))
+            excitations |= sensor_files(settings.sensor_path())
         files = attachments(served, settings, f"/{NODE_NAME}", excitations)
         metadata = {
             PROVENANCE_METADATA: {**package_versions(), **implement_facts(served)},
             REPLAY_METADATA: {"inputs": " ".join(path.name for path in paths)},
         }
         periods = Periods(settings.prediction_rate)
-        run = _Replay(list(once), topics, inputs_read, served.predictor, periods, monitor)
+        run = _Replay(list(once), topics, inputs_read, served.predictor, periods, monitor, sensors)
+        run.done.missing |= sensors.missing
         run.done.notice = " ".join(notices)
         total, done = sum(topic.count for topic in once.values()), 0
         with replacement(output, ReplayError) as unfinished:
@@ -256,12 +268,13 @@ class _Replay:
         predictor: Predictor,
         periods: Periods,
         monitor: ResonanceMonitor | None,
+        sensors: "_Sensors",
     ) -> None:
         self._names = names
         self._places = {name: names.index(topic.name) for name, topic in topics.items()}
         self._input, self._speed_inputs = inputs
         self._predictor, self._periods = predictor, periods
-        self._monitor = monitor
+        self._monitor, self._sensors = monitor, sensors
         self._adviser: Adviser | None = None
         self._motion = crank_filter()
         missing = {each.reader.what for each in self._speed_inputs.values()}
@@ -286,8 +299,9 @@ class _Replay:
             counts = np.bincount(predictions.status[kept], minlength=len(Status))
             for status, count in enumerate(counts.tolist()):
                 self.done.statuses[status] += count
+        speeds = self._speeds(block, used)
+        found += self._sensors.messages(block, self._names, groups, speeds, used, self.done)
         if self._monitor is not None:
-            speeds = self._speeds(block, used)
             if groups:
                 found += self._resonances(self._monitor, block, groups, predicted, speeds)
             else:
@@ -396,6 +410,63 @@ class _Replay:
             )
             velocity[unknown[wanted]], error[unknown[wanted]] = rates
         return velocity[due], error[due]
+
+
+class _Sensors:
+    """The sensors that parameters describe, and what they measure in blocks of messages.
+
+    A topic that the bags lack has a sentence in ``missing``.
+    """
+
+    def __init__(self, bags: Bags, settings: Parameters, served: Served) -> None:
+        path = settings.sensor_path()
+        every = live_sensors(path) if path else []
+        present = {topic.name: topic for topic in bags.topics if topic.count}
+        of = [present.get(full_name(sensor.topic)) for sensor in every]
+        pairs = [(s, t) for s, t in zip(every, of, strict=True) if t is not None]
+        self.missing = {s.topic for s, t in zip(every, of, strict=True) if t is None}
+        self.topics = [topic for _, topic in pairs]
+        self._readers = [SensorReader(s, t.type, topic_schema(bags, t)) for s, t in pairs]
+        excitations = read_loads(settings, served) if pairs else ()
+        self.monitor = sensor_monitor([s for s, _ in pairs], served, excitations, settings)
+
+    def messages(
+        self,
+        block: Block,
+        names: Sequence[str],
+        groups: Sequence[Readings],
+        speeds: Sequence[_SpeedRow],
+        used: list[Integers],
+        left_out: LeftOut,
+    ) -> Iterator[Messages]:
+        """Yield what sensors measure in a block, and add their rows to the used ones.
+
+        As in the node, the sensors of a message follow its speeds and precede its crank angle.
+        """
+        monitor = self.monitor
+        if monitor is None:
+            return
+        events: list[tuple[int, int, Callable[[], MessageColumns | None], int, str]] = []
+        for row, source, value, time in speeds:
+            events.append((row, 0, partial(monitor.set_speed, source, value, time), 0, ""))
+        for i, (reader, topic) in enumerate(zip(self._readers, self.topics, strict=True)):
+            of_topic = np.flatnonzero(block.topics == names.index(topic.name))
+            for rows, stamps, values, frame in reader.read(block, of_topic, left_out):
+                used.append(rows)
+                columns = rows.tolist(), stamps.tolist(), map(tuple, values.tolist())
+                for row, stamp, sample in zip(*columns, strict=True):
+                    take = partial(monitor.take, i, stamp, sample)
+                    events.append((row, 1, take, second(stamp), frame))
+        for group in groups:
+            stamps = 10**9 * group.sec.astype(np.int64) + group.nanosec
+            readings = group.rows.tolist(), stamps.tolist(), group.crank_angle.tolist()
+            for row, stamp, angle in zip(*readings, strict=True):
+                events.append((row, 2, partial(monitor.set_angle, angle, stamp), 0, ""))
+        for row, _, event, stamp, frame in sorted(events, key=lambda event: event[:2]):
+            if (message := event()) is not None:
+                data = encode_message(MEASURED, message, *divmod(stamp, 10**9), frame)
+                content = np.frombuffer(data, np.uint8)[np.newaxis]
+                yield _messages(MEASURED, content, block, np.array([row]))
 
 
 def _arrivals(groups: Sequence[Readings]) -> tuple[Integers, Integers]:

@@ -33,14 +33,14 @@ def attachments(
     settings, node_name : Parameters and str
         Those of the node, or of the replay; the name has its namespace.
     excitations : mapping of str to bytes
-        The files of the excitations by their names; none if resonances are not assessed.
+        The files of the excitations and of the sensors by their names, as far as they are used.
     """
     if settings.implement_file:  # the one in use, which is not always that of the start
         settings = replace(settings, implement=implement_facts(served).get("implement", ""))
     texts = {MECHANISM: served.mechanism_text, PARAMETERS: parameters_yaml(settings, node_name)}
     files = [Attachment(name, "application/yaml", text.encode()) for name, text in texts.items()]
     for name, data in excitations.items():
-        kind = "application/yaml" if name == EXCITATIONS else "text/csv"
+        kind = "application/yaml" if name.endswith(".yaml") else "text/csv"
         files.append(Attachment(name, kind, data))
     table = served.table
     files.insert(1, Attachment(f"{table.table_id}.npz", "application/x-npz", table_bytes(table)))

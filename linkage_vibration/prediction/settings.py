@@ -274,6 +274,10 @@ class Parameters:
     excitation_file: str = _text("the path of a YAML file").means(
         "The excitations. If it is empty, the excitations of the package are used."
     )
+    sensor_file: str = _text("the path of a YAML file").means(
+        "Sensors whose signals are compared with the predictions, on `~/measured`. If it is empty, "
+        "none is read."
+    )
     implement_file: str = _text("the path of a YAML file").means(
         "Implements that can be chosen by name: by the parameter implement, the service "
         "`~/set_implement` or the topic `hitched_implement`."
@@ -450,6 +454,10 @@ class Parameters:
     def excitation_path(self) -> Path:
         """Return the file of the excitations."""
         return _path(self.excitation_file) or config_file(DEFAULT_EXCITATIONS)
+
+    def sensor_path(self) -> Path | None:
+        """Return the file of the sensors, or None if there is none."""
+        return _path(self.sensor_file)
 
     def log_path(self) -> Path:
         """Return the folder of the logs."""

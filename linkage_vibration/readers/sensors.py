@@ -2,25 +2,29 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads the description of sensors, and what they measured: in bags, on a CAN bus, and as CSV."""
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from linkage_vibration.bags.blocks import Block
 from linkage_vibration.bags.can_frames import FRAME_TYPES
 from linkage_vibration.bags.can_reader import CanReader, find_signal
 from linkage_vibration.bags.field_reader import FieldReader
 from linkage_vibration.bags.message_types import IMU
 from linkage_vibration.bags.numbers import Integers, LeftOut, NumberReader
 from linkage_vibration.bags.schemas import FieldError, Schema
-from linkage_vibration.bags.streams import Bags, open_bags
+from linkage_vibration.bags.streams import open_bags
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import MechanismError
 from linkage_vibration.mechanics.keys import Keys
 from linkage_vibration.readers.mechanism import load_yaml
 from linkage_vibration.readers.recordings import read_recording
+from linkage_vibration.support.commands import command
 
 GRAVITY = 9.80665  # m/s^2
 _UNITS = {
@@ -30,6 +34,8 @@ _UNITS = {
 }
 _FORCES = {"%": "full_scale", "Pa": "area", "kPa": "area", "bar": "area"}  # keys that give newtons
 _PATHS = {IMU: "linear_acceleration", "geometry_msgs/msg/AccelStamped": "accel.linear"}
+SENSORS, SEAT = "sensors.yaml", "seat"
+"""The name of the file of sensors in a log, and the place of one that measures the exposure."""
 _AXES = {f"{sign}{axis}": i for sign in ("", "-") for i, axis in enumerate("xyz")}
 
 
@@ -56,8 +62,9 @@ class Sensor:
         The largest reading, in its unit; infinity if it is not known.
     file : Path, optional
         A bag or a CSV file; None for the log itself.
-    topic, fields, columns
-        Where the numbers are in a bag, or in a CSV file, whose first column is the time.
+    topic, type, fields, columns
+        Where the numbers are in a bag, or in a CSV file, whose first column is the time. The type
+        is that of the messages of a running node; a bag has its own.
     starts_at : float
         Time of the first sample of a CSV file since the first prediction, s.
     filtered : bool
@@ -72,6 +79,7 @@ class Sensor:
     limit: float
     file: Path | None
     topic: str
+    type: str
     fields: tuple[str, ...]
     columns: tuple[int, ...]
     starts_at: float
@@ -91,12 +99,27 @@ def read_sensors(path: Path) -> list[Sensor]:
     return sensors
 
 
+def sensor_files(path: Path | None) -> dict[str, bytes]:
+    """Return the file of the sensors, if there is one, as a log attaches it."""
+    return {} if path is None else {SENSORS: path.read_bytes()}
+
+
+def live_sensors(path: Path) -> list[Sensor]:
+    """Read the sensors in a YAML file; a SensorError names one that is not on a topic."""
+    sensors = read_sensors(path)
+    for sensor in sensors:
+        if not sensor.topic:
+            text = f"{sensor.name} is in a CSV file, which only `{command('listen')}` reads"
+            raise SensorError(f"{path}: {text}; give its topic.")
+    return sensors
+
+
 def _sensor(keys: Keys, name: str, folder: Path) -> Sensor:
     quantity = keys.choice("quantity", list(_UNITS), default="acceleration")
     unit = keys.choice("unit", list(_UNITS[quantity]))
     factor = keys.number(_FORCES[unit], positive=True) if unit in _FORCES else 1.0
     accelerates = quantity == "acceleration"
-    count, file, topic = 3 if accelerates else 1, None, ""
+    count, file, topic, type_name = 3 if accelerates else 1, None, "", ""
     fields, columns = tuple[str, ...](), tuple[int, ...]()
     if "file" in keys:
         file = folder / keys.text("file")
@@ -105,6 +128,7 @@ def _sensor(keys: Keys, name: str, folder: Path) -> Sensor:
         columns = tuple(int(n) for n in (keys.numbers("columns") if "columns" in keys else usual))
     else:
         topic = keys.text("topic")
+        type_name = keys.text("type") if "type" in keys else IMU
         if "fields" in keys or not accelerates:
             fields = keys.words("fields")
     if (fields or columns) and len(fields or columns) != count:
@@ -120,6 +144,7 @@ def _sensor(keys: Keys, name: str, folder: Path) -> Sensor:
         limit=keys.number("range", default=np.inf) if "range" in keys else np.inf,
         file=file,
         topic=topic,
+        type=type_name,
         fields=fields,
         columns=columns,
         starts_at=keys.number("starts_at", default=0.0),
@@ -159,39 +184,68 @@ def read_measured(sensor: Sensor, log: Path, start: int) -> tuple[FloatArray, Fl
         if defined is None or sensor.topic not in types:
             names = f"it has {', '.join(types) or 'none'}"
             raise SensorError(f"{path}: has no topic {sensor.topic} for {sensor.name}; {names}.")
+        reader, left_out = SensorReader(sensor, types[sensor.topic], defined[2]), LeftOut()
+        stamps, values = [np.empty(0, np.int64)], [np.empty((0, len(sensor.axes)))]
+        for block in bags.blocks([sensor.topic]):
+            for _, part, numbers, _ in reader.read(block, np.arange(len(block)), left_out):
+                stamps.append(part)
+                values.append(numbers)
+    stamps_read, readings = np.concatenate(stamps), np.concatenate(values)
+    if not len(stamps_read):
+        raise SensorError(f"{path}: {sensor.topic} has no reading for {sensor.name}; record more.")
+    order = np.argsort(stamps_read, kind="stable")
+    return np.asarray((stamps_read[order] - start) / 1e9), readings[order]
+
+
+class SensorReader:
+    """Reads the numbers of a sensor from messages; the schema has the fields of their type.
+
+    A `SensorError` is raised for a field that is no number. The stamp of a sample is that in the
+    header of its message, or its receipt.
+    """
+
+    def __init__(self, sensor: Sensor, type_name: str, schema: Schema) -> None:
+        self.name, usual = sensor.name, list[str]()
+        if type_name in _PATHS:
+            usual = [f"{_PATHS[type_name]}.{axis}" for axis in "xyz"]
+        fields = list(sensor.fields) or usual
+        if not fields:
+            raise SensorError(f"{sensor.name}: name the three fields of {type_name} under fields.")
         try:
-            readers = _readers(sensor, types[sensor.topic], defined[2])
+            self._readers: list[NumberReader] = [
+                CanReader(find_signal(field, ""), type_name)
+                if type_name in FRAME_TYPES
+                else FieldReader(schema, type_name, field)
+                for field in fields
+            ]
         except FieldError as error:
             raise SensorError(f"{sensor.name}: {error}") from None
-        stamps, values = _numbers(bags, sensor.topic, readers)
-    if not len(stamps):
-        raise SensorError(f"{path}: {sensor.topic} has no reading for {sensor.name}; record more.")
-    order = np.argsort(stamps, kind="stable")
-    return np.asarray((stamps[order] - start) / 1e9), values[order]
 
+    def read_one(self, data: bytes, received: int) -> tuple[int, str, tuple[float, ...]] | None:
+        """Return the stamp, ns, the frame and the numbers of a message; None if it lacks one."""
+        numbers = [reader.read_one(data) for reader in self._readers]
+        values = tuple(math.nan if one is None else one.value for one in numbers)
+        if not all(map(math.isfinite, values)) or numbers[0] is None:
+            return None
+        stamp = 10**9 * numbers[0].sec + numbers[0].nanosec
+        return stamp if stamp > 0 else received, numbers[0].frame_id, values
 
-def _readers(sensor: Sensor, type_name: str, schema: Schema) -> list[NumberReader]:
-    """Return a reader for each number; the fields of usual messages are known."""
-    if type_name in FRAME_TYPES:
-        return [CanReader(find_signal(field, ""), type_name) for field in sensor.fields]
-    usual = [f"{_PATHS[type_name]}.{axis}" for axis in "xyz"] if type_name in _PATHS else []
-    if not (sensor.fields or usual):
-        raise SensorError(f"{sensor.name}: name the three fields of {type_name} under fields.")
-    return [FieldReader(schema, type_name, field) for field in sensor.fields or usual]
+    def read(
+        self, block: Block, rows: Integers, left_out: LeftOut
+    ) -> Iterator[tuple[Integers, Integers, FloatArray, str]]:
+        """Yield rows, stamps, ns, numbers, (n, k), and the frame of messages of a bag.
 
-
-def _numbers(bags: Bags, topic: str, readers: list[NumberReader]) -> tuple[Integers, FloatArray]:
-    """Return stamps of messages, ns, (n,), and the numbers that all readers find in them."""
-    stamps, values = [np.empty(0, np.int64)], [np.empty((0, len(readers)))]
-    for block in bags.blocks([topic]):
-        rows, left_out = np.arange(len(block)), LeftOut()
-        numbers, at = np.full((len(block), len(readers)), np.nan), block.log_times.copy()
-        for column, reader in enumerate(readers):
+        They are those that `read_one` returns for each.
+        """
+        values, parts = np.full((len(block), len(self._readers)), math.nan), []
+        for column, reader in enumerate(self._readers):
             for part in reader.read(block, rows, left_out):
-                numbers[part.rows, column] = part.value
-                stamped = part.sec.astype(np.int64) * 10**9 + part.nanosec
-                at[part.rows] = np.where(stamped > 0, stamped, at[part.rows])
-        known = np.isfinite(numbers).all(axis=1)
-        stamps.append(at[known])
-        values.append(numbers[known])
-    return np.concatenate(stamps), np.concatenate(values)
+                values[part.rows, column] = part.value
+                if not column:
+                    parts.append(part)
+        for part in parts:
+            numbers = values[part.rows]
+            has_all = np.isfinite(numbers).all(axis=1)
+            stamps = 10**9 * part.sec.astype(np.int64) + part.nanosec
+            stamps = np.where(stamps > 0, stamps, block.log_times[part.rows])
+            yield part.rows[has_all], stamps[has_all], numbers[has_all], part.frame_id

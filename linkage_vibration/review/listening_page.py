@@ -12,7 +12,12 @@ import numpy as np
 
 from linkage_vibration.drawing import palette
 from linkage_vibration.drawing.plots import frequency_axis, name_modes, plain, png_bytes, tidy
-from linkage_vibration.listening.amplitudes import MeasuredOrder, measure_orders, unit_responses
+from linkage_vibration.listening.amplitudes import (
+    MeasuredOrder,
+    measure_orders,
+    predicted_levels,
+    unit_responses,
+)
 from linkage_vibration.listening.exposure import ACTION, LIMIT, WEIGHTED, Exposure, kinds_of_work
 from linkage_vibration.listening.orders import SECONDS, Orders, track_orders
 from linkage_vibration.listening.signals import Signal, known_at
@@ -60,21 +65,11 @@ def hear(log: Log, signal: Signal) -> Heard:
     angles = known_at(orders.times, log.times, log.table_angle)
     units = unit_responses(transfer, orders, angles)
     rows = measure_orders(log.excitations, orders, units, transfer.loaded)
-    squares, unknown = np.zeros(len(orders.times)), dict[str, None]()
-    for column, i in enumerate(transfer.loaded):
-        one = log.excitations[i]
-        if one.load is None or one.source not in speeds:
-            unknown[one.source.value] = None
-            continue
-        speed = orders.speeds[:, i]
-        amplitude = units[:, 0, column] * one.load.amplitude
-        with np.errstate(invalid="ignore", divide="ignore"):  # of a shaft at rest
-            amplitude = amplitude * (speed / one.load.speed) ** one.load.exponent
-            if signal.sensor.accelerates:
-                amplitude = amplitude / (2.0 * math.pi * orders.frequencies[:, i])
-        squares += np.where(speed == 0.0, 0.0, amplitude**2 / 2.0)
+    sources = dict.fromkeys(log.excitations[i].source for i in transfer.loaded)
+    unknown = tuple(source.value for source in sources if source not in speeds)
+    predicted = predicted_levels(transfer, log.excitations, orders, units, speeds)
     measured = levels(signal, SECONDS)
-    return Heard(signal, orders, rows, measured, np.sqrt(squares), tuple(unknown))
+    return Heard(signal, orders, rows, measured, predicted, unknown)
 
 
 def kinds(log: Log, signal: Signal) -> IntArray:

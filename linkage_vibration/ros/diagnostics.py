@@ -4,13 +4,16 @@
 
 import math
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from linkage_vibration.errors import printable
+from linkage_vibration.listening.live import SensorMonitor, difference_sentence
 from linkage_vibration.prediction.answers import Served
+from linkage_vibration.prediction.excitation import Excitation
 from linkage_vibration.prediction.health import Fault, Level, ReadingWatch, overall
 from linkage_vibration.prediction.predictor import Prediction, uncertain_modes
 from linkage_vibration.prediction.severity import ResonanceState, present_sentence
@@ -81,6 +84,17 @@ def _resonance(predicting: Predicting) -> tuple[Level, str]:
     )
 
 
+def _measured(sensors: SensorMonitor, excitations: Sequence[Excitation]) -> tuple[Level, str]:
+    """Return the level and the sentence about what sensors measure beside the predictions."""
+    if not sensors.latest:
+        return Level.STALE, "No sensor has sent samples for as long as a comparison takes."
+    messages = [sensors.latest[name] for name in sorted(sensors.latest)]
+    sentences = [difference_sentence(message, excitations) for message in messages]
+    if any(sentences):
+        return Level.WARN, " ".join(filter(None, sentences))
+    return Level.OK, "What the sensors measure agrees with the predictions."
+
+
 def _traffic(second: Second, statistics: Statistics) -> list[Fault]:
     """Return faults for messages that were lost, and that waited before they were answered."""
     sentences = []
@@ -119,6 +133,8 @@ def statuses(name: str, health: Health, statistics: Statistics) -> list[Diagnost
         parts["speeds"] = overall(predicting.speed_faults, "The speeds have no known fault.")
         parts["resonance"] = _resonance(predicting)
         parts["log"] = _log(recording)
+        if predicting.sensors is not None:
+            parts["sensors"] = _measured(predicting.sensors, predicting.excitations)
     described = [
         DiagnosticStatus(
             level=bytes([level]),

@@ -31,6 +31,7 @@ from linkage_vibration.bags.recorder import (
 )
 from linkage_vibration.bags.writing import QUEUE_DEPTH, LogError
 from linkage_vibration.errors import LinkageVibrationError, printable
+from linkage_vibration.listening.live import sensor_monitor
 from linkage_vibration.prediction.answers import Served, place_name
 from linkage_vibration.prediction.excitation import Excitation
 from linkage_vibration.prediction.levels import LevelTable
@@ -38,6 +39,7 @@ from linkage_vibration.prediction.provenance import attachments, implement_facts
 from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.prediction.settings import NODE_NAME, ParameterError, Parameters
 from linkage_vibration.readers.excitations import excitation_files
+from linkage_vibration.readers.sensors import Sensor, live_sensors, sensor_files
 from linkage_vibration.readers.served import read_loads, read_served
 from linkage_vibration.ros.diagnostics import Health, statuses
 from linkage_vibration.ros.endpoints import WARN_PERIOD, Throttle, advertise, publisher
@@ -58,6 +60,7 @@ from linkage_vibration.ros.statistics import CLOCK_LEAP, Statistics
 from linkage_vibration_interfaces.msg import (
     Advice,
     LoadState,
+    MeasuredVibration,
     Resonance,
     TableInfo,
     VibrationPrediction,
@@ -97,6 +100,7 @@ class LinkageVibrationNode(LifecycleNode):
         self._served: Served | None = None
         self._excitations, self._monitored = dict[str, bytes](), tuple[Excitation, ...]()
         self._predicting: Predicting | None = None
+        self._sensors = list[Sensor]()
         self._recording: Recording | None = None
         self._offered: Services | None = None
         self._outputs, self._latched = list[Any](), list[Any]()
@@ -142,7 +146,7 @@ class LinkageVibrationNode(LifecycleNode):
         try:
             settings = changed(self._settings, asked, configured=configured)
             if configured:
-                topics = live_topics(settings, self.resolve_topic_name)
+                topics = live_topics(settings, self.resolve_topic_name, self._sensors)
                 check_output_topics(topics, self.resolve_topic_name)
                 input_topics(topics)  # which need their definitions
         except LinkageVibrationError as error:
@@ -303,9 +307,12 @@ class LinkageVibrationNode(LifecycleNode):
             self.get_logger().warning(f"{error} The node predicts without.")
         self._served = served = read_served(settings, self.get_logger().info, self._on_building)
         self._monitored = excitations = read_loads(settings, served, self.get_logger().info)
-        self._excitations = excitation_files(settings.excitation_path())
+        files = excitation_files(settings.excitation_path())
+        self._excitations = files | sensor_files(settings.sensor_path())
         levels = LevelTable(served.predictor, served.mechanism, excitations)
-        inputs = live_topics(settings, self.resolve_topic_name)
+        path = settings.sensor_path()
+        self._sensors = live_sensors(path) if path else []
+        inputs = live_topics(settings, self.resolve_topic_name, self._sensors)
         check_output_topics(inputs, self.resolve_topic_name)
         check_qos_overrides(self, inputs)
         topics = [*input_topics(inputs), *output_topics(self)]
@@ -319,6 +326,7 @@ class LinkageVibrationNode(LifecycleNode):
             advertise(self, VibrationPrediction, "~/prediction", self._statistics, self._throttle),
             advertise(self, Resonance, "~/resonance", self._statistics, self._throttle),
             advertise(self, LoadState, "~/load_state", self._statistics, self._throttle),
+            advertise(self, MeasuredVibration, "~/measured", self._statistics, self._throttle),
         )
         self._outputs = [*outputs]
         self._latched = [
@@ -338,6 +346,7 @@ class LinkageVibrationNode(LifecycleNode):
             inputs,
             served.predictor,
             ResonanceMonitor(excitations, levels=levels),
+            sensor_monitor(self._sensors, served, excitations, settings),
             recording.write,
             self._statistics,
             self._throttle,
@@ -416,7 +425,7 @@ class LinkageVibrationNode(LifecycleNode):
         provenance = self._provenance(served)
         with self._listener.paused():
             self._served = served
-            self._predicting.replace(served.predictor, levels)
+            self._predicting.replace(served.predictor, served.mechanism, levels)
             self._recording.recorder.change_provenance(provenance)
         self._publish_model(served)
         self.get_logger().info(
@@ -448,7 +457,8 @@ class LinkageVibrationNode(LifecycleNode):
                     predicting.apply(settings, topics)
                 except LinkageVibrationError:  # a topic cannot be subscribed to
                     self._settings = before
-                    predicting.apply(before, live_topics(before, self.resolve_topic_name))
+                    topics = live_topics(before, self.resolve_topic_name, self._sensors)
+                    predicting.apply(before, topics)
                     raise
                 recording.recorder.change_provenance(provenance)
         if settings.service_events != before.service_events:

@@ -3,7 +3,7 @@
 """The inputs of a running node, by topics, with the types of the installed packages."""
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,6 +14,7 @@ from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs.presets import HITCH
 from linkage_vibration.prediction.inputs.sources import CrankInput, SourceSettings, SpeedInput
 from linkage_vibration.prediction.settings import ParameterError, Parameters
+from linkage_vibration.readers.sensors import Sensor, SensorReader
 from linkage_vibration.ros.endpoints import message_class
 
 # As rosidl describes a field: `double`, `sequence<std_msgs/Header, 3>`, `string<10>[2]`.
@@ -29,9 +30,12 @@ class LiveTopic:
     type: str
     crank: CrankInput | None = None
     speeds: list[tuple[Source, SpeedInput]] = field(default_factory=list)
+    sensors: list[tuple[int, SensorReader]] = field(default_factory=list)  # by place
 
 
-def live_topics(settings: Parameters, resolve: Callable[[str], str]) -> dict[str, LiveTopic]:
+def live_topics(
+    settings: Parameters, resolve: Callable[[str], str], sensors: Sequence[Sensor] = ()
+) -> dict[str, LiveTopic]:
     """Return the topics of the inputs by their absolute names; that of the hitch is the first.
 
     ``resolve`` returns the absolute name of a topic after remapping. A `ParameterError` says that a
@@ -39,12 +43,12 @@ def live_topics(settings: Parameters, resolve: Callable[[str], str]) -> dict[str
     """
     topics: dict[str, LiveTopic] = {}
 
-    def topic_of(source: SourceSettings) -> LiveTopic:
+    def topic_of(source: SourceSettings | Sensor) -> LiveTopic:
         name = resolve(source.topic)
         topic = topics.setdefault(name, LiveTopic(name, source.type))
         if topic.type != source.type:
             raise ParameterError(
-                f"Parameter {source.name}_type: topic {name} is read as {source.type} and as "
+                f"{_type_words(source)}: topic {name} is read as {source.type} and as "
                 f"{topic.type}; give one type, or another topic."
             )
         return topic
@@ -55,6 +59,9 @@ def live_topics(settings: Parameters, resolve: Callable[[str], str]) -> dict[str
     for speed, source in settings.speed_sources().items():
         topic = topic_of(source)
         topic.speeds.append((speed, settings.speed_input(speed, _schema(source))))
+    for i, sensor in enumerate(sensors):
+        reader = SensorReader(sensor, sensor.type, _schema(sensor))
+        topic_of(sensor).sensors.append((i, reader))
     return topics
 
 
@@ -74,15 +81,22 @@ def check_output_topics(inputs: Iterable[str], resolve: Callable[[str], str]) ->
         used[name] = output.name
 
 
-def _schema(source: SourceSettings) -> Schema:
+def _type_words(source: SourceSettings | Sensor) -> str:
+    """Return the name of the parameter or the key that gives the type of a source."""
+    if isinstance(source, Sensor):
+        return f"Key type of the sensor {source.name}"
+    return f"Parameter {source.name}_type"
+
+
+def _schema(source: SourceSettings | Sensor) -> Schema:
     """Return the fields of the type of a source, which must be installed."""
     try:
         return installed_schema(source.type)
     except (ImportError, AttributeError):
         package = source.type.split("/")[0]
         raise ParameterError(
-            f"Parameter {source.name}_type: the type {source.type} is not installed; install or "
-            f"source the package {package}, or choose another {source.name} input."
+            f"{_type_words(source)}: the type {source.type} is not installed; install or "
+            f"source the package {package}, or choose another input."
         ) from None
 
 

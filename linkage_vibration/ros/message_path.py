@@ -14,11 +14,14 @@ from rclpy.node import Node
 
 from linkage_vibration.bags.numbers import MAX_NAMES, CdrError, ReadingError
 from linkage_vibration.bags.writing import Topic
+from linkage_vibration.listening.live import SensorMonitor, second
+from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.messages.encoding import encode_message
 from linkage_vibration.messages.topics import (
     ADVICE,
     LOAD_STATE,
+    MEASURED,
     OUTPUT_TOPICS,
     PREDICTION,
     RESONANCE,
@@ -90,7 +93,7 @@ class Predicting:
     ----------
     node, listener : Node, Listener
         The node that publishes, and the one that subscribes.
-    predictions, resonances, load_states, advice : Publisher
+    predictions, resonances, load_states, measured, advice : Publisher
         The publishers of these topics.
     settings : Parameters
         The parameters at the start; `apply` changes them while the listener is paused.
@@ -100,6 +103,8 @@ class Predicting:
         Looks up the table.
     monitor : ResonanceMonitor
         Compares the excitations with the natural frequencies.
+    sensors : SensorMonitor, optional
+        Compares what sensors measure with the predictions.
     record : callable
         Called with the topic, the bytes, the time of receipt (ns) and the `MessageInfo` of every
         message that is used, and with the topics and bytes of its answers.
@@ -126,11 +131,13 @@ class Predicting:
         predictions: Any,
         resonances: Any,
         load_states: Any,
+        measured: Any,
         advice: Any,
         settings: Parameters,
         topics: dict[str, LiveTopic],
         predictor: Predictor,
         monitor: ResonanceMonitor,
+        sensors: SensorMonitor | None,
         record: Callable[..., None],
         statistics: Statistics,
         throttle: Throttle,
@@ -156,6 +163,7 @@ class Predicting:
         self._resonances, self._resonance_topic = resonances, resonances.topic_name
         self._load_states, self._periods = load_states, Periods()
         self._advice, self._adviser = advice, Adviser(monitor)
+        self._measured, self.sensors = measured, sensors
         self.apply(settings, topics)
 
     @property
@@ -185,20 +193,25 @@ class Predicting:
         self._periods.rate = settings.prediction_rate
         for source, fixed in self._fixed.items():
             monitor.set_fixed(source, fixed)
+        if self.sensors is not None:
+            self.sensors.stale_after = settings.stale_after
+            self.sensors.fixed = {s: v for s, v in self._fixed.items() if v is not None}
         if before != {(t.name, t.type) for t in topics.values()} and self._subscribed:
             self.unsubscribe()
             self.subscribe()
 
-    def replace(self, predictor: Predictor, levels: LevelTable) -> None:
+    def replace(self, predictor: Predictor, mechanism: Mechanism, levels: LevelTable) -> None:
         """Use another table while the listener is paused.
 
         Parameters
         ----------
-        predictor, levels : Predictor, LevelTable
-            What looks it up.
+        predictor, mechanism, levels : Predictor, Mechanism, LevelTable
+            What looks it up, and what it describes.
         """
         self.predictor = predictor
         self._monitor.use(levels=levels)
+        if self.sensors is not None:
+            self.sensors.use(predictor, mechanism)
 
     def subscribe(self) -> None:
         """Answer messages as soon as the listener starts."""
@@ -321,26 +334,32 @@ class Predicting:
         if len(data) > MAX_BYTES:
             self._refuse_large(topic, len(data))
             return
-        message, used = (name, data, received, info), False
+        message, answers = (name, data, received, info), list[tuple[str, bytes]]()
+        used = False
         for source, speed in topic.speeds:
             value_and_time = self._read(speed.read_one, message)
             if value_and_time is not None:
                 used = True
                 self._speeds[source].take(began, value_and_time[0], speed.reader.sender)
                 self._take_speed(source, *value_and_time, speed, name)
+        for i, sensor in topic.sensors:
+            sample = self._read(sensor.read_one, message)
+            if sample is not None:
+                used = True
+                answers += self._listen(i, *sample)
         if topic.crank is not None:
             reading = self._read(topic.crank.read_one, message, self.readings.refuse)
             if reading is not None:
                 self._other_names.clear()
                 self._answered = began
-                self._answer(reading, message, began, wait)
+                self._answer(reading, message, began, wait, answers)
                 return  # with its answers, the message is recorded
             # Several nodes may share the topic; `judge` warns if none sends the joint.
             if len(self._other_names) < MAX_NAMES:
                 with suppress(CdrError):
                     self._other_names.update(topic.crank.reader.other_names(data))
         if used:
-            self._record(*message)
+            self._record(*message, *answers)
 
     def _refuse_large(self, topic: LiveTopic, size: int) -> None:
         self._too_large += 1
@@ -372,25 +391,47 @@ class Predicting:
         """Return the time of the node's clock, ns, without rclpy in a third of the time."""
         return self._clock.now().nanoseconds if self._clock.ros_time_is_active else time.time_ns()
 
+    def _listen(
+        self, sensor: int, stamp: int, frame: str, values: tuple[float, ...]
+    ) -> list[tuple[str, bytes]]:
+        """Take a sample of a sensor; publish and return what it and those before it measured."""
+        assert self.sensors is not None
+        message = self.sensors.take(sensor, stamp, values)
+        if message is None:
+            return []
+        encoded = encode_message(MEASURED, message, *divmod(second(stamp), 10**9), frame)
+        self._measured.publish(encoded)
+        return [(self._measured.topic_name, encoded)]
+
     def _take_speed(
         self, source: Source, value: float, at: int, speed: SpeedInput, topic: str
     ) -> None:
         if self._fixed[source] is None:
             self._monitor.set_speed(source, value, at)
+            if self.sensors is not None:
+                self.sensors.set_speed(source, value, at)
         problem = ""
         if math.isnan(value):
             words = f"{speed.describe(topic)} has no {source.value} speed now, so it is unknown."
             problem = f"{words} {speed.reader.note}".rstrip()
         self._throttle.report(source.value, problem)
 
-    def _answer(self, stamped: Stamped, source: _Message, began: float, wait: float) -> None:
+    def _answer(
+        self,
+        stamped: Stamped,
+        source: _Message,
+        began: float,
+        wait: float,
+        answers: list[tuple[str, bytes]],
+    ) -> None:
         """Predict and publish; then count, and record the message with its answers."""
         reading, sec, nanosec, frame, at = stamped
         counts, received = self._statistics, source[2]
         prediction = self.predictor.predict(reading.crank_angle, reading.stddev)
         self.prediction = prediction
-        answers = list[tuple[str, bytes]]()
         stamp, needed = 10**9 * sec + nanosec, self._monitor.any_speed_reported
+        if self.sensors is not None:
+            self.sensors.set_angle(reading.crank_angle, stamp)
         if self._periods.is_due(stamp):
             encoded = encode_message(PREDICTION, prediction, sec, nanosec, frame)
             self._predictions.publish(encoded)

@@ -26,6 +26,7 @@ def sensor(**changes: Any) -> Sensor:
         "limit": math.inf,
         "file": None,
         "topic": "/imu",
+        "type": "sensor_msgs/msg/Imu",
         "fields": (),
         "columns": (),
         "starts_at": 0.0,

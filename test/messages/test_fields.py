@@ -7,10 +7,17 @@ from pathlib import Path
 import pytest
 
 from linkage_vibration.messages.fields import Field, message_fields
-from linkage_vibration.messages.topics import ADVICE, LOAD_STATE, PREDICTION, RESONANCE, TABLE_INFO
+from linkage_vibration.messages.topics import (
+    ADVICE,
+    LOAD_STATE,
+    MEASURED,
+    PREDICTION,
+    RESONANCE,
+    TABLE_INFO,
+)
 from linkage_vibration.support.resources import share_directory
 
-MESSAGES = [PREDICTION, RESONANCE, LOAD_STATE, ADVICE, TABLE_INFO]
+MESSAGES = [PREDICTION, RESONANCE, LOAD_STATE, ADVICE, MEASURED, TABLE_INFO]
 
 
 @pytest.mark.parametrize("kind", MESSAGES)

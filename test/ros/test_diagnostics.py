@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
+from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.health import Fault, Level, ReadingWatch
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.resonance import ResonanceState
@@ -76,7 +77,15 @@ PREDICTING = {
     "reading_faults": [],
     "speed_faults": [],
     "clock_missing": False,
+    "sensors": None,
 }
+ORDERS = ("order_levels", "order_stddevs", "predicted_levels", "predicted_factors", "differences")
+
+
+def heard(difference: float, doubts: str = "") -> SimpleNamespace:
+    """Return sensors of which one measures an order that is twice as strong as predicted."""
+    orders = dict(zip(ORDERS, np.array([[0.2], [0.01], [0.1], [1.5], [difference]]), strict=True))
+    return SimpleNamespace(latest={"imu": MessageColumns(sensor="imu", doubts=doubts, **orders)})
 
 
 def healthy(**changes: Any) -> Health:
@@ -179,6 +188,19 @@ def test_most_serious_problem_first(changes: dict[str, Any], level: bytes, words
             "waited up to 0.5 s for the node, and 40 of 100 were left out for newer ones",
         ),
         ("speeds", {"speed_faults": [Fault(Level.WARN, "It stopped.")]}, WARN, "It stopped."),
+        ("sensors", {"sensors": SimpleNamespace(latest={})}, STALE, "No sensor has sent samples"),
+        ("sensors", {"sensors": heard(1.9)}, OK, "agrees with the predictions"),
+        (
+            "sensors",
+            {
+                "sensors": heard(2.1),
+                "excitations": [SimpleNamespace(name="rotor 1")],
+                "resonance": None,
+            },
+            WARN,
+            "imu: rotor 1 is 2 times as strong as predicted .2.1 standard deviations",
+        ),
+        ("sensors", {"sensors": heard(0.0, "It hangs loose.")}, WARN, "imu: It hangs loose."),
     ],
 )
 def test_each_part_has_a_status(

@@ -44,10 +44,11 @@ class Bench:
         listener = SimpleNamespace(subscribe=self._subscribe, lost=Counter)
         throttle = SimpleNamespace(warn=lambda *_: None, report=lambda *_: None)
         self.path = Predicting(
-            *(node, listener, *(topic,) * 4, Parameters()),  # type: ignore[arg-type]
+            *(node, listener, *(topic,) * 5, Parameters()),  # type: ignore[arg-type]
             live_topics(Parameters(), lambda name: f"/{name}"),
             Predictor(load_table(config_file(PAPER_TABLE))),
             ResonanceMonitor(read_excitations(Parameters().excitation_path())),
+            None,
             lambda name, data, *_: self.recorded.append(data),
             self.statistics,
             throttle,  # type: ignore[arg-type]

@@ -2,26 +2,34 @@
 # SPDX-License-Identifier: Apache-2.0
 """A drive gives the same bytes live over DDS and offline."""
 
+import math
 from collections.abc import Callable
 from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
 
+import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from mcap.reader import make_reader
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.settings import Parameters
+from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.support.resources import config_file
-from linkage_vibration_interfaces.msg import Advice, LoadState, VibrationPrediction
+from linkage_vibration_interfaces.msg import (
+    Advice,
+    LoadState,
+    MeasuredVibration,
+    VibrationPrediction,
+)
 from test.support.ros_process import until
 
 PREDICTION, RESONANCE, LOAD_STATE, ADVICE = (
@@ -150,6 +158,53 @@ def test_simulated_clock(
     # The speeds may change their places with the readings after them.
     assert counts[0] >= 150
     assert 100 <= counts[1] == counts[2] <= 125
+
+
+def test_sensors_beside_predictions(
+    start: Callable[..., Any], meet: Callable[..., Any], tmp_path: Path
+) -> None:
+    """Samples of an IMU are compared once a second, live and with the same bytes in a replay.
+
+    The order of the engine that the samples contain has the amplitude that the message says.
+    """
+    file = tmp_path / "sensors.yaml"
+    file.write_text("imu: {topic: /imu, unit: m/s2, at: E1, filtered: true}\n")
+    given = {"sensor_file": file, "engine_speed": 1500.0}
+    node = start(**given, name="hears", record=True, log_directory=tmp_path)
+    peer, heard, status = meet("hears"), list[MeasuredVibration](), dict[str, Any]()
+    imu = peer.node.create_publisher(Imu, "/imu", 100)
+    peer.node.create_subscription(MeasuredVibration, "/hears/measured", heard.append, 10)
+    peer.node.create_subscription(
+        DiagnosticArray,
+        "/diagnostics",
+        lambda message: status.update({s.name: s for s in message.status}),
+        10,
+    )
+    peer.spin(lambda: imu.get_subscription_count() > 0, "the node's subscription")
+    sample, seconds = Imu(), peer.second + 10
+    for k in range(1300):
+        at, rest = divmod(k * 5_000_000, 10**9)
+        sample.header.stamp.sec, sample.header.stamp.nanosec = seconds + at, rest
+        sample.linear_acceleration.z = 9.81 + 0.2 * math.cos(2.0 * math.pi * 25.0 * k / 200.0)
+        imu.publish(sample)
+        if k % 10 == 0:
+            peer.second, peer.stamp, before = seconds + at, rest, len(peer.raw)
+            peer.publish()
+            peer.spin(lambda before=before: len(peer.raw) > before, "a prediction")
+    peer.spin(lambda: len(heard) >= 2, "what the sensor measures")
+    peer.spin(lambda: "hears: sensors" in {name.lstrip("/") for name in status}, "its status")
+    assert node.stop() == 0
+    names = [one.name for one in read_excitations(config_file("excitations.yaml"))]
+    level = heard[0].order_levels[names.index("crankshaft 1")]
+    assert level == pytest.approx(0.2 / math.sqrt(2.0), rel=1e-3)
+    assert [each.header.stamp.sec - seconds for each in heard] == [5, 6]
+    [log] = tmp_path.glob("linkage_vibration_*.mcap")
+    again = tmp_path / "again.mcap"
+    replay([log], again, Parameters(sensor_file=str(file), engine_speed=1500.0))
+    recorded = [(time, data) for _, time, data in messages(log, "/hears/measured")]
+    name = "/linkage_vibration/measured"
+    assert [(time, data) for _, time, data in messages(again, name)] == recorded
+    assert len(recorded) == 2
 
 
 def test_rates_of_a_control_stack(

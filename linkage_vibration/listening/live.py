@@ -1,0 +1,246 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Compares what sensors measure with what a table predicts there, once a second of their stamps."""
+
+import math
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from linkage_vibration.listening.amplitudes import measure_orders, predicted_levels, unit_responses
+from linkage_vibration.listening.orders import SECONDS, Orders, track_orders
+from linkage_vibration.listening.signals import SignalError, measured_signal
+from linkage_vibration.listening.spectra import levels
+from linkage_vibration.listening.transfer import Transfer
+from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.messages.columns import MessageColumns
+from linkage_vibration.prediction.answers import Served
+from linkage_vibration.prediction.excitation import Excitation, Source
+from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.prediction.settings import Parameters
+from linkage_vibration.readers.sensors import SEAT, Sensor
+
+_SECOND = 10**9  # ns
+_WINDOW = round(SECONDS * _SECOND)
+_BEFORE = 0.05  # s before a window that its even samples may need
+_LEAD = round(_BEFORE * _SECOND)
+_KEPT = 2 * _WINDOW
+_MOST = 100_000  # samples of a sensor that are kept; so many in 8 s are 12.5 kHz
+_BY_ORDER = ["order_levels", "order_stddevs", "predicted_levels", "predicted_factors"]
+_BY_ORDER += ["differences"]
+_OFF = 2.0  # standard deviations beyond which an order is named
+
+
+@dataclass(slots=True)
+class _History:
+    """The latest numbers by their times, ns."""
+
+    times: deque[int] = field(default_factory=lambda: deque(maxlen=_MOST))
+    values: deque[float | tuple[float, ...]] = field(default_factory=lambda: deque(maxlen=_MOST))
+
+    def add(self, time: int, value: float | tuple[float, ...]) -> None:
+        if self.times and time < self.times[-1] - _SECOND:  # the clock was set back
+            self.times.clear()
+            self.values.clear()
+        self.times.append(time)
+        self.values.append(value)
+        while self.times[0] < time - _KEPT:
+            self.times.popleft()
+            self.values.popleft()
+
+    def since(self, start: int) -> tuple[FloatArray, FloatArray]:
+        """Return ascending times since a start, s, (n,), and the values, (n,) or (n, k)."""
+        times = np.array(self.times, np.int64)
+        order = np.argsort(times, kind="stable")
+        return (times[order] - start) / _SECOND, np.array(self.values, float)[order]
+
+
+@dataclass(slots=True)
+class _Channel:
+    sensor: Sensor
+    transfer: Transfer | None  # None where the table predicts nothing
+    samples: _History
+    began: int = 0  # stamp of the first sample, ns
+
+
+class SensorMonitor:
+    """Compares the latest samples of sensors with the table, at the speeds and angles of the time.
+
+    A `SignalError` is raised for a place at which the table has no response.
+
+    Attributes
+    ----------
+    fixed : dict of Source to float
+        Speeds that do not change, rpm or m/s.
+    stale_after : float
+        A speed or an angle is known for so long, s.
+    latest : dict of str to MessageColumns
+        The last message of each sensor.
+    """
+
+    def __init__(
+        self,
+        sensors: Sequence[Sensor],
+        predictor: Predictor,
+        mechanism: Mechanism,
+        excitations: Sequence[Excitation],
+        fixed: Mapping[Source, float],
+        stale_after: float,
+    ) -> None:
+        self.fixed, self.stale_after = dict(fixed), stale_after
+        self.latest: dict[str, MessageColumns] = {}
+        self._sensors, self._excitations = tuple(sensors), tuple(excitations)
+        self._speeds = {source: _History() for source in Source}
+        self._angles = _History()
+        self._channels: list[_Channel] = []
+        self.use(predictor, mechanism)
+
+    def use(self, predictor: Predictor, mechanism: Mechanism) -> None:
+        """Predict from another table from now on; samples are kept."""
+        self._predictor, table = predictor, predictor.table
+        self._highest = float(np.nanmax(table.evaluate(table.alpha3)[:, : table.n_modes]))
+        transfers = [
+            None if sensor.at == SEAT else Transfer(table, mechanism, self._excitations, sensor)
+            for sensor in self._sensors
+        ]
+        kept = self._channels or [_Channel(sensor, None, _History()) for sensor in self._sensors]
+        self._channels = [
+            replace(old, transfer=transfer) for old, transfer in zip(kept, transfers, strict=True)
+        ]
+
+    def set_speed(self, source: Source, value: float, time: int) -> None:
+        """Take a speed, rpm or m/s, at a time, ns."""
+        self._speeds[source].add(time, value)
+
+    def set_angle(self, alpha3: float, stamp: int) -> None:
+        """Take a crank angle, rad, with its stamp, ns."""
+        self._angles.add(stamp, alpha3)
+
+    def take(self, sensor: int, stamp: int, values: tuple[float, ...]) -> MessageColumns | None:
+        """Take a sample; return a message if it is the first in a second of the stamps, ns.
+
+        The fields are those of ``MeasuredVibration`` without the header; `second` gives its stamp.
+        """
+        channel = self._channels[sensor]
+        samples, message = channel.samples, None
+        if samples.times:
+            last, end = samples.times[-1], second(stamp)
+            if not -_SECOND <= stamp - last <= _KEPT:
+                channel.began = stamp
+            elif end > second(last) and end - _WINDOW - _LEAD >= channel.began:
+                message = self._compare(channel, end)
+                self.latest[channel.sensor.name] = message
+        else:
+            channel.began = stamp
+        samples.add(stamp, values)
+        return message
+
+    def _compare(self, channel: _Channel, end: int) -> MessageColumns:
+        """Return what a sensor measured in the window before a time, ns, beside the prediction."""
+        start, count = end - _WINDOW, len(self._excitations)
+        times, readings = channel.samples.since(start)
+        inside = (times >= -_BEFORE) & (times < SECONDS)
+        message = MessageColumns(
+            sensor=channel.sensor.name,
+            crank_angle=float(_at(*self._angles.since(start), self.stale_after)),
+            doubts="",
+            **dict.fromkeys(("rate", "level", "predicted_level"), math.nan),
+            **{name: np.full(count, math.nan) for name in _BY_ORDER},
+        )
+        try:
+            signal = measured_signal(channel.sensor, times[inside], readings[inside], self._highest)
+        except SignalError as error:
+            message.doubts = str(error)
+            return message
+        doubts, speeds = list(signal.doubts), self._known_speeds(start)
+        message.rate = signal.rate
+        orders = track_orders(signal, self._excitations, speeds)
+        if not speeds:
+            doubts.append("No speed is known in its window; check the speeds, and its stamps.")
+        if len(orders.times):
+            message.level = float(levels(signal, SECONDS)[0])
+            self._compare_orders(channel, message, orders, speeds)
+        message.doubts = " ".join(doubts)
+        return message
+
+    def _compare_orders(
+        self,
+        channel: _Channel,
+        message: MessageColumns,
+        orders: Orders,
+        speeds: Mapping[Source, object],
+    ) -> None:
+        """Set what orders measure, and what is predicted of them where the crank angle is known."""
+        excitations, transfer, units = self._excitations, channel.transfer, np.empty((1, 1, 0))
+        angle, loaded = self._predictor.angle_in_table(message.crank_angle), list[int]()
+        if transfer is not None and angle is not None:
+            loaded, units = transfer.loaded, unit_responses(transfer, orders, np.array([angle]))
+            levels = predicted_levels(transfer, excitations, orders, units, speeds)
+            message.predicted_level = float(levels[0])
+        else:
+            excitations = tuple(replace(one, load=None) for one in excitations)
+        names = [one.name for one in excitations]
+        for row in measure_orders(excitations, orders, units, loaded, fewest=1):
+            numbers = row.measured, row.measured_stddev, row.predicted, row.predicted_factor
+            for name, number in zip(_BY_ORDER, (*numbers, row.difference), strict=True):
+                getattr(message, name)[names.index(row.excitation.name)] = number
+
+    def _known_speeds(self, start: int) -> dict[Source, tuple[FloatArray, FloatArray]]:
+        """Return times, s, and speeds, rpm or m/s, of those that are known in a whole window."""
+        ends = np.array([-1.0, SECONDS])
+        speeds = {source: (ends, np.full(2, value)) for source, value in self.fixed.items()}
+        for source, history in self._speeds.items():
+            times, values = history.since(start)
+            times, values = times[times < SECONDS], values[times < SECONDS]
+            if source in speeds or not len(times) or times[0] > -_BEFORE:
+                continue
+            times, values = np.append(times, SECONDS), np.append(values, values[-1])
+            if np.diff(times)[times[1:] > -_BEFORE].max() <= self.stale_after:
+                speeds[source] = times, values
+        return speeds
+
+
+def sensor_monitor(
+    sensors: Sequence[Sensor],
+    served: Served,
+    excitations: Sequence[Excitation],
+    settings: Parameters,
+) -> SensorMonitor | None:
+    """Return the monitor of sensors with the speeds that parameters fix; None without a sensor."""
+    if not sensors:
+        return None
+    speeds = {source: settings.fixed_speed(source) for source in Source}
+    fixed = {source: speed for source, speed in speeds.items() if speed is not None}
+    model = served.predictor, served.mechanism
+    return SensorMonitor(sensors, *model, excitations, fixed, settings.stale_after)
+
+
+def second(stamp: int) -> int:
+    """Return the beginning of the second of a stamp, ns, which is the stamp of a message."""
+    return stamp // _SECOND * _SECOND
+
+
+def difference_sentence(message: MessageColumns, excitations: Sequence[Excitation]) -> str:
+    """Return which order differs most from its prediction at a sensor, and what is doubtful."""
+    differences, text = np.nan_to_num(np.abs(message.differences)), ""
+    if len(differences) and differences.max() > _OFF:
+        most = int(differences.argmax())
+        ratio = float(message.order_levels[most] / message.predicted_levels[most])
+        bound = "" if math.isfinite(message.order_stddevs[most]) else "at most "
+        text = (
+            f"{message.sensor}: {excitations[most].name} is {bound}{ratio:.2g} times as strong as "
+            f"predicted ({differences[most]:.1f} standard deviations). "
+        )
+    return f"{text}{message.sensor}: {message.doubts}" if message.doubts else text.rstrip()
+
+
+def _at(times: FloatArray, values: FloatArray, stale_after: float) -> float:
+    """Return the angle in the middle of a window; NaN if the readings beside it are too old."""
+    middle = SECONDS / 2.0
+    i = int(np.searchsorted(times, middle))
+    if i in (0, len(times)) or times[i] - times[i - 1] > stale_after:
+        return math.nan
+    return float(np.interp(middle, times[i - 1 : i + 1], values[i - 1 : i + 1]))

@@ -1,0 +1,168 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Sensors beside predictions while a drive goes on: one message a second, known in closed form."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from linkage_vibration.listening.live import SensorMonitor, difference_sentence, second
+from linkage_vibration.listening.signals import SignalError
+from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.messages.columns import MessageColumns
+from linkage_vibration.prediction.answers import Served
+from linkage_vibration.prediction.excitation import Source
+from linkage_vibration.prediction.settings import Parameters
+from linkage_vibration.readers.excitations import read_excitations
+from linkage_vibration.readers.served import read_served
+from linkage_vibration.support.resources import config_file
+from test.listening.test_signals import sensor
+
+NS, START = 10**9, 1_700_000_000 * 10**9 + 300_000_000  # ns, in the middle of a second
+RATE, ANGLE, ENGINE = 200, 2.3, 1500.0  # Hz, rad, rpm: crankshaft 1 is at 25 Hz
+EXCITATIONS = read_excitations(config_file("excitations.yaml"))
+CRANKSHAFT = [one.name for one in EXCITATIONS].index("crankshaft 1")
+AMPLITUDE = 0.2  # m/s2, along z
+
+
+@cache
+def served() -> Served:
+    """Return the shipped linkage."""
+    return read_served(Parameters())
+
+
+def monitor(fixed: float | None = ENGINE, at: str = "E1") -> SensorMonitor:
+    """Return the monitor of one sensor."""
+    speeds = {} if fixed is None else {Source.ENGINE: fixed}
+    one = replace(sensor(), at=at)
+    return SensorMonitor([one], served().predictor, served().mechanism, EXCITATIONS, speeds, 1.0)
+
+
+def samples(k: int) -> tuple[float, ...]:
+    """Return sample number k: gravity, and 25 Hz along z."""
+    return 0.0, 0.0, 9.81 + AMPLITUDE * math.cos(2.0 * math.pi * 25.0 * k / RATE)
+
+
+def drive(
+    listening: SensorMonitor,
+    seconds: float,
+    also: Callable[[SensorMonitor, int, int], None] = lambda *_: None,
+    left_out: range = range(0),
+) -> list[tuple[int, MessageColumns]]:
+    """Feed samples and a crank angle that stays; return the stamps and messages."""
+    found = []
+    for k in range(int(seconds * RATE)):
+        stamp = START + k * NS // RATE
+        if k % 10 == 0:
+            listening.set_angle(ANGLE, stamp)
+        also(listening, k, stamp)
+        if k not in left_out:
+            message = listening.take(0, stamp, samples(k))
+            if message is not None:
+                found.append((second(stamp), message))
+    return found
+
+
+def test_one_message_a_second_after_the_first_window() -> None:
+    """A window of 4 s has to be full; then each second of the stamps has one message."""
+    found = drive(monitor(), 8.5)
+    assert [stamp // NS - START // NS for stamp, _ in found] == [5, 6, 7, 8]
+
+
+def test_the_numbers_are_those_of_the_signal_and_of_the_whole_model() -> None:
+    """Level, order and prediction are those of closed forms, and of the model without its table."""
+    [*_, (_, message)] = drive(monitor(), 7.0)
+    assert message.rate == pytest.approx(RATE)
+    assert message.crank_angle == pytest.approx(ANGLE)
+    rms = AMPLITUDE / math.sqrt(2.0)
+    assert message.level == pytest.approx(rms / (2.0 * math.pi * 25.0), rel=0.02)
+    assert message.order_levels[CRANKSHAFT] == pytest.approx(rms, rel=1e-3)
+    # 340 N at 2200 rpm, with the square of the speed, at the front axle.
+    force = 340.0 * (ENGINE / 2200.0) ** 2
+    solution = LinkageModel(served().mechanism).solve(ANGLE)
+    frf = solution.frf([("E1", "x"), ("E1", "z")], [("front_axle", "z")]).frf(np.array([25.0]))
+    expected = np.linalg.norm(frf) * (2.0 * math.pi * 25.0) ** 2 * force / math.sqrt(2.0)
+    assert message.predicted_levels[CRANKSHAFT] == pytest.approx(expected, rel=0.01)
+    factor = message.predicted_factors[CRANKSHAFT]
+    stddev = math.hypot(math.log(factor), message.order_stddevs[CRANKSHAFT] / rms)
+    assert message.differences[CRANKSHAFT] == pytest.approx(
+        math.log(rms / expected) / stddev, rel=0.02
+    )
+    assert np.isnan(message.order_levels[[one.source is Source.PTO for one in EXCITATIONS]]).all()
+
+
+def test_what_differs_is_named() -> None:
+    """An order that is 30 times as strong as predicted is named; one as predicted is not."""
+    listening = monitor()
+    [*_, (_, message)] = drive(listening, 7.0)
+    predicted = message.predicted_levels[CRANKSHAFT]
+    for ratio, named in ((30.0, True), (1.0, False)):
+        message.order_levels[CRANKSHAFT] = ratio * predicted
+        message.differences = np.full(len(EXCITATIONS), math.nan)
+        message.differences[CRANKSHAFT] = math.log(ratio) / 0.5
+        message.doubts = ""
+        sentence = difference_sentence(message, EXCITATIONS)
+        assert ("crankshaft 1 is 30 times as strong as predicted" in sentence) == named
+        assert bool(sentence) == named
+
+
+def test_without_speeds_nothing_is_compared() -> None:
+    """The level is measured, orders are not known, and the message says why."""
+    [*_, (_, message)] = drive(monitor(fixed=None), 7.0)
+    assert message.level > 0.0
+    assert np.isnan(message.order_levels).all()
+    assert math.isnan(message.predicted_level)
+    assert "No speed is known" in message.doubts
+
+
+@pytest.mark.parametrize(("pause", "known"), [(0.9, True), (1.2, False)])
+def test_a_speed_that_is_late_is_not_used(pause: float, known: bool) -> None:
+    """A speed that is silent for less than 1 s is known; beyond, its orders are not."""
+    silent = range(int(5.0 * RATE), int((5.0 + pause) * RATE))
+
+    def speed(listening: SensorMonitor, k: int, stamp: int) -> None:
+        if k % 10 == 0 and k not in silent:
+            listening.set_speed(Source.ENGINE, ENGINE, stamp)
+
+    *_, (_, message) = drive(monitor(fixed=None), 7.8, speed)
+    assert np.isfinite(message.order_levels[CRANKSHAFT]) == known
+
+
+def test_an_unknown_angle_leaves_the_measured_order() -> None:
+    """Without a crank angle, an order is measured but not predicted."""
+    listening = monitor()
+    found = [listening.take(0, START + k * NS // RATE, samples(k)) for k in range(6 * RATE)]
+    message = next(each for each in found if each is not None)
+    assert math.isnan(message.crank_angle)
+    assert message.order_levels[CRANKSHAFT] > 0.0
+    assert np.isnan(message.predicted_levels).all()
+
+
+def test_a_gap_is_named_and_a_pause_has_one_message() -> None:
+    """Windows with a gap say so; after a pause of 30 s, a whole window comes first."""
+    found = drive(monitor(), 12.0, left_out=range(6 * RATE, 6 * RATE + 100))
+    assert [("gaps" in message.doubts) for _, message in found] == [0, 0, 1, 1, 1, 1, 0, 0]
+    found = drive(monitor(), 50.0, left_out=range(6 * RATE, 36 * RATE))
+    assert [stamp // NS - START // NS for stamp, _ in found][:4] == [5, 6, 41, 42]
+
+
+def test_a_clock_that_goes_back_begins_again() -> None:
+    """After a bag begins anew, messages come again once a window is full."""
+    listening = monitor()
+    once, again = drive(listening, 7.0), drive(listening, 7.0)
+    assert [stamp for stamp, _ in once] == [stamp for stamp, _ in again]
+    for (_, first), (_, other) in zip(once, again, strict=True):
+        assert repr(vars(first)) == repr(vars(other))
+
+
+def test_a_seat_is_measured_alone_and_another_place_is_refused() -> None:
+    """Nothing is predicted on the seat; a point that the table lacks has no response."""
+    [*_, (_, message)] = drive(monitor(at="seat"), 7.0)
+    assert message.order_levels[CRANKSHAFT] > 0.0
+    assert np.isnan(message.predicted_levels).all()
+    with pytest.raises(SignalError, match="no response at X9"):
+        monitor(at="X9")
