@@ -30,7 +30,15 @@ def run(options: argparse.Namespace) -> int:
     from linkage_vibration.listening.exposure import exposure
     from linkage_vibration.listening.signals import measured_signal
     from linkage_vibration.readers.sensors import SEAT, read_measured, read_sensors
-    from linkage_vibration.review.listening_page import NOTHING, answer, hear, kinds, listening_page
+    from linkage_vibration.review.listening_page import (
+        NOTHING,
+        answer,
+        hear,
+        heard_modes,
+        kinds,
+        listening_page,
+        modes_answer,
+    )
     from linkage_vibration.review.log import ReviewError, read_log
     from linkage_vibration.studies.yaml_editing import edit_text
     from linkage_vibration.support.atomic_files import check_outputs, check_suffix, write_files
@@ -49,14 +57,19 @@ def run(options: argparse.Namespace) -> int:
     log = read_log(options.log)
     highest = float(np.fmax.reduce(log.natural_frequencies.ravel(), initial=0.0))
     heard, felt = [], []
-    for sensor in tqdm(sensors, disable=None, unit=" sensors", delay=2.0):
-        times, readings = read_measured(sensor, options.log, int(log.stamps[0]))
-        signal = measured_signal(sensor, times, readings, highest)
-        if sensor.at == SEAT:
-            felt.append((signal, exposure(signal, kinds(log, signal))))
-        else:
-            heard.append(hear(log, signal))
-    content = {output: [listening_page(log, heard, felt).encode()]}
+    with tqdm(disable=None, total=len(sensors) + 2, unit=" steps", delay=2.0) as bar:
+        for sensor in sensors:
+            times, readings = read_measured(sensor, options.log, int(log.stamps[0]))
+            signal = measured_signal(sensor, times, readings, highest)
+            if sensor.at == SEAT:
+                felt.append((signal, exposure(signal, kinds(log, signal))))
+            else:
+                heard.append(hear(log, signal))
+            bar.update()
+        modes = heard_modes(log, heard)
+        bar.update()
+        content = {output: [listening_page(log, heard, modes, felt).encode()]}
+        bar.update()
     if options.amplitudes:
         rows = [row for one in heard for row in one.rows]
         numbers = amplitude_numbers(rows, yaml.safe_load(log.excitations_text))
@@ -64,6 +77,6 @@ def run(options: argparse.Namespace) -> int:
             edit_text(log.excitations_text, numbers, ReviewError).encode()
         ]
     write_files(content, ReviewError)
-    print(answer(heard) or NOTHING)
+    print(f"{modes_answer(log, modes)}\n{answer(heard)}" if heard else NOTHING)
     print(f"Written: {', '.join(map(str, outputs))}")
     return 0

@@ -26,7 +26,7 @@ def run(options: argparse.Namespace) -> int:
     from linkage_vibration.prediction.levels import LevelTable
     from linkage_vibration.prediction.settings import Parameters
     from linkage_vibration.readers.served import read_loads, read_served
-    from linkage_vibration.review.html import picture_html
+    from linkage_vibration.review.html import picture_tag, plain_html
     from linkage_vibration.support.atomic_files import OutputError, check_outputs, write_bytes
     from linkage_vibration.support.progress import table_bar
 
@@ -47,7 +47,8 @@ def run(options: argparse.Namespace) -> int:
     print("\n".join(sentences))
     content = png_bytes(figure)
     if output.suffix.lower() == ".html":
-        content = picture_html(served.mechanism.name, sentences, content).encode()
+        picture = picture_tag(content, " ".join(sentences))
+        content = plain_html(served.mechanism.name, sentences, picture).encode()
     write_bytes(output, content, OutputError)
     print(f"Written: {output}")
     return 0

@@ -155,10 +155,9 @@ def _row(
         factor = math.exp(float(spread.std()) if len(spread) else one.load.relative_stddev)
         if heard:
             amplitude, relative = _amplitude(net, noise, scale)
-    return MeasuredOrder(
-        one, m, rms, stddev / (4.0 * rms) if heard else math.nan, predicted, factor,
-        amplitude, relative, heard,
-    )  # fmt: skip
+    deviation = stddev / (4.0 * rms) if heard else math.nan
+    level = one, m, rms, deviation, predicted, factor
+    return MeasuredOrder(*level, amplitude, relative, heard)
 
 
 def _amplitude(net: FloatArray, noise: FloatArray, scale: FloatArray) -> tuple[float, float]:

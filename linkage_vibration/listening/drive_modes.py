@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.listening.exposure import STANDS
 from linkage_vibration.listening.gates import (
     damping_doubt,
     line_doubt,
@@ -31,7 +32,6 @@ _AROUND = 0.7, 1.4  # of a predicted frequency: the band in which its mode is so
 _MODEL = 0.12  # standard deviation of ln(frequency) of a model, where modes are paired
 _ALIKE = 0.5  # least MAC of a measured shape and that of the model
 _LOWEST, _HIGHEST = 0.5, 0.3  # Hz of a mode, and its share of the sampling rate
-_ROLLS = 0.3  # m/s above which the wheels count as rolling
 
 
 class DriveError(LinkageVibrationError):
@@ -51,7 +51,7 @@ class DriveMode:
     frequency_stddev: float  # Hz
     ratio: float  # damping ratio, measured, 1
     ratio_stddev: float
-    seconds: float  # of all segments
+    times: tuple[float, ...]  # s, middles of its segments
     doubt: str = ""  # why it is not reported; empty if it is
 
     @property
@@ -144,8 +144,8 @@ def _at_height(
     table, rows = drive.table, np.concatenate([np.r_[each] for each in segments])
     alpha3 = float(drive.angle[rows].mean())
     ground = speeds.get(Source.GROUND, np.zeros(len(drive.times)))[rows]
-    rolls = bool((ground > _ROLLS).any())
-    slowest = float(np.quantile(ground[ground > _ROLLS], 0.05)) if rolls else math.inf
+    rolls = bool((ground > STANDS).any())
+    slowest = float(np.quantile(ground[ground > STANDS], 0.05)) if rolls else math.inf
     shapes = model_shapes(table, alpha3, drive.places)
     means = drive.predicted[rows].mean(axis=0)
     slopes, deviations = table.slopes(alpha3), table.parameter_deviations(alpha3)
@@ -167,7 +167,7 @@ def _at_height(
         doubt = doubt or damping_doubt(float(ratios[mode]))
         for each in excitations:
             if not doubt and rolls and each.terrain is not None and each.terrain.raised:
-                at = np.quantile(ground[ground > _ROLLS], (0.05, 0.35, 0.65, 0.95)).tolist()
+                at = np.quantile(ground[ground > STANDS], (0.05, 0.35, 0.65, 0.95)).tolist()
                 place = drive.places[int(np.abs(best.shape).argmax())]
                 lines = wheelbase_lines(table, drive.mechanism, each.terrain, place, alpha3, at)
                 doubt = line_doubt(best.frequency, mean, lines)
@@ -182,7 +182,7 @@ def _at_height(
                 best.frequency_stddev,
                 best.ratio,
                 best.ratio_stddev,
-                len(rows) / given,
+                tuple(float(drive.times[each].mean()) for each in segments),
                 doubt,
             )
         )

@@ -16,6 +16,8 @@ ACTION, LIMIT = 0.5, 1.15
 """Values of A(8) in 2002/44/EC, m/s^2, above which an employer must act, and which is forbidden."""
 WEIGHTED = 80.0
 """Hz, up to which the standards weight vibration."""
+STANDS = 0.3
+"""Speed over ground below which a machine stands, m/s."""
 KINDS = "standing", "transport", "work", "not known"
 _DAY = 8.0 * 3600.0  # s
 _FACTORS = np.array([1.4, 1.4, 1.0])  # of x, y and z, for the health of a sitting person
@@ -23,7 +25,6 @@ _BAND = 0.4, 100.0  # Hz, whose two filters are Butterworth's of order 2
 _STEP = {False: (2.0, 2.0, 0.63), True: (12.5, 12.5, 0.63)}  # f3, f4 (Hz) and Q4 of Wd and Wk
 _RISE = 2.37, 0.91, 3.35, 0.91  # f5 (Hz), Q5, f6 (Hz) and Q6 of Wk
 _SECOND = 1.0  # s, of a running rms
-_STANDS = 0.3  # m/s
 _RAISED = 0.75  # of the stroke; above it, the hitch is raised
 
 
@@ -113,4 +114,4 @@ def kinds_of_work(speed: FloatArray, height: FloatArray) -> IntArray:
     transport if the hitch is in the highest quarter of its stroke, else work.
     """
     moves = np.where(np.isnan(speed + height), 3, np.where(height > _RAISED, 1, 2))
-    return np.asarray(np.where(np.abs(speed) < _STANDS, 0, moves))
+    return np.asarray(np.where(np.abs(speed) < STANDS, 0, moves))

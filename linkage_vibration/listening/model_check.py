@@ -57,16 +57,23 @@ def explanations(model: LinkageModel, modes: Iterable[DriveMode]) -> tuple[Expla
 
 def difference_text(mode: DriveMode, name: str) -> str:
     """Return a sentence about a mode with a name, in degrees and hertz."""
-    what = f"{name} at {math.degrees(mode.alpha3):.1f} deg: {mode.frequency:.3f} Hz"
+    what = f"The {name} at {math.degrees(mode.alpha3):.1f} deg"
     if mode.doubt:
-        return f"{what} is not reported, because {mode.doubt}."
+        return f"{what}, {mode.frequency:.3f} Hz, is doubtful: {mode.doubt}."
     percent = 100.0 * (mode.frequency / mode.predicted - 1.0)
     side = "lower" if percent < 0.0 else "higher"
-    apart = f"{what} +- {mode.frequency_stddev:.3f} is {abs(percent):.1f} % {side} than predicted"
+    apart = f"{what} is {abs(percent):.1f} % {side} than predicted"
+    return f"{apart}, {mode.frequency:.3f} +- {mode.frequency_stddev:.3f} Hz: {verdict(mode)}."
+
+
+def verdict(mode: DriveMode) -> str:
+    """Return in words whether a mode is consistent, or why that is not known."""
+    if mode.doubt:
+        return f"not known, because {mode.doubt}"
     if mode.consistent is None:
-        return f"{apart}, but the deviation of the prediction is not known."
-    verdict = "consistent" if mode.consistent else "not consistent"
-    return f"{apart}, {abs(mode.difference):.1f} standard deviations: {verdict}."
+        return "not known, because the deviation of the prediction is not known"
+    apart = f"{abs(mode.difference):.1f} standard deviations"
+    return f"{'consistent' if mode.consistent else 'not consistent'}, {apart}"
 
 
 def drive_targets(modes: Sequence[DriveMode], mechanism: Path, output: Path) -> str:

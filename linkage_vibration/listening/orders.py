@@ -15,7 +15,8 @@ from linkage_vibration.prediction.excitation import Excitation, Source
 SECONDS = 4.0
 """Length of a window, s, which resolves 0.25 Hz; the windows follow each other."""
 _APART = 2.0 / SECONDS  # Hz: orders closer than that are one line
-_HIGHEST = 0.45  # of the rate
+HIGHEST = 0.45
+"""Highest frequency that is believed, as a share of the rate."""
 _BESIDE = np.array([-5.0, -4.0, -3.0, 3.0, 4.0, 5.0]) / SECONDS  # Hz, where only noise remains
 
 
@@ -66,7 +67,7 @@ def track_orders(
     beside = np.exp(-2j * math.pi * np.multiply.outer(_BESIDE, np.arange(n) / signal.rate))
     for k in range(m):
         with np.errstate(invalid="ignore"):
-            used = (hertz[k] > _APART) & (hertz[k] < _HIGHEST * signal.rate)
+            used = (hertz[k] > _APART) & (hertz[k] < HIGHEST * signal.rate)
         at = np.flatnonzero(used)
         if not len(at):
             continue

@@ -12,7 +12,8 @@ import numpy as np
 from linkage_vibration.drawing.intervals import gap_starts
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray
-from linkage_vibration.readers.sensors import GRAVITY, Sensor
+from linkage_vibration.mechanics.forces import GRAVITY
+from linkage_vibration.readers.sensors import Sensor
 
 _FULL, _FLAT = 0.99, 3  # of the range; equal extreme samples in a row of an overloaded sensor
 _UNEVEN = 0.1  # of the median step: its standard deviation beyond
@@ -138,10 +139,10 @@ def _rate_doubts(
         yield f"{text}, and modes reach {highest:.3g} Hz."
     if sensor.filtered:
         return
-    even = np.interp(np.arange(times[0], times[-1], 1.0 / rate), times, values[:, -1])
-    power = np.abs(np.fft.rfft(even - even.mean()) * 1.0) ** 2
-    total = float(power[1:].sum())
-    if total > 0.0 and power[int(_TOP * len(power)) :].sum() > _FOLDED * total:
+    at = np.arange(times[0], times[-1], 1.0 / rate)
+    even = np.array([np.interp(at, times, each) for each in values.T])
+    power = (np.abs(np.fft.rfft(even - even.mean(axis=1, keepdims=True))) ** 2).sum(axis=0)
+    if power[int(_TOP * len(power)) :].sum() > _FOLDED * power[1:].sum():
         text = f"It vibrates strongly just below {rate / 2.0:.3g} Hz, half of its rate"
         yield f"{text}, so higher frequencies may appear folded; use a filter or a higher rate."
 

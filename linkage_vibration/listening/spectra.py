@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 
+from linkage_vibration.listening.orders import HIGHEST
 from linkage_vibration.listening.signals import Signal
 from linkage_vibration.mechanics.arrays import FloatArray
 
 _LEAST = 1.0  # Hz: below, an integrated acceleration is drift
-_HIGHEST = 0.45  # of the rate
 
 
 def spectrogram(signal: Signal, seconds: float) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -30,7 +30,7 @@ def spectrogram(signal: Signal, seconds: float) -> tuple[FloatArray, FloatArray,
 def levels(signal: Signal, seconds: float) -> FloatArray:
     """Return the rms in each window, m/s or N, (m,), from 1 Hz to 0.45 of the rate."""
     _, frequencies, power = spectrogram(signal, seconds)
-    band = (frequencies >= _LEAST) & (frequencies <= _HIGHEST * signal.rate)
+    band = (frequencies >= _LEAST) & (frequencies <= HIGHEST * signal.rate)
     power = power[:, band] * frequencies[1]
     if signal.sensor.accelerates:
         power = power / (2.0 * math.pi * frequencies[band]) ** 2

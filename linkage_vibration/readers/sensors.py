@@ -21,12 +21,12 @@ from linkage_vibration.bags.streams import open_bags
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import MechanismError
+from linkage_vibration.mechanics.forces import GRAVITY
 from linkage_vibration.mechanics.keys import Keys
 from linkage_vibration.readers.mechanism import load_yaml
 from linkage_vibration.readers.recordings import read_recording
 from linkage_vibration.support.commands import command
 
-GRAVITY = 9.80665  # m/s^2
 _UNITS = {
     "acceleration": {"m/s2": 1.0, "g": GRAVITY},
     "force": {"N": 1.0, "kN": 1e3, "%": 0.01},

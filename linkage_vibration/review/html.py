@@ -6,8 +6,9 @@ import base64
 import html
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -89,18 +90,36 @@ def _parts(page: Page) -> Iterator[str]:
     yield filled(end, texts)
 
 
-def picture_html(title: str, sentences: Sequence[str], png: bytes, more: str = "") -> str:
-    """Return the text of a page with a picture, sentences and more HTML below them."""
-    alt, data = html.escape(" ".join(sentences)) or "picture", base64.b64encode(png).decode()
-    picture = f'<img alt="{alt}" src="data:image/png;base64,{data}">'
-    return plain_html(title, sentences, picture + more)
+def picture_tag(png: bytes, alt: str) -> str:
+    """Return an element with a picture, and the text for those who do not see it."""
+    data = base64.b64encode(png).decode()
+    return f'<img alt="{html.escape(alt)}" src="data:image/png;base64,{data}">\n'
 
 
-def plain_html(title: str, sentences: Sequence[str], main: str) -> str:
-    """Return the text of a page without scripts; the main part is HTML."""
+def table_tag(
+    label: str, head: Sequence[str], rows: Iterable[Sequence[str]], links: Sequence[str] = ()
+) -> str:
+    """Return a table of texts; if there are links, the first cell of each row leads to its own."""
+    lines = []
+    for row, link in zip_longest(rows, links):
+        first, *others = map(html.escape, row)
+        first = f'<a href="{html.escape(link)}">{first}</a>' if link else first
+        lines.append(f"<tr>{''.join(f'<td>{cell}</td>' for cell in (first, *others))}</tr>\n")
+    columns = "".join(f'<th scope="col">{html.escape(text)}</th>' for text in head)
+    table = f"<table><thead><tr>{columns}</tr></thead><tbody>\n{''.join(lines)}</tbody></table>"
+    return f'<div class="scroll" tabindex="0" aria-label="{html.escape(label)}">{table}</div>\n'
+
+
+def plain_html(title: str, sentences: Sequence[str], main: str, *, calm: bool | None = None) -> str:
+    """Return the text of a page without scripts; the main part is HTML.
+
+    The first sentence is marked as an answer, which is calm or not, if that is given.
+    """
     texts = {"title": html.escape(title), "css": page_file("page.css"), "main": main}
-    texts["sentences"] = "\n".join(f"<p>{html.escape(text)}</p>" for text in sentences)
-    return filled(page_file("plain.html"), texts)
+    lines = [f"<p>{html.escape(text)}</p>" for text in sentences]
+    if calm is not None:
+        lines[0] = lines[0].replace("<p", f'<p id="answer"{" class=calm" * calm}', 1)
+    return filled(page_file("plain.html"), texts | {"sentences": "\n".join(lines)})
 
 
 def filled(template: str, texts: Mapping[str, str]) -> str:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from linkage_vibration.drawing import palette
+from linkage_vibration.drawing.intervals import gap_starts
 from linkage_vibration.drawing.plots import frequency_axis, name_modes, plain, png_bytes, tidy
 from linkage_vibration.listening.amplitudes import (
     MeasuredOrder,
@@ -18,16 +19,26 @@ from linkage_vibration.listening.amplitudes import (
     predicted_levels,
     unit_responses,
 )
+from linkage_vibration.listening.drive_modes import DriveMode, listen_modes
 from linkage_vibration.listening.exposure import ACTION, LIMIT, WEIGHTED, Exposure, kinds_of_work
+from linkage_vibration.listening.model_check import (
+    WARNING,
+    Explanation,
+    difference_text,
+    explanations,
+    verdict,
+)
 from linkage_vibration.listening.orders import SECONDS, Orders, track_orders
+from linkage_vibration.listening.segments import SHORTEST
 from linkage_vibration.listening.signals import Signal, known_at
 from linkage_vibration.listening.spectra import levels, spectrogram
 from linkage_vibration.listening.transfer import Transfer
 from linkage_vibration.mechanics.arrays import FloatArray, IntArray
 from linkage_vibration.mechanics.kinematics import Kinematics
+from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.review.findings import all_speeds
-from linkage_vibration.review.html import picture_html, plain_html
+from linkage_vibration.review.html import COVERAGE, picture_tag, plain_html, table_tag
 from linkage_vibration.review.log import Log, ReviewError
 
 if TYPE_CHECKING:
@@ -35,6 +46,7 @@ if TYPE_CHECKING:
 
 _SURE = 2.0  # standard deviations within which measured and predicted agree
 _HEIGHTS = 31  # angles of the stroke at which the height is computed
+_BESIDE = 0.2  # s on both sides of a gap
 _LABELLED = 5  # orders with a name in the picture
 NOTHING = "No sensor is on the linkage, so nothing is compared with the prediction."
 _CANNOT = (
@@ -88,6 +100,42 @@ def kinds(log: Log, signal: Signal) -> IntArray:
     return kinds_of_work(speed, np.interp(angle, angles, (z - z.min()) / np.ptp(z)))
 
 
+def heard_modes(log: Log, heard: Sequence[Heard]) -> tuple[DriveMode, ...]:
+    """Return the modes that all accelerations on the linkage show together."""
+    signals = [one.signal for one in heard if one.signal.sensor.accelerates]
+    if log.table is None or log.mechanism is None or not signals:
+        return ()
+    first, last = max(s.times[0] for s in signals), min(s.times[-1] for s in signals)
+    times = np.arange(first, last, 1.0 / max(s.rate for s in signals))
+    if len(times) < 2:
+        return ()
+    angle = known_at(times, log.times, log.table_angle)
+    for signal in signals:  # The values in gaps are interpolated, but no mode is sought there.
+        for i in gap_starts(signal.times).tolist():
+            start, end = signal.times[i : i + 2] + np.array([-_BESIDE, _BESIDE])
+            angle[(times > start) & (times < end)] = math.nan
+    values = np.hstack([signal.at(times)[:, [0, 2]] for signal in signals])
+    places = [(signal.sensor.at, axis) for signal in signals for axis in "xz"]
+    speeds = {source: known_at(times, *each) for source, each in all_speeds(log).items()}
+    arguments = times, values, places, angle, speeds, log.excitations
+    return listen_modes(log.table, log.mechanism, *arguments)
+
+
+def modes_answer(log: Log, modes: Sequence[DriveMode]) -> str:
+    """Return what the worst natural frequency of a drive says, or why none is reported."""
+    if not modes:
+        text = "No natural frequency was found. Modes need accelerations on the linkage, and at "
+        return f"{text}least {SHORTEST:g} s in which the crank moves less than 1 deg/s."
+    sure = [mode for mode in modes if not mode.doubt]
+    worst = max(sure or modes, key=lambda mode: abs(np.nan_to_num(mode.difference)))
+    text = difference_text(worst, log.mode_name(worst.mode) or f"mode {worst.mode + 1}")
+    if not sure:
+        return f"None of {len(modes)} natural frequencies is reported. {text}"
+    agree, known = (sum(mode.consistent in (True, each) for mode in sure) for each in (True, False))
+    more = f" {agree} of {known} measured natural frequencies agree with the prediction."
+    return text + (more if known > 1 else "")
+
+
 def answer(heard: Sequence[Heard]) -> str:
     """Return in words where measured and predicted agree."""
     parts = []
@@ -113,21 +161,52 @@ def answer(heard: Sequence[Heard]) -> str:
 
 
 def listening_page(
-    log: Log, heard: Sequence[Heard], felt: Sequence[tuple[Signal, Exposure]]
+    log: Log,
+    heard: Sequence[Heard],
+    modes: Sequence[DriveMode],
+    felt: Sequence[tuple[Signal, Exposure]],
 ) -> str:
     """Return the text of the page."""
     signals = [*(one.signal for one in heard), *(signal for signal, _ in felt)]
     doubts = [(s.sensor.name, text) for s in signals for text in s.doubts or ("none",)]
-    parts = [_orders_table(one) for one in heard]
+    parts = [_modes_table(log, modes)] if modes else []
+    parts += [_orders_table(one) for one in heard]
     parts += [_exposure_table(signal, exposure) for signal, exposure in felt]
     parts.append(_table("What is doubtful about the sensors", ["sensor", "doubt"], doubts))
     title, more = "Measured beside predicted", "".join(parts)
     if not heard:
-        return plain_html(title, [NOTHING], more)
-    return picture_html(title, [answer(heard), _CANNOT], _picture(log, heard), more)
+        return plain_html(title, [NOTHING], more, calm=False)
+    sentences = [modes_answer(log, modes), answer(heard), _CANNOT]
+    sure = [mode for mode in modes if not mode.doubt]
+    calm = bool(sure) and all(mode.consistent for mode in sure)
+    picture = picture_tag(_picture(log, heard, sure), "Spectra and levels over time.")
+    return plain_html(title, sentences, picture + more, calm=calm)
 
 
-def _picture(log: Log, heard: Sequence[Heard]) -> bytes:
+def _modes_table(log: Log, modes: Sequence[DriveMode]) -> str:
+    """Return modes beside their predictions, those that are reported first."""
+    head = ["mode", "crank angle [deg]", "predicted [Hz]", "measured [Hz]", "consistent"]
+    rows, apart = [], [mode for mode in modes if not mode.doubt and mode.consistent is False]
+    model = LinkageModel(log.mechanism) if log.mechanism and apart else None
+    for mode in sorted(modes, key=lambda mode: bool(mode.doubt)):
+        both = (mode.predicted, mode.predicted_stddev), (mode.frequency, mode.deviation)
+        row = [log.mode_label(mode.mode), f"{math.degrees(mode.alpha3):.1f}"]
+        row += [f"{hertz:.2f} ± {hertz * deviation:.2f}" for hertz, deviation in both]
+        explained = explanations(model, [mode]) if model and mode in apart else ()
+        rows.append([*row, verdict(mode), *(_best(explained) for _ in apart[:1])])
+    head += ["may be explained by a change of"] * bool(apart)
+    explained = explanations(model, modes) if model else ()
+    note = f"All together: {_best(explained)}. {WARNING}" if explained else ""
+    return _table("Natural frequencies, with one standard deviation", head, rows, note)
+
+
+def _best(explained: Sequence[Explanation]) -> str:
+    """Return the number that explains most, in words; empty if there is none."""
+    words = [f"{each.path}, by {each.change:+.1f} standard deviations" for each in explained[:1]]
+    return "".join(words)
+
+
+def _picture(log: Log, heard: Sequence[Heard], modes: Sequence[DriveMode]) -> bytes:
     """Return spectrograms and levels as a PNG picture."""
     from matplotlib.figure import Figure
 
@@ -137,8 +216,16 @@ def _picture(log: Log, heard: Sequence[Heard]) -> bytes:
     )[:, 0]
     for i, one in enumerate(heard):
         _draw_spectrogram(axes[2 * i], log, one)
+        for mode in modes:
+            hertz, deviation = mode.frequency, COVERAGE * mode.frequency * mode.deviation
+            colour = palette.mode_colours(log.n_modes)[mode.mode]
+            style = {"fmt": "o", "ms": 5.0, "mec": palette.INK, "capsize": 4.0, "color": colour}
+            n = len(mode.times)
+            axes[2 * i].errorbar(
+                mode.times, [hertz] * n, [deviation] * n, ecolor=palette.INK, **style
+            )
         _draw_levels(axes[2 * i + 1], one)
-    axes[-1].set_xlabel("time since the first prediction [s]", fontsize=13)
+    axes[-1].set_xlabel("time since the first prediction [s]")
     return png_bytes(figure)
 
 
@@ -155,7 +242,7 @@ def _draw_spectrogram(ax: "Axes", log: Log, one: Heard) -> None:
     ends = np.full(log.n_modes, np.nan)
     for mode, colour in enumerate(palette.mode_colours(log.n_modes)):
         values = log.natural_frequencies[:, mode]
-        deviation = 2.0 * np.nan_to_num(log.frequency_stddevs[:, mode])
+        deviation = COVERAGE * np.nan_to_num(log.frequency_stddevs[:, mode])
         ax.fill_between(log.times, values - deviation, values + deviation, color=colour, alpha=0.3)
         ax.plot(log.times, values, color=colour, lw=1.4)
         if (known := values[np.isfinite(values) & (values < top)]).size:
@@ -172,8 +259,8 @@ def _draw_spectrogram(ax: "Axes", log: Log, one: Heard) -> None:
             back = {"boxstyle": "round,pad=0.1", "color": "white", "alpha": 0.8}
             ax.annotate(plain(row.excitation.name), place, bbox=back, fontsize=9)
     name_modes(ax, ends, [log.mode_name(mode) for mode in range(log.n_modes)], least=0.05)
-    title = f"{one.signal.sensor.name}: measured spectrum (grey), predicted natural frequencies"
-    title += "\n(coloured, with two standard deviations), and measured orders (dotted)"
+    title = f"{one.signal.sensor.name}: measured spectrum (grey), predicted (bands) and measured"
+    title += "\nnatural frequencies (points), with two standard deviations, and orders (dotted)"
     ax.set_title(title, loc="left", fontsize=12)
 
 
@@ -188,14 +275,14 @@ def _draw_levels(ax: "Axes", one: Heard) -> None:
     lacking = (
         f" (without {', '.join(one.unknown)}, whose speed the log lacks)" if one.unknown else ""
     )
-    label = f"predicted, orders alone{lacking}, with the largest standard deviation of one"
+    label = f"predicted, orders alone{lacking}, with one standard deviation"
     ax.step(times, predicted, where="mid", color=palette.COLOURS[1], label=label)
     label = "measured, everything from 1 Hz"
     ax.step(times, measured, where="mid", color=palette.INK, label=label)
-    ax.set_ylabel(f"rms [{unit}]", fontsize=13)
+    ax.set_ylabel(f"rms [{unit}]")
     ax.set_yscale("log")
     ax.yaxis.set_major_formatter("{x:g}")
-    positive = np.concatenate([measured, predicted])
+    positive = np.concatenate([measured, *band])
     if (positive := positive[positive > 0.0]).size:
         ax.set_ylim(0.5 * float(positive.min()), 2.0 * float(positive.max()))
     ax.legend(frameon=False, fontsize=10, ncols=2, loc="lower left", bbox_to_anchor=(0.0, 1.0))
@@ -249,10 +336,6 @@ def _exposure_table(signal: Signal, felt: Exposure) -> str:
 
 
 def _table(title: str, head: Sequence[str], rows: Iterable[Sequence[str]], note: str = "") -> str:
-    columns = "".join(f'<th scope="col">{html.escape(text)}</th>' for text in head)
-    lines = (
-        "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
-    )
     text = f'<p class="note">{html.escape(note)}</p>' if note else ""
-    body = f"<thead><tr>{columns}</tr></thead><tbody>{''.join(lines)}</tbody>"
-    return f"<section><h2>{html.escape(title)}</h2>{text}<table>{body}</table></section>\n"
+    table = table_tag(title, head, rows)
+    return f"<section><h2>{html.escape(title)}</h2>{text}{table}</section>\n"

@@ -16,7 +16,7 @@ from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.severity import ResonanceState
 from linkage_vibration.prediction.verdict import contributions, episodes, worst_message
 from linkage_vibration.review.findings import first_sentence
-from linkage_vibration.review.html import plain_html
+from linkage_vibration.review.html import plain_html, table_tag
 from linkage_vibration.review.log import Log, ReviewError, gaps
 
 _TIME = "in_warning_s"
@@ -108,28 +108,21 @@ def overview_html(drives: Sequence[tuple[dict[str, Any], str]], failures: Sequen
     files = [Path(drive["log"]) for drive, _ in drives]
     alike = len({file.name for file in files}) < len(files)
     names = [str(file) if alike else file.name for file in files]
-    rows = "".join(
-        f"<tr>{_cells(drive, page, name)}</tr>\n"
-        for (drive, page), name in zip(drives, names, strict=True)
-    )
-    columns = "".join(f'<th scope="col">{html.escape(text)}</th>' for text in head)
+    rows = [_cells(drive, name) for (drive, _), name in zip(drives, names, strict=True)]
     notes = "".join(f'<p class="failure">{html.escape(text)}</p>\n' for text in failures)
-    table = f"<table><thead><tr>{columns}</tr></thead><tbody>\n{rows}</tbody></table>"
-    scroll = f'<div class="scroll" tabindex="0" aria-label="Drives">{table}</div>'
+    table = table_tag("Drives", head, rows, [quote(page) for _, page in drives])
     hint = "Each row is a drive. Choose its name to see its page."
-    return plain_html("Drives", [hint], notes + scroll)
+    return plain_html("Drives", [hint], notes + table)
 
 
-def _cells(drive: dict[str, Any], page: str, name: str) -> str:
+def _cells(drive: dict[str, Any], name: str) -> list[str]:
     worst, unknown = drive["worst"], "not known"
     shown = [unknown if drive[key] is None else str(drive[key]) for key in ("warnings", _TIME)]
     shown += [unknown if worst is None else f"{worst['load_ratio']:.2g}"]
     shown += [drive["start"][:19].replace("T", " ")]
     model = drive["model"]["mechanism"] or "not in the log"
-    texts = [drive["sentence"], *shown]
-    texts += [f"{drive['duration_s']:.1f}", f"{model}, table {drive['model']['table_id']}"]
-    link = f'<a href="{html.escape(quote(page))}">{html.escape(name)}</a>'
-    return f"<td>{link}</td>" + "".join(f"<td>{html.escape(text)}</td>" for text in texts)
+    more = f"{drive['duration_s']:.1f}", f"{model}, table {drive['model']['table_id']}"
+    return [name, drive["sentence"], *shown, *more]
 
 
 def _rounded(value: float) -> float | None:

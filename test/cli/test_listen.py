@@ -2,8 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """A simulated drive is heard, and its page and its excitations say what was simulated."""
 
+import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +14,11 @@ import pytest
 from linkage_vibration.cli.main import main
 from linkage_vibration.listening.signals import Signal
 from linkage_vibration.listening.spectra import levels
+from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.readers.excitations import read_excitations
+from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.support.resources import config_file
 from test.listening.test_signals import sensor
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "simulated_drive.py"
@@ -37,9 +42,21 @@ def test_listen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     command = ["listen", str(log), "--sensors", str(sensors), "-o", str(page)]
     assert main([*command, "--amplitudes", str(written)]) == 0
     answer = capsys.readouterr().out
+    found = re.match(
+        r"The implement heave at 104.0 deg is .*, (.*) \+- (.*) Hz: consistent", answer
+    )
+    assert found is not None
+    # The true frequency is that of an implement which is 10 % heavier.
+    mechanism = read_mechanism(config_file("three_point_linkage_on_tractor.yaml"))
+    body = replace(mechanism.rigid_bodies[0], mass=1.1 * mechanism.rigid_bodies[0].mass)
+    solution = LinkageModel(replace(mechanism, rigid_bodies=(body,))).solve(np.radians(104.0))
+    true = float(solution.natural_frequencies[3])
+    assert abs(float(found[1]) - true) < 3.0 * float(found[2])
     assert "2 of 2 orders that stand out of the noise agree with the prediction" in answer
     assert "tyre_lugs 1 is at most" in answer  # no tyre shakes the simulated tractor
     text = page.read_text()
+    assert '<p id="answer" class=calm>The implement heave at 104.0 deg' in text
+    assert "tyre_lugs 20 was within 5 % of it" in text  # the heave at 166 deg
     assert "Orders at implement" in text
     assert "Exposure at seat" in text
     assert [word in text for word in ("standing", "transport", "work")] == [True] * 3

@@ -95,11 +95,11 @@ def test_shapes_of_the_table(arguments: tuple[Table, Mechanism]) -> None:
 def test_difference() -> None:
     """With 3 and 4 %, ln(measured / predicted) of 0.1 is 2 deviations, and -0.097 is -1.94."""
     high, low = 5.0 * math.exp(0.1), 5.0 * math.exp(-0.097)
-    mode = DriveMode(2.0, 3, 5.0, 0.03, 0.0, high, 0.04 * high, 0.02, 0.0, 9.0)
+    mode = DriveMode(2.0, 3, 5.0, 0.03, 0.0, high, 0.04 * high, 0.02, 0.0, (9.0,))
     assert mode.difference == pytest.approx(2.0)
     assert mode.consistent is False
     assert replace(mode, predicted_stddev=math.nan).consistent is None
-    lower = DriveMode(2.0, 3, 5.0, 0.03, 0.0, low, 0.04 * low, 0.02, 0.0, 9.0)
+    lower = DriveMode(2.0, 3, 5.0, 0.03, 0.0, low, 0.04 * low, 0.02, 0.0, (9.0,))
     assert lower.difference == pytest.approx(-1.94)
     assert lower.consistent
 

@@ -19,7 +19,7 @@ from linkage_vibration.support.resources import config_file
 
 FILE = config_file("three_point_linkage_on_tractor.yaml")
 MASS = "rigid_bodies.implement.mass"
-MODE = DriveMode(2.5, 3, 8.0, 0.08, 0.003, 7.6, 0.038, 0.02, 0.002, 60.0)
+MODE = DriveMode(2.5, 3, 8.0, 0.08, 0.003, 7.6, 0.038, 0.02, 0.002, (30.0,))
 
 
 def test_a_heavier_implement_explains_its_modes() -> None:
@@ -33,7 +33,7 @@ def test_a_heavier_implement_explains_its_modes() -> None:
         for mode in (0, 3):
             predicted, found = (float(each[mode]) for each in pairs)
             values = predicted, 0.08, 0.001, found, 0.002 * found
-            modes.append(DriveMode(alpha3, mode, *values, 0.02, 0.002, 60.0))
+            modes.append(DriveMode(alpha3, mode, *values, 0.02, 0.002, (30.0,)))
     best = explanations(model, modes)[0]
     assert best.path == MASS
     assert best.change == pytest.approx(1.0, abs=0.1)
@@ -45,15 +45,15 @@ def test_sentences() -> None:
     """A mode that is 5 % lower with 8 % is consistent, and with 1 % not; a doubt is named."""
     text = difference_text(MODE, "heave")
     assert text == (
-        "heave at 143.2 deg: 7.600 Hz +- 0.038 is 5.0 % lower than predicted, "
-        "0.6 standard deviations: consistent."
+        "The heave at 143.2 deg is 5.0 % lower than predicted, 7.600 +- 0.038 Hz: "
+        "consistent, 0.6 standard deviations."
     )
     known = difference_text(replace(MODE, predicted_stddev=0.01), "heave")
-    assert known.endswith("4.4 standard deviations: not consistent.")
+    assert known.endswith("Hz: not consistent, 4.4 standard deviations.")
     unknown = difference_text(replace(MODE, predicted_stddev=math.nan), "heave")
-    assert unknown.endswith("than predicted, but the deviation of the prediction is not known.")
+    assert unknown.endswith("not known, because the deviation of the prediction is not known.")
     doubted = difference_text(replace(MODE, doubt="engine 1 was near"), "heave")
-    assert doubted.endswith("7.600 Hz is not reported, because engine 1 was near.")
+    assert doubted == "The heave at 143.2 deg, 7.600 Hz, is doubtful: engine 1 was near."
 
 
 def test_targets(tmp_path: Path) -> None:

@@ -7,9 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from linkage_vibration.listening.drive_modes import DriveMode
 from linkage_vibration.listening.signals import Signal
 from linkage_vibration.prediction.excitation import Source
-from linkage_vibration.review.listening_page import hear, kinds
+from linkage_vibration.review import listening_page
+from linkage_vibration.review.listening_page import hear, heard_modes, kinds, modes_answer
 from linkage_vibration.review.log import Log, read_log
 from test.listening.test_signals import sensor
 from test.review.conftest import WriteLog
@@ -66,3 +68,48 @@ def test_a_level_is_not_known_where_a_speed_or_the_angle_is_not(log: Log) -> Non
         middle = each.orders.times
         np.testing.assert_array_equal(np.isfinite(each.predicted), middle < 20.0)
     np.testing.assert_array_equal(found[0].predicted, found[1].predicted)
+
+
+MODE = DriveMode(2.5, 0, 8.0, 0.08, 0.003, 7.6, 0.038, 0.02, 0.002, (20.0,))
+FAR = replace(MODE, predicted_stddev=0.01)
+DOUBTFUL = replace(FAR, doubt="a reason")
+
+
+@pytest.mark.parametrize(
+    ("modes", "words", "explained"),
+    [
+        ([], "No natural frequency was found. Modes need accelerations on the linkage", False),
+        ([DOUBTFUL], "None of 1 natural frequencies is reported. The mode 1 at 143.2 deg", False),
+        ([MODE, DOUBTFUL], "5.0 % lower than predicted, 7.600 +- 0.038 Hz: consistent", False),
+        ([MODE, FAR], "not consistent, 4.4 standard deviations. 1 of 2 measured", True),
+    ],
+)
+def test_modes_answer(log: Log, modes: list[DriveMode], words: str, explained: bool) -> None:
+    """The worst mode that is reported is the answer; what may explain it stands in the table."""
+    named = modes_answer(log, modes).replace(log.mode_name(0), "mode 1")
+    assert words in named
+    page = listening_page.listening_page(log, [hear(log, shaken(log, 0.0, 0.0))], modes, [])
+    assert ("may be explained by a change of" in page) == explained
+    assert ("class=calm>The" in page) == (modes == [MODE, DOUBTFUL])
+
+
+@pytest.mark.parametrize("gap", [0.0, 2.0])
+def test_no_mode_is_sought_in_a_gap(log: Log, gap: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two sensors share their times, and the angle is not known in a gap of one of them."""
+    given: list[np.ndarray] = []
+
+    def listen(*arguments: np.ndarray) -> tuple[DriveMode, ...]:
+        given.extend(arguments)
+        return ()
+
+    monkeypatch.setattr(listening_page, "listen_modes", listen)
+    whole, late = shaken(log, 0.0, 0.0), shaken(log, 5.0, 0.0)
+    kept = (whole.times < 10.0) | (whole.times > 10.0 + gap)
+    whole = replace(whole, times=whole.times[kept], values=whole.values[kept])
+    heard_modes(log, [hear(log, each) for each in (whole, late)])
+    times, values, angle = given[2], given[3], given[5]
+    assert (times[0], values.shape[1]) == (5.0, 4)
+    unknown = np.isnan(angle)
+    assert unknown.any() == (gap > 0.0)
+    np.testing.assert_array_equal(unknown[(times > 9.81) & (times < 12.19)], gap > 0.0)
+    assert not unknown[(times < 9.79) | (times > 12.21)].any()
