@@ -32,7 +32,7 @@ def run(options: argparse.Namespace) -> int:
     from linkage_vibration.readers.sensors import SEAT, read_measured, read_sensors
     from linkage_vibration.review.listening_page import (
         NOTHING,
-        answer,
+        answers,
         hear,
         heard_modes,
         kinds,
@@ -77,6 +77,6 @@ def run(options: argparse.Namespace) -> int:
             edit_text(log.excitations_text, numbers, ReviewError).encode()
         ]
     write_files(content, ReviewError)
-    print(f"{modes_answer(log, modes)}\n{answer(heard)}" if heard else NOTHING)
+    print("\n".join([modes_answer(log, modes), *answers(heard)]) if heard else NOTHING)
     print(f"Written: {', '.join(map(str, outputs))}")
     return 0

@@ -36,8 +36,8 @@ from linkage_vibration.listening.transfer import Transfer
 from linkage_vibration.mechanics.arrays import FloatArray, IntArray
 from linkage_vibration.mechanics.kinematics import Kinematics
 from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.prediction.excitation import Source
-from linkage_vibration.review.findings import all_speeds
+from linkage_vibration.prediction.excitation import LoadKind, Source
+from linkage_vibration.review.findings import all_speeds, log_limits
 from linkage_vibration.review.html import COVERAGE, picture_tag, plain_html, table_tag
 from linkage_vibration.review.log import Log, ReviewError
 
@@ -49,6 +49,8 @@ _HEIGHTS = 31  # angles of the stroke at which the height is computed
 _BESIDE = 0.2  # s on both sides of a gap
 _LABELLED = 5  # orders with a name in the picture
 NOTHING = "No sensor is on the linkage, so nothing is compared with the prediction."
+_UNITS = {LoadKind.FORCE: "N", LoadKind.MOMENT: "N m"}
+_UNITS |= {LoadKind.BASE_ACCELERATION: "m/s²", LoadKind.BASE_DISPLACEMENT: "m"}
 _CANNOT = (
     "A signal at one place shows neither the forces in the pins nor a mode that does not move it; "
     "the ground's part is not predicted at a sensor. One drive does not validate the model."
@@ -65,6 +67,7 @@ class Heard:
     measured: FloatArray  # (m,), rms, m/s or N
     predicted: FloatArray  # (m,), of all orders but those below; NaN where a speed is not known
     unknown: tuple[str, ...]  # sources of orders whose speeds the log lacks
+    reference: FloatArray  # (m,), N, what load ratios refer to; NaN if it is not known
 
 
 def hear(log: Log, signal: Signal) -> Heard:
@@ -81,7 +84,13 @@ def hear(log: Log, signal: Signal) -> Heard:
     unknown = tuple(source.value for source in sources if source not in speeds)
     predicted = predicted_levels(transfer, log.excitations, orders, units, speeds)
     measured = levels(signal, SECONDS)
-    return Heard(signal, orders, rows, measured, predicted, unknown)
+    reference = np.full(len(angles), np.nan)
+    if not signal.sensor.accelerates:
+        place = log.table.force_places.index(signal.sensor.at.partition(".")[0])
+        low, high = log.table.alpha3_range
+        inside = (angles >= low) & (angles <= high)
+        reference[inside] = log.table.reference_forces(angles[inside])[place]
+    return Heard(signal, orders, rows, measured, predicted, unknown, reference)
 
 
 def kinds(log: Log, signal: Signal) -> IntArray:
@@ -136,8 +145,8 @@ def modes_answer(log: Log, modes: Sequence[DriveMode]) -> str:
     return text + (more if known > 1 else "")
 
 
-def answer(heard: Sequence[Heard]) -> str:
-    """Return in words where measured and predicted agree."""
+def answers(heard: Sequence[Heard]) -> list[str]:
+    """Return in words where each sensor agrees with its prediction."""
     parts = []
     for one in heard:
         off = [row for row in one.rows if abs(row.difference) > _SURE]
@@ -156,8 +165,16 @@ def answer(heard: Sequence[Heard]) -> str:
         alone = sum(row.heard for row in rest)
         if alone:
             text += f" Of {alone} others that stand out of it, no prediction is known."
-        parts.append(f"{text} {len(rest) - alone} others are below the noise.")
-    return " ".join(parts)
+        text += f" {len(rest) - alone} others are below the noise."
+        with np.errstate(invalid="ignore"):
+            ratios = [each / one.reference for each in (one.measured, one.predicted)]
+        largest = [float(np.fmax.reduce(ratio, initial=-1.0)) for ratio in ratios]
+        if largest[0] >= 0.0:
+            orders = f"{largest[1]:.2g}" if largest[1] >= 0.0 else "not known"
+            text += f" Its load ratio is up to {largest[0]:.2g}; that of the predicted orders is "
+            text += f"{'up to ' * (largest[1] >= 0.0)}{orders}."
+        parts.append(text)
+    return parts
 
 
 def listening_page(
@@ -176,7 +193,7 @@ def listening_page(
     title, more = "Measured beside predicted", "".join(parts)
     if not heard:
         return plain_html(title, [NOTHING], more, calm=False)
-    sentences = [modes_answer(log, modes), answer(heard), _CANNOT]
+    sentences = [modes_answer(log, modes), *answers(heard), _CANNOT]
     sure = [mode for mode in modes if not mode.doubt]
     calm = bool(sure) and all(mode.consistent for mode in sure)
     picture = picture_tag(_picture(log, heard, sure), "Spectra and levels over time.")
@@ -224,8 +241,9 @@ def _picture(log: Log, heard: Sequence[Heard], modes: Sequence[DriveMode]) -> by
             axes[2 * i].errorbar(
                 mode.times, [hertz] * n, [deviation] * n, ecolor=palette.INK, **style
             )
-        _draw_levels(axes[2 * i + 1], one)
-    axes[-1].set_xlabel("time since the first prediction [s]")
+        _draw_levels(axes[2 * i + 1], one, log_limits(log).warning)
+        axes[2 * i + 1].set_xlabel("time since the first prediction [s]")
+        axes[2 * i + 1].tick_params(labelbottom=True)
     return png_bytes(figure)
 
 
@@ -264,9 +282,15 @@ def _draw_spectrogram(ax: "Axes", log: Log, one: Heard) -> None:
     ax.set_title(title, loc="left", fontsize=12)
 
 
-def _draw_levels(ax: "Axes", one: Heard) -> None:
-    """Draw measured and predicted levels over time."""
-    unit, scale = ("mm/s", 1e3) if one.signal.sensor.accelerates else ("N", 1.0)
+def _draw_levels(ax: "Axes", one: Heard, limit: float) -> None:
+    """Draw measured and predicted levels, or load ratios with the limit of a warning, over time."""
+    name, scale = "rms [N]", np.array(1.0)
+    if one.signal.sensor.accelerates:
+        name, scale = "rms [mm/s]", np.array(1e3)
+    elif np.isfinite(one.reference).any():
+        name, scale = "load ratio [1]", 1.0 / one.reference
+        ax.axhline(limit, color=palette.INK, ls="--", lw=1.0)
+        ax.annotate("warning", (0.005, 1.08 * limit), xycoords=ax.get_yaxis_transform(), fontsize=9)
     measured, predicted = scale * one.measured, scale * one.predicted
     factor = max((row.predicted_factor for row in one.rows if row.predicted > 0.0), default=1.0)
     times = one.orders.times
@@ -279,7 +303,7 @@ def _draw_levels(ax: "Axes", one: Heard) -> None:
     ax.step(times, predicted, where="mid", color=palette.COLOURS[1], label=label)
     label = "measured, everything from 1 Hz"
     ax.step(times, measured, where="mid", color=palette.INK, label=label)
-    ax.set_ylabel(f"rms [{unit}]")
+    ax.set_ylabel(name)
     ax.set_yscale("log")
     ax.yaxis.set_major_formatter("{x:g}")
     positive = np.concatenate([measured, *band])
@@ -295,20 +319,24 @@ def _orders_table(one: Heard) -> str:
     head += ["difference / standard deviation", "amplitude of the excitation"]
     rows = []
     for row in one.rows:
-        bound = f"{row.measured:.3g} ± {row.measured_stddev:.2g}"
+        bound = f"{_short(row.measured, 3)} ± {_short(row.measured_stddev)}"
         cells = [row.excitation.name, str(row.windows)]
-        cells.append(bound if row.heard else f"below {row.measured:.2g} (noise)")
+        cells.append(bound if row.heard else f"below {_short(row.measured)} (noise)")
         known = not math.isnan(row.predicted)
-        factor = f"{row.predicted:.3g} (× or ÷ {row.predicted_factor:.2g})"
+        factor = f"{_short(row.predicted, 3)} (× or ÷ {_short(row.predicted_factor)})"
         cells.append(factor if known else "not known")
         cells.append(_deviations(row))
         text, load = "", row.excitation.load
         if load is not None and not math.isnan(row.amplitude):
-            text = (
-                f"{row.amplitude:.3g} ± {100.0 * row.relative_stddev:.0f} %, not {load.amplitude:g}"
-            )
+            text = f"{_short(row.amplitude, 3)} ± {100.0 * row.relative_stddev:.0f} %, not "
+            text += f"{load.amplitude:g} {_UNITS[load.kind]}"
         rows.append([*cells, text])
     return _table(f"Orders at {one.signal.sensor.name}", head, rows)
+
+
+def _short(value: float, digits: int = 2) -> str:
+    """Return the first digits of a number, without an exponent if it is large."""
+    return f"{float(f'{value:.{digits}g}'):g}"
 
 
 def _deviations(row: MeasuredOrder) -> str:

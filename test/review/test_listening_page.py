@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the page says of measured vibration beside a log, and what it says is not known."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -9,10 +10,13 @@ import pytest
 
 from linkage_vibration.listening.drive_modes import DriveMode
 from linkage_vibration.listening.signals import Signal
+from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.prediction.excitation import Source
+from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.review import listening_page
-from linkage_vibration.review.listening_page import hear, heard_modes, kinds, modes_answer
+from linkage_vibration.review.listening_page import answers, hear, heard_modes, kinds, modes_answer
 from linkage_vibration.review.log import Log, read_log
+from linkage_vibration.support.resources import PAPER_MECHANISM, config_file
 from test.listening.test_signals import sensor
 from test.review.conftest import WriteLog
 
@@ -113,3 +117,23 @@ def test_no_mode_is_sought_in_a_gap(log: Log, gap: float, monkeypatch: pytest.Mo
     assert unknown.any() == (gap > 0.0)
     np.testing.assert_array_equal(unknown[(times > 9.81) & (times < 12.19)], gap > 0.0)
     assert not unknown[(times < 9.79) | (times > 12.21)].any()
+
+
+def test_load_ratio_of_a_pin(log: Log) -> None:
+    """A force of 1000 N rms is divided by the static force of the model, if that is known."""
+    angle = np.full(len(log.times), 2.5)
+    moving = shaken(replace(log, crank_angle=angle), 0.0, 0.0)
+    force = sensor(at="lower_link:P1.force_x", accelerates=False, axes=np.eye(1))
+    tone = 1000.0 * math.sqrt(2.0) * moving.values[:, 2:]
+    signal = replace(moving, sensor=force, values=tone)
+    static = LinkageModel(read_mechanism(config_file(PAPER_MECHANISM))).static_forces(2.5)[0]
+    heard = hear(replace(log, crank_angle=angle), signal)
+    np.testing.assert_allclose(heard.measured / heard.reference, 1000.0 / static, rtol=0.01)
+    assert f"Its load ratio is up to {1000.0 / static:.2g}; that of" in answers([heard])[0]
+    assert log.table is not None
+    unknown = replace(log.table, static_forces=np.full_like(log.table.static_forces, np.nan))
+    for other in (
+        replace(log, crank_angle=angle, table=unknown),
+        replace(log, crank_angle=4.0 + angle),
+    ):
+        assert "load ratio" not in answers([hear(other, signal)])[0]
