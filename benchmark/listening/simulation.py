@@ -34,6 +34,7 @@ PLACES = [
     ("front_axle", "z"),
 ]
 WHEELBASE = 2.5  # m
+HEAVE = 3  # mode, from 0
 HIGHEST = 60.0  # Hz of the modes that are integrated
 MISPLACED, TURNED = 0.1, math.radians(5.0)  # m along the mast, rad
 MAST = 0.438  # m from E1 to E2
@@ -52,6 +53,7 @@ class Scene:
     moves: bool = False  # whether the crank creeps between the heights
     road: float = 64e-6  # m3 at 0.1 1/m (class B); 0 without any excitation
     seconds: float = SECONDS
+    order: float = 0.0  # relative distance of a strong order of the PTO to the heave; 0: far away
 
 
 @dataclass(frozen=True)
@@ -141,6 +143,10 @@ def simulate(seed: int, scene: Scene) -> Drive:
     share = (at - cell)[:, np.newaxis]
     s = poles[cell] * (1.0 - share) + poles[cell + 1] * share
     psi = shapes[cell] * (1.0 - share[:, np.newaxis]) + shapes[cell + 1] * share[:, np.newaxis]
+    if scene.order:
+        heave = np.abs(s[:, HEAVE]) / (2.0 * math.pi)
+        wander = 1.0 + 0.01 * slow_noise(np.random.default_rng([seed, 1]), n, 3.0)
+        speeds["pto"] = 60.0 / 0.45 * (1.0 + scene.order) * heave * wander
     forces = loads(random, times, speeds, scene) if driving else np.zeros((n, len(PLACES)))
     drive = np.einsum("np,npk->nk", forces, psi)
     # Exact for a force that is constant over a sample.
@@ -198,7 +204,7 @@ def loads(
         ("engine", 0.5, 40.0, ("front_axle", "z")),
         ("engine", 1.0, 300.0, ("front_axle", "z")),
         ("pto", 1.0, 60.0, ("E1", "z")),
-        ("pto", 0.45, 80.0, ("E1", "x")),
+        ("pto", 0.45, *((300.0, ("E1", "z")) if scene.order else (80.0, ("E1", "x")))),
     ):
         phase = 2.0 * math.pi * np.cumsum(speeds[name] / 60.0 * order) / RATE
         forces[:, PLACES.index(place)] += amplitude * np.sin(phase + random.uniform(0.0, 6.28))

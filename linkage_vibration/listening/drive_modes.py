@@ -4,7 +4,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,13 +24,15 @@ from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import Place
 from linkage_vibration.mechanics.uncertainty import INTERVAL
 from linkage_vibration.prediction.excitation import Excitation, Source
-from linkage_vibration.prediction.ground import vertical_mounts
+from linkage_vibration.prediction.ground import Terrain, vertical_mounts
 from linkage_vibration.readers.targets import INCLINOMETER
 from linkage_vibration.table.table import Table
 
 _AROUND = 0.7, 1.4  # of a predicted frequency: the band in which its mode is sought
 _MODEL = 0.12  # standard deviation of ln(frequency) of a model, where modes are paired
 _ALIKE = 0.5  # least MAC of a measured shape and that of the model
+_LINE = "a line of the wheelbase"
+_GROUND = Excitation(_LINE, Source.GROUND, math.nan, terrain=Terrain(64e-6))  # class B
 _LOWEST, _HIGHEST = 0.5, 0.3  # Hz of a mode, and its share of the sampling rate
 
 
@@ -94,10 +96,9 @@ def listen_modes(
     crank_angle : ndarray, (n,)
         rad; NaN where it is not known.
     speeds : mapping of Source to ndarray, (n,)
-        rpm and m/s; NaN where they are not known. Without the speed over ground, the machine
-        counts as standing.
+        rpm and m/s; NaN where they are not known. Wheels need the speed over ground.
     excitations
-        Orders that hide modes, and the terrain.
+        Orders that hide modes, and the terrain. Without one, wheels roll on a usual one.
     """
     signals = np.asarray(signals, dtype=float)
     arrays = [signals, crank_angle, *speeds.values()]
@@ -113,11 +114,14 @@ def listen_modes(
     predicted = np.full((len(times), table.n_modes), np.nan)
     known = np.isfinite(angle)
     predicted[known] = table.evaluate(angle[known])[:, : table.n_modes]
+    if wheelbase(mechanism) and not any(each.terrain for each in excitations):
+        excitations = *excitations, _GROUND
+    speeds = {source: np.abs(speed) for source, speed in speeds.items()}  # also in reverse
     drive = _Drive(table, mechanism, times, signals, tuple(places), angle, predicted)
     return tuple(
         mode
         for segments in find_segments(times, angle)
-        for mode in _at_height(drive, segments, dict(speeds), excitations)
+        for mode in _at_height(drive, segments, speeds, excitations)
     )
 
 
@@ -161,15 +165,21 @@ def _at_height(
         best = _best(found, mode, means, shapes)
         if best is None:
             continue
-        over_time = best.frequency / mean * drive.predicted[rows, mode]
-        there = {source: speed[rows] for source, speed in speeds.items()}
-        doubt = order_doubt(over_time, there, excitations) or window_doubt(windows, rate, lag, best)
+        over_time = best.frequency / mean * drive.predicted[:, mode]
+        doubts = [
+            order_doubt(
+                over_time[part], {s: speed[part] for s, speed in speeds.items()}, excitations
+            )
+            for part in segments
+        ]
+        doubt = next(filter(None, doubts), "") or window_doubt(windows, rate, lag, best)
         doubt = doubt or damping_doubt(float(ratios[mode]))
         for each in excitations:
-            if not doubt and rolls and each.terrain is not None and each.terrain.raised:
+            if not doubt and rolls and each.terrain is not None:
                 at = np.quantile(ground[ground > STANDS], (0.05, 0.35, 0.65, 0.95)).tolist()
                 place = drive.places[int(np.abs(best.shape).argmax())]
-                lines = wheelbase_lines(table, drive.mechanism, each.terrain, place, alpha3, at)
+                terrain = replace(each.terrain, raised=True)  # A tool in the soil ends no rolling.
+                lines = wheelbase_lines(table, drive.mechanism, terrain, place, alpha3, at)
                 doubt = line_doubt(best.frequency, mean, lines)
         modes.append(
             DriveMode(

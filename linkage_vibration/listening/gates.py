@@ -23,7 +23,7 @@ from linkage_vibration.prediction.ground import Terrain, ground_spectrum, vertic
 from linkage_vibration.table.table import Table
 
 NEAR, MOST_NEAR = 0.05, 0.02
-"""Relative distance at which an order hides a mode, and the share of the time that it may, 1."""
+"""Relative distance at which an order hides a mode, and the share of a stretch that it may, 1."""
 WINDOWS = 2
 """Windows that must show a mode."""
 MOST_DAMPED = 0.04
@@ -49,10 +49,10 @@ def order_doubt(
         unknown, near = float(np.isnan(speed).mean()), float((away <= NEAR).mean())
         if unknown > MOST_NEAR:
             what = f"the {each.source.value} speed, which {each.name} follows,"
-            return f"{what} is not known in {100.0 * unknown:.0f} % of the time"
+            return f"{what} is not known in {100.0 * unknown:.0f} % of a stretch"
         if near > MOST_NEAR:
             what = f"{each.name} was within {100.0 * NEAR:g} % of it"
-            return f"{what} in {100.0 * near:.0f} % of the time"
+            return f"{what} in {100.0 * near:.0f} % of a stretch"
     return ""
 
 

@@ -3,12 +3,14 @@
 """Modes of simulated drives of a tractor that differs from the table's."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from benchmark.listening.simulation import FILE, RATE, SENSORS, Scene, simulate
+from benchmark.listening.simulation import FILE, HEAVE, RATE, SENSORS, Drive, Scene, simulate
+from linkage_vibration.listening import drive_modes
 from linkage_vibration.listening.drive_modes import (
     DriveError,
     DriveMode,
@@ -20,12 +22,10 @@ from linkage_vibration.listening.output_only import Candidate, mac
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.prediction.excitation import Source, excitations_from_mapping
+from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import Table, load_table
-
-HEAVE = 3  # mode, from 0
 
 
 @pytest.fixture(scope="module")
@@ -35,9 +35,14 @@ def arguments() -> tuple[Table, Mechanism]:
     return table, read_mechanism(config_file(f"{FILE}.yaml"))
 
 
-def test_heave_of_a_heavier_implement(arguments: tuple[Table, Mechanism]) -> None:
+@pytest.fixture(scope="module")
+def drive() -> Drive:
+    """Return a drive on a rough road, whose implement is heavier than that of the table."""
+    return simulate(1, Scene(road=256e-6, seconds=180.0))
+
+
+def test_heave_of_a_heavier_implement(arguments: tuple[Table, Mechanism], drive: Drive) -> None:
     """The heave, 5 % below the prediction, is within three deviations; the PTO at it hides it."""
-    drive = simulate(1, Scene(road=256e-6, seconds=180.0))
     speeds = {Source(name): values for name, values in drive.speeds.items()}
     given = *arguments, drive.times, drive.signals, SENSORS, drive.crank_angle, speeds
     heaves = [each for each in listen_modes(*given) if each.mode == HEAVE and not each.doubt]
@@ -53,10 +58,64 @@ def test_heave_of_a_heavier_implement(arguments: tuple[Table, Mechanism]) -> Non
     assert any(doubt.startswith(f"shaft {order:g} was within") for doubt in doubts)
 
 
-def test_without_a_base(arguments: tuple[Table, Mechanism]) -> None:
+def heave_doubt(
+    arguments: tuple[Table, Mechanism],
+    drive: Drive,
+    excitations: Sequence[Excitation] = (),
+    **changed: FloatArray | None,
+) -> str:
+    """Return the doubt about the heave at 168 deg with other speeds; None means not known."""
+    speeds = {Source(name): speed for name, speed in (drive.speeds | changed).items()}
+    known = {source: speed for source, speed in speeds.items() if speed is not None}
+    given = drive.times, drive.signals, SENSORS, drive.crank_angle, known, excitations
+    return [each for each in listen_modes(*arguments, *given) if each.mode == HEAVE][-1].doubt
+
+
+@pytest.mark.parametrize(("seconds", "doubted"), [(0.2, False), (1.5, True)])
+def test_order_in_a_part_of_a_stretch(
+    arguments: tuple[Table, Mechanism], drive: Drive, seconds: float, doubted: bool
+) -> None:
+    """An order is at the heave for 1 or 8 % of a stretch, and for less than 2 % of the drive."""
+    shaft = excitations_from_mapping({"shaft": {"speed": "pto", "orders": [1]}})
+    near = (drive.times > 5.0) & (drive.times < 5.0 + seconds)
+    pto = np.where(near, 60.0 * 8.16, 3000.0)
+    assert heave_doubt(arguments, drive, shaft, pto=pto).startswith("shaft 1 was") == doubted
+
+
+SOIL = {"field": {"speed": "ground", "terrain": {"class": "B"}, "raised": False}}
+
+
+@pytest.mark.parametrize("excitations", [(), excitations_from_mapping(SOIL)])
+@pytest.mark.parametrize(("speed", "doubted"), [(1.0, True), (-1.0, True), (0.05, False)])
+def test_lines_of_wheels_that_roll(
+    arguments: tuple[Table, Mechanism],
+    drive: Drive,
+    excitations: Sequence[Excitation],
+    speed: float,
+    doubted: bool,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Lines are sought also without a terrain, with a tool in the soil, and in reverse.
+
+    At 0.05 of its speed, the machine stands.
+    """
+    monkeypatch.setattr(drive_modes, "wheelbase_lines", lambda *_: np.array([8.16]))
+    doubt = heave_doubt(arguments, drive, excitations, ground=speed * drive.speeds["ground"])
+    assert doubt.startswith("the wheelbase makes a line at 8.16 Hz") == doubted
+
+
+def test_wheels_need_the_speed(arguments: tuple[Table, Mechanism], drive: Drive) -> None:
+    """Without the speed over ground, wheels may roll; a mechanism without wheels does not care."""
+    table, mechanism = arguments
+    doubt = heave_doubt(arguments, drive, ground=None)
+    assert doubt.startswith("the ground speed, which a line of the wheelbase follows, is not known")
+    assert heave_doubt((table, replace(mechanism, base=None)), drive, ground=None) == ""
+    assert heave_doubt(arguments, drive) == ""
+
+
+def test_without_a_base(arguments: tuple[Table, Mechanism], drive: Drive) -> None:
     """Where no wheels are modelled, a raised terrain does not end the search: heave is found."""
     table, mechanism = arguments
-    drive = simulate(1, Scene(road=256e-6))
     speeds = {Source(name): values for name, values in drive.speeds.items()}
     given = drive.times, drive.signals, SENSORS, drive.crank_angle, speeds
     field = {"field": {"speed": "ground", "terrain": {"class": "B"}, "raised": True}}

@@ -30,7 +30,7 @@ RATE = 20.0  # Hz
     [(317.0, 3, True), (317.0, 1, False), (313.0, 100, True), (316.0, 100, False)],
 )
 def test_order(rpm: float, percent: int, doubted: bool) -> None:
-    """At 5 Hz an order of the PTO hides a mode up to 315 rpm; it may be there 2 % of the time."""
+    """At 5 Hz an order of the PTO hides a mode up to 315 rpm; it may be there 2 % of a stretch."""
     excitations = excitations_from_mapping({"shaft": {"speed": "pto", "orders": [1]}})
     speed = np.full(1000, 600.0)
     speed[: 10 * percent] = 300.0 if percent < 100 else rpm
@@ -45,7 +45,7 @@ TERRAIN = {"field": {"speed": "ground", "terrain": {"class": "B"}, "raised": Tru
 @pytest.mark.parametrize(
     ("mapping", "speeds", "doubt"),
     [
-        (SHAFT, {}, "the pto speed, which shaft 1 follows, is not known in 100 % of the time"),
+        (SHAFT, {}, "the pto speed, which shaft 1 follows, is not known in 100 % of a stretch"),
         (SHAFT, {Source.PTO: [math.nan] * 100}, "the pto speed, which shaft 1 follows, is not"),
         (SHAFT, {Source.PTO: [600.0] * 97 + [math.nan] * 3}, "the pto speed, which shaft 1"),
         (SHAFT, {Source.PTO: [600.0] * 99 + [math.nan]}, ""),
@@ -57,7 +57,7 @@ TERRAIN = {"field": {"speed": "ground", "terrain": {"class": "B"}, "raised": Tru
 def test_unknown_speed(
     mapping: dict[str, object], speeds: dict[Source, list[float]], doubt: str
 ) -> None:
-    """A speed that is not known for more than 2 % of the time may hide any mode."""
+    """A speed that is not known for more than 2 % of a stretch may hide any mode."""
     excitations = excitations_from_mapping(mapping)
     arrays = {source: np.array(values) for source, values in speeds.items()}
     text = order_doubt(np.full(100, 5.0), arrays, excitations)
