@@ -67,10 +67,12 @@ def wheelbase_lines(
     """Return frequencies, Hz, of maxima of the predicted spectrum that no mode makes.
 
     The spectrum is the mean of those of the acceleration at speeds in m/s, as a line that follows
-    a changing speed is none. The angle is in rad. Fewer than two mounts make no line.
+    a changing speed is none. The angle is in rad. Fewer than two mounts make no line. It is NaN if
+    the table has no FRFs at the mounts.
     """
-    if len(vertical_mounts(mechanism)) < 2:
-        return np.array([])
+    mounts = vertical_mounts(mechanism)
+    if len(mounts) < 2 or not {(mount.name, "z") for mount in mounts} <= {*table.places}:
+        return np.full(int(len(mounts) > 1), np.nan)
     spectra = [ground_spectrum(table, mechanism, terrain, place, alpha3, v) for v in speeds]
     f = spectra[0][0]
     mean = np.nan_to_num(np.mean([psd for _, psd in spectra], axis=0)) * f**2
@@ -81,7 +83,12 @@ def wheelbase_lines(
 
 
 def line_doubt(frequency: float, predicted: float, lines: FloatArray) -> str:
-    """Return that a line of the wheelbase explains a frequency better than a mode; else nothing."""
+    """Return that a line of the wheelbase explains a frequency better than a mode; else nothing.
+
+    Lines that are NaN may be anywhere.
+    """
+    if np.isnan(lines).any():
+        return "the table has no FRFs at the wheels, whose lines may be there; add --frf-points"
     away = np.abs(np.log(lines / frequency))
     if not len(lines) or away.min() > min(_LINE, abs(np.log(predicted / frequency))):
         return ""

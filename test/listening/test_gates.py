@@ -74,8 +74,8 @@ def test_damping(ratio: float, doubted: bool) -> None:
 def test_lines_of_the_wheelbase() -> None:
     """At 20 km/h and 165 deg, maxima are at 5.69, 9.6 and 12.1 Hz; a changing speed blurs them.
 
-    One mount, or no base, makes none. The numbers come from a prototype that computed the
-    spectrum on its own.
+    One mount, or no base, makes none; without FRFs at a mount, lines are not known. The numbers
+    come from a prototype that computed the spectrum on its own.
     """
     name = "three_point_linkage_on_tractor"
     table = load_table(config_file(f"tables/{name}.npz"))
@@ -91,6 +91,9 @@ def test_lines_of_the_wheelbase() -> None:
     for base in (single, None):
         fewer = replace(mechanism, base=base)
         assert len(wheelbase_lines(table, fewer, *arguments[2:], [20.0 / 3.6])) == 0
+    places = tuple((name.replace("rear_axle", "E3"), axis) for name, axis in table.places)
+    lacking = replace(table, places=places), *arguments[1:]
+    assert np.isnan(wheelbase_lines(*lacking, [20.0 / 3.6])).all()
 
 
 @pytest.mark.parametrize(
@@ -102,6 +105,7 @@ def test_line(frequency: float, predicted: float, doubted: bool) -> None:
     doubt = line_doubt(frequency, predicted, np.array([3.25, 5.7]))
     assert doubt.startswith("the wheelbase makes a line at 5.70 Hz") == doubted
     assert not line_doubt(frequency, predicted, np.array([]))
+    assert "no FRFs at the wheels" in line_doubt(frequency, predicted, np.array([math.nan]))
 
 
 @pytest.mark.parametrize(("shown", "doubt"), [(1, "1 of 3 windows show it"), (2, "")])
