@@ -58,7 +58,7 @@ class MeasuredOrder:
 
         Of an order that is not heard, it is the largest possible if that is negative.
         """
-        if not self.predicted > 0.0 or not (self.heard or self.measured < self.predicted):
+        if not self.predicted > 0.0 or not (self.heard or 0.0 < self.measured < self.predicted):
             return math.nan
         noise = self.measured_stddev / self.measured if self.heard else 0.0
         stddev = math.hypot(math.log(self.predicted_factor), noise)
@@ -168,7 +168,7 @@ def _amplitude(net: FloatArray, noise: FloatArray, scale: FloatArray) -> tuple[f
     """
     each = net[:, np.newaxis] / scale**2  # (m, k): squares of the amplitude
     members = np.log(scale[:, 1:]).std(axis=1) if scale.shape[1] > 1 else np.zeros(len(net))
-    size = max(float(np.median(each[:, 0])), _LEAST)
+    size = max(float(np.median(np.abs(each[:, 0]))), _LEAST)
     weak = noise / (scale[:, 0] ** 2 * size)  # of the square that noise makes
     weights = 1.0 / (2.0 * weak + weak**2 + (2.0 * members) ** 2 + 1e-4)
     weights /= weights.sum()

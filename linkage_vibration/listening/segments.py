@@ -30,6 +30,8 @@ def find_segments(times: FloatArray, crank_angle: FloatArray) -> list[list[slice
     times, crank_angle : ndarray, (n,)
         s, even; rad, NaN where it is not known.
     """
+    if times[-1] - times[0] < SHORTEST:
+        return []
     step = max(1, round(1.0 / (_LOOKS * float(times[1] - times[0]))))
     t, angle = times[::step], crank_angle[::step]
     moves = np.abs(np.gradient(angle, t)) > _FASTEST

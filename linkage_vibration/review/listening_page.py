@@ -115,9 +115,9 @@ def heard_modes(log: Log, heard: Sequence[Heard]) -> tuple[DriveMode, ...]:
     if log.table is None or log.mechanism is None or not signals:
         return ()
     first, last = max(s.times[0] for s in signals), min(s.times[-1] for s in signals)
-    times = np.arange(first, last, 1.0 / max(s.rate for s in signals))
-    if len(times) < 2:
+    if last - first < SHORTEST:
         return ()
+    times = np.arange(first, last, 1.0 / max(s.rate for s in signals))
     angle = known_at(times, log.times, log.table_angle)
     for signal in signals:  # The values in gaps are interpolated, but no mode is sought there.
         for i in gap_starts(signal.times).tolist():
@@ -125,16 +125,20 @@ def heard_modes(log: Log, heard: Sequence[Heard]) -> tuple[DriveMode, ...]:
             angle[(times > start) & (times < end)] = math.nan
     values = np.hstack([signal.at(times)[:, [0, 2]] for signal in signals])
     places = [(signal.sensor.at, axis) for signal in signals for axis in "xz"]
+    alive = np.flatnonzero(np.ptp(values, axis=0)).tolist()  # An axis may not be measured.
+    if not alive:
+        return ()
     speeds = {source: known_at(times, *each) for source, each in all_speeds(log).items()}
-    arguments = times, values, places, angle, speeds, log.excitations
+    arguments = times, values[:, alive], [places[i] for i in alive], angle, speeds, log.excitations
     return listen_modes(log.table, log.mechanism, *arguments)
 
 
 def modes_answer(log: Log, modes: Sequence[DriveMode]) -> str:
     """Return what the worst natural frequency of a drive says, or why none is reported."""
     if not modes:
-        text = "No natural frequency was found. Modes need accelerations on the linkage, and at "
-        return f"{text}least {SHORTEST:g} s in which the crank moves less than 1 deg/s."
+        text = "No natural frequency was found. Modes need accelerations on the linkage, of all "
+        text += f"sensors at once, and at least {SHORTEST:g} s in which the crank moves less than"
+        return f"{text} 1 deg/s."
     sure = [mode for mode in modes if not mode.doubt]
     worst = max(sure or modes, key=lambda mode: abs(np.nan_to_num(mode.difference)))
     text = difference_text(worst, log.mode_name(worst.mode) or f"mode {worst.mode + 1}")

@@ -11,6 +11,7 @@ import yaml
 
 from linkage_vibration.listening.amplitudes import (
     MeasuredOrder,
+    _amplitude,
     amplitude_numbers,
     measure_orders,
     unit_responses,
@@ -157,3 +158,11 @@ def test_a_force_is_not_integrated() -> None:
     output = ("lift_cylinders", "force")
     static = load_table().frf(2.3, [output], [("E1", "x")]).frf(np.array([0.0]))
     assert gains[0] == pytest.approx(abs(static[0, 0, 0]), rel=1e-3)
+
+
+def test_amplitude_of_an_order_in_a_few_windows() -> None:
+    """Where noise exceeds most squares, the amplitude is still the root of their mean."""
+    squares = np.array([-0.1, -0.1, -0.1, 1.0, 1.0])
+    amplitude, relative = _amplitude(squares, np.full(5, 0.1), np.ones((5, 1)))
+    assert amplitude == pytest.approx(math.sqrt(1.7 / 5.0))
+    assert math.isfinite(relative)

@@ -31,7 +31,8 @@ def test_heights(degrees: float, heights: int) -> None:
 
 
 def test_unknown_angle() -> None:
-    """Without an angle there is no segment."""
+    """Without an angle, and in two samples, there is no segment."""
+    assert find_segments(np.array([0.0, 0.01]), np.array([2.0, 2.0])) == []
     times = np.arange(0.0, 20.0, 1.0 / RATE)
     assert find_segments(times, np.full(len(times), np.nan)) == []
 

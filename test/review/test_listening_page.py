@@ -137,3 +137,25 @@ def test_load_ratio_of_a_pin(log: Log) -> None:
         replace(log, crank_angle=4.0 + angle),
     ):
         assert "load ratio" not in answers([hear(other, signal)])[0]
+
+
+def test_a_dead_axis_and_sensors_that_hardly_meet(
+    log: Log, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An axis of zeros is left out; no mode is sought without signals, or in less than 8 s."""
+    places: list[object] = []
+
+    def listen(*arguments: object) -> tuple[DriveMode, ...]:
+        places.append(arguments[4])
+        return ()
+
+    monkeypatch.setattr(listening_page, "listen_modes", listen)
+    signal = shaken(log, 0.0, 0.0)
+    one, dead = (replace(signal, values=signal.values * gain) for gain in ([0, 0, 1], [0, 0, 0]))
+    heard = [hear(log, one), hear(log, dead)]
+    assert heard_modes(log, heard) == heard_modes(log, heard[1:]) == ()
+    assert places == [[("E1", "z")]]
+    assert "No natural frequency was found" in listening_page.listening_page(log, heard, (), ())
+    late = replace(signal, times=signal.times + signal.times[-1] - 7.0)
+    heard_modes(log, [hear(log, one), hear(log, late)])
+    assert len(places) == 1
