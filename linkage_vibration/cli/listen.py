@@ -30,15 +30,7 @@ def run(options: argparse.Namespace) -> int:
     from linkage_vibration.listening.exposure import exposure
     from linkage_vibration.listening.signals import measured_signal
     from linkage_vibration.readers.sensors import SEAT, read_measured, read_sensors
-    from linkage_vibration.review.listening_page import (
-        NOTHING,
-        answers,
-        hear,
-        heard_modes,
-        kinds,
-        listening_page,
-        modes_answer,
-    )
+    from linkage_vibration.review import listening_page as page
     from linkage_vibration.review.log import ReviewError, read_log
     from linkage_vibration.studies.yaml_editing import edit_text
     from linkage_vibration.support.atomic_files import check_outputs, check_suffix, write_files
@@ -62,13 +54,13 @@ def run(options: argparse.Namespace) -> int:
             times, readings = read_measured(sensor, options.log, int(log.stamps[0]))
             signal = measured_signal(sensor, times, readings, highest)
             if sensor.at == SEAT:
-                felt.append((signal, exposure(signal, kinds(log, signal))))
+                felt.append((signal, exposure(signal, page.kinds(log, signal))))
             else:
-                heard.append(hear(log, signal))
+                heard.append(page.hear(log, signal))
             bar.update()
-        modes = heard_modes(log, heard)
+        modes = page.heard_modes(log, heard)
         bar.update()
-        content = {output: [listening_page(log, heard, modes, felt).encode()]}
+        content = {output: [page.listening_page(log, heard, modes, felt).encode()]}
         bar.update()
     if options.amplitudes:
         rows = [row for one in heard for row in one.rows]
@@ -77,6 +69,7 @@ def run(options: argparse.Namespace) -> int:
             edit_text(log.excitations_text, numbers, ReviewError).encode()
         ]
     write_files(content, ReviewError)
-    print("\n".join([modes_answer(log, modes), *answers(heard)]) if heard else NOTHING)
+    sentences = [page.modes_answer(log, modes), *page.answers(heard)] if heard else [page.NOTHING]
+    print("\n".join(sentences))
     print(f"Written: {', '.join(map(str, outputs))}")
     return 0

@@ -170,13 +170,11 @@ def answers(heard: Sequence[Heard]) -> list[str]:
         if alone:
             text += f" Of {alone} others that stand out of it, no prediction is known."
         text += f" {len(rest) - alone} others are below the noise."
-        with np.errstate(invalid="ignore"):
-            ratios = [each / one.reference for each in (one.measured, one.predicted)]
+        ratios = [each / one.reference for each in (one.measured, one.predicted)]
         largest = [float(np.fmax.reduce(ratio, initial=-1.0)) for ratio in ratios]
+        words = [f"up to {ratio:.2g}" if ratio >= 0.0 else "not known" for ratio in largest]
         if largest[0] >= 0.0:
-            orders = f"{largest[1]:.2g}" if largest[1] >= 0.0 else "not known"
-            text += f" Its load ratio is up to {largest[0]:.2g}; that of the predicted orders is "
-            text += f"{'up to ' * (largest[1] >= 0.0)}{orders}."
+            text += f" Its load ratio is {words[0]}; that of the predicted orders is {words[1]}."
         parts.append(text)
     return parts
 
@@ -212,7 +210,7 @@ def _modes_table(log: Log, modes: Sequence[DriveMode]) -> str:
     for mode in sorted(modes, key=lambda mode: bool(mode.doubt)):
         both = (mode.predicted, mode.predicted_stddev), (mode.frequency, mode.deviation)
         row = [log.mode_label(mode.mode), f"{math.degrees(mode.alpha3):.1f}"]
-        row += [f"{hertz:.2f} ± {hertz * deviation:.2f}" for hertz, deviation in both]
+        row += [f"{f:.2f} ± {f * deviation:.2f}".replace(" ± nan", "") for f, deviation in both]
         explained = explanations(model, [mode]) if model and mode in apart else ()
         rows.append([*row, verdict(mode), *(_best(explained) for _ in apart[:1])])
     head += ["may be explained by a change of"] * bool(apart)

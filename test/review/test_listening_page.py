@@ -76,6 +76,7 @@ def test_a_level_is_not_known_where_a_speed_or_the_angle_is_not(log: Log) -> Non
 
 MODE = DriveMode(2.5, 0, 8.0, 0.08, 0.003, 7.6, 0.038, 0.02, 0.002, (20.0,))
 FAR = replace(MODE, predicted_stddev=0.01)
+UNKNOWN = replace(MODE, predicted_stddev=math.nan)
 DOUBTFUL = replace(FAR, doubt="a reason")
 
 
@@ -85,6 +86,7 @@ DOUBTFUL = replace(FAR, doubt="a reason")
         ([], "No natural frequency was found. Modes need accelerations on the linkage", False),
         ([DOUBTFUL], "None of 1 natural frequencies is reported. The mode 1 at 143.2 deg", False),
         ([MODE, DOUBTFUL], "5.0 % lower than predicted, 7.600 +- 0.038 Hz: consistent", False),
+        ([UNKNOWN], "not known, because the deviation of the prediction is not known", False),
         ([MODE, FAR], "not consistent, 4.4 standard deviations. 1 of 2 measured", True),
     ],
 )
@@ -93,6 +95,7 @@ def test_modes_answer(log: Log, modes: list[DriveMode], words: str, explained: b
     named = modes_answer(log, modes).replace(log.mode_name(0), "mode 1")
     assert words in named
     page = listening_page.listening_page(log, [hear(log, shaken(log, 0.0, 0.0))], modes, [])
+    assert "± nan" not in page
     assert ("may be explained by a change of" in page) == explained
     assert ("class=calm>The" in page) == (modes == [MODE, DOUBTFUL])
 
