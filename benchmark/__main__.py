@@ -53,6 +53,7 @@ STEPS = (
     "long_bag",
     "review_page",
     "mutants",
+    "overload",
     "sensors",
     "soak",
 )
