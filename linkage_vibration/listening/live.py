@@ -21,7 +21,7 @@ from linkage_vibration.prediction.answers import Served
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.settings import Parameters
-from linkage_vibration.readers.sensors import SEAT, Sensor
+from linkage_vibration.readers.sensors import LARGEST, SEAT, Sensor
 
 _SECOND = 10**9  # ns
 _WINDOW = round(SECONDS * _SECOND)
@@ -113,11 +113,11 @@ class SensorMonitor:
 
     def set_speed(self, source: Source, value: float, time: int) -> None:
         """Take a speed, rpm or m/s, at a time, ns."""
-        self._speeds[source].add(time, value)
+        self._speeds[source].add(time, value if abs(value) < LARGEST else math.nan)
 
     def set_angle(self, alpha3: float, stamp: int) -> None:
         """Take a crank angle, rad, with its stamp, ns."""
-        self._angles.add(stamp, alpha3)
+        self._angles.add(stamp, alpha3 if abs(alpha3) < LARGEST else math.nan)
 
     def take(self, sensor: int, stamp: int, values: tuple[float, ...]) -> MessageColumns | None:
         """Take a sample; return a message if it is the first in a second of the stamps, ns.

@@ -17,7 +17,6 @@ from linkage_vibration.bags.field_reader import FieldReader
 from linkage_vibration.bags.message_types import IMU
 from linkage_vibration.bags.numbers import Integers, LeftOut, NumberReader
 from linkage_vibration.bags.schemas import FieldError, Schema
-from linkage_vibration.bags.streams import open_bags
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import MechanismError
@@ -34,6 +33,8 @@ _UNITS = {
 }
 _FORCES = {"%": "full_scale", "Pa": "area", "kPa": "area", "bar": "area"}  # keys that give newtons
 _PATHS = {IMU: "linear_acceleration", "geometry_msgs/msg/AccelStamped": "accel.linear"}
+LARGEST = 1e12
+"""A larger number is not a measured one, whatever its unit; its square has no meaning."""
 SENSORS, SEAT = "sensors.yaml", "seat"
 """The name of the file of sensors in a log, and the place of one that measures the exposure."""
 _AXES = {f"{sign}{axis}": i for sign in ("", "-") for i, axis in enumerate("xyz")}
@@ -179,6 +180,8 @@ def read_measured(sensor: Sensor, log: Path, start: int) -> tuple[FloatArray, Fl
             raise SensorError(f"{path}: {sensor.name} needs columns that it lacks; {known}.")
         chosen = every[:, [column - 2 for column in sensor.columns]]
         return times - times[0] + sensor.starts_at, chosen
+    from linkage_vibration.bags.streams import open_bags  # a node may lack the library for bags
+
     with open_bags([path]) as bags:
         types, defined = {one.name: one.type for one in bags.topics}, bags.defined(sensor.topic)
         if defined is None or sensor.topic not in types:
@@ -225,7 +228,7 @@ class SensorReader:
         """Return the stamp, ns, the frame and the numbers of a message; None if it lacks one."""
         numbers = [reader.read_one(data) for reader in self._readers]
         values = tuple(math.nan if one is None else one.value for one in numbers)
-        if not all(map(math.isfinite, values)) or numbers[0] is None:
+        if not all(abs(value) < LARGEST for value in values) or numbers[0] is None:
             return None
         stamp = 10**9 * numbers[0].sec + numbers[0].nanosec
         return stamp if stamp > 0 else received, numbers[0].frame_id, values
@@ -245,7 +248,7 @@ class SensorReader:
                     parts.append(part)
         for part in parts:
             numbers = values[part.rows]
-            has_all = np.isfinite(numbers).all(axis=1)
+            has_all = (np.abs(numbers) < LARGEST).all(axis=1)
             stamps = 10**9 * part.sec.astype(np.int64) + part.nanosec
             stamps = np.where(stamps > 0, stamps, block.log_times[part.rows])
             yield part.rows[has_all], stamps[has_all], numbers[has_all], part.frame_id

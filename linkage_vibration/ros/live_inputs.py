@@ -44,7 +44,12 @@ def live_topics(
     topics: dict[str, LiveTopic] = {}
 
     def topic_of(source: SourceSettings | Sensor) -> LiveTopic:
-        name = resolve(source.topic)
+        try:
+            name = resolve(source.topic)
+        except RuntimeError:  # of rcl; parameters that name topics were checked
+            hint = "use letters, digits, _ and /, as in /imu/data"
+            problem = f"{source.name}: the topic {source.topic!r} has an invalid name"
+            raise ParameterError(f"{problem}; {hint}.") from None
         topic = topics.setdefault(name, LiveTopic(name, source.type))
         if topic.type != source.type:
             raise ParameterError(
@@ -92,7 +97,7 @@ def _schema(source: SourceSettings | Sensor) -> Schema:
     """Return the fields of the type of a source, which must be installed."""
     try:
         return installed_schema(source.type)
-    except (ImportError, AttributeError):
+    except (ImportError, AttributeError, ValueError):  # the last one: of a name without slashes
         package = source.type.split("/")[0]
         raise ParameterError(
             f"{_type_words(source)}: the type {source.type} is not installed; install or "

@@ -14,6 +14,8 @@ from linkage_vibration.listening.live import SensorMonitor, difference_sentence,
 from linkage_vibration.listening.signals import SignalError
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.messages.columns import MessageColumns
+from linkage_vibration.messages.encoding import encode_message
+from linkage_vibration.messages.topics import MEASURED
 from linkage_vibration.prediction.answers import Served
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.settings import Parameters
@@ -140,6 +142,22 @@ def test_an_unknown_angle_leaves_the_measured_order() -> None:
     assert math.isnan(message.crank_angle)
     assert message.order_levels[CRANKSHAFT] > 0.0
     assert np.isnan(message.predicted_levels).all()
+
+
+@pytest.mark.parametrize("number", [1e13, 1e300, math.inf, math.nan])
+def test_numbers_that_nothing_has_are_not_known(number: float) -> None:
+    """Beyond 1e12, a speed and an angle are not known, and the message can still be encoded."""
+    listening, found = monitor(), list[MessageColumns | None]()
+    for k in range(7 * RATE):
+        stamp = START + k * NS // RATE
+        listening.set_angle(number, stamp)
+        listening.set_speed(Source.PTO, number, stamp)
+        found.append(listening.take(0, stamp, samples(k)))
+    [*_, message] = [each for each in found if each is not None]
+    assert math.isnan(message.crank_angle)
+    assert message.order_levels[CRANKSHAFT] > 0.0
+    assert np.isnan(message.order_levels[[one.source is Source.PTO for one in EXCITATIONS]]).all()
+    assert len(encode_message(MEASURED, message, 0, 0, "")) > 100
 
 
 def test_a_gap_is_named_and_a_pause_has_one_message() -> None:

@@ -2,13 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """The fields of installed types are those of their definitions."""
 
+import re
 from importlib import import_module
+from pathlib import Path
 
 import pytest
 
 from linkage_vibration.bags.schemas import NUMBERS, SchemaField, schema_of_text
 from linkage_vibration.messages.definitions import message_definition
 from linkage_vibration.prediction.settings import ParameterError, Parameters, with_values
+from linkage_vibration.readers.sensors import SensorError, live_sensors
 from linkage_vibration.ros.live_inputs import installed_schema, live_topics
 
 PACKAGES = ("sensor_msgs", "std_msgs", "geometry_msgs", "diagnostic_msgs", "rcl_interfaces")
@@ -46,3 +49,32 @@ def test_inputs_of_one_topic() -> None:
         ParameterError, match=r"topic /s is read as std_msgs/msg/Float64 and as sen"
     ):
         live_topics(with_values(Parameters(), {**same, "engine_type": ""}), lambda name: f"/{name}")
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("topic: /imu", ""),
+        ("topic: '/im u'", "imu: the topic '/im u' has an invalid name; use letters"),
+        ("topic: /imu, type: Imu", "Key type of the sensor imu: the type Imu is not installed"),
+        ("topic: /imu, type: sensor_msgs/msg/Nope", "type sensor_msgs/msg/Nope is not installed"),
+        ("topic: /joint_states", "Key type of the sensor imu: topic /joint_states is read as sens"),
+        ("file: imu.csv", "imu is in a CSV file, which only `linkage-vibration listen` reads"),
+    ],
+)
+def test_sensors_of_a_running_node(tmp_path: Path, text: str, problem: str) -> None:
+    """A sensor needs a topic with a valid name and an installed type; an error names the fault."""
+    file = tmp_path / "sensors.yaml"
+    file.write_text(f"imu: {{{text}, unit: g, at: E1}}\n")
+
+    def resolve(name: str) -> str:
+        if " " in name:
+            raise RuntimeError("failed to resolve name")  # as rcl does
+        return f"/{name.lstrip('/')}"
+
+    if not problem:
+        topics = live_topics(Parameters(), resolve, live_sensors(file))
+        assert [place for place, _ in topics["/imu"].sensors] == [0]
+        return
+    with pytest.raises((ParameterError, SensorError), match=re.escape(problem)):
+        live_topics(Parameters(), resolve, live_sensors(file))
