@@ -8,15 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from linkage_vibration.listening.signals import Signal
+from linkage_vibration.listening.signals import HIGHEST, Signal
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.prediction.excitation import Excitation, Source
 
 SECONDS = 4.0
 """Length of a window, s, which resolves 0.25 Hz; the windows follow each other."""
 _APART = 2.0 / SECONDS  # Hz: orders closer than that are one line
-HIGHEST = 0.45
-"""Highest frequency that is believed, as a share of the rate."""
 _BESIDE = np.array([-5.0, -4.0, -3.0, 3.0, 4.0, 5.0]) / SECONDS  # Hz, where only noise remains
 
 

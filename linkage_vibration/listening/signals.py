@@ -8,15 +8,21 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from linkage_vibration.drawing.intervals import gap_starts
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.mechanics.forces import GRAVITY
 from linkage_vibration.readers.sensors import Sensor
 
 _FULL, _FLAT = 0.99, 3  # of the range; equal extreme samples in a row of an overloaded sensor
-_UNEVEN = 0.1  # of the median step: its standard deviation beyond
+_UNEVEN, _BURSTS = 0.1, 1.0  # of a step: standard deviation of stamps that is named, and refused
+_DRIFT = 2.0  # s, over which the clock of a sensor is even
+_SHORT = 0.5  # s between gaps, on average, below which samples come in bursts
+_STAMP = "stamp each sample when it is taken."
+HIGHEST = 0.45
+"""Highest frequency that is believed, as a share of the rate."""
 _TOP, _FOLDED = 0.9, 0.05  # of half of the rate; of the variance that may be above
 _GRAVITY = 0.15  # by which the mean acceleration may differ from gravity
 _NO_GRAVITY = 1.0  # m/s^2: a mean below it contains none
@@ -36,9 +42,9 @@ class Signal:
     ----------
     sensor : Sensor
     times : ndarray, (n,)
-        s since the first prediction, ascending.
+        s since the first prediction, even between gaps.
     values : ndarray, (n, 3) or (n, 1)
-        m/s^2 along x, y and z of the tractor, or N.
+        m/s^2 along x, y and z of the tractor, or N; single missing samples are interpolated.
     rate : float
         Samples per second, Hz.
     doubts : tuple of str
@@ -54,8 +60,7 @@ class Signal:
     def stretches(self) -> list[FloatArray]:
         """Return the even times, s, (n,), of each stretch without gaps."""
         edges = [0, *(gap_starts(self.times) + 1).tolist(), len(self.times)]
-        ends = [(self.times[a], self.times[b - 1]) for a, b in pairwise(edges)]
-        return [a + np.arange(int((b - a) * self.rate + 1.5)) / self.rate for a, b in ends]
+        return [self.times[a:b] for a, b in pairwise(edges)]
 
     def at(self, times: FloatArray) -> FloatArray:
         """Return values at times, (..., k)."""
@@ -92,13 +97,50 @@ def measured_signal(
     times, readings = times[distinct], readings[distinct]
     if len(times) < _FEWEST:
         raise SignalError(f"{sensor.name} has {len(times)} samples; record at least {_FEWEST}.")
-    rate = 1.0 / float(np.median(np.diff(times)))
+    even, missing, step, spread = _even_clock(sensor, times)
     values = sensor.scale * readings @ sensor.axes.T
-    doubts = [*_range_doubts(sensor, readings), *_time_doubts(times)]
-    doubts += _rate_doubts(sensor, times, values, rate, highest)
+    doubts = [*_range_doubts(sensor, readings), *_time_doubts(times, step, spread)]
+    if missing.any():
+        values = np.stack([np.interp(even, even[~missing], each) for each in values.T], axis=-1)
+    doubts += _rate_doubts(sensor, values, 1.0 / step, highest)
     if sensor.accelerates:
         doubts += _gravity_doubts(values.mean(axis=0))
-    return Signal(sensor, times, values, rate, tuple(doubts))
+    return Signal(sensor, even, values, 1.0 / step, tuple(doubts))
+
+
+def _even_clock(sensor: Sensor, times: FloatArray) -> tuple[FloatArray, BoolArray, float, float]:
+    """Return even times of samples, which of them are missing, the step, and how stamps vary, s.
+
+    A sensor samples evenly, and its stamps are late by various delays, whose slow part is kept. So
+    the samples are placed one after the other, and a longer step is a number of missing samples
+    unless the step before or after it is shorter by the same time.
+    """
+    steps, gaps = np.diff(times), gap_starts(times)
+    step = float(np.median(steps))
+    beside = np.pad(steps, 1, constant_values=step)
+    longer = np.minimum(steps, np.minimum(beside[:-2], beside[2:]) + steps - step)
+    longer[gaps] = step
+    counts = np.maximum(np.rint(longer / step), 1.0)
+    usual = np.ones(len(steps), dtype=bool)
+    usual[gaps] = False
+    seconds = float(steps[usual].sum())
+    if counts.sum() > 2.0 * len(times) or (len(gaps) > 1 and seconds < _SHORT * len(gaps)):
+        raise SignalError(f"The samples of {sensor.name} come in bursts; {_STAMP}")
+    step = seconds / float(counts[usual].sum())
+    place = np.concatenate([[0], np.cumsum(counts)]).astype(int)
+    missing = np.ones(place[-1] + 1, dtype=bool)
+    missing[place] = False
+    even, off = np.empty(len(missing)), np.empty(len(times))
+    for a, b in pairwise([0, *(gaps + 1).tolist(), len(times)]):
+        late = times[a:b] - step * place[a:b]
+        slow = uniform_filter1d(late, min(round(_DRIFT / step) | 1, b - a), mode="nearest")
+        off[a:b] = late - slow
+        inner = np.arange(place[a], place[b - 1] + 1)
+        even[inner] = step * inner + np.interp(inner, place[a:b], slow)
+    spread = float(off.std())
+    if spread > _BURSTS * step:
+        raise SignalError(f"The stamps of {sensor.name} vary by more than a step; {_STAMP}")
+    return even, missing, step, spread
 
 
 def _range_doubts(sensor: Sensor, readings: FloatArray) -> Iterator[str]:
@@ -107,41 +149,50 @@ def _range_doubts(sensor: Sensor, readings: FloatArray) -> Iterator[str]:
     if sensor.limit < math.inf:
         if count := int((size >= _FULL * sensor.limit).any(axis=1).sum()):
             yield f"{count} samples reach the range of {sensor.limit:g}, so peaks are cut off."
-        return
-    flat = (size == size.max(axis=0)) & (size > 0.0)
-    ends = flat[_FLAT - 1 :].copy()
-    for back in range(1, _FLAT):
-        ends &= flat[_FLAT - 1 - back : len(flat) - back]
-    if ends.any() and (readings.std(axis=0) > 0.0)[ends.any(axis=0)].any():
+    elif any(_is_flat(each) for each in size.T):
         text = f"Its largest reading repeats {_FLAT} times or more in a row"
         yield f"{text}, so it may be overloaded; give its range."
 
 
-def _time_doubts(times: FloatArray) -> Iterator[str]:
-    """Yield gaps and uneven steps."""
-    steps, gaps = np.diff(times), gap_starts(times)
+def _is_flat(size: FloatArray) -> bool:
+    """Return whether the largest reading repeats, and is no round crest that is flat by rounding.
+
+    A parabola that falls by one step of the resolution within n samples falls by ((n + 1) / (n -
+    1))^2 steps within n + 2 of them; rounding adds one.
+    """
+    known = np.unique(size)
+    if len(known) < _FLAT:
+        return False
+    edges = np.flatnonzero(np.diff(size == known[-1], prepend=False, append=False))
+    starts, ends = edges.reshape(-1, 2).T
+    n = ends - starts
+    beside = np.pad(size, 1, constant_values=-math.inf)  # sample i is at i + 1
+    fall = known[-1] - np.maximum(beside[starts], beside[ends + 1])
+    round_crest = ((n + 1) / np.maximum(n - 1, 1)) ** 2 + 1.0
+    return bool(np.any((n >= _FLAT) & (fall > round_crest * np.diff(known).min())))
+
+
+def _time_doubts(times: FloatArray, step: float, spread: float) -> Iterator[str]:
+    """Yield gaps and uneven stamps."""
+    gaps = gap_starts(times)
     if len(gaps):
-        text = f"{len(gaps)} gaps of up to {steps[gaps].max():.2g} s are left out"
-        yield f"{text}; check the load of the recorder."
-    usual = np.delete(steps, gaps)
-    if usual.std() > _UNEVEN * np.median(steps):
-        share = 100.0 * usual.std() / np.median(steps)
-        text = f"Its steps vary by {share:.0f} % (standard deviation)"
-        yield f"{text}, so high frequencies are too low; stamp samples in the sensor."
+        text = f"{len(gaps)} gaps of up to {np.diff(times)[gaps].max():.2g} s are left out"
+        yield f"{text}; check the load of the sensor's computer."
+    if spread > _UNEVEN * step:
+        loss = 1.0 - math.exp(-((2.0 * math.pi * HIGHEST * spread / step) ** 2) / 2.0)
+        text = f"Its stamps vary by {100.0 * spread / step:.0f} % of a step (standard deviation)"
+        text += f"; if its samples do so, too, {HIGHEST / step:.3g} Hz appears up to"
+        yield f"{text} {100.0 * loss:.0f} % too weak; stamp samples in the sensor."
 
 
-def _rate_doubts(
-    sensor: Sensor, times: FloatArray, values: FloatArray, rate: float, highest: float
-) -> Iterator[str]:
+def _rate_doubts(sensor: Sensor, values: FloatArray, rate: float, highest: float) -> Iterator[str]:
     """Yield whether the rate is too low, and whether vibration above half of it is folded."""
     if rate < 2.0 * highest:
         text = f"At {rate:.3g} Hz it shows nothing above {rate / 2.0:.3g} Hz"
         yield f"{text}, and modes reach {highest:.3g} Hz."
     if sensor.filtered:
         return
-    at = np.arange(times[0], times[-1], 1.0 / rate)
-    even = np.array([np.interp(at, times, each) for each in values.T])
-    power = (np.abs(np.fft.rfft(even - even.mean(axis=1, keepdims=True))) ** 2).sum(axis=0)
+    power = (np.abs(np.fft.rfft(values - values.mean(axis=0), axis=0)) ** 2).sum(axis=1)
     if power[int(_TOP * len(power)) :].sum() > _FOLDED * power[1:].sum():
         text = f"It vibrates strongly just below {rate / 2.0:.3g} Hz, half of its rate"
         yield f"{text}, so higher frequencies may appear folded; use a filter or a higher rate."

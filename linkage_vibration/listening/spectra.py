@@ -6,8 +6,7 @@ import math
 
 import numpy as np
 
-from linkage_vibration.listening.orders import HIGHEST
-from linkage_vibration.listening.signals import Signal
+from linkage_vibration.listening.signals import HIGHEST, Signal
 from linkage_vibration.mechanics.arrays import FloatArray
 
 _LEAST = 1.0  # Hz: below, an integrated acceleration is drift

@@ -114,7 +114,9 @@ def heard_modes(log: Log, heard: Sequence[Heard]) -> tuple[DriveMode, ...]:
     signals = [one.signal for one in heard if one.signal.sensor.accelerates]
     if log.table is None or log.mechanism is None or not signals:
         return ()
-    first, last = max(s.times[0] for s in signals), min(s.times[-1] for s in signals)
+    # A clock that is set far into the future makes no time at which the angle is known.
+    first = max(log.times[0], *(s.times[0] for s in signals))
+    last = min(log.times[-1], *(s.times[-1] for s in signals))
     if last - first < SHORTEST:
         return ()
     times = np.arange(first, last, 1.0 / max(s.rate for s in signals))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from linkage_vibration.listening.signals import SignalError, known_at, measured_signal
+from linkage_vibration.listening.signals import Signal, SignalError, known_at, measured_signal
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.readers.sensors import Sensor
 
@@ -79,6 +79,16 @@ def test_unknown_range(repeats: int, named: bool) -> None:
     assert ("overloaded" in doubts(values)) == named
 
 
+@pytest.mark.parametrize("hertz", [0.5, 1.0, 2.0, 3.3, 7.1])
+def test_a_crest_that_is_flat_by_rounding_is_not_overloaded(hertz: float) -> None:
+    """With a resolution of 0.05 m/s2, the crest of a slow sine repeats; a limit makes a corner."""
+    wave, values = 9.0 * np.sin(2.0 * math.pi * hertz * np.arange(N) / RATE), np.zeros((N, 3))
+    values[:, 2] = 0.05 * np.round((wave + 9.81) / 0.05)
+    assert "overloaded" not in doubts(values)
+    values[:, 2] = 0.05 * np.round((np.minimum(3.0 * wave, 9.0) + 9.81) / 0.05)
+    assert "overloaded" in doubts(values)
+
+
 def test_a_constant_channel_is_not_overloaded() -> None:
     """An axis that shows nothing at all is still, not at its range."""
     values = readings()
@@ -105,11 +115,63 @@ def test_what_a_log_knows_between_its_messages() -> None:
     np.testing.assert_allclose(found, [np.nan, 1.0, 1.05, np.nan, 6.0, 7.0, np.nan])
 
 
-@pytest.mark.parametrize(("share", "named"), [(0.05, False), (0.2, True)])
-def test_uneven_steps(share: float, named: bool) -> None:
-    """Steps that vary by 20 % are named, and those that vary by 5 % are not."""
-    steps = np.where(np.arange(N) % 2, 1.0 + share, 1.0 - share) / RATE
-    assert ("steps vary" in doubts(readings(), np.cumsum(steps))) == named
+@pytest.mark.parametrize(("share", "named"), [(0.08, False), (0.12, True)])
+def test_uneven_stamps(share: float, named: bool) -> None:
+    """Stamps that vary by 12 % of a step are named with what they may cost, those by 8 % are not.
+
+    A sine of 90 Hz, sampled at such times, has exp(-(2 pi 90 Hz sigma)^2 / 2) of its amplitude.
+    """
+    late = np.random.default_rng(1).normal(0.0, share / RATE, N)
+    found = doubts(readings(), np.arange(N) / RATE + late)
+    assert ("Its stamps vary" in found) == named
+    loss = 1.0 - math.exp(-((2.0 * math.pi * 90.0 * share / RATE) ** 2) / 2.0)
+    assert (f"90 Hz appears up to {100.0 * loss:.0f} % too weak" in found) == named
+
+
+def tone_level(signal: Signal, hertz: float, seconds: float) -> float:
+    """Return the amplitude of a sine along z in windows, whose phases may differ."""
+    times, values = signal.windows(seconds)
+    turns = np.exp(-2j * math.pi * hertz * times)
+    return float(np.abs(2.0 * (values[:, :, 2] * turns).mean(axis=1)).mean())
+
+
+def test_stamps_that_are_rounded_or_late_cost_nothing() -> None:
+    """A sensor that samples evenly keeps 80 Hz, although its stamps are in ms, or are late."""
+    true = 100.0 + np.arange(2080) / 208.0
+    values = np.zeros((2080, 3))
+    values[:, 2] = 9.81 + np.sin(2.0 * math.pi * 80.0 * true)
+    late = np.random.default_rng(2).exponential(0.1 / 208.0, 2080)
+    for stamps in (true, np.round(true, 3), true + late, true + 1e-4 * (true - 100.0)):
+        signal = measured_signal(sensor(), stamps, values, 20.0)
+        assert signal.rate == pytest.approx(208.0, rel=2e-4)
+        assert tone_level(signal, 80.0 / (208.0 / signal.rate), 4.0) == pytest.approx(1.0, rel=0.02)
+
+
+def test_single_missing_samples_keep_the_others_in_place() -> None:
+    """Every hundredth sample is lost; 20 Hz stays what it is, and no window is cut."""
+    values, true = readings(amplitude=0.0), np.arange(N) / RATE
+    values[:, 2] += np.sin(2.0 * math.pi * 20.0 * true)
+    kept = np.arange(N) % 100 != 50
+    signal = measured_signal(sensor(), true[kept], values[kept], 20.0)
+    np.testing.assert_allclose(signal.times, true, atol=1e-9)
+    assert tone_level(signal, 20.0, 4.0) == pytest.approx(1.0, rel=0.01)
+    assert not signal.doubts
+
+
+@pytest.mark.parametrize("within", [1e-9, 2e-5, 1e-3])
+@pytest.mark.parametrize("apart", [0.05, 0.2])
+def test_bursts_are_refused(within: float, apart: float) -> None:
+    """Samples that arrive together and are stamped on arrival say nothing about their times."""
+    stamps = (np.arange(500)[:, np.newaxis] * apart + np.arange(10) * within).ravel()
+    values = np.tile([0.0, 0.0, 9.81], (5000, 1))
+    with pytest.raises(SignalError, match=r"(in bursts|more than a step); stamp each sample"):
+        measured_signal(sensor(), stamps, values, 20.0)
+
+
+def test_stretches_between_gaps_are_no_bursts() -> None:
+    """A sensor that is silent for 1 s after each second is used, with a doubt about its gaps."""
+    stamps = (np.arange(20)[:, np.newaxis] * 2.0 + np.arange(200) / RATE).ravel()
+    assert "19 gaps" in doubts(readings(), stamps)
 
 
 @pytest.mark.parametrize(("highest", "named"), [(99.0, False), (101.0, True)])
