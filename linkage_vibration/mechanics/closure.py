@@ -8,14 +8,13 @@ angles. They are solved by Levenberg and Marquardt's method from many starting a
 """
 
 import math
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
-from linkage_vibration.mechanics.description import GROUND, Mechanism, MechanismError
+from linkage_vibration.mechanics.description import Mechanism, MechanismError
 
 NEAR = math.radians(5.0)
 """Angle of every body from those given, within which a pose is used without a search for others."""
@@ -148,69 +147,34 @@ def cannot_close(
 ) -> MechanismError:
     """Return the error that loops, whose lengths were divided by `length` (m), cannot close.
 
-    It names the first loop that stays open while the loops before it are closed. The search is that
-    of `closed_angles`.
+    It says by how much each pin stays open where all others close. The search is that of
+    `closed_angles`.
     """
-    joints, used = mechanism.joints, np.zeros(len(mechanism.joints))
+    gaps = [_opened(pins, pin, guess, free) for pin in range(len(mechanism.joints))]
+    open_pins = [
+        f"{point} by {gap * length:.4g} m"
+        for (point, *_), gap in zip(mechanism.joints, gaps, strict=True)
+        if gap < math.inf
+    ]
     given = math.degrees(mechanism.assembly_alpha3)
-    text, bodies = f"the loops do not close at alpha3 = {given:.6g} deg", "the bodies"
-    for loop in _loops_of(joints, mechanism.input_body):
-        new = [pin for pin in loop if not used[pin]]
-        used[loop] = 1.0
-        if _descend(pins, used, guess, free)[1].min() < _CLOSED:
-            continue
-        gap = min(_opened(pins, used, pin, guess, free) for pin in new)
-        measured = f" (gap {gap * length:.4g} m)" if gap < math.inf else ""
-        points = ", ".join(joints[pin][0] for pin in loop)
-        text += f": the ends of the loop {points} do not meet{measured}"
-        names = [name for pin in loop for name in joints[pin][1:] if name != GROUND]
-        bodies = ", ".join(dict.fromkeys(names))
-        break
-    text += f"; correct this angle, the lengths of {bodies}, or the points of the ground."
-    return MechanismError("assembly", text)
+    text = f"the loops do not close at alpha3 = {given:.6g} deg"
+    if open_pins:
+        text += f": one pin stays open if all others close, {' or '.join(open_pins)}"
+    hint = "correct this angle, the lengths of bodies with these pins, or the points of the ground"
+    return MechanismError("assembly", f"{text}; {hint}.")
 
 
-def _opened(pins: Pins, used: FloatArray, pin: int, guess: FloatArray, free: BoolArray) -> float:
-    """Return the distance between the ends of a pin where all other pins used are closed.
+def _opened(pins: Pins, pin: int, guess: FloatArray, free: BoolArray) -> float:
+    """Return the smallest distance between the ends of a pin where all others are closed.
 
-    It is infinite if they are not.
+    It is infinite if they cannot be closed.
     """
-    weights = used.copy()
+    weights = np.ones(len(pins.ground) // 2)
     weights[pin] = _OPEN
     angles, norms = _descend(pins, weights, guess, free)
-    best = angles[norms.argmin()]
-    gaps = pins.at(pins.placed(best, weights))[0][:-1].reshape(-1, 2)
+    gaps = pins.at(pins.placed(angles[norms.argmin()], weights))[0][:-1].reshape(-1, 2)
     sizes = np.hypot(*gaps.T)
-    others = (used > 0.0) & (np.arange(len(used)) != pin)
-    return float(sizes[pin]) if sizes[others].max() < _REST * sizes[pin] else math.inf
-
-
-def _loops_of(joints: Sequence[tuple[str, str, str]], crank: str) -> list[list[int]]:
-    """Return independent loops of pins; those with the crank are the first."""
-    came: dict[str, tuple[str, int]] = {}  # how a body is reached from the ground: body and pin
-    queue, reached = deque([GROUND]), {GROUND}
-    while queue:
-        body = queue.popleft()
-        for pin, (_, *pair) in enumerate(joints):
-            for first, second in (pair, pair[::-1]):
-                if first == body and second not in reached:
-                    reached.add(second)
-                    came[second] = body, pin
-                    queue.append(second)
-    tree = {pin for _, pin in came.values()}
-
-    def way(body: str) -> list[int]:
-        return [] if body == GROUND or body not in came else [*way(came[body][0]), came[body][1]]
-
-    loops = []
-    for pin, (_, first, second) in enumerate(joints):
-        if pin not in tree:
-            there, back = way(first), way(second)
-            shared = sum(a == b for a, b in zip(there, back, strict=False))
-            loops.append([*there[shared:], pin, *reversed(back[shared:])])
-    with_crank = [any(crank in joints[pin] for pin in loop) for loop in loops]
-    order = sorted(range(len(loops)), key=lambda i: (not with_crank[i], len(loops[i])))
-    return [loops[i] for i in order]
+    return float(sizes[pin]) if np.delete(sizes, pin).max() < _REST * sizes[pin] else math.inf
 
 
 def _descend(
