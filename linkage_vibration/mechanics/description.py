@@ -239,14 +239,6 @@ class Base:
 
 
 @dataclass(frozen=True, slots=True)
-class StiffnessCurve:
-    """A stiffness over alpha3: the cubic spline through its values."""
-
-    angles: tuple[float, ...]  # alpha3, rad, ascending
-    values: tuple[float, ...]  # N/m, or N m/rad on a joint
-
-
-@dataclass(frozen=True, slots=True)
 class Cylinder:
     """A hydraulic cylinder whose locked oil is a spring, as its data sheet describes it."""
 
@@ -275,7 +267,7 @@ class Spring:
     bodies: tuple[str, str]
     points: tuple[str, ...]
     # N/m, or N m/rad on a joint; 0 for a damper without a spring
-    stiffness: float | StiffnessCurve | Cylinder
+    stiffness: float | Cylinder
     damping: float  # N s/m, or N m s/rad
     # s: damping per stiffness, which a loss factor at one frequency gives: eta / w
     retardation: float = field(default=0.0, metadata=_LATER)

@@ -83,10 +83,7 @@ def mechanism_from_mapping(mapping: Any, read_body: BodyReader = _no_files) -> M
         ground=tuple(ground.items()),
         links=links,
         rigid_bodies=rigid_bodies,
-        springs=tuple(
-            _spring(top["springs"][name], name, points, (low, high))
-            for name in top.names("springs")
-        ),
+        springs=tuple(_spring(top["springs"][name], name, points) for name in top.names("springs")),
         input_body=input_body,
         stroke=(math.radians(low), math.radians(high)),
         assembly_alpha3=math.radians(alpha3),
@@ -273,9 +270,7 @@ def _centre_of_gravity(keys: Keys, points: dict[str, Point]) -> Point:
     return (x1 + along * ux - across * uz, z1 + along * uz + across * ux)
 
 
-def _spring(
-    keys: Keys, name: str, points: dict[str, dict[str, Point]], stroke: tuple[float, float]
-) -> Spring:
+def _spring(keys: Keys, name: str, points: dict[str, dict[str, Point]]) -> Spring:
     """Read a spring: on the joint of two bodies, or between two points."""
     owners: dict[str, list[str]] = {}
     for body, places in points.items():
@@ -283,7 +278,7 @@ def _spring(
             owners.setdefault(point, []).append(body)
     ends, bodies = _joint(keys, owners) if "joint" in keys else _ends(keys, owners)
     damping = keys.number("damping", default=0.0, least=0.0, most=DAMPEST, hint=RIGID)
-    stiffness, retardation = read_stiffness(keys, stroke), 0.0
+    stiffness, retardation = read_stiffness(keys), 0.0
     if stiffness == damping == 0.0:
         raise keys.error("stiffness", "is 0, as is damping; give a positive stiffness or damping.")
     if "loss_factor" in keys:

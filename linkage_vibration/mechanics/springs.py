@@ -2,16 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The stiffness of a spring in a configuration.
 
-A spring has one stiffness, or a curve of it over alpha3, or it is the oil column of a hydraulic
-cylinder. Oil of the bulk modulus B in the volume V resists a piston of the area A with B A^2 / V,
-where V = V_hose + A x grows with the travel x of the piston. On a joint, the cylinder acts with its
-lever r about the pin, as a spring of k r^2.
+A spring has one stiffness, or it is the oil column of a hydraulic cylinder. Oil of the bulk modulus
+B in the volume V resists a piston of the area A with B A^2 / V, where V = V_hose + A x grows with
+the travel x of the piston. On a joint, the cylinder acts with its lever r about the pin, as a
+spring of k r^2.
 """
 
 import math
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import (
@@ -20,12 +19,10 @@ from linkage_vibration.mechanics.description import (
     MechanismError,
     Point,
     Spring,
-    StiffnessCurve,
 )
 from linkage_vibration.mechanics.keys import RIGID, STIFFEST, Keys
 from linkage_vibration.mechanics.kinematics import Configuration
 
-_DENSE = 20  # number of places between two given angles at which a curve is checked
 # No cylinder comes near these limits; numbers in millimetres, litres or MPa go beyond them.
 _LONGER = 10.0  # largest ratio of bore or stroke to the closed length
 _MOST_HOSE = 100.0  # largest ratio of the volumes of hoses and cylinder
@@ -37,8 +34,6 @@ def spring_stiffness(spring: Spring, mechanism: Mechanism, configuration: Config
     """Return the stiffness of a spring, N/m or N m/rad."""
     if isinstance(spring.stiffness, float):
         return spring.stiffness
-    if isinstance(spring.stiffness, StiffnessCurve):
-        return float(_spline(spring.stiffness)(configuration.alpha3))
     _, length = spring_line(spring, mechanism, configuration)
     axial = _column(spring.name, spring.stiffness, length, configuration)
     if spring.stiffness.ends is None:
@@ -62,39 +57,11 @@ def tension_share(spring: Spring, mechanism: Mechanism, configuration: Configura
     return 1.0 / (lever or math.nan)  # A cylinder without a lever holds nothing.
 
 
-def read_stiffness(keys: Keys, stroke: tuple[float, float]) -> float | StiffnessCurve | Cylinder:
-    """Read the stiffness of a spring: a number, a curve over the stroke (deg), or a cylinder."""
+def read_stiffness(keys: Keys) -> float | Cylinder:
+    """Read the stiffness of a spring: a number, or that of a cylinder."""
     if "cylinder" in keys:
         return _read_cylinder(keys["cylinder"], on_joint="joint" in keys)
-    if keys.is_mapping("stiffness"):
-        return _read_curve(keys["stiffness"], stroke)
     return keys.number("stiffness", default=0.0, least=0.0, most=STIFFEST, hint=RIGID)
-
-
-def _spline(curve: StiffnessCurve) -> CubicSpline:
-    return CubicSpline(curve.angles, curve.values)
-
-
-def _read_curve(keys: Keys, stroke: tuple[float, float]) -> StiffnessCurve:
-    angles, values = keys.numbers("alpha3_deg"), keys.numbers("values")
-    if len(angles) < 2 or len(angles) != len(values):
-        problem = f"{len(values)} values belong to {len(angles)} angles"
-        raise keys.error("values", f"{problem}; give one for each of at least two angles.")
-    if not (np.diff(angles) > 0.0).all():
-        raise keys.error("alpha3_deg", "the angles do not ascend; sort them.")
-    if stroke[0] < angles[0] or angles[-1] < stroke[1]:
-        used = f"input.range_deg ([{stroke[0]:g}, {stroke[1]:g}])"
-        problem = f"[{angles[0]:g}, {angles[-1]:g}] does not cover {used}; add angles."
-        raise keys.error("alpha3_deg", problem)
-    curve = StiffnessCurve(tuple(np.radians(angles).tolist()), tuple(values))
-    between = np.linspace(curve.angles[0], curve.angles[-1], _DENSE * len(angles))
-    low = int(_spline(curve)(between).argmin())
-    if not _spline(curve)(between[low]) > 0.0:
-        at = f"{math.degrees(between[low]):.1f} deg"
-        problem = f"the curve through them is not above zero at {at}"
-        raise keys.error("values", f"{problem}; give more angles there, or positive values.")
-    keys.refuse_outside("values", max(values), 0.0, STIFFEST, RIGID)
-    return curve
 
 
 def _read_cylinder(keys: Keys, *, on_joint: bool) -> Cylinder:

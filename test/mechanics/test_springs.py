@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Springs whose stiffness depends on the angle."""
+"""Hydraulic cylinders, and loss factors of springs."""
 
 import math
 from typing import Any
@@ -31,7 +31,6 @@ OIL = {
         "bulk_modulus": 1.2e9,
     },
 }
-CURVE = {"joint": "P3", "stiffness": {"alpha3_deg": [90, 120, 180], "values": [3e5, 5e5, 9e5]}}
 STAY = {
     "between": ["P2", "V1"],
     "cylinder": {
@@ -167,27 +166,8 @@ def test_a_cylinder_whose_ends_meet_is_refused() -> None:
     assert caught.value.path == "springs.strut"
 
 
-def test_curve_passes_through_its_values() -> None:
-    """At the given angles the stiffness has the values of the file."""
-    model = sprung(CURVE)
-    found = [stiffness(model, math.radians(angle)) for angle in (90.0, 120.0, 180.0)]
-    np.testing.assert_allclose(found, [3e5, 5e5, 9e5], rtol=1e-12)
-
-
-def test_constant_curve_is_a_constant() -> None:
-    """A curve of one value gives the frequencies of that number."""
-    curve = sprung({"joint": "P3", "stiffness": {"alpha3_deg": [90, 180], "values": [1e6, 1e6]}})
-    number = sprung({"joint": "P3", "stiffness": 1e6})
-    ours, theirs = (m.solve(2.0).natural_frequencies for m in (curve, number))
-    np.testing.assert_allclose(ours[:6], theirs[:6], rtol=1e-12)
-
-
 def _cylinder(**changes: Any) -> dict[str, Any]:
     return {**OIL, "cylinder": {**OIL["cylinder"], **changes}}  # type: ignore[dict-item]
-
-
-def _curve(angles: list[float], values: list[float]) -> dict[str, Any]:
-    return {"joint": "P3", "stiffness": {"alpha3_deg": angles, "values": values}}
 
 
 @pytest.mark.parametrize(
@@ -203,11 +183,6 @@ def _curve(angles: list[float], values: list[float]) -> dict[str, Any]:
         (_cylinder(bulk_modulus=1600.0), "cylinder.bulk_modulus"),
         ({"joint": "P3", "stiffness": 2e15}, "stiffness"),
         ({"joint": "P3", "damping": 2e12}, "damping"),
-        (_curve([90, 180], [1e6]), "stiffness.values"),
-        (_curve([180, 90], [1e6, 1e6]), "stiffness.alpha3_deg"),
-        (_curve([100, 180], [1e6, 1e6]), "stiffness.alpha3_deg"),
-        (_curve([90, 180], [1e6, -1e6]), "stiffness.values"),
-        (_curve([90, 91, 179, 180], [1e6, 1e3, 1e3, 1e6]), "stiffness.values"),
     ],
 )
 def test_invalid_stiffness_is_refused(spring: dict[str, Any], path: str) -> None:
