@@ -1,9 +1,9 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Refuses FRFs without passivity, reciprocity, phases, or the mass of a link.
+"""Refuses FRFs without passivity or reciprocity, or with another mass than the link has.
 
-Nothing is corrected. A check whose lines are missing passes: mass and signs need lines below the
-first resonance of the link.
+Nothing is corrected. A check whose lines are missing passes: the mass, and signs where no line is
+near a resonance, need lines below the first resonance of the link.
 """
 
 import math
@@ -22,14 +22,14 @@ from linkage_vibration.readers.component_files import FileError
 _RECIPROCITY = 0.8  # |H_ij - H_ji| / |H_ij + H_ji|; 1 if they are unrelated
 _COUPLED = 0.2  # share of the two drive points, below which an FRF may be pure noise
 _UNEQUAL = 0.1  # mean relative difference of H_ij and H_ji over all lines, where noise averages out
-_MASSES = (0.02, 1e6)  # kg: least and greatest plausible median of an apparent mass
 _LOSS = 0.3  # share of a line, and of the median line, that is imaginary near a resonance
 _LAG = 0.02  # rad: mean phase error of a good measurement
+_MASSES = (0.02, 1e6)  # kg: least and greatest plausible median of an apparent mass
 _WEIGHED = 0.2  # relative difference of a mass by its FRFs and by its scale
 
 
 def check_faults(frfs: Frfs, points: Mapping[str, Point] | None, mass: float | None) -> None:
-    """Refuse FRFs that no free, passive link has in SI units, with a FileError.
+    """Refuse FRFs that no free, passive link of this mass has, with a FileError.
 
     The points of the link (x, z) are in m, and its mass on a scale in kg, if they are known.
     """
@@ -37,54 +37,23 @@ def check_faults(frfs: Frfs, points: Mapping[str, Point] | None, mass: float | N
     frequencies, frf = frfs.frequencies[moving], frfs.frf[moving]
     # Accelerances have about the same noise at every frequency.
     accelerance = (2.0 * math.pi * frequencies[:, np.newaxis, np.newaxis]) ** 2 * frf
-    _check_phases(frfs.dofs, accelerance)
+    for j, dof in enumerate(frfs.dofs):
+        if not accelerance[:, j, j].any():
+            raise FileError(f"the FRF of {name_frf(dof, dof)} is zero; measure it again.")
+    if mass is None:
+        _check_plausible_mass(frfs.dofs, accelerance)
     lines = find_mass_lines(frequencies, frf)
-    if mass is None or lines is None:
-        _check_plausible_mass(frfs.dofs, accelerance, mass)
-    _check_signs(frfs.dofs, lines)
-    noise = noise_level(frequencies, frf) if len(frequencies) > 3 else math.inf
-    _check_power(frfs.dofs, accelerance, noise)
+    wrong = _gives_power(accelerance, noise_level(frequencies, frf))
+    if lines is not None:
+        wrong |= np.diag(lines.accelerance) < 0.0
+    _check_signs(frfs.dofs, wrong)
     _check_reciprocity(frfs.dofs, accelerance)
     if points is not None and mass is not None and lines is not None:
         _check_mass(frfs.dofs, lines, points, mass)
 
 
-def _check_phases(dofs: Sequence[InterfaceDof], accelerance: ComplexArray) -> None:
-    """Refuse zeros and magnitudes: one phase everywhere, though drive points rise with frequency.
-
-    The accelerance of an undamped drive point that keeps its sign can only fall.
-    """
-    drive = np.abs(np.einsum("kii->ki", accelerance))
-    for j, dof in enumerate(dofs):
-        if not drive[:, j].any():
-            raise FileError(f"the FRF of {name_frf(dof, dof)} is zero; measure it again.")
-    size = np.abs(accelerance)
-    phases = accelerance[size > 1e-9 * size.max()]
-    phases = phases / np.abs(phases)
-    rises = (np.diff(drive, axis=0) > 1e-9 * drive[:-1]).any()
-    if rises and (np.abs(phases - phases[0]) < 1e-9).all():
-        raise FileError(
-            "all FRFs have the same phase at every line, as if they were magnitudes; export real "
-            "and imaginary parts."
-        )
-
-
-def _check_signs(dofs: Sequence[InterfaceDof], lines: MassLines | None) -> None:
-    """Refuse drive points that follow the force below the first resonance of a free link."""
-    if lines is None:
-        return
-    wrong = np.diag(lines.accelerance) < 0.0
-    if wrong.any():
-        raise FileError(
-            f"the drive {_points(dofs, wrong)} between {lines.first:.3g} and {lines.last:.3g} Hz "
-            "with the force, not against it as a free body does; the sensor there, or the force, "
-            "points the other way: change its sign. If these are all points, all signs may be "
-            "reversed, or the FRFs are magnitudes without phases."
-        )
-
-
-def _check_power(dofs: Sequence[InterfaceDof], accelerance: ComplexArray, noise: float) -> None:
-    """Refuse drive points that give out power: the imaginary part of a receptance is negative.
+def _gives_power(accelerance: ComplexArray, noise: float) -> BoolArray:
+    """Return at which drive points a link gives out power, (n,): imag(receptance) > 0.
 
     Lines near resonances show this whatever the errors of phase. Without such lines, the mean
     phase must exceed what a good measurement may have; computed FRFs have no such error.
@@ -95,30 +64,28 @@ def _check_power(dofs: Sequence[InterfaceDof], accelerance: ComplexArray, noise:
     lost = np.where(near, drive.imag, 0.0)
     share = lost.sum(axis=0) / np.maximum(np.abs(lost).sum(axis=0), np.finfo(float).tiny)
     lag = (drive.imag / size).mean(axis=0) / min(_LAG, 100.0 * noise + 1e-9)
-    sign = np.where(near.any(axis=0), 2.0 * share, lag)
-    if (sign > 1.0).any():
+    return np.asarray(np.where(near.any(axis=0), 2.0 * share, lag) > 1.0)
+
+
+def _check_signs(dofs: Sequence[InterfaceDof], wrong: BoolArray) -> None:
+    """Refuse drive points, (n,), that give out power, or follow the force as no free body does."""
+    if wrong.any():
+        names = ", ".join(str(dof) for dof, refused in zip(dofs, wrong, strict=True) if refused)
         raise FileError(
-            f"the drive {_points(dofs, sign > 1.0)} as if the link gave out power, with a positive "
-            "imaginary part of the receptance; look for a reversed sign of the sensor or the force "
-            "there, or exp(-i omega t) (take the complex conjugates of all FRFs)."
+            f"the drive point {names} gives out power, or moves with the force below the first "
+            "resonance; change the sign of the sensor or of the force there. If these are all "
+            "points, all signs may be reversed, the FRFs may be magnitudes, or they belong to "
+            "exp(-i omega t) (take the complex conjugates of all)."
         )
 
 
-def _points(dofs: Sequence[InterfaceDof], chosen: BoolArray) -> str:
-    """Return some drive points as the subject of a sentence, with its verb."""
-    names = [str(dof) for dof, named in zip(dofs, chosen, strict=True) if named]
-    return f"point {names[0]} moves" if len(names) == 1 else f"points {', '.join(names)} move"
-
-
-def _check_plausible_mass(
-    dofs: Sequence[InterfaceDof], accelerance: ComplexArray, weighed: float | None
-) -> None:
-    least = _MASSES[0] * (1.0 if weighed is None else min(weighed, 1.0))
+def _check_plausible_mass(dofs: Sequence[InterfaceDof], accelerance: ComplexArray) -> None:
+    """Refuse apparent masses of drive points that no link has, as it was not weighed."""
     for j, dof in enumerate(dofs):
         mass = 1.0 / max(float(np.median(np.abs(accelerance[:, j, j]))), 1e-300)
-        if dof.direction != "theta" and not least < mass < _MASSES[1]:
+        if dof.direction != "theta" and not _MASSES[0] < mass < _MASSES[1]:
             light = "mm/N or um/N, an acceleration, or over rad/s"
-            unit = light if mass <= least else "m/kN"
+            unit = light if mass <= _MASSES[0] else "m/kN"
             raise FileError(
                 f"the FRF of {name_frf(dof, dof)} belongs to a mass of {mass:.2g} kg, which no "
                 f"link has; convert it to m/N over Hz if it is in {unit}."

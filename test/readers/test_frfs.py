@@ -234,7 +234,7 @@ BAD_UFF: dict[str, tuple[Callable[[], list[dict[str, Any]]], str]] = {
     "real": (lambda: first(data=np.ones(51)), "is not complex; export real and imaginary"),
     "exp(-i omega t)": (
         lambda: [{**data, "data": data["data"].conj()} for data in functions()],
-        r"A z, .*B z move as if the link gave out power, .* exp\(-i omega t\) \(take the complex",
+        r"A z, .*B z gives out power, .* exp\(-i omega t\) \(take the complex",
     ),
     "one gain wrong": (
         lambda: [
