@@ -9,7 +9,6 @@ ground's is pinned to the ground. This defines the whole topology.
 import dataclasses
 import hashlib
 import json
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -64,10 +63,6 @@ class Section:
     area: float  # m2
     second_moment: float  # m4, for bending in the plane of motion
     shear_coefficient: float  # 1, effective shear area over area, in the plane of motion
-    # m: distance of the outer fibre from the axis, in the plane of motion; NaN if it is not given
-    outer_fibre: float = field(default=math.nan, compare=False)
-    # Whether it is that of the link itself, rather than one that was fitted to frequencies.
-    real: bool = field(default=False, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,14 +122,6 @@ class PointForces:
 
     pin: FloatArray  # (2, n): what a pin at the point exerts on the body along local x and z, N
     section: FloatArray  # (3, n): tension and shear force, N, and bending moment, N m
-    shape: Section
-
-    @property
-    def stresses(self) -> FloatArray:
-        """Stresses of the outer fibres on the sides of local +z and -z, (2, n), Pa."""
-        tension, _, moment = self.section
-        bending = self.shape.outer_fibre / self.shape.second_moment * moment
-        return np.asarray(tension / self.shape.area + np.outer([-1.0, 1.0], bending))
 
 
 class Body(Protocol):

@@ -35,8 +35,6 @@ _BALANCED = 1e-6  # A larger part of the weight that nothing carries is more tha
 
 _COMPONENTS = ("force_x", "force_z")  # of the force of a pin, along the global axes
 _SECTION = ("axial", "shear", "moment")
-_STRESSES = ("stress", "stress_opposite")  # at the outer fibres on the sides of local +z and -z
-_KINDS = (*_COMPONENTS, *_SECTION, *_STRESSES)
 
 
 class ForceError(LinkageVibrationError):
@@ -131,8 +129,7 @@ class Forces:
         for row, (name, direction) in zip(rows, places, strict=True):
             at, forces = self._forces_at(name, configuration, joining)
             if direction not in forces:
-                hint = "; add `real: true` if its section is that of the real link"
-                available = f"{', '.join(forces) or 'no force'}{hint * (direction in _STRESSES)}"
+                available = ", ".join(forces) or "no force"
                 raise ForceError(f"{name} has no {direction}; it has: {available}.")
             row[at] = forces[direction]
         return rows
@@ -146,8 +143,8 @@ class Forces:
             link, point = self._end(name)
             ends = self._ends[link.name][point]
             pin = rotation(configuration.angle(link.name)) @ ends.pin
-            rows = [*pin, *ends.section, *(ends.stresses if ends.shape.real else ())]
-            return self.system.rows[link.name], dict(zip(_KINDS, rows, strict=False))
+            rows = zip((*_COMPONENTS, *_SECTION), (*pin, *ends.section), strict=True)
+            return self.system.rows[link.name], dict(rows)
         i = springs.index(name)
         spring, at = self.mechanism.springs[i], slice(self.system.n_interface)
         share = tension_share(spring, self.mechanism, configuration) * joining.stiffness[i]
@@ -155,12 +152,12 @@ class Forces:
 
     @cached_property
     def sections(self) -> tuple[tuple[str, str], ...]:
-        """The places in sections at the points of links: forces and moments, and real stresses."""
+        """The places of forces and moments in sections at the points of links."""
         return tuple(
             (f"{link}:{point}", direction)
             for link, points in self._ends.items()
-            for point, ends in points.items()
-            for direction in (*_SECTION, *(_STRESSES if ends.shape.real else ()))
+            for point in points
+            for direction in _SECTION
         )
 
     def at_rest(self, configuration: Configuration, joining: Joining) -> FloatArray:
@@ -180,18 +177,6 @@ class Forces:
                 along = rotation(configuration.angle(link.name))[_COMPONENTS.index(direction)]
                 forces[i] = along @ reactions[self.system.rows[link.name][dofs]] / link.count
         return forces
-
-    def stresses_at_rest(self, configuration: Configuration, joining: Joining) -> dict[str, float]:
-        """Return the largest stress under the weight at each point of a link, Pa, by its name.
-
-        It is NaN where the outer fibre is unknown; sections need not be real.
-        """
-        moved, _ = self.moved_by_weight(configuration, joining)
-        return {
-            f"{link}:{point}": float(np.abs(ends.stresses @ moved[self.system.rows[link]]).max())
-            for link, points in self._ends.items()
-            for point, ends in points.items()
-        }
 
     def moved_by_weight(
         self, configuration: Configuration, joining: Joining, *, with_base: bool = False

@@ -13,7 +13,6 @@ from linkage_vibration.mechanics.kinematics import Configuration, Kinematics
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.springs import length_and_rate, oil_pressure
 
-_YIELD = 250e6  # Pa; a static stress above that of plain steel is no real one
 # Of ISO 730, by category, m: mast height, lift range, pins at E1 and their distance. The page
 # docs/your_own_hitch.md says where each number was found, and which ones could not be verified.
 _ISO_730 = {
@@ -97,27 +96,15 @@ def category_text(mechanism: Mechanism, kinematics: Kinematics, category: int) -
 
 def force_rows(model: LinkageModel, angles: Sequence[float]) -> str:
     """Return a table of the forces under the weight at crank angles, rad, and what is wrong."""
-    rows, stresses = [["alpha3", *(f"{name} [kN]" for name in model.force_places)]], {}
+    rows = [["alpha3", *(f"{name} [kN]" for name in model.force_places)]]
     for alpha3 in angles:
-        degrees = f"{math.degrees(alpha3):.2f}"
-        rows.append([degrees])
+        rows.append([f"{math.degrees(alpha3):.2f}"])
         if model.force_places:
             rows[-1] += [f"{force:.2f}" for force in model.static_forces(alpha3) / 1e3]
-            configuration = model.kinematics.at(alpha3)
-            joining = model.interface.join(configuration)
-            for name, stress in model.forces.stresses_at_rest(configuration, joining).items():
-                stresses[stress] = f"{name} at alpha3 = {degrees} deg"
     text = _aligned(rows)
     if any("nan" in row for row in rows):
         hint = "give the crank `clamped`, a spring, or a cylinder with a lever"
         text += f"\nNothing holds the linkage against its weight where forces are nan; {hint}."
-    worst = max((stress for stress in stresses if not math.isnan(stress)), default=0.0)
-    if worst > _YIELD:
-        text += (
-            f"\nThe weight alone causes {worst / 1e6:.0f} MPa in the section of {stresses[worst]}, "
-            f"more than the {_YIELD / 1e6:.0f} MPa of plain steel: the sections were fitted to "
-            "natural frequencies, so stresses in them mean nothing; forces hardly depend on them."
-        )
     return text
 
 

@@ -212,8 +212,8 @@ def test_spring_passes_a_force_on() -> None:
 
 
 def test_sections_of_a_cantilever() -> None:
-    """A force F across the tip: shear F, moment F times the distance, stress M c / I."""
-    model, angle = model_of(CANTILEVER, "links.bar.section.real", True), math.radians(30.0)
+    """A force F across the tip: shear F, and moment F times the distance."""
+    model, angle = model_of(CANTILEVER), math.radians(30.0)
     solution, zero = model.solve(angle), np.array([0.0])
 
     def by_force(point: str, direction: str, along: tuple[float, float]) -> float:
@@ -221,16 +221,10 @@ def test_sections_of_a_cantilever() -> None:
         return float(frf[0, 0].real @ along)
 
     along, across = (math.cos(angle), math.sin(angle)), (-math.sin(angle), math.cos(angle))
-    second_moment = 0.02 * 0.03**3 / 12.0
     for point, distance in (("P", 0.8), ("M", 0.5)):
         assert abs(by_force(point, "moment", across)) == pytest.approx(distance, rel=1e-6)
         assert abs(by_force(point, "shear", across)) == pytest.approx(1.0, rel=1e-6)
         assert by_force(point, "axial", along) == pytest.approx(1.0, rel=1e-6)
-        stress = distance * 0.015 / second_moment
-        # The force lifts the tip, so the fibres on the upper side are shortened.
-        assert by_force(point, "stress", across) == pytest.approx(-stress, rel=1e-6)
-        assert by_force(point, "stress_opposite", across) == pytest.approx(stress, rel=1e-6)
-        assert by_force(point, "stress", along) == pytest.approx(1.0 / (0.02 * 0.03), rel=1e-6)
     assert by_force("P", "force_x", along) == pytest.approx(-math.cos(angle), rel=1e-6)
     assert by_force("P", "force_z", across) == pytest.approx(-math.cos(angle), rel=1e-6)
 
@@ -272,10 +266,9 @@ def test_linkage_that_nothing_carries_has_no_static_forces() -> None:
             model_of(CANTILEVER, "response.reference_force", wrong)
 
 
-def test_reference_and_real_sections_leave_the_model_as_it_is() -> None:
-    """Only a given reference force changes the hash: tables contain it."""
+def test_a_reference_force_changes_the_hash() -> None:
+    """Tables contain it."""
     plain = model_of(CANTILEVER).mechanism.model_hash
-    assert model_of(CANTILEVER, "links.bar.section.real", True).mechanism.model_hash == plain
     given = model_of(CANTILEVER, "response.reference_force", 5e3).mechanism
     assert given.model_hash != plain
 
@@ -286,7 +279,6 @@ def test_reference_and_real_sections_leave_the_model_as_it_is() -> None:
         (("bar:Q", "force_x"), "no force at bar:Q; give one of: bar:P"),
         (("rod:P", "force_x"), "no force at rod:P"),
         (("bar:P", "force"), "bar:P has no force; it has: force_x, force_z, axial"),
-        (("bar:P", "stress"), r"`real: true`"),
     ],
 )
 def test_places_without_a_force_are_refused(place: tuple[str, str], message: str) -> None:
@@ -331,13 +323,3 @@ def test_springs_without_a_force_are_refused() -> None:
     with pytest.raises(ForceError, match="hinge has no force; it has: no force"):
         model.solve(0.5).frf([("hinge", "force")], [("E", "z")])
     assert model.static_forces(0.5)[0] == pytest.approx(7800 * 0.02 * 0.03 * 0.8 * G, rel=1e-6)
-
-
-def test_real_sections_need_the_outer_fibre() -> None:
-    """A section given by its properties has stresses only with the distance of its outer fibre."""
-    section = {"shape": "general", "area": 6e-4, "second_moment": 4.5e-8, "real": True}
-    with pytest.raises(MechanismError, match=r"section\.real: stresses also need outer_fibre"):
-        model_of(CANTILEVER, "links.bar.section", section)
-    with pytest.raises(MechanismError, match="neither true nor false"):
-        model_of(CANTILEVER, "links.bar.section.real", "yes please")
-    model_of(CANTILEVER, "links.bar.section", {**section, "outer_fibre": 0.015})

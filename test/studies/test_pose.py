@@ -46,19 +46,12 @@ def test_zeros_have_no_sign(off: float) -> None:
 
 
 def test_the_table_of_forces() -> None:
-    """A bar of 8 m yields under its weight: M c / I with M = rho A g L^2 cos / 2; 0.8 m do not."""
-    assert "MPa" not in force_rows(model_of(CANTILEVER), [0.5])
-    longer = model_of(CANTILEVER, "links.bar.points", {"P": 0.0, "M": 3.0, "E": 8.0})
-    first, rows, *_, sentence = force_rows(longer, [0.5, 1.0]).splitlines()
+    """A bar that is clamped at P carries all of its weight there, at each angle."""
+    first, *rows = force_rows(model_of(CANTILEVER), [0.5, 1.0]).splitlines()
     assert first.split() == ["alpha3", "bar:P", "[kN]"]
-    angle, force = rows.split()
-    weight = 7800.0 * 6e-4 * 8.0 * 9.80665
-    assert angle == "28.65"
-    assert float(force) == pytest.approx(weight / 1e3, abs=0.005)
-    stress = weight * 4.0 * math.cos(0.5) * 0.015 / (0.02 * 0.03**3 / 12.0)
-    text, _, rest = sentence.partition(" MPa in the section of bar:P at alpha3 = 28.65 deg")
-    assert float(text.split()[-1]) == pytest.approx(stress / 1e6, rel=0.01)
-    assert "fitted to natural frequencies" in rest
+    weight = 7800.0 * 6e-4 * 0.8 * 9.80665
+    assert [row.split()[0] for row in rows] == ["28.65", "57.30"]
+    assert [float(row.split()[1]) for row in rows] == pytest.approx([weight / 1e3] * 2, abs=0.005)
 
 
 def test_forces_that_nothing_carries_are_not_numbers() -> None:

@@ -90,9 +90,7 @@ class Beam:
                     rows = slice(0, 3) if side else slice(3, 6)
                     ends[side] = stiffness[rows] @ motion[at : at + 2].reshape(6, -1)
             before, after = ends
-            shape = sections[node if i == 0 else node - 1]
-            section = -after if i == 0 else before
-            forces[point] = PointForces((before + after)[:2], section, shape)
+            forces[point] = PointForces((before + after)[:2], -after if i == 0 else before)
         return forces
 
 
@@ -137,11 +135,7 @@ def _check_proportions(
 
 
 def _section(keys: Keys, poisson_ratio: float) -> Section:
-    section = SHAPES[keys.choice("shape", SHAPES)](keys, poisson_ratio)
-    real = keys.flag("real")
-    if real and math.isnan(section.outer_fibre):
-        raise keys.error("real", "stresses also need outer_fibre, in m; add it.")
-    return replace(section, real=real)
+    return SHAPES[keys.choice("shape", SHAPES)](keys, poisson_ratio)
 
 
 def beam_matrices(

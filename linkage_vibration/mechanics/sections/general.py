@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sections of any shape, given by their properties."""
 
-import math
-
 from linkage_vibration.mechanics.description import Section
 from linkage_vibration.mechanics.keys import Keys
 
@@ -14,5 +12,4 @@ def read(keys: Keys, poisson_ratio: float) -> Section:
         area=keys.number("area", positive=True),
         second_moment=keys.number("second_moment", positive=True),
         shear_coefficient=keys.number("shear_coefficient", positive=True, default=5 / 6),
-        outer_fibre=keys.number("outer_fibre", positive=True, default=math.nan),
     )

@@ -36,7 +36,7 @@ def i_section(
     flow += width * flange**3 * (2.0 / 3.0 * top**2 - top * flange / 2.0 + flange**2 / 10.0)
     flow += flange * (height - flange) ** 2 * (width - web) ** 3 / 24.0
     poisson = flange_section.shear_coefficient / (5.0 / 6.0)
-    return Section(area, second_moment, poisson * second_moment**2 / (area * flow), top)
+    return Section(area, second_moment, poisson * second_moment**2 / (area * flow))
 
 
 def read(keys: Keys, poisson_ratio: float) -> Section:

@@ -13,7 +13,7 @@ def rectangle(width: float, height: float, poisson_ratio: float) -> Section:
     sides.
     """
     shear = 10.0 * (1.0 + poisson_ratio) / (12.0 + 11.0 * poisson_ratio)
-    return Section(width * height, width * height**3 / 12.0, shear, height / 2.0)
+    return Section(width * height, width * height**3 / 12.0, shear)
 
 
 def read(keys: Keys, poisson_ratio: float) -> Section:
