@@ -109,7 +109,8 @@ class InterfaceMap:
         """Return the (2, n) matrix that turns u into a point's global x and z displacement."""
         rows = np.zeros((2, len(self)))
         if body in self._centres:
-            arm = self._arm(body, point, configuration)
+            local, centre = self._mechanism.local_points(body)[point], self._centres[body]
+            arm = configuration.place(body, local) - configuration.place(body, centre)
             x, z, theta = self._places[body, CENTRE_OF_GRAVITY]
             rows[0, x] = rows[1, z] = 1.0
             rows[0, theta], rows[1, theta] = -arm[1], arm[0]
@@ -122,13 +123,16 @@ class InterfaceMap:
 
     def join(self, configuration: Configuration) -> Joining:
         """Return what joins the components in a configuration."""
-        rows: list[FloatArray] = []
+        rows: dict[str, FloatArray] = {}
         for point, first, second in self._mechanism.joints:
             apart = self.displacement(first, point, configuration)
-            rows += [*(apart - self.displacement(second, point, configuration))]
+            apart -= self.displacement(second, point, configuration)
+            for direction, row in zip("xz", apart, strict=True):
+                rows[f"pin {point} of {first} and {second} in {direction}"] = row
         for link in self._mechanism.links:
             if link.clamped is not None:
-                rows.append(self._turn(link.name, link.clamped) - self._turn(GROUND, link.clamped))
+                turn = self._turn(link.name, link.clamped) - self._turn(GROUND, link.clamped)
+                rows[f"clamp of {link.name} at {link.clamped}"] = turn
         springs, mounts = self._mechanism.springs, mount_springs(self._mechanism.base)
         stretches = [self._elongation(spring, configuration) for spring in springs]
         for mount, axis in mounts:
@@ -139,21 +143,7 @@ class InterfaceMap:
         damping += [mount.damping[axis] for mount, axis in mounts]
         elongation = np.array(stretches).reshape(-1, len(self))
         both = np.array(stiffness), np.array(damping)
-        return Joining(np.array(rows), self._labels, elongation, *both)
-
-    @cached_property
-    def _labels(self) -> tuple[str, ...]:
-        """Names of the rows of B: pins, then clamps."""
-        labels: list[str] = []
-        for point, first, second in self._mechanism.joints:
-            labels += [f"pin {point} of {first} and {second} in {axis}" for axis in "xz"]
-        clamped = (link for link in self._mechanism.links if link.clamped is not None)
-        return (*labels, *(f"clamp of {link.name} at {link.clamped}" for link in clamped))
-
-    def _arm(self, body: str, point: str, configuration: Configuration) -> FloatArray:
-        """Return the way from the centre of gravity of a rigid body to a point, (2,), m."""
-        local = self._mechanism.local_points(body)[point]
-        return configuration.place(body, local) - configuration.place(body, self._centres[body])
+        return Joining(np.array(list(rows.values())), tuple(rows), elongation, *both)
 
     def _elongation(self, spring: Spring, configuration: Configuration) -> FloatArray:
         first, second = spring.bodies

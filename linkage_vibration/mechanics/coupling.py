@@ -79,10 +79,17 @@ def couple(system: UncoupledSystem, joining: Joining) -> CoupledSystem:
     """
     _, basis = row_space(joining.compatibility, joining.labels)
     stretch = joining.elongation @ basis
-    mass, loss = (_congruent(system, matrix, basis) for matrix in (system.mass, system.loss))
-    stiffness = _congruent(system, system.stiffness, basis, stretch, joining.stiffness)
-    damping = _congruent(system, system.damping, basis, stretch, joining.damping)
-    return CoupledSystem(mass, stiffness, damping, loss, basis)
+    springs, dampers = (
+        stretch.T @ (weights[:, np.newaxis] * stretch)
+        for weights in (joining.stiffness, joining.damping)
+    )
+    return CoupledSystem(
+        _congruent(system, system.mass, basis, 0.0),
+        _congruent(system, system.stiffness, basis, springs),
+        _congruent(system, system.damping, basis, dampers),
+        _congruent(system, system.loss, basis, 0.0),
+        basis,
+    )
 
 
 def assembled_frf(
@@ -124,24 +131,13 @@ def assembled_frf(
 
 
 def _congruent(
-    system: UncoupledSystem,
-    matrix: FloatArray,
-    basis: FloatArray,
-    stretch: FloatArray | None = None,
-    weights: FloatArray | None = None,
+    system: UncoupledSystem, matrix: FloatArray, basis: FloatArray, springs: FloatArray | float
 ) -> FloatArray:
-    """Return L^T A L of a matrix A, (n, n), symmetric to the last bit, with springs added.
+    """Return L^T A L of a matrix A, (n, n), symmetric to the last bit.
 
-    `stretch`, (n_springs, m), has their elongations by the columns of the basis; `weights`,
-    (n_springs,), their stiffness or damping.
+    `springs`, (m, m), are added on the coordinates of the basis.
     """
-    n, free = system.n_interface, basis.shape[1]
-    interface = basis.T @ matrix[:n, :n] @ basis
-    if stretch is not None and weights is not None:
-        interface = interface + stretch.T @ (weights[:, np.newaxis] * stretch)
-    product = np.empty((len(matrix) - n + free,) * 2)
-    product[:free, :free] = symmetric(interface)
-    product[:free, free:] = basis.T @ matrix[:n, n:]
-    product[free:, :free] = product[:free, free:].T
-    product[free:, free:] = matrix[n:, n:]
-    return product
+    n = system.n_interface
+    interface = symmetric(basis.T @ matrix[:n, :n] @ basis + springs)
+    side = basis.T @ matrix[:n, n:]
+    return np.block([[interface, side], [side.T, matrix[n:, n:]]])

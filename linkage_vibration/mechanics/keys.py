@@ -3,7 +3,6 @@
 """Reads a mapping key by key; the first invalid key raises an error that names its path."""
 
 import difflib
-import re
 from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
@@ -206,23 +205,10 @@ class Keys:
 
     def _finite(self, key: str, value: Any) -> float:
         if isinstance(value, str):
-            raise self.error(key, f"{value!r} is text, not a number; {_as_number(value)}.")
+            hint = "write it without its unit, with a decimal point, and powers as 2.1e+11"
+            raise self.error(key, f"{value!r} is text, not a number; {hint}.")
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise self.error(key, f"{value!r} is not a number.")
         if not abs(value) <= _LARGEST:
             raise self.error(key, f"{value!r} is not a finite number up to 1e+30; check its unit.")
         return float(value)
-
-
-def _as_number(text: str) -> str:
-    """Return how to write a text so that YAML reads it as the number that it means."""
-    match = re.fullmatch(r"\s*([-+]?[\d.,]+)(e[-+]?\d+)?\s*([^\W\d].*)?", text, re.IGNORECASE)
-    if match is None:
-        return "give a number"
-    digits, power, unit = match.groups(default="")
-    number = digits.replace(",", ".") + power
-    if unit:
-        return f"write the number without its unit, {number}"
-    if "," in digits:
-        return f"write it with a decimal point, {number}, and without separators of thousands"
-    return "YAML needs 2.1e+11, not 2.1e11 or 21e10"

@@ -11,8 +11,7 @@ the difference of the compatibility matrices of the closed linkages at the same 
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -23,7 +22,6 @@ from linkage_vibration.mechanics.description import Link, Mechanism, UncertainNu
 from linkage_vibration.mechanics.kinematics import Kinematics
 from linkage_vibration.mechanics.model import LinkageModel, ModelError, Solution
 from linkage_vibration.mechanics.paths import split_paths
-from linkage_vibration.mechanics.reduction import craig_bampton
 
 NEAR = 0.5
 """Modes whose logarithmic frequencies differ by more do not mix."""
@@ -112,8 +110,7 @@ class Sensitivity:
         self.correlation = np.array(uncertainty.correlation).reshape(2 * [len(self.numbers)])
         self._root = np.linalg.cholesky(self.correlation)
         self._spreads = np.array([_spread(number) for number in self.numbers])
-        bases: dict[str, FloatArray] = {}
-        self._changes = [self._change(number, bases) for number in self.numbers]
+        self._changes = [self._change(number) for number in self.numbers]
 
     def at(self, solution: Solution, highest: float) -> ModeChanges:
         """Return the changes of the modes up to a frequency in Hz."""
@@ -244,64 +241,47 @@ class Sensitivity:
                 turns[i] = rate["angles"] @ rates[:-1] / (rates @ rates)
         return float(np.linalg.norm(self._root.T @ turns))
 
-    def _change(self, number: UncertainNumber, bases: dict[str, FloatArray]) -> _Change:
-        """Return what a number changes; bases of links that were reduced are kept."""
+    def _change(self, number: UncertainNumber) -> _Change:
+        """Return what a number changes."""
         mechanism, components = self._model.mechanism, self._model.components
         rows, blocks, sides = self._model.system.rows, [], number.sides
         scale = number.deviation / (2.0 * number.step)
-        for i, link in enumerate(mechanism.links):
+        for i, (link, component) in enumerate(zip(mechanism.links, components, strict=False)):
+            assert isinstance(component, Component)  # `system` refuses others
             pair = [(_meshed_as(side.links[i], link), side) for side in sides]
             (low, first), (high, second) = pair
             if low != high or (link.damping is None and first.damping != second.damping):
-                blocks.append((rows[link.name], scale * self._link_block(link, pair, bases)))
+                before, after = (_on_basis(component, *each) for each in pair)
+                blocks.append((rows[link.name], scale * (after - before)))
         rigid = zip(*(side.rigid_components() for side in sides), strict=True)
         for component, (low, high) in zip(components[len(mechanism.links) :], rigid, strict=True):
             block = scale * (_stacked(high) - _stacked(low))
             if block.any():
                 blocks.append((rows[component.name], block))
-        larger = sides[1]
+        smaller, larger = sides
         other: tuple[InterfaceMap, Kinematics] | None = None
-        if _joined(sides[0]) != _joined(larger):
-            moves, own = _points(sides[0]) != _points(larger), self._model.kinematics
-            other = InterfaceMap(larger, components), own.nearby(larger) if moves else own
+        if _joined(smaller) != _joined(larger):
+            kinematics = self._model.kinematics
+            if _points(smaller) != _points(larger):
+                kinematics = kinematics.nearby(larger)
+            other = InterfaceMap(larger, components), kinematics
         return _Change(tuple(blocks), other, number.deviation / number.step)
 
-    def _link_block(
-        self, link: Link, sides: Sequence[tuple[Link, Mechanism]], bases: dict[str, FloatArray]
-    ) -> FloatArray:
-        """Return the difference of a link's matrices, (4, n, n), on the basis that reduced it."""
-        if link.name not in bases:
-            bases[link.name] = self._basis(link)
-        low, high = (self._on(bases[link.name], *side) for side in sides)
-        return high - low
 
-    def _basis(self, link: Link) -> FloatArray:
-        """Return the matrix that turns reduced coordinates of a link into all of its own."""
-        mechanism = self._model.mechanism
-        reduced = self._model.components[mechanism.links.index(link)]
-        single = replace(link, count=1)
-        whole = link.body.component(single, mechanism, reduced=False)
-        assert isinstance(whole, Component)
-        assert isinstance(reduced, Component)
-        if np.array_equal(link.count * whole.mass, reduced.mass):  # it was not reduced
-            return np.eye(len(whole.mass))
-        interface = len(whole.dofs)
-        modes = len(reduced.mass) - interface
-        return craig_bampton(whole.mass, whole.stiffness, interface, modes).transformation
-
-    def _on(self, basis: FloatArray, link: Link, mechanism: Mechanism) -> FloatArray:
-        """Return the matrices of a link on a basis, (4, n, n)."""
-        whole = link.body.component(link, mechanism, reduced=False)
-        assert isinstance(whole, Component)
-        if len(whole.mass) != len(basis):
-            problem = "a small change of a number changes its mesh; give other `elements`"
-            raise ModelError(f"links.{link.name}: {problem}.")
-        mass, stiffness = (basis.T @ matrix @ basis for matrix in (whole.mass, whole.stiffness))
-        if getattr(link.body, "damping", None) is None:
-            damping = (link.damping or mechanism.damping).viscous(mass, stiffness)
-        else:
-            damping = basis.T @ whole.damping @ basis
-        return np.array([mass, damping, stiffness, whole.loss_factor * stiffness])
+def _on_basis(reduced: Component, link: Link, mechanism: Mechanism) -> FloatArray:
+    """Return mass, damping, stiffness and loss of a link, (4, n, n), on its reduced basis."""
+    whole = link.body.component(link, mechanism, reduced=False)
+    assert isinstance(whole, Component)
+    basis = np.eye(len(reduced.mass)) if reduced.basis is None else reduced.basis
+    if len(whole.mass) != len(basis):
+        problem = "a small change of a number changes its mesh; give other `elements`"
+        raise ModelError(f"links.{link.name}: {problem}.")
+    mass, stiffness = (basis.T @ matrix @ basis for matrix in (whole.mass, whole.stiffness))
+    if getattr(link.body, "damping", None) is None:
+        damping = (link.damping or mechanism.damping).viscous(mass, stiffness)
+    else:
+        damping = basis.T @ whole.damping @ basis
+    return np.array([mass, damping, stiffness, whole.loss_factor * stiffness])
 
 
 def _spread(number: UncertainNumber) -> float:

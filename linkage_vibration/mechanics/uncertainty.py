@@ -80,7 +80,7 @@ def _described(
 ) -> Mechanism:
     """Return the mechanism with other values of the numbers at paths."""
     both = zip(paths, values, strict=True)
-    return parse(with_numbers(mapping, [(at, value) for own, value in both for at in own]))
+    return parse(with_numbers(mapping, [(path, value) for same, value in both for path in same]))
 
 
 def _number(

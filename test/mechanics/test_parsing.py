@@ -134,11 +134,8 @@ def test_i_section_is_read(mapping: Any) -> None:
             "links.input_crank.clamped",
             "locks the joint on which springs.lift acts; remove one",
         ),
-        (change("rigid_bodies", "implement", "mass", to="2200 kg"), "mass", "its unit, 2200."),
-        (change("rigid_bodies", "implement", "mass", to="2,2e3kg"), "mass", "its unit, 2.2e3."),
-        (change("rigid_bodies", "implement", "mass", to="0,300"), "mass", "decimal point, 0.300,"),
-        (change("rigid_bodies", "implement", "mass", to="21e10"), "mass", "needs 2.1e+11"),
-        (change("rigid_bodies", "implement", "mass", to="heavy"), "mass", "give a number."),
+        (change("rigid_bodies", "implement", "mass", to="2200 kg"), "mass", "its unit, with a"),
+        (change("rigid_bodies", "implement", "mass", to="21e10"), "mass", "powers as 2.1e+11."),
         (change("ground", "P1", to=[0, 25, 0, 5]), "ground.P1", "write decimals with a point"),
         (
             change("input", "range_deg", to=[1.571, 3.1416]),
