@@ -91,6 +91,7 @@ def _with_the_ground(
     into = (moved @ model.system.mass @ solution.modes.shapes)[np.newaxis]
     along_motion = np.array([[float(place[1] == direction)] for place in outputs])
     # It is -s^2 times the receptance; the rates of all modes add up to zero, so s leaves no rest.
-    one, zero = np.ones((1, 1)), np.zeros((1, 1))
-    parts = pole_residue(solution.damped, out, into).driven(zero, -one)[0].driven(zero, one)[0]
+    nothing, rate = np.zeros((1, 1)), np.ones((1, 1))
+    parts = pole_residue(solution.damped, out, into)
+    parts = parts.driven(nothing, -rate)[0].driven(nothing, rate)[0]
     return replace(parts, residual=parts.residual + along_motion)

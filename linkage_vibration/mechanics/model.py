@@ -218,16 +218,15 @@ class LinkageModel:
             Points with directions, or forces; where the bodies are.
         """
         places = pairs(places)
-        forces = [i for i, place in enumerate(places) if is_force(place)]
-        if not forces:
+        if not any(is_force(place) for place in places):
             return self.rows(places, configuration)
-        rows, moved = np.zeros((len(places), len(self.system.mass))), np.ones(len(places), bool)
+        rows = np.zeros((len(places), len(self.system.mass)))
         joining = self.interface.join(configuration)
-        rows[forces] = self.forces.rows([places[i] for i in forces], configuration, joining)
-        moved[forces] = False
-        if moved.any():
-            at = [place for place in places if not is_force(place)]
-            rows[moved, : len(self.interface)] = self.rows(at, configuration)
+        for row, place in zip(rows, places, strict=True):
+            if is_force(place):
+                row[:] = self.forces.rows([place], configuration, joining)[0]
+            else:
+                row[: len(self.interface)] = self.rows([place], configuration)[0]
         return rows
 
     def solve(self, alpha3: float) -> "Solution":
