@@ -407,24 +407,19 @@ class Kinematics:
         motion = np.linalg.svd(matrix)[2][-1].reshape(-1, 3)
         still = 1e-4 * np.abs(motion).max()
         moving = {b: i for i, b in enumerate(self._bodies) if abs(motion[i, 2]) > still}
-
-        def pivots(body: str, but: str) -> list[str]:
-            """Return the points of a moving body that do not move."""
-            i = moving[body]
-            turn = rotation_derivative(pose[3 * i + 2]) * motion[i, 2]
-            return [
+        pivots: dict[str, list[str]] = {}  # the points of moving bodies that do not move
+        for body, i in moving.items():
+            turn = rotation_derivative(pose[3 * i + 2]) * motion[i, 2] / self._length
+            pivots[body] = [
                 point
                 for point, local in mechanism.local_points(body).items()
-                if point != but
-                and np.abs(motion[i, :2] + turn @ np.array(local) / self._length).max() < still
+                if np.abs(motion[i, :2] + turn @ np.array(local)).max() < still
             ]
-
         aligned: tuple[str, ...] = ()
-        for point, first, second in mechanism.joints:
-            if first in moving and second in moving:
-                for before in pivots(first, point):
-                    for after in pivots(second, point):
-                        aligned = (before, point, after)
+        for point, *pair in mechanism.joints:
+            ends = [[p for p in pivots.get(body, []) if p != point] for body in pair]
+            if all(ends):
+                aligned = (ends[0][-1], point, ends[1][-1])
         return Toggle(float(pose @ self._input), aligned, tuple(moving))
 
     def _check_stroke(self, mechanism: Mechanism) -> None:

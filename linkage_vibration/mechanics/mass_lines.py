@@ -113,24 +113,19 @@ def _doubt(omega: FloatArray, drive: ComplexArray) -> float | None:
 def shown_mass(
     dofs: Sequence[InterfaceDof], lines: MassLines, points: Mapping[str, tuple[float, float]]
 ) -> tuple[float, float] | None:
-    """Return what `fit_rigid_body` does by the DoFs in the plane, or None if they are too few."""
+    """Return the mass (kg) of the planar body with about this accelerance A, and a misfit.
+
+    The misfit is the largest difference of A_ij, of sqrt(A_ii A_jj); it is infinite if no body has
+    this A. The result is None if too few DoFs are in the plane.
+    """
     used = [i for i, dof in enumerate(dofs) if dof.direction != "y" and dof.point in points]
     planar = [dofs[i] for i in used]
     if len(planar) < 3 or not {"x", "z"} <= {dof.direction for dof in planar}:
         return None
-    motions = rigid_motions(planar, list(points.items()))
-    return fit_rigid_body(lines.accelerance[np.ix_(used, used)], motions)
-
-
-def fit_rigid_body(accelerance: FloatArray, motions: FloatArray) -> tuple[float, float]:
-    """Return the mass (kg) of the planar body with about an accelerance A, (n, n), and a misfit.
-
-    `motions`, (n, 3), are the rigid motions of its DoFs along x, z and about y. The misfit is the
-    largest difference of A_ij, of sqrt(A_ii A_jj); it is infinite if no body has this A.
-    """
+    accelerance = lines.accelerance[np.ix_(used, used)]
     unit = np.sqrt(np.diag(accelerance))
     scaled = symmetric(accelerance) / np.outer(unit, unit)
-    r = motions / unit[:, np.newaxis]
+    r = rigid_motions(planar, list(points.items())) / unit[:, np.newaxis]
     inverse = np.linalg.pinv(r)
     free = inverse @ scaled @ inverse.T  # M^-1, if it may be any symmetric matrix
     turned = float(free[2, 2])  # 1 / J

@@ -312,7 +312,7 @@ class LinkageModel:
                 both = f"links.{component.name} and links.{first.name}"
                 hint = "measure or resample them on one axis"
                 raise ModelError(f"{both} are known at different frequencies; {hint}.")
-        return first.frequencies[first.frequencies > 0.0]
+        return first.frequencies
 
     def identify(self, alpha3: float) -> "IdentifiedSolution":
         """Identify the modes in the response band from coupled FRFs.
