@@ -3,17 +3,14 @@
 """Transmissibility: how the linkage follows a motion of the soil under its base.
 
 The result is dimensionless: the displacement of a point per displacement of the soil, which is
-also its acceleration per acceleration. With a base, the soil moves under all mounts together or
-under one, and acts through their stiffness and damping. Without a base, the ground to which the
-linkage is pinned moves as a whole; Rayleigh's term in the mass then damps the relative motion.
+also its acceleration per acceleration. The soil moves under all mounts of the base together or
+under one, and acts through their stiffness and damping.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.base import mount_springs
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import ModelError, Place, Solution, pairs
@@ -26,10 +23,12 @@ MOTION = "base"
 def soil_places(mechanism: Mechanism) -> tuple[Place, ...]:
     """Return the inputs that move the soil: ("base", "z"), ("base:rear_axle", "z") and so on.
 
-    The first of them moves all of it, the second moves it under one mount of the base.
+    The first of them moves all of it, the second moves it under one mount of the base. Without a
+    base there are none.
     """
-    mounts = () if mechanism.base is None else mechanism.base.mounts
-    names = [MOTION, *(f"{MOTION}:{mount.name}" for mount in mounts)]
+    if mechanism.base is None:
+        return ()
+    names = [MOTION, *(f"{MOTION}:{mount.name}" for mount in mechanism.base.mounts)]
     return tuple((name, direction) for name in names for direction in ("x", "z"))
 
 
@@ -52,16 +51,15 @@ def transmissibility(
     Raises
     ------
     ModelError
-        If the soil has no such motion, or a place does not exist.
+        If the soil has no such motion, as without a base, or a place does not exist.
     """
     mechanism = solution.model.mechanism
     outputs, [soil] = pairs(outputs), pairs([soil])
     if soil not in soil_places(mechanism):
         places = ", ".join(".".join(place) for place in soil_places(mechanism))
+        places = places or "none, as the mechanism has no base"
         raise ModelError(f"The soil has no motion {'.'.join(soil)}; name one of: {places}.")
     out = solution.participation(outputs)
-    if mechanism.base is None:
-        return _with_the_ground(solution, out, outputs, soil[1])
     springs, axis = mount_springs(mechanism.base), "xz".index(soil[1])
     first = len(solution.joining.stiffness) - len(springs)
     which = [
@@ -73,25 +71,3 @@ def transmissibility(
     into = joining.elongation[which] @ modes[: joining.elongation.shape[1]]
     parts = pole_residue(solution.damped, out, into)
     return parts.driven(joining.stiffness[which, np.newaxis], joining.damping[which, np.newaxis])[0]
-
-
-def _with_the_ground(
-    solution: Solution, out: FloatArray, outputs: Sequence[Place], direction: str
-) -> PoleResidue:
-    """Return the transmissibility of a ground that moves as a whole.
-
-    The inertia force -s^2 M 1 moves the linkage relative to the ground, whose motion is added.
-    """
-    model = solution.model
-    moved = np.zeros(len(model.system.mass))
-    along = np.eye(2)["xz".index(direction)]
-    for component in model.system.components:
-        angle = solution.configuration.angle(component.name)
-        moved[model.system.rows[component.name]] = component.translation(along, angle)
-    into = (moved @ model.system.mass @ solution.modes.shapes)[np.newaxis]
-    along_motion = np.array([[float(place[1] == direction)] for place in outputs])
-    # It is -s^2 times the receptance; the rates of all modes add up to zero, so s leaves no rest.
-    nothing, rate = np.zeros((1, 1)), np.ones((1, 1))
-    parts = pole_residue(solution.damped, out, into)
-    parts = parts.driven(nothing, -rate)[0].driven(nothing, rate)[0]
-    return replace(parts, residual=parts.residual + along_motion)

@@ -62,7 +62,7 @@ def test_table_and_model_agree(served: Served, alpha3: float) -> None:
 
 
 def test_motion_of_the_base_is_an_input(mechanism_file: Path) -> None:
-    """The soil moves under all mounts or one; on a fixed ground, that ground moves."""
+    """The soil moves under all mounts or one; a ground without a base does not move."""
     path = config_file("three_point_linkage_on_tractor.yaml")
     tractor = read_mechanism(path)
     table = load_table(config_file("tables/three_point_linkage_on_tractor.npz"), tractor)
@@ -74,10 +74,9 @@ def test_motion_of_the_base_is_an_input(mechanism_file: Path) -> None:
     mechanism = read_mechanism(mechanism_file)
     table = load_table(config_file("tables/three_point_linkage.npz"))
     clamped = Described(mechanism, mechanism_file.read_text()).served(Predictor(table))
-    answer = answer_frf(clamped, 2.0, ["E1.z"], ["base.z"], line, exact=True)
-    assert answer.frf[0, 0, 0] == pytest.approx(1.0)
-    with pytest.raises(ServingError, match=r"base\.z"):
-        answer_frf(clamped, 2.0, ["E1.z"], ["base.z"], line, exact=False)
+    for exact in (False, True):
+        with pytest.raises(ServingError, match=r"base\.z"):
+            answer_frf(clamped, 2.0, ["E1.z"], ["base.z"], line, exact=exact)
 
 
 @pytest.mark.parametrize("exact", [False, True])
