@@ -26,10 +26,10 @@ _STEP = 1e-5  # step for the derivative, as a share of a pole
 _STEPS = 20  # largest number of Newton steps
 _CLOSE = 1e-9  # A pole has converged if its relative step is smaller.
 _SAME = 1e-6  # Two poles are one if their relative distance is smaller.
-# Noise makes a mode if the relative standard deviation of its frequency is larger.
-_UNCERTAIN = 0.1
-_DEPENDS = 0.1  # The rates of a fit make a pole if it moves with them by a larger share.
-_MOVES = 1e-3  # A pole that is farther away, and farther than its decay rate, is another one.
+_UNCERTAIN = 0.1  # A mode is noise if the relative standard deviation of its frequency is larger.
+_DEPENDS = 0.1  # A pole is an artefact of a fit if other rates move it by a larger share.
+# Newton's method may move a pole by this share of it, or by its decay rate if that is larger.
+_MOVES = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)

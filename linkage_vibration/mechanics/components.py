@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bodies as the rest of the mechanics sees them: matrices or FRFs on interface DoFs.
 
-A component is invariant: its numbers are in its own axes and are made once. Only the compatibility
-matrix that couples the components changes with the configuration.
+A component is invariant: its numbers are in its own axes and are computed once. Only the
+compatibility matrix that couples the components changes with the configuration.
 """
 
 import math

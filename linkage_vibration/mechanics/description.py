@@ -434,7 +434,7 @@ class Mechanism:
         return frozenset(points)
 
     def components(self, *, reduced: bool = True) -> tuple[Component | FrfComponent, ...]:
-        """Make the component of every body, in the order of `bodies`, and of the base.
+        """Return the component of every body, in the order of `bodies`, and of the base.
 
         `reduced` is as `Body.component` takes it.
         """
@@ -442,7 +442,7 @@ class Mechanism:
         return (*links, *self.rigid_components())
 
     def rigid_components(self) -> tuple[Component, ...]:
-        """Make the component of every rigid body, and of the base."""
+        """Return the component of every rigid body, and of the base."""
         rigid = [body.component(self.damping) for body in self.rigid_bodies]
         return (*rigid, *([] if self.base is None else [self.base.component()]))
 

@@ -82,7 +82,7 @@ class Beam:
         forces = {}
         along = sorted(_nodes_of(link.points, nodes).items(), key=lambda pair: pair[1])
         for i, (point, node) in enumerate(along):
-            ends = np.zeros((2, 3, motion.shape[2]))  # what both elements need at their ends there
+            ends = np.zeros((2, 3, motion.shape[2]))  # forces on the ends of both elements there
             for side, at in enumerate((node - 1, node)):
                 if 0 <= at < len(sections):
                     length = float(nodes[at + 1] - nodes[at])
@@ -196,14 +196,14 @@ def _chain(
 ) -> tuple[FloatArray, FloatArray]:
     """Assemble elements from node to node; coordinates node by node."""
     mass, stiffness = np.zeros((2, 3 * len(nodes), 3 * len(nodes)))
-    made: dict[tuple[str, Section], tuple[FloatArray, FloatArray]] = {}
+    elements: dict[tuple[str, Section], tuple[FloatArray, FloatArray]] = {}
     for i, (length, section) in enumerate(zip(np.diff(nodes), sections, strict=True)):
         key = f"{length:.12g}", section  # equal elements differ by rounding
-        if key not in made:
-            made[key] = element_matrices(float(length), section, material)
+        if key not in elements:
+            elements[key] = element_matrices(float(length), section, material)
         at = slice(3 * i, 3 * i + 6)
-        mass[at, at] += made[key][0]
-        stiffness[at, at] += made[key][1]
+        mass[at, at] += elements[key][0]
+        stiffness[at, at] += elements[key][1]
     return mass, stiffness
 
 
