@@ -27,6 +27,8 @@ from linkage_vibration.mechanics.components import Component
 Matrix = FloatArray | ComplexArray
 
 _CHUNK = 2**20  # complex numbers of dynamic stiffness that are held at a time, 16 MB
+# A body is free to move if the least eigenvalue of its scaled stiffness is smaller.
+_FLOATING = 1e-9
 # A smaller error by rounding, of the largest receptance, is not computed precisely.
 _HARMLESS = 1e-12
 _ROUNDING_LIMIT = 1e-6  # A larger error by rounding, of the largest receptance, is refused.
@@ -51,6 +53,9 @@ def component_frf(
     assembly: with the paper's linkage 4e-9 of the largest at 0.1 Hz, 1e-7 at 0.01 Hz.
     """
     omega = np.multiply(frequencies, 2.0 * math.pi)
+    if (omega == 0.0).any() and _is_floating(stiffness):
+        problem = "A component that is free to move has no receptance at 0 Hz"
+        raise FbsError(f"{problem}; begin above 0, at 0.1 Hz or more.")
     lossy = np.asarray((1.0 + 1j * loss_factor) * stiffness, dtype=np.complex128)
     matrices: list[Matrix] = [lossy, mass, damping]
     frf = np.empty((len(omega), n_dofs, n_dofs), dtype=complex)
@@ -230,3 +235,9 @@ def _lost(lines: IntArray, share: float, frequencies: FloatArray | None) -> FbsE
         f"of {share:.0e} of the largest coupled FRF; leave these frequencies out, add damping, or "
         "describe the components by their matrices."
     )
+
+
+def _is_floating(stiffness: FloatArray) -> bool:
+    """Return whether a stiffness matrix lets its component move without a force."""
+    scale = np.sqrt(np.maximum(np.diag(stiffness), np.finfo(float).tiny))
+    return bool(np.linalg.eigvalsh(stiffness / np.outer(scale, scale))[0] < _FLOATING)
