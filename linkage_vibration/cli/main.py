@@ -21,25 +21,9 @@ if TYPE_CHECKING:
 # takes, and `run` does the work and returns the exit code. The modules import nothing slow at their
 # top, so the parser is built quickly.
 SUBCOMMANDS = (
-    "build",
-    "pose",
-    "predict",
-    "plot",
-    "advise",
-    "inclinometer",
-    "measure",
-    "listen",
-    "calibrate",
-    "plan",
-    "export",
-    "recover",
-    "replay",
-    "review",
-    "diff",
-    "summary",
-    "demo",
-    "play",
-    "watch",
+    *("build", "pose", "predict", "plot", "advise", "inclinometer", "measure", "listen"),
+    *("calibrate", "plan", "export", "recover", "replay", "review", "diff", "summary"),
+    *("demo", "play", "watch"),
 )
 
 

@@ -3,7 +3,7 @@
 """Compares two logs of the same drive, which two models or two versions may have made."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -99,18 +99,13 @@ class Difference:
         return np.flatnonzero(np.diff(self.stamps) < 0) + 1
 
 
-def compare(
-    path_a: Path, path_b: Path, step: Callable[[int], object] = lambda count: None
-) -> Difference:
-    """Compare two logs of the same drive, calling ``step`` with 1 after each of three steps.
+def compare(path_a: Path, path_b: Path) -> Difference:
+    """Compare two logs of the same drive.
 
     A `BagError` is raised if one cannot be read, and a `ReviewError` if a log holds no prediction,
     or if the logs have no stamp in common.
     """
-    a = read_log(path_a)
-    step(1)
-    b = read_log(path_b)
-    step(1)
+    a, b = read_log(path_a), read_log(path_b)
     rows_a, rows_b = _rows_of_same_stamps(a.stamps, b.stamps)
     if not len(rows_a):
         raise ReviewError(
@@ -121,7 +116,6 @@ def compare(
     pairs = [(key, values_a[key], values_b[key][-1]) for key in values_a if key in values_b]
     changes = int((a.status[rows_a] != b.status[rows_b]).sum())
     quantities = tuple(Quantity(key, *first, second) for key, first, second in pairs)
-    step(1)
     return Difference(a, b, a.stamps[rows_a], rows_a, rows_b, quantities, changes)
 
 
