@@ -28,7 +28,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         add(f"--{name}-rpm", type=float, default=math.nan, help=text)
     add_table(parser)
     add("--excitations", type=Path, help="YAML file (default: the shipped excitations)")
-    add("-o", "--output", type=Path, help="PNG picture of the map to write")
     add("--csv", type=Path, help="CSV file of the map to write")
 
 
@@ -40,14 +39,9 @@ def run(options: argparse.Namespace) -> int:
     from linkage_vibration.prediction.excitation import KMH
     from linkage_vibration.support.atomic_files import OutputError, check_output, write_text
 
-    files = (options.mechanism, options.table, options.excitations)
-    for path, suffix in ((options.output, ".png"), (options.csv, ".csv")):
-        check_output(path, suffix, list(filter(None, files)))
+    files = filter(None, (options.mechanism, options.table, options.excitations))
+    check_output(options.csv, ".csv", list(files))
     settings = read_settings(options, table_file=options.table, excitation_file=options.excitations)
-    if options.output:
-        from linkage_vibration.drawing.plots import require_matplotlib
-
-        require_matplotlib()
     _, excitations, levels = read_levels(settings)
     angles, speeds = options.angles_deg, options.speeds_kmh
     question = Question(
@@ -60,13 +54,7 @@ def run(options: argparse.Namespace) -> int:
     print(_described(advice))
     if options.csv:
         write_text(options.csv, _csv(advice), OutputError)
-    if options.output:
-        from linkage_vibration.drawing.advice_picture import draw_advice
-
-        draw_advice(advice, settings.warning_limits().warning, options.output)
-    written = ", ".join(str(path) for path in (options.csv, options.output) if path)
-    if written:
-        print(f"Written: {written}")
+        print(f"Written: {options.csv}")
     return 1 if math.isnan(advice.message.load_ratios[NOW]) else 0
 
 

@@ -33,7 +33,7 @@ from linkage_vibration.bags.reading import mcap_files
 from linkage_vibration.bags.recorder import RECORDING_METADATA
 from linkage_vibration.drawing.intervals import gap_starts, in_passes, one_after_the_other
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.mechanics.arrays import FloatArray, IntArray
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.messages.fields import Field, message_fields
@@ -47,8 +47,6 @@ from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.commands import command
 from linkage_vibration.table.table import Table, TableError, load_table
-
-IntArray = NDArray[np.int64]
 
 _EACH = "states", "load_ratios"  # what a log keeps of each excitation
 _MISSING: dict[str, Any] = {"f": np.nan, "O": "", "i": 0}
@@ -256,9 +254,9 @@ def _read_messages(path: Path) -> tuple[Columns, Columns, dict[Source, Columns]]
     predictions, resonances = (columns.get(topic, {}) for topic in topics)
     if not len(predictions.get("status", ())):
         raise ReviewError(f"{path} holds no prediction; was the joint ever published?")
-    for kind, found in ((PREDICTION, predictions), (RESONANCE, resonances)):
-        lacking = {f.name for f in message_fields(kind)} - {*unused, *found}
-        if found and lacking:
+    for kind, read in ((PREDICTION, predictions), (RESONANCE, resonances)):
+        lacking = {f.name for f in message_fields(kind)} - {*unused, *read}
+        if read and lacking:
             raise ReviewError(
                 f"{path} was written by another version, whose {kind.split('/')[-1]} has no "
                 f"{', '.join(sorted(lacking))}; replay the log with this one."
@@ -270,14 +268,6 @@ def gaps(log: Log) -> list[tuple[float, float]]:
     """Return the start and the end of each gap between predictions, s since the first stamp."""
     times = log.times.tolist()
     return [(times[i], times[i + 1]) for i in gap_starts(log.times).tolist()]
-
-
-def durations(log: Log) -> FloatArray:
-    """Return how long each prediction was the latest, s, (n,); a gap counts as a median step."""
-    steps = np.diff(log.times)
-    if len(steps):
-        steps[gap_starts(log.times)] = np.median(steps)
-    return np.append(steps, 0.0)
 
 
 def problems(log: Log) -> list[str]:
@@ -430,15 +420,15 @@ def _read_provenance(path: Path) -> tuple[dict[str, bytes], dict[str, dict[str, 
     """Return the attachments and the metadata records of a log by their names."""
     attachments: dict[str, bytes] = {}
     metadata: dict[str, dict[str, str]] = {}
-    for one in mcap_files(path):  # a folder may have several, and another bag has none
+    for file_path in mcap_files(path):  # a folder may have several, and another bag has none
         try:
-            with one.open("rb") as file:
+            with file_path.open("rb") as file:
                 reader = make_reader(file)
                 attachments |= {a.name: a.data for a in reader.iter_attachments()}
                 metadata |= {m.name: dict(m.metadata) for m in reader.iter_metadata()}
         except (McapError, OSError, ValueError) as error:
             raise ReviewError(
-                f"{one} is damaged ({error}); repair it with `{command('recover')}`."
+                f"{file_path} is damaged ({error}); repair it with `{command('recover')}`."
             ) from None
     return attachments, metadata
 

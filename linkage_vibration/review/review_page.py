@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkage_vibration.drawing import palette
-from linkage_vibration.mechanics.arrays import runs
+from linkage_vibration.mechanics.arrays import IntArray, runs
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.predictor import (
     Status,
@@ -38,10 +38,8 @@ from linkage_vibration.review.findings import (
 from linkage_vibration.review.html import Page, thinned
 from linkage_vibration.review.log import Log, gaps
 from linkage_vibration.review.model_grid import linkage_grid, receptance_grid
-from linkage_vibration.review.shares import Shares, angle_shares, load_shares
 from linkage_vibration.review.time_axis import TimeAxis, time_axis
 
-IntArray = NDArray[np.int64]
 Items = list[dict[str, Any]]  # as the scripts of the page read them
 
 DEG = 180.0 / math.pi
@@ -88,7 +86,6 @@ def review_page(log: Log) -> Page:
         "calm": log.drive is not None and not warnings,
         "tables": _tables(log, parts, warnings, shown, rows, axis),
         "summary": _summary(log, warnings, missing),
-        "histograms": _histograms(log),
         "provenance": _provenance(log, len(rows)),
         "shades": _shades(log, missing, axis),
         "excitations": _excitations(log, axis),
@@ -434,23 +431,6 @@ def _span(seconds: float) -> str:
     if seconds < 120.0:
         return f"{seconds:.1f} s"
     return f"{seconds / 60.0:.1f} min" if seconds < 3600.0 else f"{seconds / 3600.0:.2f} h"
-
-
-def _histograms(log: Log) -> Items:
-    def histogram(name: str, unit: str, shares: Shares, scale: float) -> dict[str, Any]:
-        edges, heights = shares[0] * scale, shares[1]
-        texts = {"title": f"Share of time over the {name}", "unit": unit}
-        return {**texts, "edges": edges.tolist(), "shares": heights.tolist(), "limit": None}
-
-    plots = [histogram("crank angle", "crank angle [deg]", angle_shares(log), DEG)]
-    if (loads := load_shares(log)) is not None:
-        limit = log_limits(log).warning
-        note = (
-            f"The last bar includes all larger ones. Bars above the limit of {limit:g} are orange."
-        )
-        bars = histogram("load ratio", "largest force over the static force [1]", loads, 1.0)
-        plots.append(bars | {"limit": limit, "note": note})
-    return plots
 
 
 def _provenance(log: Log, n_kept: int) -> dict[str, Any]:

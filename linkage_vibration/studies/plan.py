@@ -3,12 +3,10 @@
 """Chooses the smallest model that is accurate enough.
 
 Models with few to many elements and modes a link are tried in the order of their work, and compared
-with the finest one at angles over the range. The first that meets the tolerance is the answer. If
-it takes longer than is allowed, a table is built to what the model leaves of the tolerance.
+with the finest one at angles over the range. The first that meets the tolerance is the answer.
 """
 
 import math
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
@@ -26,22 +24,19 @@ from linkage_vibration.mechanics.modes import MECHANISM
 from linkage_vibration.mechanics.response import PoleResidue
 from linkage_vibration.studies.yaml_editing import edit_text
 from linkage_vibration.support.atomic_files import write_text
-from linkage_vibration.table.table import Table, TableError
-from linkage_vibration.table.tabulation import build_table
-from linkage_vibration.table.tabulation.accuracy import FRF_FLOOR, LOOSER
+from linkage_vibration.table.tabulation.accuracy import LOOSER
 from linkage_vibration.table.tabulation.frf_errors import frf_norms, worst_share
 
 ELEMENTS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96)
 MODES = (0, 1, 2, 3, 5, 8, 12, 20, 40)
 _FINEST = 192, 80  # elements and modes a link of the model with which all others are compared
 _ANGLES = 13  # over the range, at which they are compared
-_TIMED = 25  # predictions whose time is measured
 _ABOVE = 1.02  # of the band: modes up to here may enter it between the angles
-_TABLE_ROOM = 0.02  # least part of the tolerance that is left to a table
+_MOST = 0.98  # of the tolerance: a table of the model needs the rest
 
 # Measured on linkages of four links and up to a hundred coordinates:
 _ELEMENT_WORK = 14.0  # to build an element, in coordinates of one solve
-_SOLVES = 30  # a table needs about as many, and so does a study of a range by solves
+_SOLVES = 30  # of a study of a range; a table needs about as many
 
 
 class PlanError(LinkageVibrationError):
@@ -62,7 +57,6 @@ class Scene:
     places: tuple[Place, ...]  # FRFs are needed between all of these; without places, none are
     tolerance: float
     angles: tuple[float, float]  # the range of alpha3, rad; for a single angle, twice the same
-    seconds_per_prediction: float = math.inf  # for frequencies, damping ratios and the peak
 
     @property
     def one_angle(self) -> bool:
@@ -106,11 +100,13 @@ class Plan:
     mechanism: Mechanism
     elements: int  # of each link
     modes: int  # of each link
-    table: Table | None  # None if each prediction is solved
-    table_tolerance: float  # for `build_table`; NaN without a table
-    errors: FloatArray  # (3,), those of the model, and of the table against it
-    seconds: float  # of a prediction, the median
+    errors: FloatArray  # (3,)
     reasons: tuple[tuple[str, str], ...]  # each choice and its reason, in words
+
+    @property
+    def table_tolerance(self) -> float:
+        """What the model leaves of the tolerance, to build a table to."""
+        return float((1.0 - self.scene.share(self.errors)) * self.scene.tolerance)
 
 
 def plan(scene: Scene, solved: Callable[[], object] = lambda: None) -> Plan:
@@ -121,33 +117,17 @@ def plan(scene: Scene, solved: Callable[[], object] = lambda: None) -> Plan:
     """
     _check(scene)
     trials = _Trials(scene, solved)
-    elements, modes, errors = trials.cheapest(1.0)
-    model = trials.model(elements, modes)
-
-    def solve(alpha3: float) -> object:
-        solution = model.solve(alpha3)
-        return solution.damped, solution.peak(model.mechanism.response.peak_band)  # both are lazy
-
-    seconds, limit = _median_seconds(scene, solve), scene.seconds_per_prediction
-    choice, why = "solved at each angle", f"a solve takes {1e3 * seconds:.2g} ms"
-    table, tolerance = None, math.nan
-    if scene.one_angle:
-        why = "one angle is solved once"
-    elif limit == math.inf:
-        why = f"no time is asked for, and a table takes about {_SOLVES} solves to build"
-    elif seconds <= limit:
-        why += f" of the {1e3 * limit:.2g} allowed"
-    else:
-        elements, modes, errors = trials.cheapest(1.0 - _TABLE_ROOM)
-        table, tolerance = _table(trials, elements, modes, scene.allowed - errors)
-        frf_error = table.frf_error if scene.places else 0.0
-        errors = errors + np.array([table.interpolation_error.max(), table.peak_error, frf_error])
-        seconds = _median_seconds(scene, table.interpolate)
-        choice = f"table of {len(table.alpha3)} points"
-        why += f", more than the {1e3 * limit:.2g} allowed"
-    settings = scene.with_settings(elements, modes, trials.n_modes)
-    reasons = (*_reasons(trials, elements, modes), (choice, why))
-    return Plan(scene, settings, elements, modes, table, tolerance, errors, seconds, reasons)
+    elements, modes, errors = trials.cheapest()
+    reasons = []
+    for count, steps, name in ((elements, ELEMENTS, "elements"), (modes, MODES, "modes")):
+        why = "the fewest"
+        if count > steps[0]:
+            fewer = steps[steps.index(count) - 1]
+            other = (fewer, modes) if name == "elements" else (elements, fewer)
+            why = f"with {fewer}: {scene.share(trials.errors(*other)):.2g} x the tolerance"
+        reasons.append((f"{name} a link: {count}", why))
+    mechanism = scene.with_settings(elements, modes, trials.n_modes)
+    return Plan(scene, mechanism, elements, modes, errors, tuple(reasons))
 
 
 def _check(scene: Scene) -> None:
@@ -159,9 +139,6 @@ def _check(scene: Scene) -> None:
     if not 1e-9 <= scene.tolerance < 1.0:
         hint = "give a relative error from 1e-9 to 1"
         raise PlanError(f"The tolerance {scene.tolerance:g} is invalid; {hint}.")
-    if not 0.0 < scene.seconds_per_prediction <= math.inf:
-        limit = f"{1e6 * scene.seconds_per_prediction:g} microseconds for a prediction"
-        raise PlanError(f"The time limit of {limit} is invalid; give a positive number.")
     if not scene.angles[0] <= scene.angles[1]:
         raise PlanError("The range of angles does not ascend; give the smaller one first.")
     for link in scene.mechanism.links:
@@ -187,16 +164,13 @@ class _Trials:
         mechanism = self.scene.with_settings(elements, modes, n_modes)
         return LinkageModel(mechanism, kinematics=self.kinematics)
 
-    def cheapest(self, share: float) -> tuple[int, int, FloatArray]:
-        """Return elements and modes of the least work that meet a share of the tolerance.
-
-        Their errors, (3,), follow.
-        """
+    def cheapest(self) -> tuple[int, int, FloatArray]:
+        """Return elements and modes of the least work that meet the tolerance, and their errors."""
         solves = 1 if self.scene.one_angle else _SOLVES
         pairs = product(ELEMENTS, MODES)
         for elements, modes in sorted(pairs, key=lambda p: p[0] * _ELEMENT_WORK + p[1] * solves):
-            errors = self.errors(elements, modes, share)
-            if self.scene.share(errors) <= share:
+            errors = self.errors(elements, modes, _MOST)
+            if self.scene.share(errors) <= _MOST:
                 return elements, modes, errors
         tolerance = f"a tolerance of {self.scene.tolerance:g} up to {self.scene.band[1]:g} Hz"
         problem = f"No {ELEMENTS[-1]} elements and {MODES[-1]} modes a link meet {tolerance}"
@@ -255,50 +229,8 @@ def _errors(scene: Scene, answer: _Answer, exact: _Answer) -> FloatArray:
     return np.array([apart.max(initial=0.0), peak, frf])
 
 
-def _table(trials: _Trials, elements: int, modes: int, left: FloatArray) -> tuple[Table, float]:
-    """Return a model's table, whose errors are no larger than those left, and its tolerance."""
-    scene, slow = trials.scene, "A solve takes longer than is allowed, and no table"
-    if scene.places and left[2] < FRF_FLOOR:
-        hint = f"give a tolerance of {2.0 * FRF_FLOOR / LOOSER:g} or more, no points, or no time"
-        raise PlanError(f"A table's FRFs are accurate to {FRF_FLOOR:g} at best; {hint}.")
-    tolerance = float((left * scene.tolerance / scene.allowed).min())
-    model = trials.model(elements, modes, trials.n_modes)
-    try:
-        table = build_table(model, tolerance, scene.points, lambda _: trials.solved())
-    except TableError as error:
-        raise PlanError(f"{slow} can be built: {error}") from None
-    if scene.places and not table.places:
-        hint = "ask for no points, or for no time per prediction"
-        raise PlanError(f"{slow} of such a linkage holds FRFs; {hint}.")
-    return table, tolerance
-
-
-def _median_seconds(scene: Scene, predict: Callable[[float], object]) -> float:
-    """Return the median time of natural frequencies, damping ratios and the peak at an angle."""
-    seconds = []
-    for alpha3 in np.linspace(*scene.angles, _TIMED).tolist():
-        start = time.perf_counter()
-        predict(alpha3)
-        seconds.append(time.perf_counter() - start)
-    return float(np.median(seconds))
-
-
-def _reasons(trials: _Trials, elements: int, modes: int) -> list[tuple[str, str]]:
-    """Return each number that was chosen, and what one step less would give."""
-    reasons = []
-    for count, steps, name in ((elements, ELEMENTS, "elements"), (modes, MODES, "modes")):
-        why = "the fewest"
-        if count > steps[0]:
-            fewer = steps[steps.index(count) - 1]
-            other = (fewer, modes) if name == "elements" else (elements, fewer)
-            share = trials.scene.share(trials.errors(*other))
-            why = f"with {fewer}: {share:.2g} x the tolerance"
-        reasons.append((f"{name} a link: {count}", why))
-    return reasons
-
-
 def plan_report(plan: Plan) -> str:
-    """Return what was chosen and why, with its errors and its time beside what is allowed."""
+    """Return what was chosen and why, with its errors beside those that are allowed."""
     scene = plan.scene
     low, high = (math.degrees(angle) for angle in scene.angles)
     where = f"{low:g} deg" if scene.one_angle else f"{low:g} to {high:g} deg"
@@ -314,9 +246,6 @@ def plan_report(plan: Plan) -> str:
     names += ["error of the worst FRF"] * bool(scene.places)
     for name, error, allowed in zip(names, plan.errors, scene.allowed, strict=False):
         lines.append(f"{name:34}{error:12.1e}{allowed:12.1e}")
-    limit = 1e3 * scene.seconds_per_prediction
-    allowed = f"{limit:12.4g}" if limit < math.inf else ""
-    lines.append(f"{'time of a prediction [ms]':34}{1e3 * plan.seconds:12.4g}{allowed}")
     return "\n".join(lines)
 
 
