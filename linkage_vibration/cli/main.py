@@ -39,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             finally:
                 if sys.stdout is not None:
                     sys.stdout.flush()
-    except BrokenPipeError:  # as of `| head`, which wants no more
+    except BrokenPipeError:  # The reader of a pipe, such as `head`, has ended.
         _discard_output()
         return 128 + signal.SIGPIPE
     except KeyboardInterrupt:

@@ -17,8 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--at", nargs="+", type=float, metavar="DEG", help=text)
     text = "also print the forces in pins, springs and cylinders under the weight"
     add("--forces", action="store_true", help=text)
-    text = "PNG picture of the linkage to write, at the first angle"
-    add("-o", "--output", type=Path, help=text)
+    add("-o", "--output", type=Path, help="PNG picture of the linkage to write, at the first angle")
 
 
 def run(options: argparse.Namespace) -> int:

@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from linkage_vibration.bags.message_columns import (
     LOG_TIME,
     PLACE,
-    Column,
     Columns,
     first_topic,
     header_stamps,
@@ -162,7 +161,7 @@ class Log:
         return pandas.DataFrame(table, index=index)
 
     def mode_label(self, mode: int) -> str:
-        """Return how a mode, counted from 0, is called, as in "mode 4 (implement heave)"."""
+        """Return the label of a mode, counted from 0, such as "mode 4 (implement heave)"."""
         return f"mode {mode + 1}" if self.table is None else self.table.mode_label(mode)
 
     def mode_name(self, mode: int) -> str:
@@ -388,7 +387,10 @@ def _resonances(
             first = low + np.searchsorted(stamps[low:high], taken[mine])
             predicted[mine] = np.minimum(first, high - 1)
     fields = [*resonance_fields(), *(f for f in message_fields(RESONANCE) if f.name in _EACH)]
-    every = {field.name: _typed(columns[field.name]) for field in fields}
+    every = {field.name: columns[field.name] for field in fields}
+    for name, column in every.items():
+        if column.dtype.kind in "iu":
+            every[name] = column.astype(np.int64)  # They may be negative.
     messages = MessageColumns(**every).rows(order)
     angles, start = predictions["crank_angle"][predicted[order]], int(stamps[0])
     drive = drive_of(taken[order], start, messages, angles, names, predicted[order])
@@ -398,13 +400,6 @@ def _resonances(
         other: Any = ResonanceState.STALE if field.name == "state" else _MISSING[column.dtype.kind]
         values[field.name] = np.where(there, column, other)
     return drive, MessageColumns(**values)
-
-
-def _typed(column: Column) -> Column:
-    """Return a column of resonances, whose integers may be negative."""
-    if column.dtype.kind in "iu":
-        return column.astype(np.int64)
-    return column
 
 
 def resonance_fields() -> list[Field]:

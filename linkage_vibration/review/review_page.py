@@ -114,7 +114,7 @@ def review_page(log: Log) -> Page:
 
 
 def _mode_name(log: Log, mode: int) -> str:
-    """Return how the page calls a mode: its number, and its name if the log has its table."""
+    """Return the label of a mode with a capital letter."""
     label = log.mode_label(mode)
     return label[0].upper() + label[1:]
 

@@ -146,8 +146,7 @@ def fit(
     places = (readings - middle) / half
     curve, covariance = np.polyfit(places, alpha3, _DEGREE, w=1.0 / stddev, cov="unscaled")
     residuals = alpha3 - np.polyval(curve, places)
-    freedom = len(readings) - _DEGREE - 1
-    excess = math.sqrt(((residuals / stddev) ** 2).sum() / freedom)
+    excess = math.sqrt(((residuals / stddev) ** 2).sum() / (len(readings) - _DEGREE - 1))
     grid = np.linspace(-1.0, 1.0, _STEPS * (_KNOTS - 1) + 1)
     angles, slopes = np.polyval(curve, grid), np.polyval(np.polyder(curve), grid) / half
     if np.ptp(np.sign(slopes)) or not np.all(slopes):
