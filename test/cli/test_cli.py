@@ -157,7 +157,7 @@ def test_errors_are_one_sentence(tmp_path: Path, arguments: tuple[str, ...], wor
 def test_plan_chooses_and_measures(tmp_path: Path) -> None:
     """Plan prints its choice and the measured errors, and writes the chosen mechanism."""
     asked = ("--band-hz", "0", "40", "--points", "E1", "z", "--tolerance", "1e-3")
-    done = run("plan", *asked, "--range-deg", "100", "150", "-o", "planned.yaml", folder=tmp_path)
+    done = run("plan", *asked, "--angle-deg", "120", "-o", "planned.yaml", folder=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "elements a link" in done.stdout
     assert "measured" in done.stdout
