@@ -64,7 +64,7 @@ TESTS = {
     "studies/inclinometer.py": ("studies/test_inclinometer.py",),
     "studies/measurement.py": ("studies/test_measurement.py",),
     "studies/ringdown.py": ("studies/test_ringdown.py",),
-    "studies/plan": ("studies/test_plan.py",),
+    "studies/plan.py": ("studies/test_plan.py",),
     "table/tabulation/veering.py": ("table/tabulation/test_veering.py",),
     "mechanics/sensitivity.py": (
         "mechanics/test_sensitivity.py",

@@ -4,11 +4,10 @@
 
 import argparse
 import math
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from linkage_vibration.cli.arguments import add_table, read_settings, read_table
+from linkage_vibration.cli.arguments import add_table, read_levels, read_settings
 
 if TYPE_CHECKING:
     from linkage_vibration.prediction.advice import Advice
@@ -29,7 +28,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         add(f"--{name}-rpm", type=float, default=math.nan, help=text)
     add_table(parser)
     add("--excitations", type=Path, help="YAML file (default: the shipped excitations)")
-    add("-o", "--output", type=Path, help="PNG picture of the map to write")
     add("--csv", type=Path, help="CSV file of the map to write")
 
 
@@ -39,42 +37,24 @@ def run(options: argparse.Namespace) -> int:
 
     from linkage_vibration.prediction.advice import NOW, Question, advise
     from linkage_vibration.prediction.excitation import KMH
-    from linkage_vibration.prediction.levels import LevelTable
-    from linkage_vibration.readers.served import read_loads
-    from linkage_vibration.support.atomic_files import check_output
+    from linkage_vibration.support.atomic_files import OutputError, check_output, write_text
 
-    files = (options.mechanism, options.table, options.excitations)
-    for path, suffix in ((options.output, ".png"), (options.csv, ".csv")):
-        check_output(path, suffix, list(filter(None, files)))
+    files = filter(None, (options.mechanism, options.table, options.excitations))
+    check_output(options.csv, ".csv", list(files))
     settings = read_settings(options, table_file=options.table, excitation_file=options.excitations)
-    if options.output:
-        from linkage_vibration.drawing.plots import require_matplotlib
-
-        require_matplotlib()
-    served = read_table(settings)
-    excitations = read_loads(settings, served, lambda text: print(text, file=sys.stderr))
-    levels = LevelTable(served.predictor, served.mechanism, excitations)
-    low, high = options.angles_deg or (math.nan, math.nan)
-    slow, fast = options.speeds_kmh or (math.nan, math.nan)
+    _, excitations, levels = read_levels(settings)
+    angles, speeds = options.angles_deg, options.speeds_kmh
     question = Question(
         math.radians(options.angle_deg),
         np.array([options.engine_rpm, options.pto_rpm, abs(options.speed_kmh) / KMH]),
-        (math.radians(low), math.radians(high)) if options.angles_deg else None,
-        (slow / KMH, fast / KMH) if options.speeds_kmh else None,
+        angles and (math.radians(angles[0]), math.radians(angles[1])),
+        speeds and (speeds[0] / KMH, speeds[1] / KMH),
     )
     advice = advise(levels, excitations, question)
     print(_described(advice))
     if options.csv:
-        from linkage_vibration.support.atomic_files import OutputError, write_text
-
         write_text(options.csv, _csv(advice), OutputError)
-    if options.output:
-        from linkage_vibration.drawing.advice_picture import draw_advice
-
-        draw_advice(advice, settings.warning_limits().warning, options.output)
-    written = ", ".join(str(path) for path in (options.csv, options.output) if path)
-    if written:
-        print(f"Written: {written}")
+        print(f"Written: {options.csv}")
     return 1 if math.isnan(advice.message.load_ratios[NOW]) else 0
 
 

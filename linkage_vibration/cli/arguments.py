@@ -4,12 +4,15 @@
 
 import argparse
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from linkage_vibration.mechanics.model import LinkageModel
     from linkage_vibration.prediction.answers import Served
+    from linkage_vibration.prediction.excitation import Excitation
+    from linkage_vibration.prediction.levels import LevelTable
     from linkage_vibration.prediction.settings import Parameters
 
 SHIPPED = "YAML file (default: the shipped linkage)"
@@ -58,13 +61,28 @@ def add_table(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--table", type=Path, help="table to use (default: the shipped one)")
 
 
+def warn(text: str) -> None:
+    """Print a sentence to the standard error."""
+    print(text, file=sys.stderr)
+
+
 def read_table(settings: "Parameters") -> "Served":
     """Return the mechanism and the table that parameters name, with a bar while one is built."""
     from linkage_vibration.readers.served import read_served
     from linkage_vibration.support.progress import table_bar
 
     with table_bar("table") as building:
-        return read_served(settings, lambda text: print(text, file=sys.stderr), building)
+        return read_served(settings, warn, building)
+
+
+def read_levels(settings: "Parameters") -> "tuple[Served, Sequence[Excitation], LevelTable]":
+    """Return what `read_table` does, with the excitations that parameters name and their levels."""
+    from linkage_vibration.prediction.levels import LevelTable
+    from linkage_vibration.readers.served import read_loads
+
+    served = read_table(settings)
+    excitations = read_loads(settings, served, warn)
+    return served, excitations, LevelTable(served.predictor, served.mechanism, excitations)
 
 
 def read_model(source: Path) -> "LinkageModel":

@@ -18,8 +18,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print a summary and write the page; return the exit code."""
-    from tqdm import tqdm
-
     from linkage_vibration.review.difference import (
         compare,
         difference_page,
@@ -30,10 +28,8 @@ def run(options: argparse.Namespace) -> int:
     from linkage_vibration.support.atomic_files import check_output
 
     check_output(options.output, ".html", options.logs)
-    with tqdm(disable=None, total=4, unit="step", delay=1.0) as bar:
-        difference = compare(options.logs[0], options.logs[1], bar.update)
-        write_page(difference_page(difference), options.output)
-        bar.update(1)
+    difference = compare(*options.logs)
+    write_page(difference_page(difference), options.output)
     print(difference_summary(difference))
     print(f"\nWritten: {options.output}")
     return exit_code(problems(difference) if options.strict else [], options.strict)

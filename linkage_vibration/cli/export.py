@@ -171,7 +171,7 @@ def orders_of(
         components = tuple(names.count(name) for name in levels.force_places)
         borders = np.append(starts, table.alpha3_range[1])
         forces = forces_of(components, borders, residues, others)
-    own = np.concatenate([at[0], above[:, 0].ravel(), rest[:, 0].ravel(), at[3]])
+    indices = np.concatenate([at[0], above[:, 0].ravel(), rest[:, 0].ravel(), at[3]])
     return Orders(
         names=tuple(excitation.name for excitation in excitations),
         sources=tuple(excitation.source.value for excitation in excitations),
@@ -181,7 +181,7 @@ def orders_of(
         n_terms=t,
         n_inputs=i,
         starts=starts,
-        cubics=cubics[:, :, own],
+        cubics=cubics[:, :, indices],
         highest_frequency=table.band[1],
         warns=tuple(excitation.warns for excitation in excitations),
         limits=(DEFAULT_LIMITS.warning, DEFAULT_LIMITS.note, DEFAULT_LIMITS.near),

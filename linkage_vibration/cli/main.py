@@ -21,25 +21,9 @@ if TYPE_CHECKING:
 # takes, and `run` does the work and returns the exit code. The modules import nothing slow at their
 # top, so the parser is built quickly.
 SUBCOMMANDS = (
-    "build",
-    "pose",
-    "predict",
-    "plot",
-    "advise",
-    "inclinometer",
-    "measure",
-    "listen",
-    "calibrate",
-    "plan",
-    "export",
-    "recover",
-    "replay",
-    "review",
-    "diff",
-    "summary",
-    "demo",
-    "play",
-    "watch",
+    *("build", "pose", "predict", "plot", "advise", "inclinometer", "measure", "listen"),
+    *("calibrate", "plan", "export", "recover", "replay", "review", "diff", "summary"),
+    *("demo", "play", "watch"),
 )
 
 
@@ -55,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             finally:
                 if sys.stdout is not None:
                     sys.stdout.flush()
-    except BrokenPipeError:  # as of `| head`, which wants no more
+    except BrokenPipeError:  # The reader of a pipe, such as `head`, has ended.
         _discard_output()
         return 128 + signal.SIGPIPE
     except KeyboardInterrupt:

@@ -22,8 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--mechanism", type=Path, help=SHIPPED)
     text = "the sensor has an anti-aliasing filter, so that no mode is folded"
     add("--filtered", action="store_true", help=text)
-    text = "calibration to write (default: only print the modes)"
-    add("-o", "--output", type=Path, help=text)
+    add("-o", "--output", type=Path, help="calibration to write (default: only print the modes)")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -33,7 +32,6 @@ def run(options: argparse.Namespace) -> int:
 
     from linkage_vibration.readers.recordings import read_recording
     from linkage_vibration.studies import measurement as study
-    from linkage_vibration.studies.measurement import doubt_folds
     from linkage_vibration.studies.ringdown import RingdownError, measure_modes
     from linkage_vibration.support.atomic_files import check_output, write_text
 
@@ -51,7 +49,7 @@ def run(options: argparse.Namespace) -> int:
             raise RingdownError(f"{path}: {error}") from None
         if not options.filtered:
             rate = 1.0 / float(np.median(np.diff(times)))
-            modes = doubt_folds(modes, model, alpha3, rate)
+            modes = study.doubt_folds(modes, model, alpha3, rate)
         sure = [mode for mode in modes if not mode.doubt]
         if not sure:
             raise RingdownError(f"{path}: its decays show no mode that is sure; record more blows.")

@@ -1,17 +1,14 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Choose the cheapest model that meets a tolerance, and measure its errors and costs."""
+"""Choose the cheapest model that meets a tolerance."""
 
 import argparse
 import math
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from linkage_vibration.cli.arguments import SHIPPED, mechanism_file
 from linkage_vibration.support.commands import command
-
-_TOLERANCE = 1e-4  # by default, of a mechanism whose numbers count as exact
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,19 +28,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     where.add_argument("--angle-deg", type=float, help="one crank angle alpha3")
     text = "range of the crank angle alpha3 (default: the mechanism's stroke)"
     where.add_argument("--range-deg", **ends, help=text)
-    text = "longest time that a prediction may take"
-    add("--microseconds-per-prediction", type=float, default=math.inf, help=text)
     add("-o", "--output", type=Path, help="planned mechanism to write")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Plan, print what was chosen and measured; return 1 if the model is too slow."""
+    """Plan, and print what was chosen; return the exit code."""
     from tqdm import tqdm
 
     from linkage_vibration.readers.mechanism import load_yaml, read_mechanism
-    from linkage_vibration.studies.plan.choice import plan_and_measure, plan_report, write_planned
-    from linkage_vibration.studies.plan.question import PlanError, Scene
-    from linkage_vibration.studies.plan.unknowns import unknowns
+    from linkage_vibration.studies.plan import PlanError, Scene, plan, plan_report, write_planned
+    from linkage_vibration.studies.unknowns import needed_tolerance
     from linkage_vibration.support.atomic_files import check_output
 
     words = options.points
@@ -56,29 +50,21 @@ def run(options: argparse.Namespace) -> int:
     low, high = options.range_deg or [options.angle_deg, options.angle_deg]
     band = tuple(options.band_hz or mechanism.response.band)
     angles = mechanism.stroke if low is None else (math.radians(low), math.radians(high))
-    few = list(dict.fromkeys([angles[0], sum(angles) / 2.0, angles[1]]))
-    unknown = unknowns(mechanism, band, few)
-    tolerance = options.tolerance
-    if tolerance is None:
-        tolerance = _TOLERANCE if unknown is None else unknown.tolerance
-    seconds = 1e-6 * options.microseconds_per_prediction
-    scene = Scene(mechanism, band, places, tolerance, angles, seconds)
+    few = angles[0], sum(angles) / 2.0, angles[1]
+    tolerance, unknown = needed_tolerance(mechanism, band, few)
+    if options.tolerance is not None:
+        tolerance = options.tolerance
+    scene = Scene(mechanism, band, places, tolerance, angles)
     with tqdm(disable=None, desc=mechanism.name, unit=" solves", delay=2.0) as bar:
-        chosen, measured = plan_and_measure(scene, lambda: bar.update(1))
-    print(plan_report(chosen, measured))
-    if unknown is not None:
+        chosen = plan(scene, lambda: bar.update(1))
+    print(plan_report(chosen))
+    if unknown:
         print(f"\n{unknown}")
     if options.output:
         write_planned(chosen, load_yaml(source)[1], options.output)
-        print(_written(options.output, chosen.table_tolerance, scene.points))
-    return 0 if measured.prediction <= seconds else 1
-
-
-def _written(output: Path, tolerance: float | None, points: Sequence[str]) -> str:
-    """Return which file was written, and how to build the table if the plan has one."""
-    text = f"\nWritten: {output}"
-    if tolerance is None:
-        return text
-    at = " ".join(["", "--frf-points", *points]) if points else ""
-    build = command(f"build {output} --tolerance {tolerance:.3g}{at}")
-    return f"{text}\nTo build its table: {build}"
+        print(f"\nWritten: {options.output}")
+        if not scene.one_angle:
+            at = " ".join(["", "--frf-points", *scene.points]) if places else ""
+            build = f"build {options.output} --tolerance {chosen.table_tolerance:.3g}{at}"
+            print(f"To build its table: {command(build)}")
+    return 0

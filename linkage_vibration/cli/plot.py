@@ -3,10 +3,9 @@
 """Draw a mechanism over its stroke: modes, orders, and the load ratio over height and speed."""
 
 import argparse
-import sys
 from pathlib import Path
 
-from linkage_vibration.cli.arguments import SHIPPED
+from linkage_vibration.cli.arguments import SHIPPED, read_levels, read_settings
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -23,25 +22,17 @@ def run(options: argparse.Namespace) -> int:
     """Draw the picture or the page, and print where loads are largest; return the exit code."""
     from linkage_vibration.drawing.mechanism_picture import draw_mechanism
     from linkage_vibration.drawing.plots import png_bytes, require_matplotlib
-    from linkage_vibration.prediction.levels import LevelTable
-    from linkage_vibration.prediction.settings import Parameters
-    from linkage_vibration.readers.served import read_loads, read_served
     from linkage_vibration.review.html import picture_tag, plain_html
     from linkage_vibration.support.atomic_files import OutputError, check_outputs, write_bytes
-    from linkage_vibration.support.progress import table_bar
 
     files = options.mechanism, options.table, options.excitations
-    names = "mechanism_file", "table_file", "excitation_file"
-    settings = Parameters(**dict(zip(names, (str(path or "") for path in files), strict=True)))
+    settings = read_settings(options, table_file=options.table, excitation_file=options.excitations)
     output = options.output or Path(settings.mechanism_path().with_suffix(".png").name)
     check_outputs([output], list(filter(None, files)))
     if output.suffix.lower() not in (".png", ".html"):
         raise OutputError(f"{output}: a plot is a .png or an .html file; use one of these endings.")
     require_matplotlib()
-    with table_bar("table") as building:
-        served = read_served(settings, lambda text: print(text, file=sys.stderr), building)
-    excitations = read_loads(settings, served, lambda text: print(text, file=sys.stderr))
-    levels = LevelTable(served.predictor, served.mechanism, excitations)
+    served, excitations, levels = read_levels(settings)
     limit = settings.warning_limits().warning
     figure, sentences = draw_mechanism(served.predictor, levels, excitations, limit)
     print("\n".join(sentences))

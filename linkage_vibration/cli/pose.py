@@ -17,17 +17,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--at", nargs="+", type=float, metavar="DEG", help=text)
     text = "also print the forces in pins, springs and cylinders under the weight"
     add("--forces", action="store_true", help=text)
-    text = "also print what ISO 730 says about a hitch of this category"
-    add("--category", type=int, choices=(1, 2, 3, 4), help=text)
-    text = "PNG picture of the linkage to write, at the first angle"
-    add("-o", "--output", type=Path, help=text)
+    add("-o", "--output", type=Path, help="PNG picture of the linkage to write, at the first angle")
 
 
 def run(options: argparse.Namespace) -> int:
     """Print the angles, and draw the picture; return the exit code."""
     import numpy as np
 
-    from linkage_vibration.studies.pose import angle_rows, category_text, cylinder_rows, force_rows
+    from linkage_vibration.studies.pose import angle_rows, cylinder_rows, force_rows
     from linkage_vibration.support.atomic_files import check_output
 
     source = mechanism_file(options)
@@ -36,8 +33,6 @@ def run(options: argparse.Namespace) -> int:
     mechanism, kinematics = model.mechanism, model.kinematics
     angles = np.radians(options.at or np.degrees(np.linspace(*mechanism.stroke, 9))).tolist()
     print(f"{angle_rows(mechanism, kinematics, angles)}\n\n{cylinder_rows(model, angles)}")
-    if options.category:
-        print("\n" + category_text(mechanism, kinematics, options.category))
     if options.forces:
         print("\n" + force_rows(model, angles))
     if kinematics.toggles is not None:

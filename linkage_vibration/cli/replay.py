@@ -23,8 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--table", type=Path, help="table to use (default: the shipped one)")
     text = "YAML file of sensors, whose signals are compared with the predictions"
     add("--sensors", type=Path, metavar="FILE", help=text)
-    text = "kg; predict as if the implement had this mass"
-    add("--implement-mass", type=float, help=text)
+    add("--implement-mass", type=float, help="kg; predict as if the implement had this mass")
     text = "kg m2; predict as if the implement had this moment of inertia"
     add("--implement-inertia", type=float, help=text)
     add_strict(parser, "a prediction has no numbers or a message was left out")

@@ -3,7 +3,7 @@
 """Write an HTML page that shows a log, or an overview of several logs with a page for each."""
 
 import argparse
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -47,16 +47,15 @@ def run(options: argparse.Namespace) -> int:
             check_suffix(path, suffix)
     drives: list[tuple[dict[str, Any], str]] = []
     faults, failures = list[str](), list[str]()
-    with tqdm(disable=None, total=2 * len(logs) + len(extra), unit="step", delay=1.0) as bar:
-        for path, page in zip(logs, pages, strict=True):
-            try:
-                log = _review(path, page, options, bar.update)
-            except LinkageVibrationError as error:
-                failures.append(str(error))
-                continue
-            faults += [f"{path}: {text}" if several else text for text in problems(log)]
-            if several:
-                drives.append((drive_summary(log), page.name))
+    for path, page in zip(tqdm(logs, disable=None, unit="log", delay=1.0), pages, strict=True):
+        try:
+            log = _review(path, page, options)
+        except LinkageVibrationError as error:
+            failures.append(str(error))
+            continue
+        faults += [f"{path}: {text}" if several else text for text in problems(log)]
+        if several:
+            drives.append((drive_summary(log), page.name))
     if len(failures) == len(logs):
         raise ReviewError(failures[0])
     if several:
@@ -65,9 +64,7 @@ def run(options: argparse.Namespace) -> int:
     return exit_code(failures + faults, options.strict)
 
 
-def _review(
-    path: Path, page: Path, options: argparse.Namespace, step: Callable[[int], object]
-) -> "Log":
+def _review(path: Path, page: Path, options: argparse.Namespace) -> "Log":
     """Write the page of a log, and its table and its picture if they were asked for."""
     from linkage_vibration.drawing.plots import png_bytes
     from linkage_vibration.review.html import page_parts
@@ -77,16 +74,12 @@ def _review(
     from linkage_vibration.support.atomic_files import write_files
 
     log = read_log(path)
-    step(1)
     files: dict[Path, Iterable[bytes]] = {page: page_parts(review_page(log))}
     if options.csv:
         files[options.csv] = [csv_text(log).encode()]
-        step(1)
     if options.png:
         files[options.png] = [png_bytes(plot(log))]
-        step(1)
     write_files(files, ReviewError)
-    step(1)
     return log
 
 

@@ -5,6 +5,8 @@
 import argparse
 import sys
 
+from linkage_vibration.cli.arguments import warn
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
@@ -20,5 +22,5 @@ def run(options: argparse.Namespace) -> int:
     from linkage_vibration.ros.bag_player import watch
 
     with closing(LiveLine(sys.stdout)) as live, suppress(KeyboardInterrupt):
-        watch(options.node, live.show, live.take, lambda text: print(text, file=sys.stderr))
+        watch(options.node, live.show, live.take, warn)
     return 0

@@ -90,7 +90,7 @@ def mode_curves(solution: Solution, mode: int) -> Curves:
 def _beside(axis: FloatArray, points: Mapping[str, Point]) -> list[tuple[int, str]]:
     """Return the points beside an axis, each with the index of its nearest node, in falling order.
 
-    The order allows to insert points after each node without changing the indices before it.
+    In this order, points can be inserted after a node without a change of the indices before it.
     """
     nearest = []
     for name, point in points.items():

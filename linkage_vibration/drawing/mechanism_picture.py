@@ -38,7 +38,7 @@ def draw_mechanism(
     """
     from matplotlib.figure import Figure
 
-    sources = [source for source in SPEEDS if any(one.source is source for one in excitations)]
+    sources = [source for source in SPEEDS if any(each.source is source for each in excitations)]
     figure = Figure(figsize=(11.0, 3.6 * (1 + len(sources))), dpi=110, layout="constrained")
     rows = figure.subfigures(1 + len(sources), 1, squeeze=False)[:, 0]
     angles = np.linspace(*levels.alpha3_range, _ANGLES)
@@ -47,7 +47,7 @@ def draw_mechanism(
     sentences = []
     for row, source in zip(rows[1:], sources, strict=True):
         left, right = row.subplots(1, 2)
-        orders = [one for one in excitations if one.source is source and not one.terrain]
+        orders = [each for each in excitations if each.source is source and not each.terrain]
         _draw_orders(left, source, orders, predictions)
         sentences.append(_draw_loads(right, source, levels, limit))
     return figure, sentences

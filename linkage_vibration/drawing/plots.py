@@ -100,7 +100,7 @@ def draw_bands(ax: "Axes", x: FloatArray, frequencies: FloatArray, stddevs: Floa
 
 
 def frequency_axis(ax: "Axes", frequencies: FloatArray) -> None:
-    """Give an axis decades of frequency, Hz, that contain all known ones of these."""
+    """Scale an axis logarithmically, from below to above all known frequencies, Hz."""
     from matplotlib.ticker import LogLocator, NullLocator
 
     ax.set_yscale("log")

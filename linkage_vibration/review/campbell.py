@@ -32,7 +32,7 @@ def campbell(log: Log, warnings: list[int]) -> list[dict[str, Any]]:
         bands.append({"colour": colour, "ends": ends})
     plots = []
     for source, (_, speeds) in log.speeds.items():
-        orders = [one for one in log.excitations if one.source is source and not one.terrain]
+        orders = [each for each in log.excitations if each.source is source and not each.terrain]
         turning = speeds[np.isfinite(speeds) & (speeds > 0.0)]
         if not orders or not len(turning):
             continue

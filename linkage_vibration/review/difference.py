@@ -3,7 +3,7 @@
 """Compares two logs of the same drive, which two models or two versions may have made."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,12 +14,10 @@ from numpy.typing import NDArray
 
 from linkage_vibration.drawing.intervals import gap_starts
 from linkage_vibration.drawing.palette import COLOURS, INK
-from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.mechanics.arrays import FloatArray, IntArray
 from linkage_vibration.review.html import Page, thinned
 from linkage_vibration.review.log import Log, ReviewError, read_log
 from linkage_vibration.review.review_page import DEG, STATUSES, Items, clock, provenance_rows
-
-IntArray = NDArray[np.int64]
 
 _A, _B = COLOURS[:2]
 
@@ -34,6 +32,11 @@ class Quantity:
     factor: float  # shown value over value in the log
     a: FloatArray  # (n,), values in log A
     b: FloatArray  # (n,), values in log B
+
+    @property
+    def title(self) -> str:
+        """The name, with a capital letter."""
+        return self.name[0].upper() + self.name[1:]
 
     @property
     def change(self) -> FloatArray:
@@ -88,6 +91,11 @@ class Difference:
     status_changes: int  # number of stamps at which the statuses differ
 
     @property
+    def sides(self) -> tuple[tuple[str, Log, IntArray], tuple[str, Log, IntArray]]:
+        """The name of each log, the log, and the rows of its predictions."""
+        return ("A", self.a, self.rows_a), ("B", self.b, self.rows_b)
+
+    @property
     def times(self) -> FloatArray:
         """Seconds since the first stamp that both logs have, (n,), as in `Log.times` of A."""
         times = self.a.times[self.rows_a]
@@ -99,18 +107,13 @@ class Difference:
         return np.flatnonzero(np.diff(self.stamps) < 0) + 1
 
 
-def compare(
-    path_a: Path, path_b: Path, step: Callable[[int], object] = lambda count: None
-) -> Difference:
-    """Compare two logs of the same drive, calling ``step`` with 1 after each of three steps.
+def compare(path_a: Path, path_b: Path) -> Difference:
+    """Compare two logs of the same drive.
 
     A `BagError` is raised if one cannot be read, and a `ReviewError` if a log holds no prediction,
     or if the logs have no stamp in common.
     """
-    a = read_log(path_a)
-    step(1)
-    b = read_log(path_b)
-    step(1)
+    a, b = read_log(path_a), read_log(path_b)
     rows_a, rows_b = _rows_of_same_stamps(a.stamps, b.stamps)
     if not len(rows_a):
         raise ReviewError(
@@ -121,15 +124,13 @@ def compare(
     pairs = [(key, values_a[key], values_b[key][-1]) for key in values_a if key in values_b]
     changes = int((a.status[rows_a] != b.status[rows_b]).sum())
     quantities = tuple(Quantity(key, *first, second) for key, first, second in pairs)
-    step(1)
     return Difference(a, b, a.stamps[rows_a], rows_a, rows_b, quantities, changes)
 
 
 def difference_summary(delta: Difference) -> str:
     """Return a difference as a text for a terminal."""
     lines = [
-        f"A: {delta.a.path}, table {delta.a.table_id}",
-        f"B: {delta.b.path}, table {delta.b.table_id}",
+        *(f"{part}: {log.path}, table {log.table_id}" for part, log, _ in delta.sides),
         _matched(delta),
         sentence(delta),
         f"{'B - A':<30}{'largest':>14}{'at [s]':>12}{'relative':>12}{'rms':>14}  unit",
@@ -153,7 +154,7 @@ def sentence(delta: Difference) -> str:
     at = most.farthest or 0
     change, times = most.largest, delta.times
     text = (
-        f"{most.name[0].upper()}{most.name[1:]} differs most: in B it is {abs(change):.3g} "
+        f"{most.title} differs most: in B it is {abs(change):.3g} "
         f"{most.unit} ({100.0 * abs(change / most.a[at]):.2g} %) "
         f"{'higher' if change > 0.0 else 'lower'} at {clock(float(times[at]), float(times[-1]))} s"
     )
@@ -163,7 +164,7 @@ def sentence(delta: Difference) -> str:
 def _loads(delta: Difference) -> str:
     """Return the largest load ratios of both logs, in words; empty if neither is known."""
     texts = []
-    for log, rows in ((delta.a, delta.rows_a), (delta.b, delta.rows_b)):
+    for _, log, rows in delta.sides:
         ratios = np.empty(0) if log.resonances is None else log.resonances.total_load_ratio[rows]
         finite = ratios[np.isfinite(ratios)]
         texts.append(f"{finite.max():.2g}" if len(finite) else "not known")
@@ -195,7 +196,7 @@ def difference_page(delta: Difference) -> Page:
     for q in delta.quantities:
         columns |= {f"a_{q.key}": q.a[kept], f"b_{q.key}": q.b[kept]}
         readings += _readings(q)
-    for part, log, rows in (("A", delta.a, delta.rows_a), ("B", delta.b, delta.rows_b)):
+    for part, log, rows in delta.sides:
         key = f"{part.lower()}_status"
         columns[key] = log.status[rows][kept].astype(np.uint8)
         readings.append({"id": key, "label": f"Status, {part}", "column": key, "words": STATUSES})
@@ -207,7 +208,6 @@ def difference_page(delta: Difference) -> Page:
         "answer": sentence(delta),
         "tables": [_table(delta, kept)],
         "summary": [back] if len(jumps) else [],
-        "histograms": [],
         "provenance": _provenance(delta),
         "shades": [
             *([float(times[i]), float(times[i + 1]), "gap"] for i in gaps),
@@ -234,11 +234,11 @@ def _rows_of_same_stamps(a: IntArray, b: IntArray) -> tuple[IntArray, IntArray]:
     """
     _, distinct = np.unique(np.concatenate([a, b]), return_inverse=True)
 
-    def keys(own: IntArray) -> IntArray:
-        order = np.argsort(own, kind="stable")
-        earlier = np.empty(len(own), np.int64)
-        earlier[order] = np.arange(len(own)) - np.searchsorted(own[order], own[order])
-        return own * len(distinct) + earlier
+    def keys(stamps: IntArray) -> IntArray:
+        order = np.argsort(stamps, kind="stable")
+        earlier = np.empty(len(stamps), np.int64)
+        earlier[order] = np.arange(len(stamps)) - np.searchsorted(stamps[order], stamps[order])
+        return stamps * len(distinct) + earlier
 
     both = keys(distinct[: len(a)]), keys(distinct[len(a) :])
     _, rows_a, rows_b = np.intersect1d(*both, assume_unique=True, return_indices=True)
@@ -262,26 +262,24 @@ def _quantities(log: Log, rows: IntArray) -> dict[str, tuple[str, str, float, Fl
 
 def _charts(q: Quantity) -> Items:
     """Return the chart of both logs, and the chart of their difference."""
-    title = q.name[0].upper() + q.name[1:]
     both = [
         {"column": f"a_{q.key}", "factor": q.factor, "colour": _A, "width": 2.4},
         {"column": f"b_{q.key}", "factor": q.factor, "colour": _B, "style": "dashed"},
     ]
     key = [{"label": "A", "colour": _A}, {"label": "B", "colour": _B, "style": "dashed"}]
-    chart = {"id": q.key, "title": title, "unit": q.unit, "series": both, "key": key}
+    chart = {"id": q.key, "title": q.title, "unit": q.unit, "series": both, "key": key}
     less = {"column": f"b_{q.key}", "minus": f"a_{q.key}", "factor": q.factor, "colour": INK}
-    small = {"id": f"d_{q.key}", "title": f"{title}, B \N{MINUS SIGN} A", "unit": q.unit}
+    small = {"id": f"d_{q.key}", "title": f"{q.title}, B \N{MINUS SIGN} A", "unit": q.unit}
     style = {"series": [less], "guides": [0.0], "height": 90}
     return [chart | {"log": q.unit == "m/N"}, small | style]
 
 
 def _readings(q: Quantity) -> Items:
     """Return the numbers of both logs at the cursor, and their difference."""
-    title = q.name[0].upper() + q.name[1:]
     readings: Items = []
     for part, colour in (("A", _A), ("B", _B)):
         column = f"{part.lower()}_{q.key}"
-        reading = {"id": column, "label": f"{title}, {part}", "column": column, "unit": q.unit}
+        reading = {"id": column, "label": f"{q.title}, {part}", "column": column, "unit": q.unit}
         if q.key.startswith("f"):
             reading["predicted"] = f"{part.lower()}_peak_magnitude"
         readings.append(reading | {"factor": q.factor, "digits": 8, "colour": colour})

@@ -15,12 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.mechanics.arrays import FloatArray, IntArray
 from linkage_vibration.review.log import ReviewError
 from linkage_vibration.support.atomic_files import write_files
 from linkage_vibration.support.version import VERSION
-
-IntArray = NDArray[np.int64]
 
 MAX_SAMPLES = 400_000  # with three modes, a page of so many samples has less than 50 MB
 COVERAGE = 2.0  # standard deviations on each side of a band of uncertainty
@@ -29,7 +27,7 @@ _FOLDER = Path(__file__).parent / "page"
 _SCRIPTS = (
     *("data", "decimation", "state", "words", "elements", "axes", "shades", "pointer", "numbers"),
     *("charts", "receptance", "waterfall", "overlays", "excitations", "angle_chart", "linkage"),
-    *("readout", "modes", "tables", "histograms", "campbell", "advice", "provenance"),
+    *("readout", "modes", "tables", "campbell", "advice", "provenance"),
     *("rows", "strip", "layout", "controls", "start"),
 )  # the parts of the page's script, each of which may use the parts before it
 
@@ -39,7 +37,7 @@ class Page:
     """What a page shows.
 
     The content is all that the scripts in ``page`` read besides: ``charts``, ``overview``,
-    ``readings``, ``tables``, ``summary``, ``histograms``, ``provenance``, ``shades``, and where
+    ``readings``, ``tables``, ``summary``, ``provenance``, ``shades``, and where
     they are known ``excitations``, ``frf`` and ``linkage``. Arrays in it are packed.
     """
 

@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from linkage_vibration.bags.message_columns import (
     LOG_TIME,
     PLACE,
-    Column,
     Columns,
     first_topic,
     header_stamps,
@@ -33,7 +32,7 @@ from linkage_vibration.bags.reading import mcap_files
 from linkage_vibration.bags.recorder import RECORDING_METADATA
 from linkage_vibration.drawing.intervals import gap_starts, in_passes, one_after_the_other
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.mechanics.arrays import FloatArray, IntArray
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.messages.fields import Field, message_fields
@@ -47,8 +46,6 @@ from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.commands import command
 from linkage_vibration.table.table import Table, TableError, load_table
-
-IntArray = NDArray[np.int64]
 
 _EACH = "states", "load_ratios"  # what a log keeps of each excitation
 _MISSING: dict[str, Any] = {"f": np.nan, "O": "", "i": 0}
@@ -164,7 +161,7 @@ class Log:
         return pandas.DataFrame(table, index=index)
 
     def mode_label(self, mode: int) -> str:
-        """Return how a mode, counted from 0, is called, as in "mode 4 (implement heave)"."""
+        """Return the label of a mode, counted from 0, such as "mode 4 (implement heave)"."""
         return f"mode {mode + 1}" if self.table is None else self.table.mode_label(mode)
 
     def mode_name(self, mode: int) -> str:
@@ -256,9 +253,9 @@ def _read_messages(path: Path) -> tuple[Columns, Columns, dict[Source, Columns]]
     predictions, resonances = (columns.get(topic, {}) for topic in topics)
     if not len(predictions.get("status", ())):
         raise ReviewError(f"{path} holds no prediction; was the joint ever published?")
-    for kind, found in ((PREDICTION, predictions), (RESONANCE, resonances)):
-        lacking = {f.name for f in message_fields(kind)} - {*unused, *found}
-        if found and lacking:
+    for kind, read in ((PREDICTION, predictions), (RESONANCE, resonances)):
+        lacking = {f.name for f in message_fields(kind)} - {*unused, *read}
+        if read and lacking:
             raise ReviewError(
                 f"{path} was written by another version, whose {kind.split('/')[-1]} has no "
                 f"{', '.join(sorted(lacking))}; replay the log with this one."
@@ -270,14 +267,6 @@ def gaps(log: Log) -> list[tuple[float, float]]:
     """Return the start and the end of each gap between predictions, s since the first stamp."""
     times = log.times.tolist()
     return [(times[i], times[i + 1]) for i in gap_starts(log.times).tolist()]
-
-
-def durations(log: Log) -> FloatArray:
-    """Return how long each prediction was the latest, s, (n,); a gap counts as a median step."""
-    steps = np.diff(log.times)
-    if len(steps):
-        steps[gap_starts(log.times)] = np.median(steps)
-    return np.append(steps, 0.0)
 
 
 def problems(log: Log) -> list[str]:
@@ -398,7 +387,10 @@ def _resonances(
             first = low + np.searchsorted(stamps[low:high], taken[mine])
             predicted[mine] = np.minimum(first, high - 1)
     fields = [*resonance_fields(), *(f for f in message_fields(RESONANCE) if f.name in _EACH)]
-    every = {field.name: _typed(columns[field.name]) for field in fields}
+    every = {field.name: columns[field.name] for field in fields}
+    for name, column in every.items():
+        if column.dtype.kind in "iu":
+            every[name] = column.astype(np.int64)  # They may be negative.
     messages = MessageColumns(**every).rows(order)
     angles, start = predictions["crank_angle"][predicted[order]], int(stamps[0])
     drive = drive_of(taken[order], start, messages, angles, names, predicted[order])
@@ -408,13 +400,6 @@ def _resonances(
         other: Any = ResonanceState.STALE if field.name == "state" else _MISSING[column.dtype.kind]
         values[field.name] = np.where(there, column, other)
     return drive, MessageColumns(**values)
-
-
-def _typed(column: Column) -> Column:
-    """Return a column of resonances, whose integers may be negative."""
-    if column.dtype.kind in "iu":
-        return column.astype(np.int64)
-    return column
 
 
 def resonance_fields() -> list[Field]:
@@ -430,15 +415,15 @@ def _read_provenance(path: Path) -> tuple[dict[str, bytes], dict[str, dict[str, 
     """Return the attachments and the metadata records of a log by their names."""
     attachments: dict[str, bytes] = {}
     metadata: dict[str, dict[str, str]] = {}
-    for one in mcap_files(path):  # a folder may have several, and another bag has none
+    for file_path in mcap_files(path):  # a folder may have several, and another bag has none
         try:
-            with one.open("rb") as file:
+            with file_path.open("rb") as file:
                 reader = make_reader(file)
                 attachments |= {a.name: a.data for a in reader.iter_attachments()}
                 metadata |= {m.name: dict(m.metadata) for m in reader.iter_metadata()}
         except (McapError, OSError, ValueError) as error:
             raise ReviewError(
-                f"{one} is damaged ({error}); repair it with `{command('recover')}`."
+                f"{file_path} is damaged ({error}); repair it with `{command('recover')}`."
             ) from None
     return attachments, metadata
 

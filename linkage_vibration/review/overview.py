@@ -20,7 +20,7 @@ from linkage_vibration.review.html import plain_html, table_tag
 from linkage_vibration.review.log import Log, ReviewError, gaps
 
 _TIME = "in_warning_s"
-_NO_BAG = "metadata.yaml"  # a folder with this file is one bag
+_BAG_FILE = "metadata.yaml"  # a folder with this file is one bag
 
 
 def logs_of(paths: Sequence[Path]) -> list[Path]:
@@ -33,7 +33,7 @@ def logs_of(paths: Sequence[Path]) -> list[Path]:
     """
     logs: list[Path] = []
     for path in paths:
-        if not path.is_dir() or (path / _NO_BAG).exists():
+        if not path.is_dir() or (path / _BAG_FILE).exists():
             logs.append(path)
             continue
         inside = sorted(path.glob("*.mcap"))

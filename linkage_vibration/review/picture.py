@@ -21,11 +21,11 @@ from linkage_vibration.drawing.plots import (
     tidy,
     write_png,
 )
-from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, runs
+from linkage_vibration.mechanics.arrays import FloatArray, runs
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.predictor import Predictor, Status
 from linkage_vibration.prediction.severity import WarningLimits
-from linkage_vibration.prediction.verdict import ground_and_orders
+from linkage_vibration.prediction.verdict import Drive, ground_and_orders
 from linkage_vibration.review.findings import log_limits, speeds_at_drive
 from linkage_vibration.review.log import Log
 from linkage_vibration.table.table import Table
@@ -86,21 +86,22 @@ def plot(source: Table | MessageColumns | Log, picture: str | Path | None = None
 
 def draw_log(figure: "Figure", log: Log) -> None:
     """Draw modes and excitations over time, and below them the total load ratio, if it is known."""
-    loaded = log.drive is not None and bool(np.isfinite(_total(log)).any())
+    drive, limits = log.drive, log_limits(log)
+    loaded = drive is not None and bool(np.isfinite(_total(drive)).any())
     panels = figure.subplots(
         2 if loaded else 1, sharex=True, squeeze=False, height_ratios=[2.2, 1.0][: 1 + loaded]
     )[:, 0]
     upper, lower = panels[0], panels[-1]
-    limits, above = log_limits(log), list[tuple[int, int]]()
+    above = list[tuple[float, float]]()
     _draw_modes(upper, log)
-    if loaded:
-        _draw_excitations(upper, log, limits)
-        _draw_total(lower, log, limits)
-        above = runs(_total(log) > limits.warning)
+    if drive is not None and loaded:
+        _draw_excitations(upper, log, drive, limits)
+        _draw_total(lower, log, drive, limits)
+        times = [*drive.times.tolist(), float(drive.times[-1] + drive.held[-1])]
+        above = [(times[i], times[j]) for i, j in runs(_total(drive) > limits.warning)]
     for ax in panels:
         if above:
-            times = _resonance_times(log)
-            shaded(ax, [(times[i], times[j]) for i, j in above], color=_ABOVE_SHADE)
+            shaded(ax, above, color=_ABOVE_SHADE)
         _shade_what_is_missing(ax, log)
         tidy(ax)
         ax.tick_params(labelsize=12)
@@ -108,17 +109,9 @@ def draw_log(figure: "Figure", log: Log) -> None:
     lower.set_xlabel("time [s]", fontsize=13)
 
 
-def _total(log: Log) -> FloatArray:
+def _total(drive: Drive) -> FloatArray:
     """Return the total load ratio of each resonance, (n,)."""
-    assert log.drive is not None
-    return np.asarray(log.drive.resonances.total_load_ratio, dtype=float)
-
-
-def _resonance_times(log: Log) -> list[float]:
-    """Return when the resonances were made, s, (n,), and when the last one ends."""
-    assert log.drive is not None
-    times = log.drive.times
-    return [*times.tolist(), float(times[-1] + log.drive.held[-1])]
+    return np.asarray(drive.resonances.total_load_ratio, dtype=float)
 
 
 def _broken(log: Log, values: FloatArray) -> FloatArray:
@@ -142,12 +135,10 @@ def _draw_modes(ax: "Axes", log: Log) -> None:
     ax.set_title(title, loc="left", fontsize=13)
 
 
-def _draw_excitations(ax: "Axes", log: Log, limits: WarningLimits) -> None:
+def _draw_excitations(ax: "Axes", log: Log, drive: Drive, limits: WarningLimits) -> None:
     """Draw the orders as lines as wide as their load ratio, red where it exceeds the limit."""
     from matplotlib.collections import LineCollection
 
-    drive = log.drive
-    assert drive is not None
     times, speeds = drive.times, speeds_at_drive(log)
     loads = np.nan_to_num(np.asarray(drive.resonances.load_ratios, dtype=float))
     largest = max(float(loads.max(initial=0.0)), _LEAST_LOAD * limits.warning)
@@ -178,10 +169,9 @@ def _draw_excitations(ax: "Axes", log: Log, limits: WarningLimits) -> None:
             ax.annotate(plain(order.name), place, bbox=back, zorder=4, fontsize=11, **style)
 
 
-def _draw_total(ax: "Axes", log: Log, limits: WarningLimits) -> None:
+def _draw_total(ax: "Axes", log: Log, drive: Drive, limits: WarningLimits) -> None:
     """Draw the total load ratio with its limit, red where it exceeds that."""
-    drive, total = log.drive, _total(log)
-    assert drive is not None
+    total = _total(drive)
     total[np.flatnonzero(drive.broken[1:])] = np.nan
     factor = np.asarray(drive.resonances.total_load_ratio_factor, dtype=float)
     finite = np.isfinite(factor) & np.isfinite(total)
@@ -217,12 +207,8 @@ def _shade_what_is_missing(ax: "Axes", log: Log) -> None:
         shaded(ax, spans, lw=0, hatch="//", **style)
     for i in log.passes:
         ax.axvline(times[i], color=palette.INK, lw=1.2, linestyle=(0, (1, 2)))
-    invalid = np.isin(log.status, (Status.OUT_OF_RANGE, Status.INVALID_ANGLE))
-    if spans := _spans(times, invalid):
+    invalid = runs(np.isin(log.status, (Status.OUT_OF_RANGE, Status.INVALID_ANGLE)))
+    if invalid:
+        last = len(times) - 1
+        spans = [(float(times[start]), float(times[min(end, last)])) for start, end in invalid]
         shaded(ax, spans, color=palette.INVALID_SHADE)
-
-
-def _spans(times: FloatArray, flags: BoolArray) -> list[tuple[float, float]]:
-    """Return the start and the end of each run of flagged predictions, s."""
-    last = len(times) - 1
-    return [(float(times[start]), float(times[min(end, last)])) for start, end in runs(flags)]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkage_vibration.drawing import palette
-from linkage_vibration.mechanics.arrays import runs
+from linkage_vibration.mechanics.arrays import IntArray, runs
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.predictor import (
     Status,
@@ -38,10 +38,8 @@ from linkage_vibration.review.findings import (
 from linkage_vibration.review.html import Page, thinned
 from linkage_vibration.review.log import Log, gaps
 from linkage_vibration.review.model_grid import linkage_grid, receptance_grid
-from linkage_vibration.review.shares import Shares, angle_shares, load_shares
 from linkage_vibration.review.time_axis import TimeAxis, time_axis
 
-IntArray = NDArray[np.int64]
 Items = list[dict[str, Any]]  # as the scripts of the page read them
 
 DEG = 180.0 / math.pi
@@ -52,6 +50,19 @@ _INVALID = (Status.OUT_OF_RANGE, Status.INVALID_ANGLE)
 MAX_WARNINGS = 1000  # rows of the table of warnings
 _PARTS = {"ground_ratio": "ground", "orders_ratio": "orders together, at most"}  # of the load ratio
 _STALE_AFTER = 1.0  # s, if the log does not hold this parameter
+_LOADS = {
+    "id": "contributions",
+    "title": "What loaded the linkage, the worst first",
+    "note": "The load ratio is the largest force in a pin or cylinder by this excitation (root "
+    "mean square) over the static force there. Choose a row to go to its worst moment.",
+    "head": ["excitation", "load ratio", "at", "in warning s", "warnings", "in note s"],
+    "first": True,
+}
+_WARNINGS = {
+    "id": "moments",
+    "head": ["start", "load ratio", "in", "mostly by", "Hz", "duration s"],
+    "folded": True,
+}
 
 
 def review_page(log: Log) -> Page:
@@ -73,12 +84,8 @@ def review_page(log: Log) -> Page:
         "brief": ["crank_angle", *(f"f{mode + 1}" for mode in range(log.n_modes))],
         "answer": first_sentence(log),
         "calm": log.drive is not None and not warnings,
-        "tables": [
-            *_contributions_table(log, parts, rows, axis),
-            _warnings_table(log, warnings, shown, rows, axis),
-        ],
+        "tables": _tables(log, parts, warnings, shown, rows, axis),
         "summary": _summary(log, warnings, missing),
-        "histograms": _histograms(log),
         "provenance": _provenance(log, len(rows)),
         "shades": _shades(log, missing, axis),
         "excitations": _excitations(log, axis),
@@ -107,7 +114,7 @@ def review_page(log: Log) -> Page:
 
 
 def _mode_name(log: Log, mode: int) -> str:
-    """Return how the page calls a mode: its number, and its name if the log has its table."""
+    """Return the label of a mode with a capital letter."""
     label = log.mode_label(mode)
     return label[0].upper() + label[1:]
 
@@ -291,69 +298,51 @@ def _readings(log: Log) -> Items:
     ]
 
 
-def _place(log: Log, message: int, rows: IntArray, axis: TimeAxis) -> dict[str, Any]:
-    """Return where the page shows a resonance; the ground has no frequency and no mode."""
-    assert log.drive is not None
-    at, prediction = log.drive.resonances.message(message), int(log.drive.predictions[message])
-    time = float(axis.place(log.times)[prediction])
-    index = int(np.searchsorted(rows, prediction))
-    place = {"time": time, "index": index}
-    if math.isnan(at.natural_frequency):
-        return place
-    return place | {"mode": int(at.mode), "y": float(at.excitation_frequency)}
-
-
-def _contributions_table(
-    log: Log, parts: Sequence[Contribution], rows: IntArray, axis: TimeAxis
+def _tables(
+    log: Log,
+    parts: Sequence[Contribution],
+    every: Sequence[Episode],
+    shown: Sequence[Episode],
+    rows: IntArray,
+    axis: TimeAxis,
 ) -> Items:
-    """Return the table of excitations, by their loads; none without excitations."""
-    lines, whole = [], float(real_times(log).max())
-    for part in parts:
-        has_load = not math.isnan(part.load_ratio)
-        assert log.drive is not None
-        at = clock(float(log.drive.times[part.worst]), whole) if has_load else ""
-        ratio = f"{part.load_ratio:.3f}" if has_load else "not known"
-        times = [f"{part.warning_time:.2f}", str(part.warnings), f"{part.note_time:.2f}"]
-        line = {"cells": [part.name, ratio, at, *times], "length": 0.0}
-        lines.append(line | (_place(log, part.worst, rows, axis) if has_load else {}))
-    if not lines:
-        return []
-    note = (
-        "The load ratio is the largest force in a pin or cylinder by this excitation (root mean "
-        "square) over the static force there. Choose a row to go to its worst moment."
-    )
-    head = ["excitation", "load ratio", "at", "in warning s", "warnings", "in note s"]
-    title = "What loaded the linkage, the worst first"
-    table = {"id": "contributions", "title": title, "note": note, "head": head, "rows": lines}
-    return [table | {"first": True}]
-
-
-def _warnings_table(
-    log: Log, every: Sequence[Episode], shown: Sequence[Episode], rows: IntArray, axis: TimeAxis
-) -> dict[str, Any]:
-    note = "Each row is a warning at its worst moment. Choose a row to go there."
-    if log.drive is None:
+    """Return the tables of excitations, none without excitations, and of warnings."""
+    if (drive := log.drive) is None:
         note = "The log holds no resonances, as no speed of engine, PTO or ground was known."
-    elif not every:
-        note = "There was no warning."
-    elif len(every) > len(shown):
-        note += f" Of {len(every)} warnings, the {MAX_WARNINGS} with the largest load ratios."
-    lines, whole = [], float(real_times(log).max())
-    severity = np.empty(0) if log.drive is None else log.drive.severity()
+        return [_WARNINGS | {"title": "Warnings (0)", "note": note, "rows": Items()}]
+    whole, times, severity = float(real_times(log).max()), axis.place(log.times), drive.severity()
+
+    def place(message: int) -> dict[str, Any]:
+        """Return where the page shows a resonance; the ground has no frequency and no mode."""
+        at, prediction = drive.resonances.message(message), int(drive.predictions[message])
+        index = int(np.searchsorted(rows, prediction))
+        where: dict[str, Any] = {"time": float(times[prediction]), "index": index}
+        if not math.isnan(at.natural_frequency):
+            where |= {"mode": int(at.mode), "y": float(at.excitation_frequency)}
+        return where
+
+    loads, warnings = Items(), Items()
+    for part in parts:
+        cells, where = ["not known", ""], dict[str, Any]()
+        if not math.isnan(part.load_ratio):
+            time = clock(float(drive.times[part.worst]), whole)
+            cells, where = [f"{part.load_ratio:.3f}", time], place(part.worst)
+        held = [f"{part.warning_time:.2f}", str(part.warnings), f"{part.note_time:.2f}"]
+        loads.append({"cells": [part.name, *cells, *held], "length": 0.0, **where})
     for episode in shown:
-        assert log.drive is not None
-        at = log.drive.resonances.message(episode.worst)
-        cells = [clock(episode.start, whole), f"{at.total_load_ratio:.3f}", at.total_load_place]
+        at = drive.resonances.message(episode.worst)
         hertz = at.excitation_frequency
+        cells = [clock(episode.start, whole), f"{at.total_load_ratio:.3f}", at.total_load_place]
         cells += [at.excitation, "" if math.isnan(hertz) else f"{hertz:.1f}"]
-        cells.append(f"{episode.duration:.2f}")
-        line = _place(log, episode.worst, rows, axis) | {"cells": cells}
-        severest = float(severity[episode.worst])
-        lines.append(line | {"length": episode.duration, "severity": severest})
-    head = ["start", "load ratio", "in", "mostly by", "Hz", "duration s"]
-    title = f"Warnings ({len(every)})"
-    table = {"id": "moments", "title": title, "note": note, "head": head, "rows": lines}
-    return table | {"folded": True}
+        row = {"cells": [*cells, f"{episode.duration:.2f}"], "length": episode.duration}
+        row["severity"] = float(severity[episode.worst])
+        warnings.append(place(episode.worst) | row)
+    note = "Each row is a warning at its worst moment. Choose a row to go there."
+    if len(every) > len(shown):
+        note += f" Of {len(every)} warnings, the {MAX_WARNINGS} with the largest load ratios."
+    table = _WARNINGS | {"title": f"Warnings ({len(every)})", "rows": warnings}
+    table["note"] = note if every else "There was no warning."
+    return [*([_LOADS | {"rows": loads}] if loads else []), table]
 
 
 def _summary(log: Log, warnings: Sequence[Episode], missing: list[tuple[float, float]]) -> Items:
@@ -442,23 +431,6 @@ def _span(seconds: float) -> str:
     if seconds < 120.0:
         return f"{seconds:.1f} s"
     return f"{seconds / 60.0:.1f} min" if seconds < 3600.0 else f"{seconds / 3600.0:.2f} h"
-
-
-def _histograms(log: Log) -> Items:
-    def histogram(name: str, unit: str, shares: Shares, scale: float) -> dict[str, Any]:
-        edges, heights = shares[0] * scale, shares[1]
-        texts = {"title": f"Share of time over the {name}", "unit": unit}
-        return {**texts, "edges": edges.tolist(), "shares": heights.tolist(), "limit": None}
-
-    plots = [histogram("crank angle", "crank angle [deg]", angle_shares(log), DEG)]
-    if (loads := load_shares(log)) is not None:
-        limit = log_limits(log).warning
-        note = (
-            f"The last bar includes all larger ones. Bars above the limit of {limit:g} are orange."
-        )
-        bars = histogram("load ratio", "largest force over the static force [1]", loads, 1.0)
-        plots.append(bars | {"limit": limit, "note": note})
-    return plots
 
 
 def _provenance(log: Log, n_kept: int) -> dict[str, Any]:

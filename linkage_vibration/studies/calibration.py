@@ -348,8 +348,9 @@ def _exact(mapping: dict[str, Any]) -> dict[str, Any]:
 def _moved(number: UncertainNumber, steps: float) -> float:
     """Return a number that has changed by so many of its standard deviations."""
     change = number.deviation * steps
-    share = change / number.value if number.relative else 0.0
-    return number.value * math.exp(share) if number.relative else number.value + change
+    if number.relative:
+        return number.value * math.exp(change / number.value)
+    return number.value + change
 
 
 def _change(number: UncertainNumber, value: float) -> float:

@@ -53,7 +53,8 @@ def calibrate(
     if not 0.0 < stddev_deg < math.inf or not math.isfinite(tractor_deg):
         given = f"{stddev_deg:g} deg and the inclination of {tractor_deg:g} deg"
         raise InclinometerError(f"The deviation of {given} have to be finite, the first above 0.")
-    points = np.concatenate([number_pairs(moments), number_pairs(readings)])
+    words = [*moments, *readings]
+    points = number_pairs(words)
     noise, ends = 0.0, np.empty(0)
     if series is not None:
         ends = np.unique(series[1][np.isfinite(series[1])])
@@ -70,21 +71,21 @@ def calibrate(
         ends = np.array([0.0, 100.0])
     alpha3, slopes = crank_angles(mechanism, body, np.radians(points[:, 1] - tractor_deg))
     line = fit(points[:, 0], alpha3, np.radians(stddev_deg) * np.abs(slopes), ends, noise)
-    return line, report([*moments, *readings], points[:, 0], alpha3, line)
+    return line, report(words, points[:, 0], alpha3, line)
 
 
 def number_pairs(words: Sequence[str]) -> FloatArray:
     """Return the numbers on both sides of ``=`` of each word, such as 12.5=-38.2, (n, 2)."""
-    pairs = np.zeros((len(words), 2))
-    for i, word in enumerate(words):
+    pairs = []
+    for word in words:
         try:
             first, second = map(float, word.split("="))
-            pairs[i] = first, second
         except ValueError:
-            pairs[i] = math.nan
-        if not np.abs(pairs[i]).sum() < 1e12:  # larger numbers lose their digits
+            first = second = math.nan
+        if not abs(first) + abs(second) < 1e12:  # larger numbers lose their digits
             raise InclinometerError(f"{word}: write two numbers, such as 12.5=-38.2.")
-    return pairs
+        pairs.append((first, second))
+    return np.reshape(pairs, (-1, 2)).astype(float)
 
 
 def reading_at(times: FloatArray, readings: FloatArray, moment: float) -> tuple[float, float]:
@@ -145,8 +146,7 @@ def fit(
     places = (readings - middle) / half
     curve, covariance = np.polyfit(places, alpha3, _DEGREE, w=1.0 / stddev, cov="unscaled")
     residuals = alpha3 - np.polyval(curve, places)
-    freedom = len(readings) - _DEGREE - 1
-    excess = math.sqrt(((residuals / stddev) ** 2).sum() / freedom)
+    excess = math.sqrt(((residuals / stddev) ** 2).sum() / (len(readings) - _DEGREE - 1))
     grid = np.linspace(-1.0, 1.0, _STEPS * (_KNOTS - 1) + 1)
     angles, slopes = np.polyval(curve, grid), np.polyval(np.polyder(curve), grid) / half
     if np.ptp(np.sign(slopes)) or not np.all(slopes):
@@ -180,15 +180,8 @@ def report(words: Sequence[str], readings: FloatArray, alpha3: FloatArray, line:
 
 def parameters(line: SensorFit, unit: str) -> str:
     """Return the YAML of the parameters that use a calibration of readings in a unit."""
-    values = {
-        "sign": 1,
-        "scale": 1.0,
-        "offset": 0.0,
-        "hitch_unit": unit,
-        "calibration": [
-            x for a, b in line.knots.tolist() for x in (float(f"{a:.15g}"), round(b, 9))
-        ],
-        "angle_stddev": round(max(line.stddev, 1e-6), 6),
-    }
+    knots = [x for a, b in line.knots.tolist() for x in (float(f"{a:.15g}"), round(b, 9))]
+    values = {"sign": 1, "scale": 1.0, "offset": 0.0, "hitch_unit": unit, "calibration": knots}
+    values["angle_stddev"] = round(max(line.stddev, 1e-6), 6)
     content = {"/**": {"ros__parameters": values}}
     return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=math.inf)

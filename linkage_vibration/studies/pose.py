@@ -5,22 +5,11 @@
 import math
 from collections.abc import Sequence
 
-import numpy as np
-
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import GROUND, Cylinder, Mechanism
 from linkage_vibration.mechanics.kinematics import Configuration, Kinematics
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.springs import length_and_rate, oil_pressure
-
-# Of ISO 730, by category, m: mast height, lift range, pins at E1 and their distance. The page
-# docs/your_own_hitch.md says where each number was found, and which ones could not be verified.
-_ISO_730 = {
-    1: ("0.460 m (not verified; ", 0.610, "22 mm thick and 0.683 m apart (not verified)"),
-    2: ("0.610 m (", 0.650, "28 mm thick and 0.825 m apart"),
-    3: ("0.685 m (", 0.735, "36.6 mm thick and 0.965 m apart"),
-    4: ("0.685 m (not verified; ", 0.760, "50.8 mm thick and 1.166 m apart"),
-}
 
 
 def pin_places(mechanism: Mechanism, configuration: Configuration) -> dict[str, FloatArray]:
@@ -72,26 +61,6 @@ def cylinder_rows(model: LinkageModel, angles: Sequence[float]) -> str:
     hint = "describe the spring that holds the crank by a `cylinder` with its bore"
     unknown = f"The lever and the oil pressure of lift cylinders are not known; {hint}."
     return "\n\n".join(tables) or unknown
-
-
-def category_text(mechanism: Mechanism, kinematics: Kinematics, category: int) -> str:
-    """Return the mast and the lift range of a hitch beside those of its category in ISO 730."""
-    mast, lift, pins = _ISO_730[category]
-    here, moves = "no rigid body has two pins", "not known"
-    for body in mechanism.rigid_bodies:
-        joined = [each for each in body.points if len(mechanism.owners(each[0])) > 1]
-        if len(joined) == 2:
-            (first, a), (second, b) = joined
-            over = [kinematics.at(angle) for angle in np.linspace(*mechanism.stroke, 181)]
-            heights = np.array([[at.place(body.name, c)[1] for c in (a, b)] for at in over])
-            here = f"{math.dist(a, b):.3f} m from {first} to {second}"
-            lower = heights[:, heights.mean(axis=0).argmin()]
-            moves = f"{np.ptp(lower):.3f} m over the stroke"
-            break
-    return (
-        f"Category {category} in ISO 730 has a mast of {mast}here: {here}), and a lift range of "
-        f"{lift:.3f} m (not verified; here: {moves}). Its lower pins are {pins}."
-    )
 
 
 def force_rows(model: LinkageModel, angles: Sequence[float]) -> str:

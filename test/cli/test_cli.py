@@ -157,7 +157,7 @@ def test_errors_are_one_sentence(tmp_path: Path, arguments: tuple[str, ...], wor
 def test_plan_chooses_and_measures(tmp_path: Path) -> None:
     """Plan prints its choice and the measured errors, and writes the chosen mechanism."""
     asked = ("--band-hz", "0", "40", "--points", "E1", "z", "--tolerance", "1e-3")
-    done = run("plan", *asked, "--range-deg", "100", "150", "-o", "planned.yaml", folder=tmp_path)
+    done = run("plan", *asked, "--angle-deg", "120", "-o", "planned.yaml", folder=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "elements a link" in done.stdout
     assert "measured" in done.stdout
@@ -258,11 +258,11 @@ def test_plot_as_a_page(tmp_path: Path, capsys: Any) -> None:
 
 
 def test_advise(tmp_path: Path, capsys: Any) -> None:
-    """Table, CSV and picture show the same advice; a reversed range is refused."""
-    csv, png = tmp_path / "map.csv", tmp_path / "map.png"
+    """Table and CSV show the same advice; a reversed range is refused."""
+    csv = tmp_path / "map.csv"
     range_ = ["--angles-deg", "100", "160", "--speeds-kmh", "10", "40"]
     given = ["advise", "165", "30", *range_, "--engine-rpm", "1800"]
-    assert main([*given, "--csv", str(csv), "-o", str(png)]) == 0
+    assert main([*given, "--csv", str(csv)]) == 0
     printed = capsys.readouterr().out.splitlines()
     rows = [line.split(",") for line in csv.read_text().splitlines()[1:]]
     loads = {(float(row[0]), float(row[1])): float(row[2]) for row in rows}
@@ -273,7 +273,6 @@ def test_advise(tmp_path: Path, capsys: Any) -> None:
     assert float(both[1]) == pytest.approx(3.6 * speed, rel=1e-3)
     assert float(both[2]) == pytest.approx(least, rel=1e-3)
     assert printed[6].startswith("Not counted, as their loads are not known: pto_shaft 1")
-    assert png.read_bytes().startswith(b"\x89PNG")
     assert main(["advise", "165", "30", "--speeds-kmh", "40", "10"]) == 1
     assert (
         "The permitted ground speeds are 11.1111 to 2.77778 m/s (40 to 10 km/h)"

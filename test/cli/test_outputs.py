@@ -43,7 +43,7 @@ OVERWRITES = {
     "replay": ["log.mcap", "--params-file", "fit.yaml", "-o", "fit.yaml"],
     "review": ["log.mcap", "-o", "log.mcap"],
     "diff": ["log.mcap", "drive.mcap", "-o", "log.mcap"],
-    "advise": ["165", "30", "--mechanism", "linkage.yaml", "-o", "linkage.yaml"],
+    "advise": ["165", "30", "--mechanism", "linkage.yaml", "--csv", "linkage.yaml"],
     "plot": ["linkage.yaml", "-o", "linkage.yaml"],
     "predict": ["120", "--mechanism", "linkage.yaml", "--csv", "linkage.yaml"],
     "pose": ["linkage.yaml", "-o", "linkage.yaml"],

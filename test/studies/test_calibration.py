@@ -19,6 +19,7 @@ from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.mechanics.paths import number_at, with_numbers
 from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.readers.targets import targets_text
 from linkage_vibration.studies import calibration as study
 from linkage_vibration.studies.calibrated_uncertainty import posterior_section, prior_section
 from linkage_vibration.studies.calibration import (
@@ -530,3 +531,37 @@ def test_targets_of_a_file(tmp_path: Path) -> None:
     found = read_calibration(tmp_path / "fit.yaml")
     assert found.targets == (Target(2, math.pi / 2.0, 3.5, 0.01), Target(3, "lowest", 4.0, 0.2))
     assert found.parameters == (Parameter(HEIGHT, 0.02, 0.1),)
+
+
+def test_targets_of_blows_and_of_a_drive(tmp_path: Path, mapping: Any) -> None:
+    """Targets of both are read from one file, each with its angle and its deviation.
+
+    They are exact for an implement of 1000 kg, so its mass is found, and a mode that both measured
+    at different heights leaves less uncertain than blows alone.
+    """
+    source, path = config_file("three_point_linkage.yaml"), tmp_path / "fit.yaml"
+    heavier = LinkageModel(mechanism_from_mapping(with_numbers(mapping, [(MASS, 1000.0)])))
+    texts = []
+    for kind, degrees, deviation in (("blows", (95, 150), 0.002), ("a drive", (110, 165), 0.004)):
+        solved = {angle: heavier.solve(math.radians(angle)) for angle in degrees}
+        modes = [
+            (mode, math.radians(angle), float(each.natural_frequencies[mode]), deviation)
+            for angle, each in solved.items()
+            for mode in (0, 1)
+        ]
+        texts.append(targets_text(modes, source, path, kind))
+    path.write_text(texts[0])
+    blows = calibrate(read_calibration(path), starts=1)
+    content, drive = map(yaml.safe_load, texts)
+    content["targets"] += drive["targets"]
+    path.write_text(yaml.safe_dump(content, sort_keys=False))
+    task = read_calibration(path)
+    assert [(round(math.degrees(t.at)), t.deviation) for t in task.targets[::2]] == [
+        (95, 0.002),
+        (150, 0.002),
+        (110, 0.004),
+        (165, 0.004),
+    ]
+    both = calibrate(task, starts=1)
+    assert both.values[both.names.index(MASS)] == pytest.approx(1000.0, rel=1e-3)
+    assert (np.diag(both.covariance) < np.diag(blows.covariance)).all()

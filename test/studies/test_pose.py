@@ -10,7 +10,7 @@ from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.kinematics import Kinematics
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
-from linkage_vibration.studies.pose import angle_rows, category_text, cylinder_rows, force_rows
+from linkage_vibration.studies.pose import angle_rows, cylinder_rows, force_rows
 from test.mechanics.test_closure import four_bar_mapping
 from test.mechanics.test_forces import CANTILEVER, model_of
 from test.mechanics.test_springs import propped, thrusts
@@ -86,19 +86,3 @@ def test_a_hitch_without_a_cylinder_says_how_to_describe_it(mechanism: Mechanism
     text = cylinder_rows(LinkageModel(mechanism), [2.0])
     assert "are not known; describe the spring that holds the crank by a `cylinder`" in text
     assert cylinder_rows(propped(500.0, 2.0), [0.0]).split()[-1] == "nan"
-
-
-def test_a_category_beside_the_hitch(mechanism: Mechanism) -> None:
-    """The mast is that of Table 1, and the range that of the heights of E1 at both ends."""
-    kinematics = Kinematics(mechanism)
-    text = category_text(mechanism, kinematics, 3)
-    assert "has a mast of 0.685 m (here: 0.438 m from E1 to E2)" in text
-    rows = angle_rows(mechanism, kinematics, list(mechanism.stroke)).splitlines()[1:]
-    high, low = (float(row.split()[-1]) for row in rows)
-    moves = float(text.partition("(not verified; here: ")[2].split()[0])
-    assert moves == pytest.approx(high - low, abs=0.0015)
-    assert "lower pins are 36.6 mm thick and 0.965 m apart." in text
-    text = category_text(mechanism, kinematics, 4)
-    assert "has a mast of 0.685 m (not verified; here: 0.438 m from E1 to E2)" in text
-    alone = propped(500.0, 2.0)
-    assert "here: no rigid body" in category_text(alone.mechanism, alone.kinematics, 1)

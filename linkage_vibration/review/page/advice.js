@@ -52,5 +52,5 @@ if (data.advice) {
     const here = j >= 0 && j < nV && i >= 0 && i < nA, reason = here && texts[reasons[i * nV + j]];
     note.textContent = here ? `${digits(angles[i], 3)} deg, ${digits(speeds[j], 3)} km/h: ${reason || `load ratio ${digits(at(j, i), 2)}`}` : data.advice.note;
   });
-  byId("advice").append(element("section", { class: "histogram" }, element("h2", {}, title), drawn, note));
+  byId("advice").append(element("section", { class: "plot" }, element("h2", {}, title), drawn, note));
 }

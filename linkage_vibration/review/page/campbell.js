@@ -48,6 +48,6 @@ for (const { title, unit, speeds, orders, bands, dots } of data.campbell ?? []) 
   for (const [speed, frequency] of dots) drawn.append(svg("circle", { cx: x(speed), cy: y(frequency), r: 3, fill: WARN, stroke: "#ffffff", "stroke-width": .7 }));
   drawn.append(svg("text", { x: (left + W - right) / 2, y: H - 6, "text-anchor": "middle" }, unit),
     svg("text", { x: 12, y: (top + H - bottom) / 2, "text-anchor": "middle", transform: `rotate(-90 12 ${(top + H - bottom) / 2})` }, "frequency [Hz]"));
-  byId("campbell").append(element("section", { class: "histogram" }, element("h2", {}, title), drawn,
+  byId("campbell").append(element("section", { class: "plot" }, element("h2", {}, title), drawn,
     element("p", { class: "note" }, "Bold: the speeds of the drive. Bands: the natural frequencies over its angles. Dots: warnings.")));
 }
