@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.dofs import DIRECTIONS, InterfaceDof
@@ -100,33 +99,6 @@ def _is_text(array: NDArray[Any]) -> bool:
         return True
     codes = np.ascontiguousarray(array).view(array.dtype.byteorder + "u4")
     return bool(((codes < 0xD800) | ((codes > 0xDFFF) & (codes <= 0x10FFFF))).all())
-
-
-def compressed_columns(
-    data: NDArray[Any], indices: NDArray[Any], starts: NDArray[Any], rows: int
-) -> sparse.csc_array:
-    """Return a sparse matrix from its compressed columns after checking every index.
-
-    SciPy checks only some of them, and a wrong one makes it read beyond its arrays. The starts,
-    (columns + 1,), end with the number of entries. A ValueError says that the arrays do not fit.
-    """
-    if any(
-        part.ndim != 1 or part.dtype.kind not in kinds
-        for part, kinds in ((data, "fiu"), (indices, "iu"), (starts, "iu"))
-    ):
-        raise ValueError("data have to be numbers, indices and indptr whole numbers")
-    indices, starts = indices.astype(np.int64), starts.astype(np.int64)
-    if (
-        starts.size == 0
-        or starts[0] != 0
-        or (np.diff(starts) < 0).any()
-        or not starts[-1] == indices.size == data.size
-        or (indices.size and not 0 <= indices.min() <= indices.max() < rows)
-    ):
-        raise ValueError("an index points outside of the matrix")
-    return sparse.csc_array(
-        (data.astype(np.float64), indices, starts), shape=(rows, starts.size - 1)
-    )
 
 
 def check_known(names: Iterable[str], known: Collection[str]) -> None:
