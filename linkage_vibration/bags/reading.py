@@ -140,6 +140,8 @@ def _kind(path: Path) -> str:
                 f"Folder {path} has no metadata.yaml; give a file of the bag, or create "
                 "metadata.yaml with `ros2 bag reindex`."
             )
+        for file in path.iterdir():
+            refuse_pipe(file)
         try:
             root = yaml.compose((path / "metadata.yaml").read_text("utf-8"), yaml.SafeLoader)
             if root is not None:
@@ -163,5 +165,8 @@ def _kind(path: Path) -> str:
     if not start:
         raise BagError(f"{path} is empty, as its recording ended before anything was written.")
     if magic and not magic.startswith(start):
-        raise BagError(f"{path} is not a {path.suffix} file, despite its name; give a bag.")
+        raise BagError(
+            f"{path} does not begin like a {suffix} file; give a bag, or try "
+            f"{_REPAIR[suffix].format(recover=command('recover'))}."
+        )
     return suffix

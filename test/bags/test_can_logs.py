@@ -233,7 +233,8 @@ FAULTS = {
         r"cannot be read: line 1 is .*candump -l",
     ),
     "console without times": ("  can0  123   [1]  7D\n", r"cannot be read: line 1 is "),
-    "one long line": ("x" * 10**6, r"has no frames"),
+    "one long line": ("x" * 10**6, r"cannot be read: line 1 is"),
+    "a long line between others": (LINE + "x" * 10**4 + "\n" + LINE, r"cannot be read: line 2 is"),
     "clock set back": (
         LINE + LINE.replace("1700000000", "1699999998"),
         r"goes back in time by 2.000 s at frame 2.*split the log there",

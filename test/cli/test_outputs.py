@@ -311,7 +311,7 @@ def test_pipe_that_a_word_or_a_file_names(files: Path, command: str) -> None:
     Path("parameters.yaml").write_text(yaml.safe_dump(parameters))
     done = shell(f"$L {command}")
     assert (done.returncode, done.stderr.count(b"\n")) == (1, 1)
-    assert b"it is a pipe, not a file" in done.stderr
+    assert b" is a pipe, not a file" in done.stderr
 
 
 @pytest.mark.parametrize("command", ["summary log.mcap", "pose linkage.yaml", "export --c new"])
