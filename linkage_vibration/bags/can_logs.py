@@ -194,7 +194,7 @@ def _rows(file: BinaryIO, suffix: str) -> Iterator[_Row]:
             yield from map(_row, _dated(can.ASCReader(lines, relative_timestamp=False)))
         else:
             yield from map(_row, can.CanutilsLogReader(lines))
-    except (ValueError, LookupError) as error:
+    except (ValueError, LookupError, OverflowError) as error:
         raise CanLogError(
             f"has a line that cannot be read: line {lines.number} is {lines.last[:60]!r} "
             f"({error}); correct or delete this line, or record with `candump -l`."
@@ -206,7 +206,7 @@ def _row(message: "Message") -> _Row:
     return (
         f"channel_{channel + 1}" if isinstance(channel, int) else str(channel or "channel_1"),
         (
-            1000 * round(1e6 * message.timestamp),
+            min(1000 * round(1e6 * message.timestamp), _LATEST + 1),
             message.arbitration_id & 0x1FFFFFFF,
             message.is_remote_frame,
             message.is_extended_id and not message.is_error_frame,

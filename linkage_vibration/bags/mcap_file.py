@@ -76,7 +76,7 @@ class McapFile:
         self._compression = compression
         self._types: dict[tuple[str, str], int] = {}
         # The records of the summary as bytes, and their numbers, by their kinds.
-        self._summary = {kind: bytearray() for kind in _SUMMARISED}
+        self._summary: dict[type, bytearray] = {kind: bytearray() for kind in _SUMMARISED}
         self._numbers: Counter[type] = Counter()
         stream.write(MAGIC)
         self._write(mcap.Header(profile, f"linkage_vibration {LIBRARY_IDENTIFIER}"))

@@ -140,8 +140,8 @@ def _kind(path: Path) -> str:
                 f"Folder {path} has no metadata.yaml; give a file of the bag, or create "
                 "metadata.yaml with `ros2 bag reindex`."
             )
-        for file in path.iterdir():
-            refuse_pipe(file)
+        for each in path.iterdir():
+            refuse_pipe(each)
         try:
             root = yaml.compose((path / "metadata.yaml").read_text("utf-8"), yaml.SafeLoader)
             if root is not None:

@@ -38,8 +38,6 @@ FloatArray = NDArray[np.float64]
 MAX_ROWS = 3000
 """The most rows of a component."""
 
-_NAMES = ("mass", "stiffness", "damping")
-
 # Share of the geometric mean of the diagonal entries; files with seven digits pass.
 _ASYMMETRY = 1e-6
 # The stiffness of a free body has eigenvalues of zero, which rounding makes slightly negative. They
@@ -63,14 +61,12 @@ def read_matrices(path: Path, dofs: Sequence[InterfaceDof] | None = None) -> Mat
             "(`scipy.io.loadmat` reads MATLAB files, `scipy.io.mmread` Matrix Market)."
         )
     with file_errors(path):
-        arrays = load_npz(path, ("dofs", *_NAMES))
-        for name in ("mass", "stiffness", "dofs"):
-            if name not in arrays:
-                raise FileError(f"has no {name}; add it.")
-        matrices = {name: arrays[name] for name in _NAMES if name in arrays}
+        arrays = load_npz(path, ("dofs", "mass", "stiffness"), ("damping",))
+        names = np.ravel(arrays.pop("dofs")).tolist()
+        # The mass comes first, with which the others are compared.
+        matrices = {"mass": arrays["mass"], **arrays}
         for name, matrix in matrices.items():
             _check_kind(name, matrix, _size(matrices["mass"]))
-        names = np.ravel(arrays["dofs"]).tolist()
         dofs, order, labels = _order(names, dofs, len(matrices["mass"]))
         for name, matrix in matrices.items():
             matrix = matrix.astype(np.float64)[np.ix_(order, order)]

@@ -227,6 +227,8 @@ FAULTS = {
         r"line 2 is .*7Z.*correct or",
     ),
     "too late": (LINE.replace("1700000000", "2147483648"), r"a time before 1970 or after 2038"),
+    "much too late": (LINE.replace("1700000000", "9" * 20), r"a time before 1970 or after 2038"),
+    "endless": (LINE.replace("1700000000.000100", "inf"), r"cannot be read: line 1 is"),
     "too early": (LINE.replace("1700000000", "-1"), r"a time before 1970 or after 2038"),
     "console": (
         " (1700000000.000100)  can0  RX - -  0CFE45F0   [1]  7D\n",
