@@ -11,7 +11,7 @@ import itertools
 import os
 import struct
 import zlib
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from typing import BinaryIO
 
@@ -29,15 +29,6 @@ from linkage_vibration.bags.writing import Topic
 
 Integers = NDArray[np.int64]
 KNOWN_COMPRESSIONS = (b"", b"lz4", b"zstd")  # as chunks name them
-# The kinds of records in the summary, in their order.
-_SUMMARISED = (
-    mcap.Schema,
-    mcap.Channel,
-    mcap.Statistics,
-    mcap.ChunkIndex,
-    mcap.AttachmentIndex,
-    mcap.MetadataIndex,
-)
 _PIECE = 2**20  # bytes that are decompressed at a time
 
 
@@ -75,9 +66,9 @@ class McapFile:
         self.metadata: set[str] = set()
         self._compression = compression
         self._types: dict[tuple[str, str], int] = {}
-        # The records of the summary as bytes, and their numbers, by their kinds.
-        self._summary: dict[type, bytearray] = {kind: bytearray() for kind in _SUMMARISED}
-        self._numbers: Counter[type] = Counter()
+        # The records of the summary as bytes, and their numbers, by their opcodes.
+        self._summary: defaultdict[int, bytearray] = defaultdict(bytearray)
+        self._numbers: Counter[int] = Counter()
         stream.write(MAGIC)
         self._write(mcap.Header(profile, f"linkage_vibration {LIBRARY_IDENTIFIER}"))
 
@@ -105,10 +96,9 @@ class McapFile:
 
     def define(self, record: mcap.Schema | mcap.Channel) -> bytes:
         """Add a schema, or a channel whose schema was added before it; return its bytes."""
-        self._summarise(record)
         if isinstance(record, mcap.Channel):
-            self.counts[record.id] = 0
-        data = _encoded(record)
+            self.counts.setdefault(record.id, 0)
+        data = self._summarise(record)
         self.stream.write(data)
         return data
 
@@ -137,7 +127,7 @@ class McapFile:
         channels = heads["channel"][order]
         starts = [0, *(np.flatnonzero(np.diff(channels)) + 1).tolist()]
         first, last = int(times.min()), int(times.max())
-        self.first = min(self.first, first) if self._numbers[mcap.ChunkIndex] else first
+        self.first = min(self.first, first) if self._numbers[Opcode.CHUNK_INDEX] else first
         self.last = max(self.last, last)
         name, data = _compressed(self._compression, content)
         head = CHUNK.pack(first, last, len(content), zlib.crc32(content), len(name))
@@ -176,21 +166,21 @@ class McapFile:
         self._write(mcap.DataEnd(0))
         self._summarise(
             mcap.Statistics(
-                attachment_count=self._numbers[mcap.AttachmentIndex],
-                channel_count=self._numbers[mcap.Channel],
+                attachment_count=self._numbers[Opcode.ATTACHMENT_INDEX],
+                channel_count=self._numbers[Opcode.CHANNEL],
                 channel_message_counts=dict(self.counts),
-                chunk_count=self._numbers[mcap.ChunkIndex],
+                chunk_count=self._numbers[Opcode.CHUNK_INDEX],
                 message_count=self.counts.total(),
                 message_end_time=self.last,
                 message_start_time=self.first,
-                metadata_count=self._numbers[mcap.MetadataIndex],
-                schema_count=self._numbers[mcap.Schema],
+                metadata_count=self._numbers[Opcode.METADATA_INDEX],
+                schema_count=self._numbers[Opcode.SCHEMA],
             )
         )
         start = self.stream.tell()
         summary, groups = b"", b""
-        for group in filter(None, self._summary.values()):
-            groups += _encoded(mcap.SummaryOffset(group[0], start + len(summary), len(group)))
+        for opcode, group in sorted(self._summary.items()):
+            groups += _encoded(mcap.SummaryOffset(opcode, start + len(summary), len(group)))
             summary += group
         offsets = start + len(summary)
         summary += groups
@@ -203,10 +193,12 @@ class McapFile:
         """Write a record; return its position and its number of bytes."""
         return self.stream.tell(), self.stream.write(_encoded(record))
 
-    def _summarise(self, record: mcap.McapRecord) -> None:
-        """Add a record to the summary."""
-        self._summary[type(record)] += _encoded(record)
-        self._numbers[type(record)] += 1
+    def _summarise(self, record: mcap.McapRecord) -> bytes:
+        """Add a record to the summary; return its bytes."""
+        data = _encoded(record)
+        self._summary[data[0]] += data
+        self._numbers[data[0]] += 1
+        return data
 
 
 def _compressed(compression: str, content: bytes) -> tuple[bytes, bytes]:

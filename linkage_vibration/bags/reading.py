@@ -121,12 +121,14 @@ def _foreign(path: Path) -> str:
             f"`{command('recover')}`."
         )
     for channel in summary.channels.values():
-        if channel.message_encoding != "cdr":
-            return (
-                f"holds messages that are not of ROS 2: {channel.topic} has the encoding "
-                f"{channel.message_encoding or 'none'}; write a file with the messages of ROS 2 "
-                "only, such as with `mcap filter`."
-            )
+        schema = summary.schemas.get(channel.schema_id)
+        for encoding in (channel.message_encoding, schema.encoding if schema else ""):
+            if encoding not in ("cdr", "ros2msg", "ros2idl"):
+                return (
+                    f"holds messages that are not of ROS 2: {channel.topic} has the encoding "
+                    f"{encoding or 'none'}; write a file with the messages of ROS 2 only, such as "
+                    "with `mcap filter`."
+                )
     return ""
 
 

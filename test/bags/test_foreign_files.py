@@ -69,6 +69,13 @@ def test_messages_that_are_not_of_ros_2(
         topic_types(path)
 
 
+def test_definition_in_a_foreign_language(tmp_path: Path) -> None:
+    """The error names the topic and the encoding of its type."""
+    path = write(tmp_path / "a.mcap", "ros2", {"/speed": ("cdr", "protobuf", b"{}")})
+    with pytest.raises(BagError, match="/speed has the encoding protobuf;"):
+        read_columns(path, {"/speed": FLOAT})
+
+
 def test_unknown_type_beside_a_known_one(tmp_path: Path) -> None:
     """A topic whose type is not defined does not prevent reading another topic."""
     topics = {"/a": ("cdr", "ros2msg", b"unknown_msgs/Thing thing\n")}
