@@ -24,10 +24,10 @@ from mcap.opcode import Opcode
 from mcap.writer import LIBRARY_IDENTIFIER
 from numpy.typing import NDArray
 
+from linkage_vibration.bags.blocks import Integers
 from linkage_vibration.bags.mcap_records import CHUNK, MAGIC, MESSAGE_INDEX, MESSAGE_RECORD, RECORD
 from linkage_vibration.bags.writing import Topic
 
-Integers = NDArray[np.int64]
 KNOWN_COMPRESSIONS = (b"", b"lz4", b"zstd")  # as chunks name them
 _PIECE = 2**20  # bytes that are decompressed at a time
 
