@@ -332,6 +332,18 @@ def test_full_standard_output(files: Path, command: str, buffered: str) -> None:
     assert b"The standard output cannot be used (No space left on device)" in done.stderr
 
 
+def test_no_room_for_temporary_files(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+    """The error of tempfile, which names no file, is not one of the standard output."""
+
+    def refuse(arguments: object) -> int:
+        raise FileNotFoundError(2, "No usable temporary directory found in ['/tmp']")
+
+    monkeypatch.setattr("linkage_vibration.cli.main._run", refuse)
+    assert main([]) == 1
+    start = "linkage-vibration: The temporary folder cannot be used (No usable temporary directory"
+    assert capsys.readouterr().err.startswith(start)
+
+
 def test_name_in_another_encoding(files: Path) -> None:
     """A name that is not UTF-8 is read, written and printed as it is."""
     name = os.fsdecode(b"m\xe9t\xe9o")
