@@ -42,23 +42,24 @@ COMMANDS = {
 }
 OLD = b"old"
 RECORDED = 200  # messages
+DENSE = 40  # the number of the operation that fails grows by one up to this, then by a tenth
 
 
 def main() -> None:
     """Let the operations of a command fail one after another; print the outcomes as JSON."""
-    command, kind, most = sys.argv[1], sys.argv[2], int(sys.argv[3])
+    command, kind = sys.argv[1:]
     shim = ctypes.CDLL(os.environ["LD_PRELOAD"])
     outcomes: Counter[str] = Counter()
     with tempfile.TemporaryDirectory() as name:
         files, folder = Path(name) / "files", Path(name) / "run"
         _prepare(files)
         _child(shim, files, folder, command, kind, 10**9)  # to import everything
-        for number in range(1, most + 1):
+        number, reached = 0, True
+        while reached:
+            number += max(1, number // 10 if number >= DENSE else 1)
             code, reached, error = _child(shim, files, folder, command, kind, number)
             outcomes[_verdict(folder, command, code, error)] += 1
-            if not reached:
-                break
-    print(json.dumps({"runs": number, "whole": not reached, "outcomes": outcomes}))
+    print(json.dumps({"runs": outcomes.total(), "last": number, "outcomes": outcomes}))
 
 
 def _prepare(files: Path) -> None:

@@ -9,7 +9,7 @@ that one comparison dismisses other frames, remote frames and error frames.
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,20 +42,20 @@ def frame_places(message: CdrMessage) -> FramePlaces:
 
 def frame_key(layout: Layout[FramePlaces], data: bytes) -> int:
     """Return the key of a message."""
-    _, at = layout.places
-    identifier, remote, extended, error = _KEYS[layout.order].unpack_from(data, at)
-    flags = (extended and EXTENDED) | (remote and REMOTE) | (error and ERROR)
-    return int(identifier & _IDENTIFIER | flags)
+    return int(_key(*_KEYS[layout.order].unpack_from(data, layout.places[1])))
 
 
 def frame_columns(layout: Layout[FramePlaces], messages: Bytes) -> FrameColumns:
     """Return the frames of many messages."""
     _, at = layout.places
-    flags = messages[:, at + 4 : at + 7] != 0
-    key = layout.column(messages, at, "u4")[:, 0] & np.uint32(_IDENTIFIER)
-    for column, flag in enumerate((REMOTE, EXTENDED, ERROR)):
-        key |= np.where(flags[:, column], np.uint32(flag), np.uint32(0))
-    return key, messages[:, at + 7], messages[:, at + 8 : at + 8 + PAYLOAD]
+    key = _key(layout.column(messages, at, "u4")[:, 0], *messages[:, at + 4 : at + 7].T)
+    return key.astype(np.uint32), messages[:, at + 7], messages[:, at + 8 : at + 8 + PAYLOAD]
+
+
+def _key(identifier: Any, remote: Any, extended: Any, error: Any) -> Any:
+    """Return the key of a frame, or of many; the last three are numbers that are 0 or not."""
+    flags = (remote != 0) * REMOTE | (extended != 0) * EXTENDED | (error != 0) * ERROR
+    return identifier & _IDENTIFIER | flags
 
 
 def _isobus_places(message: CdrMessage) -> FramePlaces:
@@ -66,17 +66,19 @@ def _isobus_places(message: CdrMessage) -> FramePlaces:
 
 def _isobus_key(layout: Layout[FramePlaces], data: bytes) -> int:
     _, at = layout.places
-    page, (source, high, low) = data[at + 1] != 0, data[at + 8 : at + 11]
-    return EXTENDED | page << 24 | high << 16 | low << 8 | source
+    return int(_joined_key(data[at + 1], *data[at + 8 : at + 11]))
 
 
 def _isobus_columns(layout: Layout[FramePlaces], messages: Bytes) -> FrameColumns:
     _, at = layout.places
-    source, high, low = messages[:, at + 8 : at + 11].T.astype(np.uint32)
-    page = (messages[:, at + 1] != 0).astype(np.uint32)
-    key = np.uint32(EXTENDED) | page << 24 | high << 16 | low << 8 | source
+    key = _joined_key(*messages[:, [at + 1, at + 8, at + 9, at + 10]].T.astype(np.int64))
     length = np.full(len(messages), PAYLOAD, np.uint8)
-    return key, length, messages[:, at + 11 : at + 11 + PAYLOAD]
+    return key.astype(np.uint32), length, messages[:, at + 11 : at + 11 + PAYLOAD]
+
+
+def _joined_key(page: Any, source: Any, high: Any, low: Any) -> Any:
+    """Return the key of a frame, or of many, from the parts of the identifier."""
+    return EXTENDED | (page != 0) * (1 << 24) | high << 16 | low << 8 | source
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ import gzip
 import io
 import re
 import struct
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from itertools import islice
@@ -60,21 +60,9 @@ _FRAME = np.dtype(
         ("channel", "u1"),
     ]
 )
-_MESSAGE = np.dtype(
-    [
-        ("head", "u1", 4),
-        ("sec", "<i4"),
-        ("nanosec", "<u4"),
-        ("length", "<u4"),
-        ("frame_id", "S4"),
-        ("id", "<u4"),
-        ("flags", "u1", 3),
-        ("dlc", "u1"),
-        ("data", "u1", 8),
-    ]
-)
-"""A ``can_msgs/msg/Frame`` in CDR whose header has the frame ``can``, as drivers write it."""
 _PACKED = struct.Struct("<qI4B8sB")  # the same; data are cut or padded to 8 bytes
+# A ``can_msgs/msg/Frame`` in CDR: encapsulation, stamp, frame of the header, and those fields.
+_MESSAGE = struct.Struct("<4siII4sI4B8s")
 # Channel; and time in ns, identifier, remote, extended, error, number of bytes, data.
 _Row: TypeAlias = tuple[str, tuple[int, int, bool, bool, bool, int, bytes]]
 
@@ -113,15 +101,15 @@ class CanLog:
     connections: "list[Connection]"
     frames: NDArray[Any]
 
-    def encoded(self, rows: NDArray[np.int64]) -> NDArray[np.uint8]:
-        """Return frames as messages in CDR, (n, 36), by their indices, (n,)."""
-        frames, messages = self.frames[rows], np.zeros(len(rows), _MESSAGE)
-        messages["head"] = np.array([0, 1, 0, 0])
-        messages["sec"], messages["nanosec"] = np.divmod(frames["time"], 10**9)
-        messages["length"], messages["frame_id"] = 4, b"can"
-        for name in ("id", "flags", "dlc", "data"):
-            messages[name] = frames[name]
-        return messages.view(np.uint8).reshape(len(rows), _MESSAGE.itemsize)
+    def messages(
+        self, connections: "Collection[Connection]"
+    ) -> "Iterator[tuple[Connection, int, bytes]]":
+        """Yield the frames of channels in CDR with their times, ns, as readers of rosbags do."""
+        chosen = {connection.id: connection for connection in connections}
+        for time, *fields, channel in _PACKED.iter_unpack(self.frames.data):
+            if channel in chosen:
+                head = b"\0\1\0\0", *divmod(time, 10**9), 4, b"can"
+                yield chosen[channel], time, _MESSAGE.pack(*head, *fields)
 
 
 def read_can_log(path: Path) -> CanLog:
@@ -206,7 +194,7 @@ def _rows(file: BinaryIO, suffix: str) -> Iterator[_Row]:
             yield from map(_row, _dated(can.ASCReader(lines, relative_timestamp=False)))
         else:
             yield from map(_row, can.CanutilsLogReader(lines))
-    except (ValueError, LookupError) as error:
+    except (ValueError, LookupError, OverflowError) as error:
         raise CanLogError(
             f"has a line that cannot be read: line {lines.number} is {lines.last[:60]!r} "
             f"({error}); correct or delete this line, or record with `candump -l`."
@@ -218,7 +206,7 @@ def _row(message: "Message") -> _Row:
     return (
         f"channel_{channel + 1}" if isinstance(channel, int) else str(channel or "channel_1"),
         (
-            1000 * round(1e6 * message.timestamp),
+            min(1000 * round(1e6 * message.timestamp), _LATEST + 1),
             message.arbitration_id & 0x1FFFFFFF,
             message.is_remote_frame,
             message.is_extended_id and not message.is_error_frame,
@@ -253,7 +241,7 @@ class _WholeLines(io.TextIOBase):
     def __next__(self) -> str:  # type: ignore[override]
         """Return the next line."""
         line = self._text.readline(_LONGEST)
-        if not line.endswith("\n"):
+        if not line.endswith("\n") and len(line) < _LONGEST:
             raise StopIteration
         self.number, self.last = self.number + 1, line.strip()
         return line

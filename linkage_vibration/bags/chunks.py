@@ -15,14 +15,11 @@ from pathlib import Path
 import numpy as np
 from mcap.opcode import Opcode
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
+from linkage_vibration.bags.blocks import Bytes, Integers
 from linkage_vibration.bags.log_writer import LogWriter
 from linkage_vibration.bags.mcap_records import MESSAGE, MESSAGE_RECORD
 from linkage_vibration.bags.writing import Attachment, Topic
-
-Bytes = NDArray[np.uint8]
-Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,19 +14,23 @@ from mcap.records import Attachment as AttachmentRecord
 
 from linkage_vibration.bags.mcap_file import McapFile
 from linkage_vibration.bags.mcap_records import MESSAGE, MESSAGE_HEAD
-from linkage_vibration.bags.writing import Attachment, LogError, Topic
+from linkage_vibration.bags.writing import (
+    ROSBAG2_METADATA,
+    Attachment,
+    LogError,
+    Topic,
+    rosbag2_metadata,
+)
 from linkage_vibration.support.commands import command
 
 # A chunk is compressed and written at once, so its size limits how long `write` can take.
 CHUNK_BYTES = 64 * 1024
 
 # Greatest number of bytes that MCAP adds for a message with its index; for a chunk with its two
-# indexes, and for each channel in it; for an attachment or metadata in the summary, without its
-# name; and for the summary.
+# indexes, and for each channel in it; and for the footer and the record of rosbag2.
 _PER_MESSAGE = 47
 _PER_CHUNK, _PER_CHUNK_CHANNEL = 160, 25
-_PER_INDEX = 64
-_PER_SUMMARY = 1024
+_AT_THE_END = 2048
 
 
 Log = TypeVar("Log", bound="LogWriter")
@@ -67,7 +71,7 @@ class LogWriter:
         self._definitions = b""
         self._held: list[bytes] = []  # messages of the next chunk
         self._begins: list[int] = []  # where each of them begins behind the definitions
-        self._held_bytes = self._definition_bytes = self._index_bytes = 0
+        self._held_bytes = 0
         try:
             self._stream = path.open("xb")
         except FileExistsError:
@@ -81,11 +85,10 @@ class LogWriter:
         self._file = McapFile(self._stream, "ros2", compression)
         try:
             with self._failures():
-                self._add_topics(topics)
+                self._definitions += self._file.add_topics(topics)
                 for attachment in attachments:
                     about = attachment.name, attachment.media_type
                     self._file.attach(AttachmentRecord(0, 0, *about, attachment.data))
-                    self._index_bytes += _PER_INDEX + len("".join(about).encode())
                 self._stream.flush()
         except LogError:
             self.abandon()
@@ -106,26 +109,22 @@ class LogWriter:
     @property
     def size(self) -> int:
         """Greatest number of bytes that the file would have if it were closed now."""
-        closing = self._index_bytes + _PER_SUMMARY
-        # Definitions occur again in a chunk, in the summary, and in part in a rosbag2 record.
-        closing += 3 * self._definition_bytes
-        chunk = _PER_CHUNK + _PER_CHUNK_CHANNEL * len(self._file.channels)
+        chunk = len(self._definitions) + _PER_CHUNK + _PER_CHUNK_CHANNEL * len(self._file.channels)
         held = self._held_bytes + len(self._held) * _PER_MESSAGE
         # Data that cannot be compressed grow by less than 1 %.
-        chunks = (self._file.chunk_count + 1) * chunk
-        return self._stream.tell() + held + held // 100 + closing + chunks
+        held += held // 100
+        return self._stream.tell() + chunk + held + self._file.summary_size + _AT_THE_END
 
     def add_topic(self, topic: Topic) -> None:
         """Add a topic, unless the log has it already."""
         if topic.name not in self._file.channels:
             with self._failures():
-                self._add_topics([topic])
+                self._definitions += self._file.add_topics([topic])
 
     def add_metadata(self, name: str, data: Mapping[str, str]) -> None:
         """Add a metadata record; it does not replace an earlier one of the same name."""
         with self._failures():
             self._file.add_metadata(name, data)
-            self._index_bytes += _PER_INDEX + len(name.encode())
 
     def write(self, topic: str, data: bytes, log_time: int, publish_time: int) -> None:
         """Add a message in CDR; times are in ns."""
@@ -169,7 +168,7 @@ class LogWriter:
         """Write the messages and the indexes, and close the file."""
         self.flush()
         with self._failures():
-            self._file.add_rosbag2_metadata(self.path)
+            self._file.add_metadata(ROSBAG2_METADATA, rosbag2_metadata())
             self._file.close()
             self._stream.close()
 
@@ -188,11 +187,6 @@ class LogWriter:
             self.close()
         else:
             self.abandon()
-
-    def _add_topics(self, topics: Sequence[Topic]) -> None:
-        definitions = self._file.add_topics(topics)
-        self._definitions += definitions
-        self._definition_bytes += len(definitions)
 
     @contextlib.contextmanager
     def _failures(self) -> Iterator[None]:

@@ -11,9 +11,8 @@ import itertools
 import os
 import struct
 import zlib
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import BinaryIO
 
 import lz4.frame
@@ -25,10 +24,10 @@ from mcap.opcode import Opcode
 from mcap.writer import LIBRARY_IDENTIFIER
 from numpy.typing import NDArray
 
+from linkage_vibration.bags.blocks import Integers
 from linkage_vibration.bags.mcap_records import CHUNK, MAGIC, MESSAGE_INDEX, MESSAGE_RECORD, RECORD
-from linkage_vibration.bags.writing import ROSBAG2_METADATA, Topic, rosbag2_metadata
+from linkage_vibration.bags.writing import Topic
 
-Integers = NDArray[np.int64]
 KNOWN_COMPRESSIONS = (b"", b"lz4", b"zstd")  # as chunks name them
 _PIECE = 2**20  # bytes that are decompressed at a time
 
@@ -52,6 +51,8 @@ class McapFile:
         The channels of the topics that `add_topics` added.
     counts : Counter of int
         Numbers of messages by the ids of their channels.
+    metadata : set of str
+        Names of the metadata records.
     first, last : int
         Least and greatest log time, ns; 0 if there are no messages.
     """
@@ -62,19 +63,19 @@ class McapFile:
         self.channels: dict[str, int] = {}
         self.counts: Counter[int] = Counter()
         self.first = self.last = 0
+        self.metadata: set[str] = set()
         self._compression = compression
         self._types: dict[tuple[str, str], int] = {}
-        self._definitions: list[mcap.Schema | mcap.Channel] = []
-        self._chunks: list[mcap.ChunkIndex] = []
-        self._attachments: list[mcap.AttachmentIndex] = []
-        self._metadata: list[mcap.MetadataIndex] = []
+        # The records of the summary as bytes, and their numbers, by their opcodes.
+        self._summary: defaultdict[int, bytearray] = defaultdict(bytearray)
+        self._numbers: Counter[int] = Counter()
         stream.write(MAGIC)
         self._write(mcap.Header(profile, f"linkage_vibration {LIBRARY_IDENTIFIER}"))
 
     @property
-    def chunk_count(self) -> int:
-        """Number of chunks in the file."""
-        return len(self._chunks)
+    def summary_size(self) -> int:
+        """Number of bytes of the records that are in the summary so far."""
+        return sum(map(len, self._summary.values()))
 
     def add_topics(self, topics: Sequence[Topic]) -> bytes:
         """Define channels for topics, after the schemas that are missing; return these records."""
@@ -95,8 +96,9 @@ class McapFile:
 
     def define(self, record: mcap.Schema | mcap.Channel) -> bytes:
         """Add a schema, or a channel whose schema was added before it; return its bytes."""
-        self._definitions.append(record)
-        data = _encoded(record)
+        if isinstance(record, mcap.Channel):
+            self.counts.setdefault(record.id, 0)
+        data = self._summarise(record)
         self.stream.write(data)
         return data
 
@@ -104,29 +106,15 @@ class McapFile:
         """Add an attachment."""
         about = record.log_time, record.create_time, len(record.data)
         position = self._write(record)
-        index = mcap.AttachmentIndex(*position, *about, record.name, record.media_type)
-        self._attachments.append(index)
+        self._summarise(mcap.AttachmentIndex(*position, *about, record.name, record.media_type))
 
     def add_metadata(self, name: str, facts: Mapping[str, str]) -> None:
         """Add a metadata record."""
         # A text may contain the name of a file, which need not be UTF-8.
         texts = {key: os.fsencode(text).decode(errors="replace") for key, text in facts.items()}
         position = self._write(mcap.Metadata(name, texts))
-        self._metadata.append(mcap.MetadataIndex(*position, name))
-
-    def add_rosbag2_metadata(self, path: Path) -> None:
-        """Add the record that rosbag2 stores in its files; the path is that of this file."""
-        types = {each.id: each.name for each in self._definitions if isinstance(each, mcap.Schema)}
-        topics = []
-        for channel in self._definitions:
-            if isinstance(channel, mcap.Channel):
-                qos = channel.metadata.get("offered_qos_profiles", "")
-                type_hash = channel.metadata.get("topic_type_hash", "")
-                # This record has no definitions of types.
-                topic = Topic(channel.topic, types.get(channel.schema_id, ""), "", type_hash, qos)
-                topics.append((topic, self.counts[channel.id]))
-        facts = rosbag2_metadata(path, topics, self.first, self.last)
-        self.add_metadata(ROSBAG2_METADATA, facts)
+        self._summarise(mcap.MetadataIndex(*position, name))
+        self.metadata.add(name)
 
     def add_chunk(self, content: bytes, begins: Integers) -> None:
         """Add a chunk and the indexes of its messages.
@@ -139,7 +127,7 @@ class McapFile:
         channels = heads["channel"][order]
         starts = [0, *(np.flatnonzero(np.diff(channels)) + 1).tolist()]
         first, last = int(times.min()), int(times.max())
-        self.first = min(self.first, first) if self._chunks else first
+        self.first = min(self.first, first) if self._numbers[Opcode.CHUNK_INDEX] else first
         self.last = max(self.last, last)
         name, data = _compressed(self._compression, content)
         head = CHUNK.pack(first, last, len(content), zlib.crc32(content), len(name))
@@ -159,7 +147,7 @@ class McapFile:
             indexes += entries
             self.counts[channel] += stop - start
         self.stream.write(indexes)
-        self._chunks.append(
+        self._summarise(
             mcap.ChunkIndex(
                 chunk_length=end - begin,
                 chunk_start_offset=begin,
@@ -174,42 +162,43 @@ class McapFile:
         )
 
     def close(self) -> None:
-        """Write the summary."""
+        """Write the summary and the footer."""
         self._write(mcap.DataEnd(0))
-        channels = [each.id for each in self._definitions if isinstance(each, mcap.Channel)]
-        statistics = mcap.Statistics(
-            attachment_count=len(self._attachments),
-            channel_count=len(channels),
-            channel_message_counts={channel: self.counts[channel] for channel in channels},
-            chunk_count=len(self._chunks),
-            message_count=self.counts.total(),
-            message_end_time=self.last,
-            message_start_time=self.first,
-            metadata_count=len(self._metadata),
-            schema_count=len(self._definitions) - len(channels),
+        self._summarise(
+            mcap.Statistics(
+                attachment_count=self._numbers[Opcode.ATTACHMENT_INDEX],
+                channel_count=self._numbers[Opcode.CHANNEL],
+                channel_message_counts=dict(self.counts),
+                chunk_count=self._numbers[Opcode.CHUNK_INDEX],
+                message_count=self.counts.total(),
+                message_end_time=self.last,
+                message_start_time=self.first,
+                metadata_count=self._numbers[Opcode.METADATA_INDEX],
+                schema_count=self._numbers[Opcode.SCHEMA],
+            )
         )
-        self._write_summary(
-            [*self._definitions, statistics, *self._chunks, *self._attachments, *self._metadata]
-        )
+        start = self.stream.tell()
+        summary, groups = b"", b""
+        for opcode, group in sorted(self._summary.items()):
+            groups += _encoded(mcap.SummaryOffset(opcode, start + len(summary), len(group)))
+            summary += group
+        offsets = start + len(summary)
+        summary += groups
+        footer = struct.pack("<BQQQ", Opcode.FOOTER, 20, start, offsets)
+        self.stream.write(summary)
+        self._write(mcap.Footer(start, offsets, zlib.crc32(footer, zlib.crc32(summary))))
+        self.stream.write(MAGIC)
 
     def _write(self, record: mcap.McapRecord) -> tuple[int, int]:
         """Write a record; return its position and its number of bytes."""
         return self.stream.tell(), self.stream.write(_encoded(record))
 
-    def _write_summary(self, records: Sequence[mcap.McapRecord]) -> None:
-        """Write the summary of these records, grouped by kind, and the footer."""
-        start = self.stream.tell()
-        summary, groups = b"", []
-        for kind in dict.fromkeys(type(record) for record in records):
-            group = b"".join(_encoded(record) for record in records if type(record) is kind)
-            groups.append(mcap.SummaryOffset(group[0], start + len(summary), len(group)))
-            summary += group
-        offsets = start + len(summary)
-        summary += b"".join(map(_encoded, groups))
-        footer = struct.pack("<BQQQ", Opcode.FOOTER, 20, start, offsets)
-        self.stream.write(summary)
-        self._write(mcap.Footer(start, offsets, zlib.crc32(footer, zlib.crc32(summary))))
-        self.stream.write(MAGIC)
+    def _summarise(self, record: mcap.McapRecord) -> bytes:
+        """Add a record to the summary; return its bytes."""
+        data = _encoded(record)
+        self._summary[data[0]] += data
+        self._numbers[data[0]] += 1
+        return data
 
 
 def _compressed(compression: str, content: bytes) -> tuple[bytes, bytes]:

@@ -121,12 +121,14 @@ def _foreign(path: Path) -> str:
             f"`{command('recover')}`."
         )
     for channel in summary.channels.values():
-        if channel.message_encoding != "cdr":
-            return (
-                f"holds messages that are not of ROS 2: {channel.topic} has the encoding "
-                f"{channel.message_encoding or 'none'}; write a file with the messages of ROS 2 "
-                "only, such as with `mcap filter`."
-            )
+        schema = summary.schemas.get(channel.schema_id)
+        for encoding in (channel.message_encoding, schema.encoding if schema else ""):
+            if encoding not in ("cdr", "ros2msg", "ros2idl"):
+                return (
+                    f"holds messages that are not of ROS 2: {channel.topic} has the encoding "
+                    f"{encoding or 'none'}; write a file with the messages of ROS 2 only, such as "
+                    "with `mcap filter`."
+                )
     return ""
 
 
@@ -140,6 +142,8 @@ def _kind(path: Path) -> str:
                 f"Folder {path} has no metadata.yaml; give a file of the bag, or create "
                 "metadata.yaml with `ros2 bag reindex`."
             )
+        for each in path.iterdir():
+            refuse_pipe(each)
         try:
             root = yaml.compose((path / "metadata.yaml").read_text("utf-8"), yaml.SafeLoader)
             if root is not None:
@@ -163,5 +167,8 @@ def _kind(path: Path) -> str:
     if not start:
         raise BagError(f"{path} is empty, as its recording ended before anything was written.")
     if magic and not magic.startswith(start):
-        raise BagError(f"{path} is not a {path.suffix} file, despite its name; give a bag.")
+        raise BagError(
+            f"{path} does not begin like a {suffix} file; give a bag, or try "
+            f"{_REPAIR[suffix].format(recover=command('recover'))}."
+        )
     return suffix

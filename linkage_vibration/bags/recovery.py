@@ -36,7 +36,7 @@ from linkage_vibration.bags.mcap_records import (
     RECORD,
     split_records,
 )
-from linkage_vibration.bags.writing import ROSBAG2_METADATA
+from linkage_vibration.bags.writing import ROSBAG2_METADATA, rosbag2_metadata
 from linkage_vibration.errors import LinkageVibrationError, printable
 from linkage_vibration.support.atomic_files import replacement
 
@@ -403,8 +403,7 @@ class _Rescue:
                 self.definitions[key] = trust, record
         elif isinstance(record, records.Attachment):
             self._output_file().attach(record)
-        # The metadata of rosbag2 are written again, as their counts change.
-        elif isinstance(record, records.Metadata) and record.name != ROSBAG2_METADATA:
+        elif isinstance(record, records.Metadata):
             self._output_file().add_metadata(record.name, record.metadata)
 
     def _register(self, channel: int) -> None:
@@ -457,8 +456,8 @@ class _Rescue:
             saved[topics[number]] += count
         for number, count in self._lost.items():
             lost[topics.get(number, f"unknown channel {number}")] += count
-        if file.profile == "ros2":
-            file.add_rosbag2_metadata(self._output)
+        if file.profile == "ros2" and ROSBAG2_METADATA not in file.metadata:
+            file.add_metadata(ROSBAG2_METADATA, rosbag2_metadata())
         file.add_metadata(
             RECOVERY_METADATA,
             {

@@ -38,8 +38,6 @@ from linkage_vibration.bags.schemas import Schema, schema_of_store
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
-    from rosbags.rosbag1 import Reader as Reader1
-    from rosbags.rosbag2 import Reader as Reader2
 
     from linkage_vibration.bags.reading import BagReader
 
@@ -218,9 +216,6 @@ def _parts(
 ) -> Iterator[_Part]:
     """Yield the parts of a bag in the order of their first times, or as MCAP has them."""
     with bag_errors(path), ExitStack() as stack:
-        if isinstance(bag, CanLog):
-            yield from _can_parts(bag, number, names)
-            return
         files = [stack.enter_context(file.open("rb")) for file in mcap_files(path)]
         if not files:
             yield from _gathered_parts(_by_rosbags(bag, names), number, names)
@@ -239,8 +234,8 @@ def _is_indexed(summary: Summary) -> bool:
     return indexed and bool(summary.channels)
 
 
-def _by_rosbags(bag: "Reader1 | Reader2", names: Sequence[str]) -> Iterator[_Message]:
-    """Yield the messages of ROS 2, and those of ROS 1 converted to CDR."""
+def _by_rosbags(bag: "BagReader", names: Sequence[str]) -> Iterator[_Message]:
+    """Yield the messages of ROS 2 and of a CAN bus, and those of ROS 1 converted to CDR."""
     from rosbags.rosbag1 import Reader as Reader1
 
     connections = [connection for connection in bag.connections if connection.topic in names]
@@ -339,26 +334,6 @@ def _chunk_block(data: bytes, channels: dict[int, int], begins: Integers) -> Blo
 
 def _time(column: NDArray[np.uint64]) -> Integers:
     return np.minimum(column, _LATEST).astype(np.int64)
-
-
-def _can_parts(bag: CanLog, number: int, names: Sequence[str]) -> Iterator[_Part]:
-    topic = np.full(1 + max(c.id for c in bag.connections), -1)
-    for connection in bag.connections:
-        if connection.topic in names:
-            topic[connection.id] = names.index(connection.topic)
-    topics, times = topic[bag.frames["channel"]], bag.frames["time"]
-    wanted = np.flatnonzero(topics >= 0)
-    for place, rows in enumerate(np.split(wanted, range(BLOCK, len(wanted), BLOCK))):
-
-        def load(rows: Integers = rows) -> Block:
-            messages = bag.encoded(rows)
-            starts = messages.shape[1] * np.arange(len(rows))
-            sizes = np.full(len(rows), messages.shape[1])
-            at = times[rows]
-            return Block(messages.ravel(), starts, sizes, topics[rows], at, at)
-
-        if len(rows):
-            yield _Part(int(times[rows[0]]), (number, place), load)
 
 
 def _gathered_parts(

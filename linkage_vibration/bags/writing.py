@@ -2,9 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a log contains besides its messages, so that rosbag2, Foxglove and rosbags open it."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
-from pathlib import Path
 
 import yaml
 
@@ -88,38 +86,22 @@ def offered_qos_profiles(*, latched: bool = False) -> str:
     return yaml.safe_dump([profile], sort_keys=False)
 
 
-def rosbag2_metadata(
-    path: Path, topics: Iterable[tuple[Topic, int]], first_time: int, last_time: int
-) -> dict[str, str]:
-    """Return the content of the record `ROSBAG2_METADATA` that rosbag2 stores in its MCAP files.
+def rosbag2_metadata() -> dict[str, str]:
+    """Return the content of the record `ROSBAG2_METADATA`, by whose version rosbag2 reads the QoS.
 
-    It has the name of the file, the topics with their numbers of messages, and the least and the
-    greatest log time, ns (0 if there are no messages).
+    All other keys are needed, but replaced: rosbag2 lists and counts what the summary of a file
+    has.
     """
-    counted = list(topics)
-    listed = [
-        {
-            "topic_metadata": {
-                "name": topic.name,
-                "type": topic.type,
-                "serialization_format": "cdr",
-                "offered_qos_profiles": topic.offered_qos_profiles,
-                "type_description_hash": topic.type_hash,
-            },
-            "message_count": count,
-        }
-        for topic, count in counted
-    ]
     metadata = {
         "version": ROSBAG2_METADATA_VERSION,
         "storage_identifier": "mcap",
-        "duration": {"nanoseconds": last_time - first_time},
-        "starting_time": {"nanoseconds_since_epoch": first_time},
-        "message_count": sum(count for _, count in counted),
-        "topics_with_message_count": listed,
+        "duration": {"nanoseconds": 0},
+        "starting_time": {"nanoseconds_since_epoch": 0},
+        "message_count": 0,
+        "topics_with_message_count": [],
         "compression_format": "",
         "compression_mode": "",
-        "relative_file_paths": [path.name],
+        "relative_file_paths": [],
         "files": [],
         "custom_data": {},
     }

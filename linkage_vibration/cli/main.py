@@ -49,7 +49,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         if not error.filename:
             _discard_output()
-        place = error.filename or "The standard output"
+        # tempfile raises it where no folder for temporary files has room.
+        missing = isinstance(error, FileNotFoundError)
+        place = error.filename or f"The {'temporary folder' if missing else 'standard output'}"
         return _fail(f"{place} cannot be used ({error.strerror or error}); check its disk.")
 
 

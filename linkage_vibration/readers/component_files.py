@@ -3,14 +3,13 @@
 """What the readers of components share: errors, names of DoFs, and arrays of bounded size."""
 
 import zipfile
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.dofs import DIRECTIONS, InterfaceDof
@@ -67,18 +66,25 @@ def check_size(size: int) -> None:
         )
 
 
-def load_npz(path: Path, known: Collection[str]) -> dict[str, NDArray[Any]]:
+def load_npz(
+    path: Path, required: Sequence[str], optional: Sequence[str] = ()
+) -> dict[str, NDArray[Any]]:
     """Read the arrays of an ``.npz`` file without unpickling anything.
 
-    Any name that is not known is an error, as it may be misspelt.
+    Any other name is an error, as it may be misspelt.
     """
+    names = *required, *optional
     check_file(path)
     with file_errors(path, Exception):  # of zipfile, zlib, struct, tokenize and NumPy
         with zipfile.ZipFile(path) as archive:
             check_size(sum(member.file_size for member in archive.infolist()))
         try:
             with np.load(path, allow_pickle=False) as arrays:
-                check_known(arrays.files, known)
+                for name in arrays.files:
+                    if name not in names:
+                        raise FileError(
+                            f"holds {name!r}, which is unknown; use only {', '.join(names)}."
+                        )
                 contents = {name: np.asarray(arrays[name]) for name in arrays.files}
         except ValueError as error:
             if "allow_pickle" not in str(error):
@@ -88,6 +94,9 @@ def load_npz(path: Path, known: Collection[str]) -> dict[str, NDArray[Any]]:
             ) from None
         if not all(map(_is_text, contents.values())):
             raise FileError("holds text that is not Unicode; write it again.")
+        for name in required:
+            if name not in contents:
+                raise FileError(f"has no {name}; add it.")
         return contents
 
 
@@ -100,40 +109,6 @@ def _is_text(array: NDArray[Any]) -> bool:
         return True
     codes = np.ascontiguousarray(array).view(array.dtype.byteorder + "u4")
     return bool(((codes < 0xD800) | ((codes > 0xDFFF) & (codes <= 0x10FFFF))).all())
-
-
-def compressed_columns(
-    data: NDArray[Any], indices: NDArray[Any], starts: NDArray[Any], rows: int
-) -> sparse.csc_array:
-    """Return a sparse matrix from its compressed columns after checking every index.
-
-    SciPy checks only some of them, and a wrong one makes it read beyond its arrays. The starts,
-    (columns + 1,), end with the number of entries. A ValueError says that the arrays do not fit.
-    """
-    if any(
-        part.ndim != 1 or part.dtype.kind not in kinds
-        for part, kinds in ((data, "fiu"), (indices, "iu"), (starts, "iu"))
-    ):
-        raise ValueError("data have to be numbers, indices and indptr whole numbers")
-    indices, starts = indices.astype(np.int64), starts.astype(np.int64)
-    if (
-        starts.size == 0
-        or starts[0] != 0
-        or (np.diff(starts) < 0).any()
-        or not starts[-1] == indices.size == data.size
-        or (indices.size and not 0 <= indices.min() <= indices.max() < rows)
-    ):
-        raise ValueError("an index points outside of the matrix")
-    return sparse.csc_array(
-        (data.astype(np.float64), indices, starts), shape=(rows, starts.size - 1)
-    )
-
-
-def check_known(names: Iterable[str], known: Collection[str]) -> None:
-    """Raise a FileError for a name that is not known."""
-    for name in names:
-        if name not in known:
-            raise FileError(f"holds {name!r}, which is unknown; use only {', '.join(known)}.")
 
 
 def parse_dofs(names: Sequence[object]) -> list[InterfaceDof | None]:

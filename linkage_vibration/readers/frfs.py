@@ -46,13 +46,12 @@ ComplexArray = NDArray[np.complex128]
 
 _FRF = 4  # function type
 _DIRECTIONS = {1: ("x", 1.0), 2: ("y", 1.0), 3: ("z", 1.0), 5: ("theta", -1.0)}
-# Power of i omega in the response, by the specific data type of the ordinate.
-_POWERS = {8: 0, 11: 1, 12: 2}
-_QUANTITIES = {8: "a displacement", 11: "a velocity", 12: "an acceleration"}
-_RESPONSE_LABELS = {
-    8: ("m", "rad"),
-    11: ("m/s", "rad/s"),
-    12: ("m/s2", "m/s/s", "m/sec2", "rad/s2", "rad/s/s", "rad/sec2"),
+# The response by the specific data type of the ordinate: its name, the power of i omega in it, and
+# the labels of its units.
+_RESPONSES = {
+    8: ("a displacement", 0, ("m", "rad")),
+    11: ("a velocity", 1, ("m/s", "rad/s")),
+    12: ("an acceleration", 2, ("m/s2", "m/s/s", "m/sec2", "rad/s2", "rad/s/s", "rad/sec2")),
 }
 _FORCES = (9, 13)  # data types of a reaction and an excitation force
 _FORCE_LABELS = ("n", "nm", "newton")
@@ -93,11 +92,7 @@ def read_frfs(
 
 
 def _read_npz(path: Path, wanted: Sequence[InterfaceDof] | None) -> Frfs:
-    names = ("frequencies", "frf", "dofs")
-    arrays = load_npz(path, names)
-    for name in names:
-        if name not in arrays:
-            raise FileError(f"has no {name}; add it.")
+    arrays = load_npz(path, ("frequencies", "frf", "dofs"))
     frequencies, frf = arrays["frequencies"], arrays["frf"]
     if frequencies.ndim != 1 or frequencies.dtype.kind not in "fiu":
         raise FileError("has frequencies that are not a list of real numbers; give them in Hz.")
@@ -197,7 +192,7 @@ def _pair(data: Mapping[str, Any], nodes: Mapping[int, str]) -> tuple[_Pair | No
 def _receptance(data: Mapping[str, Any], where: str) -> _Function:
     """Return a data set 58 as receptance; `where` begins its errors."""
     kind = data["ordinate_spec_data_type"]
-    if kind not in _POWERS:
+    if kind not in _RESPONSES:
         raise FileError(
             f"{where} has the ordinate data type {kind}; export it as displacement (8), velocity "
             "(11) or acceleration (12)."
@@ -207,8 +202,9 @@ def _receptance(data: Mapping[str, Any], where: str) -> _Function:
             f"{where} has the ordinate denominator data type {data['orddenom_spec_data_type']}; "
             "export it per excitation force (13)."
         )
-    _check_label(where, data["ordinate_axis_units_lab"], _RESPONSE_LABELS[kind], kind)
-    _check_label(where, data["orddenom_axis_units_lab"], _FORCE_LABELS, None)
+    quantity, power, labels = _RESPONSES[kind]
+    _check_label(where, data["ordinate_axis_units_lab"], labels, quantity)
+    _check_label(where, data["orddenom_axis_units_lab"], _FORCE_LABELS, "a force")
     abscissa = _plain_label(data["abscissa_axis_units_lab"])
     if data["abscissa_spec_data_type"] not in _FREQUENCY or abscissa not in ("", "none", "hz"):
         raise FileError(f"{where} is not over frequency in Hz; export it that way.")
@@ -222,19 +218,15 @@ def _receptance(data: Mapping[str, Any], where: str) -> _Function:
         )
     if y.dtype.kind != "c":
         raise FileError(f"{where} is not complex; export real and imaginary parts.")
-    power = _POWERS[kind]
     if power and len(x) and x[0] == 0.0:
         x, y = x[1:], y[1:]
     with np.errstate(all="ignore"):
         return x, y / (2j * np.pi * x) ** power
 
 
-def _check_label(where: str, label: str, allowed: Sequence[str], kind: int | None) -> None:
+def _check_label(where: str, label: str, allowed: Sequence[str], what: str) -> None:
     """Raise an error if a label names a unit that is not the SI unit of the quantity."""
-    plain = _plain_label(label)
-    numerator = plain.split("/n")[0] if kind is not None else plain
-    if numerator not in ("", "none", *allowed):
-        what = "a force" if kind is None else _QUANTITIES[kind]
+    if _plain_label(label).split("/n")[0] not in ("", "none", *allowed):
         raise FileError(
             f"{where} has the unit {label.strip()!r}, not the SI unit of {what}; export it in SI."
         )

@@ -8,9 +8,8 @@ direction (``P1 x``, ``P1 theta``), or ``-`` for an inner coordinate, physical o
 the last entry, and named rows that are not wanted, are inner coordinates too and move freely. In
 the planar model, however, rows named y are held, as the plane of motion is a plane of symmetry.
 
-A matrix is one array, or a sparse one the three arrays of its compressed rows or columns:
-``mass_data``, ``mass_indices``, ``mass_indptr``. Matrix Market and MATLAB files become such a file
-by ``scipy.io.mmread`` or ``scipy.io.loadmat``, and ``numpy.savez``.
+Matrix Market and MATLAB files become such a file by ``scipy.io.mmread``, ``scipy.io.loadmat`` and
+``numpy.savez``.
 """
 
 import math
@@ -20,20 +19,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 from scipy.linalg import cho_factor
 from scipy.linalg.lapack import dpotrf
-from scipy.sparse.linalg import splu
 
 from linkage_vibration.mechanics.bodies.matrices import Matrices
 from linkage_vibration.mechanics.dofs import InterfaceDof
-from linkage_vibration.mechanics.reduction import ReductionError
-from linkage_vibration.mechanics.solids import sparse_craig_bampton
 from linkage_vibration.readers.component_files import (
     ComponentFileError,
     FileError,
     choose_rows,
-    compressed_columns,
     file_errors,
     load_npz,
     parse_dofs,
@@ -41,17 +35,11 @@ from linkage_vibration.readers.component_files import (
 
 FloatArray = NDArray[np.float64]
 
-MAX_WHOLE = 3000
-"""The most rows of a component that is used as it is; larger ones are reduced while sparse."""
-MAX_ROWS = 1_000_000
+MAX_ROWS = 3000
+"""The most rows of a component."""
 
-_NAMES = ("mass", "stiffness", "damping")
-_PARTS = ("data", "indices", "indptr")
-_KNOWN = ("dofs", *_NAMES, *(f"{name}_{part}" for name in _NAMES for part in _PARTS))
-
-_ASYMMETRY = (
-    1e-6  # share of the geometric mean of the diagonal entries; files with seven digits pass
-)
+# Share of the geometric mean of the diagonal entries; files with seven digits pass.
+_ASYMMETRY = 1e-6
 # The stiffness of a free body has eigenvalues of zero, which rounding makes slightly negative. They
 # are accepted if motion grows by less than this (0.1 Hz, a thousandth per second), or if they are
 # no larger than the rounding of the largest eigenvalue.
@@ -61,13 +49,10 @@ _ROUNDING = 1e-13
 _FASTEST = 1e30  # 1/s2 or 1/s, greatest plausible ratio to the mass
 
 
-def read_matrices(
-    path: Path, dofs: Sequence[InterfaceDof] | None = None, modes: int | None = None
-) -> Matrices:
+def read_matrices(path: Path, dofs: Sequence[InterfaceDof] | None = None) -> Matrices:
     """Read and check the matrices of a component from ``.npz``.
 
-    The interface DoFs are in the order given (by default all of the file). A component with more
-    than `MAX_WHOLE` rows keeps some fixed-interface modes (Craig-Bampton). Rows named y are held.
+    The interface DoFs are in the order given (by default all of the file). Rows named y are held.
     A ComponentFileError names the file and the fix.
     """
     if path.suffix.lower() != ".npz":
@@ -76,31 +61,20 @@ def read_matrices(
             "(`scipy.io.loadmat` reads MATLAB files, `scipy.io.mmread` Matrix Market)."
         )
     with file_errors(path):
-        matrices, names = _read(path)
-        matrices = _plain_matrices(matrices)
-        dofs, order, labels = _order(names, dofs, matrices["mass"].shape[0])
+        arrays = load_npz(path, ("dofs", "mass", "stiffness"), ("damping",))
+        names = np.ravel(arrays.pop("dofs")).tolist()
+        # The mass comes first, with which the others are compared.
+        matrices = {"mass": arrays["mass"], **arrays}
         for name, matrix in matrices.items():
-            matrix = matrix[order][:, order]
-            _check(labels, name, matrix, matrices["mass"])
+            _check_kind(name, matrix, _size(matrices["mass"]))
+        dofs, order, labels = _order(names, dofs, len(matrices["mass"]))
+        for name, matrix in matrices.items():
+            matrix = matrix.astype(np.float64)[np.ix_(order, order)]
+            _check(labels, name, matrix, matrix if name == "mass" else matrices["mass"])
             matrices[name] = (matrix + matrix.T) / 2.0
-        if sparse.issparse(matrices["mass"]):
-            matrices = _reduce(matrices, len(dofs), modes)
         if len(matrices["mass"]) > len(dofs):
             _check_held(dofs, matrices["mass"], matrices["stiffness"])
     return Matrices(dofs, matrices["mass"], matrices["stiffness"], matrices.get("damping"))
-
-
-def _plain_matrices(matrices: dict[str, Any]) -> dict[str, Any]:
-    """Return mass, stiffness and perhaps damping as matrices of floats of one size."""
-    for name in ("mass", "stiffness"):
-        if name not in matrices:
-            raise FileError(f"has no {name}; add it.")
-    matrices = {name: _plain(name, matrices[name]) for name in _NAMES if name in matrices}
-    size = _size(matrices["mass"])
-    for name, matrix in matrices.items():
-        if _size(matrix) != size:
-            raise FileError(f"{name} is {_size(matrix)}, but mass is {size}; correct one.")
-    return matrices
 
 
 def _order(
@@ -123,63 +97,38 @@ def _order(
     return dofs, order, labels
 
 
-def _read(path: Path) -> tuple[dict[str, Any], list[object]]:
-    arrays = load_npz(path, _KNOWN)
-    matrices: dict[str, Any] = {}
-    for name in _NAMES:
-        parts = [f"{name}_{part}" for part in _PARTS]
-        there = [part for part in parts if part in arrays]
-        if name in arrays and there:
-            raise FileError(f"has both {name} and {there[0]}; remove one.")
-        if name in arrays:
-            matrices[name] = arrays[name]
-        elif there:
-            if there != parts:
-                raise FileError(f"has a sparse {name} without all of {', '.join(parts)}; add them.")
-            data, indices, indptr = (arrays[part] for part in parts)
-            n = indptr.size - 1
-            if n > MAX_ROWS:
-                raise FileError(f"{name} has {n} rows; reduce it to {MAX_ROWS} or fewer.")
-            try:
-                matrices[name] = compressed_columns(data, indices, indptr, n)
-            except ValueError as error:
-                raise FileError(f"{name} is invalid, as {error}; write it again.") from None
-    if "dofs" not in arrays:
-        raise FileError("has no dofs; add one for each row.")
-    return matrices, np.ravel(arrays["dofs"]).tolist()
-
-
-def _plain(name: str, matrix: Any) -> Any:
-    """Return a matrix of floats, sparse if it is too large to be used as it is."""
+def _check_kind(name: str, matrix: NDArray[Any], mass: str) -> None:
+    """Raise an error unless a matrix is square and real, and as large as the mass."""
     if matrix.dtype.kind not in "fiu":
         what = "complex" if matrix.dtype.kind == "c" else "not of numbers"
         raise FileError(
             f"{name} is {what}; write real numbers, and damping as a matrix of its own."
         )
-    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or matrix.shape[0] == 0:
+    if matrix.ndim != 2 or len(set(matrix.shape)) != 1 or not matrix.size:
         raise FileError(f"{name} is {_size(matrix)}; write a square matrix.")
-    if matrix.shape[0] > MAX_WHOLE:
-        return sparse.csc_array(matrix, dtype=np.float64)
-    whole = matrix.toarray() if sparse.issparse(matrix) else matrix
-    return np.asarray(whole, dtype=np.float64)
+    if _size(matrix) != mass:
+        raise FileError(f"{name} is {_size(matrix)}, but mass is {mass}; correct one.")
+    if len(matrix) > MAX_ROWS:
+        raise FileError(
+            f"{name} has {len(matrix)} rows, more than {MAX_ROWS}; reduce the component before you "
+            "write the file (Craig and Bampton)."
+        )
 
 
-def _size(matrix: Any) -> str:
+def _size(matrix: NDArray[Any]) -> str:
     return " by ".join(map(str, matrix.shape))
 
 
-def _accepted(name: str, matrix: Any, mass: Any) -> Any:
+def _accepted(name: str, matrix: FloatArray, mass: FloatArray) -> FloatArray:
     """Return the multiple of the mass that makes a matrix positive despite its rounding."""
     largest = float(np.max(matrix.diagonal() / mass.diagonal()))
     return max(_ACCEPTED[name], _ROUNDING * largest) * mass
 
 
-def _check(labels: Sequence[str], name: str, matrix: Any, mass: Any) -> None:
+def _check(labels: Sequence[str], name: str, matrix: FloatArray, mass: FloatArray) -> None:
     """Raise an error unless a matrix is finite, symmetric and positive; check the mass first."""
-    entries = sparse.coo_array(matrix)
-    wrong = np.flatnonzero(~np.isfinite(entries.data))
-    if wrong.size:
-        i, j = entries.row[wrong[0]], entries.col[wrong[0]]
+    if not np.isfinite(matrix).all():
+        i, j = np.argwhere(~np.isfinite(matrix))[0]
         raise FileError(f"{name} is not finite at {labels[i]}, {labels[j]}; write it again.")
 
     if name != "mass":
@@ -193,41 +142,21 @@ def _check(labels: Sequence[str], name: str, matrix: Any, mass: Any) -> None:
             )
     whole = matrix if name == "mass" else matrix + _accepted(name, matrix, mass)
     diagonal = whole.diagonal()
-    _check_positive(labels, name, diagonal)
-    odd = sparse.coo_array(matrix - matrix.T)
+    if diagonal.min() <= 0.0:
+        raise _not_positive(name, labels[int(diagonal.argmin())])
     with np.errstate(over="ignore"):
-        sizes = np.abs(odd.data) / np.sqrt(diagonal[odd.row]) / np.sqrt(diagonal[odd.col])
-    if sizes.max(initial=0.0) > _ASYMMETRY:
-        worst = int(sizes.argmax())
-        i, j = odd.row[worst], odd.col[worst]
+        scale = np.sqrt(diagonal)
+        sizes = np.abs(matrix - matrix.T) / scale / scale[:, np.newaxis]
+    if sizes.max() > _ASYMMETRY:
+        i, j = divmod(int(sizes.argmax()), len(sizes))
         raise FileError(
             f"{name} is not symmetric: {matrix[i, j]:.6g} at {labels[i]}, {labels[j]} and "
-            f"{matrix[j, i]:.6g} at {labels[j]}, {labels[i]} differ by {sizes[worst]:.1e} of "
+            f"{matrix[j, i]:.6g} at {labels[j]}, {labels[i]} differ by {sizes[i, j]:.1e} of "
             "their diagonal entries; write it again."
         )
-
-    if sparse.issparse(whole):
-        try:
-            factor = splu(
-                whole.tocsc(),
-                permc_spec="MMD_AT_PLUS_A",
-                diag_pivot_thresh=0.0,
-                options={"SymmetricMode": True},
-            )
-        except RuntimeError:
-            raise _not_positive(name, "some DoF") from None
-        # SuperLU has its pivots in the order of perm_c.
-        _check_positive(labels, name, factor.U.diagonal()[factor.perm_c])
-    else:
-        _, info = dpotrf(whole)
-        if info:
-            raise _not_positive(name, labels[info - 1])
-
-
-def _check_positive(labels: Sequence[str], name: str, pivots: FloatArray) -> None:
-    worst = int(pivots.argmin())
-    if pivots[worst] <= 0.0:
-        raise _not_positive(name, labels[worst])
+    _, info = dpotrf(whole)
+    if info:
+        raise _not_positive(name, labels[info - 1])
 
 
 def _not_positive(name: str, label: str) -> FileError:
@@ -237,25 +166,6 @@ def _not_positive(name: str, label: str) -> FileError:
         problem = "semi-definite"
         fix = "look for a wrong sign or row, and write every digit (%.17g)"
     return FileError(f"{name} is not positive {problem} at {label}; {fix}.")
-
-
-def _reduce(matrices: dict[str, Any], n_interface: int, modes: int | None) -> dict[str, Any]:
-    if modes is None:
-        raise FileError(
-            f"has {matrices['mass'].shape[0]} rows, more than {MAX_WHOLE}; set the number of "
-            "fixed-interface modes to keep."
-        )
-    try:
-        reduction = sparse_craig_bampton(
-            matrices["mass"], matrices["stiffness"], n_interface, modes
-        )
-    except ReductionError as error:
-        raise FileError(str(error)) from None
-    reduced = {"mass": reduction.mass, "stiffness": reduction.stiffness}
-    if "damping" in matrices:
-        damping = reduction.transformation.T @ (matrices["damping"] @ reduction.transformation)
-        reduced["damping"] = (damping + damping.T) / 2.0
-    return reduced
 
 
 def _check_held(dofs: Sequence[InterfaceDof], mass: FloatArray, stiffness: FloatArray) -> None:

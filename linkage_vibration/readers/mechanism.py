@@ -96,7 +96,7 @@ def mechanism_of(mapping: Any, path: Path) -> Mechanism:
 
 
 def _matrices(keys: Keys, points: dict[str, Point], path: Path) -> Body:
-    return read_matrices(path, modes=keys.integer("modes", default=20))
+    return read_matrices(path)
 
 
 def _frfs(keys: Keys, points: dict[str, Point], path: Path) -> Body:

@@ -26,7 +26,6 @@ from linkage_vibration.readers.component_files import FileError, check_file, fil
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 
-_INSTALL = "needs scikit-fem and meshio; run `pip install linkage_vibration[fe]`."
 _VOLUMES = ("tetra", "tetra10")
 _SURFACES = ("triangle", "triangle6")
 _MAX_EXTENT = 50.0  # m
@@ -46,18 +45,21 @@ def mesh_matrices(
     DoFs: x, z and, for `rotations`, theta of each. The modes follow, without damping.
     """
     with file_errors(path):
-        nodes, elements, surfaces = _read_mesh(path)
-        tied = _pins(points, pins, nodes, surfaces)
-        mass, stiffness = _assemble(path, nodes, elements, material)
+        try:
+            nodes, elements, surfaces = _read_mesh(path)
+            tied = _pins(points, pins, nodes, surfaces)
+            mass, stiffness = _assemble(path, nodes, elements, material)
+        except ImportError:
+            raise FileError(
+                "needs scikit-fem and meshio; run `pip install linkage_vibration[fe]`."
+            ) from None
         return solid_matrices(mass, stiffness, nodes, tied, modes, rotations)
 
 
 def _read_mesh(path: Path) -> tuple[FloatArray, IntArray, dict[str, IntArray]]:
     """Return the nodes of the tetrahedra, the tetrahedra, and the nodes of each named surface."""
-    try:
-        import meshio
-    except ImportError:
-        raise FileError(_INSTALL) from None
+    import meshio
+
     check_file(path)
     _check_text(path)
     with file_errors(path, Exception):  # of meshio, NumPy, shlex and plain indexing
@@ -177,12 +179,9 @@ def _assemble(
     path: Path, nodes: FloatArray, elements: IntArray, material: Material
 ) -> tuple[Any, Any]:
     """Return the consistent mass and stiffness, in the order x, y, z of each node."""
-    try:
-        import skfem
-        from skfem.helpers import dot
-        from skfem.models.elasticity import lame_parameters, linear_elasticity
-    except ImportError:
-        raise FileError(_INSTALL) from None
+    import skfem
+    from skfem.helpers import dot
+    from skfem.models.elasticity import lame_parameters, linear_elasticity
 
     corners = nodes[elements[:, :4]]
     edges = corners[:, 1:] - corners[:, :1]

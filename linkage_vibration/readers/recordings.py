@@ -29,7 +29,11 @@ def read_recording(path: Path, topic: str | None = None) -> tuple[FloatArray, Fl
     the topic chooses one of several.
     """
     if path.suffix.lower() == ".csv":
-        return _csv(path)
+        table = read_numbers(path)
+        if table.shape[1] < _FEWEST:
+            problem = f"{path}: has {table.shape[1]} columns; give the time and a channel."
+            raise RecordingError(problem)
+        return _ordered(path, table[:, 0], table[:, 1:])
     # A node that has no such libraries reads profiles of the ground here, but no bags.
     from linkage_vibration.bags.message_columns import header_stamps, read_columns, topic_types
 
@@ -47,13 +51,6 @@ def read_recording(path: Path, topic: str | None = None) -> tuple[FloatArray, Fl
     stamps = header_stamps(columns)
     times = stamps if stamps.any() else columns["log_time"].astype(np.int64)
     return _ordered(path, np.asarray(1e-9 * (times - times[:1])), signals)
-
-
-def _csv(path: Path) -> tuple[FloatArray, FloatArray]:
-    table = read_numbers(path)
-    if table.shape[1] < _FEWEST:
-        raise RecordingError(f"{path}: has {table.shape[1]} columns; give the time and a channel.")
-    return _ordered(path, table[:, 0], table[:, 1:])
 
 
 def read_numbers(path: Path) -> FloatArray:

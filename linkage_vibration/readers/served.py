@@ -89,7 +89,7 @@ def read_loads(
     _check_room(path, excitations=len(excitations))
     if settings.excitation_file:
         return excitations
-    refused = [one.name for one in excitations if not _acts(one, served)]
+    refused = [each.name for each in excitations if not _acts(each, served)]
     if refused:
         report(
             f"{served.mechanism.name} or its table lacks the places at which {', '.join(refused)} "
@@ -97,7 +97,8 @@ def read_loads(
             "`--excitations`, or in the node's parameter excitation_file."
         )
     return tuple(
-        replace(one, load=None, terrain=None) if one.name in refused else one for one in excitations
+        replace(each, load=None, terrain=None) if each.name in refused else each
+        for each in excitations
     )
 
 

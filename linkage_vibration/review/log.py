@@ -5,6 +5,7 @@
 import csv
 import io
 import itertools
+import re
 import tempfile
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -48,6 +49,7 @@ from linkage_vibration.support.commands import command
 from linkage_vibration.table.table import Table, TableError, load_table
 
 _EACH = "states", "load_ratios"  # what a log keeps of each excitation
+_FILE_NAME = re.compile(r"(?!\.\.?$)[^\0]{1,80}")
 _MISSING: dict[str, Any] = {"f": np.nan, "O": "", "i": 0}
 
 
@@ -435,9 +437,17 @@ def _read_model(
     table, mechanism, text, excitations = None, None, "", tuple[Excitation, ...]()
     with tempfile.TemporaryDirectory() as folder:
         # All attachments are written, as a mechanism may refer to files beside it.
-        paths = {name: Path(folder) / Path(name).name for name in attachments}
-        for name, data in attachments.items():
-            paths[name].write_bytes(data)
+        # A foreign program may have given them names that no file can have.
+        names = {name: Path(name).name for name in attachments}
+        paths = {n: Path(folder, file) for n, file in names.items() if _FILE_NAME.fullmatch(file)}
+        try:
+            for name, path in paths.items():
+                path.write_bytes(attachments[name])
+        except OSError as error:
+            raise ReviewError(
+                f"The model of the log cannot be unpacked into {folder} ({error.strerror}); make "
+                "room there, or name another folder in TMPDIR."
+            ) from None
         if f"{table_id}.npz" in paths:
             with suppress(TableError):  # of an older format; the page does without it
                 table = load_table(paths[f"{table_id}.npz"])

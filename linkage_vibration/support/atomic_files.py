@@ -77,7 +77,7 @@ def check_paths(paths: Sequence[Path]) -> None:
 def refuse_pipe(path: Path) -> None:
     """Raise an OSError for an input that is a pipe, as its reader might wait for ever."""
     if path.is_fifo():
-        raise OSError(errno.EINVAL, "it is a pipe, not a file")
+        raise OSError(errno.EINVAL, f"{path.name} is a pipe, not a file")
 
 
 def make_folder(folder: Path, error: type[LinkageVibrationError]) -> None:

@@ -227,13 +227,16 @@ FAULTS = {
         r"line 2 is .*7Z.*correct or",
     ),
     "too late": (LINE.replace("1700000000", "2147483648"), r"a time before 1970 or after 2038"),
+    "much too late": (LINE.replace("1700000000", "9" * 20), r"a time before 1970 or after 2038"),
+    "endless": (LINE.replace("1700000000.000100", "inf"), r"cannot be read: line 1 is"),
     "too early": (LINE.replace("1700000000", "-1"), r"a time before 1970 or after 2038"),
     "console": (
         " (1700000000.000100)  can0  RX - -  0CFE45F0   [1]  7D\n",
         r"cannot be read: line 1 is .*candump -l",
     ),
     "console without times": ("  can0  123   [1]  7D\n", r"cannot be read: line 1 is "),
-    "one long line": ("x" * 10**6, r"has no frames"),
+    "one long line": ("x" * 10**6, r"cannot be read: line 1 is"),
+    "a long line between others": (LINE + "x" * 10**4 + "\n" + LINE, r"cannot be read: line 2 is"),
     "clock set back": (
         LINE + LINE.replace("1700000000", "1699999998"),
         r"goes back in time by 2.000 s at frame 2.*split the log there",

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Files of other programs are read, or the error says what they are; they are not damaged."""
 
+import os
 import struct
 import zlib
 from io import BytesIO
@@ -12,6 +13,8 @@ import numpy as np
 import pytest
 from mcap.writer import CompressionType, Writer
 from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
 from linkage_vibration.bags.field_reader import FieldReader
@@ -64,6 +67,13 @@ def test_messages_that_are_not_of_ros_2(
     path = write(tmp_path / "a.mcap", profile, {"/speed": (message, schema, b"{}")})
     with pytest.raises(BagError, match=f"/speed has the encoding {message};"):
         topic_types(path)
+
+
+def test_definition_in_a_foreign_language(tmp_path: Path) -> None:
+    """The error names the topic and the encoding of its type."""
+    path = write(tmp_path / "a.mcap", "ros2", {"/speed": ("cdr", "protobuf", b"{}")})
+    with pytest.raises(BagError, match="/speed has the encoding protobuf;"):
+        read_columns(path, {"/speed": FLOAT})
 
 
 def test_unknown_type_beside_a_known_one(tmp_path: Path) -> None:
@@ -163,3 +173,22 @@ def test_valid_files_that_cannot_be_read(tmp_path: Path) -> None:
         read_columns(path, {"/a": "std_msgs/msg/Float64"})
     result = recover(path, tmp_path / "other.mcap")
     assert "unknown compression 'lzma'" in result.damages[0]
+
+
+def test_pipe_in_the_folder_of_a_bag(tmp_path: Path) -> None:
+    """A pipe in place of a file that ``metadata.yaml`` names is refused instead of waited for."""
+    path = tmp_path / "bag"
+    with Writer2(path, version=9, storage_plugin=StoragePlugin.MCAP):
+        pass
+    [file] = path.glob("*.mcap")
+    file.unlink()
+    os.mkfifo(file)
+    with pytest.raises(BagError, match=rf"bag cannot be opened: {file.name} is a pipe, not a file"):
+        topic_types(path)
+
+
+def test_lost_beginning(tmp_path: Path) -> None:
+    """A log without its beginning is refused with the command that saves it."""
+    (tmp_path / "log.mcap").write_bytes(b"0123456789")
+    with pytest.raises(BagError, match=r"does not begin like a \.mcap file; .* try `.* recover`"):
+        topic_types(tmp_path / "log.mcap")

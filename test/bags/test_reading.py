@@ -200,7 +200,7 @@ def test_what_is_no_bag(tmp_path: Path) -> None:
     with pytest.raises(BagError, match=r"notes\.md is not a bag; give a \.bag, \.mcap or \.db3"):
         read(tmp_path / "notes.md", "/joints")
     shutil.copy(tmp_path / "notes.md", tmp_path / "notes.mcap")
-    with pytest.raises(BagError, match=r"notes\.mcap is not a \.mcap file"):
+    with pytest.raises(BagError, match=r"notes\.mcap does not begin like a \.mcap file"):
         read(tmp_path / "notes.mcap", "/joints")
     with pytest.raises(BagError, match=r"has no metadata\.yaml; give a file of the bag"):
         read(tmp_path, "/joints")

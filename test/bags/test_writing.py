@@ -161,26 +161,17 @@ def test_ros2_profile(tmp_path: Path) -> None:
 
 
 def test_rosbag2_metadata(tmp_path: Path) -> None:
-    """The metadata record of rosbag2 has its keys and our counts."""
-    written = write(tmp_path / "log.mcap", 30)
+    """The record of rosbag2 has the keys that it requires, and the version of integer policies.
+
+    By its source (`mcap_storage.cpp`), rosbag2 takes all else from the summary.
+    """
+    write(tmp_path / "log.mcap", 30)
     with (tmp_path / "log.mcap").open("rb") as file:
-        records = [m for m in make_reader(file).iter_metadata() if m.name == "rosbag2"]
-    metadata = yaml.safe_load(records[-1].metadata["serialized_metadata"])
+        [record] = [m for m in make_reader(file).iter_metadata() if m.name == "rosbag2"]
+    metadata = yaml.safe_load(record.metadata["serialized_metadata"])
     assert metadata["version"] == 7
     assert metadata["storage_identifier"] == "mcap"
-    assert metadata["relative_file_paths"] == ["log.mcap"]
-    assert metadata["starting_time"]["nanoseconds_since_epoch"] == START
-    assert metadata["duration"]["nanoseconds"] == written[-1][3] - START
-    assert metadata["message_count"] == 60
-    for entry, topic_ in zip(metadata["topics_with_message_count"], TOPICS, strict=True):
-        assert entry["message_count"] == 30
-        assert entry["topic_metadata"] == {
-            "name": topic_.name,
-            "type": topic_.type,
-            "serialization_format": "cdr",
-            "offered_qos_profiles": topic_.offered_qos_profiles,
-            "type_description_hash": topic_.type_hash,
-        }
+    assert metadata["topics_with_message_count"] == []
 
 
 @pytest.mark.parametrize("latched", [True, False])

@@ -179,9 +179,28 @@ def test_folders_of_bags(drive: Path, tmp_path: Path) -> None:
     """A log may be the folder of a bag, as rosbag2 writes it."""
     shutil.copy(drive, tmp_path / "drive.mcap")
     with drive.open("rb") as file:
-        [*_, record] = [m for m in make_reader(file).iter_metadata() if m.name == "rosbag2"]
+        reader = make_reader(file)
+        [record] = [m for m in reader.iter_metadata() if m.name == "rosbag2"]
+        summary = reader.get_summary()
+    assert summary is not None
+    assert summary.statistics is not None
+    counts = summary.statistics.channel_message_counts
     about = yaml.safe_load(record.metadata["serialized_metadata"])
     about["relative_file_paths"] = ["drive.mcap"]
+    about["message_count"] = sum(counts.values())
+    about["topics_with_message_count"] = [
+        {
+            "topic_metadata": {
+                "name": channel.topic,
+                "type": summary.schemas[channel.schema_id].name,
+                "serialization_format": "cdr",
+                "offered_qos_profiles": channel.metadata["offered_qos_profiles"],
+                "type_description_hash": channel.metadata["topic_type_hash"],
+            },
+            "message_count": counts[channel.id],
+        }
+        for channel in summary.channels.values()
+    ]
     text = yaml.safe_dump({"rosbag2_bagfile_information": about})
     (tmp_path / "metadata.yaml").write_text(text)
     found = compare(tmp_path, drive)

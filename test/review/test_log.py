@@ -22,7 +22,7 @@ from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.settings import Parameters
-from linkage_vibration.review.log import ReviewError, csv_text, gaps, read_log
+from linkage_vibration.review.log import ReviewError, _read_model, csv_text, gaps, read_log
 from linkage_vibration.support.resources import PAPER_MECHANISM, PAPER_TABLE, config_file
 from linkage_vibration.table.table import load_table
 from test.support.messages import read_messages
@@ -190,3 +190,18 @@ def test_a_log_of_an_earlier_version(tmp_path: Path) -> None:
     match = r"old\.mcap was written by another .* VibrationPrediction has no frequency_stddevs; rep"
     with pytest.raises(ReviewError, match=match):
         read_log(tmp_path / "old.mcap")
+
+
+def test_attachments_that_cannot_be_unpacked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Names that no file can have are skipped; a full disk of temporary files is named."""
+    names = ["", ".", "..", "a/..", "/", "a\0.yaml", "x" * 300]
+    assert _read_model(dict.fromkeys(names, b"x"), "") == (None, None, "", ())
+
+    def full(path: Path, data: bytes) -> int:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(
+        ReviewError, match=r"unpacked into .* \(No space left on device\); .*TMPDIR"
+    ):
+        _read_model({"a.yaml": b"x"}, "")

@@ -19,7 +19,6 @@ from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
-from scipy import sparse
 
 from linkage_vibration.bags.field_reader import FieldReader
 from linkage_vibration.bags.message_types import JOINT_STATE
@@ -202,13 +201,7 @@ def _saved_npz(**arrays: Any) -> bytes:
 
 
 def _matrices_npz() -> Seeds:
-    dofs = np.array(["A x", "B x"])
-    columns: dict[str, Any] = {}
-    for name, matrix in _chain().items():
-        packed = sparse.csc_array(matrix)
-        columns[f"{name}_data"] = packed.data
-        columns[f"{name}_indices"], columns[f"{name}_indptr"] = packed.indices, packed.indptr
-    return _alone("a.npz", _saved_npz(dofs=dofs, **_chain()), _saved_npz(dofs=dofs, **columns))
+    return _alone("a.npz", _saved_npz(dofs=np.array(["A x", "B x"]), **_chain()))
 
 
 def _receptance(frequencies: FloatArray) -> NDArray[np.complex128]:
