@@ -21,7 +21,7 @@ from linkage_vibration.mechanics.compatibility import CouplingError, Joining
 from linkage_vibration.mechanics.coupling import CoupledSystem, UncoupledSystem, couple
 from linkage_vibration.mechanics.description import GROUND, Link, Mechanism, PointForces
 from linkage_vibration.mechanics.dofs import InterfaceDof
-from linkage_vibration.mechanics.kinematics import Configuration, rotation
+from linkage_vibration.mechanics.kinematics import Configuration
 from linkage_vibration.mechanics.springs import has_force, tension_share
 
 GRAVITY = 9.80665
@@ -128,8 +128,10 @@ class Forces:
     ) -> FloatArray:
         """Return the forces at places per coordinate of the uncoupled components, (n_places, n)."""
         rows = np.zeros((len(places), len(self.system.mass)))
+        names = dict.fromkeys(name for name, _ in places)
+        forces_at = {name: self._forces_at(name, configuration, joining) for name in names}
         for row, (name, direction) in zip(rows, places, strict=True):
-            at, forces = self._forces_at(name, configuration, joining)
+            at, forces = forces_at[name]
             if direction not in forces:
                 hint = "; add `real: true` if its section is that of the real link"
                 available = f"{', '.join(forces) or 'no force'}{hint * (direction in _STRESSES)}"
@@ -145,7 +147,7 @@ class Forces:
         if name not in springs:
             link, point = self._end(name)
             ends = self._ends[link.name][point]
-            pin = rotation(configuration.angle(link.name)) @ ends.pin
+            pin = configuration.turn(link.name) @ ends.pin
             rows = [*pin, *ends.section, *(ends.stresses if ends.shape.real else ())]
             return self.system.rows[link.name], dict(zip(_KINDS, rows, strict=False))
         i = springs.index(name)
@@ -163,12 +165,15 @@ class Forces:
             for direction in (*_SECTION, *(_STRESSES if ends.shape.real else ()))
         )
 
-    def at_rest(self, configuration: Configuration, joining: Joining) -> FloatArray:
+    def at_rest(
+        self, configuration: Configuration, joining: Joining, coupled: CoupledSystem | None = None
+    ) -> FloatArray:
         """Return the forces at `places` under the weight, (n_places,), N.
 
-        They are NaN where nothing carries the weight. The base rests on its mounts without it.
+        They are NaN where nothing carries the weight. The base rests on its mounts without it. The
+        system that is coupled there is given if it is known.
         """
-        moved, load = self.moved_by_weight(configuration, joining)
+        moved, load = self.moved_by_weight(configuration, joining, coupled)
         forces = np.asarray(self.rows(self.places, configuration, joining) @ moved)
         # What pins exert on a body; unlike elements, this counts the weight between its nodes, too.
         reactions = self.system.stiffness @ moved - load
@@ -177,7 +182,7 @@ class Forces:
             if direction in _COMPONENTS:
                 link, point = self._end(name)
                 dofs = [parts[link.name].dofs.index(InterfaceDof(point, axis)) for axis in "xz"]
-                along = rotation(configuration.angle(link.name))[_COMPONENTS.index(direction)]
+                along = configuration.turn(link.name)[_COMPONENTS.index(direction)]
                 forces[i] = along @ reactions[self.system.rows[link.name][dofs]] / link.count
         return forces
 
@@ -194,7 +199,12 @@ class Forces:
         }
 
     def moved_by_weight(
-        self, configuration: Configuration, joining: Joining, *, with_base: bool = False
+        self,
+        configuration: Configuration,
+        joining: Joining,
+        coupled: CoupledSystem | None = None,
+        *,
+        with_base: bool = False,
     ) -> tuple[FloatArray, FloatArray]:
         """Return how the weight moves the components, NaN where nothing carries it, and the weight.
 
@@ -206,7 +216,7 @@ class Forces:
                 moved = part.translation(down, configuration.angle(part.name))
                 load[self.system.rows[part.name]] = part.mass @ moved
         try:
-            return _at_rest(couple(self.system, joining), load), load
+            return _at_rest(coupled or couple(self.system, joining), load), load
         except CouplingError:
             return np.full(len(load), math.nan), load
 

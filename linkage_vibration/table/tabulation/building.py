@@ -93,8 +93,10 @@ def _with_static_forces(table: Table, sampler: Sampler) -> Table:
     if not table.forces:
         return table
     model = sampler.model
-    configurations = [model.kinematics.at(angle) for angle in table.alpha3.tolist()]
-    forces = [model.forces.at_rest(each, model.interface.join(each)) for each in configurations]
+    solutions = [sampler.solution(angle) for angle in table.alpha3.tolist()]
+    forces = [
+        model.forces.at_rest(each.configuration, each.joining, each.coupled) for each in solutions
+    ]
     given = model.mechanism.response.reference_force
     return replace(table, static_forces=np.array(forces), reference_force=given)
 

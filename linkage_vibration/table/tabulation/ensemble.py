@@ -212,7 +212,7 @@ class _Solver:
             np.asarray(solution.modes.shapes @ turn[:, kept]),
             np.asarray(participation @ turn[:, kept]),
             participation / solution.modes.omega**2 @ participation[: len(self._table.places)].T,
-            model.forces.at_rest(solution.configuration, solution.joining),
+            model.forces.at_rest(solution.configuration, solution.joining, solution.coupled),
         )
 
 
