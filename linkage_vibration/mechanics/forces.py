@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.mechanics.arrays import FloatArray, IntArray
 from linkage_vibration.mechanics.compatibility import CouplingError, Joining
 from linkage_vibration.mechanics.coupling import CoupledSystem, UncoupledSystem, couple
 from linkage_vibration.mechanics.description import GROUND, Link, Mechanism, PointForces
@@ -143,17 +143,20 @@ class Forces:
         self, name: str, configuration: Configuration, joining: Joining
     ) -> tuple[Any, dict[str, FloatArray]]:
         """Return indices of coordinates, and rows on them of the forces at a name by direction."""
-        springs = [spring.name for spring in self.mechanism.springs]
-        if name not in springs:
+        if name not in self._springs:
             link, point = self._end(name)
             ends = self._ends[link.name][point]
             pin = configuration.turn(link.name) @ ends.pin
             rows = [*pin, *ends.section, *(ends.stresses if ends.shape.real else ())]
             return self.system.rows[link.name], dict(zip(_KINDS, rows, strict=False))
-        i = springs.index(name)
+        i = self._springs.index(name)
         spring, at = self.mechanism.springs[i], slice(self.system.n_interface)
         share = tension_share(spring, self.mechanism, configuration) * joining.stiffness[i]
         return at, {"force": share * joining.elongation[i]} if has_force(spring) else {}
+
+    @cached_property
+    def _springs(self) -> list[str]:
+        return [spring.name for spring in self.mechanism.springs]
 
     @cached_property
     def sections(self) -> tuple[tuple[str, str], ...]:
@@ -177,14 +180,20 @@ class Forces:
         forces = np.asarray(self.rows(self.places, configuration, joining) @ moved)
         # What pins exert on a body; unlike elements, this counts the weight between its nodes, too.
         reactions = self.system.stiffness @ moved - load
-        parts = {part.name: part for part in self.system.components}
+        for i, link, at in self._pins:
+            forces[i : i + 2] = configuration.turn(link.name) @ reactions[at] / link.count
+        return forces
+
+    @cached_property
+    def _pins(self) -> list[tuple[int, Link, IntArray]]:
+        """The first of both places of each pin, its link, and its coordinates along x and z."""
+        parts, pins = {part.name: part for part in self.system.components}, []
         for i, (name, direction) in enumerate(self.places):
-            if direction in _COMPONENTS:
+            if direction == _COMPONENTS[0]:
                 link, point = self._end(name)
                 dofs = [parts[link.name].dofs.index(InterfaceDof(point, axis)) for axis in "xz"]
-                along = configuration.turn(link.name)[_COMPONENTS.index(direction)]
-                forces[i] = along @ reactions[self.system.rows[link.name][dofs]] / link.count
-        return forces
+                pins.append((i, link, self.system.rows[link.name][dofs]))
+        return pins
 
     def stresses_at_rest(self, configuration: Configuration, joining: Joining) -> dict[str, float]:
         """Return the largest stress under the weight at each point of a link, Pa, by its name.
@@ -222,12 +231,18 @@ class Forces:
 
     def _end(self, name: str) -> tuple[Link, str]:
         """Return the link and the point of a name such as lower_link:E1."""
-        body, _, point = name.partition(":")
-        link = next((link for link in self.mechanism.links if link.name == body), None)
-        if link is None or point not in dict(link.points):
+        if name not in self._points:
             hint = f"give one of: {', '.join(self.names) or 'none'}"
             raise ForceError(f"There is no force at {name}; {hint}.")
-        if body not in self._ends:
+        link, point = self._points[name]
+        if link.name not in self._ends:
             hint = f"describe it by material and section, or give one of: {', '.join(self.names)}"
-            raise ForceError(f"The matrices or FRFs of links.{body} do not show forces; {hint}.")
+            problem = f"The matrices or FRFs of links.{link.name} do not show forces"
+            raise ForceError(f"{problem}; {hint}.")
         return link, point
+
+    @cached_property
+    def _points(self) -> dict[str, tuple[Link, str]]:
+        """The link and the point of each name such as lower_link:E1."""
+        links = self.mechanism.links
+        return {f"{link.name}:{point}": (link, point) for link in links for point, _ in link.points}

@@ -78,7 +78,9 @@ def with_ensemble(table: Table, sampler: Sampler, progress: Callable[[float], ob
     for n_nodes in _N_NODES:
         solver = _Solver(table, sampler, n_nodes)
         members = [solver.member(mechanism)]
-        for count, values in enumerate(drawn if not solver.rough else ()):
+        for count, values in enumerate(drawn):
+            if solver.rough:
+                break
             progress(count / len(drawn))
             try:
                 members.append(solver.member(uncertainty.described(values)))
