@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray
 from linkage_vibration.mechanics.modes import oscillating_indices
 from linkage_vibration.table.interpolation import stroke_angle, stroke_variable
 from linkage_vibration.table.reduced import Modal, ReducedModels
@@ -80,7 +80,7 @@ class PoleFinder:
 
     pieces: Sequence[PolePiece]  # each begins where the one before it ends
     bounds: FloatArray  # (n_cells + 1,), rad: the ends of all cells
-    rows: dict[int, int]  # for each cell without cubics its row of `poles`
+    rows: IntArray  # (n_cells,): for each cell without cubics its row of `poles`
     # (n_direct, 2, n_branches): poles at both ends of each of these, rad/s, those of the modes
     # first; NaN for a pole that oscillates at neither end
     poles: ComplexArray

@@ -5,7 +5,6 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArr
 from linkage_vibration.mechanics.response import FarPoles, far_poles
 from linkage_vibration.support.version import VERSION
 from linkage_vibration.table.reduced import frf_pairs, shortened
-from linkage_vibration.table.table import POINTWISE, UNITS, Table
+from linkage_vibration.table.table import Table
 from linkage_vibration.table.tabulation.accuracy import Accuracy, Bounds
 from linkage_vibration.table.tabulation.peaks import SILENT, notable
 from linkage_vibration.table.tabulation.refinement import Piece
@@ -37,12 +36,12 @@ def assemble(
     bounds = [variables.index(piece.fitted[0]) for piece in pieces] + [len(variables) - 1]
     absent = np.isnan(fitted.peak_magnitudes)
     samples = [sampler.at(x) for x in variables]
-    deviations = np.array(
-        [
-            np.empty((2, 0)) if sample.deviations is None else sample.deviations[:, order[:n]]
-            for sample, order in zip(samples, fitted.orders, strict=True)
-        ]
-    )
+    deviations = [
+        sample.deviations[:, order[:n]]
+        for sample, order in zip(samples, fitted.orders, strict=True)
+        if sample.deviations is not None
+    ]
+    by_noise = np.array(deviations).swapaxes(0, 1) if deviations else 2 * [np.empty(0)]
     table = replace(
         bare_table(sampler, np.array([sample.alpha3 for sample in samples]), np.array(bounds)),
         natural_frequencies=np.exp(fitted.log_frequencies[:, :n]),
@@ -50,8 +49,8 @@ def assemble(
         peak_frequencies=np.where(absent, 0.0, fitted.peak_frequencies)[:, used],
         peak_magnitudes=np.where(absent, SILENT, fitted.peak_magnitudes)[:, used],
         peak_notable=notables[:, used],
-        frequency_stddev=deviations[:, 0],
-        damping_ratio_stddev=deviations[:, 1],
+        frequency_stddev=by_noise[0],
+        damping_ratio_stddev=by_noise[1],
     )
     terms = [sample.terms for sample in samples if sample.terms is not None]
     complete = len(terms) == len(samples)
@@ -60,33 +59,14 @@ def assemble(
 
 def bare_table(sampler: Sampler, alpha3: FloatArray, bounds: IntArray) -> Table:
     """Return a table of some angles (rad) without any values, whose pieces begin at indices."""
-    n, n_pieces = len(alpha3), len(bounds) - 1
-    arrays: dict[str, Any] = dict.fromkeys(UNITS, np.zeros(0))
-    arrays |= dict.fromkeys(POINTWISE, np.zeros((n, 0)))
-    arrays |= {
-        "alpha3": alpha3,
-        "pieces": bounds.astype(np.int64),
-        "peak_notable": np.zeros((n_pieces, 0), dtype=np.bool_),
-        "interpolation_error": np.zeros(n_pieces),
-        "term_stiffness": np.zeros((n, 0), dtype=complex),
-        "participations": np.zeros((n, 0, 0), dtype=complex),
-        "far_stiffness": np.zeros(0, dtype=complex),
-        "far_residues": np.zeros((n, 1, 0)),
-        "reduced_orders": np.zeros(0, dtype=np.int64),
-        "cell_cubics": np.zeros((0, 4, 0)),
-        "cell_poles": np.zeros((0, 2, 0), dtype=complex),
-        "mode_shares": np.zeros((0, 3)),
-    }
     return Table(
-        **arrays,
-        peak_error=math.nan,
-        frf_error=math.nan,
-        slope_error=math.nan,
+        alpha3=alpha3,
+        pieces=bounds.astype(np.int64),
+        interpolation_error=np.zeros(len(bounds) - 1),
         free_modes=sampler.free_modes,
         toggles=sampler.toggles,
         band=sampler.response.band,
         peak_band=sampler.response.peak_band,
-        places=(),
         model_hash=sampler.model.mechanism.model_hash,
         mechanism_name=sampler.model.mechanism.name,
         package_version=VERSION,

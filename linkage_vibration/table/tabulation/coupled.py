@@ -157,14 +157,14 @@ def _models(
     decay = -2.0 * poles.real if viscous else np.zeros(len(poles))
     far = far_poles(stiffness, decay, searched(sampler.response.band, free=free), N_FAR)
     near = ReducedModels(
-        np.array([space.inertia for space in spaces]),
-        np.array([space.stiffness for space in spaces]),
-        np.array([space.shapes for space in spaces]),
-        spaces[0].shapes.shape[0] - len(sampler.forces),
-        far,
-        np.zeros(0),
-        viscous,
-        free,
+        inertia=np.array([space.inertia for space in spaces]),
+        stiffness=np.array([space.stiffness for space in spaces]),
+        shapes=np.array([space.shapes for space in spaces]),
+        weights=np.empty(0),
+        far_stiffness=far.stiffness,
+        far_decay=far.decay,
+        n_inputs=len(spaces[0].shapes) - len(sampler.forces),
+        free=free,
     )
     lines = _near_lines(near, check_lines(sampler.response.band, free=free)[:N_FIT])
     sums = [sample.totals[:N_FIT] for sample in samples] - lines
@@ -231,7 +231,7 @@ def _table(sampler: Sampler, pieces: Sequence[RefinedPiece]) -> Table:
     angles = [each.piece.alpha3 for each in pieces]
     alpha3 = np.unique(np.concatenate(angles))  # each piece begins where the one before it ends
     ends = np.cumsum([0, *(len(each) - 1 for each in angles)])
-    n, modes, models = len(alpha3), sampler.response.modes, [each.piece.models for each in pieces]
+    n, modes = len(alpha3), sampler.response.modes
     drive = (sampler.response.point, sampler.response.direction)
     cells = cell_arrays([piece.cells for piece in pieces], modes)
     _check_modes(sampler, cells)
@@ -241,14 +241,8 @@ def _table(sampler: Sampler, pieces: Sequence[RefinedPiece]) -> Table:
         peak_frequencies=np.zeros((n, 1)),
         peak_notable=np.ones((len(pieces), 1), dtype=np.bool_),
         places=() if sampler.free_modes else (drive, *(p for p in sampler.places if p != drive)),
-        far_stiffness=np.array([each.far.stiffness for each in models]),
-        far_decay=np.array([each.far.decay for each in models]),
-        reduced_orders=np.array([each.inertia.shape[1] for each in models], dtype=np.int64),
-        reduced_inertia=np.concatenate([each.inertia.ravel() for each in models]),
-        reduced_stiffness=np.concatenate([each.stiffness.ravel() for each in models]),
         forces=sampler.forces,
-        reduced_shapes=np.concatenate([each.shapes.ravel() for each in models]),
-        reduced_far=np.concatenate([each.weights.ravel() for each in models]),
+        reduced=tuple(each.piece.models for each in pieces),
         cell_starts=cells.starts,
         cell_cubics=cells.cubics,
         cell_poles=cells.poles,
