@@ -11,7 +11,7 @@ from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.response import N_FAR
 from linkage_vibration.table.table import Table, TableError
 from linkage_vibration.table.tabulation.accuracy import TOLERANCE, Accuracy, Bounds
-from linkage_vibration.table.tabulation.assembly import assemble, with_bounds
+from linkage_vibration.table.tabulation.assembly import assemble, bound_errors, thin, with_bounds
 from linkage_vibration.table.tabulation.coupled import build_coupled
 from linkage_vibration.table.tabulation.deviations import with_parameter_stddev
 from linkage_vibration.table.tabulation.ensemble import with_ensemble
@@ -26,7 +26,6 @@ from linkage_vibration.table.tabulation.refinement import (
 )
 from linkage_vibration.table.tabulation.sampling import ModesAreCoupled, Sampler
 from linkage_vibration.table.tabulation.tracking import Tracker
-from linkage_vibration.table.tabulation.verification import bound_errors, thin
 
 _FINEST, _COARSEST = 1e-11, 1.0  # Rounding prevents finer ones; coarser tables have no use.
 _SHARE = 0.25  # of the work before the ensemble is added, if there is one

@@ -9,11 +9,13 @@ meet, so the smallest cells there have none, and a lookup in them finds the pole
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 from linkage_vibration.table.pole_cells import PolePiece, nearest, values_of
+from linkage_vibration.table.table import TableError
 
 CELL_ERROR = 1e-9
 """Relative error of the values in a cell."""
@@ -152,38 +154,39 @@ def _branch(pole: complex, begins: list[float], ended: dict[int, float]) -> int:
     return len(begins) - 1
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class CellArrays:
-    """The cells of a table, as its file has them."""
+def cell_arrays(pieces: Sequence[list[Cell]], n_modes: int, name: str) -> dict[str, Any]:
+    """Follow the lowest modes through the cells of all pieces, and return the arrays of a table.
 
-    starts: FloatArray  # (n_cells,), rad
-    cubics: FloatArray  # (n_cells, 4, 2 n_modes + 2): as `cells.Cells` takes them
-    poles: ComplexArray  # (n_direct, 2, n_branches): as `pole_cells.PoleFinder` takes them
-    n_oscillating: int  # number of modes that oscillate somewhere, at most those asked for
-    left: dict[int, float]  # angles (rad) at which modes, by their indices, leave their pieces
-
-
-def cell_arrays(pieces: Sequence[list[Cell]], n_modes: int) -> CellArrays:
-    """Follow the lowest modes through the cells of all pieces, and return what a table keeps."""
+    The name is that of the linkage. Modes that are missing, or do not exist over the whole stroke,
+    are refused.
+    """
     begins, left = follow_branches(pieces)
     modes = sorted(range(len(begins)), key=lambda b: begins[b])
+    if len(modes) < n_modes:
+        problem = f"response.modes is {n_modes}, but only {len(modes)} of {name} oscillate"
+        raise TableError(f"{problem}; use fewer.")
+    for mode, branch in enumerate(modes[:n_modes]):
+        if branch in left:
+            raise TableError(
+                f"Mode {mode + 1} of {name} leaves the reach of response.band_hz at "
+                f"{math.degrees(left[branch]):.3f} deg; widen the band, or use fewer modes in "
+                "response.modes."
+            )
     cells = [cell for piece in pieces for cell in piece]
-    cubics = np.array([_cubics(cell, modes[:n_modes], n_modes) for cell in cells])
+    cubics = np.array([_cubics(cell, modes[:n_modes]) for cell in cells])
     direct = np.flatnonzero(np.isposinf(cubics[:, 3]).any(axis=1)).tolist()
-    return CellArrays(
-        np.array([cell.start for cell in cells]),
-        cubics,
-        np.array([_ends(cells[i], modes) for i in direct]).reshape(len(direct), 2, len(modes)),
-        min(len(modes), n_modes),
-        {m: left[b] for m, b in enumerate(modes[:n_modes]) if b in left},
-    )
+    return {
+        "cell_starts": np.array([cell.start for cell in cells]),
+        "cell_cubics": cubics,
+        "cell_poles": np.array([_ends(cells[i], modes) for i in direct]),
+    }
 
 
-def _cubics(cell: Cell, modes: list[int], n_modes: int) -> FloatArray:
+def _cubics(cell: Cell, modes: list[int]) -> FloatArray:
     """Return coefficients in rad, (4, 2 n_modes + 2): NaN of absent modes, else infinity."""
+    n_modes = len(modes)
     cubics = np.zeros((4, 2 * n_modes + 2))
     cubics[3] = math.inf
-    cubics[3, [*range(len(modes), n_modes), *range(n_modes + len(modes), 2 * n_modes)]] = math.nan
     if cell.peak is not None:
         cubics[:, -2:] = cell.peak
     for mode, branch in enumerate(modes):

@@ -20,8 +20,14 @@ from linkage_vibration.table.interpolation import (
 from linkage_vibration.table.tabulation.accuracy import Accuracy
 from linkage_vibration.table.tabulation.peaks import notable, row_errors
 from linkage_vibration.table.tabulation.sampling import Sampler
-from linkage_vibration.table.tabulation.tracking import Tracked, Tracker, unclear_steps
-from linkage_vibration.table.tabulation.veering import GRID, crossing_gaps, mix_closely
+from linkage_vibration.table.tabulation.tracking import (
+    GRID,
+    Tracked,
+    Tracker,
+    crossing_gaps,
+    mix_closely,
+    unclear_steps,
+)
 
 _SHORTER = 8.0  # Rounding is checked again when a piece is so many times shorter.
 _BATCH = 3  # So many points measure the error; one alone may be where it is zero.
