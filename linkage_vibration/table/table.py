@@ -32,7 +32,6 @@ from linkage_vibration.table.cells import Cells, spline_cells
 from linkage_vibration.table.interpolation import (
     NearTerms,
     interpolate_positive,
-    interpolate_terms,
     interpolation_matrix,
     stroke_angle,
     stroke_variable,
@@ -494,8 +493,9 @@ class Table:
             Its index; angles in it, (n,), rad.
         """
         points, matrix = self._polynomial(piece, alpha3)
-        terms = self.term_stiffness[points], self.term_decay[points], self.participations[points]
-        return interpolate_terms(matrix, terms)
+        k = np.exp(matrix @ np.log(self.term_stiffness[points]))
+        shapes = np.tensordot(matrix, self.participations[points], axes=1)
+        return k, matrix @ self.term_decay[points], shapes
 
     def _polynomial(self, piece: int, alpha3: FloatArray) -> tuple[slice, FloatArray]:
         """Return the points of a piece, and their weights at angles, (n, n_points)."""

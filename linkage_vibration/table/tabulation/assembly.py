@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray
 from linkage_vibration.mechanics.response import FarPoles, far_poles, pole_residue
 from linkage_vibration.support.version import VERSION
 from linkage_vibration.table.interpolation import NearTerms, stroke_angle
@@ -34,7 +34,10 @@ def assemble(
     poles represent the modes above the band.
     """
     band, equal = sampler.response.peak_band, accuracy.equal_height
-    notables = np.array([_notable(tracked, piece, band, equal) for piece in pieces])
+    at, sizes = tracked.peak_frequencies, tracked.peak_magnitudes
+    rows = [tracked.at(piece.fitted + piece.held) for piece in pieces]
+    # The maxima that are needed to find the highest peak in each piece.
+    notables = np.array([notable(at[r], sizes[r], band, equal, strict=False) for r in rows])
     used, n = notables.any(axis=0), sampler.response.modes
     variables = sorted({x for piece in pieces for x in piece.fitted})
     fitted = tracked.only(tracked.at(variables))
@@ -87,15 +90,6 @@ def with_bounds(table: Table, bounds: Sequence[Bounds]) -> Table:
         frf_error=max(piece.frf for piece in bounds) if table.places else math.nan,
         slope_error=max(piece.slope for piece in bounds),
     )
-
-
-def _notable(
-    tracked: Tracked, piece: Piece, band: tuple[float, float], equal: float
-) -> BoolArray | None:
-    """Return which maxima are needed to find the highest peak in a piece."""
-    rows = tracked.at(piece.fitted + piece.held)
-    at, sizes = tracked.peak_frequencies[rows], tracked.peak_magnitudes[rows]
-    return notable(at, sizes, band, equal, strict=False)
 
 
 def _with_frfs(

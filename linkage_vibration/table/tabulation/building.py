@@ -80,11 +80,7 @@ def build_table(
         table = build_coupled(sampler, Accuracy(tolerance))
     table = _with_static_forces(table, sampler)
     table = with_parameter_stddev(with_mode_names(table, sampler), sampler)
-
-    def rest(finished: float) -> None:
-        progress(share + (1.0 - share) * finished)
-
-    return with_ensemble(table, sampler, rest)
+    return with_ensemble(table, sampler, lambda done: progress(share + (1.0 - share) * done))
 
 
 def _with_static_forces(table: Table, sampler: Sampler) -> Table:

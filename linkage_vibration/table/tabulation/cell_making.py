@@ -27,11 +27,10 @@ _SMALLEST = 12  # A cell of so many units is not halved.
 _UNITS = _SMALLEST * 2**12  # A first cell has so many units.
 _MOST = 2048  # More cells are not halved, which would take too long.
 _NODES = np.array([0.0, 1.0, 2.0, 3.0]) / 3.0  # Cubics are exact at these shares of a cell.
-_MIDDLE = 0.5
 _SIXTHS = (0, 2, 4, 6, 3)  # These are the nodes and the middle.
 _COEFFICIENTS = np.linalg.inv(np.vander(_NODES, 4))  # They turn values into coefficients.
 _AHEAD = {1: [1.0], 2: [-1.0, 2.0], 3: [1.0, -3.0, 3.0]}  # They extrapolate to the next node.
-_AT_MIDDLE = np.vander([_MIDDLE], 4)[0] @ _COEFFICIENTS
+_AT_MIDDLE = np.vander([0.5], 4)[0] @ _COEFFICIENTS
 _LOW = 1e-4  # A frequency below this share of the highest pole is near 0 Hz.
 _SAME = 1e-4  # The poles of two pieces differ by less where they meet.
 

@@ -246,14 +246,13 @@ def _table(sampler: Sampler, pieces: Sequence[RefinedPiece]) -> Table:
     alpha3 = np.unique(np.concatenate(angles))  # each piece begins where the one before it ends
     ends = np.cumsum([0, *(len(each) - 1 for each in angles)])
     n, modes = len(alpha3), sampler.response.modes
-    drive = (sampler.response.point, sampler.response.direction)
     cells = [piece.cells for piece in pieces]
     table = replace(
         bare_table(sampler, alpha3, ends),
         natural_frequencies=np.zeros((n, modes)),
         peak_frequencies=np.zeros((n, 1)),
         peak_notable=np.ones((len(pieces), 1), dtype=np.bool_),
-        places=() if sampler.free_modes else (drive, *(p for p in sampler.places if p != drive)),
+        places=() if sampler.free_modes else sampler.pole_places,
         forces=sampler.forces,
         reduced=tuple(each.piece.models for each in pieces),
         **cell_arrays(cells, modes, sampler.model.mechanism.name),
