@@ -75,6 +75,7 @@ def bare_table(sampler: Sampler, alpha3: FloatArray, bounds: IntArray) -> Table:
         toggles=sampler.toggles,
         band=sampler.response.band,
         peak_band=sampler.response.peak_band,
+        reference_force=sampler.response.reference_force,
         model_hash=sampler.model.mechanism.model_hash,
         mechanism_name=sampler.model.mechanism.name,
         package_version=VERSION,

@@ -92,8 +92,7 @@ def _with_static_forces(table: Table, sampler: Sampler) -> Table:
     forces = [
         model.forces.at_rest(each.configuration, each.joining, each.coupled) for each in solutions
     ]
-    given = model.mechanism.response.reference_force
-    return replace(table, static_forces=np.array(forces), reference_force=given)
+    return replace(table, static_forces=np.array(forces))
 
 
 def _build(sampler: Sampler, tolerance: float) -> Table:

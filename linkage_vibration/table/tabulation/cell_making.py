@@ -53,24 +53,24 @@ class Cell:
 
 def make_cells(piece: PolePiece) -> list[Cell]:
     """Divide a piece into cells, ascending."""
-    n = len(piece.angles) - 1
+
+    def angles(places: list[int]) -> FloatArray:
+        """Return the angles of places in units, rad."""
+        return np.interp(np.array(places) / _UNITS, np.arange(len(piece.angles)), piece.angles)
+
     evaluated: dict[int, tuple[ComplexArray, FloatArray]] = {}  # the keys are places in units
-    waiting = [(i * _UNITS, (i + 1) * _UNITS) for i in range(n)]
+    waiting = [(i * _UNITS, (i + 1) * _UNITS) for i in range(len(piece.angles) - 1)]
     done: list[Cell] = []
     while waiting:
         rows = [[s + (e - s) * share // 6 for share in _SIXTHS] for s, e in waiting]
         fresh = sorted({place for row in rows for place in row} - evaluated.keys())
-        angles = np.interp(np.array(fresh) / _UNITS, np.arange(n + 1), piece.angles)
-        evaluated.update(zip(fresh, zip(*piece.evaluate(angles), strict=True), strict=True))
+        evaluated.update(zip(fresh, zip(*piece.evaluate(angles(fresh)), strict=True), strict=True))
         smallest = len(waiting) > _MOST or waiting[0][1] - waiting[0][0] == _SMALLEST
         halves = []
         for row in rows:
-            start, end = np.interp(
-                np.array([row[0], row[3]]) / _UNITS, np.arange(n + 1), piece.angles
-            ).tolist()
-            cell = _cell(
-                start, end, [evaluated[x][0] for x in row], np.array([evaluated[x][1] for x in row])
-            )
+            start, end = angles([row[0], row[3]]).tolist()
+            poles, peaks = zip(*(evaluated[x] for x in row), strict=True)
+            cell = _cell(start, end, poles, np.array(peaks))
             if smallest or (cell.values is not None and cell.peak is not None):
                 done.append(cell)
             else:
@@ -79,7 +79,7 @@ def make_cells(piece: PolePiece) -> list[Cell]:
     return sorted(done, key=lambda cell: cell.start)
 
 
-def _cell(start: float, end: float, poles: list[ComplexArray], peaks: FloatArray) -> Cell:
+def _cell(start: float, end: float, poles: Sequence[ComplexArray], peaks: FloatArray) -> Cell:
     """Return a cell with its cubics, if they agree with the poles and the peak in the middle."""
     nodes, middle = poles[:4], poles[4]
     cell = Cell(start, end, nodes[0], nodes[3], nearest(nodes[0], nodes[3]))

@@ -122,17 +122,14 @@ def _refine(sampler: Sampler, fitted: list[float], accuracy: Accuracy) -> Refine
         sets = _follow(sampler, finer)
         if sets is None:
             return "a pole in reach of the band cannot be distinguished from others"
-        samples = [sampler.poles_at(x) for x in finer]
-        middle = len(finer) // 2
-        left = samples[middle].subspace(sets[finer[middle]]).left  # one basis for all points
-        spaces = [
-            space
-            for x, sample in zip(finer, samples, strict=True)
-            if (space := sample.subspace(sets[x]).on(left)) is not None
-        ]
-        if len(spaces) < len(finer):
+        samples, chosen = [sampler.poles_at(x) for x in finer], [sets[x] for x in finer]
+        spaces = [sample.subspace(each) for sample, each in zip(samples, chosen, strict=True)]
+        left = spaces[len(spaces) // 2].left  # one basis for all points
+        try:
+            spaces = [space.on(left) for space in spaces]
+        except np.linalg.LinAlgError:
             return "the shapes of the poles change too quickly"
-        fine = _piece(sampler, finer, _models(sampler, samples, [sets[x] for x in finer], spaces))
+        fine = _piece(sampler, finer, _models(sampler, samples, chosen, spaces))
         fewer = fine.models.at(fine.variables, fine.variables[np.isin(finer, fitted)])
         coarse = _piece(sampler, fitted, fewer)
         others = [sample for x, sample in zip(finer, samples, strict=True) if x not in fitted]
@@ -144,7 +141,7 @@ def _refine(sampler: Sampler, fitted: list[float], accuracy: Accuracy) -> Refine
             far_error += sampler.rounding(finer).frf
             compared = compare(coarse, fine, response, accuracy, far_error, values)
             if compared is not None:
-                return RefinedPiece(fine, *compared)
+                return compared
         fitted = finer
     return f"the poles or the peak change too quickly for a tolerance of {accuracy.frequency:g}"
 
@@ -339,8 +336,8 @@ def compare(
     accuracy: Accuracy,
     far_error: float,
     rounding: float,
-) -> tuple[Bounds, list[Cell]] | None:
-    """Return by how much fewer points change a piece, and its cells; None if that is too much.
+) -> RefinedPiece | None:
+    """Return a piece with its cells and by how much fewer points change it; None if too much.
 
     Far poles cause the relative error ``far_error`` of FRFs; ``rounding`` is that of values.
     """
@@ -372,7 +369,7 @@ def compare(
     # The error of a cubic in its middle is a little more than half of its largest.
     rest = 2.0 * CELL_ERROR + rounding
     bounds = Bounds(values + rest, peak + rest, frf + rounding, float(slope))
-    return (bounds, cells) if bounds.meet(accuracy) else None
+    return RefinedPiece(fine, bounds, cells) if bounds.meet(accuracy) else None
 
 
 def _worst(errors: Sequence[FloatArray]) -> float:
