@@ -129,9 +129,9 @@ def _with_frfs(
 def _far_residues(terms: Terms, others: IntArray, far: FarPoles) -> FloatArray | ComplexArray:
     """Return static flexibility and residues of far poles, as a table has them."""
     k, c = terms.damped.stiffness[others], terms.damped.decay[others]
-    w, (outputs, inputs) = math.tau * far.frequencies, frf_pairs(len(terms.own), terms.n_inputs)
+    shapes, w = terms.participations[:, others].astype(complex), math.tau * far.frequencies
+    outputs, inputs = frf_pairs(len(shapes), terms.n_inputs)
     parts = 1.0 / (k[:, np.newaxis] - w**2 + 1j * np.outer(c, w))
-    shapes = terms.own[:, others].astype(complex)
     sums = (shapes[outputs] * shapes[inputs] @ parts).T
     real = not k.imag.any()
     weights = far.fit(sums, real=real)[: 1 + len(far.decay)]
@@ -195,7 +195,8 @@ def _frf_error(
         terms = sampler.at(x).terms
         assert terms is not None
         approximate = finer.frf(sampler.at(x).alpha3, *places)
-        exact = pole_residue(terms.damped, terms.own, terms.own[: terms.n_inputs])
+        shapes = terms.participations
+        exact = pole_residue(terms.damped, shapes, shapes[: terms.n_inputs])
         far = np.maximum(far, frf_norms(approximate, exact, table.band)[0])
     angles = stroke_angle(dense(*piece.ends)[::2], table.toggles).clip(*table.alpha3_range)
     coarse_terms, finer_terms = (each.terms(index, angles) for each in (table, finer))

@@ -39,7 +39,7 @@ class Terms:
 
     damped: DampedModes
     rows: FloatArray  # (n_rows, n): matrix that turns shapes into those at places and forces
-    own: FloatArray  # (n_rows, n_modes): the participations of the modes
+    participations: FloatArray  # (n_rows, n_modes): of the undamped modes
     n_inputs: int  # number of the places, which the forces follow
 
 
