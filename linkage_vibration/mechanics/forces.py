@@ -143,20 +143,17 @@ class Forces:
         self, name: str, configuration: Configuration, joining: Joining
     ) -> tuple[Any, dict[str, FloatArray]]:
         """Return indices of coordinates, and rows on them of the forces at a name by direction."""
-        if name not in self._springs:
+        springs = [spring.name for spring in self.mechanism.springs]
+        if name not in springs:
             link, point = self._end(name)
             ends = self._ends[link.name][point]
             pin = configuration.turn(link.name) @ ends.pin
             rows = [*pin, *ends.section, *(ends.stresses if ends.shape.real else ())]
             return self.system.rows[link.name], dict(zip(_KINDS, rows, strict=False))
-        i = self._springs.index(name)
+        i = springs.index(name)
         spring, at = self.mechanism.springs[i], slice(self.system.n_interface)
         share = tension_share(spring, self.mechanism, configuration) * joining.stiffness[i]
         return at, {"force": share * joining.elongation[i]} if has_force(spring) else {}
-
-    @cached_property
-    def _springs(self) -> list[str]:
-        return [spring.name for spring in self.mechanism.springs]
 
     @cached_property
     def sections(self) -> tuple[tuple[str, str], ...]:
