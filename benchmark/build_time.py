@@ -1,15 +1,18 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Compares the time of table builds with another version: ``python -m benchmark.build_time TREE``.
+"""Compares the time of table builds: ``python -m benchmark.build_time --against COMMIT``.
 
-TREE is a checkout of the other version, which `git worktree add --detach TREE COMMIT` makes.
+COMMIT is any commit of the repository. Its files are put into a temporary folder.
 """
 
 import argparse
+import io
 import json
 import os
 import subprocess
 import sys
+import tarfile
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +20,12 @@ from tqdm import tqdm
 
 from benchmark.report import machine, publish, table
 
-LINKAGES = ("three_point_linkage", "three_point_linkage_as_printed", "four_bar")
+LINKAGES = (
+    "three_point_linkage",
+    "three_point_linkage_as_printed",
+    "four_bar",
+    "three_point_linkage_on_tractor",
+)
 BUILDS, ROUNDS = 3, 6
 HERE = Path(__file__).parents[1]
 PROGRAM = """
@@ -35,6 +43,17 @@ for name in sys.argv[2:]:
     times.append(min(own))
 print(json.dumps(times))
 """
+
+
+def git(*arguments: str) -> bytes:
+    """Return what git prints.
+
+    Parameters
+    ----------
+    *arguments : str
+        Of its command line, in this repository.
+    """
+    return subprocess.run(["git", *arguments], cwd=HERE, check=True, capture_output=True).stdout
 
 
 def build_times(tree: Path) -> list[float]:
@@ -56,18 +75,14 @@ def build_times(tree: Path) -> list[float]:
 def main() -> None:
     """Build the tables by both versions in turns, and publish the times."""
     parser = argparse.ArgumentParser(prog="python -m benchmark.build_time", description=__doc__)
-    parser.add_argument("tree", type=Path, help="checkout of the other version")
-    tree = parser.parse_args().tree.resolve()
-    commit = subprocess.run(
-        ["git", "rev-parse", "--short", "HEAD"],
-        cwd=tree,
-        check=True,
-        capture_output=True,
-        text=True,
-    ).stdout.strip()
-    times = np.array(
-        [[build_times(each) for each in (tree, HERE)] for _ in tqdm(range(ROUNDS), unit="round")]
-    )
+    parser.add_argument("--against", metavar="COMMIT", required=True, help="the other version")
+    options = parser.parse_args()
+    commit = git("rev-parse", "--short", options.against).decode().strip()
+    with tempfile.TemporaryDirectory() as folder:
+        with tarfile.open(fileobj=io.BytesIO(git("archive", commit))) as files:
+            files.extractall(folder, filter="data")
+        trees, rounds = (Path(folder), HERE), tqdm(range(ROUNDS), unit="round")
+        times = np.array([[build_times(tree) for tree in trees] for _ in rounds])
     best = times.min(axis=0)
     spread = np.percentile(times[:, 1] / times[:, 0], [25.0, 75.0], axis=0)
     rows = [

@@ -65,7 +65,7 @@ TESTS = {
     "studies/measurement.py": ("studies/test_measurement.py",),
     "studies/ringdown.py": ("studies/test_ringdown.py",),
     "studies/plan.py": ("studies/test_plan.py",),
-    "table/tabulation/veering.py": ("table/tabulation/test_veering.py",),
+    "table/tabulation/tracking.py": ("table/tabulation/test_veering.py",),
     "mechanics/sensitivity.py": (
         "mechanics/test_sensitivity.py",
         "mechanics/test_uncertainty.py",

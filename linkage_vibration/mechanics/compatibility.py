@@ -21,7 +21,7 @@ from linkage_vibration.mechanics.base import mount_springs
 from linkage_vibration.mechanics.components import CENTRE_OF_GRAVITY, Component, FrfComponent
 from linkage_vibration.mechanics.description import GROUND, Mechanism, Spring
 from linkage_vibration.mechanics.dofs import InterfaceDof
-from linkage_vibration.mechanics.kinematics import Configuration, rotation
+from linkage_vibration.mechanics.kinematics import Configuration
 from linkage_vibration.mechanics.springs import spring_line, spring_stiffness
 
 _ZERO = 1e-12  # Directions with a smaller share of the largest singular value of B are repetitions.
@@ -118,7 +118,7 @@ class InterfaceMap:
         if body == GROUND:
             return rows
         x, z = self._places[body, point][:2]
-        rows[:, [x, z]] = rotation(configuration.angle(body))
+        rows[:, [x, z]] = configuration.turn(body)
         return rows
 
     def join(self, configuration: Configuration) -> Joining:

@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.mechanics.arrays import FloatArray, IntArray
 from linkage_vibration.mechanics.compatibility import CouplingError, Joining
 from linkage_vibration.mechanics.coupling import CoupledSystem, UncoupledSystem, couple
 from linkage_vibration.mechanics.description import GROUND, Link, Mechanism, PointForces
 from linkage_vibration.mechanics.dofs import InterfaceDof
-from linkage_vibration.mechanics.kinematics import Configuration, rotation
+from linkage_vibration.mechanics.kinematics import Configuration
 from linkage_vibration.mechanics.springs import has_force, tension_share
 
 GRAVITY = 9.80665
@@ -126,8 +126,10 @@ class Forces:
     ) -> FloatArray:
         """Return the forces at places per coordinate of the uncoupled components, (n_places, n)."""
         rows = np.zeros((len(places), len(self.system.mass)))
+        names = dict.fromkeys(name for name, _ in places)
+        forces_at = {name: self._forces_at(name, configuration, joining) for name in names}
         for row, (name, direction) in zip(rows, places, strict=True):
-            at, forces = self._forces_at(name, configuration, joining)
+            at, forces = forces_at[name]
             if direction not in forces:
                 available = ", ".join(forces) or "no force"
                 raise ForceError(f"{name} has no {direction}; it has: {available}.")
@@ -138,14 +140,13 @@ class Forces:
         self, name: str, configuration: Configuration, joining: Joining
     ) -> tuple[Any, dict[str, FloatArray]]:
         """Return indices of coordinates, and rows on them of the forces at a name by direction."""
-        springs = [spring.name for spring in self.mechanism.springs]
-        if name not in springs:
+        if name not in self._springs:
             link, point = self._end(name)
             ends = self._ends[link.name][point]
-            pin = rotation(configuration.angle(link.name)) @ ends.pin
+            pin = configuration.turn(link.name) @ ends.pin
             rows = zip((*_COMPONENTS, *_SECTION), (*pin, *ends.section), strict=True)
             return self.system.rows[link.name], dict(rows)
-        i = springs.index(name)
+        i = self._springs.index(name)
         spring, at = self.mechanism.springs[i], slice(self.system.n_interface)
         share = tension_share(spring, self.mechanism, configuration) * joining.stiffness[i]
         return at, {"force": share * joining.elongation[i]} if has_force(spring) else {}
@@ -160,26 +161,40 @@ class Forces:
             for direction in _SECTION
         )
 
-    def at_rest(self, configuration: Configuration, joining: Joining) -> FloatArray:
+    def at_rest(
+        self, configuration: Configuration, joining: Joining, coupled: CoupledSystem | None = None
+    ) -> FloatArray:
         """Return the forces at `places` under the weight, (n_places,), N.
 
-        They are NaN where nothing carries the weight. The base rests on its mounts without it.
+        They are NaN where nothing carries the weight. The base rests on its mounts without it. The
+        system that is coupled there is given if it is known.
         """
-        moved, load = self.moved_by_weight(configuration, joining)
+        moved, load = self.moved_by_weight(configuration, joining, coupled)
         forces = np.asarray(self.rows(self.places, configuration, joining) @ moved)
         # What pins exert on a body; unlike elements, this counts the weight between its nodes, too.
         reactions = self.system.stiffness @ moved - load
-        parts = {part.name: part for part in self.system.components}
-        for i, (name, direction) in enumerate(self.places):
-            if direction in _COMPONENTS:
-                link, point = self._end(name)
-                dofs = [parts[link.name].dofs.index(InterfaceDof(point, axis)) for axis in "xz"]
-                along = rotation(configuration.angle(link.name))[_COMPONENTS.index(direction)]
-                forces[i] = along @ reactions[self.system.rows[link.name][dofs]] / link.count
+        for i, link, at in self._pins:
+            forces[i : i + 2] = configuration.turn(link.name) @ reactions[at] / link.count
         return forces
 
+    @cached_property
+    def _pins(self) -> list[tuple[int, Link, IntArray]]:
+        """The first of both places of each pin, its link, and its coordinates along x and z."""
+        parts, pins = {part.name: part for part in self.system.components}, []
+        for i, (name, direction) in enumerate(self.places):
+            if direction == _COMPONENTS[0]:
+                link, point = self._end(name)
+                dofs = [parts[link.name].dofs.index(InterfaceDof(point, axis)) for axis in "xz"]
+                pins.append((i, link, self.system.rows[link.name][dofs]))
+        return pins
+
     def moved_by_weight(
-        self, configuration: Configuration, joining: Joining, *, with_base: bool = False
+        self,
+        configuration: Configuration,
+        joining: Joining,
+        coupled: CoupledSystem | None = None,
+        *,
+        with_base: bool = False,
     ) -> tuple[FloatArray, FloatArray]:
         """Return how the weight moves the components, NaN where nothing carries it, and the weight.
 
@@ -191,18 +206,24 @@ class Forces:
                 moved = part.translation(down, configuration.angle(part.name))
                 load[self.system.rows[part.name]] = part.mass @ moved
         try:
-            return _at_rest(couple(self.system, joining), load), load
+            return _at_rest(coupled or couple(self.system, joining), load), load
         except CouplingError:
             return np.full(len(load), math.nan), load
 
     def _end(self, name: str) -> tuple[Link, str]:
         """Return the link and the point of a name such as lower_link:E1."""
-        body, _, point = name.partition(":")
-        link = next((link for link in self.mechanism.links if link.name == body), None)
-        if link is None or point not in dict(link.points):
+        if name not in self._points:
             hint = f"give one of: {', '.join(self.names) or 'none'}"
             raise ForceError(f"There is no force at {name}; {hint}.")
-        if body not in self._ends:
+        link, point = self._points[name]
+        if link.name not in self._ends:
             hint = f"describe it by material and section, or give one of: {', '.join(self.names)}"
-            raise ForceError(f"The matrices or FRFs of links.{body} do not show forces; {hint}.")
+            problem = f"The matrices or FRFs of links.{link.name} do not show forces"
+            raise ForceError(f"{problem}; {hint}.")
         return link, point
+
+    @cached_property
+    def _points(self) -> dict[str, tuple[Link, str]]:
+        """The link and the point of each name such as lower_link:E1."""
+        links = self.mechanism.links
+        return {f"{link.name}:{point}": (link, point) for link in links for point, _ in link.points}

@@ -14,6 +14,7 @@ ch. 8), and the trace ends.
 import copy
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -75,7 +76,7 @@ class KinematicsError(LinkageVibrationError):
         self.nearest = nearest
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Configuration:
     """The pose of every body at one input angle, and its rate of change with that angle.
 
@@ -110,6 +111,15 @@ class Configuration:
         """Return d(angle of a body)/d(alpha3), 1; that of the ground is 0."""
         return 0.0 if body == GROUND else float(self.velocity_ratios[self.bodies.index(body)])
 
+    def turn(self, body: str) -> FloatArray:
+        """Return the (2, 2) matrix that turns a body's own components into global ones."""
+        return self._turns[body]
+
+    @cached_property
+    def _turns(self) -> dict[str, FloatArray]:
+        both = zip(self.bodies, self.angles.tolist(), strict=True)
+        return {GROUND: np.eye(2), **{body: rotation(angle) for body, angle in both}}
+
     def place(self, body: str, local: Point) -> FloatArray:
         """Return the global x and z, (2,), m, of a point.
 
@@ -122,7 +132,7 @@ class Configuration:
         """
         if body == GROUND:
             return np.array(local)
-        arm = rotation(self.angle(body)) @ np.array(local)
+        arm = self.turn(body) @ np.array(local)
         return np.asarray(self.origins[self.bodies.index(body)] + arm)
 
     def place_rate(self, body: str, local: Point) -> FloatArray:

@@ -26,7 +26,7 @@ from linkage_vibration.mechanics.doubts import doubts
 from linkage_vibration.mechanics.fbs import couple_frfs, couple_frfs_with_error, held_frf
 from linkage_vibration.mechanics.forces import Forces, is_force, magnitudes, reference
 from linkage_vibration.mechanics.identification import IdentifiedModes, identify
-from linkage_vibration.mechanics.kinematics import Configuration, Kinematics, rotation
+from linkage_vibration.mechanics.kinematics import Configuration, Kinematics
 from linkage_vibration.mechanics.modes import DampedModes, Modes, damp_modes, solve_modes
 from linkage_vibration.mechanics.regularisation import MeasuredFrfs, noise_gain, receptances
 from linkage_vibration.mechanics.response import (
@@ -206,7 +206,10 @@ class LinkageModel:
         return reference(self.static_forces(alpha3), self.mechanism.response.reference_force)
 
     def output_rows(
-        self, places: Sequence[Place | str], configuration: Configuration
+        self,
+        places: Sequence[Place | str],
+        configuration: Configuration,
+        joining: Joining | None = None,
     ) -> FloatArray:
         """Return displacements or forces at places per coordinate of the components, (n_places, n).
 
@@ -216,17 +219,20 @@ class LinkageModel:
         ----------
         places, configuration
             Points with directions, or forces; where the bodies are.
+        joining : Joining, optional
+            What joins the components there, if it is known.
         """
         places = pairs(places)
-        if not any(is_force(place) for place in places):
+        forces = [is_force(place) for place in places]
+        if not any(forces):
             return self.rows(places, configuration)
-        rows = np.zeros((len(places), len(self.system.mass)))
-        joining = self.interface.join(configuration)
-        for row, place in zip(rows, places, strict=True):
-            if is_force(place):
-                row[:] = self.forces.rows([place], configuration, joining)[0]
-            else:
-                row[: len(self.interface)] = self.rows([place], configuration)[0]
+        rows, of_force = np.zeros((len(places), len(self.system.mass))), np.array(forces)
+        joining = joining or self.interface.join(configuration)
+        loaded = [place for place in places if is_force(place)]
+        rows[of_force] = self.forces.rows(loaded, configuration, joining)
+        if not all(forces):
+            moved = [place for place in places if not is_force(place)]
+            rows[~of_force, : len(self.interface)] = self.rows(moved, configuration)
         return rows
 
     def solve(self, alpha3: float) -> "Solution":
@@ -531,7 +537,7 @@ class Solution:
 
     def participation(self, places: Sequence[Place | str]) -> FloatArray:
         """Displacement or force of each undamped, mass-normalised shape, (n_places, n_modes)."""
-        rows = self.model.output_rows(places, self.configuration)
+        rows = self.model.output_rows(places, self.configuration, self.joining)
         return np.asarray(rows @ self.modes.shapes[: rows.shape[1]])
 
     def frf(
@@ -587,7 +593,7 @@ class Solution:
                 local = component.drawing.places
                 shape = self.modes.shapes[self.model.system.rows[body], mode]
                 moved = (component.drawing.displacement @ shape)[:, :2]
-                moved = moved @ rotation(self.configuration.angle(body)).T
+                moved = moved @ self.configuration.turn(body).T
             else:
                 u, move = self.modes.shapes[: len(interface), mode], interface.displacement
                 moved = np.array([move(body, p, self.configuration) @ u for p in points])

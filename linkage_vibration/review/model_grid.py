@@ -85,7 +85,7 @@ def receptance_grid(mechanism: Mechanism, table: Table) -> dict[str, Any] | None
         parts = [k.real, k.imag, frf.decay, residue.real, residue.imag, rate.real, rate.imag]
         terms.append(np.column_stack(parts))
         residuals.append(frf.residual[0, 0])
-    if len(table.reduced_orders):
+    if table.reduced:
         terms = _continued(terms)
     return {
         "place": " ".join(place),

@@ -71,13 +71,6 @@ def interpolate_positive(matrix: FloatArray, values: FloatArray) -> FloatArray:
     return np.asarray(np.exp(np.clip(matrix @ np.log(values), -_LARGE, _LARGE)))
 
 
-def interpolate_terms(matrix: FloatArray, terms: NearTerms) -> NearTerms:
-    """Interpolate the terms of FRFs by an `interpolation_matrix`."""
-    stiffness, decay, shapes = terms
-    k = np.exp(matrix @ np.log(stiffness))
-    return k, matrix @ decay, np.tensordot(matrix, shapes, axes=1)
-
-
 def stroke_variable(alpha3: FloatArray, toggles: tuple[float, float] | None) -> FloatArray:
     """Turn input angles (rad) into the variable in which the mechanism moves smoothly.
 

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray
 from linkage_vibration.mechanics.modes import oscillating_indices
 from linkage_vibration.table.interpolation import stroke_angle, stroke_variable
 from linkage_vibration.table.reduced import Modal, ReducedModels
@@ -80,7 +80,7 @@ class PoleFinder:
 
     pieces: Sequence[PolePiece]  # each begins where the one before it ends
     bounds: FloatArray  # (n_cells + 1,), rad: the ends of all cells
-    rows: dict[int, int]  # for each cell without cubics its row of `poles`
+    rows: IntArray  # (n_cells,): for each cell without cubics its row of `poles`
     # (n_direct, 2, n_branches): poles at both ends of each of these, rad/s, those of the modes
     # first; NaN for a pole that oscillates at neither end
     poles: ComplexArray
@@ -112,10 +112,7 @@ class PoleFinder:
         before, after = max(alpha3 - step, start), min(alpha3 + step, end)
         low, here, high = (np.array(self.values(cell, at)) for at in (before, alpha3, after))
         # Beside the angle at which a mode vanishes, only the side on which it exists counts.
-        low = np.where(np.isnan(low), here, low)
-        high = np.where(np.isnan(high), here, high)
-        begin = np.where(low == here, alpha3, before)
-        end = np.where(high == here, alpha3, after)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            slope = np.where(end > begin, (high - low) / (end - begin), 0.0)
-        return [float(value) for value in np.where(np.isnan(here), math.nan, slope)]
+        begin, low = np.where(np.isnan(low), alpha3, before), np.where(np.isnan(low), here, low)
+        end, high = np.where(np.isnan(high), alpha3, after), np.where(np.isnan(high), here, high)
+        slope = np.divide(high - low, end - begin, out=np.zeros_like(here), where=end > begin)
+        return [float(value) for value in slope + 0.0 * here]  # NaN where the mode vanishes

@@ -10,7 +10,7 @@ or become real does not matter.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -140,12 +140,22 @@ class ReducedModels:
     stiffness: Numbers  # (n, order, order): S
     # (n, n_rows, order): C, of places, the first of which is that of the highest peak, then forces
     shapes: Numbers
-    n_inputs: int  # number of the places, which are also inputs of FRFs
-    far: FarPoles
     # (n, 1 + 2 n_far, n_pairs): static flexibility, residues and rates of each of `frf_pairs`
     weights: Numbers
-    viscous: bool
+    far_stiffness: ComplexArray  # (n_far,), as `FarPoles`
+    far_decay: FloatArray  # (n_far,)
+    n_inputs: int  # number of the places, which are also inputs of FRFs
     free: bool  # whether the linkage can move freely at 0 Hz
+
+    @property
+    def far(self) -> FarPoles:
+        """The poles that represent all other modes."""
+        return FarPoles(self.far_stiffness, self.far_decay)
+
+    @property
+    def viscous(self) -> bool:
+        """Whether damping is viscous, rather than structural."""
+        return not np.iscomplexobj(self.stiffness)
 
     @property
     def modal(self) -> Modal:
@@ -165,6 +175,10 @@ class ReducedModels:
         parts = self.inertia, self.stiffness, self.shapes, self.weights
         inertia, stiffness, shapes, weights = (np.tensordot(matrix, part, 1) for part in parts)
         return replace(self, inertia=inertia, stiffness=stiffness, shapes=shapes, weights=weights)
+
+
+MODEL_ARRAYS = [each.name for each in fields(ReducedModels)][:-2]
+"""Names of the arrays of reduced models."""
 
 
 def frf_pairs(n_rows: int, n_inputs: int) -> tuple[IntArray, IntArray]:

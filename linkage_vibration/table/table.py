@@ -32,31 +32,16 @@ from linkage_vibration.table.cells import Cells, spline_cells
 from linkage_vibration.table.interpolation import (
     NearTerms,
     interpolate_positive,
-    interpolate_terms,
     interpolation_matrix,
     stroke_angle,
     stroke_variable,
 )
 from linkage_vibration.table.pole_cells import PoleFinder, PolePiece
-from linkage_vibration.table.reduced import Numbers, ReducedModels, from_pairs
+from linkage_vibration.table.reduced import MODEL_ARRAYS, ReducedModels, from_pairs
 
 IntArray = NDArray[np.int64]
 
-FORMAT = "linkage_vibration table 8"
-
-NOISE_UNITS = {"frequency_stddev": "Hz", "damping_ratio_stddev": "1"}
-"""Arrays that only tables of measured links have."""
-
-PARAMETER_UNITS = {
-    "parameter_stddev": "1",
-    "ensemble_alpha3": "rad",
-    "ensemble_poles": "rad/s",
-    "ensemble_shapes": "SI",
-    "ensemble_far": "m/N or 1",
-    "ensemble_static": "N",
-    "ensemble_mounts": "N/m, then N s/m",
-}
-"""Arrays that only tables of mechanisms with uncertain numbers have."""
+FORMAT = "linkage_vibration table 9"
 
 CELLS = 512
 """Cubic cells to a piece, for lookups: their error is below 1e-8."""
@@ -65,26 +50,24 @@ _CHUNK = 4096  # So many angles are looked up at a time, whose cells stay in the
 _NEAR = math.radians(1.0)  # An angle closer to a toggle is near it.
 
 
-def _nothing() -> NDArray[Any]:
-    return np.empty(0)
-
-
-def _unit(unit: str, *, pointwise: bool = False) -> dict[str, Any]:
-    """Describe an array that every table has, perhaps with a row for each point."""
-    return {"unit": unit, "pointwise": pointwise}
+def _array(unit: str, *, pointwise: bool = False, shape: tuple[int, ...] = (0,)) -> Any:
+    """Declare an array of a table, perhaps with a row for each point, and its shape if empty."""
+    metadata = {"unit": unit, "pointwise": pointwise}
+    return field(default_factory=lambda: np.empty(shape), metadata=metadata)
 
 
 class TableError(LinkageVibrationError):
     """A table cannot be built, read or used."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Table:
     """The values of a prediction and the terms of FRFs at angles over the stroke.
 
     The stroke is divided into pieces, in each of which every quantity is the polynomial through its
     points (in `interpolation.stroke_variable`). For lookups the polynomials are resampled into
-    `Cells` when they are first needed.
+    `Cells` when they are first needed. Where damping couples the modes, reduced models are
+    interpolated instead, and the file has the cells. Arrays that do not apply are empty.
 
     Attributes
     ----------
@@ -121,22 +104,19 @@ class Table:
     participations : complex ndarray, (n, n_places + n_forces, n_terms)
         Shapes of the terms at the places and forces; their products are the residues. Terms are
         only those of modes that damping does not couple.
-    far_stiffness, far_decay : ndarray, (n_far,) or (n_pieces, n_far)
+    far_stiffness, far_decay : ndarray, (n_far,)
         Poles that represent all modes above the band (`response.FarPoles`).
     far_residues : ndarray, (n, 1 + n_far, n_pairs)
         Static flexibility and residues of those, in the order of `reduced.frf_pairs`.
-    reduced_orders : ndarray of int, (n_pieces,)
-        Number of poles of the reduced models in each piece; none if damping couples no modes.
-    reduced_inertia, reduced_stiffness, reduced_shapes, reduced_far : ndarray, (...,)
-        Where damping couples the modes, the numbers of the `ReducedModels` at every point of every
-        piece, one piece after the other. The response point is the first of their places, which
-        the forces follow.
+    reduced : tuple of ReducedModels, (n_pieces,)
+        Where damping couples the modes, those at the points of each piece, in place of the terms.
+        The response point is the first of their places, which the forces follow.
     cell_starts, cell_cubics : ndarray, (n_cells,) and (n_cells, 4, 2 n_modes + 2)
         The `Cells` where damping couples the modes; otherwise they are made from the polynomials.
     cell_poles : complex ndarray, (n_direct, 2, n_branches)
         Poles at both ends of the cells that have no cubics, as `PoleFinder` takes them.
     frequency_stddev, damping_ratio_stddev : ndarray, (n, n_modes)
-        Standard deviations by the noise of measured links, Hz and 1; (n, 0) without such links.
+        Standard deviations by the noise of measured links, Hz and 1; empty without such links.
     mode_names : tuple of str, (n_modes,)
         A name for each mode, which holds over the stroke.
     mode_shares : ndarray, (n_modes, 3)
@@ -169,55 +149,49 @@ class Table:
         Of the mechanism from which it was built, and of the package that built it.
     """
 
-    alpha3: FloatArray = field(metadata=_unit("rad", pointwise=True))
-    pieces: IntArray = field(metadata=_unit("1"))
-    natural_frequencies: FloatArray = field(metadata=_unit("Hz", pointwise=True))
-    damping_ratios: FloatArray = field(metadata=_unit("1", pointwise=True))
-    peak_frequencies: FloatArray = field(metadata=_unit("Hz", pointwise=True))
-    peak_magnitudes: FloatArray = field(metadata=_unit("m/N", pointwise=True))
-    peak_notable: BoolArray = field(metadata=_unit("1"))
-    interpolation_error: FloatArray = field(metadata=_unit("1"))
-    peak_error: float
-    frf_error: float
-    slope_error: float
+    alpha3: FloatArray = _array("rad", pointwise=True)
+    pieces: IntArray = _array("1")
+    natural_frequencies: FloatArray = _array("Hz", pointwise=True)
+    damping_ratios: FloatArray = _array("1", pointwise=True)
+    peak_frequencies: FloatArray = _array("Hz", pointwise=True)
+    peak_magnitudes: FloatArray = _array("m/N", pointwise=True)
+    peak_notable: BoolArray = _array("1")
+    interpolation_error: FloatArray = _array("1")
+    peak_error: float = math.nan
+    frf_error: float = math.nan
+    slope_error: float = math.nan
     free_modes: int
     toggles: tuple[float, float] | None
     band: tuple[float, float]
     peak_band: tuple[float, float]
-    places: tuple[Place, ...]
-    term_stiffness: ComplexArray = field(metadata=_unit("rad^2/s^2", pointwise=True))
-    term_decay: FloatArray = field(metadata=_unit("rad/s", pointwise=True))
-    participations: ComplexArray = field(metadata=_unit("1/sqrt(kg)", pointwise=True))
-    far_stiffness: ComplexArray = field(metadata=_unit("rad^2/s^2"))
-    far_decay: FloatArray = field(metadata=_unit("rad/s"))
-    far_residues: FloatArray | ComplexArray = field(
-        metadata=_unit("m/N, then 1/kg", pointwise=True)
-    )
-    static_forces: FloatArray = field(metadata=_unit("N", pointwise=True))
-    reduced_orders: IntArray = field(metadata=_unit("1"))
-    reduced_inertia: Numbers = field(metadata=_unit("SI"))
-    reduced_stiffness: Numbers = field(metadata=_unit("SI"))
-    reduced_shapes: Numbers = field(metadata=_unit("SI"))
-    reduced_far: Numbers = field(metadata=_unit("SI"))
-    cell_starts: FloatArray = field(metadata=_unit("rad"))
-    cell_cubics: FloatArray = field(metadata=_unit("SI"))
-    cell_poles: ComplexArray = field(metadata=_unit("rad/s"))
-    mode_shares: FloatArray = field(metadata=_unit("1"))
-    frequency_stddev: FloatArray
-    damping_ratio_stddev: FloatArray
+    places: tuple[Place, ...] = ()
+    forces: tuple[Place, ...] = ()
+    term_stiffness: ComplexArray = _array("rad^2/s^2", pointwise=True)
+    term_decay: FloatArray = _array("rad/s", pointwise=True)
+    participations: ComplexArray = _array("1/sqrt(kg)", pointwise=True)
+    far_stiffness: ComplexArray = _array("rad^2/s^2")
+    far_decay: FloatArray = _array("rad/s")
+    far_residues: FloatArray | ComplexArray = _array("m/N, then 1/kg", pointwise=True)
+    static_forces: FloatArray = _array("N", pointwise=True)
+    reference_force: float | None = None
+    reduced: tuple[ReducedModels, ...] = ()
+    cell_starts: FloatArray = _array("rad")
+    cell_cubics: FloatArray = _array("SI")
+    cell_poles: ComplexArray = _array("rad/s")
+    mode_names: tuple[str, ...] = ()
+    mode_shares: FloatArray = _array("1", shape=(0, 3))
+    frequency_stddev: FloatArray = _array("Hz", pointwise=True)
+    damping_ratio_stddev: FloatArray = _array("1", pointwise=True)
+    parameter_stddev: FloatArray = _array("1", shape=(2, 0, 0))
+    ensemble_alpha3: FloatArray = _array("rad")
+    ensemble_poles: NDArray[np.complex64] = _array("rad/s")
+    ensemble_shapes: NDArray[np.complex64] = _array("SI")
+    ensemble_far: NDArray[np.float32] = _array("m/N or 1")
+    ensemble_static: NDArray[np.float32] = _array("N")
+    ensemble_mounts: NDArray[np.float32] = _array("N/m, then N s/m")
     model_hash: str
     mechanism_name: str
     package_version: str
-    mode_names: tuple[str, ...] = ()
-    parameter_stddev: FloatArray = field(default_factory=lambda: np.empty((2, 0, 0)))
-    ensemble_alpha3: FloatArray = field(default_factory=lambda: np.empty(0))
-    ensemble_poles: NDArray[np.complex64] = field(default_factory=_nothing)
-    ensemble_shapes: NDArray[np.complex64] = field(default_factory=_nothing)
-    ensemble_far: NDArray[np.float32] = field(default_factory=_nothing)
-    ensemble_static: NDArray[np.float32] = field(default_factory=_nothing)
-    ensemble_mounts: NDArray[np.float32] = field(default_factory=_nothing)
-    forces: tuple[Place, ...] = ()
-    reference_force: float | None = None
 
     def __repr__(self) -> str:
         """Return what it is a table of, in a line."""
@@ -255,8 +229,8 @@ class Table:
     def checksum(self) -> str:
         """SHA-256 of every array and of the metadata."""
         digest = hashlib.sha256(json.dumps(self._metadata(), sort_keys=True).encode())
-        for name in self._names:
-            array = np.ascontiguousarray(getattr(self, name))
+        for name, array in self._arrays.items():
+            array = np.ascontiguousarray(array)
             array = array.astype(array.dtype.newbyteorder("<"), copy=False)
             digest.update(f"{name}{array.shape}{array.dtype.kind}".encode())
             digest.update(array.tobytes())
@@ -413,7 +387,7 @@ class Table:
 
     def thinned(self, kept: BoolArray) -> "Table":
         """Return the table with some of its points, (n,); the ends of all pieces are kept."""
-        rows = {name: getattr(self, name)[kept] for name in POINTWISE}
+        rows = {name: self._arrays[name][kept] for name in _POINTWISE if name in self._arrays}
         return replace(self, pieces=np.cumsum(kept)[self.pieces] - 1, **rows)
 
     def slopes(self, alpha3: float) -> list[float]:
@@ -460,7 +434,7 @@ class Table:
         o = [rows.index(place) for place in outputs]
         i = [self.places.index(place) for place in inputs]
         piece, at = self._piece(alpha3), np.array([alpha3])
-        if len(self.reduced_orders):
+        if self.reduced:
             return self._pole_pieces[piece].modal(at).frf(0, o, i)
         k, c, shapes = (each[0] for each in self.terms(piece, at))
         residues = shapes[o][:, np.newaxis] * shapes[i][np.newaxis]
@@ -487,12 +461,14 @@ class Table:
             rad, within the range.
         """
         self._refuse_outside(alpha3)
+        if not self.force_places:
+            return np.empty((0, len(alpha3)))
         forces = np.empty((len(self.forces), len(alpha3)))
         bounds = np.array([self._piece(angle) for angle in alpha3.tolist()], dtype=np.int64)
         for piece in np.unique(bounds).tolist():
             points, matrix = self._polynomial(piece, alpha3[bounds == piece])
             forces[:, bounds == piece] = (matrix @ self.static_forces[points]).T
-        return magnitudes(self.forces, forces) if self.places else forces[:0]
+        return magnitudes(self.forces, forces)
 
     def reference_forces(self, alpha3: FloatArray) -> FloatArray:
         """Return what dynamic forces at `force_places` are compared with, (n_force_places, n), N.
@@ -517,8 +493,9 @@ class Table:
             Its index; angles in it, (n,), rad.
         """
         points, matrix = self._polynomial(piece, alpha3)
-        terms = self.term_stiffness[points], self.term_decay[points], self.participations[points]
-        return interpolate_terms(matrix, terms)
+        k = np.exp(matrix @ np.log(self.term_stiffness[points]))
+        shapes = np.tensordot(matrix, self.participations[points], axes=1)
+        return k, matrix @ self.term_decay[points], shapes
 
     def _polynomial(self, piece: int, alpha3: FloatArray) -> tuple[slice, FloatArray]:
         """Return the points of a piece, and their weights at angles, (n, n_points)."""
@@ -534,34 +511,11 @@ class Table:
     @cached_property
     def _pole_pieces(self) -> list[PolePiece]:
         """The pieces in which poles are found by reduced models."""
-        arrays = (
-            self.reduced_inertia,
-            self.reduced_stiffness,
-            self.reduced_shapes,
-            self.reduced_far,
-        )
-        counts, starts = np.diff(self.pieces) + 1, np.zeros(len(arrays), dtype=np.int64)
-        n_rows = len(self.reduced_shapes) // int(counts @ self.reduced_orders)
-        n_inputs, n_weights = n_rows - len(self.forces), 1 + 2 * self.far_decay.shape[1]
-        n_pairs = len(self.reduced_far) // int(counts.sum()) // n_weights
-        viscous, free = not np.iscomplexobj(self.reduced_stiffness), self.free_modes > 0
-        pieces = []
-        for i, (n, order) in enumerate(zip(counts, self.reduced_orders, strict=True)):
-            square = n, order, order
-            shapes = square, square, (n, n_rows, order), (n, n_weights, n_pairs)
-            sizes = [math.prod(shape) for shape in shapes]
-            inertia, stiffness, shapes_there, weights = (
-                array[start : start + size].reshape(shape)
-                for array, start, size, shape in zip(arrays, starts, sizes, shapes, strict=True)
-            )
-            starts += sizes
-            far = FarPoles(self.far_stiffness[i], self.far_decay[i])
-            models = ReducedModels(
-                inertia, stiffness, shapes_there, n_inputs, far, weights, viscous, free
-            )
-            points = self.alpha3[self.pieces[i] : self.pieces[i + 1] + 1]
-            pieces.append(PolePiece(points, models, self.toggles, self.peak_band))
-        return pieces
+        ends = zip(self.reduced, pairwise(self.pieces.tolist()), strict=True)
+        return [
+            PolePiece(self.alpha3[first : last + 1], models, self.toggles, self.peak_band)
+            for models, (first, last) in ends
+        ]
 
     @cached_property
     def _layout(self) -> tuple[int, int, float, float]:
@@ -579,13 +533,10 @@ class Table:
 
         It has 2 n_modes + 2 n_peaks of them, as `interpolate` uses them.
         """
-        if len(self.reduced_orders):
-            direct = np.flatnonzero(np.isposinf(self.cell_cubics[:, 3]).any(axis=1)).tolist()
-            bounds, rows = np.append(self.cell_starts, self.alpha3[-1]), range(len(direct))
-            row_of_cell = dict(zip(direct, rows, strict=True))
-            finder = PoleFinder(
-                self._pole_pieces, bounds, row_of_cell, self.cell_poles, self.n_modes
-            )
+        if self.reduced:
+            direct = np.isposinf(self.cell_cubics[:, 3]).any(axis=1)
+            bounds, rows = np.append(self.cell_starts, self.alpha3[-1]), np.cumsum(direct) - 1
+            finder = PoleFinder(self._pole_pieces, bounds, rows, self.cell_poles, self.n_modes)
             return Cells(self.cell_starts, self.cell_cubics, finder)
         pieces: list[tuple[FloatArray, FloatArray]] = []
         for piece, ends in enumerate(pairwise(self.alpha3[self.pieces].tolist())):
@@ -596,30 +547,26 @@ class Table:
         return spline_cells(pieces)
 
     @property
-    def _names(self) -> tuple[str, ...]:
-        """Names of the arrays in the file."""
-        noise = NOISE_UNITS if self.measured else {}
-        return (*UNITS, *noise, *(PARAMETER_UNITS if self.uncertain else {}))
+    def _arrays(self) -> dict[str, Any]:
+        """Every array of which the table has any, by its name in the file."""
+        arrays = {name: getattr(self, name) for name in UNITS}
+        for i, models in enumerate(self.reduced):
+            arrays |= {f"reduced_{i}_{name}": getattr(models, name) for name in MODEL_ARRAYS}
+        return {name: array for name, array in arrays.items() if array.shape != (0,)}
 
     def _metadata(self) -> dict[str, Any]:
         """Return what the file has beside arrays: every other field, without NaN, for JSON."""
-        facts = {name: getattr(self, name) for name in _facts()}
+        facts = {name: getattr(self, name) for name in _FACTS} | {"reduced": len(self.reduced)}
         if math.isnan(self.frf_error):
             facts["frf_error"] = None
         return {"format": FORMAT, "units": UNITS, "range_rad": self.alpha3_range, **facts}
 
 
 UNITS = {each.name: each.metadata["unit"] for each in fields(Table) if each.metadata}
-"""Arrays that every table has, by their names."""
+"""Arrays of a table, by their names."""
 
-POINTWISE = (*NOISE_UNITS, *(f.name for f in fields(Table) if f.metadata.get("pointwise")))
-"""The arrays of a table that have a row for each point."""
-
-
-def _facts() -> list[str]:
-    """Return the fields of a table that are no arrays."""
-    arrays = {*UNITS, *NOISE_UNITS, *PARAMETER_UNITS}
-    return [each.name for each in fields(Table) if each.name not in arrays]
+_POINTWISE = [each.name for each in fields(Table) if each.metadata.get("pointwise")]
+_FACTS = [each.name for each in fields(Table) if each.name not in (*UNITS, "reduced")]
 
 
 def _tuples(value: Any) -> Any:
@@ -638,9 +585,8 @@ def table_bytes(table: Table) -> bytes:
     """Return a table as one ``.npz``: an array for each quantity, and JSON metadata."""
     metadata = json.dumps({**table._metadata(), "checksum": table.checksum}, sort_keys=True)
     archive = io.BytesIO()
-    arrays = {name: getattr(table, name) for name in table._names}
     try:
-        np.savez_compressed(archive, metadata=np.array(metadata), **arrays)
+        np.savez_compressed(archive, metadata=np.array(metadata), **table._arrays)
     except ValueError as error:  # zipfile hides that there is not enough memory
         raise MemoryError from error
     return archive.getvalue()
@@ -693,6 +639,19 @@ def load_table(path: str | Path | None = None, mechanism: Mechanism | None = Non
     return table
 
 
+def _table(metadata: dict[str, Any], arrays: dict[str, Any]) -> Table:
+    """Return the table whose metadata and arrays a file has."""
+    facts = {name: _tuples(metadata[name]) for name in _FACTS}
+    if facts["frf_error"] is None:
+        facts["frf_error"] = math.nan
+    reduced = []
+    for i in range(metadata["reduced"]):
+        parts = {name: arrays.pop(f"reduced_{i}_{name}") for name in MODEL_ARRAYS}
+        n_inputs = parts["shapes"].shape[1] - len(facts["forces"])
+        reduced.append(ReducedModels(**parts, n_inputs=n_inputs, free=facts["free_modes"] > 0))
+    return Table(**arrays, **facts, reduced=tuple(reduced))
+
+
 def _read(path: Path) -> Table:
     rebuild = f"build one with `{command('build')}`."
     try:
@@ -701,16 +660,8 @@ def _read(path: Path) -> Table:
             metadata = json.loads(str(archive["metadata"]))
             if metadata["format"] != FORMAT or metadata["units"] != UNITS:
                 raise TableError(f"{path}: is a table of another format; {rebuild}")
-            arrays = {name: archive[name] for name in UNITS}
-            absent = dict.fromkeys(NOISE_UNITS, np.empty((len(arrays["alpha3"]), 0)))
-            arrays |= {name: archive.get(name, nothing) for name, nothing in absent.items()}
-            arrays |= {name: archive[name] for name in PARAMETER_UNITS if name in archive}
-        if arrays["alpha3"].dtype != np.float64:
-            raise TableError(f"{path}: is damaged (its angles are not numbers); {rebuild}")
-        facts = {name: _tuples(metadata[name]) for name in _facts()}
-        if facts["frf_error"] is None:
-            facts["frf_error"] = math.nan
-        table = Table(**arrays, **facts)
+            arrays = {name: archive[name] for name in archive.files if name != "metadata"}
+        table = _table(metadata, arrays)
         if table.checksum != metadata["checksum"]:
             raise TableError(f"{path}: is damaged (its checksum differs); build the table again.")
         return table

@@ -4,12 +4,12 @@
 
 `building` divides the stroke into pieces. For each, `refinement` gets solutions of the model from
 `sampling` and the modes through them from `tracking`, until their polynomials meet the tolerance
-(`accuracy`); `veering` examines apparent crossings of modes, and `peaks` finds which maxima are the
-highest. `assembly` makes the table from the pieces, and `verification` compares it with the model.
+(`accuracy`); `peaks` finds which maxima are the highest. `assembly` makes the table from the
+pieces, and compares it with the model.
 
 Where damping couples the modes, `coupled` refines the pieces instead. It follows the poles by their
-subspaces (`subspaces`), bounds the errors of the reduced models on these (`comparison`), and
-divides each piece into cells for lookups (`cell_making`).
+subspaces (`subspaces`), bounds the errors of the reduced models on these, and divides each piece
+into cells for lookups (`cell_making`).
 """
 
 from linkage_vibration.table.tabulation.accuracy import TOLERANCE

@@ -1,24 +1,28 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Makes the table from refined pieces."""
+"""Makes the table from refined pieces, and compares it with the model at other points."""
 
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
-from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from linkage_vibration.mechanics.response import FarPoles, far_poles
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray
+from linkage_vibration.mechanics.response import FarPoles, far_poles, pole_residue
 from linkage_vibration.support.version import VERSION
+from linkage_vibration.table.interpolation import NearTerms, stroke_angle
 from linkage_vibration.table.reduced import frf_pairs, shortened
-from linkage_vibration.table.table import POINTWISE, UNITS, Table
-from linkage_vibration.table.tabulation.accuracy import Accuracy, Bounds
-from linkage_vibration.table.tabulation.peaks import SILENT, notable
-from linkage_vibration.table.tabulation.refinement import Piece
+from linkage_vibration.table.table import CELLS, Table
+from linkage_vibration.table.tabulation.accuracy import MARGIN, ROUNDING, Accuracy, Bounds
+from linkage_vibration.table.tabulation.frf_errors import frf_norms, worst_share
+from linkage_vibration.table.tabulation.peaks import SILENT, notable, row_errors
+from linkage_vibration.table.tabulation.refinement import Piece, dense
 from linkage_vibration.table.tabulation.sampling import Sampler, Terms
 from linkage_vibration.table.tabulation.tracking import Tracked
+
+_FRF_ANGLES = 2  # FRFs are compared at so many angles of a piece.
 
 
 def assemble(
@@ -30,19 +34,22 @@ def assemble(
     poles represent the modes above the band.
     """
     band, equal = sampler.response.peak_band, accuracy.equal_height
-    notables = np.array([_notable(tracked, piece, band, equal) for piece in pieces])
+    at, sizes = tracked.peak_frequencies, tracked.peak_magnitudes
+    rows = [tracked.at(piece.fitted + piece.held) for piece in pieces]
+    # The maxima that are needed to find the highest peak in each piece.
+    notables = np.array([notable(at[r], sizes[r], band, equal, strict=False) for r in rows])
     used, n = notables.any(axis=0), sampler.response.modes
     variables = sorted({x for piece in pieces for x in piece.fitted})
     fitted = tracked.only(tracked.at(variables))
     bounds = [variables.index(piece.fitted[0]) for piece in pieces] + [len(variables) - 1]
     absent = np.isnan(fitted.peak_magnitudes)
     samples = [sampler.at(x) for x in variables]
-    deviations = np.array(
-        [
-            np.empty((2, 0)) if sample.deviations is None else sample.deviations[:, order[:n]]
-            for sample, order in zip(samples, fitted.orders, strict=True)
-        ]
-    )
+    deviations = [
+        sample.deviations[:, order[:n]]
+        for sample, order in zip(samples, fitted.orders, strict=True)
+        if sample.deviations is not None
+    ]
+    by_noise = np.array(deviations).swapaxes(0, 1) if deviations else 2 * [np.empty(0)]
     table = replace(
         bare_table(sampler, np.array([sample.alpha3 for sample in samples]), np.array(bounds)),
         natural_frequencies=np.exp(fitted.log_frequencies[:, :n]),
@@ -50,8 +57,8 @@ def assemble(
         peak_frequencies=np.where(absent, 0.0, fitted.peak_frequencies)[:, used],
         peak_magnitudes=np.where(absent, SILENT, fitted.peak_magnitudes)[:, used],
         peak_notable=notables[:, used],
-        frequency_stddev=deviations[:, 0],
-        damping_ratio_stddev=deviations[:, 1],
+        frequency_stddev=by_noise[0],
+        damping_ratio_stddev=by_noise[1],
     )
     terms = [sample.terms for sample in samples if sample.terms is not None]
     complete = len(terms) == len(samples)
@@ -60,33 +67,15 @@ def assemble(
 
 def bare_table(sampler: Sampler, alpha3: FloatArray, bounds: IntArray) -> Table:
     """Return a table of some angles (rad) without any values, whose pieces begin at indices."""
-    n, n_pieces = len(alpha3), len(bounds) - 1
-    arrays: dict[str, Any] = dict.fromkeys(UNITS, np.zeros(0))
-    arrays |= dict.fromkeys(POINTWISE, np.zeros((n, 0)))
-    arrays |= {
-        "alpha3": alpha3,
-        "pieces": bounds.astype(np.int64),
-        "peak_notable": np.zeros((n_pieces, 0), dtype=np.bool_),
-        "interpolation_error": np.zeros(n_pieces),
-        "term_stiffness": np.zeros((n, 0), dtype=complex),
-        "participations": np.zeros((n, 0, 0), dtype=complex),
-        "far_stiffness": np.zeros(0, dtype=complex),
-        "far_residues": np.zeros((n, 1, 0)),
-        "reduced_orders": np.zeros(0, dtype=np.int64),
-        "cell_cubics": np.zeros((0, 4, 0)),
-        "cell_poles": np.zeros((0, 2, 0), dtype=complex),
-        "mode_shares": np.zeros((0, 3)),
-    }
     return Table(
-        **arrays,
-        peak_error=math.nan,
-        frf_error=math.nan,
-        slope_error=math.nan,
+        alpha3=alpha3,
+        pieces=bounds.astype(np.int64),
+        interpolation_error=np.zeros(len(bounds) - 1),
         free_modes=sampler.free_modes,
         toggles=sampler.toggles,
         band=sampler.response.band,
         peak_band=sampler.response.peak_band,
-        places=(),
+        reference_force=sampler.response.reference_force,
         model_hash=sampler.model.mechanism.model_hash,
         mechanism_name=sampler.model.mechanism.name,
         package_version=VERSION,
@@ -102,15 +91,6 @@ def with_bounds(table: Table, bounds: Sequence[Bounds]) -> Table:
         frf_error=max(piece.frf for piece in bounds) if table.places else math.nan,
         slope_error=max(piece.slope for piece in bounds),
     )
-
-
-def _notable(
-    tracked: Tracked, piece: Piece, band: tuple[float, float], equal: float
-) -> BoolArray | None:
-    """Return which maxima are needed to find the highest peak in a piece."""
-    rows = tracked.at(piece.fitted + piece.held)
-    at, sizes = tracked.peak_frequencies[rows], tracked.peak_magnitudes[rows]
-    return notable(at, sizes, band, equal, strict=False)
 
 
 def _with_frfs(
@@ -149,10 +129,113 @@ def _with_frfs(
 def _far_residues(terms: Terms, others: IntArray, far: FarPoles) -> FloatArray | ComplexArray:
     """Return static flexibility and residues of far poles, as a table has them."""
     k, c = terms.damped.stiffness[others], terms.damped.decay[others]
-    w, (outputs, inputs) = math.tau * far.frequencies, frf_pairs(len(terms.own), terms.n_inputs)
+    shapes, w = terms.participations[:, others].astype(complex), math.tau * far.frequencies
+    outputs, inputs = frf_pairs(len(shapes), terms.n_inputs)
     parts = 1.0 / (k[:, np.newaxis] - w**2 + 1j * np.outer(c, w))
-    shapes = terms.own[:, others].astype(complex)
     sums = (shapes[outputs] * shapes[inputs] @ parts).T
     real = not k.imag.any()
     weights = far.fit(sums, real=real)[: 1 + len(far.decay)]
     return weights.real if real else weights
+
+
+def thin(finer: Table, pieces: Sequence[Piece]) -> Table:
+    """Return the table of pieces from that of their finer polynomials; its errors are unknown."""
+    variables = sorted({x for piece in pieces for x in piece.finer.fitted})
+    fitted = {x for piece in pieces for x in piece.fitted}
+    return finer.thinned(np.array([x in fitted for x in variables], dtype=np.bool_))
+
+
+def bound_errors(
+    table: Table, finer: Table, index: int, piece: Piece, tracked: Tracked, sampler: Sampler
+) -> Bounds:
+    """Bound the errors of a piece of a table by finer polynomials and by the model."""
+    angles, k = stroke_angle(dense(*piece.ends), table.toggles), table.n_modes
+    coarse, exact = table.polynomials(index, angles), finer.polynomials(index, angles)
+    ends = np.linspace(*piece.ends, CELLS + 1)
+    middles = stroke_angle((ends[1:] + ends[:-1]) / 2.0, table.toggles)
+    in_cells, resampled = table.cells.many_values(middles), table.polynomials(index, middles)
+    errors = row_errors(coarse, exact, k, table.peak_band)
+    errors += row_errors(in_cells, resampled, k, table.peak_band)
+    slopes = CubicSpline(angles, coarse[:, :k] / exact[:, :k] - 1.0)(angles, 1)
+    # A slope that is wrong by e at the end of a cell causes an error of e / 8 cells in its middle.
+    cell_slopes = 8.0 * (in_cells[:, :k] / resampled[:, :k] - 1.0)
+    cell_slopes /= np.diff(stroke_angle(ends, table.toggles))[:, np.newaxis]
+    slope = np.abs(slopes).max() + np.abs(cell_slopes).max()
+    errors[0] = max(errors[0], piece.gap)
+    for x in piece.held:
+        sample, row = sampler.at(x), int(np.searchsorted(tracked.variables, x))
+        peak = sample.drive.peak(table.peak_band)
+        maxima = np.hstack([sample.peaks, sample.edges, [[peak.frequency], [peak.magnitude]]])
+        values = np.exp(tracked.log_frequencies[row, :k]), tracked.ratios[row, :k]
+        looked_up = table.cells.many_values(np.array([sample.alpha3]))
+        exact = np.concatenate([*values, *maxima])[np.newaxis]
+        errors = np.maximum(errors, row_errors(looked_up, exact, k, table.peak_band, errors[1]))
+    rounding, frf, far = sampler.rounding(piece.finer.fitted), 0.0, 0.0
+    if table.places:
+        frf, far = _frf_error(table, finer, index, sampler, piece)
+        frf += rounding.frf
+    # The height of a resonance follows its frequency and its damping.
+    values, peak = errors + rounding.values * np.array([1.0, 2.0])
+    bounds = np.maximum(MARGIN * np.array([values, peak, frf, slope, far]), ROUNDING)
+    return Bounds(*bounds.tolist())
+
+
+def _frf_error(
+    table: Table, finer: Table, index: int, sampler: Sampler, piece: Piece
+) -> tuple[float, float]:
+    """Return the largest relative L2 error over the band of an FRF in a piece, and a part of it.
+
+    Finer polynomials differ from the model by the far poles, and from the table by the
+    interpolation of terms. The first part, which is also returned, is measured at points of the
+    finer ones; the sum of both is evaluated where the second is largest.
+    """
+    places = (*table.places, *table.forces), table.places
+    far, worst, worst_far = np.zeros([len(each) for each in places]), 0.0, 0.0
+    for x in piece.more[:_FRF_ANGLES]:
+        terms = sampler.at(x).terms
+        assert terms is not None
+        approximate = finer.frf(sampler.at(x).alpha3, *places)
+        shapes = terms.participations
+        exact = pole_residue(terms.damped, shapes, shapes[: terms.n_inputs])
+        far = np.maximum(far, frf_norms(approximate, exact, table.band)[0])
+    angles = stroke_angle(dense(*piece.ends)[::2], table.toggles).clip(*table.alpha3_range)
+    coarse_terms, finer_terms = (each.terms(index, angles) for each in (table, finer))
+    highest: set[int] = set()
+    for change in _term_change(coarse_terms, finer_terms, table.band, len(table.places)):
+        rises, falls = np.diff(change, prepend=-1.0) > 0.0, np.diff(change, append=-1.0) <= 0.0
+        tops = np.flatnonzero(rises & falls)
+        highest.update(tops[np.argsort(change[tops])[-_FRF_ANGLES:]].tolist())
+    for i in highest:
+        approximate, exact = (each.frf(angles[i], *places) for each in (table, finer))
+        off, norms = frf_norms(approximate, exact, table.band)
+        worst = max(worst, worst_share(np.hypot(off, far), norms))
+        worst_far = max(worst_far, worst_share(far, norms))
+    return worst, worst_far
+
+
+def _term_change(
+    terms: NearTerms, finer: NearTerms, band: tuple[float, float], n_inputs: int
+) -> FloatArray:
+    """Return roughly how much finer polynomials change FRFs in a band (Hz) at n angles, (2, n).
+
+    The first row is of displacements, the second of displacements and forces.
+
+    A pole that moves by d changes its term by abs(d) / (sqrt(2) w) in the L2 norm, with its
+    half-power half-width w. The first so many rows of the shapes are inputs, too.
+    """
+    (k, c, shapes), (coarse_k, coarse_c, coarse_shapes) = finer, terms
+    omega = np.sqrt(k)
+    width = c / 2.0 + omega.imag
+    moved = np.abs(np.sqrt(coarse_k) - omega + 0.5j * (coarse_c - c)) / (math.sqrt(2.0) * width)
+    # The squared L2 norm of a term over the band is pi abs(r)^2 / (4 omega^2 w).
+    weight = np.where(omega.real < 2.0 * math.pi * band[1], omega.real**-2 / width, 0.0)
+    weight, moved = weight[:, np.newaxis], moved[:, np.newaxis]
+    size, change = np.abs(shapes), np.abs(coarse_shapes - shapes)
+    inputs, turned = (each[:, :n_inputs].swapaxes(1, 2) for each in (size, change))
+    whole = (weight * size**2) @ inputs**2
+    # abs(d(s t)) <= abs(ds) abs(t) + abs(s) abs(dt) for the shapes s and t at two places
+    off = (weight * (change**2 + (size * moved) ** 2)) @ inputs**2
+    off += (weight * size**2) @ turned**2
+    off += 2.0 * (weight * size * change) @ (inputs * turned)
+    norms = list(zip(np.sqrt(off), np.sqrt(whole), strict=True))
+    return np.array([[worst_share(o[:n], s[:n]) for o, s in norms] for n in (n_inputs, None)])

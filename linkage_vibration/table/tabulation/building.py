@@ -11,7 +11,7 @@ from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.response import N_FAR
 from linkage_vibration.table.table import Table, TableError
 from linkage_vibration.table.tabulation.accuracy import TOLERANCE, Accuracy, Bounds
-from linkage_vibration.table.tabulation.assembly import assemble, with_bounds
+from linkage_vibration.table.tabulation.assembly import assemble, bound_errors, thin, with_bounds
 from linkage_vibration.table.tabulation.coupled import build_coupled
 from linkage_vibration.table.tabulation.deviations import with_parameter_stddev
 from linkage_vibration.table.tabulation.ensemble import with_ensemble
@@ -26,7 +26,6 @@ from linkage_vibration.table.tabulation.refinement import (
 )
 from linkage_vibration.table.tabulation.sampling import ModesAreCoupled, Sampler
 from linkage_vibration.table.tabulation.tracking import Tracker
-from linkage_vibration.table.tabulation.verification import bound_errors, thin
 
 _FINEST, _COARSEST = 1e-11, 1.0  # Rounding prevents finer ones; coarser tables have no use.
 _SHARE = 0.25  # of the work before the ensemble is added, if there is one
@@ -81,11 +80,7 @@ def build_table(
         table = build_coupled(sampler, Accuracy(tolerance))
     table = _with_static_forces(table, sampler)
     table = with_parameter_stddev(with_mode_names(table, sampler), sampler)
-
-    def rest(finished: float) -> None:
-        progress(share + (1.0 - share) * finished)
-
-    return with_ensemble(table, sampler, rest)
+    return with_ensemble(table, sampler, lambda done: progress(share + (1.0 - share) * done))
 
 
 def _with_static_forces(table: Table, sampler: Sampler) -> Table:
@@ -93,10 +88,11 @@ def _with_static_forces(table: Table, sampler: Sampler) -> Table:
     if not table.forces:
         return table
     model = sampler.model
-    configurations = [model.kinematics.at(angle) for angle in table.alpha3.tolist()]
-    forces = [model.forces.at_rest(each, model.interface.join(each)) for each in configurations]
-    given = model.mechanism.response.reference_force
-    return replace(table, static_forces=np.array(forces), reference_force=given)
+    solutions = [sampler.solution(angle) for angle in table.alpha3.tolist()]
+    forces = [
+        model.forces.at_rest(each.configuration, each.joining, each.coupled) for each in solutions
+    ]
+    return replace(table, static_forces=np.array(forces))
 
 
 def _build(sampler: Sampler, tolerance: float) -> Table:

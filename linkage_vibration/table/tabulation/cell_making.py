@@ -9,11 +9,13 @@ meet, so the smallest cells there have none, and a lookup in them finds the pole
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 from linkage_vibration.table.pole_cells import PolePiece, nearest, values_of
+from linkage_vibration.table.table import TableError
 
 CELL_ERROR = 1e-9
 """Relative error of the values in a cell."""
@@ -25,11 +27,10 @@ _SMALLEST = 12  # A cell of so many units is not halved.
 _UNITS = _SMALLEST * 2**12  # A first cell has so many units.
 _MOST = 2048  # More cells are not halved, which would take too long.
 _NODES = np.array([0.0, 1.0, 2.0, 3.0]) / 3.0  # Cubics are exact at these shares of a cell.
-_MIDDLE = 0.5
 _SIXTHS = (0, 2, 4, 6, 3)  # These are the nodes and the middle.
 _COEFFICIENTS = np.linalg.inv(np.vander(_NODES, 4))  # They turn values into coefficients.
 _AHEAD = {1: [1.0], 2: [-1.0, 2.0], 3: [1.0, -3.0, 3.0]}  # They extrapolate to the next node.
-_AT_MIDDLE = np.vander([_MIDDLE], 4)[0] @ _COEFFICIENTS
+_AT_MIDDLE = np.vander([0.5], 4)[0] @ _COEFFICIENTS
 _LOW = 1e-4  # A frequency below this share of the highest pole is near 0 Hz.
 _SAME = 1e-4  # The poles of two pieces differ by less where they meet.
 
@@ -52,24 +53,24 @@ class Cell:
 
 def make_cells(piece: PolePiece) -> list[Cell]:
     """Divide a piece into cells, ascending."""
-    n = len(piece.angles) - 1
+
+    def angles(places: list[int]) -> FloatArray:
+        """Return the angles of places in units, rad."""
+        return np.interp(np.array(places) / _UNITS, np.arange(len(piece.angles)), piece.angles)
+
     evaluated: dict[int, tuple[ComplexArray, FloatArray]] = {}  # the keys are places in units
-    waiting = [(i * _UNITS, (i + 1) * _UNITS) for i in range(n)]
+    waiting = [(i * _UNITS, (i + 1) * _UNITS) for i in range(len(piece.angles) - 1)]
     done: list[Cell] = []
     while waiting:
         rows = [[s + (e - s) * share // 6 for share in _SIXTHS] for s, e in waiting]
         fresh = sorted({place for row in rows for place in row} - evaluated.keys())
-        angles = np.interp(np.array(fresh) / _UNITS, np.arange(n + 1), piece.angles)
-        evaluated.update(zip(fresh, zip(*piece.evaluate(angles), strict=True), strict=True))
+        evaluated.update(zip(fresh, zip(*piece.evaluate(angles(fresh)), strict=True), strict=True))
         smallest = len(waiting) > _MOST or waiting[0][1] - waiting[0][0] == _SMALLEST
         halves = []
         for row in rows:
-            start, end = np.interp(
-                np.array([row[0], row[3]]) / _UNITS, np.arange(n + 1), piece.angles
-            ).tolist()
-            cell = _cell(
-                start, end, [evaluated[x][0] for x in row], np.array([evaluated[x][1] for x in row])
-            )
+            start, end = angles([row[0], row[3]]).tolist()
+            poles, peaks = zip(*(evaluated[x] for x in row), strict=True)
+            cell = _cell(start, end, poles, np.array(peaks))
             if smallest or (cell.values is not None and cell.peak is not None):
                 done.append(cell)
             else:
@@ -78,7 +79,7 @@ def make_cells(piece: PolePiece) -> list[Cell]:
     return sorted(done, key=lambda cell: cell.start)
 
 
-def _cell(start: float, end: float, poles: list[ComplexArray], peaks: FloatArray) -> Cell:
+def _cell(start: float, end: float, poles: Sequence[ComplexArray], peaks: FloatArray) -> Cell:
     """Return a cell with its cubics, if they agree with the poles and the peak in the middle."""
     nodes, middle = poles[:4], poles[4]
     cell = Cell(start, end, nodes[0], nodes[3], nearest(nodes[0], nodes[3]))
@@ -152,38 +153,39 @@ def _branch(pole: complex, begins: list[float], ended: dict[int, float]) -> int:
     return len(begins) - 1
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class CellArrays:
-    """The cells of a table, as its file has them."""
+def cell_arrays(pieces: Sequence[list[Cell]], n_modes: int, name: str) -> dict[str, Any]:
+    """Follow the lowest modes through the cells of all pieces, and return the arrays of a table.
 
-    starts: FloatArray  # (n_cells,), rad
-    cubics: FloatArray  # (n_cells, 4, 2 n_modes + 2): as `cells.Cells` takes them
-    poles: ComplexArray  # (n_direct, 2, n_branches): as `pole_cells.PoleFinder` takes them
-    n_oscillating: int  # number of modes that oscillate somewhere, at most those asked for
-    left: dict[int, float]  # angles (rad) at which modes, by their indices, leave their pieces
-
-
-def cell_arrays(pieces: Sequence[list[Cell]], n_modes: int) -> CellArrays:
-    """Follow the lowest modes through the cells of all pieces, and return what a table keeps."""
+    The name is that of the linkage. Modes that are missing, or do not exist over the whole stroke,
+    are refused.
+    """
     begins, left = follow_branches(pieces)
     modes = sorted(range(len(begins)), key=lambda b: begins[b])
+    if len(modes) < n_modes:
+        problem = f"response.modes is {n_modes}, but only {len(modes)} of {name} oscillate"
+        raise TableError(f"{problem}; use fewer.")
+    for mode, branch in enumerate(modes[:n_modes]):
+        if branch in left:
+            raise TableError(
+                f"Mode {mode + 1} of {name} leaves the reach of response.band_hz at "
+                f"{math.degrees(left[branch]):.3f} deg; widen the band, or use fewer modes in "
+                "response.modes."
+            )
     cells = [cell for piece in pieces for cell in piece]
-    cubics = np.array([_cubics(cell, modes[:n_modes], n_modes) for cell in cells])
+    cubics = np.array([_cubics(cell, modes[:n_modes]) for cell in cells])
     direct = np.flatnonzero(np.isposinf(cubics[:, 3]).any(axis=1)).tolist()
-    return CellArrays(
-        np.array([cell.start for cell in cells]),
-        cubics,
-        np.array([_ends(cells[i], modes) for i in direct]).reshape(len(direct), 2, len(modes)),
-        min(len(modes), n_modes),
-        {m: left[b] for m, b in enumerate(modes[:n_modes]) if b in left},
-    )
+    return {
+        "cell_starts": np.array([cell.start for cell in cells]),
+        "cell_cubics": cubics,
+        "cell_poles": np.array([_ends(cells[i], modes) for i in direct]),
+    }
 
 
-def _cubics(cell: Cell, modes: list[int], n_modes: int) -> FloatArray:
+def _cubics(cell: Cell, modes: list[int]) -> FloatArray:
     """Return coefficients in rad, (4, 2 n_modes + 2): NaN of absent modes, else infinity."""
+    n_modes = len(modes)
     cubics = np.zeros((4, 2 * n_modes + 2))
     cubics[3] = math.inf
-    cubics[3, [*range(len(modes), n_modes), *range(n_modes + len(modes), 2 * n_modes)]] = math.nan
     if cell.peak is not None:
         cubics[:, -2:] = cell.peak
     for mode, branch in enumerate(modes):

@@ -1,10 +1,14 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Refines pieces of a table of a linkage whose damping couples the modes."""
+"""Refines pieces of a table of a linkage whose damping couples the modes.
+
+The errors of reduced models between the points are bounded by those through fewer points.
+"""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -12,16 +16,22 @@ from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArra
 from linkage_vibration.mechanics.description import Response
 from linkage_vibration.mechanics.response import far_poles, reach, searched
 from linkage_vibration.table.interpolation import interpolation_matrix, stroke_angle
-from linkage_vibration.table.pole_cells import PolePiece
-from linkage_vibration.table.reduced import EVERY, ReducedModels, frf_pairs, shortened
-from linkage_vibration.table.table import Table, TableError
+from linkage_vibration.table.pole_cells import PolePiece, oscillating, values_of
+from linkage_vibration.table.reduced import EVERY, Modal, ReducedModels, frf_pairs, shortened
+from linkage_vibration.table.table import Table
 from linkage_vibration.table.tabulation.accuracy import MARGIN, Accuracy, Bounds
 from linkage_vibration.table.tabulation.assembly import bare_table, with_bounds
-from linkage_vibration.table.tabulation.cell_making import Cell, CellArrays, cell_arrays
-from linkage_vibration.table.tabulation.comparison import compare, misses, rounding
-from linkage_vibration.table.tabulation.frf_errors import frf_norm, worst_share
+from linkage_vibration.table.tabulation.cell_making import (
+    CELL_ERROR,
+    CELL_ROUNDING,
+    Cell,
+    cell_arrays,
+    make_cells,
+)
+from linkage_vibration.table.tabulation.frf_errors import frf_norm, frf_norms, worst_share
 from linkage_vibration.table.tabulation.refinement import (
     MOST,
+    dense,
     first_points,
     more_points,
     refine_pieces,
@@ -41,6 +51,10 @@ _NARROW = 64  # A step below this part of a piece is not halved to distinguish p
 _END = 1.0 / 200.0  # In this share of the band, at its end, far poles are least accurate.
 _FAR_ANGLES = 33  # The error by far poles is evaluated at so many angles of a piece.
 _BETWEEN = 24  # If poles need more points to be followed, the piece is halved.
+_FRF_ANGLES = 8  # FRFs are compared at so many angles of a piece.
+_NEARLY_REAL = 1e-3  # A pole with a smaller share of imaginary part is nearly real.
+_EPS = 4.0 * float(np.finfo(float).eps)  # Eigenvalues are rounded by this share of the matrix.
+_CELL_SLOPE = 32.0  # The slope of a cubic is wrong by so many errors in its middle, over its width.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,17 +122,14 @@ def _refine(sampler: Sampler, fitted: list[float], accuracy: Accuracy) -> Refine
         sets = _follow(sampler, finer)
         if sets is None:
             return "a pole in reach of the band cannot be distinguished from others"
-        samples = [sampler.poles_at(x) for x in finer]
-        middle = len(finer) // 2
-        left = samples[middle].subspace(sets[finer[middle]]).left  # one basis for all points
-        spaces = [
-            space
-            for x, sample in zip(finer, samples, strict=True)
-            if (space := sample.subspace(sets[x]).on(left)) is not None
-        ]
-        if len(spaces) < len(finer):
+        samples, chosen = [sampler.poles_at(x) for x in finer], [sets[x] for x in finer]
+        spaces = [sample.subspace(each) for sample, each in zip(samples, chosen, strict=True)]
+        left = spaces[len(spaces) // 2].left  # one basis for all points
+        try:
+            spaces = [space.on(left) for space in spaces]
+        except np.linalg.LinAlgError:
             return "the shapes of the poles change too quickly"
-        fine = _piece(sampler, finer, _models(sampler, samples, [sets[x] for x in finer], spaces))
+        fine = _piece(sampler, finer, _models(sampler, samples, chosen, spaces))
         fewer = fine.models.at(fine.variables, fine.variables[np.isin(finer, fitted)])
         coarse = _piece(sampler, fitted, fewer)
         others = [sample for x, sample in zip(finer, samples, strict=True) if x not in fitted]
@@ -130,7 +141,7 @@ def _refine(sampler: Sampler, fitted: list[float], accuracy: Accuracy) -> Refine
             far_error += sampler.rounding(finer).frf
             compared = compare(coarse, fine, response, accuracy, far_error, values)
             if compared is not None:
-                return RefinedPiece(fine, *compared)
+                return compared
         fitted = finer
     return f"the poles or the peak change too quickly for a tolerance of {accuracy.frequency:g}"
 
@@ -157,14 +168,14 @@ def _models(
     decay = -2.0 * poles.real if viscous else np.zeros(len(poles))
     far = far_poles(stiffness, decay, searched(sampler.response.band, free=free), N_FAR)
     near = ReducedModels(
-        np.array([space.inertia for space in spaces]),
-        np.array([space.stiffness for space in spaces]),
-        np.array([space.shapes for space in spaces]),
-        spaces[0].shapes.shape[0] - len(sampler.forces),
-        far,
-        np.zeros(0),
-        viscous,
-        free,
+        inertia=np.array([space.inertia for space in spaces]),
+        stiffness=np.array([space.stiffness for space in spaces]),
+        shapes=np.array([space.shapes for space in spaces]),
+        weights=np.empty(0),
+        far_stiffness=far.stiffness,
+        far_decay=far.decay,
+        n_inputs=len(spaces[0].shapes) - len(sampler.forces),
+        free=free,
     )
     lines = _near_lines(near, check_lines(sampler.response.band, free=free)[:N_FIT])
     sums = [sample.totals[:N_FIT] for sample in samples] - lines
@@ -231,27 +242,17 @@ def _table(sampler: Sampler, pieces: Sequence[RefinedPiece]) -> Table:
     angles = [each.piece.alpha3 for each in pieces]
     alpha3 = np.unique(np.concatenate(angles))  # each piece begins where the one before it ends
     ends = np.cumsum([0, *(len(each) - 1 for each in angles)])
-    n, modes, models = len(alpha3), sampler.response.modes, [each.piece.models for each in pieces]
-    drive = (sampler.response.point, sampler.response.direction)
-    cells = cell_arrays([piece.cells for piece in pieces], modes)
-    _check_modes(sampler, cells)
+    n, modes = len(alpha3), sampler.response.modes
+    cells = [piece.cells for piece in pieces]
     table = replace(
         bare_table(sampler, alpha3, ends),
         natural_frequencies=np.zeros((n, modes)),
         peak_frequencies=np.zeros((n, 1)),
         peak_notable=np.ones((len(pieces), 1), dtype=np.bool_),
-        places=() if sampler.free_modes else (drive, *(p for p in sampler.places if p != drive)),
-        far_stiffness=np.array([each.far.stiffness for each in models]),
-        far_decay=np.array([each.far.decay for each in models]),
-        reduced_orders=np.array([each.inertia.shape[1] for each in models], dtype=np.int64),
-        reduced_inertia=np.concatenate([each.inertia.ravel() for each in models]),
-        reduced_stiffness=np.concatenate([each.stiffness.ravel() for each in models]),
+        places=() if sampler.free_modes else sampler.pole_places,
         forces=sampler.forces,
-        reduced_shapes=np.concatenate([each.shapes.ravel() for each in models]),
-        reduced_far=np.concatenate([each.weights.ravel() for each in models]),
-        cell_starts=cells.starts,
-        cell_cubics=cells.cubics,
-        cell_poles=cells.poles,
+        reduced=tuple(each.piece.models for each in pieces),
+        **cell_arrays(cells, modes, sampler.model.mechanism.name),
     )
     table = with_bounds(table, [piece.bounds for piece in pieces])
     values = table.evaluate(alpha3)
@@ -264,14 +265,129 @@ def _table(sampler: Sampler, pieces: Sequence[RefinedPiece]) -> Table:
     )
 
 
-def _check_modes(sampler: Sampler, cells: CellArrays) -> None:
-    """Refuse a table that lacks modes, or does not hold them over the whole stroke."""
-    name = sampler.model.mechanism.name
-    if cells.n_oscillating < sampler.response.modes:
-        given = f"response.modes is {sampler.response.modes}"
-        raise TableError(f"{given}, but only {cells.n_oscillating} of {name} oscillate; use fewer.")
-    for mode, alpha3 in cells.left.items():
-        raise TableError(
-            f"Mode {mode + 1} of {name} leaves the reach of response.band_hz at "
-            f"{math.degrees(alpha3):.3f} deg; widen the band, or use fewer modes in response.modes."
-        )
+def rounding(piece: PolePiece, response: Response) -> float:
+    """Return by how much rounding may change a frequency, ratio or resonance, relative."""
+    modal = piece.modal(piece.angles)
+    models = modal.models
+    matrices = -np.linalg.solve(models.inertia, models.stiffness)
+    poles, right = np.linalg.eig(matrices)
+    left = models.inertia @ right
+    scale = np.abs((left * right).sum(axis=1)) + np.finfo(float).tiny
+    condition = np.linalg.norm(left, axis=1) * np.linalg.norm(right, axis=1) / scale
+    moved = _EPS * np.linalg.norm(matrices, axis=(1, 2))[:, np.newaxis] * condition
+    # Where two poles meet, rounding moves them with its square root.
+    gaps = np.abs(poles[:, :, np.newaxis] - poles[:, np.newaxis])
+    gaps = np.where(gaps > 0.0, gaps, math.inf).min(axis=2, initial=math.inf)
+    moved = np.minimum(moved, np.sqrt(moved * gaps)) / np.abs(poles)
+    moved = moved if models.viscous else moved / 2.0  # of the square of a pole
+    worst = 0.0
+    for all_poles, shift in zip(modal.frequencies, moved, strict=True):
+        exact = _not_real(_compared(all_poles, response))
+        nearest_poles = np.abs(exact[:, np.newaxis] - all_poles).argmin(axis=1)
+        shares = (shift[nearest_poles] + CELL_ROUNDING) / values_of(exact)[1]
+        worst = max(worst, float(shares.max(initial=0.0)))
+    return worst
+
+
+def misses(
+    piece: PolePiece, samples: Sequence[PoleSample], response: Response, accuracy: Accuracy
+) -> bool:
+    """Return whether poles in reach differ too much from those of samples elsewhere."""
+    modal = piece.modal(np.array([sample.alpha3 for sample in samples]))
+    errors = _pole_errors(modal.frequencies, [sample.poles for sample in samples], response)
+    return _worst(errors) > accuracy.frequency
+
+
+def _pole_errors(
+    approximate: Iterable[ComplexArray], exact: Iterable[ComplexArray], response: Response
+) -> list[FloatArray]:
+    """Return the relative errors of the poles of which a table gives values, at each angle.
+
+    Those of an angle are (2, k), of natural frequencies and of damping ratios, each of the nearest
+    pole; they are infinite if no pole oscillates.
+    """
+    errors = []
+    for poles, all_poles in zip(approximate, exact, strict=True):
+        # Where two poles are about to become real, only the angle at which they do differs.
+        wanted, candidates = _not_real(_compared(all_poles, response)), oscillating(poles)
+        if len(wanted) and not len(candidates):
+            errors.append(np.full((2, len(wanted)), math.inf))
+            continue
+        near = candidates[np.abs(wanted[:, np.newaxis] - candidates).argmin(axis=1)]
+        errors.append(values_of(near) / values_of(wanted) - 1.0)
+    return errors
+
+
+def _compared(poles: ComplexArray, response: Response) -> ComplexArray:
+    """Return those of the oscillating poles of which a table gives values or resonances."""
+    upper = oscillating(poles)
+    return upper[: max(response.modes, int((np.abs(upper) < reach(response.band)).sum()))]
+
+
+def _not_real(poles: ComplexArray) -> ComplexArray:
+    """Return the poles that are not nearly real."""
+    return poles[poles.imag > _NEARLY_REAL * np.abs(poles)]
+
+
+def compare(
+    coarse: PolePiece,
+    fine: PolePiece,
+    response: Response,
+    accuracy: Accuracy,
+    far_error: float,
+    rounding: float,
+) -> RefinedPiece | None:
+    """Return a piece with its cells and by how much fewer points change it; None if too much.
+
+    Far poles cause the relative error ``far_error`` of FRFs; ``rounding`` is that of values.
+    """
+    all_over = stroke_angle(dense(fine.variables[0], fine.variables[-1])[::2], fine.toggles)
+    errors = _pole_errors(
+        coarse.modal(all_over).frequencies, fine.modal(all_over).frequencies, response
+    )
+    if _worst(errors) > accuracy.frequency:
+        return None  # before cells are made, which takes longer
+    cells = make_cells(fine)
+    angles = np.array([[cell.start, (cell.start + cell.end) / 2.0] for cell in cells]).ravel()
+    before, after = coarse.modal(angles), fine.modal(angles)
+    off = [_worst([each]) for each in _pole_errors(before.frequencies, after.frequencies, response)]
+    values = max(*off, _worst(errors))
+    compared_band = searched(response.band, free=after.models.free)
+    peak, frf = _peak_error(before, after, response.peak_band), far_error
+    even = np.linspace(0, len(angles) - 1, _FRF_ANGLES).astype(int).tolist()
+    for row in {int(np.argmax(off)), *even} if not after.models.free else ():
+        approximate, exact = (each.frf(row, EVERY, EVERY) for each in (before, after))
+        norms = frf_norms(approximate, exact, compared_band)
+        frf = max(frf, far_error + worst_share(*norms))
+    slope = max(
+        np.abs(there - here)[0].max(initial=0.0) / step
+        for (here, there), step in zip(pairwise(errors), np.diff(all_over), strict=True)
+        if here.shape == there.shape
+    )
+    widths = [cell.end - cell.start for cell in cells if cell.values is not None]
+    slope += _CELL_SLOPE * CELL_ERROR / min(widths, default=math.inf)
+    # The error of a cubic in its middle is a little more than half of its largest.
+    rest = 2.0 * CELL_ERROR + rounding
+    bounds = Bounds(values + rest, peak + rest, frf + rounding, float(slope))
+    return RefinedPiece(fine, bounds, cells) if bounds.meet(accuracy) else None
+
+
+def _worst(errors: Sequence[FloatArray]) -> float:
+    """Return the largest of the errors of poles."""
+    return max(float(np.abs(each).max(initial=0.0)) for each in errors)
+
+
+def _peak_error(coarse: Modal, fine: Modal, band: tuple[float, float]) -> float:
+    """Return the largest relative difference of the highest peak at angles."""
+    peaks = coarse.highest(band)
+    rows, omega, size = fine.maxima(band)
+    highest = np.zeros(len(peaks))
+    np.maximum.at(highest, rows, size)
+    off = np.abs(peaks[:, 1] / highest - 1.0)
+    # Either of two peaks of one height, within the error, is the highest.
+    rival = size >= (1.0 - 2.0 * off[rows]) * highest[rows]
+    away = np.full(len(peaks), math.inf)
+    places = omega / (2.0 * math.pi)
+    apart_by = np.abs(peaks[rows, 0] - places) / np.maximum(places, 1e-6 * band[1])
+    np.minimum.at(away, rows[rival], apart_by[rival])
+    return float(np.maximum(off, away).max())

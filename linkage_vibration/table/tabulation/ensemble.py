@@ -9,7 +9,7 @@ cannot be followed from angle to angle, its numbers are NaN.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -53,17 +53,6 @@ class _Modes:
     static: FloatArray  # (n_forces,): under the weight, N
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Member:
-    """The numbers of a member, as `Table` has them; NaN where they are not known."""
-
-    poles: ComplexArray
-    shapes: ComplexArray
-    far: FloatArray
-    static: FloatArray
-    mounts: FloatArray
-
-
 def with_ensemble(table: Table, sampler: Sampler, progress: Callable[[float], object]) -> Table:
     """Return a table with its ensemble, if it has FRFs and its mechanism has uncertain numbers.
 
@@ -76,28 +65,22 @@ def with_ensemble(table: Table, sampler: Sampler, progress: Callable[[float], ob
         return table
     drawn = member_numbers(uncertainty).tolist()
     for n_nodes in _N_NODES:
-        solver = _Solver(table, sampler, n_nodes)
-        members = [solver.member(mechanism)]
-        for count, values in enumerate(drawn if not solver.rough else ()):
-            progress(count / len(drawn))
+        solver = _Solver(table, sampler, n_nodes, 1 + len(drawn))
+        solver.solve(0, mechanism)
+        for member, values in enumerate(drawn, 1):
+            if solver.rough:
+                break
+            progress((member - 1) / len(drawn))
             try:
-                members.append(solver.member(uncertainty.described(values)))
+                solver.solve(member, uncertainty.described(values))
             except LinkageVibrationError:  # numbers that are not possible
-                members.append(solver.unknown)
+                for array in solver.arrays.values():
+                    array[member] = math.nan
         if not solver.rough:
-            break
-    else:
-        return table
-
-    progress(1.0)
-
-    def single(name: str) -> NDArray[Any]:
-        rows = np.array([getattr(member, name) for member in members])
-        return rows.astype(np.complex64 if np.iscomplexobj(rows) else np.float32)
-
-    names = [field.name for field in fields(_Member)]
-    arrays: dict[str, Any] = {f"ensemble_{name}": single(name) for name in names}
-    return replace(table, ensemble_alpha3=solver.nodes, **arrays)
+            progress(1.0)
+            arrays: dict[str, Any] = {f"ensemble_{k}": each for k, each in solver.arrays.items()}
+            return replace(table, ensemble_alpha3=solver.nodes, **arrays)
+    return table
 
 
 def member_numbers(uncertainty: Uncertainty) -> FloatArray:
@@ -109,7 +92,7 @@ def member_numbers(uncertainty: Uncertainty) -> FloatArray:
 class _Solver:
     """Solves members at the nodes, and follows their modes from those of the mechanism itself."""
 
-    def __init__(self, table: Table, sampler: Sampler, n_nodes: int) -> None:
+    def __init__(self, table: Table, sampler: Sampler, n_nodes: int, n_members: int) -> None:
         self._table, self._model = table, sampler.model
         self._places: list[Place] = [*table.places, *table.forces]
         self._limit = reach(table.band)
@@ -131,24 +114,28 @@ class _Solver:
         gaps = [np.diff(np.log(np.abs(x.poles[: count + 1]))).min(initial=math.inf) for x in solved]
         self._base = first_widest(np.array(gaps))
         self._start = solved[self._base].shapes[:, :count]
-        self._checked, self.rough = 0, False
+        self.rough, base = False, sampler.model.mechanism.base
+        n_rows, n_mounts = len(self._places), len(base.mounts) if base else 0
 
-    @property
-    def unknown(self) -> _Member:
-        """A member of which nothing is known."""
-        table, base = self._table, self._model.mechanism.base
-        n, k, n_rows = len(self.nodes), self._start.shape[1], len(self._places)
-        shapes = (n, k), (n, n_rows, k), (n, n_rows, len(table.places)), (n, len(table.forces))
-        poles, rows, far, static = (np.full(shape, math.nan) for shape in shapes)
-        mounts = np.full((len(base.mounts) if base else 0, 2, 2), math.nan)
-        return _Member(poles + 0j, rows + 0j, far, static, mounts)
+        def unknown(kind: type, *shape: int) -> NDArray[Any]:
+            return np.full((n_members, *shape), math.nan, dtype=kind)
 
-    def member(self, mechanism: Mechanism) -> _Member:
-        """Return a member: the poles of a mechanism, followed from node to node, and the rest."""
-        model, member = self._coarse(mechanism), self.unknown
+        # The numbers of all members, as `Table` has them; NaN where they are not known.
+        self.arrays = {
+            "poles": unknown(np.complex64, n_nodes, count),
+            "shapes": unknown(np.complex64, n_nodes, n_rows, count),
+            "far": unknown(np.float32, n_nodes, n_rows, len(table.places)),
+            "static": unknown(np.float32, n_nodes, len(table.forces)),
+            "mounts": unknown(np.float32, n_mounts, 2, 2),
+        }
+
+    def solve(self, member: int, mechanism: Mechanism) -> None:
+        """Find the numbers of a member: the poles are followed from node to node."""
+        model, numbers = self._coarse(mechanism), {k: a[member] for k, a in self.arrays.items()}
+        poles = np.full(numbers["poles"].shape, math.nan, dtype=complex)
         if mechanism.base is not None:
             mounts = mechanism.base.mounts
-            member.mounts[:] = [(mount.stiffness, mount.damping) for mount in mounts]
+            numbers["mounts"][:] = [(mount.stiffness, mount.damping) for mount in mounts]
         shapes: dict[int, ComplexArray] = {}
         for node in (*range(self._base, len(self.nodes)), *range(self._base - 1, -1, -1)):
             before = node + 1 if node < self._base else node - 1
@@ -163,16 +150,14 @@ class _Solver:
                 continue
             shapes[node], rows = here.shapes[:, order] * signs, here.rows[:, order] * signs
             near = (rows[:, np.newaxis] * rows[: len(self._table.places)] / here.poles[order]).real
-            member.poles[node], member.shapes[node] = here.poles[order], rows
-            member.far[node] = here.flexibility + 2.0 * near.sum(axis=2)
-            member.static[node] = here.static
-        self._check(model, member.poles)
-        return member
+            poles[node], numbers["shapes"][node] = here.poles[order], rows
+            numbers["far"][node] = here.flexibility + 2.0 * near.sum(axis=2)
+            numbers["static"][node] = here.static
+        numbers["poles"][:] = poles
+        self._check(member % len(self._between), model, poles)
 
-    def _check(self, model: LinkageModel, poles: ComplexArray) -> None:
+    def _check(self, between: int, model: LinkageModel, poles: ComplexArray) -> None:
         """Note whether the poles of a member can be interpolated between two of its nodes."""
-        between = self._checked % len(self._between)
-        self._checked += 1
         if np.isfinite(poles).all():
             here, _ = _oscillating(model.solve(float(self._between[between])))
             off = np.exp(self._matrix[between] @ np.log(poles))[:, np.newaxis] - here
@@ -212,7 +197,7 @@ class _Solver:
             np.asarray(solution.modes.shapes @ turn[:, kept]),
             np.asarray(participation @ turn[:, kept]),
             participation / solution.modes.omega**2 @ participation[: len(self._table.places)].T,
-            model.forces.at_rest(solution.configuration, solution.joining),
+            model.forces.at_rest(solution.configuration, solution.joining, solution.coupled),
         )
 
 

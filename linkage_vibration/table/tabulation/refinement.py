@@ -20,8 +20,14 @@ from linkage_vibration.table.interpolation import (
 from linkage_vibration.table.tabulation.accuracy import Accuracy
 from linkage_vibration.table.tabulation.peaks import notable, row_errors
 from linkage_vibration.table.tabulation.sampling import Sampler
-from linkage_vibration.table.tabulation.tracking import Tracked, Tracker, unclear_steps
-from linkage_vibration.table.tabulation.veering import GRID, crossing_gaps, mix_closely
+from linkage_vibration.table.tabulation.tracking import (
+    GRID,
+    Tracked,
+    Tracker,
+    crossing_gaps,
+    mix_closely,
+    unclear_steps,
+)
 
 _SHORTER = 8.0  # Rounding is checked again when a piece is so many times shorter.
 _BATCH = 3  # So many points measure the error; one alone may be where it is zero.
@@ -137,7 +143,10 @@ def refine(tracker: Tracker, fitted: list[float], accuracy: Accuracy) -> Piece |
         if mix_closely(tracked, tolerance):
             tracker.heed_veering()
         polynomials = _Polynomials(tracked, maxima, response, accuracy)
-        if polynomials.misses(fitted) or polynomials.moves(fitted, fitted + more):
+        grid = np.linspace(fitted[0], fitted[-1], GRID)
+        # Polynomials through all points are exact at those to which the first are not fitted.
+        misses = polynomials.differ(fitted, fitted + held, np.array(held))
+        if misses or polynomials.differ(fitted, fitted + more, grid):
             fitted = sorted(fitted + more)
             continue
         unclear = unclear_steps(sampler, tracked)
@@ -167,21 +176,11 @@ class _Polynomials:
     response: Response  # bands and number of modes of the table
     accuracy: Accuracy
 
-    def misses(self, fitted: list[float]) -> bool:
-        """Return whether polynomials are inaccurate at samples to which they are not fitted."""
-        others, tracked = ~self.tracked.at(fitted), self.tracked
-        exact = (
-            np.exp(tracked.log_frequencies[others, : self.response.modes]),
-            tracked.ratios[others, : self.response.modes],
-            tracked.peak_frequencies[others][:, self.maxima],
-            tracked.peak_magnitudes[others][:, self.maxima],
-        )
-        return self._differ(self._rows(fitted, tracked.variables[others]), np.hstack(exact))
-
-    def moves(self, fitted: list[float], finer: list[float]) -> bool:
-        """Return whether more points change the polynomials anywhere in the piece."""
-        grid = np.linspace(fitted[0], fitted[-1], GRID)
-        return self._differ(self._rows(fitted, grid), self._rows(finer, grid))
+    def differ(self, fitted: list[float], finer: list[float], at: FloatArray) -> bool:
+        """Return whether more points change the polynomials too much at some stroke variables."""
+        modes, band = self.response.modes, self.response.peak_band
+        value, peak = row_errors(self._rows(fitted, at), self._rows(finer, at), modes, band)
+        return bool(value > self.accuracy.frequency or peak > self.accuracy.refined_peak)
 
     def worst(self, fitted: list[float], more: list[float]) -> float:
         """Return the stroke variable at which more points change a value or an FRF most.
@@ -197,11 +196,6 @@ class _Polynomials:
         shift[np.exp(after) > self.response.band[1]] = 0.0
         off = np.maximum(off, ratio)[:, : self.response.modes] / self.accuracy.frequency
         return float(grid[np.maximum(shift.max(axis=1), off.max(axis=1)).argmax()])
-
-    def _differ(self, rows: FloatArray, exact: FloatArray) -> bool:
-        """Return whether rows differ too much from exact ones."""
-        value, peak = row_errors(rows, exact, self.response.modes, self.response.peak_band)
-        return bool(value > self.accuracy.frequency or peak > self.accuracy.refined_peak)
 
     def _rows(self, points: list[float], at: FloatArray) -> FloatArray:
         """Return frequencies, ratios, and frequencies and heights of the maxima, as `row_errors`.

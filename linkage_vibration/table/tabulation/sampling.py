@@ -39,7 +39,7 @@ class Terms:
 
     damped: DampedModes
     rows: FloatArray  # (n_rows, n): matrix that turns shapes into those at places and forces
-    own: FloatArray  # (n_rows, n_modes): the participations of the modes
+    participations: FloatArray  # (n_rows, n_modes): of the undamped modes
     n_inputs: int  # number of the places, which the forces follow
 
 
@@ -111,6 +111,12 @@ class Sampler:
         if self._from_frfs or self.solution(self.angle(self.ends[0])).modes.mechanism.any():
             return ()
         return self.model.forces.places
+
+    @property
+    def pole_places(self) -> tuple[Place, ...]:
+        """The places for which reduced models are sampled: that of the highest peak first."""
+        drive = (self.response.point, self.response.direction)
+        return (drive, *(place for place in self.places if place != drive))
 
     @property
     def length(self) -> float:
@@ -199,10 +205,8 @@ class Sampler:
         if variable not in self._poles:
             alpha3 = self.angle(variable)
             solution = self._checked_solution(alpha3)
-            drive = (self.response.point, self.response.direction)
-            places = (drive, *(place for place in self.places if place != drive))
             with _names_angle(alpha3):
-                sample = sample_poles(solution, self._mass_root, places, self.forces)
+                sample = sample_poles(solution, self._mass_root, self.pole_places, self.forces)
             self._poles[variable] = sample
             self._note_rounding(solution, values_of(oscillating(sample.poles))[1])
             self._check(sample)
@@ -257,10 +261,8 @@ class Sampler:
             self._count(alpha3)
             identified = self.model.identify(alpha3)
             self._check_count(len(identified.modes.omega), alpha3)
-            every = np.arange(len(identified.modes.omega))
-            sample = self._sample(
-                alpha3, identified.modes, identified.damping_ratios, every, identified.drive_point
-            )
+            every, drive = np.arange(len(identified.modes.omega)), identified.drive_point
+            sample = self._sample(alpha3, identified.modes, identified.damping_ratios, every, drive)
             deviations = np.array([identified.frequency_stddev, identified.damping_ratio_stddev])
             return replace(sample, deviations=deviations)
         solution = self._checked_solution(alpha3)

@@ -44,14 +44,15 @@ class Subspace:
     stiffness: Numbers  # (k, k): S
     shapes: Numbers  # (n_rows, k): at the places and of the forces
 
-    def on(self, left: Numbers) -> "Subspace | None":
-        """Return it on the basis to which ``left``, (k, n_states), leads; None if that is poor.
+    def on(self, left: Numbers) -> "Subspace":
+        """Return it on the basis to which ``left``, (k, n_states), leads.
 
-        This ``left`` is that of one subspace nearby, for all angles.
+        This ``left`` is that of one subspace nearby, for all angles. A `LinAlgError` says that the
+        basis is poor.
         """
         turn = left @ self.states
         if not np.isfinite(turn).all() or np.linalg.cond(turn) > _POOR:
-            return None
+            raise np.linalg.LinAlgError
         back = np.linalg.inv(turn)
         return Subspace(
             self.states @ back,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.table.table import TableError
 from linkage_vibration.table.tabulation import build_table
-from linkage_vibration.table.tabulation.veering import crossing_gaps, mix_closely
+from linkage_vibration.table.tabulation.tracking import crossing_gaps, mix_closely
 from test.support.crossing import STROKE, crossing_crank, exact_frequencies
 
 AT = 0.8137  # rad, where the crank's modes meet: on no even grid
