@@ -152,6 +152,10 @@ class Forces:
         return at, {"force": share * joining.elongation[i]} if has_force(spring) else {}
 
     @cached_property
+    def _springs(self) -> list[str]:
+        return [spring.name for spring in self.mechanism.springs]
+
+    @cached_property
     def sections(self) -> tuple[tuple[str, str], ...]:
         """The places of forces and moments in sections at the points of links."""
         return tuple(
