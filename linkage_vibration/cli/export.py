@@ -17,7 +17,7 @@ from linkage_vibration.cli.arguments import SHIPPED, mechanism_file
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from linkage_vibration.export.constants import Constants, Ensemble, Orders
+    from linkage_vibration.export.constants import Constants, MemberConstants, OrderConstants
     from linkage_vibration.mechanics.description import Mechanism
     from linkage_vibration.prediction.excitation import Excitation
     from linkage_vibration.table.table import Table
@@ -121,7 +121,7 @@ def _refuse_another_table(header: Path, table_id: str) -> None:
             )
 
 
-def _read(options: argparse.Namespace, path: Path) -> "tuple[Table, Orders | None]":
+def _read(options: argparse.Namespace, path: Path) -> "tuple[Table, OrderConstants | None]":
     """Return the table, and the excitations of the options with their responses."""
     from linkage_vibration.readers.excitations import read_excitations
     from linkage_vibration.readers.mechanism import read_mechanism
@@ -146,14 +146,14 @@ def orders_of(
     excitations: "Sequence[Excitation]",
     *,
     coarse: bool = False,
-) -> "Orders":
+) -> "OrderConstants":
     """Return excitations of a mechanism with the responses to them, as an export contains them.
 
     Differences of the members of the ensemble have 16 bits, or 8 if they are coarse.
     """
     import numpy as np
 
-    from linkage_vibration.export.constants import Orders, forces_of
+    from linkage_vibration.export.constants import OrderConstants, forces_of
     from linkage_vibration.prediction.levels import LevelTable
     from linkage_vibration.prediction.predictor import Predictor
     from linkage_vibration.prediction.severity import DEFAULT_LIMITS, GAP, RANKS
@@ -172,7 +172,7 @@ def orders_of(
         borders = np.append(starts, table.alpha3_range[1])
         forces = forces_of(components, borders, residues, others)
     own = np.concatenate([at[0], above[:, 0].ravel(), rest[:, 0].ravel(), at[3]])
-    return Orders(
+    return OrderConstants(
         names=tuple(excitation.name for excitation in excitations),
         sources=tuple(excitation.source.value for excitation in excitations),
         ratios=np.array([excitation.ratio for excitation in excitations]),
@@ -194,11 +194,11 @@ def orders_of(
 
 def _ensemble(
     table: "Table", arrays: "tuple[Any, ...]", n_outputs: int, *, coarse: bool
-) -> "Ensemble | None":
+) -> "MemberConstants | None":
     """Return the members whose numbers are possible, if these are as many as the node needs."""
     import numpy as np
 
-    from linkage_vibration.export.constants import Ensemble
+    from linkage_vibration.export.constants import MemberConstants
     from linkage_vibration.mechanics.forces import LEAST_REFERENCE
     from linkage_vibration.prediction.levels import KNOWN
 
@@ -213,7 +213,7 @@ def _ensemble(
     steps = np.abs(apart).max(axis=2) / np.float32(np.iinfo(kind).max)
     counts = np.round(apart / np.where(steps > 0.0, steps, 1.0)[..., np.newaxis])
     low, high = table.toggles or (0.0, 0.0)
-    return Ensemble(
+    return MemberConstants(
         n_modes=table.ensemble_poles.shape[-1],
         n_outputs=n_outputs,
         stroke_middle=(low + high) / 2.0,
@@ -231,7 +231,7 @@ def _ensemble(
 
 
 def _force(excitation: "Excitation") -> tuple[float, float, float, float]:
-    """Return the load of an excitation as `Orders.loads` has it."""
+    """Return the load of an excitation as `OrderConstants.loads` has it."""
     from linkage_vibration.prediction.excitation import LoadKind
 
     load = excitation.load

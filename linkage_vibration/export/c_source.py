@@ -13,10 +13,10 @@ import numpy as np
 
 from linkage_vibration.export.constants import (
     Constants,
-    Ensemble,
     ExportError,
-    Forces,
-    Orders,
+    ForceConstants,
+    MemberConstants,
+    OrderConstants,
     Reals,
 )
 from linkage_vibration.export.evaluation import ASSESSED, NUMBERS, SOURCES, assess, evaluate
@@ -198,7 +198,7 @@ def _macros(prefix: str, kind: str) -> str:
 
 
 def _numbers(
-    holder: Constants | Orders | Forces | Ensemble, f: str, prefix: str = ""
+    holder: Constants | OrderConstants | ForceConstants | MemberConstants, f: str, prefix: str = ""
 ) -> dict[str, str]:
     """Return the numbers of a dataclass, and the lengths of its arrays, by the names of fields."""
     texts = {}
@@ -249,7 +249,7 @@ def _lines(words: Iterable[str], indent: str) -> list[str]:
     return [*lines, line.removesuffix(", ")]
 
 
-def _order_values(orders: Orders, f: str) -> dict[str, str]:
+def _order_values(orders: OrderConstants, f: str) -> dict[str, str]:
     """Return what stands for the excitations in their templates."""
     real, rows = orders.starts.dtype.type, []
     given = orders.ratios.tolist(), orders.omegas.tolist(), orders.loads.tolist()

@@ -16,7 +16,7 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 Reals = NDArray[Any]
 """Numbers in single or double precision."""
-Holder = TypeVar("Holder", "Constants", "Orders")
+Holder = TypeVar("Holder", "Constants", "OrderConstants")
 
 PEAK_TOLERANCE = 100.0
 """Tolerance of the peak over that of natural frequencies, as `linkage-vibration build` has it."""
@@ -37,7 +37,7 @@ class ExportError(LinkageVibrationError):
 
 
 @dataclass(frozen=True, eq=False)
-class Forces:
+class ForceConstants:
     """Responses of forces in pins and cylinders, and their static forces.
 
     The cubics, (n_cells, 4, n_values), are in single precision; they have residues and residuals of
@@ -52,7 +52,7 @@ class Forces:
 
 
 @dataclass(frozen=True, eq=False)
-class Ensemble:
+class MemberConstants:
     """The members of a table's ensemble, by which levels are uncertain.
 
     Attributes
@@ -91,7 +91,7 @@ class Ensemble:
 
 
 @dataclass(frozen=True, eq=False)
-class Orders:
+class OrderConstants:
     """Excitations, and the responses of the response point to them.
 
     Attributes
@@ -120,9 +120,9 @@ class Orders:
         Default dwell time, and the gap that ends warnings, ns.
     ranks : tuple of int
         How bad each state is.
-    forces : Forces, optional
+    forces : ForceConstants, optional
         None without load ratios.
-    ensemble : Ensemble, optional
+    ensemble : MemberConstants, optional
         None without standard deviations of levels.
     """
 
@@ -140,8 +140,8 @@ class Orders:
     limits: tuple[float, float, float]
     times: tuple[int, int]
     ranks: tuple[int, ...]
-    forces: Forces | None = None
-    ensemble: Ensemble | None = None
+    forces: ForceConstants | None = None
+    ensemble: MemberConstants | None = None
 
     @property
     def omegas(self) -> Reals:
@@ -198,7 +198,7 @@ class Constants:
         Standard deviations by the noise of measured links, and their angles, rad.
     gaps : tuple of (float, float)
         Angles (rad) between which numbers are NaN that a table finds by eigenproblems.
-    orders : Orders, optional
+    orders : OrderConstants, optional
         None without excitations.
     """
 
@@ -218,7 +218,7 @@ class Constants:
     noise_angles: Reals
     noise: Reals
     gaps: tuple[tuple[float, float], ...] = ()
-    orders: Orders | None = None
+    orders: OrderConstants | None = None
 
     @property
     def ends(self) -> FloatArray:
@@ -254,7 +254,7 @@ class Constants:
         return sum(value.nbytes for value in values if isinstance(value, np.ndarray))
 
 
-def constants_of(table: Table, orders: Orders | None = None) -> Constants:
+def constants_of(table: Table, orders: OrderConstants | None = None) -> Constants:
     """Return the numbers of a table, which give the same bits as the table.
 
     Where a lookup of the table solves an eigenproblem, in tiny cells around angles at which two
@@ -425,7 +425,7 @@ def fewer_cells(constants: Constants, tolerance: float) -> Constants:
 
 def forces_of(
     components: tuple[int, ...], ends: FloatArray, residues: FloatArray, others: FloatArray
-) -> Forces:
+) -> ForceConstants:
     """Return forces with few cells: each number may differ by 1 % of its largest value.
 
     Parameters
@@ -444,7 +444,7 @@ def forces_of(
     starts, cubics = _Joiner(ends, cubics, _DEVIATION * sizes).joined()
     rounded = starts.astype(np.float32)
     cubics = moved(cubics, rounded.astype(float) - starts).astype(np.float32)
-    return Forces(components, is_complex, rounded, cubics)
+    return ForceConstants(components, is_complex, rounded, cubics)
 
 
 def _kept_rows(rows: Reals) -> int:

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from linkage_vibration.export.constants import (
     Constants,
     FloatArray,
-    Forces,
-    Orders,
+    ForceConstants,
+    OrderConstants,
     Reals,
     extremes,
     moved,
@@ -191,7 +191,9 @@ def _apart(
     return np.maximum(-low, high) + _ROUNDINGS * unit * rounding + turned * slopes, slopes
 
 
-def _response_bound(orders: Orders, off: FloatArray, scales: FloatArray, unit: float) -> float:
+def _response_bound(
+    orders: OrderConstants, off: FloatArray, scales: FloatArray, unit: float
+) -> float:
     """Return the error of responses, over the sum of the magnitudes of their terms."""
     t, i, n = orders.n_terms, orders.n_inputs, len(off)
     with np.errstate(all="ignore"):
@@ -289,13 +291,13 @@ def _peaks(constants: Constants, values: Reals) -> tuple[Reals, Reals]:
 
 
 def assess(
-    orders: Orders, outputs: MessageColumns, angle: Reals, speeds: Reals
+    orders: OrderConstants, outputs: MessageColumns, angle: Reals, speeds: Reals
 ) -> dict[str, Reals]:
     """Return what excitations do as the exported function gives it, by the names in `ASSESSED`.
 
     Parameters
     ----------
-    orders : Orders
+    orders : OrderConstants
     outputs : MessageColumns
         What `evaluate` returns.
     angle, speeds : ndarray, (n,) and (n, 3)
@@ -333,7 +335,7 @@ def assess(
     return dict(zip(ASSESSED, columns, strict=True))
 
 
-def _factors(orders: Orders, angle: Reals, w: Reals) -> tuple[Reals, Reals]:
+def _factors(orders: OrderConstants, angle: Reals, w: Reals) -> tuple[Reals, Reals]:
     """Return both parts of 1 / (k - w^2 - i w c), (n_terms, n_orders, n)."""
     t = orders.n_terms
     values = Cells(orders.starts, orders.cubics).many_values(angle).T
@@ -357,7 +359,7 @@ def _summed(factors: tuple[Reals, Reals], above: Reals, rest: Reals, w: Reals) -
 
 
 def _magnitudes(
-    orders: Orders, angle: Reals, w: Reals, factors: tuple[Reals, Reals]
+    orders: OrderConstants, angle: Reals, w: Reals, factors: tuple[Reals, Reals]
 ) -> tuple[Reals, Reals]:
     """Return magnitudes of responses to unit loads at frequencies, and of the static ones.
 
@@ -372,8 +374,8 @@ def _magnitudes(
 
 
 def _load_ratios(
-    orders: Orders,
-    forces: Forces,
+    orders: OrderConstants,
+    forces: ForceConstants,
     angle: Reals,
     w: Reals,
     factors: tuple[Reals, Reals],
