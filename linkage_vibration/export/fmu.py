@@ -84,7 +84,7 @@ class _Variable:
             kind, variability, attributes = "Integer", "discrete", {}
         for name, value in zip(("min", "max", "start"), (*self.limits, self.start), strict=True):
             if value is not None:
-                attributes[name] = f"{value:d}" if self.is_integer else repr(float(value))
+                attributes[name] = str(int(value) if self.is_integer else float(value))
         about = {
             "name": self.name,
             "valueReference": str(reference),

@@ -79,8 +79,8 @@ def _forces_of(
     cubics = np.concatenate([parts.reshape(n, 4, -1), others], axis=2)
     sizes = smallest_sizes(cubics, np.diff(ends), 1.0)
     starts, cubics = joined_cells(ends, cubics, _FORCE_ERROR * sizes)
-    rounded = starts.astype(np.float32)
-    cubics = moved(cubics, rounded.astype(float) - starts).astype(np.float32)
+    rounded = starts.astype(np.float32).astype(float)
+    cubics = moved(cubics, rounded - starts).astype(np.float32)
     return ForceConstants(components, is_complex, rounded, cubics)
 
 
@@ -120,7 +120,8 @@ def _members_of(
 class ForceConstants:
     """Responses of forces in pins and cylinders, and their static forces.
 
-    The cubics, (n_cells, 4, n_values), are in single precision; they have residues and residuals of
+    The starts, (n_cells,), rad, are numbers of single precision, and the cubics, (n_cells, 4,
+    n_values), are in single precision; these have residues and residuals of
     all components, as `prediction.levels` arranges them, and then the static forces, N. Without
     imaginary parts of residues these are left out.
     """

@@ -286,7 +286,7 @@ def test_microcontroller(paper: Table, flags: list[str], tmp_path: Path) -> None
     export = export_of(paper, in_single=True)
     write(c_sources(export), tmp_path)
     compiler = require("arm-none-eabi-gcc")
-    command = [compiler, *STRICT, "-Wdouble-promotion", "-O2", *flags, "-mthumb", "-c"]
+    command = [compiler, *STRICT, "-O2", *flags, "-mthumb", "-c"]
     compile_c([*command, f"{export.name}.c"], tmp_path)
 
 

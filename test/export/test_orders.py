@@ -371,39 +371,76 @@ def test_generated_test_can_fail(right: str, wrong: str, tmp_path: Path) -> None
 _MAIN = """
 #include "PREFIX.h"
 #include <math.h>
+#include <string.h>
+static uint64_t state = 88172645463325252u;
+static uint64_t drawn(void)
+{
+    state ^= state << 13;
+    state ^= state >> 7;
+    state ^= state << 17;
+    return state;
+}
+/* Return an extreme number, any bits, or a number of an angle or a speed. */
+static PREFIX_real number(void)
+{
+    static const double extremes[8] = {0.0, -0.0, 1e308, -1e308, 5e-324, NAN, INFINITY, -INFINITY};
+    const uint64_t bits = drawn();
+    PREFIX_real any;
+    memcpy(&any, &bits, sizeof(any));
+    switch (drawn() % 4u) {
+    case 0: return (PREFIX_real)extremes[drawn() % 8u];
+    case 1: return any;
+    case 2: return (PREFIX_real)(1.5 + 1.7e-5 * (double)(drawn() % 100000u));
+    default: return (PREFIX_real)(3e-2 * (double)(drawn() % 100000u));
+    }
+}
 int main(void)
 {
-    PREFIX_prediction prediction;
-    PREFIX_resonance found;
+    PREFIX_warnings warnings = {0};
     int i;
-    for (i = 0; i < 2000; i++) {
-        const PREFIX_real speeds[3] = {(i % 7) ? 2.0 * i : NAN, 0.5 * i, 0.01 * (i - 500)};
-        PREFIX_predict((i % 11) ? 1.5 + 1e-3 * i : INFINITY, 0.0, &prediction);
+    for (i = 0; i < 20000; i++) {
+        const PREFIX_real speeds[3] = {number(), number(), number()};
+        PREFIX_limits limits = PREFIX_DEFAULT_LIMITS;
+        PREFIX_prediction prediction;
+        PREFIX_resonance found;
+        PREFIX_load_state judged;
+        if (i % 2) {
+            limits.warning = number();
+            limits.near = number();
+            limits.dwell = (int64_t)drawn();
+        }
+        PREFIX_predict(number(), number(), &prediction);
         PREFIX_assess(&prediction, speeds, &found);
+        PREFIX_judge(&prediction, &found, &limits, (int64_t)drawn() >> (drawn() % 60u), &warnings,
+                     &judged);
+        if (judged.excitation < -1 || judged.excitation >= PREFIX_ORDERS) return 1;
         /* more */
     }
     return 0;
 }
 """
 _DEVIATE = """
-        if (i % 40 == 0) {
+        if (i % 50 == 0) {
             PREFIX_deviations deviations;
-            PREFIX_deviate(&prediction, speeds, &found, 0.33, &deviations);
+            PREFIX_deviate(&prediction, speeds, &found, number(), &deviations);
         }
 """
 
 
+@pytest.mark.parametrize("in_single", [False, True])
 @pytest.mark.parametrize("name", ["tractor with amplitudes", "paper without amplitudes"])
-def test_sanitizers(name: str, tmp_path: Path) -> None:
-    """Neither the address sanitizer nor that of undefined behaviour finds a fault."""
-    export = exported_case(name, 1e-3, True)
+def test_sanitizers(name: str, in_single: bool, tmp_path: Path) -> None:
+    """Sanitizers find neither a wrong address nor undefined behaviour, whatever the arguments."""
+    export = exported_case(name, 1e-3, in_single)
     assert export.constants.orders is not None
     write(c_sources(export), tmp_path)
-    more = _DEVIATE if export.constants.orders.members else ""
-    (tmp_path / "main.c").write_text(_MAIN.replace("/* more */", more).replace("PREFIX", NAME))
-    flags = ["-fsanitize=address,undefined", "-fno-sanitize-recover", "-o", "run"]
-    command = [require("gcc"), "-std=c99", *flags, f"{NAME}.c", "main.c", "-lm"]
-    compile_c(command, tmp_path)
+    main = _MAIN.replace("/* more */", _DEVIATE if export.constants.orders.members else "")
+    for macro in ("PREFIX_DEFAULT", "PREFIX_ORDERS"):
+        main = main.replace(macro, macro.replace("PREFIX", NAME.upper()))
+    (tmp_path / "main.c").write_text(main.replace("PREFIX", NAME))
+    kinds = "-fsanitize=address,undefined,float-cast-overflow"
+    command = [require("gcc"), "-std=c99", kinds, "-fno-sanitize-recover=all", f"{NAME}.c"]
+    compile_c([*command, "main.c", "-lm", "-o", "run"], tmp_path)
     done = subprocess.run([tmp_path / "run"], capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
 
