@@ -160,14 +160,14 @@ def _numbers(
         name = f"{prefix}{field}"
         if isinstance(value, np.ndarray):
             texts[f"n_{name}"], texts[f"width_of_{name}"] = str(len(value)), str(value.shape[-1])
-            own = "f" if value.dtype == np.float32 else f
-            texts[name] = _rows(value.swapaxes(1, 2) if value.ndim == 3 else value, own)
+            rows = value.swapaxes(1, 2) if value.ndim == 3 else value
+            texts[name] = _rows(rows, "f" if value.dtype == np.float32 else f)
         elif isinstance(value, float):
-            texts[name] = literal(value, f)
+            texts[name] = _literals([value], f)
         elif isinstance(value, int):
             texts[name] = str(int(value))
         elif field.endswith(("range", "band")):
-            texts[f"{name}_low"], texts[f"{name}_high"] = (literal(end, f) for end in value)
+            texts[f"{name}_low"], texts[f"{name}_high"] = (_literals([end], f) for end in value)
     return texts
 
 
@@ -189,6 +189,8 @@ def _literals(values: Iterable[float], f: str) -> str:
 
 def _rows(values: Reals, f: str, indent: str = "    ") -> str:
     """Return the inside of an array's braces."""
+    if f and values.dtype == np.float64:
+        values = values.astype(np.float32)
     if values.ndim == 1:
         return _wrapped((literal(value, f) for value in values.tolist()), indent)
     inside = (_rows(row, f, f"{indent} ") for row in values)

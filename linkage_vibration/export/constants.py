@@ -4,7 +4,7 @@
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +36,7 @@ class ExportError(LinkageVibrationError):
 
 @dataclass(frozen=True, eq=False)
 class Constants:
-    """The numbers of an export, all of one precision.
+    """The numbers of an export, which have the precision of the cells in C.
 
     Attributes
     ----------
@@ -90,12 +90,6 @@ class Constants:
         return np.append(self.starts, self.alpha3_range[1]).astype(float)
 
     @property
-    def order_ends(self) -> FloatArray:
-        """The same of the cells of the responses to excitations."""
-        assert self.orders is not None
-        return np.append(self.orders.starts, self.alpha3_range[1]).astype(float)
-
-    @property
     def gap_text(self) -> str:
         """A sentence about the gaps; empty without any."""
         if not self.gaps:
@@ -111,11 +105,12 @@ class Constants:
 
     @property
     def size(self) -> int:
-        """Bytes of all arrays."""
+        """Bytes of all arrays in C, where none is more precise than the cells."""
         orders = self.orders
         holders = [self, orders, orders and orders.forces, orders and orders.members]
         values = [value for holder in holders if holder for value in vars(holder).values()]
-        return sum(value.nbytes for value in values if isinstance(value, np.ndarray))
+        arrays = [value for value in values if isinstance(value, np.ndarray)]
+        return sum(array.size * min(array.itemsize, self.starts.itemsize) for array in arrays)
 
 
 def constants_of(table: Table, orders: OrderConstants | None = None) -> Constants:
@@ -131,7 +126,7 @@ def constants_of(table: Table, orders: OrderConstants | None = None) -> Constant
     """
     starts, cubics = table.cells.arrays
     without = np.isposinf(cubics[:, 3])
-    gaps = _gaps([*starts.tolist(), table.alpha3_range[1]], np.asarray(without.any(axis=1)))
+    gaps = _gaps(np.append(starts, table.alpha3_range[1]), np.asarray(without.any(axis=1)))
     width = sum(end - start for start, end in gaps)
     if width > _MOST_GAPS * float(np.ptp(table.alpha3_range)):
         first = math.degrees(gaps[0][0])
@@ -167,38 +162,23 @@ def constants_of(table: Table, orders: OrderConstants | None = None) -> Constant
     )
 
 
-def _gaps(ends: list[float], without: BoolArray) -> tuple[tuple[float, float], ...]:
+def _gaps(ends: FloatArray, without: BoolArray) -> tuple[tuple[float, float], ...]:
     """Return where cells without cubics begin and end; neighbours are one gap."""
-    gaps: list[tuple[float, float]] = []
-    for start, end, is_gap in zip(ends, ends[1:], without.tolist(), strict=False):
-        if is_gap and gaps and gaps[-1][1] == start:
-            gaps[-1] = gaps[-1][0], end
-        elif is_gap:
-            gaps.append((start, end))
-    return tuple(gaps)
+    changes = np.flatnonzero(np.diff(without, prepend=False, append=False))
+    return tuple((float(a), float(b)) for a, b in ends[changes].reshape(-1, 2))
 
 
 def single(constants: Constants) -> Constants:
     """Return constants in single precision; cubics are expanded about the rounded starts."""
-    orders = constants.orders
-    if orders is not None:
-        orders = replace(_rounded(orders), highest_frequency=orders.highest_frequency)
+    orders = constants.orders and _rounded(constants.orders)
     return replace(_rounded(constants), farthest=_FARTHEST_SINGLE, orders=orders)
 
 
 def _rounded(holder: Holder) -> Holder:
-    """Return constants or orders whose numbers are those of single precision."""
+    """Return constants or orders whose cells are in single precision."""
     starts = holder.starts.astype(np.float32)
     cubics = moved(holder.cubics, starts.astype(float) - holder.starts)
-    changes: dict[str, Any] = {}
-    for name, value in vars(replace(holder, cubics=cubics)).items():
-        if isinstance(value, np.ndarray):
-            changes[name] = value.astype(np.float32)
-        elif isinstance(value, float):
-            changes[name] = float(np.float32(value))
-        elif name.endswith(("range", "band")):
-            changes[name] = float(np.float32(value[0])), float(np.float32(value[1]))
-    return replace(holder, **changes)
+    return replace(holder, starts=starts, cubics=cubics.astype(np.float32))
 
 
 def fewer_cells(constants: Constants, tolerance: float) -> Constants:
@@ -228,7 +208,7 @@ def fewer_cells(constants: Constants, tolerance: float) -> Constants:
     starts, cubics = joined_cells(ends, constants.cubics, limits)
     every, orders = _kept_rows(constants.parameters), constants.orders
     if orders is not None and orders.n_terms:
-        ends = constants.order_ends
+        ends = np.append(orders.starts, constants.alpha3_range[1])
         limits = _SHARE * PEAK_TOLERANCE * tolerance * orders.scales(np.diff(ends))
         joined = joined_cells(ends, orders.cubics, limits)
         orders = replace(orders, starts=joined[0], cubics=joined[1])

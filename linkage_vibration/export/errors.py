@@ -116,7 +116,7 @@ def bounds(constants: Constants, approximate: Constants) -> ExportErrors:
     of_slopes = curved[:, :n] / np.nanmax(slopes[:, :n], axis=0)
     response, orders, near = 0.0, constants.orders, approximate.orders
     if orders is not None and near is not None and orders.n_terms:
-        ends = constants.order_ends
+        ends = np.append(orders.starts, constants.alpha3_range[1])
         scales = orders.scales(np.diff(ends))
         off, _ = _apart(ends, unit, turned, near.starts, orders.cubics, near.cubics)
         response = _response_bound(orders, off, scales, unit)

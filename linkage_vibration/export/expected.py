@@ -45,7 +45,8 @@ _SEED = 2
 _ROUNDING, _MESSAGE = 1e-12, 1e-6  # of numbers with equal cells, and of those in messages
 _NEAR = 1e-5  # rad: how far single precision may move a border
 _FORCES = 0.03  # of the largest load ratio, whose numbers have errors of 1 %
-_COARSE, _FINE = 0.3, 0.05  # of the largest factor, with differences of members in 8 or 16 bits
+_COARSE, _FINE = 0.15, 0.05  # of the largest factor, with differences of members in 8 or 16 bits
+_HARDLY = 4.0  # times as much where the response point hardly responds
 
 
 class Comparison(NamedTuple):
@@ -113,7 +114,10 @@ def expected_levels(export: Export, angles: Reals) -> tuple[Comparison, Comparis
     )
     is_coarse = orders.members is not None and orders.members.values.dtype == np.int8
     share = _COARSE if is_coarse else _FINE
-    deviations = [(factors[name], share, 0.0) for name in FACTORS]
+    deviations = [
+        (factors[name], share * (_HARDLY if name == "velocity_factors" else 1.0), 0.0)
+        for name in FACTORS
+    ]
     return (
         Comparison(given, *_columns(parts, _MESSAGE)),
         Comparison(given[few], *_columns(deviations, _MESSAGE)),

@@ -273,7 +273,7 @@ def test_other_processors(tractor: Table, target: str, in_single: bool, tmp_path
     """
     compiler, emulator = require(f"{target}-gcc"), require(TARGETS[target])
     export = export_of(tractor, in_single=in_single)
-    flags = "-O2", "-ffp-contract=off", "-static"
+    flags = "-O2", "-ffp-contract=off", "-fexcess-precision=fast", "-static"
     done = run_test(export, tmp_path, compiler, *flags, emulator=[emulator])
     assert done.returncode == 0, done.stdout
     equal, of = map(int, re.findall(r"^(\d+) of (\d+) numbers", done.stdout)[0])

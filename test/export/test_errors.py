@@ -96,7 +96,7 @@ def test_cells_about_rounded_starts(constants: Constants) -> None:
 
 def test_gaps_of_neighbouring_cells() -> None:
     """Cells without cubics that touch are one gap."""
-    ends, without = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0], np.array([True, False, True, True, False])
+    ends, without = np.arange(6.0), np.array([True, False, True, True, False])
     assert _gaps(ends, without) == ((0.0, 1.0), (2.0, 4.0))
     assert _gaps(ends, ~without) == ((1.0, 2.0), (4.0, 5.0))
 

@@ -6,6 +6,7 @@ import ctypes
 import re
 import subprocess
 from collections.abc import Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -116,11 +117,14 @@ def misra_rules(files: Mapping[str, str], folder: Path) -> set[str]:
     return set(re.findall(r"misra-c2012-([0-9.]+)", done.stderr))
 
 
+_files_of = cache(c_files)  # An export is written once for all processors.
+
+
 def run_test(
     export: Export, folder: Path, compiler: str, *flags: str, emulator: Sequence[str] = ()
 ) -> subprocess.CompletedProcess[str]:
     """Compile the generated test of an export with strict warnings, and run it."""
-    write(c_files(export), folder)
+    write(_files_of(export), folder)
     sources = f"{export.name}.c", f"{export.name}_test.c"
     compile_c([compiler, *STRICT, *flags, *sources, "-lm", "-o", "run"], folder)
     return subprocess.run([*emulator, folder / "run"], capture_output=True, text=True)
