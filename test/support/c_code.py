@@ -22,8 +22,10 @@ from test.support.programs import require
 
 COMPILERS = ("gcc", "clang")
 EXACT = ("-O2", "-ffp-contract=off")
-STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion")
-STRICT += ("-Wshadow", "-Wcast-qual", "-Wstrict-prototypes", "-Wmissing-prototypes", "-Werror")
+STRICT = (
+    *("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion"),
+    *("-Wshadow", "-Wcast-qual", "-Wstrict-prototypes", "-Wmissing-prototypes", "-Werror"),
+)
 SANITIZERS = ("-g", "-ffp-contract=off", "-fsanitize=address,undefined", "-fno-sanitize-recover")
 TARGETS = {
     "aarch64-linux-gnu": "qemu-aarch64",
