@@ -36,6 +36,7 @@ STEPS = (
     "working_hour",
     "motion",
     "tutorial",
+    "export_processors",
     "export_c",
     "latency",
     "rebuild",

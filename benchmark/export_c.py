@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from benchmark.report import machine, publish, table
 from linkage_vibration.cli.main import main as command
 from linkage_vibration.drawing.palette import INK, mode_colours
-from linkage_vibration.export.c_source import angles_to_test, description_of
-from linkage_vibration.export.constants import Constants, constants_of, fewer_cells
-from linkage_vibration.export.evaluation import NUMBERS, ExportErrors, exported
+from linkage_vibration.export.errors import ExportErrors
+from linkage_vibration.export.expected import NUMBERS, angles_to_test
+from linkage_vibration.export.exported import Export, export_of
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.predictor import Predictor, predict_many
@@ -53,13 +53,11 @@ def tables() -> dict[str, Table]:
     }
 
 
-def library(
-    of: Table, constants: Constants, compiler: str, flags: tuple[str, ...]
-) -> tuple[Library, float]:
-    """Compile constants; return the loaded library and the compiled size, kB."""
+def library(export: Export, compiler: str, flags: tuple[str, ...]) -> tuple[Library, float]:
+    """Compile an export; return the loaded library and the compiled size, kB."""
     with tempfile.TemporaryDirectory() as name:
-        made = Library(Path(name), description_of(of, ""), constants, compiler, flags)
-        return made, text_and_data(Path(name), description_of(of, "").name)
+        made = Library(Path(name), export, compiler, flags)
+        return made, text_and_data(Path(name), export.name)
 
 
 def text_and_data(folder: Path, prefix: str) -> float:
@@ -74,13 +72,13 @@ def text_and_data(folder: Path, prefix: str) -> float:
 
 def bits(name: str, of: Table) -> list[list[str]]:
     """Compare the numbers of C with those of the node, by several compilers and options."""
-    constants = constants_of(of)
-    angles = angles_to_test(constants, ANGLES).astype(float)
+    export = export_of(of)
+    angles = angles_to_test(export.constants, ANGLES).astype(float)
     stddevs = np.where(np.arange(ANGLES) % 2, 1e-3, 0.0)
     expected = predict_many(Predictor(of), angles, stddevs)
     rows = []
     for compiler, flags in (("gcc", EXACT), ("clang", EXACT), ("gcc", FMA), ("clang", FMA)):
-        found = library(of, constants, compiler, flags)[0].predict(angles, stddevs)
+        found = library(export, compiler, flags)[0].predict(angles, stddevs)
         assert (found["status"] == expected.status).all()
         equal = total = 0
         worst = 0.0
@@ -109,15 +107,14 @@ def nanoseconds(made: Library, angles: FloatArray) -> float:
 
 def sizes(name: str, of: Table) -> list[list[str]]:
     """Return the cells, sizes, errors and times of exports with several tolerances."""
-    exact = constants_of(of)
     random = np.random.default_rng(1).uniform(*of.alpha3_range, ANGLES)
     slow = np.linspace(*of.alpha3_range, ANGLES)
     rows = []
     for in_single in (False, True):
         for tolerance in (None, *(TOLERANCES[2:3] if in_single else TOLERANCES)):
-            fewer = exact if tolerance is None else fewer_cells(exact, tolerance)
-            constants, errors = exported(exact, fewer, in_single=in_single)
-            made, kilobytes = library(of, constants, "gcc", EXACT)
+            export = export_of(of, tolerance=tolerance, in_single=in_single)
+            constants, errors = export.constants, export.errors
+            made, kilobytes = library(export, "gcc", EXACT)
             rows.append(
                 [
                     name,

@@ -6,84 +6,35 @@ import math
 import re
 import textwrap
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from linkage_vibration.export.constants import (
-    Constants,
-    Ensemble,
-    ExportError,
-    Forces,
-    Orders,
-    Reals,
-)
-from linkage_vibration.export.evaluation import ASSESSED, NUMBERS, SOURCES, assess, evaluate
+from linkage_vibration.export.constants import Constants
+from linkage_vibration.export.cubics import Reals
+from linkage_vibration.export.expected import Comparison, expected_levels, expected_predictions
+from linkage_vibration.export.exported import Export
+from linkage_vibration.export.orders import ForceConstants, MemberConstants, OrderConstants
 from linkage_vibration.messages.fields import message_constants, message_fields
 from linkage_vibration.messages.topics import LOAD_STATE, PREDICTION, RESONANCE
+from linkage_vibration.prediction.excitation import LoadKind, Source
+from linkage_vibration.prediction.severity import DEFAULT_LIMITS, GAP, RANKS
 from linkage_vibration.support.version import VERSION
-from linkage_vibration.table.table import Table
-
-NAME = "linkage_vibration"
-"""How names begin unless another name is wanted."""
 
 _TEMPLATES = Path(__file__).with_name("templates")
 _WIDTH = 96  # characters of a line
-_TESTED = 1000  # angles of the generated test
-_ASSESSED = 200  # of them are those at which excitations are compared
-_HIGHEST_SPEEDS = 3000.0, 1200.0, 12.0  # rpm and m/s, of that test
-_SEED = 2
-_VALID_NAME = re.compile(r"[a-z][0-9a-z_]{0,19}")
 
 
-@dataclass(frozen=True)
-class Description:
-    """What an export says about its table.
-
-    Attributes
-    ----------
-    name : str
-        How the names of files and of everything in C begin.
-    mechanism_name, table_id : str
-    mode_labels : tuple of str, (n_modes,)
-        As `Table.mode_label` returns them.
-    errors : str
-        A sentence about bounds of errors.
-    """
-
-    name: str
-    mechanism_name: str
-    table_id: str
-    mode_labels: tuple[str, ...]
-    errors: str
-
-
-def description_of(table: Table, errors: str, name: str = NAME) -> Description:
-    """Return what an export says about a table, with a sentence about its errors.
-
-    Raises
-    ------
-    ExportError
-        If the name cannot begin names in C that differ in their first 31 characters.
-    """
-    if not _VALID_NAME.fullmatch(name):
-        raise ExportError(
-            f"{name!r} cannot begin names in C; give up to 20 lower-case letters, digits and "
-            "underscores, of which the first is a letter."
-        )
-    labels = tuple(table.mode_label(mode) for mode in range(table.n_modes))
-    return Description(name, table.mechanism_name, table.table_id, labels, errors)
-
-
-def c_files(description: Description, constants: Constants) -> dict[str, str]:
+def c_files(export: Export) -> dict[str, str]:
     """Return the header, the source and the test by their names."""
-    prefix = description.name
-    values = _values(description, constants)
-    files = {f"{prefix}.h": "table.h.in", f"{prefix}.c": "table.c.in"}
-    texts = {name: filled(template, values) for name, template in files.items()}
-    texts[f"{prefix}_test.c"] = filled("test.c.in", values | _test_values(constants, prefix))
-    return texts
+    test = {f"{export.name}_test.c": filled("test.c.in", _test_values(export))}
+    return c_sources(export) | test
+
+
+def c_sources(export: Export) -> dict[str, str]:
+    """Return the header and the source by their names."""
+    values, files = _values(export), {".h": "table.h.in", ".c": "table.c.in"}
+    return {f"{export.name}{suffix}": filled(name, values) for suffix, name in files.items()}
 
 
 def filled(template: str, values: Mapping[str, str]) -> str:
@@ -98,14 +49,13 @@ def literal(value: float, suffix: str = "") -> str:
     Examples
     --------
     >>> literal(0.1), literal(-2.0, "f"), literal(float("nan")), literal(-3)
-    ('0x1.999999999999ap-4', '-0x1p+1f', 'NAN', '-3')
+    ('0x1.999999999999ap-4', '-0x1p+1f', '(double)NAN', '-3')
     """
     if isinstance(value, int):
         return str(value)
-    if math.isnan(value):
-        return "NAN"
-    if math.isinf(value):
-        return "INFINITY" if value > 0.0 else "-INFINITY"
+    if not math.isfinite(value):
+        text = "NAN" if math.isnan(value) else "INFINITY" if value > 0.0 else "-INFINITY"
+        return text if suffix else f"(double){text}"  # they are of type float
     mantissa, exponent = float(value).hex().split("p")
     return f"{mantissa.rstrip('0').rstrip('.')}p{exponent}{suffix}"
 
@@ -140,36 +90,40 @@ def existing_table(header: str) -> str:
     return match[1] if match else ""
 
 
-def _suffix(constants: Constants) -> str:
-    return "f" if constants.starts.dtype == np.float32 else ""
+def _suffix(export: Export) -> str:
+    return "f" if export.constants.starts.dtype == np.float32 else ""
 
 
-def _values(description: Description, constants: Constants) -> dict[str, str]:
+def _common_values(export: Export) -> dict[str, str]:
+    """Return what stands for each name in all templates."""
+    return {"prefix": export.name, "PREFIX": export.name.upper(), "f": _suffix(export)}
+
+
+def _values(export: Export) -> dict[str, str]:
     """Return what stands for each name in the templates of header and source."""
-    prefix, f, orders = description.name, _suffix(constants), constants.orders
+    constants, f = export.constants, _suffix(export)
+    prefix, orders, table = export.name, constants.orders, export.table
     low, high = (math.degrees(angle) for angle in constants.alpha3_range)
     turns = ", of any turn" if constants.turns else ""
     fields = (*message_fields(RESONANCE), *message_fields(PREDICTION))
     values = {
         **{field.name: comment(field.comment) for field in fields},
         **_numbers(constants, f),
-        "prefix": prefix,
-        "PREFIX": prefix.upper(),
-        "f": f,
+        **_common_values(export),
         "version": VERSION,
         "title": comment(
-            f"Vibration of {description.mechanism_name}: natural frequencies at any crank angle."
+            f"Vibration of {table.mechanism_name}: natural frequencies at any crank angle."
         ),
-        "facts": _facts(description, constants),
-        "table_id": description.table_id,
-        "mode_names": _texts(description.mode_labels),
+        "facts": _facts(export),
+        "table_id": table.table_id,
+        "mode_names": _texts(export.mode_labels),
         "digits": "24" if f else "53",
         "DIGITS": "FLT_MANT_DIG" if f else "DBL_MANT_DIG",
         "real": "float" if f else "double",
         "in_double": ", whose numbers were rounded to single precision" if f else "",
         "range": f"{low:.6g} to {high:.6g} deg{turns}",
         "statuses": _macros(prefix, PREDICTION),
-        "turn": literal(float(constants.starts.dtype.type(2.0 * math.pi)), f),
+        "turn": _literals([2.0 * math.pi], f),
         "orders_header": "",
         "orders_source": "",
     }
@@ -180,10 +134,10 @@ def _values(description: Description, constants: Constants) -> dict[str, str]:
         if orders.forces is not None:
             values |= _numbers(orders.forces, f, "force_")
             values["forces_source"] = filled("forces.c.in", values)
-        if orders.ensemble is not None:
-            values |= _numbers(orders.ensemble, f, "member_")
-            values["member_count"] = str(len(orders.ensemble.amplitudes))
-            values["member_type"] = f"{orders.ensemble.values.dtype}_t"
+        if orders.members is not None:
+            values |= _numbers(orders.members, f, "member_")
+            values["member_count"] = str(len(orders.members.amplitudes))
+            values["member_type"] = f"{orders.members.values.dtype}_t"
             values["ensemble_header"] = filled("ensemble.h.in", values)
             values["ensemble_source"] = filled("ensemble.c.in", values)
         values["orders_header"] = filled("orders.h.in", values)
@@ -198,7 +152,7 @@ def _macros(prefix: str, kind: str) -> str:
 
 
 def _numbers(
-    holder: Constants | Orders | Forces | Ensemble, f: str, prefix: str = ""
+    holder: Constants | OrderConstants | ForceConstants | MemberConstants, f: str, prefix: str = ""
 ) -> dict[str, str]:
     """Return the numbers of a dataclass, and the lengths of its arrays, by the names of fields."""
     texts = {}
@@ -206,144 +160,108 @@ def _numbers(
         name = f"{prefix}{field}"
         if isinstance(value, np.ndarray):
             texts[f"n_{name}"], texts[f"width_of_{name}"] = str(len(value)), str(value.shape[-1])
-            own = "f" if value.dtype == np.float32 else f
-            texts[name] = _rows(value.swapaxes(1, 2) if value.ndim == 3 else value, own)
+            rows = value.swapaxes(1, 2) if value.ndim == 3 else value
+            texts[name] = _rows(rows, "f" if value.dtype == np.float32 else f)
         elif isinstance(value, float):
-            texts[name] = literal(value, f)
+            texts[name] = _literals([value], f)
         elif isinstance(value, int):
             texts[name] = str(int(value))
         elif field.endswith(("range", "band")):
-            texts[f"{name}_low"], texts[f"{name}_high"] = (literal(end, f) for end in value)
+            texts[f"{name}_low"], texts[f"{name}_high"] = (_literals([end], f) for end in value)
     return texts
 
 
-def _facts(description: Description, constants: Constants) -> str:
+def _facts(export: Export) -> str:
     """Return the lines of a comment about the table."""
-    n = len(constants.starts)
-    lines = [f"Table {description.table_id}, of the mechanism {description.mechanism_name}."]
-    lines += [f"M{label[1:]}" for label in description.mode_labels]
-    lines += [f"{n} cells; {constants.size} bytes of constants.", description.errors]
-    lines += [constants.gap_text] * bool(constants.gaps)
+    constants, table = export.constants, export.table
+    lines = [f"Table {table.table_id}, of the mechanism {table.mechanism_name}."]
+    lines += [f"M{label[1:]}" for label in export.mode_labels]
+    lines += [f"{len(constants.starts)} cells; {constants.size} bytes of constants."]
+    lines += [export.error_text] + [constants.gap_text] * bool(constants.gaps)
     wrapped = [text for line in lines for text in textwrap.wrap(comment(line), _WIDTH) or [""]]
     return "\n".join(f" * {line}".rstrip() for line in wrapped)
 
 
+def _literals(values: Iterable[float], f: str) -> str:
+    """Return numbers in C with commas between them, rounded to the precision of their suffix."""
+    return ", ".join(literal(float(np.float32(v)) if f else float(v), f) for v in values)
+
+
 def _rows(values: Reals, f: str, indent: str = "    ") -> str:
     """Return the inside of an array's braces."""
+    if f and values.dtype == np.float64:
+        values = values.astype(np.float32)
     if values.ndim == 1:
-        return "\n".join(_lines((literal(value, f) for value in values.tolist()), indent))
+        return _wrapped((literal(value, f) for value in values.tolist()), indent)
     inside = (_rows(row, f, f"{indent} ") for row in values)
     if values.ndim == 2:
         return ",\n".join(f"{indent}{{{row.lstrip()}}}" for row in inside)
     return ",\n".join(f"{indent}{{\n{rows}}}" for rows in inside)
 
 
-def _lines(words: Iterable[str], indent: str) -> list[str]:
+def _wrapped(words: Iterable[str], indent: str = "    ") -> str:
     """Return words with commas between them, in lines of the usual width."""
-    lines, line = [], indent
-    for word in words:
-        if len(line) + len(word) > _WIDTH and line != indent:
-            lines.append(line.rstrip())
-            line = indent
-        line += f"{word}, "
-    return [*lines, line.removesuffix(", ")]
+    text = indent + ", ".join(words)
+    return textwrap.fill(text, _WIDTH, subsequent_indent=indent, break_on_hyphens=False)
 
 
-def _order_values(orders: Orders, f: str) -> dict[str, str]:
+def _order_values(orders: OrderConstants, f: str) -> dict[str, str]:
     """Return what stands for the excitations in their templates."""
-    real, rows = orders.starts.dtype.type, []
-    given = orders.ratios.tolist(), orders.omegas.tolist(), orders.loads.tolist()
-    every = zip(orders.sources, *given, orders.inputs, orders.warns, strict=True)
-    for source, *pair, (*load, soil), which, warns in every:
-        numbers = [literal(v, f) for v in (*pair, *load)]
-        last = str(int(soil)), f"{which}u", f"{warns:d}u"
-        rows.append(f"    {{{', '.join([f'{SOURCES.index(source)}u', *numbers, *last])}}}")
+    rows, sources = [], list(Source)
+    for excitation, which in zip(orders.excitations, orders.inputs, strict=True):
+        load, rms, soil = excitation.load, math.nan, False
+        speed, exponent = 1.0, 0.0
+        if load is not None:
+            rms, speed, exponent = load.amplitude / math.sqrt(2.0), load.speed, load.exponent
+            soil = load.kind is LoadKind.BASE_ACCELERATION
+        ratio = excitation.ratio
+        numbers = _literals([ratio, 2.0 * math.pi * ratio, rms, speed, exponent], f)
+        last = f"{soil:d}, {which}u, {excitation.warns:d}u"
+        rows.append(f"    {{{sources.index(excitation.source)}u, {numbers}, {last}}}")
     components = orders.forces.components if orders.forces else ()
-    dwell, gap = (f"INT64_C({time})" for time in orders.times)
+    limits = DEFAULT_LIMITS
+    dwell, gap = (f"INT64_C({round(1e9 * time)})" for time in (limits.dwell, GAP))
     return {
-        "order_names": _texts(orders.names),
-        "n_orders": str(len(orders.names)),
+        "order_names": _texts(excitation.name for excitation in orders.excitations),
+        "n_orders": str(len(rows)),
         "excitations": ",\n".join(rows),
         "n_forces": str(len(components)),
         "n_totals": str(len(components) or 1),
         "n_components": str(sum(components)),
         "components": ", ".join(f"{count}u" for count in components),
-        "limits": ", ".join([*(literal(float(real(v)), f) for v in orders.limits), dwell]),
-        "ranks": ", ".join(map(str, orders.ranks)),
+        "limits": f"{_literals([limits.warning, limits.note, limits.near], f)}, {dwell}",
+        "ranks": ", ".join(map(str, RANKS.tolist())),
         "gap": gap,
         "tiny": literal(1e-37 if f else 1e-300, f),
-        "highest_omega": literal(float(real(2.0 * math.pi * orders.highest_frequency)), f),
+        "highest_omega": _literals([2.0 * math.pi * orders.highest_frequency], f),
     }
 
 
-def _test_values(constants: Constants, name: str) -> dict[str, str]:
+def _test_values(export: Export) -> dict[str, str]:
     """Return what stands for each name in the template of the test."""
-    f, dtype = _suffix(constants), constants.starts.dtype
-    angles = angles_to_test(constants)
-    stddev = np.where(np.arange(len(angles)) % 2, 1e-3, 0.0).astype(dtype)
-    outputs = evaluate(constants, angles, stddev)
-    numbers = np.hstack([getattr(outputs, name).reshape(len(angles), -1) for name in NUMBERS])
-    with np.errstate(all="ignore"):
-        largest = np.fmax.reduce(np.abs(numbers), axis=0, initial=0.0)
-    values = dict.fromkeys(("orders_test", "orders_calls", "order_count", "assess_too"), "")
-    if constants.orders is not None:
-        given = {"f": f, "prefix": name, "PREFIX": name.upper()}
-        values = {
-            "orders_test": filled(
-                "orders_test.c.in", given | _order_test_values(constants, angles, stddev)
-            ),
-            "orders_calls": "    assess_all(&wrong, &equal, &worst);\n",
-            "order_count": " + (long)ASSESSED * LEVELS",
-            "assess_too": f" and {name}_assess",
+    f, name, orders = _suffix(export), export.name, export.constants.orders
+    predictions, statuses = expected_predictions(export)
+    values = _common_values(export) | {
+        "count": str(len(statuses)),
+        "statuses": _wrapped(map(str, statuses)),
+        **_comparison(predictions, f, ("angles", "expected", "allowed")),
+        **dict.fromkeys(("orders_test", "orders_calls", "assess_too"), ""),
+    }
+    if orders is not None:
+        levels, factors = expected_levels(export, predictions.given[:, 0])
+        values |= _comparison(levels, f, ("cases", "levels", "allowed_levels"))
+        values |= _comparison(factors, f, ("", "factors", "allowed_factors"))
+        values |= {
+            "assessed": str(len(levels.given)),
+            "deviated": str(len(factors.given)),
+            "warning": _literals([DEFAULT_LIMITS.warning], f),
+            "orders_calls": "    assess_all();\n",
+            "assess_too": f", {name}_assess{f' and {name}_deviate' * bool(orders.members)}",
         }
-    return values | {
-        "count": str(len(angles)),
-        "limit": "1e-4" if f else "1e-12",
-        "angles": _rows(np.stack([angles, stddev], axis=1), f),
-        "expected_statuses": "\n".join(_lines(map(str, outputs.status.tolist()), "    ")),
-        "expected": _rows(numbers, f),
-        "largest": _rows(np.where(largest > 0.0, largest, 1.0), f),
-    }
+        values["orders_test"] = filled("orders_test.c.in", values)
+    return values
 
 
-def _order_test_values(constants: Constants, angles: Reals, stddev: Reals) -> dict[str, str]:
-    """Return what stands for each name in the template of the test of excitations."""
-    assert constants.orders is not None
-    f, random = _suffix(constants), np.random.default_rng(_SEED)
-    low, high = constants.alpha3_range
-    rows = np.flatnonzero((angles >= low) & (angles <= high))[-_ASSESSED:]
-    angles, stddev = angles[rows], stddev[rows]
-    speeds = random.uniform(0.0, _HIGHEST_SPEEDS, (len(rows), 3)).astype(angles.dtype)
-    speeds[::7], speeds[::11, 1] = 0.0, math.nan
-    outputs = evaluate(constants, angles, stddev)
-    assessed = assess(constants.orders, outputs, angles, speeds)
-    numbers = np.hstack([assessed[name].reshape(len(rows), -1) for name in ASSESSED])
-    largest = np.fmax.reduce(np.abs(numbers), axis=0, initial=0.0)
-    return {
-        "assessed": str(len(rows)),
-        "cases": _rows(np.column_stack([angles, speeds]), f),
-        "assessments": _rows(numbers, f),
-        "largest_assessments": _rows(np.where(largest > 0.0, largest, 1.0), f),
-    }
-
-
-def angles_to_test(constants: Constants, count: int = _TESTED) -> Reals:
-    """Return angles in and around the range, with its ends, borders of cells, NaN and infinity.
-
-    There are at least 20.
-    """
-    real = constants.starts.dtype.type
-    low, high = constants.alpha3_range
-    special = [math.nan, math.inf, -math.inf, 0.0, low, high, -low, high + 2.0 * math.pi]
-    special += [low - 20.0 * math.pi, 1e5, 1e30]
-    ends = [np.nextafter(real(x), real(y)) for x in (low, high) for y in (-math.inf, math.inf)]
-    chosen = np.array([*special, *ends], dtype=constants.starts.dtype)
-    borders = constants.starts[:: max(1, 4 * len(constants.starts) // count)]
-    below = np.nextafter(borders, real(-math.inf))
-    chosen = np.concatenate([chosen, borders, below])[:count]
-    random = np.random.default_rng(_SEED)
-    rest = count - len(chosen)
-    inside = random.uniform(low, high, rest)
-    far = random.uniform(-constants.farthest, constants.farthest, rest)
-    others = np.where(np.arange(rest) % 10 == 0, far, inside)
-    return np.concatenate([chosen, others.astype(constants.starts.dtype)])
+def _comparison(comparison: Comparison, f: str, names: tuple[str, str, str]) -> dict[str, str]:
+    """Return the rows of a comparison in C, by names."""
+    return {name: _rows(rows, f) for name, rows in zip(names, comparison, strict=True)}

@@ -17,9 +17,10 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
-from linkage_vibration.export.c_source import Description, c_files, filled, literal
-from linkage_vibration.export.constants import Constants, ExportError
-from linkage_vibration.export.evaluation import NUMBERS, PER_MODE, SOURCES
+from linkage_vibration.export.c_source import c_sources, filled, literal
+from linkage_vibration.export.constants import ExportError
+from linkage_vibration.export.expected import NUMBERS, PER_MODE
+from linkage_vibration.export.exported import Export
 from linkage_vibration.messages.fields import message_constants, message_fields
 from linkage_vibration.messages.topics import PREDICTION, RESONANCE
 from linkage_vibration.support.version import VERSION
@@ -75,18 +76,15 @@ class _Variable:
     limits: tuple[float | None, float | None] = (None, None)
     is_integer: bool = False
 
-    @property
-    def attributes(self) -> dict[str, str]:
-        """Unit, limits and start; integers have no unit."""
-        attributes = {} if self.is_integer else {"unit": re.split("[,;]", self.description)[0]}
+    def xml(self, reference: int) -> str:
+        """Return the element of the variable with a value reference; integers have no unit."""
+        kind, variability = "Real", "continuous"
+        attributes = {"unit": re.split("[,;]", self.description)[0]}
+        if self.is_integer:
+            kind, variability, attributes = "Integer", "discrete", {}
         for name, value in zip(("min", "max", "start"), (*self.limits, self.start), strict=True):
             if value is not None:
-                attributes[name] = str(int(value)) if self.is_integer else repr(float(value))
-        return attributes
-
-    def xml(self, reference: int) -> str:
-        """Return the element of the variable with a value reference."""
-        variability = "discrete" if self.is_integer else "continuous"
+                attributes[name] = str(int(value) if self.is_integer else float(value))
         about = {
             "name": self.name,
             "valueReference": str(reference),
@@ -94,22 +92,21 @@ class _Variable:
             "causality": self.causality,
             "variability": "tunable" if self.causality == "parameter" else variability,
         }
-        kind = "Integer" if self.is_integer else "Real"
         return (
             f"    <ScalarVariable{_attributes(about)}>\n"
-            f"      <{kind}{_attributes(self.attributes)} />\n"
+            f"      <{kind}{_attributes(attributes)} />\n"
             "    </ScalarVariable>"
         )
 
 
-def fmu_bytes(description: Description, constants: Constants, *, compiled: bool) -> bytes:
+def fmu_bytes(export: Export, *, compiled: bool) -> bytes:
     """Return an FMU, with a library for this machine beside its sources if it is compiled.
 
     An ExportError is raised if a library is wanted and there is no C compiler, or if it fails.
     """
-    prefix = description.name
-    reals, integers = _variables(description, constants)
-    sources = dict(list(c_files(description, constants).items())[:2])
+    prefix, constants = export.name, export.constants
+    reals, integers = _variables(export)
+    sources = c_sources(export)
     token = hashlib.sha256(f"{VERSION}{sources}".encode()).hexdigest()[:32]
     values = {
         "prefix": prefix,
@@ -124,7 +121,7 @@ def fmu_bytes(description: Description, constants: Constants, *, compiled: bool)
     }
     sources["fmi2.c"] = filled("fmu.c.in", values)
     names = [name for name in sources if name.endswith(".c")]
-    texts = _texts(description, token, reals + integers, names)
+    texts = _texts(export, token, reals + integers, names)
     files = {name: filled(template, texts).encode() for name, template in _TEXTS.items()}
     files["model.png"] = Path(__file__).with_name("templates").joinpath("model.png").read_bytes()
     files |= {f"sources/{name}": text.encode() for name, text in sources.items()}
@@ -135,10 +132,9 @@ def fmu_bytes(description: Description, constants: Constants, *, compiled: bool)
     return _packed(files)
 
 
-def _variables(
-    description: Description, constants: Constants
-) -> tuple[list[_Variable], list[_Variable]]:
+def _variables(export: Export) -> tuple[list[_Variable], list[_Variable]]:
     """Return the real variables and the integer ones, in the order of the template."""
+    constants, labels = export.constants, export.mode_labels
     low, high = constants.alpha3_range
     limits = (None, None) if constants.turns else (low, high)
     angle = next(field for field in message_fields(PREDICTION) if field.name == "crank_angle")
@@ -148,9 +144,9 @@ def _variables(
         _Variable("crank_angle", "input", angle.comment, low, limits),
         _Variable("crank_angle_stddev", "parameter", spread, 0.0, (0.0, None)),
     ]
-    orders, labels = constants.orders, description.mode_labels
+    orders = constants.orders
     if orders is not None:
-        reals += [_Variable(f"{s}_speed", "input", _SPEEDS[s], 0.0) for s in SOURCES]
+        reals += [_Variable(f"{s}_speed", "input", _SPEEDS[s], 0.0) for s in _SPEEDS]
     reals += _outputs(PREDICTION, PER_MODE, labels)
     reals += _outputs(PREDICTION, NUMBERS[len(PER_MODE) :])
     statuses = message_constants(PREDICTION)
@@ -158,12 +154,13 @@ def _variables(
     ends = float(min(statuses.values())), float(max(statuses.values()))
     integers = [_Variable("status", "output", text, None, ends, is_integer=True)]
     if orders is not None:
-        reals += _outputs(RESONANCE, _PER_ORDER, orders.names) + _outputs(RESONANCE, _TOTALS)
-        reals += _outputs(RESONANCE, ["load_ratios"], orders.names)
+        names = [excitation.name for excitation in orders.excitations]
+        reals += _outputs(RESONANCE, _PER_ORDER, names) + _outputs(RESONANCE, _TOTALS)
+        reals += _outputs(RESONANCE, ["load_ratios"], names)
         reals += _outputs(RESONANCE, ["total_load_ratio"])
         text = "1, mode that is nearest to the excitation, from 1; 0 if it is not known"
         ends = 0.0, float(constants.n_modes)
-        for i, name in enumerate(orders.names, 1):
+        for i, name in enumerate(names, 1):
             about = f"nearest_mode[{i}]", "output", f"{text}; {name}"
             integers.append(_Variable(*about, None, ends, is_integer=True))
     return reals, integers
@@ -208,16 +205,16 @@ def platform_of(library: bytes) -> tuple[str, str]:
 
 
 def _texts(
-    description: Description, token: str, variables: Sequence[_Variable], sources: Sequence[str]
+    export: Export, token: str, variables: Sequence[_Variable], sources: Sequence[str]
 ) -> dict[str, str]:
     """Return what stands for each name in the templates of the descriptions."""
     listed = [pair for pair in enumerate(variables) if pair[1].causality != "independent"]
     outputs = [i for i, (_, variable) in enumerate(listed, 1) if variable.causality == "output"]
-    about = f"Predicted vibration, by table {description.table_id}. {description.errors}"
+    about = f"Predicted vibration, by table {export.table.table_id}. {export.error_text}"
     return {
-        "name": _escaped(description.mechanism_name),
+        "name": _escaped(export.table.mechanism_name),
         "about": _escaped(about),
-        "prefix": description.name,
+        "prefix": export.name,
         "token": token,
         "version": VERSION,
         "files": "\n".join(f'      <File name="{name}" />' for name in sources),

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """FMPy validates, compiles and simulates exported FMUs, with the predictions of the node."""
 
+import copy
 import ctypes
 import subprocess
 import zipfile
@@ -17,7 +18,10 @@ pytest.importorskip("fmpy.build", reason="FMPy is missing or too old; later ones
 
 import fmpy
 from fmpy.build import build_platform_binary
+from fmpy.container_fmu.cli import create_container_fmu
+from fmpy.container_fmu.config import Component, Configuration, Connection
 from fmpy.fmi2 import FMU2Model, defaultCallbacks, fmi2CallbackLoggerTYPE
+from fmpy.model_description import CoSimulation, DefaultExperiment, ModelDescription, ModelVariable
 from fmpy.validation import validate_fmu
 
 from linkage_vibration.cli.main import main
@@ -26,7 +30,7 @@ from linkage_vibration.export.fmu import platform_of
 from linkage_vibration.messages.fields import message_fields
 from linkage_vibration.messages.topics import PREDICTION
 from linkage_vibration.playback.replay import replay
-from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.prediction.predictor import Predictor, predict_many
 from linkage_vibration.review.log import Log, read_log
 from linkage_vibration.support.resources import DEFAULT_TABLE, PAPER_TABLE, config_file
 from linkage_vibration.table.table import load_table, save_table
@@ -239,6 +243,78 @@ def test_two_fmus_in_one_process(tmp_path: Path) -> None:
     assert found[0][0] == found[0][1] != found[1][0] == found[1][1]
     for model, _, _ in models:
         model.freeInstance()
+
+
+def test_container_of_fmpy(tmp_path: Path) -> None:
+    """FMPy packs two FMUs into one for co-simulation, of which the second follows the first.
+
+    The angle of the second is a natural frequency of the first, which enters its table at pi / 2.
+    Each lags a step behind its input.
+    """
+    components, predictors = [], []
+    for name, source in (("tractor", DEFAULT_TABLE), ("paper", PAPER_TABLE)):
+        path = make(tmp_path / f"{name}.fmu", str(config_file(source)), "--name", name)
+        components.append(Component(name, path, fmpy.read_model_description(str(path))))
+        predictors.append(Predictor(load_table(config_file(source))))
+    first, second = components
+
+    def variable(component: Component, name: str) -> ModelVariable:
+        variables = component.modelDescription.modelVariables
+        return next(each for each in variables if each.name == name)
+
+    model = ModelDescription(fmiVersion="2.0", modelName="both", instantiationToken="both")
+    model.guid, model.generationTool = "both", "test"
+    model.unitDefinitions = first.modelDescription.unitDefinitions
+    model.coSimulation = CoSimulation(canHandleVariableCommunicationStepSize=True)
+    model.coSimulation.fixedInternalStepSize = STEP
+    model.defaultExperiment = DefaultExperiment(stepSize=str(STEP))
+    time = ModelVariable("time", 0, type="Real", causality="independent", variability="continuous")
+    angle = replace_variable(variable(first, "crank_angle"), "crank_angle", start="2.0")
+    outputs = {
+        replace_variable(variable(each, name), f"{each.name}.{name}"): (each, variable(each, name))
+        for each in components
+        for name in ("natural_frequencies[1]", "status")
+    }
+    model.modelVariables += [time, angle, *outputs]
+    mappings = {angle: [(first, variable(first, "crank_angle"))]}
+    mappings |= {output: [pair] for output, pair in outputs.items()}
+    coupled = [variable(first, "natural_frequencies[1]")], [variable(second, "crank_angle")]
+    connectors = copy.deepcopy(coupled)
+    for [connector] in connectors:
+        connector.type = "Float64"  # as the container calls it
+    connection = Connection(first, connectors[0], second, connectors[1])
+    (tmp_path / "both").mkdir()
+    create_container_fmu(
+        Configuration(False, model, components, [connection], mappings),
+        tmp_path / "both",
+        tmp_path / "both.fmu",
+    )
+    given = np.array([(0.0, 2.0), (1.0, 3.0)], [("time", float), ("crank_angle", float)])
+    found = fmpy.simulate_fmu(
+        str(tmp_path / "both.fmu"),
+        validate=False,  # FMPy writes no structure of the model
+        input=given,
+        stop_time=1.0,
+        output_interval=STEP,
+    )
+    assert set(found["paper.status"]) == {0, 1}
+    late = found["time"] > 5 * STEP
+    angles = np.interp(found["time"] - STEP, given["time"], given["crank_angle"])
+    natural = predict_many(predictors[0], angles, 0.0 * angles).natural_frequencies[:, 0]
+    np.testing.assert_allclose(found["tractor.natural_frequencies[1]"][late], natural[late], 1e-12)
+    followed = np.append(natural[0], natural[:-1])
+    expected = predict_many(predictors[1], followed, 0.0 * followed)
+    np.testing.assert_array_equal(found["paper.status"][late], expected.status[late])
+    np.testing.assert_allclose(
+        found["paper.natural_frequencies[1]"][late], expected.natural_frequencies[late, 0], 1e-12
+    )
+
+
+def replace_variable(variable: ModelVariable, name: str, start: str | None = None) -> ModelVariable:
+    """Return a copy of a variable with another name."""
+    changed = copy.copy(variable)
+    changed.name, changed.start = name, start
+    return changed
 
 
 def _next_event(

@@ -6,17 +6,18 @@ import math
 import re
 import subprocess
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from linkage_vibration.cli.export import orders_of
 from linkage_vibration.cli.main import main
-from linkage_vibration.export.c_source import c_files, description_of
-from linkage_vibration.export.constants import constants_of, fewer_cells, single
-from linkage_vibration.export.evaluation import exported
+from linkage_vibration.export.c_source import c_files, c_sources
+from linkage_vibration.export.constants import single
+from linkage_vibration.export.exported import NAME, Export, export_of
+from linkage_vibration.export.orders import orders_of
 from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor, predict_many
@@ -32,7 +33,7 @@ from linkage_vibration.support.resources import (
     config_file,
 )
 from linkage_vibration.table.table import Table, load_table
-from test.support.c_code import Library, compile_c, misra_rules, write
+from test.support.c_code import Library, compile_c, misra_rules, run_test, write
 from test.support.programs import require
 
 ORDERS = tuple(one for one in read_excitations(config_file("excitations.yaml")) if not one.terrain)
@@ -61,12 +62,25 @@ Case = tuple[Table, LevelTable, tuple[Excitation, ...], Library]
 @pytest.fixture(scope="module", params=CASES)
 def case(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Case:
     """Return a table, levels, excitations, and their compiled export."""
-    mechanism_file, table_file, excitations = CASES[request.param]
-    table = load_table(config_file(table_file))
+    export = exported_case(request.param)
+    library = Library(tmp_path_factory.mktemp("orders"), export)
+    assert export.levels is not None
+    return export.table, export.levels, CASES[request.param][2], library
+
+
+@cache
+def exported_case(name: str, tolerance: float | None = None, in_single: bool = False) -> Export:
+    """Return an export of one of the cases."""
+    mechanism_file, table_file, excitations = CASES[name]
     mechanism = read_mechanism(config_file(mechanism_file))
-    constants = constants_of(table, orders_of(table, mechanism, excitations))
-    library = Library(tmp_path_factory.mktemp("orders"), description_of(table, ""), constants)
-    return (table, LevelTable(Predictor(table), mechanism, excitations), excitations, library)
+    table = load_table(config_file(table_file), mechanism)
+    return export_of(table, mechanism, excitations, tolerance=tolerance, in_single=in_single)
+
+
+@cache
+def files_of_tractor() -> dict[str, str]:
+    """Return the source with all cells of the tractor, and its test."""
+    return c_files(exported_case("tractor with amplitudes"))
 
 
 def drawn(table: Table) -> tuple[Any, Any]:
@@ -140,7 +154,8 @@ def test_load_ratios(case: Case, in_single: bool, tmp_path: Path) -> None:
     """Load ratios are those of the node within 1 %, or 1e-5 of the static force."""
     table, known, _, library = case
     if in_single:
-        library = Library(tmp_path, description_of(table, ""), single(library.constants))
+        constants = single(library.constants)
+        library = Library(tmp_path, replace(library.export, constants=constants))
     angles, speeds = drawn(table)
     angles = np.clip(angles, *np.nextafter(table.alpha3_range, 2.0).astype(np.float32))
     found = library.assess(library.predict(angles, 0.0 * angles), speeds)
@@ -223,10 +238,10 @@ def test_deviations_of_levels(
     where the response point is in a node of vibration.
     """
     mechanism, table = tractor(lost)
-    known = LevelTable(Predictor(table), mechanism, ORDERS)
-    constants = constants_of(table, orders_of(table, mechanism, ORDERS, coarse=coarse))
-    constants = single(constants) if in_single else fewer_cells(constants, 1e-6)
-    library = Library(tmp_path, description_of(table, ""), constants)
+    tolerance = 1e-6 if coarse else None
+    export = export_of(table, mechanism, ORDERS, tolerance=tolerance, in_single=in_single)
+    library, known = Library(tmp_path, export), export.levels
+    assert known is not None
     angles, speeds = (each[:300] for each in drawn(table))
     predicted = library.predict(angles, 0.0 * angles)
     found = library.deviate(predicted, library.assess(predicted, speeds), speeds, 0.33)
@@ -253,13 +268,13 @@ def test_deviations_need_members() -> None:
     """With fewer than 95 % of the members, or without an ensemble, there are no deviations."""
     for lost, is_known in ((3, True), (4, False)):
         mechanism, table = tractor(lost)
-        orders = orders_of(table, mechanism, ORDERS)
-        factors = LevelTable(Predictor(table), mechanism, ORDERS).factors(
-            np.array([2.0]), np.array([[2000.0], [540.0], [2.0]]), 0.33
-        )
-        assert (orders.ensemble is not None) == is_known
+        levels = LevelTable(Predictor(table), mechanism, ORDERS)
+        orders = orders_of(table, levels, ORDERS)
+        speeds = np.array([[2000.0], [540.0], [2.0]])
+        factors = levels.factors(np.array([2.0]), speeds, 0.33)
+        assert (orders.members is not None) == is_known
         assert np.isfinite(factors["total_load_ratio_factor"][0]) == is_known
-    header, *_ = c_files(description_of(table, ""), constants_of(table, orders)).values()
+    header, *_ = c_sources(export_of(table, mechanism, ORDERS)).values()
     assert "_deviat" not in header
 
 
@@ -274,17 +289,13 @@ def test_error_of_responses(
 
     The bound is that of the sum of the terms, of which a resonance has one that counts.
     """
-    mechanism_file, table_file, excitations = CASES[name]
-    mechanism = read_mechanism(config_file(mechanism_file))
-    table = load_table(config_file(table_file), mechanism)
-    known = LevelTable(Predictor(table), mechanism, excitations)
-    exact = constants_of(table, orders_of(table, mechanism, excitations))
-    fewer = exact if tolerance is None else fewer_cells(exact, tolerance)
-    constants, errors = exported(exact, fewer, in_single=in_single)
-    assert exact.orders is not None
+    export = exported_case(name, tolerance, in_single)
+    constants, errors, known, table = export.constants, export.errors, export.levels, export.table
+    assert known is not None
     assert constants.orders is not None
-    assert (len(constants.orders.starts) < len(exact.orders.starts)) == (tolerance is not None)
-    library = Library(tmp_path, description_of(table, errors.text), constants)
+    fewer = len(constants.orders.starts) < len(known.arrays[0])
+    assert fewer == (tolerance is not None)
+    library, excitations = Library(tmp_path, export), constants.orders.excitations
     angles, speeds = (one.astype(constants.starts.dtype) for one in drawn(table))
     angles = np.clip(angles, *table.alpha3_range)
     natural = table.evaluate(np.nan_to_num(angles, nan=2.0).astype(float))[:, table.n_modes - 2]
@@ -306,69 +317,130 @@ def test_error_of_responses(
     assert "Responses to excitations differ by at most" in errors.text
 
 
-@pytest.mark.parametrize("in_single", [False, True])
-def test_generated_test(case: Case, in_single: bool, tmp_path: Path) -> None:
-    """The shipped test compares excitations, too; it passes, and finds a changed number."""
-    table, _, excitations, library = case
-    constants = library.constants
-    if in_single:
-        constants = single(constants)
-    description = description_of(table, "")
-    files = c_files(description, constants)
-    source = f"{description.name}.c"
-    for text, code in (
-        (files[source], 0),
-        (files[source].replace("= magnitude / still", "= 1.01f * magnitude / still"), 1),
-    ):
-        write({**files, source: text}, tmp_path)
-        command = [require("gcc"), "-std=c99", "-O2", "-ffp-contract=off", source]
-        compile_c([*command, f"{description.name}_test.c", "-lm", "-o", "run"], tmp_path)
-        done = subprocess.run([tmp_path / "run"], capture_output=True, text=True)
-        assert done.returncode == code, done.stdout
-    numbers = 1000 * (5 * constants.n_modes + 3) + 200 * (5 * len(excitations) + 2)
-    assert f"of {numbers} numbers" in done.stdout
+def equal_numbers(done: subprocess.CompletedProcess[str]) -> tuple[int, int]:
+    """Return how many numbers are equal, and of how many."""
+    equal, of = map(int, re.findall(r"^(\d+) of (\d+) numbers", done.stdout)[0])
+    return equal, of
+
+
+@pytest.mark.parametrize(
+    ("tolerance", "in_single"), [(None, False), (None, True), (1e-6, False), (1e-3, True)]
+)
+@pytest.mark.parametrize("name", CASES)
+def test_generated_test(
+    name: str, tolerance: float | None, in_single: bool, tmp_path: Path
+) -> None:
+    """The shipped test compares excitations and their deviations, too; it passes."""
+    export = exported_case(name, tolerance, in_single)
+    orders = export.constants.orders
+    assert orders is not None
+    done = run_test(export, tmp_path, require("gcc"), "-O2", "-ffp-contract=off")
+    assert done.returncode == 0, done.stdout
+    equal, of = equal_numbers(done)
+    n = len(orders.excitations)
+    least = 200 * (6 * n + 3) + 20 * (2 * n + 3) * (orders.members is not None)
+    assert of > least + 500 * (5 * export.table.n_modes + 3)
+    assert equal > (0.9 if tolerance is None and not in_single else 0.1) * of
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong"),
+    [
+        ("= magnitude / still", "= 1.01f * magnitude / still"),
+        ("load_ratios[i] = load_ratio(", "load_ratios[i] = 1.1 * load_ratio("),
+        ("->velocity_factors[i] = ", "->velocity_factors[i] = 2.0 * "),
+        (
+            "deviations->total_load_ratio_factor =\n",
+            "deviations->total_load_ratio_factor = 1.2 *\n",
+        ),
+        ("above / (real)MEMBERS", "1.2 * above / (real)MEMBERS"),
+    ],
+)
+def test_generated_test_can_fail(right: str, wrong: str, tmp_path: Path) -> None:
+    """It finds a change of each kind of numbers."""
+    files = files_of_tractor()
+    source = files[f"{NAME}.c"]
+    assert source.count(right) == 1
+    write(files | {f"{NAME}.c": source.replace(right, wrong)}, tmp_path)
+    command = [require("gcc"), "-std=c99", "-O1", f"{NAME}.c", f"{NAME}_test.c", "-lm"]
+    compile_c([*command, "-o", "run"], tmp_path)
+    done = subprocess.run([tmp_path / "run"], capture_output=True, text=True)
+    assert done.returncode == 1, done.stdout
 
 
 _MAIN = """
 #include "PREFIX.h"
 #include <math.h>
+#include <string.h>
+static uint64_t state = 88172645463325252u;
+static uint64_t drawn(void)
+{
+    state ^= state << 13;
+    state ^= state >> 7;
+    state ^= state << 17;
+    return state;
+}
+/* Return an extreme number, any bits, or a number of an angle or a speed. */
+static PREFIX_real number(void)
+{
+    static const double extremes[8] = {0.0, -0.0, 1e308, -1e308, 5e-324, NAN, INFINITY, -INFINITY};
+    const uint64_t bits = drawn();
+    PREFIX_real any;
+    memcpy(&any, &bits, sizeof(any));
+    switch (drawn() % 4u) {
+    case 0: return (PREFIX_real)extremes[drawn() % 8u];
+    case 1: return any;
+    case 2: return (PREFIX_real)(1.5 + 1.7e-5 * (double)(drawn() % 100000u));
+    default: return (PREFIX_real)(3e-2 * (double)(drawn() % 100000u));
+    }
+}
 int main(void)
 {
-    PREFIX_prediction prediction;
-    PREFIX_resonance found;
+    PREFIX_warnings warnings = {0};
     int i;
-    for (i = 0; i < 2000; i++) {
-        const PREFIX_real speeds[3] = {(i % 7) ? 2.0 * i : NAN, 0.5 * i, 0.01 * (i - 500)};
-        PREFIX_predict((i % 11) ? 1.5 + 1e-3 * i : INFINITY, 0.0, &prediction);
+    for (i = 0; i < 20000; i++) {
+        const PREFIX_real speeds[3] = {number(), number(), number()};
+        PREFIX_limits limits = PREFIX_DEFAULT_LIMITS;
+        PREFIX_prediction prediction;
+        PREFIX_resonance found;
+        PREFIX_load_state judged;
+        if (i % 2) {
+            limits.warning = number();
+            limits.near = number();
+            limits.dwell = (int64_t)drawn();
+        }
+        PREFIX_predict(number(), number(), &prediction);
         PREFIX_assess(&prediction, speeds, &found);
+        PREFIX_judge(&prediction, &found, &limits, (int64_t)drawn() >> (drawn() % 60u), &warnings,
+                     &judged);
+        if (judged.excitation < -1 || judged.excitation >= PREFIX_ORDERS) return 1;
         /* more */
     }
     return 0;
 }
 """
 _DEVIATE = """
-        if (i % 40 == 0) {
+        if (i % 50 == 0) {
             PREFIX_deviations deviations;
-            PREFIX_deviate(&prediction, speeds, &found, 0.33, &deviations);
+            PREFIX_deviate(&prediction, speeds, &found, number(), &deviations);
         }
 """
 
 
+@pytest.mark.parametrize("in_single", [False, True])
 @pytest.mark.parametrize("name", ["tractor with amplitudes", "paper without amplitudes"])
-def test_sanitizers(name: str, tmp_path: Path) -> None:
-    """Neither the address sanitizer nor that of undefined behaviour finds a fault."""
-    mechanism, table_file, excitations = CASES[name]
-    table = load_table(config_file(table_file))
-    orders = orders_of(table, read_mechanism(config_file(mechanism)), excitations)
-    description = description_of(table, "")
-    write(c_files(description, fewer_cells(constants_of(table, orders), 1e-3)), tmp_path)
-    more = _DEVIATE if orders.ensemble else ""
-    (tmp_path / "main.c").write_text(
-        _MAIN.replace("/* more */", more).replace("PREFIX", description.name)
-    )
-    flags = ["-fsanitize=address,undefined", "-fno-sanitize-recover", "-o", "run"]
-    command = [require("gcc"), "-std=c99", *flags, f"{description.name}.c", "main.c", "-lm"]
-    compile_c(command, tmp_path)
+def test_sanitizers(name: str, in_single: bool, tmp_path: Path) -> None:
+    """Sanitizers find neither a wrong address nor undefined behaviour, whatever the arguments."""
+    export = exported_case(name, 1e-3, in_single)
+    assert export.constants.orders is not None
+    write(c_sources(export), tmp_path)
+    main = _MAIN.replace("/* more */", _DEVIATE if export.constants.orders.members else "")
+    for macro in ("PREFIX_DEFAULT", "PREFIX_ORDERS"):
+        main = main.replace(macro, macro.replace("PREFIX", NAME.upper()))
+    (tmp_path / "main.c").write_text(main.replace("PREFIX", NAME))
+    kinds = "-fsanitize=address,undefined,float-cast-overflow"
+    command = [require("gcc"), "-std=c99", kinds, "-fno-sanitize-recover=all", f"{NAME}.c"]
+    compile_c([*command, "main.c", "-lm", "-o", "run"], tmp_path)
     done = subprocess.run([tmp_path / "run"], capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
 
@@ -381,10 +453,7 @@ def without_numbers(source: str) -> str:
 @pytest.mark.parametrize("name", ["tractor with amplitudes", "paper without amplitudes"])
 def test_misra(name: str, tmp_path: Path) -> None:
     """A checker of MISRA C:2012 finds no deviation that the source does not list."""
-    mechanism, table_file, excitations = CASES[name]
-    table = load_table(config_file(table_file))
-    orders = orders_of(table, read_mechanism(config_file(mechanism)), excitations)
-    files = c_files(description_of(table, ""), constants_of(table, orders))
+    files = c_sources(exported_case(name))
     assert misra_rules({file: without_numbers(text) for file, text in files.items()}, tmp_path) <= {
         "2.5",
         "7.3",

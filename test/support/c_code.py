@@ -6,21 +6,36 @@ import ctypes
 import re
 import subprocess
 from collections.abc import Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from linkage_vibration.export.c_source import Description, c_files
-from linkage_vibration.export.constants import Constants, Reals
-from linkage_vibration.export.evaluation import NUMBERS
+from linkage_vibration.export.c_source import c_files, c_sources
+from linkage_vibration.export.cubics import Reals
+from linkage_vibration.export.expected import NUMBERS, PER_MODE
+from linkage_vibration.export.exported import Export
 from linkage_vibration.prediction.severity import WarningLimits
 from test.support.programs import require
 
 COMPILERS = ("gcc", "clang")
 EXACT = ("-O2", "-ffp-contract=off")
-STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror")
+STRICT = (
+    *("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion"),
+    *("-Wshadow", "-Wcast-qual", "-Wstrict-prototypes", "-Wmissing-prototypes", "-Werror"),
+)
+SANITIZERS = ("-g", "-ffp-contract=off", "-fsanitize=address,undefined", "-fno-sanitize-recover")
+TARGETS = {
+    "aarch64-linux-gnu": "qemu-aarch64",
+    "arm-linux-gnueabihf": "qemu-arm",
+    "i686-linux-gnu": "qemu-i386",
+    "mips-linux-gnu": "qemu-mips",
+    "riscv64-linux-gnu": "qemu-riscv64",
+    "s390x-linux-gnu": "qemu-s390x",
+}
+"""Processors, and what emulates them."""
 
 _LOOP = """
 #include "PREFIX.h"
@@ -104,21 +119,30 @@ def misra_rules(files: Mapping[str, str], folder: Path) -> set[str]:
     return set(re.findall(r"misra-c2012-([0-9.]+)", done.stderr))
 
 
+_files_of = cache(c_files)  # An export is written once for all processors.
+
+
+def run_test(
+    export: Export, folder: Path, compiler: str, *flags: str, emulator: Sequence[str] = ()
+) -> subprocess.CompletedProcess[str]:
+    """Compile the generated test of an export with strict warnings, and run it."""
+    write(_files_of(export), folder)
+    sources = f"{export.name}.c", f"{export.name}_test.c"
+    compile_c([compiler, *STRICT, *flags, *sources, "-lm", "-o", "run"], folder)
+    return subprocess.run([*emulator, folder / "run"], capture_output=True, text=True)
+
+
 class Library:
     """Exported C, compiled as a shared library."""
 
     def __init__(
-        self,
-        folder: Path,
-        description: Description,
-        constants: Constants,
-        compiler: str = "gcc",
-        flags: Sequence[str] = EXACT,
+        self, folder: Path, export: Export, compiler: str = "gcc", flags: Sequence[str] = EXACT
     ) -> None:
-        prefix, self.constants = description.name, constants
-        write(c_files(description, constants), folder)
+        prefix, self.export = export.name, export
+        self.constants = constants = export.constants
+        write(c_sources(export), folder)
         loop = _LOOP + (_ASSESS if constants.orders else "")
-        loop += _DEVIATE if constants.orders and constants.orders.ensemble else ""
+        loop += _DEVIATE if constants.orders and constants.orders.members else ""
         (folder / "loop.c").write_text(
             loop.replace("PREFIX_SPEEDS", f"{prefix.upper()}_SPEEDS").replace("PREFIX", prefix)
         )
@@ -127,7 +151,7 @@ class Library:
         compile_c([*command, *sources, "-lm"], folder)
         self._library = ctypes.CDLL(str(folder / "library.so"))
         modes, real = constants.n_modes, constants.starts.dtype
-        several, one = NUMBERS[:5], NUMBERS[5:]
+        several, one = PER_MODE, NUMBERS[len(PER_MODE) :]
         self._prediction = np.dtype(
             [
                 ("crank_angle", real),
@@ -149,7 +173,7 @@ class Library:
     def assess(self, predictions: NDArray[np.void], speeds: Reals) -> NDArray[np.void]:
         """Return what excitations do, with speeds of shape (n, 3)."""
         assert self.constants.orders is not None
-        n, real = len(self.constants.orders.names), self.constants.starts.dtype
+        n, real = len(self.constants.orders.excitations), self.constants.starts.dtype
         kind = np.dtype(
             [
                 ("excitation_frequency", real, (n,)),
@@ -186,7 +210,7 @@ class Library:
     ) -> NDArray[np.int32]:
         """Return states at times, ns, (n, 2 + n_orders): of all, the worst one, and of each."""
         assert self.constants.orders is not None
-        found = np.zeros((len(times), 2 + len(self.constants.orders.names)), np.int32)
+        found = np.zeros((len(times), 2 + len(self.constants.orders.excitations)), np.int32)
         real = self.constants.starts.dtype
         kind = [("warning", real), ("note", real), ("near", real), ("dwell", np.int64)]
         own = limits.warning, limits.note, limits.near, round(1e9 * limits.dwell)
@@ -205,7 +229,7 @@ class Library:
     ) -> NDArray[np.void]:
         """Return how uncertain the levels are, with the names of the message."""
         assert self.constants.orders is not None
-        n, real = len(self.constants.orders.names), self.constants.starts.dtype
+        n, real = len(self.constants.orders.excitations), self.constants.starts.dtype
         totals = "total_velocity_factor", "total_load_ratio_factor", "warning_probability"
         several = [(name, real, (n,)) for name in ("velocity_factors", "load_ratio_factors")]
         kind = np.dtype([*several, *((name, real) for name in totals)], align=True)

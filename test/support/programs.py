@@ -11,6 +11,7 @@ import pytest
 
 # The packages of Debian and Ubuntu that have them.
 PACKAGES = {
+    "aarch64-linux-gnu-gcc": "gcc-aarch64-linux-gnu",
     "arm-linux-gnueabihf-gcc": "gcc-arm-linux-gnueabihf",
     "arm-none-eabi-gcc": "gcc-arm-none-eabi",
     "cc": "gcc",
@@ -19,8 +20,17 @@ PACKAGES = {
     "cmake": "cmake",
     "cppcheck": "cppcheck",
     "gcc": "gcc",
+    "i686-linux-gnu-gcc": "gcc-i686-linux-gnu",
     "nm": "binutils",
+    "mips-linux-gnu-gcc": "gcc-mips-linux-gnu",
+    "qemu-aarch64": "qemu-user",
     "qemu-arm": "qemu-user",
+    "qemu-i386": "qemu-user",
+    "qemu-mips": "qemu-user",
+    "qemu-riscv64": "qemu-user",
+    "qemu-s390x": "qemu-user",
+    "riscv64-linux-gnu-gcc": "gcc-riscv64-linux-gnu",
+    "s390x-linux-gnu-gcc": "gcc-s390x-linux-gnu",
 }
 
 

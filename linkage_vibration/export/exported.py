@@ -1,0 +1,94 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""What one export contains: a table, its numbers, their errors, and how its names begin."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from linkage_vibration.export.constants import Constants, ExportError, constants_of, fewer_cells
+from linkage_vibration.export.errors import ExportErrors, chosen_constants
+from linkage_vibration.export.orders import orders_of
+from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.prediction.excitation import Excitation
+from linkage_vibration.prediction.levels import LevelTable
+from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.table.table import Table
+
+NAME = "linkage_vibration"
+"""How names begin unless another name is wanted."""
+
+_VALID_NAME = re.compile(r"[a-z][0-9a-z_]{0,19}")
+_LOAD_RATIOS = (
+    " Load ratios come from numbers of their own in single precision, of which each differs by at "
+    "most 1 % of its largest value."
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Export:
+    """A table to export.
+
+    Attributes
+    ----------
+    name : str
+        How the names of files and of everything in C begin.
+    table : Table
+    constants : Constants
+        The numbers in the files.
+    errors : ExportErrors
+        How far they are from those of the table.
+    levels : LevelTable, optional
+        The node's levels by the same excitations, with which the generated test compares.
+    """
+
+    name: str
+    table: Table
+    constants: Constants
+    errors: ExportErrors
+    levels: LevelTable | None = None
+
+    @property
+    def mode_labels(self) -> list[str]:
+        """How the modes are called, (n_modes,)."""
+        return [self.table.mode_label(mode) for mode in range(self.table.n_modes)]
+
+    @property
+    def error_text(self) -> str:
+        """A sentence about bounds of errors."""
+        orders = self.constants.orders
+        return f"{self.errors.text}{_LOAD_RATIOS if orders and orders.forces else ''}"
+
+
+def export_of(
+    table: Table,
+    mechanism: Mechanism | None = None,
+    excitations: Sequence[Excitation] = (),
+    *,
+    tolerance: float | None = None,
+    in_single: bool = False,
+    name: str = NAME,
+) -> Export:
+    """Return what to export of a table, and of excitations of its mechanism.
+
+    The tolerance is that of `fewer_cells`; without one, all cells are kept.
+
+    Raises
+    ------
+    ExportError
+        If the name cannot begin names in C that differ in their first 31 characters, or as
+        `constants_of` and `fewer_cells` say.
+    """
+    if not _VALID_NAME.fullmatch(name):
+        raise ExportError(
+            f"{name!r} cannot begin names in C; give up to 20 lower-case letters, digits and "
+            "underscores, of which the first is a letter."
+        )
+    levels = orders = None
+    if mechanism is not None and excitations:
+        levels = LevelTable(Predictor(table), mechanism, excitations)
+        orders = orders_of(table, levels, excitations, coarse=tolerance is not None)
+    constants = constants_of(table, orders)
+    fewer = constants if tolerance is None else fewer_cells(constants, tolerance)
+    chosen, errors = chosen_constants(constants, fewer, in_single=in_single)
+    return Export(name, table, chosen, errors, levels)
