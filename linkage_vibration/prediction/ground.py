@@ -173,7 +173,7 @@ class GroundLevels:
     off_ground_share: FloatArray  # (n,), largest share of the time a tyre is off the ground, 1
     reason: Reasons  # (n,): why they are not known, of `REASONS`
 
-    def rows(self, which: list[int]) -> "GroundLevels":
+    def rows(self, which: IntArray) -> "GroundLevels":
         """Return the levels with these indices."""
         return GroundLevels(*(getattr(self, each.name)[..., which] for each in fields(self)))
 

@@ -33,6 +33,9 @@ from linkage_vibration.prediction.predictor import Predictor, angles_in_table
 from linkage_vibration.table.interpolation import stroke_angle, stroke_variable
 from linkage_vibration.table.table import Table
 
+Reals = NDArray[np.floating[Any]]
+"""Those of the ensemble have single precision."""
+
 ERROR = 1e-4
 """Largest error of a response between the angles at which the table was evaluated, over the sum of
 the magnitudes of its terms; where it is larger, levels are not known."""
@@ -54,7 +57,7 @@ KNOWN = 0.95
 
 _STATIC = 1e-5  # of the magnitudes of its terms: a static response below is only rounding
 _SAME = 1.0 - 1e-6  # of the square of a load ratio; a smaller difference is rounding
-_SILENT = 1e-300  # A smaller level has no logarithm.
+_SILENT = 1e-30  # A smaller level has no logarithm.
 _FIRST_CELLS, _MOST_CELLS = 32, 512  # of a piece of the table
 _GROUND = list(Source).index(Source.GROUND)
 _REASONS = np.array(REASONS)
@@ -119,9 +122,9 @@ class _Terms(NamedTuple):
 class _Forcing(NamedTuple):
     """What excitations do at n times, each (n, n_excitations)."""
 
-    omega: FloatArray  # rad/s; 1 where nothing is known
-    defined: FloatArray  # 1, or NaN where a speed is not known or the band is exceeded
-    size: FloatArray  # rms of the load, as the multiple of a unit load; NaN if not known
+    omega: Reals  # rad/s; 1 where nothing is known
+    defined: Reals  # 1, or NaN where a speed is not known or the band is exceeded
+    size: Reals  # rms of the load, as the multiple of a unit load; NaN if not known
 
 
 class LevelTable:
@@ -360,28 +363,43 @@ class LevelTable:
             As those of `at`.
         """
         members, angles = self._members, angles_in_table(alpha3, self.alpha3_range)
-        rows = np.flatnonzero(np.isfinite(angles))
         width = _unknown(0, len(self._inputs))[0].shape[1]
         quantities = np.full((len(alpha3), self.n_members, width), math.nan)
-        if members is None or not len(rows):
-            return quantities
-        angles, speeds, ground = angles[rows], speeds[:, rows], None
-        nominal = self._forcing_at(speeds)
-        if self._ground is not None:
-            ground = self._ground.at(angles, speeds[_GROUND])
-        for i, (row, angle) in enumerate(zip(rows.tolist(), angles.tolist(), strict=True)):
-            omega = nominal.omega[i] * self._draws[1]
-            forcing = _Forcing(omega, nominal.defined[[i]], nominal.size[i] * self._draws[0])
-            modes, rolling = members.at(angle), None
-            responses = members.responses(angle, modes, omega, self._inputs)
-            squares = responses[:, 0] ** 2 + responses[:, 1] ** 2
-            if ground is not None:
-                rolling = ground.rows([i])
-                if self._ground_members is not None and not rolling.reason[0]:
-                    amplitudes, speed = self._draws[0][:, self._terrain], float(speeds[_GROUND, i])
-                    rolling = self._ground_members.levels(rolling, angle, speed, amplitudes)
-            self._evaluate(quantities[row], None, squares, modes.references[1:], forcing, rolling)
+        inside = np.flatnonzero(np.isfinite(angles))
+        for start in range(0, len(inside) if members is not None else 0, _CHUNK):
+            rows = inside[start : start + _CHUNK]
+            quantities[rows] = self._of_members(angles[rows], speeds[:, rows], width)
         return quantities
+
+    def _of_members(self, angles: FloatArray, speeds: FloatArray, width: int) -> Reals:
+        """Return what `members` does at a few angles within the table."""
+        members, n = self._members, len(angles)
+        assert members is not None
+        nominal = self._forcing_at(speeds)
+        omega = nominal.omega[:, np.newaxis] * self._draws[1]
+        size = nominal.size[:, np.newaxis] * self._draws[0]
+        defined = np.broadcast_to(nominal.defined[:, np.newaxis], omega.shape)
+        each = (part.reshape(-1, omega.shape[2]) for part in (omega, defined, size))
+        modes, rolling = members.at(angles), None
+        squares = members.responses(angles, modes, omega, self._inputs) ** 2
+        squares = squares[:, :, 0] + squares[:, :, 1]
+        if self._ground is not None:
+            rolling = self._ground.at(angles, speeds[_GROUND])
+            if self._ground_members is not None:
+                amplitudes = self._draws[0][:, self._terrain]
+                rolling = self._ground_members.levels(rolling, angles, speeds[_GROUND], amplitudes)
+            else:
+                rolling = rolling.rows(np.arange(n).repeat(members.n))
+        numbers = np.full((n * members.n, width), math.nan, np.float32)
+        self._evaluate(
+            numbers,
+            None,
+            squares.reshape(-1, *squares.shape[2:]),
+            modes.references[:, 1:].reshape(len(numbers), -1),
+            _Forcing(*(part.astype(np.float32) for part in each)),
+            rolling,
+        )
+        return numbers.reshape(n, members.n, width)
 
     def member_totals(
         self, alpha3: FloatArray, speeds: FloatArray
@@ -451,13 +469,13 @@ class LevelTable:
             size = np.where(speed == 0.0, 0.0 * self._rms, size)
             return _Forcing(omega, defined, size * defined)
 
-    def _squares(self, terms: _Terms, w: FloatArray, inputs: IntArray) -> FloatArray:
+    def _squares(self, terms: _Terms, w: Reals, inputs: IntArray) -> FloatArray:
         """Return squares of `_responses`, (..., n_excitations, n_outputs)."""
         responses = self._responses(terms, w, inputs)
         responses *= responses
         return np.asarray(responses[..., 0, :] + responses[..., 1, :])
 
-    def _responses(self, terms: _Terms, w: FloatArray, inputs: IntArray) -> FloatArray:
+    def _responses(self, terms: _Terms, w: Reals, inputs: IntArray) -> FloatArray:
         """Return responses to unit loads, (..., n_excitations, 2, n_outputs): both parts.
 
         They are those at angular frequencies w, (..., n_excitations), of excitations that act at
@@ -477,20 +495,20 @@ class LevelTable:
         factors[..., 1, 3 * t + 2] = w[..., 0]
         return np.asarray(factors.take(self._rows, axis=-1) @ terms.matrices.take(inputs, axis=-3))
 
-    def _table_responses(self, nodes: slice, omega: FloatArray) -> FloatArray:
-        """Return `_responses` at nodes of the ensemble, (n, 2, n_excitations, n_outputs).
+    def _table_responses(self, nodes: IntArray, omega: FloatArray) -> FloatArray:
+        """Return `_responses` at nodes of the ensemble, (n,), (n, 2, n_excitations, n_outputs).
 
-        They are those at angular frequencies, (n_excitations,).
+        They are those at angular frequencies, (n, n_excitations).
         """
         terms = _Terms(*(part[nodes] for part in self._nodes))
-        return self._responses(terms, omega[np.newaxis], self._inputs).swapaxes(1, 2)
+        return self._responses(terms, omega, self._inputs).swapaxes(1, 2)
 
     def _evaluate(
         self,
-        numbers: FloatArray,
+        numbers: Reals,
         places: IntArray | None,
-        squares: FloatArray,
-        reference: FloatArray,
+        squares: Reals,
+        reference: Reals,
         forcing: _Forcing,
         ground: GroundLevels | None,
     ) -> None:
@@ -535,13 +553,13 @@ class LevelTable:
         lost = 0.0 * np.maximum.reduce(reference, axis=1)  # NaN where nothing is known to refer to
         numbers[:, at["total_load_ratio"]] = np.sqrt(np.maximum.reduce(total)) + unknown + lost
 
-    def _forces(self, components: FloatArray) -> FloatArray:
+    def _forces(self, components: Reals) -> Reals:
         """Return squares of forces, (..., n_forces, n), from those of their components."""
         second = components.take(self._first + self._pins[:, 0], axis=-2)
         return np.asarray(components.take(self._first, axis=-2) + np.where(self._pins, second, 0.0))
 
 
-def first_largest(values: FloatArray) -> IntArray:
+def first_largest(values: Reals) -> IntArray:
     """Return the first of values, (..., n), that is the largest but for rounding.
 
     Both pins of a light link carry the same force, so that the last bit would decide.
@@ -603,7 +621,7 @@ def _level_columns(
     )
 
 
-def _sum(terms: FloatArray) -> FloatArray:
+def _sum(terms: Reals) -> Reals:
     """Return the sum over the second axis, in its order; `np.sum` has others, by the shape."""
     return np.asarray(np.add.accumulate(terms, axis=1)[:, -1])
 
