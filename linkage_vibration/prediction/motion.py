@@ -159,12 +159,12 @@ class RateFilter:
         self,
         stamps: Iterable[int],
         values: Iterable[float],
-        resolutions: Iterable[float],
+        resolutions: Iterable[float] = repeat(0.0),
         wanted: Iterable[bool] = repeat(True),
     ) -> tuple[FloatArray, FloatArray]:
         """Return the result of `add` for the wanted readings: rates and errors, (n,) each."""
         rates = []
-        readings = zip(stamps, values, resolutions, strict=True)
+        readings = zip(stamps, values, resolutions, strict=False)
         for reading, want in zip(readings, wanted, strict=False):
             if want:
                 rates.append(self.add(*reading))

@@ -14,7 +14,7 @@ from linkage_vibration.messages.columns import MessageColumns, joined
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.ground import AIRBORNE
 from linkage_vibration.prediction.levels import LevelTable, unknown_levels
-from linkage_vibration.prediction.motion import UNKNOWN, Rate, speed_filter
+from linkage_vibration.prediction.motion import speed_filter
 from linkage_vibration.prediction.periods import Periods
 from linkage_vibration.prediction.predictor import Prediction, one_row
 from linkage_vibration.prediction.severity import (
@@ -36,7 +36,6 @@ Integers = NDArray[np.int64]
 
 _LATEST = 2**63 - 1  # ns
 _NO_PERIOD = -(2**63)
-_CONSTANT = Rate(0.0, 0.0)
 _CHUNK = 512  # predictions that are assessed together, so that their numbers stay in the cache
 _PLACES = {source: place for place, source in enumerate(Source)}
 
@@ -79,19 +78,6 @@ class _Pairs:
     rate: FloatArray  # of the margin, Hz/s
     error: FloatArray  # bound of its error
     probability: FloatArray  # that the excitation is in the half-power band; NaN if not known
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Speeds:
-    """The last speeds of all sources: values, rates and bounds of their errors, (3, n_sources)."""
-
-    numbers: FloatArray  # NaN if not known, or zero
-    times: Integers  # (n_sources,), when they were reported, ns
-    fixed: BoolArray  # (n_sources,)
-
-    def copy(self) -> "_Speeds":
-        """Return a copy, which later speeds do not change."""
-        return _Speeds(self.numbers.copy(), self.times.copy(), self.fixed.copy())
 
 
 def half_power_probability(
@@ -164,7 +150,9 @@ class ResonanceMonitor:
         )
         self._filters = {source: speed_filter(source) for source in Source}
         n = len(self._filters)
-        self._speeds = _Speeds(np.full((3, n), math.nan), np.zeros(n, np.int64), np.zeros(n, bool))
+        # The last speeds: values, rates and bounds of their errors; when they were reported, ns.
+        self._speeds, self._times = np.full((3, n), math.nan), np.zeros(n, np.int64)
+        self._fixed = np.zeros(n, np.bool_)
         self._timer = WarningTimer(len(self.excitations) + 1)  # the last is that of the total
         self._forget_held()
         self.any_speed_reported = False  # without a speed there is nothing to assess
@@ -191,11 +179,19 @@ class ResonanceMonitor:
         time : int
             When it was reported, ns.
         """
-        self.any_speed_reported, value = True, float(value)
-        rate = self._filters[source].add(time, value)
-        if source is Source.GROUND and value < 0.0:
-            value, rate = -value, Rate(-rate.value, rate.error)
-        self._set(source, value if value < math.inf else math.nan, rate, time, False)
+        self._report(source, [float(value)], [time])
+
+    def _report(self, source: Source, values: list[float], times: list[int]) -> FloatArray:
+        """Use k reported speeds; return those in use and their rates and errors, (3, k)."""
+        self.any_speed_reported = True
+        rates, errors = self._filters[source].add_many(times, values)
+        speeds = np.array(values)
+        if source is Source.GROUND:
+            rates, speeds = np.where(speeds < 0.0, -rates, rates), np.abs(speeds)
+        numbers = np.array([speeds, rates, errors])
+        numbers[0, ~((speeds >= 0.0) & (speeds < math.inf))] = math.nan
+        self._set(source, numbers[:, -1], times[-1], False)
+        return numbers
 
     def set_fixed(self, source: Source, value: float | None) -> None:
         """Fix a speed (rpm or m/s); with None, a fixed speed becomes unknown.
@@ -207,14 +203,13 @@ class ResonanceMonitor:
         """
         if value is not None:
             self.any_speed_reported = True
-            self._set(source, value, _CONSTANT, 0, True)
-        elif self._speeds.fixed[_PLACES[source]]:
-            self._set(source, math.nan, UNKNOWN, 0, False)
+            self._set(source, np.array([value, 0.0, 0.0]), 0, True)
+        elif self._fixed[_PLACES[source]]:
+            self._set(source, np.full(3, math.nan), 0, False)
 
-    def _set(self, source: Source, value: float, rate: Rate, time: int, fixed: bool) -> None:
-        place, speeds = _PLACES[source], self._speeds
-        speeds.numbers[:, place] = value if value >= 0.0 else math.nan, *rate
-        speeds.times[place], speeds.fixed[place] = time, fixed
+    def _set(self, source: Source, numbers: FloatArray, time: int, fixed: bool) -> None:
+        place = _PLACES[source]
+        self._speeds[:, place], self._times[place], self._fixed[place] = numbers, time, fixed
 
     def assess(
         self, prediction: Prediction, velocity: float, time: int, velocity_error: float = 0.0
@@ -489,19 +484,21 @@ class ResonanceMonitor:
 
         Their rates and the bounds of the errors of these follow.
         """
-        last = self._speeds
-        numbers, times = last.numbers[..., np.newaxis], last.times[:, np.newaxis]
-        fixed = last.fixed[:, np.newaxis]
+        columns = self._speeds, self._times, self._fixed
+        numbers, times, fixed = (column[..., np.newaxis] for column in columns)
         if speeds:
-            history = [last.copy()]
-            for report in speeds:
-                self.set_speed(report.source, report.value, report.time)
-                history.append(self._speeds.copy())
-            begins = [0, *(report.before for report in speeds), len(time)]
-            rows = np.repeat(np.arange(len(history)), np.diff(begins))
-            numbers = np.stack([each.numbers for each in history], axis=-1)[..., rows]
-            times = np.stack([each.times for each in history], axis=-1)[..., rows]
-            fixed = np.stack([each.fixed for each in history], axis=-1)[..., rows]
+            numbers, times, fixed = (
+                np.repeat(column, len(time), axis=-1) for column in (numbers, times, fixed)
+            )
+        for source in {report.source for report in speeds}:
+            place, of_source = _PLACES[source], [r for r in speeds if r.source is source]
+            reported = [report.time for report in of_source]
+            each = self._report(source, [report.value for report in of_source], reported)
+            last = np.searchsorted([r.before for r in of_source], np.arange(len(time)), "right") - 1
+            rows = np.flatnonzero(last >= 0)
+            numbers[:, place, rows] = each[:, last[rows]]
+            times[place, rows] = np.array(reported)[last[rows]]
+            fixed[place, rows] = False
         limit = math.floor(min(1e9 * self.stale_after, _LATEST))
         fresh = fixed | (np.abs(time - times) <= limit)
         return np.where(fresh, numbers, math.nan)
