@@ -282,7 +282,7 @@ class _Replay:
 
     def messages(self, block: Block) -> list[Messages]:
         """Return the input messages of a block that are used, and what is predicted for them."""
-        found: list[Messages] = []
+        messages: list[Messages] = []
         predicted: list[MessageColumns] = []
         rows = np.flatnonzero(block.topics == self._places[HITCH])
         groups = list(self._input.read_block(block, rows, self.done))
@@ -295,19 +295,19 @@ class _Replay:
             predicted.append(predictions)
             mine, published = np.split(published, [len(group.rows)])
             kept = np.flatnonzero(mine)
-            found += _encoded(PREDICTION, predictions.rows(kept), block, group, kept)
+            messages += _encoded(PREDICTION, predictions.rows(kept), block, group, kept)
             counts = np.bincount(predictions.status[kept], minlength=len(Status))
             for status, count in enumerate(counts.tolist()):
                 self.done.statuses[status] += count
         speeds = self._speeds(block, used)
-        found += self._sensors.messages(block, self._names, groups, speeds, used, self.done)
+        messages += self._sensors.messages(block, self._names, groups, speeds, used, self.done)
         if self._monitor is not None:
             if groups:
-                found += self._resonances(self._monitor, block, groups, predicted, speeds)
+                messages += self._resonances(self._monitor, block, groups, predicted, speeds)
             else:
                 for _, source, value, time in speeds:
                     self._monitor.set_speed(source, value, time)
-        return [*self._inputs(block, used), *found]
+        return [*self._inputs(block, used), *messages]
 
     def _inputs(self, block: Block, used: Sequence[Integers]) -> Iterator[Messages]:
         """Yield the messages of a block that were used, those of one topic and size together."""
@@ -348,7 +348,7 @@ class _Replay:
         speeds: Sequence[_SpeedRow],
     ) -> list[Messages]:
         """Assess predictions, with the speeds that were received among them."""
-        found: list[Messages] = []
+        messages: list[Messages] = []
         self._adviser = self._adviser or Adviser(monitor)
         rows = np.concatenate([group.rows for group in groups])
         order, stamps = _arrivals(groups)
@@ -376,12 +376,12 @@ class _Replay:
             kept = np.flatnonzero(answer >= 0)
             of_group = resonances.rows(answer[kept])
             for kind in (RESONANCE, LOAD_STATE):
-                found += _encoded(kind, of_group, block, group, kept)
+                messages += _encoded(kind, of_group, block, group, kept)
             self.done.resonances += len(kept)
             for i in kept[np.array(advised, np.bool_)[answer[kept]]].tolist():
                 advice = self._adviser.answer(resonances.message(answer[i]))
-                found.append(_advice(block, group, i, advice))
-        return found
+                messages.append(_advice(block, group, i, advice))
+        return messages
 
     def _velocities(
         self, groups: Sequence[Readings], stamps: Integers, order: Integers, due: BoolArray

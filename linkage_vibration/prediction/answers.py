@@ -222,7 +222,7 @@ def answer_ground(
 
     Places are those of the table, named as for `answer_frf`. Invalid requests raise `ServingError`.
     """
-    terrain = next((one.terrain for one in excitations if one.terrain), None)
+    terrain = next((excitation.terrain for excitation in excitations if excitation.terrain), None)
     if terrain is None:
         raise ServingError("No excitation has a terrain; describe one in excitation_file.")
     if len(outputs) > MAX_GROUND_PLACES:

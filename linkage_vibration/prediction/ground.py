@@ -420,11 +420,14 @@ class GroundTable:
             problem = f"{len(alpha3)} angles do not belong to {len(speed)} speeds"
             raise GroundError(f"{problem}; give one for each, or one for all.")
         alpha3, speed = np.broadcast_arrays(alpha3, speed)
-        angles = angles_in_table(alpha3, self._table.alpha3_range)
+        return self.within(angles_in_table(alpha3, self._table.alpha3_range), speed)
+
+    def within(self, angles: FloatArray, speed: FloatArray) -> GroundLevels:
+        """Return the levels at n angles of the table, NaN where there are none, and speeds."""
         outside, unknown = np.isnan(angles), ~((speed >= 0.0) & (speed <= _FASTEST))
         if self.never:
-            rows = np.full((3 + self._n_forces, len(alpha3)), math.nan)
-            reason = np.full(len(alpha3), self.never)
+            rows = np.full((3 + self._n_forces, len(angles)), math.nan)
+            reason = np.full(len(angles), self.never)
         else:
             angles = np.where(outside, self._table.alpha3_range[0], angles)
             rows, reason = self._looked_up(angles, np.where(unknown, 1.0, speed))

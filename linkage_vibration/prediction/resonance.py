@@ -37,7 +37,6 @@ Integers = NDArray[np.int64]
 _LATEST = 2**63 - 1  # ns
 _NO_PERIOD = -(2**63)
 _CHUNK = 512  # predictions that are assessed together, so that their numbers stay in the cache
-_PLACES = {source: place for place, source in enumerate(Source)}
 
 _SPEEDS = np.linspace(0.3, 1.7, 71)  # of the present speed, among which a quiet one is sought
 _PRESENT = int(np.abs(_SPEEDS - 1.0).argmin())
@@ -135,13 +134,22 @@ class ResonanceMonitor:
         self.stale_after = stale_after
         self.levels = levels
         self.periods = Periods(rate)  # those that are to be assessed once a speed is reported
-        ratios = [(one.ratio, one.relative_stddev) for one in self.excitations]
+        ratios = [(excitation.ratio, excitation.relative_stddev) for excitation in self.excitations]
         self._ratios, self._stddevs = np.array(ratios).T[..., np.newaxis]
-        self._sources = np.array([list(Source).index(one.source) for one in self.excitations])
-        self._warns = np.array([[one.warns] for one in self.excitations])
-        self._rolling = np.array([[one.terrain is not None] for one in self.excitations])
-        self._names = np.array([*(one.name for one in self.excitations), ""])  # -1: none
-        used = {source for source in Source for one in self.excitations if one.source is source}
+        self._sources = np.array([excitation.source.place for excitation in self.excitations])
+        self._warns = np.array([[excitation.warns] for excitation in self.excitations])
+        self._rolling = np.array(
+            [[excitation.terrain is not None] for excitation in self.excitations]
+        )
+        self._names = np.array(
+            [*(excitation.name for excitation in self.excitations), ""]
+        )  # -1: none
+        used = {
+            source
+            for source in Source
+            for excitation in self.excitations
+            if excitation.source is source
+        }
         self._unknown = np.array(
             [
                 ", ".join(s.value for i, s in enumerate(Source) if s in used and code >> i & 1)
@@ -154,15 +162,13 @@ class ResonanceMonitor:
         self._speeds, self._times = np.full((3, n), math.nan), np.zeros(n, np.int64)
         self._fixed = np.zeros(n, np.bool_)
         self._timer = WarningTimer(len(self.excitations) + 1)  # the last is that of the total
-        self._forget_held()
+        self.use()
         self.any_speed_reported = False  # without a speed there is nothing to assess
 
     def use(self, limits: WarningLimits | None = None, levels: LevelTable | None = None) -> None:
         """Use other limits or other levels from now on, also for what is held between readings."""
         self.limits, self.levels = limits or self.limits, levels or self.levels
-        self._forget_held()
-
-    def _forget_held(self) -> None:
+        self._places = np.array([*(self.levels.force_places if self.levels else ()), ""])
         # By source: the time, ns; speed and angle then; and the quiet ones.
         self._quiet: dict[int, tuple[int, FloatArray, FloatArray]] = {}
         self._factors_time, self._factors = _NO_PERIOD, np.empty((1, 0))
@@ -204,11 +210,11 @@ class ResonanceMonitor:
         if value is not None:
             self.any_speed_reported = True
             self._set(source, np.array([value, 0.0, 0.0]), 0, True)
-        elif self._fixed[_PLACES[source]]:
+        elif self._fixed[source.place]:
             self._set(source, np.full(3, math.nan), 0, False)
 
     def _set(self, source: Source, numbers: FloatArray, time: int, fixed: bool) -> None:
-        place = _PLACES[source]
+        place = source.place
         self._speeds[:, place], self._times[place], self._fixed[place] = numbers, time, fixed
 
     def assess(
@@ -279,7 +285,8 @@ class ResonanceMonitor:
         """
         levels = self._levels(predictions.crank_angle, speeds[0], time)
         pairs = self._pairs(predictions, crank, speeds)
-        ratio = np.vstack([levels.load_ratios.T, levels.total_load_ratio]).astype(float)
+        totals = levels.total_load_ratio[np.newaxis]
+        ratio = np.concatenate([levels.load_ratios.T, totals], dtype=float)
         # No level is known while a tyre is in the air, but that is no reason to be calm.
         airborne = self._rolling & (levels.off_ground_share > AIRBORNE)
         ratio[:-1][airborne] = math.inf
@@ -303,9 +310,9 @@ class ResonanceMonitor:
             columns.state, worst, predictions.crank_angle, speeds[0], time
         )
         # A direction is 0 where nothing is known to end a warning.
-        ends = columns.quiet_speed, columns.quiet_angle
-        now = columns.excitation_speed, predictions.crank_angle
-        directions = np.nan_to_num(np.sign(np.array(ends) - now)).astype(np.int8)
+        ends = np.array([columns.quiet_speed, columns.quiet_angle])
+        now = np.array([columns.excitation_speed, predictions.crank_angle])
+        directions = (ends > now).astype(np.int8) - (ends < now)
         columns.quiet_speed_direction, columns.quiet_angle_direction = directions
         columns.load_ratio_limit = np.full(len(time), self.limits.warning)
         columns.crank_velocity, columns.crank_velocity_error = crank
@@ -419,8 +426,7 @@ class ResonanceMonitor:
 
     def _place_names(self, places: Integers, ratio: FloatArray) -> NDArray[np.str_]:
         """Return the names of pins and cylinders, (n,); empty where the load ratio is not known."""
-        names = np.array([*(self.levels.force_places if self.levels else ()), ""])
-        return names.take(np.where(np.isnan(ratio), len(names) - 1, places))
+        return self._places.take(np.where(np.isnan(ratio), len(self._places) - 1, places))
 
     def _quieter(
         self,
@@ -491,7 +497,7 @@ class ResonanceMonitor:
                 np.repeat(column, len(time), axis=-1) for column in (numbers, times, fixed)
             )
         for source in {report.source for report in speeds}:
-            place, of_source = _PLACES[source], [r for r in speeds if r.source is source]
+            place, of_source = source.place, [r for r in speeds if r.source is source]
             reported = [report.time for report in of_source]
             each = self._report(source, [report.value for report in of_source], reported)
             last = np.searchsorted([r.before for r in of_source], np.arange(len(time)), "right") - 1
