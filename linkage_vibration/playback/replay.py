@@ -19,6 +19,7 @@ from linkage_vibration.bags.numbers import LeftOut
 from linkage_vibration.bags.recorder import PROVENANCE_METADATA, package_versions
 from linkage_vibration.bags.streams import Bags, BagTopic, open_bags
 from linkage_vibration.listening.live import second, sensor_monitor
+from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.messages.columns import MessageColumns, joined
 from linkage_vibration.messages.encoding import encode_columns, encode_message
@@ -61,8 +62,6 @@ from linkage_vibration.readers.served import read_described, read_loads, read_se
 from linkage_vibration.support.atomic_files import check_outputs, replacement
 from linkage_vibration.table.tabulation import build_table
 
-BoolArray = NDArray[np.bool_]
-FloatArray = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 REPLAY_METADATA = "linkage_vibration.replay"

@@ -415,7 +415,7 @@ class GroundTable:
         alpha3, speed : ndarray, (n,), or float
             rad and m/s; NaN where they are not known.
         """
-        alpha3, speed = np.atleast_1d(alpha3), np.atleast_1d(speed) + 0.0
+        alpha3, speed = np.atleast_1d(alpha3), np.atleast_1d(speed)
         if 1 not in (len(alpha3), len(speed)) and len(alpha3) != len(speed):
             problem = f"{len(alpha3)} angles do not belong to {len(speed)} speeds"
             raise GroundError(f"{problem}; give one for each, or one for all.")
@@ -424,6 +424,7 @@ class GroundTable:
 
     def within(self, angles: FloatArray, speed: FloatArray) -> GroundLevels:
         """Return the levels at n angles of the table, NaN where there are none, and speeds."""
+        speed = speed + 0.0  # -0.0 would be faster than all speeds
         outside, unknown = np.isnan(angles), ~((speed >= 0.0) & (speed <= _FASTEST))
         if self.never:
             rows = np.full((3 + self._n_forces, len(angles)), math.nan)

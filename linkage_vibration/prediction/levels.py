@@ -135,8 +135,6 @@ class LevelTable:
     predictor, mechanism : Predictor and Mechanism
         What looks up the table, and the mechanism of that table.
     excitations : sequence of Excitation
-    with_forces : bool
-        Whether to compute load ratios, too.
 
     Raises
     ------
@@ -145,12 +143,7 @@ class LevelTable:
     """
 
     def __init__(
-        self,
-        predictor: Predictor,
-        mechanism: Mechanism,
-        excitations: Sequence[Excitation],
-        *,
-        with_forces: bool = True,
+        self, predictor: Predictor, mechanism: Mechanism, excitations: Sequence[Excitation]
     ) -> None:
         self._predictor, table = predictor, predictor.table
         inputs: dict[tuple[str, str], UnitLoad] = {}
@@ -184,7 +177,7 @@ class LevelTable:
         )
         self._last: tuple[bytes, _Forcing] | None = None  # speeds, and what excitations do at them
         self._cells: tuple[FloatArray, FloatArray] | None = None
-        self.force_places = table.force_places if self._loaded and with_forces else ()
+        self.force_places = table.force_places if self._loaded else ()
         """Pins and cylinders, whose names are those of the table."""
         if table.places:
             # The response point comes first, then the components of the forces.

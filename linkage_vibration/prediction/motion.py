@@ -25,11 +25,9 @@ from itertools import repeat
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.prediction.excitation import Source
-
-FloatArray = NDArray[np.float64]
 
 POOL = 40_000_000  # ns; readings within it are averaged
 GAP = 500_000_000  # ns; readings that are farther apart do not belong to one motion

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.messages.columns import MessageColumns, joined
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.ground import AIRBORNE
@@ -30,8 +31,6 @@ from linkage_vibration.prediction.severity import (
     states,
 )
 
-BoolArray = NDArray[np.bool_]
-FloatArray = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 _LATEST = 2**63 - 1  # ns
