@@ -22,7 +22,7 @@ from linkage_vibration.review.log import read_log
 from linkage_vibration.support.resources import config_file
 
 RATES = 100.0, 50.0, 20.0, 10.0  # Hz
-SECONDS = 30  # of the moving hitch
+SECONDS = 60  # of the moving hitch
 MOTIONS = {"hitch at 0.3 rad/s": 0.5, "hitch at 1.2 rad/s": 2.0}  # rad/s: of its swing of 0.6 rad
 COLUMNS = ["drive", "rate [Hz]", "seconds", "load", "median", "99 %", "largest", "warns", "CPU"]
 
