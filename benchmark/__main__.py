@@ -35,6 +35,7 @@ STEPS = (
     "properties",
     "working_hour",
     "motion",
+    "resonance_rates",
     "tutorial",
     "export_processors",
     "export_c",

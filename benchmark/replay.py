@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 from mcap.writer import Writer
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
@@ -29,6 +30,7 @@ from benchmark.report import machine, publish, table
 from linkage_vibration.bags.message_types import JOINT_STATE
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.settings import Parameters
+from linkage_vibration.support.resources import DEFAULT_EXCITATIONS, config_file
 
 RATE = 1000  # Hz
 SECONDS = 600
@@ -64,6 +66,7 @@ def main() -> None:
         cases = {
             ("tractor", "MCAP"): (plain, TRACTOR),
             ("tractor", "MCAP, speeds"): (speeds, TRACTOR),
+            ("tractor without amplitudes", "MCAP, speeds"): (speeds, silent(folder)),
             ("tractor", "SQLite"): (sqlite, TRACTOR),
             ("tractor", "ROS 1"): (ros1, TRACTOR),
             ("paper", "MCAP"): (plain, PAPER),
@@ -75,7 +78,7 @@ def main() -> None:
             rows.append([*words, f"{count}", *speed, f"{1e6 * busy / count:.1f}"])
         shares = {
             ", ".join(words): profiled(bag, folder / "out.mcap", settings)
-            for words, (bag, settings) in list(cases.items())[:3]
+            for words, (bag, settings) in list(cases.items())[:4]
         }
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     publish(
@@ -84,16 +87,32 @@ def main() -> None:
         [
             "This page shows how fast bags are replayed and which steps take the time. The bags "
             "hold three joints with velocities at 1 kHz; one also has the speeds of engine, PTO "
-            "and ground at 20 Hz each. The replay writes the joint states, the predictions and, if "
-            "a speed is known, the resonances, as MCAP with zstd. The best of three runs is shown.",
+            "and ground at 20 Hz each. The tractor has the shipped excitations with their "
+            "amplitudes and deviations, or their frequencies alone. The replay writes the joint "
+            "states, the predictions and, if a speed is known, the resonances, as MCAP with zstd. "
+            "The best of three runs is shown.",
             table(COLUMNS, rows),
             f"Peak memory of the process, which also wrote the bags: {peak:.0f} MiB.",
             "The next tables show the time of each step in the main thread, under a profiler. "
             "Another thread compresses and writes chunks at the same time.",
-            *(f"{kind}:\n\n{table(['part', 'share'], found)}" for kind, found in shares.items()),
+            *(f"{kind}:\n\n{table(['part', 'share'], rows)}" for kind, rows in shares.items()),
         ],
         machine("mcap", "rosbags", "zstandard"),
     )
+
+
+def silent(folder: Path) -> Parameters:
+    """Return parameters with the frequencies of the shipped excitations, but no amplitudes."""
+    shipped = yaml.safe_load(config_file(DEFAULT_EXCITATIONS).read_text())
+    kept = "speed", "orders", "ratio", "rolling_radius"
+    orders = {
+        name: {key: value for key, value in keys.items() if key in kept}
+        for name, keys in shipped.items()
+        if "orders" in keys
+    }
+    path = folder / "silent.yaml"
+    path.write_text(yaml.safe_dump(orders))
+    return Parameters(excitation_file=str(path))
 
 
 def timed(bag: Path, output: Path, settings: Parameters) -> tuple[float, float, int]:
@@ -107,20 +126,20 @@ def profiled(bag: Path, output: Path, settings: Parameters) -> list[list[str]]:
     """Replay a bag; return the share of time of each step."""
     profile = cProfile.Profile()
     profile.runcall(replay, [bag], output, settings)
-    found: dict[str, float] = {}
+    stages: dict[str, float] = {}
     stats = pstats.Stats(profile).stats  # type: ignore[attr-defined]
     total = max(cumulative for *_, cumulative, _ in stats.values())
     for (_, _, function), (*_, cumulative, _) in stats.items():
         if function in STAGES:
             stage = STAGES[function]
-            found[stage] = found.get(stage, 0.0) + cumulative
-    rest = total - sum(found.values())
-    named = sorted(found.items(), key=lambda item: -item[1])
+            stages[stage] = stages.get(stage, 0.0) + cumulative
+    rest = total - sum(stages.values())
+    named = sorted(stages.items(), key=lambda item: -item[1])
     return [[name, f"{100 * took / total:.0f} %"] for name, took in [*named, ("rest", rest)]]
 
 
-def joint_states(seconds: int) -> Iterator[tuple[int, Any]]:
-    """Yield the times (ns) and messages of the joint states."""
+def joint_states(seconds: int, motion: float = 0.5) -> Iterator[tuple[int, Any]]:
+    """Yield the times (ns) and messages of the joint states; the hitch swings at rad/s."""
     store = get_typestore(Stores.LATEST)
     state, header, stamp = (
         store.types[name]
@@ -129,20 +148,20 @@ def joint_states(seconds: int) -> Iterator[tuple[int, Any]]:
     random = np.random.default_rng(1)
     for k in range(seconds * RATE):
         now = START + k * 10**9 // RATE
-        angle = 2.3 + 0.6 * np.sin(0.5 * k / RATE) + random.normal(scale=1e-4)
+        angle = 2.3 + 0.6 * np.sin(motion * k / RATE) + random.normal(scale=1e-4)
         yield (
             now,
             state(
                 header=header(stamp=stamp(now // 10**9, now % 10**9), frame_id="base_link"),
                 name=NAMES,
                 position=np.array([0.01 * k / RATE, angle, 56.5 * k / RATE]),
-                velocity=np.array([0.01, 0.3 * np.cos(0.5 * k / RATE), 56.5]),
+                velocity=np.array([0.01, 0.6 * motion * np.cos(motion * k / RATE), 56.5]),
                 effort=np.array([]),
             ),
         )
 
 
-def write_mcap(path: Path, seconds: int, *, speeds: bool = False) -> Path:
+def write_mcap(path: Path, seconds: int, *, speeds: bool = False, motion: float = 0.5) -> Path:
     """Write the joint states to MCAP as rosbag2 does, with chunks of 768 KiB."""
     store = get_typestore(Stores.LATEST)
     float64 = store.types["std_msgs/msg/Float64"]
@@ -157,7 +176,7 @@ def write_mcap(path: Path, seconds: int, *, speeds: bool = False) -> Path:
             channels.append(
                 writer.register_channel(topic, "cdr", schema, {"offered_qos_profiles": ""})
             )
-        for k, (now, message) in enumerate(joint_states(seconds)):
+        for k, (now, message) in enumerate(joint_states(seconds, motion)):
             if k % SPEEDS_EVERY == 0:
                 for channel, speed in zip(channels[1:], SPEEDS.values(), strict=speeds):
                     value = float64(speed * (1.0 + 0.1 * np.sin(0.1 * k / RATE)))

@@ -66,8 +66,8 @@ class Transfer:
         responses = [self._nominal(alpha3, w)[np.newaxis]]
         if self._members is not None:
             which: IntArray = np.arange(len(w))
-            each = np.tile(w, (self.n_members, 1))
-            parts = self._members.responses(alpha3, self._members.at(alpha3), each, which)
+            at, each = np.array([alpha3]), np.tile(w, (1, self.n_members, 1))
+            parts = self._members.responses(at, self._members.at(at), each, which)[0]
             responses.append(parts[:, 0] + 1j * parts[:, 1])
         gains = np.sqrt((np.abs(np.concatenate(responses)) ** 2).sum(axis=2))
         gains = gains * (w**2 if self.sensor.accelerates else 1.0)
@@ -87,7 +87,7 @@ class Transfer:
         at = response.frf(omega / (2.0 * math.pi))[of_each, :, of_each]
         return np.asarray(at + 1j * omega[:, np.newaxis] * rate.T)
 
-    def _at_nodes(self, nodes: slice, omega: FloatArray) -> FloatArray:
-        angles = self._table.ensemble_alpha3[nodes].tolist()
-        responses = np.array([self._nominal(angle, omega) for angle in angles])
+    def _at_nodes(self, nodes: IntArray, omega: FloatArray) -> FloatArray:
+        pairs = zip(self._table.ensemble_alpha3[nodes].tolist(), omega, strict=True)
+        responses = np.array([self._nominal(angle, w) for angle, w in pairs])
         return np.stack([responses.real, responses.imag], axis=1)

@@ -19,6 +19,7 @@ from linkage_vibration.bags.numbers import LeftOut
 from linkage_vibration.bags.recorder import PROVENANCE_METADATA, package_versions
 from linkage_vibration.bags.streams import Bags, BagTopic, open_bags
 from linkage_vibration.listening.live import second, sensor_monitor
+from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.messages.columns import MessageColumns, joined
 from linkage_vibration.messages.encoding import encode_columns, encode_message
@@ -61,8 +62,6 @@ from linkage_vibration.readers.served import read_described, read_loads, read_se
 from linkage_vibration.support.atomic_files import check_outputs, replacement
 from linkage_vibration.table.tabulation import build_table
 
-BoolArray = NDArray[np.bool_]
-FloatArray = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 REPLAY_METADATA = "linkage_vibration.replay"
@@ -282,7 +281,7 @@ class _Replay:
 
     def messages(self, block: Block) -> list[Messages]:
         """Return the input messages of a block that are used, and what is predicted for them."""
-        found: list[Messages] = []
+        messages: list[Messages] = []
         predicted: list[MessageColumns] = []
         rows = np.flatnonzero(block.topics == self._places[HITCH])
         groups = list(self._input.read_block(block, rows, self.done))
@@ -295,19 +294,19 @@ class _Replay:
             predicted.append(predictions)
             mine, published = np.split(published, [len(group.rows)])
             kept = np.flatnonzero(mine)
-            found += _encoded(PREDICTION, predictions.rows(kept), block, group, kept)
+            messages += _encoded(PREDICTION, predictions.rows(kept), block, group, kept)
             counts = np.bincount(predictions.status[kept], minlength=len(Status))
             for status, count in enumerate(counts.tolist()):
                 self.done.statuses[status] += count
         speeds = self._speeds(block, used)
-        found += self._sensors.messages(block, self._names, groups, speeds, used, self.done)
+        messages += self._sensors.messages(block, self._names, groups, speeds, used, self.done)
         if self._monitor is not None:
             if groups:
-                found += self._resonances(self._monitor, block, groups, predicted, speeds)
+                messages += self._resonances(self._monitor, block, groups, predicted, speeds)
             else:
                 for _, source, value, time in speeds:
                     self._monitor.set_speed(source, value, time)
-        return [*self._inputs(block, used), *found]
+        return [*self._inputs(block, used), *messages]
 
     def _inputs(self, block: Block, used: Sequence[Integers]) -> Iterator[Messages]:
         """Yield the messages of a block that were used, those of one topic and size together."""
@@ -348,7 +347,7 @@ class _Replay:
         speeds: Sequence[_SpeedRow],
     ) -> list[Messages]:
         """Assess predictions, with the speeds that were received among them."""
-        found: list[Messages] = []
+        messages: list[Messages] = []
         self._adviser = self._adviser or Adviser(monitor)
         rows = np.concatenate([group.rows for group in groups])
         order, stamps = _arrivals(groups)
@@ -376,12 +375,12 @@ class _Replay:
             kept = np.flatnonzero(answer >= 0)
             of_group = resonances.rows(answer[kept])
             for kind in (RESONANCE, LOAD_STATE):
-                found += _encoded(kind, of_group, block, group, kept)
+                messages += _encoded(kind, of_group, block, group, kept)
             self.done.resonances += len(kept)
             for i in kept[np.array(advised, np.bool_)[answer[kept]]].tolist():
                 advice = self._adviser.answer(resonances.message(answer[i]))
-                found.append(_advice(block, group, i, advice))
-        return found
+                messages.append(_advice(block, group, i, advice))
+        return messages
 
     def _velocities(
         self, groups: Sequence[Readings], stamps: Integers, order: Integers, due: BoolArray

@@ -35,7 +35,7 @@ _PERIOD = 10**9  # ns, between two live pieces of advice
 _SURE = 0.95  # of regrets
 _SAME = 1.0 + 1e-6  # Loads that differ by less are the same, and the first one is chosen.
 _NOTABLE = 0.8  # A height that leaves more of the load is not worth a change.
-_GROUND = list(Source).index(Source.GROUND)
+_GROUND = Source.GROUND.place
 _NO_LOAD = (
     "No excitation with an amplitude is at work here, or the table has no FRFs or no static force "
     "to compare with."
@@ -231,8 +231,8 @@ def _reasons(
 
     A cell is refused if a load that is at work is not known there, as it would seem to be quiet.
     """
-    loaded = np.array([[one.load is not None] for one in excitations])
-    at_work = loaded & np.isfinite(speeds[[list(Source).index(one.source) for one in excitations]])
+    loaded = np.array([[excitation.load is not None] for excitation in excitations])
+    at_work = loaded & np.isfinite(speeds[[excitation.source.place for excitation in excitations]])
     ground = results.ground_unknown
     inside = np.isfinite(angles_in_table(alpha3, levels.alpha3_range))
     refused = {
@@ -251,9 +251,9 @@ def _not_counted(excitations: Sequence[Excitation], speeds: FloatArray) -> str:
     """Return the names of the excitations whose load is nowhere known at present speeds."""
     unknown = [math.isnan(speed) for speed in speeds]
     return ", ".join(
-        one.name
-        for one in excitations
-        if (one.load or one.terrain) is None or unknown[list(Source).index(one.source)]
+        excitation.name
+        for excitation in excitations
+        if (excitation.load or excitation.terrain) is None or unknown[excitation.source.place]
     )
 
 

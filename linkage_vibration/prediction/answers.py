@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 from linkage_vibration.mechanics.description import GROUND, Mechanism
 from linkage_vibration.mechanics.forces import is_force
 from linkage_vibration.mechanics.ground_motion import soil_places, transmissibility
@@ -27,8 +27,6 @@ from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.table.table import Table
 from linkage_vibration.table.tabulation import TOLERANCE, build_table
 
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 Places = tuple[Place, ...]
 
 MAX_FREQUENCIES = 10_000
@@ -222,7 +220,7 @@ def answer_ground(
 
     Places are those of the table, named as for `answer_frf`. Invalid requests raise `ServingError`.
     """
-    terrain = next((one.terrain for one in excitations if one.terrain), None)
+    terrain = next((excitation.terrain for excitation in excitations if excitation.terrain), None)
     if terrain is None:
         raise ServingError("No excitation has a terrain; describe one in excitation_file.")
     if len(outputs) > MAX_GROUND_PLACES:

@@ -8,12 +8,13 @@ of the table's response: modes above the band, and what coarser bodies neglect.
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray
+from linkage_vibration.mechanics.arrays import FloatArray, IntArray
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.forces import magnitudes, reference
 from linkage_vibration.mechanics.model import Place
@@ -30,6 +31,8 @@ from linkage_vibration.prediction.ground import (
 from linkage_vibration.prediction.loads import UnitLoad, soil_motion
 from linkage_vibration.table.interpolation import interpolation_matrix, stroke_variable
 from linkage_vibration.table.table import Table
+
+Singles = NDArray[np.float32]
 
 _FEWER = 4  # A fourth of the lines of a ground shows how members differ from the mechanism itself.
 _SLOWEST, _FASTEST = 0.3, 30.0  # m/s; beyond these speeds they differ as there
@@ -52,48 +55,56 @@ def draws(excitations: Sequence[Excitation], n_members: int) -> tuple[FloatArray
     amplitude, frequency = (
         np.array([[value] for value in values])
         for values in (
-            [getattr(one.load or one.terrain, "relative_stddev", 0.0) for one in excitations],
-            [one.relative_stddev for one in excitations],
+            [getattr(each.load or each.terrain, "relative_stddev", 0.0) for each in excitations],
+            [each.relative_stddev for each in excitations],
         )
     )
     return np.exp(amplitude * normal[:n]), np.maximum(1.0 + frequency * normal[n:], 0.0)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Modes:
-    """The modes of all members at an angle, the mechanism itself first, or its own at angles."""
+class _Modes(NamedTuple):
+    """The modes of members at angles, in single precision; the first axes are free.
 
-    poles: ComplexArray  # (n_members, 1, k), rad/s
-    outputs: FloatArray  # (n_members, 2 k, n_outputs): both parts of the shapes
-    # (2, n_members, n_loads, k): shapes at the loads, and at their parts times s = i w
-    loads: ComplexArray
-    far: FloatArray  # (2, n_members, n_loads, n_outputs): what the other modes add, likewise
-    references: FloatArray  # (n_members, n_forces), N
+    With s = i w, a response is the sum of (a + b w^2 + s c) shape / (k - w^2 + s d) over the modes
+    and both parts of their shapes, and of what the other modes add.
+    """
 
-    def responses(self, omega: FloatArray, loads: IntArray, members: slice) -> FloatArray:
-        """Return responses to unit loads, (n_members, 2, n_excitations, n_outputs): both parts.
+    stiffness: Singles  # (..., 1, 2 n_modes): k, for each part
+    damping: Singles  # likewise: d
+    numerators: Singles  # (..., 3, n_loads, 2 n_modes): a, b and c
+    outputs: Singles  # (..., 2 n_modes, n_outputs): both parts of the shapes
+    far: Singles  # (..., 2, n_loads, n_outputs): what the other modes add, and that times s
+    references: Singles  # (..., n_forces), N
+
+    def at(self, which: Any) -> "_Modes":
+        """Return those with these indices."""
+        return _Modes(*(part[which] for part in self))
+
+    def responses(self, omega: FloatArray, loads: IntArray) -> Singles:
+        """Return responses to unit loads, (..., 2, n_excitations, n_outputs): both parts.
 
         Parameters
         ----------
-        omega : ndarray, (n_members or 1, n_excitations)
+        omega : ndarray, (..., n_excitations)
             rad/s.
         loads : ndarray, (n_excitations,)
             The load of each excitation, by its index.
-        members : slice
-            Those that are wanted.
         """
-        w, poles = omega[..., np.newaxis], self.poles[members]
-        (force, rate), s = self.loads[:, members].take(loads, axis=2), 1j * w
-        far = self.far[:, members].take(loads, axis=2)
+        n_shapes = self.outputs.shape[-2]
+        w = omega.astype(np.float32)[..., np.newaxis].repeat(n_shapes, axis=-1)
+        w2, numerators = w * w, self.numerators.take(loads, axis=-2)
+        a, b, c = (numerators[..., i, :, :] for i in range(3))
+        far = self.far.take(loads, axis=-2)
         with np.errstate(invalid="ignore"):  # NaN where a member's numbers are not possible
-            upper = (force + s * rate) / (s - poles)
-            lower = (force.conj() + s * rate.conj()) / (s - poles.conj())
-            # It is (x + i y) upper + (x - i y) lower with x + i y at an output, by real products.
-            both = np.concatenate([upper + lower, 1j * (upper - lower)], axis=-1)
-            factors = np.stack([both.real, both.imag], axis=1)
-            responses = factors @ self.outputs[members, np.newaxis]
-        responses[:, 0] += far[0]
-        responses[:, 1] += w * far[1]
+            real, imaginary = self.stiffness - w2, self.damping * w
+            square = real * real + imaginary * imaginary
+            real, imaginary = real / square, imaginary / square
+            a, c = a + b * w2, c * w
+            factors = np.stack([a * real + c * imaginary, c * real - a * imaginary], axis=-3)
+            rows = factors.reshape(*factors.shape[:-3], -1, n_shapes) @ self.outputs
+        responses = rows.reshape(*factors.shape[:-1], -1)
+        far[..., 1, :, :] *= w[..., :1]
+        responses += far
         return np.asarray(responses)
 
 
@@ -109,8 +120,8 @@ class Members:
     n_forces : int
         Pins and cylinders whose reference forces are needed.
     table_responses : callable
-        Returns the table's responses, (n, 2, n_excitations, n_outputs), at some nodes of the
-        ensemble and rad/s of each excitation, (n_excitations,).
+        Returns the table's responses, (n, 2, n_excitations, n_outputs), at nodes of the ensemble,
+        (n,), and rad/s of the excitations, (n, n_excitations).
     """
 
     def __init__(
@@ -119,7 +130,7 @@ class Members:
         loads: Sequence[UnitLoad],
         outputs: Sequence[Place],
         n_forces: int,
-        table_responses: Callable[[slice, FloatArray], FloatArray] | None = None,
+        table_responses: Callable[[IntArray, FloatArray], FloatArray] | None = None,
     ) -> None:
         self._table, self._n_forces = table, n_forces
         self._table_responses = table_responses
@@ -130,66 +141,84 @@ class Members:
         nodes = self._at_nodes([rows.index(place) for place in outputs], loads)
         self._shapes = [node.shape[2:] for node in nodes]
         values = np.concatenate([node.reshape(*node.shape[:2], -1) for node in nodes], axis=2)
-        # Most loads have neither rates nor imaginary parts.
-        self._used, self._n_values = np.flatnonzero(values.any(axis=(0, 1))), values.shape[2]
-        self._values = values.take(self._used, axis=2).astype(np.float32)
+        self._values = values.astype(np.float32)
         self._nominal = self._modes(self._values[:, 0])
 
     @property
-    def arrays(self) -> tuple[FloatArray, NDArray[np.float32], IntArray]:
+    def arrays(self) -> tuple[FloatArray, Singles, IntArray]:
         """Nodes in the stroke variable, values, (n_nodes, n_members + 1, n_used), and their places.
 
-        The mechanism itself comes first; the places are those in the parts of `_at_nodes`.
+        The mechanism itself comes first; the places are those in the parts of `_at_nodes`. Most
+        loads have neither rates nor imaginary parts, which are left out.
         """
-        return self._variables, self._values, self._used
+        used = np.flatnonzero(self._values.any(axis=(0, 1)))
+        return self._variables, self._values.take(used, axis=2), used
 
-    def at(self, alpha3: float) -> _Modes:
-        """Return the modes at an angle, rad."""
-        at = stroke_variable(np.array([alpha3]), self._table.toggles)
-        weights = interpolation_matrix(self._variables, at)[0].astype(np.float32)
-        values = weights @ self._values.reshape(len(weights), -1)
-        return self._modes(values.reshape(self.n + 1, -1))
+    def at(self, alpha3: FloatArray) -> _Modes:
+        """Return the modes at angles, (n,), rad: (n, n_members + 1, ...)."""
+        at = stroke_variable(alpha3, self._table.toggles)
+        weights = interpolation_matrix(self._variables, at).astype(np.float32)
+        values = weights[:, np.newaxis] @ self._values.reshape(len(self._variables), -1)
+        return self._modes(values.reshape(len(alpha3), self.n + 1, -1))
 
     def responses(
-        self, alpha3: float, modes: _Modes, omega: FloatArray, loads: IntArray
-    ) -> FloatArray:
-        """Return responses to unit loads, (n_members, 2, n_excitations, n_outputs): both parts.
+        self, alpha3: FloatArray, modes: _Modes, omega: FloatArray, loads: IntArray
+    ) -> Singles:
+        """Return responses to unit loads, (n, n_members, 2, n_excitations, n_outputs): both parts.
 
         Parameters
         ----------
-        alpha3, modes : float and _Modes
-            rad, within the range of the table, and what is `at` it.
-        omega : ndarray, (n_members, n_excitations)
+        alpha3, modes : ndarray, (n,), and _Modes
+            rad, within the range of the table, and what is `at` them.
+        omega : ndarray, (n, n_members, n_excitations)
             rad/s.
         loads : ndarray, (n_excitations,)
             The load of each excitation, by its index.
         """
         assert self._table_responses is not None
         nodes = self._table.ensemble_alpha3
-        after = int(np.clip(np.searchsorted(nodes, alpha3), 1, len(nodes) - 1))
+        after = np.clip(nodes.searchsorted(alpha3), 1, len(nodes) - 1)
         share = (alpha3 - nodes[after - 1]) / (nodes[after] - nodes[after - 1])
-        around = slice(after - 1, after + 1)
+        around, of_table = np.concatenate([after - 1, after]), np.tile(omega[:, 0], (2, 1))
         # What the table adds to the modes of the mechanism itself.
-        left = self._table_responses(around, omega[0])
-        left = left - self._nominal.responses(omega[:1], loads, around)
-        responses = modes.responses(omega, loads, slice(1, None))
-        responses += (1.0 - share) * left[0] + share * left[1]
+        left = self._table_responses(around, of_table)
+        left = left - self._nominal.at(around).responses(of_table, loads)
+        weights = np.concatenate([1.0 - share, share]).reshape(-1, 1, 1, 1)
+        before, behind = (
+            (weights * left).astype(np.float32).reshape(2, len(alpha3), *left.shape[1:])
+        )
+        responses = modes.at(np.s_[:, 1:]).responses(omega, loads)
+        responses += (before + behind)[:, np.newaxis]
         return responses
 
-    def _modes(self, values: NDArray[np.float32]) -> _Modes:
-        """Return the modes of values, (n, n_used), each of them of a member or at an angle."""
-        full = np.zeros((len(values), self._n_values))
-        full[:, self._used] = values
+    def _modes(self, values: Singles) -> _Modes:
+        """Return the modes of values, (..., n_values), as `_at_nodes` arranges them."""
         ends = np.cumsum([math.prod(shape) for shape in self._shapes])[:-1]
-        parts = zip(np.split(full, ends, axis=1), self._shapes, strict=True)
-        poles, outputs, loads, far, static = (part.reshape(-1, *shape) for part, shape in parts)
-        forces = magnitudes(self._table.forces, static.T)[: self._n_forces]
+        parts = zip(np.split(values, ends, axis=-1), self._shapes, strict=True)
+        poles, shapes, loads, far, static = (
+            part.reshape(*values.shape[:-1], *shape) for part, shape in parts
+        )
+        size, phase, k = np.exp(poles[..., 0, :]), poles[..., 1, :], poles.shape[-1]
+        x, y = 2.0 * size * np.cos(phase), 2.0 * size * np.sin(phase)
+        # Both parts of the poles, of the shapes at the loads, and of those at their rates.
+        px, py = (np.repeat(each[..., np.newaxis, :], loads.shape[-2], axis=-2) for each in (x, y))
+        fx, rx, fy, ry = (loads[..., i, j, :, :] for i in (0, 1) for j in (0, 1))
+        numerators = np.empty((*values.shape[:-1], 3, loads.shape[-2], 2 * k), np.float32)
+        numerators[..., 0, :, :k] = -(fx * px + fy * py)
+        numerators[..., 0, :, k:] = fy * px - fx * py
+        numerators[..., 1, :, :k] = -2.0 * rx
+        numerators[..., 1, :, k:] = 2.0 * ry
+        numerators[..., 2, :, :k] = 2.0 * fx - (rx * px + ry * py)
+        numerators[..., 2, :, k:] = (ry * px - rx * py) - 2.0 * fy
+        forces = magnitudes(self._table.forces, np.moveaxis(static.astype(float), -1, 0))
+        references = reference(forces[: self._n_forces], self._table.reference_force)
         return _Modes(
-            np.exp(poles[:, 0] + 1j * poles[:, 1])[:, np.newaxis],
-            outputs.reshape(len(values), -1, outputs.shape[-1]),
-            np.moveaxis(loads[:, 0] + 1j * loads[:, 1], 1, 0),
-            np.moveaxis(far, 1, 0),
-            reference(forces, self._table.reference_force).T,
+            np.concatenate([size * size] * 2, axis=-1)[..., np.newaxis, :],
+            -np.concatenate([x, x], axis=-1)[..., np.newaxis, :],
+            numerators,
+            shapes.reshape(*values.shape[:-1], -1, shapes.shape[-1]),
+            far,
+            np.moveaxis(references.astype(np.float32), 0, -1),
         )
 
     def _at_nodes(self, outputs: list[int], loads: Sequence[UnitLoad]) -> list[FloatArray]:
@@ -256,8 +285,8 @@ class GroundMembers:
         omega = 2.0 * math.pi * np.tile(lines, len(mounts))[np.newaxis]
         every = np.arange(len(mounts)).repeat(len(lines))
         orders, values = [1, *[0] * (len(outputs) - 1)] * (members.n + 1), []
-        for angle in self._angles.tolist():
-            responses = members.at(angle).responses(omega, every, slice(None))
+        for angle in self._angles:
+            responses = members.at(angle[np.newaxis]).at(0).responses(omega, every)
             transfer = (responses[:, 0] + 1j * responses[:, 1]).swapaxes(1, 2)
             transfer = transfer.reshape(-1, len(mounts), len(lines))
             squares = ground_squares(transfer, orders, mounts, terrain, lines)
@@ -269,38 +298,36 @@ class GroundMembers:
         self._logs = np.where(np.isposinf(logs), math.nan, logs).astype(np.float32)
 
     def levels(
-        self, nominal: GroundLevels, alpha3: float, speed: float, amplitudes: FloatArray
+        self, nominal: GroundLevels, alpha3: FloatArray, speed: FloatArray, amplitudes: FloatArray
     ) -> GroundLevels:
-        """Return the levels of the members from one of the mechanism itself.
+        """Return levels of the members, (n n_members), from those of the mechanism itself, (n,).
 
         The factors of amplitudes are (n_members,); accelerations are not those of members.
         """
-        shares = self.shares(alpha3, speed) * amplitudes * amplitudes
+        shares = self.shares(alpha3, speed) * (amplitudes * amplitudes)[:, np.newaxis]
+        shares = shares.reshape(-1, shares.shape[-1]).T
+        every = nominal.rows(np.arange(len(alpha3)).repeat(len(amplitudes)))
         return replace(
-            nominal,
-            velocity=nominal.velocity * np.sqrt(shares[0]),
-            forces2=nominal.forces2 * shares[1:],
+            every, velocity=every.velocity * np.sqrt(shares[0]), forces2=every.forces2 * shares[1:]
         )
 
-    def shares(self, alpha3: float, speed: float) -> FloatArray:
-        """Return mean squares of members over those of the mechanism, (n_outputs, n_members).
+    def shares(self, alpha3: FloatArray, speed: FloatArray) -> FloatArray:
+        """Return mean squares of members over those of the mechanism, (n, n_members, n_outputs).
 
         Parameters
         ----------
-        alpha3, speed : float
+        alpha3, speed : ndarray, (n,)
             rad and m/s.
         """
-        log_speed = math.log(min(max(speed, _SLOWEST), _FASTEST))
-        rows, columns = (
-            _between(each, value)
-            for each, value in ((self._angles, alpha3), (self._speeds, log_speed))
-        )
-        logs = sum(a * b * self._logs[i, j] for i, a in rows for j, b in columns)
-        return np.asarray(np.exp(logs.T))
+        log_speed = np.log(np.clip(speed, _SLOWEST, _FASTEST))
+        rows, columns = _between(self._angles, alpha3), _between(self._speeds, log_speed)
+        logs = sum((a * b) * self._logs[i, j] for i, a in rows for j, b in columns)
+        return np.asarray(np.exp(logs))
 
 
-def _between(grid: FloatArray, value: float) -> list[tuple[int, float]]:
-    """Return the two neighbours of a value on an even grid, and their weights."""
-    place = (value - grid[0]) / (grid[1] - grid[0])
-    first = min(max(int(place), 0), len(grid) - 2)
-    return [(first, first + 1.0 - place), (first + 1, place - first)]
+def _between(grid: FloatArray, values: FloatArray) -> list[tuple[IntArray, FloatArray]]:
+    """Return the two neighbours of values, (n,), on an even grid, and their weights, (n, 1, 1)."""
+    place = (values - grid[0]) / (grid[1] - grid[0])
+    first = np.clip(place.astype(np.int64), 0, len(grid) - 2)
+    after = (place - first).astype(np.float32).reshape(-1, 1, 1)
+    return [(first, 1.0 - after), (first + 1, after)]

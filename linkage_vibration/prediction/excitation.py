@@ -41,6 +41,11 @@ class Source(enum.Enum):
     GROUND = "ground"  # m/s
 
     @property
+    def place(self) -> int:
+        """Index of the speed among those of all sources."""
+        return list(Source).index(self)
+
+    @property
     def unit(self) -> str:
         """Unit of the speed."""
         return "m/s" if self is Source.GROUND else "rpm"
@@ -164,7 +169,7 @@ def excitations_from_mapping(
             )
         ]
         keys.refuse_unknown()
-        for second in [one.name for one in excitations if one.terrain][1:]:
+        for second in [excitation.name for excitation in excitations if excitation.terrain][1:]:
             raise MechanismError(
                 where, f"{second} is a second terrain, but all wheels roll on one; remove it."
             )
@@ -183,9 +188,9 @@ def _orders(keys: Keys, name: str) -> list[Excitation]:
         per_unit *= 60.0 / _circumference(keys)
     orders = keys.numbers("orders")
     names = [f"{name} {order:g}" for order in orders]
-    for own in names:
-        if names.count(own) > 1:
-            raise keys.error("orders", f"{own!r} occurs twice; give each order once.")
+    for order_name in names:
+        if names.count(order_name) > 1:
+            raise keys.error("orders", f"{order_name!r} occurs twice; give each order once.")
     silent = keys.numbers("no_warning") if "no_warning" in keys else []
     for order in silent:
         if order not in orders:

@@ -173,7 +173,7 @@ class GroundLevels:
     off_ground_share: FloatArray  # (n,), largest share of the time a tyre is off the ground, 1
     reason: Reasons  # (n,): why they are not known, of `REASONS`
 
-    def rows(self, which: list[int]) -> "GroundLevels":
+    def rows(self, which: IntArray) -> "GroundLevels":
         """Return the levels with these indices."""
         return GroundLevels(*(getattr(self, each.name)[..., which] for each in fields(self)))
 
@@ -415,16 +415,20 @@ class GroundTable:
         alpha3, speed : ndarray, (n,), or float
             rad and m/s; NaN where they are not known.
         """
-        alpha3, speed = np.atleast_1d(alpha3), np.atleast_1d(speed) + 0.0
+        alpha3, speed = np.atleast_1d(alpha3), np.atleast_1d(speed)
         if 1 not in (len(alpha3), len(speed)) and len(alpha3) != len(speed):
             problem = f"{len(alpha3)} angles do not belong to {len(speed)} speeds"
             raise GroundError(f"{problem}; give one for each, or one for all.")
         alpha3, speed = np.broadcast_arrays(alpha3, speed)
-        angles = angles_in_table(alpha3, self._table.alpha3_range)
+        return self.within(angles_in_table(alpha3, self._table.alpha3_range), speed)
+
+    def within(self, angles: FloatArray, speed: FloatArray) -> GroundLevels:
+        """Return the levels at n angles of the table, NaN where there are none, and speeds."""
+        speed = speed + 0.0  # -0.0 would be faster than all speeds
         outside, unknown = np.isnan(angles), ~((speed >= 0.0) & (speed <= _FASTEST))
         if self.never:
-            rows = np.full((3 + self._n_forces, len(alpha3)), math.nan)
-            reason = np.full(len(alpha3), self.never)
+            rows = np.full((3 + self._n_forces, len(angles)), math.nan)
+            reason = np.full(len(angles), self.never)
         else:
             angles = np.where(outside, self._table.alpha3_range[0], angles)
             rows, reason = self._looked_up(angles, np.where(unknown, 1.0, speed))

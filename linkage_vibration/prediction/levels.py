@@ -33,6 +33,9 @@ from linkage_vibration.prediction.predictor import Predictor, angles_in_table
 from linkage_vibration.table.interpolation import stroke_angle, stroke_variable
 from linkage_vibration.table.table import Table
 
+Reals = NDArray[np.floating[Any]]
+"""Those of the ensemble have single precision."""
+
 ERROR = 1e-4
 """Largest error of a response between the angles at which the table was evaluated, over the sum of
 the magnitudes of its terms; where it is larger, levels are not known."""
@@ -54,9 +57,9 @@ KNOWN = 0.95
 
 _STATIC = 1e-5  # of the magnitudes of its terms: a static response below is only rounding
 _SAME = 1.0 - 1e-6  # of the square of a load ratio; a smaller difference is rounding
-_SILENT = 1e-300  # A smaller level has no logarithm.
+_SILENT = 1e-30  # A smaller level has no logarithm.
 _FIRST_CELLS, _MOST_CELLS = 32, 512  # of a piece of the table
-_GROUND = list(Source).index(Source.GROUND)
+_GROUND = Source.GROUND.place
 _REASONS = np.array(REASONS)
 _CHUNK = 16  # angles that are evaluated together, so that their terms stay in the cache
 
@@ -119,9 +122,9 @@ class _Terms(NamedTuple):
 class _Forcing(NamedTuple):
     """What excitations do at n times, each (n, n_excitations)."""
 
-    omega: FloatArray  # rad/s; 1 where nothing is known
-    defined: FloatArray  # 1, or NaN where a speed is not known or the band is exceeded
-    size: FloatArray  # rms of the load, as the multiple of a unit load; NaN if not known
+    omega: Reals  # rad/s; 1 where nothing is known
+    defined: Reals  # 1, or NaN where a speed is not known or the band is exceeded
+    size: Reals  # rms of the load, as the multiple of a unit load; NaN if not known
 
 
 class LevelTable:
@@ -132,8 +135,6 @@ class LevelTable:
     predictor, mechanism : Predictor and Mechanism
         What looks up the table, and the mechanism of that table.
     excitations : sequence of Excitation
-    with_forces : bool
-        Whether to compute load ratios, too.
 
     Raises
     ------
@@ -142,52 +143,49 @@ class LevelTable:
     """
 
     def __init__(
-        self,
-        predictor: Predictor,
-        mechanism: Mechanism,
-        excitations: Sequence[Excitation],
-        *,
-        with_forces: bool = True,
+        self, predictor: Predictor, mechanism: Mechanism, excitations: Sequence[Excitation]
     ) -> None:
         self._predictor, table = predictor, predictor.table
         inputs: dict[tuple[str, str], UnitLoad] = {}
-        loads, which = [one.load for one in excitations], []
-        for one, load in zip(excitations, loads, strict=True):
+        loads, which = [excitation.load for excitation in excitations], []
+        for excitation, load in zip(excitations, loads, strict=True):
             if load is not None and not table.places:
                 raise ExcitationError(
-                    f"excitation {one.name} has an amplitude, but the table of "
+                    f"excitation {excitation.name} has an amplitude, but the table of "
                     f"{table.mechanism_name} has no FRFs to compute a level from; leave the "
                     "amplitude out."
                 )
             key = ("", "") if load is None else (load.kind.value, load.place)
             if key not in inputs:
-                inputs[key] = load_input(one, table, mechanism)
+                inputs[key] = load_input(excitation, table, mechanism)
             which.append(list(inputs).index(key))
         self.states_uncertainty = table.uncertain or table.measured
         self._top, self._inputs = 2.0 * math.pi * table.band[1], np.array(which)
-        self._sources = np.array([list(Source).index(one.source) for one in excitations])
+        self._sources = np.array([excitation.source.place for excitation in excitations])
 
-        self._omega = np.array([2.0 * math.pi * one.ratio for one in excitations])
+        self._omega = np.array([2.0 * math.pi * excitation.ratio for excitation in excitations])
         self._rms = np.array([x.amplitude / math.sqrt(2.0) if x else math.nan for x in loads])
         self._speed = np.array([load.speed if load else 1.0 for load in loads])
         self._exponent = np.array([load.exponent if load else 0.0 for load in loads])
         self._accelerated = np.array(
             [x is not None and x.kind is LoadKind.BASE_ACCELERATION for x in loads]
         )
-        self._loaded = any(one.load or one.terrain for one in excitations)
+        self._loaded = any(excitation.load or excitation.terrain for excitation in excitations)
         self._ground: GroundTable | None = None
-        self._terrain = next((i for i, one in enumerate(excitations) if one.terrain), 0)
+        self._terrain = next(
+            (i for i, excitation in enumerate(excitations) if excitation.terrain), 0
+        )
         self._last: tuple[bytes, _Forcing] | None = None  # speeds, and what excitations do at them
         self._cells: tuple[FloatArray, FloatArray] | None = None
-        self.force_places = table.force_places if self._loaded and with_forces else ()
+        self.force_places = table.force_places if self._loaded else ()
         """Pins and cylinders, whose names are those of the table."""
         if table.places:
             # The response point comes first, then the components of the forces.
             rows = table.forces if self.force_places else ()
             names = [name for name, _ in rows]
-            self._first = np.array([names.index(one) for one in self.force_places], np.int64)
+            self._first = np.array([names.index(place) for place in self.force_places], np.int64)
             # A pin has a second component.
-            self._pins = np.array([[names.count(one) > 1] for one in self.force_places])
+            self._pins = np.array([[names.count(place) > 1] for place in self.force_places])
             outputs = [(mechanism.response.point, mechanism.response.direction), *rows]
             n_forces = len(self.force_places)
             self._cells, self._layout = _sampled(table, list(inputs.values()), outputs, n_forces)
@@ -340,7 +338,7 @@ class LevelTable:
         np.divide(magnitude, static.take(self._inputs, axis=1), out=amplifications)
         ground = None
         if self._ground is not None:
-            ground = self._ground.at(angles, ground_speed)
+            ground = self._ground.within(angles, ground_speed)
             reasons = ground.reason
         self._evaluate(numbers, places, squares, reference, forcing, ground)
         if factors is not None:
@@ -360,28 +358,43 @@ class LevelTable:
             As those of `at`.
         """
         members, angles = self._members, angles_in_table(alpha3, self.alpha3_range)
-        rows = np.flatnonzero(np.isfinite(angles))
         width = _unknown(0, len(self._inputs))[0].shape[1]
         quantities = np.full((len(alpha3), self.n_members, width), math.nan)
-        if members is None or not len(rows):
-            return quantities
-        angles, speeds, ground = angles[rows], speeds[:, rows], None
-        nominal = self._forcing_at(speeds)
-        if self._ground is not None:
-            ground = self._ground.at(angles, speeds[_GROUND])
-        for i, (row, angle) in enumerate(zip(rows.tolist(), angles.tolist(), strict=True)):
-            omega = nominal.omega[i] * self._draws[1]
-            forcing = _Forcing(omega, nominal.defined[[i]], nominal.size[i] * self._draws[0])
-            modes, rolling = members.at(angle), None
-            responses = members.responses(angle, modes, omega, self._inputs)
-            squares = responses[:, 0] ** 2 + responses[:, 1] ** 2
-            if ground is not None:
-                rolling = ground.rows([i])
-                if self._ground_members is not None and not rolling.reason[0]:
-                    amplitudes, speed = self._draws[0][:, self._terrain], float(speeds[_GROUND, i])
-                    rolling = self._ground_members.levels(rolling, angle, speed, amplitudes)
-            self._evaluate(quantities[row], None, squares, modes.references[1:], forcing, rolling)
+        inside = np.flatnonzero(np.isfinite(angles))
+        for start in range(0, len(inside) if members is not None else 0, _CHUNK):
+            rows = inside[start : start + _CHUNK]
+            quantities[rows] = self._of_members(angles[rows], speeds[:, rows], width)
         return quantities
+
+    def _of_members(self, angles: FloatArray, speeds: FloatArray, width: int) -> Reals:
+        """Return what `members` does at a few angles within the table."""
+        members, n = self._members, len(angles)
+        assert members is not None
+        nominal = self._forcing_at(speeds)
+        omega = nominal.omega[:, np.newaxis] * self._draws[1]
+        size = nominal.size[:, np.newaxis] * self._draws[0]
+        defined = np.broadcast_to(nominal.defined[:, np.newaxis], omega.shape)
+        each = (part.reshape(-1, omega.shape[2]) for part in (omega, defined, size))
+        modes, rolling = members.at(angles), None
+        squares = members.responses(angles, modes, omega, self._inputs) ** 2
+        squares = squares[:, :, 0] + squares[:, :, 1]
+        if self._ground is not None:
+            rolling = self._ground.within(angles, speeds[_GROUND])
+            if self._ground_members is not None:
+                amplitudes = self._draws[0][:, self._terrain]
+                rolling = self._ground_members.levels(rolling, angles, speeds[_GROUND], amplitudes)
+            else:
+                rolling = rolling.rows(np.arange(n).repeat(members.n))
+        numbers = np.full((n * members.n, width), math.nan, np.float32)
+        self._evaluate(
+            numbers,
+            None,
+            squares.reshape(-1, *squares.shape[2:]),
+            modes.references[:, 1:].reshape(len(numbers), -1),
+            _Forcing(*(part.astype(np.float32) for part in each)),
+            rolling,
+        )
+        return numbers.reshape(n, members.n, width)
 
     def member_totals(
         self, alpha3: FloatArray, speeds: FloatArray
@@ -451,13 +464,13 @@ class LevelTable:
             size = np.where(speed == 0.0, 0.0 * self._rms, size)
             return _Forcing(omega, defined, size * defined)
 
-    def _squares(self, terms: _Terms, w: FloatArray, inputs: IntArray) -> FloatArray:
+    def _squares(self, terms: _Terms, w: Reals, inputs: IntArray) -> FloatArray:
         """Return squares of `_responses`, (..., n_excitations, n_outputs)."""
         responses = self._responses(terms, w, inputs)
         responses *= responses
         return np.asarray(responses[..., 0, :] + responses[..., 1, :])
 
-    def _responses(self, terms: _Terms, w: FloatArray, inputs: IntArray) -> FloatArray:
+    def _responses(self, terms: _Terms, w: Reals, inputs: IntArray) -> FloatArray:
         """Return responses to unit loads, (..., n_excitations, 2, n_outputs): both parts.
 
         They are those at angular frequencies w, (..., n_excitations), of excitations that act at
@@ -477,20 +490,20 @@ class LevelTable:
         factors[..., 1, 3 * t + 2] = w[..., 0]
         return np.asarray(factors.take(self._rows, axis=-1) @ terms.matrices.take(inputs, axis=-3))
 
-    def _table_responses(self, nodes: slice, omega: FloatArray) -> FloatArray:
-        """Return `_responses` at nodes of the ensemble, (n, 2, n_excitations, n_outputs).
+    def _table_responses(self, nodes: IntArray, omega: FloatArray) -> FloatArray:
+        """Return `_responses` at nodes of the ensemble, (n,), (n, 2, n_excitations, n_outputs).
 
-        They are those at angular frequencies, (n_excitations,).
+        They are those at angular frequencies, (n, n_excitations).
         """
         terms = _Terms(*(part[nodes] for part in self._nodes))
-        return self._responses(terms, omega[np.newaxis], self._inputs).swapaxes(1, 2)
+        return self._responses(terms, omega, self._inputs).swapaxes(1, 2)
 
     def _evaluate(
         self,
-        numbers: FloatArray,
+        numbers: Reals,
         places: IntArray | None,
-        squares: FloatArray,
-        reference: FloatArray,
+        squares: Reals,
+        reference: Reals,
         forcing: _Forcing,
         ground: GroundLevels | None,
     ) -> None:
@@ -516,8 +529,8 @@ class LevelTable:
             acceleration[:, self._terrain] = ground.acceleration
             numbers[:, at["off_ground_share"]] = ground.off_ground_share
         unknown = 0.0 * np.fmax.reduce(velocity, axis=1)  # NaN where no level is known
-        for name, known in ("velocity", velocity), ("acceleration", acceleration):
-            total = np.sqrt(_sum(np.fmax(known, 0.0) ** 2))
+        for name, levels in ("velocity", velocity), ("acceleration", acceleration):
+            total = np.sqrt(_sum(np.fmax(levels, 0.0) ** 2))
             numbers[:, at[f"total_{name}"]] = total + unknown
         if not self.force_places:
             return
@@ -527,26 +540,28 @@ class LevelTable:
         if ground is not None:
             ratios[self._terrain] = self._forces(ground.forces2)
         ratios /= (reference * reference).T
-        total = np.asarray(sum(np.fmax(ratios, 0.0)))  # in the order of the excitations
+        total = np.add.accumulate(np.fmax(ratios, 0.0), axis=0)[-1:]
+        ratios = np.concatenate([ratios, total])
+        largest = np.maximum.reduce(ratios, axis=1)
         if places is not None:
-            places[:, :-1] = first_largest(np.moveaxis(ratios, 1, -1)).T
-            places[:, -1] = first_largest(total.T)
-        numbers[:, at["load_ratios"]] = np.sqrt(np.maximum.reduce(ratios, axis=1)).T
+            places[:] = first_largest(ratios, largest).T
+        largest = np.sqrt(largest)
+        numbers[:, at["load_ratios"]] = largest[:-1].T
         lost = 0.0 * np.maximum.reduce(reference, axis=1)  # NaN where nothing is known to refer to
-        numbers[:, at["total_load_ratio"]] = np.sqrt(np.maximum.reduce(total)) + unknown + lost
+        numbers[:, at["total_load_ratio"]] = largest[-1] + unknown + lost
 
-    def _forces(self, components: FloatArray) -> FloatArray:
+    def _forces(self, components: Reals) -> Reals:
         """Return squares of forces, (..., n_forces, n), from those of their components."""
         second = components.take(self._first + self._pins[:, 0], axis=-2)
         return np.asarray(components.take(self._first, axis=-2) + np.where(self._pins, second, 0.0))
 
 
-def first_largest(values: FloatArray) -> IntArray:
-    """Return the first of values, (..., n), that is the largest but for rounding.
+def first_largest(values: Reals, largest: Reals) -> IntArray:
+    """Return the first of values, (..., m, n), that is the largest, (..., n), but for rounding.
 
     Both pins of a light link carry the same force, so that the last bit would decide.
     """
-    return np.asarray((values >= _SAME * values.max(axis=-1, keepdims=True)).argmax(axis=-1))
+    return np.asarray((values >= _SAME * largest[..., np.newaxis, :]).argmax(axis=-2))
 
 
 def unknown_levels(n_excitations: int, n: int) -> MessageColumns:
@@ -603,7 +618,7 @@ def _level_columns(
     )
 
 
-def _sum(terms: FloatArray) -> FloatArray:
+def _sum(terms: Reals) -> Reals:
     """Return the sum over the second axis, in its order; `np.sum` has others, by the shape."""
     return np.asarray(np.add.accumulate(terms, axis=1)[:, -1])
 
@@ -682,7 +697,7 @@ class _Samples:
         self._table, self._inputs, self._outputs, self._ends = table, inputs, outputs, ends
         self._n_forces = n_forces
         self._variables = stroke_variable(np.array(ends), table.toggles)
-        self._places = list(dict.fromkeys(p for one in inputs for p in one.places))
+        self._places = list(dict.fromkeys(p for load in inputs for p in load.places))
         self._n_terms = 0
         self._solved: dict[float, tuple[FloatArray, FloatArray, FloatArray]] = {}
 
@@ -760,10 +775,10 @@ class _Samples:
         """
         layout, n_modes = self.layout, self._table.n_modes
         w = np.sqrt(exact[:, np.newaxis, :n_modes]).swapaxes(1, 2)
+        both = [layout.split(np.ascontiguousarray(rows.T)) for rows in (trial, exact)]
         errors = np.zeros(len(exact))
         for output in range(layout.n_outputs):
-            values, _ = _responses(trial, layout, output, w)
-            true, sizes = _responses(exact, layout, output, w)
+            (values, _), (true, sizes) = (_responses(parts, output, w) for parts in both)
             np.maximum(errors, (np.abs(values - true) / sizes).max(axis=(1, 2)), out=errors)
         return errors
 
@@ -776,13 +791,14 @@ def _in_order(wanted: ComplexArray, roots: ComplexArray) -> NDArray[np.int64]:
 
 
 def _responses(
-    rows: FloatArray, layout: _Layout, output: int, w: FloatArray
+    parts: Sequence[FloatArray], output: int, w: FloatArray
 ) -> tuple[ComplexArray, FloatArray]:
     """Return responses of an output at angular frequencies w, (n, n_frequencies, 1), and sizes.
 
     Both are (n, n_frequencies, n_inputs); the sizes are the sums of the magnitudes of the terms.
+    The parts are those of `_Layout.split`.
     """
-    poles, above, rest, _, _ = layout.split(np.ascontiguousarray(rows.T))
+    poles, above, rest, _, _ = parts
     k, c = (poles[0] + 1j * poles[1]).T[:, np.newaxis], poles[2].T[:, np.newaxis]
     above, rest = above[:, :, output].T, rest[:, output].T  # (n, n_inputs, n_terms, 3), ...
     a, b = above[..., 0] + 1j * above[..., 1], above[..., 2]

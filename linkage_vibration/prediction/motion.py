@@ -25,11 +25,9 @@ from itertools import repeat
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.prediction.excitation import Source
-
-FloatArray = NDArray[np.float64]
 
 POOL = 40_000_000  # ns; readings within it are averaged
 GAP = 500_000_000  # ns; readings that are farther apart do not belong to one motion
@@ -159,12 +157,12 @@ class RateFilter:
         self,
         stamps: Iterable[int],
         values: Iterable[float],
-        resolutions: Iterable[float],
+        resolutions: Iterable[float] = repeat(0.0),
         wanted: Iterable[bool] = repeat(True),
     ) -> tuple[FloatArray, FloatArray]:
         """Return the result of `add` for the wanted readings: rates and errors, (n,) each."""
         rates = []
-        readings = zip(stamps, values, resolutions, strict=True)
+        readings = zip(stamps, values, resolutions, strict=False)
         for reading, want in zip(readings, wanted, strict=False):
             if want:
                 rates.append(self.add(*reading))

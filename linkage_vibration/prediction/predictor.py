@@ -9,14 +9,12 @@ from dataclasses import dataclass
 from typing import overload
 
 import numpy as np
-from numpy.typing import NDArray
 
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.kinematics import unit_question
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.table.table import Table
-
-FloatArray = NDArray[np.float64]
 
 _FARTHEST_ANGLE = 1e6  # deg; beyond it, nobody is asked whether the joint's zero is a turn off
 _UNCERTAIN_FREQUENCY, _UNCERTAIN_RATIO = 1.0, 20.0  # %
@@ -182,14 +180,11 @@ def fault(prediction: Prediction, alpha3_range: tuple[float, float]) -> str:
 
 def one_row(prediction: Prediction) -> MessageColumns:
     """Return what resonances are assessed by, as columns of one row."""
+    names = "natural_frequencies", "damping_ratios", "frequency_slopes", "frequency_stddevs"
     return MessageColumns(
         crank_angle=np.array([prediction.crank_angle]),
-        natural_frequencies=prediction.natural_frequencies[np.newaxis],
-        damping_ratios=prediction.damping_ratios[np.newaxis],
-        frequency_slopes=prediction.frequency_slopes[np.newaxis],
-        frequency_stddevs=prediction.frequency_stddevs[np.newaxis],
-        damping_ratio_stddevs=prediction.damping_ratio_stddevs[np.newaxis],
         table_id=prediction.table_id,
+        **{name: getattr(prediction, name)[np.newaxis] for name in names},
     )
 
 

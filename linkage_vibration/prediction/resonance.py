@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.messages.columns import MessageColumns, joined
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.ground import AIRBORNE
 from linkage_vibration.prediction.levels import LevelTable, unknown_levels
-from linkage_vibration.prediction.motion import UNKNOWN, Rate, speed_filter
+from linkage_vibration.prediction.motion import speed_filter
 from linkage_vibration.prediction.periods import Periods
 from linkage_vibration.prediction.predictor import Prediction, one_row
 from linkage_vibration.prediction.severity import (
@@ -30,15 +31,11 @@ from linkage_vibration.prediction.severity import (
     states,
 )
 
-BoolArray = NDArray[np.bool_]
-FloatArray = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 _LATEST = 2**63 - 1  # ns
 _NO_PERIOD = -(2**63)
-_CONSTANT = Rate(0.0, 0.0)
 _CHUNK = 512  # predictions that are assessed together, so that their numbers stay in the cache
-_PLACES = {source: place for place, source in enumerate(Source)}
 
 _SPEEDS = np.linspace(0.3, 1.7, 71)  # of the present speed, among which a quiet one is sought
 _PRESENT = int(np.abs(_SPEEDS - 1.0).argmin())
@@ -79,19 +76,6 @@ class _Pairs:
     rate: FloatArray  # of the margin, Hz/s
     error: FloatArray  # bound of its error
     probability: FloatArray  # that the excitation is in the half-power band; NaN if not known
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Speeds:
-    """The last speeds of all sources: values, rates and bounds of their errors, (3, n_sources)."""
-
-    numbers: FloatArray  # NaN if not known, or zero
-    times: Integers  # (n_sources,), when they were reported, ns
-    fixed: BoolArray  # (n_sources,)
-
-    def copy(self) -> "_Speeds":
-        """Return a copy, which later speeds do not change."""
-        return _Speeds(self.numbers.copy(), self.times.copy(), self.fixed.copy())
 
 
 def half_power_probability(
@@ -149,13 +133,22 @@ class ResonanceMonitor:
         self.stale_after = stale_after
         self.levels = levels
         self.periods = Periods(rate)  # those that are to be assessed once a speed is reported
-        ratios = [(one.ratio, one.relative_stddev) for one in self.excitations]
+        ratios = [(excitation.ratio, excitation.relative_stddev) for excitation in self.excitations]
         self._ratios, self._stddevs = np.array(ratios).T[..., np.newaxis]
-        self._sources = np.array([list(Source).index(one.source) for one in self.excitations])
-        self._warns = np.array([[one.warns] for one in self.excitations])
-        self._rolling = np.array([[one.terrain is not None] for one in self.excitations])
-        self._names = np.array([*(one.name for one in self.excitations), ""])  # -1: none
-        used = {source for source in Source for one in self.excitations if one.source is source}
+        self._sources = np.array([excitation.source.place for excitation in self.excitations])
+        self._warns = np.array([[excitation.warns] for excitation in self.excitations])
+        self._rolling = np.array(
+            [[excitation.terrain is not None] for excitation in self.excitations]
+        )
+        self._names = np.array(
+            [*(excitation.name for excitation in self.excitations), ""]
+        )  # -1: none
+        used = {
+            source
+            for source in Source
+            for excitation in self.excitations
+            if excitation.source is source
+        }
         self._unknown = np.array(
             [
                 ", ".join(s.value for i, s in enumerate(Source) if s in used and code >> i & 1)
@@ -164,17 +157,17 @@ class ResonanceMonitor:
         )
         self._filters = {source: speed_filter(source) for source in Source}
         n = len(self._filters)
-        self._speeds = _Speeds(np.full((3, n), math.nan), np.zeros(n, np.int64), np.zeros(n, bool))
+        # The last speeds: values, rates and bounds of their errors; when they were reported, ns.
+        self._speeds, self._times = np.full((3, n), math.nan), np.zeros(n, np.int64)
+        self._fixed = np.zeros(n, np.bool_)
         self._timer = WarningTimer(len(self.excitations) + 1)  # the last is that of the total
-        self._forget_held()
+        self.use()
         self.any_speed_reported = False  # without a speed there is nothing to assess
 
     def use(self, limits: WarningLimits | None = None, levels: LevelTable | None = None) -> None:
         """Use other limits or other levels from now on, also for what is held between readings."""
         self.limits, self.levels = limits or self.limits, levels or self.levels
-        self._forget_held()
-
-    def _forget_held(self) -> None:
+        self._places = np.array([*(self.levels.force_places if self.levels else ()), ""])
         # By source: the time, ns; speed and angle then; and the quiet ones.
         self._quiet: dict[int, tuple[int, FloatArray, FloatArray]] = {}
         self._factors_time, self._factors = _NO_PERIOD, np.empty((1, 0))
@@ -191,11 +184,19 @@ class ResonanceMonitor:
         time : int
             When it was reported, ns.
         """
-        self.any_speed_reported, value = True, float(value)
-        rate = self._filters[source].add(time, value)
-        if source is Source.GROUND and value < 0.0:
-            value, rate = -value, Rate(-rate.value, rate.error)
-        self._set(source, value if value < math.inf else math.nan, rate, time, False)
+        self._report(source, [float(value)], [time])
+
+    def _report(self, source: Source, values: list[float], times: list[int]) -> FloatArray:
+        """Use k reported speeds; return those in use and their rates and errors, (3, k)."""
+        self.any_speed_reported = True
+        rates, errors = self._filters[source].add_many(times, values)
+        speeds = np.array(values)
+        if source is Source.GROUND:
+            rates, speeds = np.where(speeds < 0.0, -rates, rates), np.abs(speeds)
+        numbers = np.array([speeds, rates, errors])
+        numbers[0, ~((speeds >= 0.0) & (speeds < math.inf))] = math.nan
+        self._set(source, numbers[:, -1], times[-1], False)
+        return numbers
 
     def set_fixed(self, source: Source, value: float | None) -> None:
         """Fix a speed (rpm or m/s); with None, a fixed speed becomes unknown.
@@ -207,14 +208,13 @@ class ResonanceMonitor:
         """
         if value is not None:
             self.any_speed_reported = True
-            self._set(source, value, _CONSTANT, 0, True)
-        elif self._speeds.fixed[_PLACES[source]]:
-            self._set(source, math.nan, UNKNOWN, 0, False)
+            self._set(source, np.array([value, 0.0, 0.0]), 0, True)
+        elif self._fixed[source.place]:
+            self._set(source, np.full(3, math.nan), 0, False)
 
-    def _set(self, source: Source, value: float, rate: Rate, time: int, fixed: bool) -> None:
-        place, speeds = _PLACES[source], self._speeds
-        speeds.numbers[:, place] = value if value >= 0.0 else math.nan, *rate
-        speeds.times[place], speeds.fixed[place] = time, fixed
+    def _set(self, source: Source, numbers: FloatArray, time: int, fixed: bool) -> None:
+        place = source.place
+        self._speeds[:, place], self._times[place], self._fixed[place] = numbers, time, fixed
 
     def assess(
         self, prediction: Prediction, velocity: float, time: int, velocity_error: float = 0.0
@@ -284,7 +284,8 @@ class ResonanceMonitor:
         """
         levels = self._levels(predictions.crank_angle, speeds[0], time)
         pairs = self._pairs(predictions, crank, speeds)
-        ratio = np.vstack([levels.load_ratios.T, levels.total_load_ratio]).astype(float)
+        totals = levels.total_load_ratio[np.newaxis]
+        ratio = np.concatenate([levels.load_ratios.T, totals], dtype=float)
         # No level is known while a tyre is in the air, but that is no reason to be calm.
         airborne = self._rolling & (levels.off_ground_share > AIRBORNE)
         ratio[:-1][airborne] = math.inf
@@ -308,9 +309,9 @@ class ResonanceMonitor:
             columns.state, worst, predictions.crank_angle, speeds[0], time
         )
         # A direction is 0 where nothing is known to end a warning.
-        ends = columns.quiet_speed, columns.quiet_angle
-        now = columns.excitation_speed, predictions.crank_angle
-        directions = np.nan_to_num(np.sign(np.array(ends) - now)).astype(np.int8)
+        ends = np.array([columns.quiet_speed, columns.quiet_angle])
+        now = np.array([columns.excitation_speed, predictions.crank_angle])
+        directions = (ends > now).astype(np.int8) - (ends < now)
         columns.quiet_speed_direction, columns.quiet_angle_direction = directions
         columns.load_ratio_limit = np.full(len(time), self.limits.warning)
         columns.crank_velocity, columns.crank_velocity_error = crank
@@ -424,8 +425,7 @@ class ResonanceMonitor:
 
     def _place_names(self, places: Integers, ratio: FloatArray) -> NDArray[np.str_]:
         """Return the names of pins and cylinders, (n,); empty where the load ratio is not known."""
-        names = np.array([*(self.levels.force_places if self.levels else ()), ""])
-        return names.take(np.where(np.isnan(ratio), len(names) - 1, places))
+        return self._places.take(np.where(np.isnan(ratio), len(self._places) - 1, places))
 
     def _quieter(
         self,
@@ -489,19 +489,21 @@ class ResonanceMonitor:
 
         Their rates and the bounds of the errors of these follow.
         """
-        last = self._speeds
-        numbers, times = last.numbers[..., np.newaxis], last.times[:, np.newaxis]
-        fixed = last.fixed[:, np.newaxis]
+        columns = self._speeds, self._times, self._fixed
+        numbers, times, fixed = (column[..., np.newaxis] for column in columns)
         if speeds:
-            history = [last.copy()]
-            for report in speeds:
-                self.set_speed(report.source, report.value, report.time)
-                history.append(self._speeds.copy())
-            begins = [0, *(report.before for report in speeds), len(time)]
-            rows = np.repeat(np.arange(len(history)), np.diff(begins))
-            numbers = np.stack([each.numbers for each in history], axis=-1)[..., rows]
-            times = np.stack([each.times for each in history], axis=-1)[..., rows]
-            fixed = np.stack([each.fixed for each in history], axis=-1)[..., rows]
+            numbers, times, fixed = (
+                np.repeat(column, len(time), axis=-1) for column in (numbers, times, fixed)
+            )
+        for source in {report.source for report in speeds}:
+            place, of_source = source.place, [r for r in speeds if r.source is source]
+            reported = [report.time for report in of_source]
+            each = self._report(source, [report.value for report in of_source], reported)
+            last = np.searchsorted([r.before for r in of_source], np.arange(len(time)), "right") - 1
+            rows = np.flatnonzero(last >= 0)
+            numbers[:, place, rows] = each[:, last[rows]]
+            times[place, rows] = np.array(reported)[last[rows]]
+            fixed[place, rows] = False
         limit = math.floor(min(1e9 * self.stale_after, _LATEST))
         fresh = fixed | (np.abs(time - times) <= limit)
         return np.where(fresh, numbers, math.nan)

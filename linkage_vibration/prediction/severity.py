@@ -166,7 +166,9 @@ def no_load_words(resonance: MessageColumns, excitations: Sequence[Excitation]) 
     unknown = resonance.unknown_speeds.split(", ")
     if math.isfinite(resonance.total_velocity):
         return ", as no static force is known to compare with"
-    if any(one.load and one.source.value not in unknown for one in excitations):
+    if any(
+        excitation.load and excitation.source.value not in unknown for excitation in excitations
+    ):
         return ", as the excitations with an amplitude are beyond the frequencies of the table"
     if resonance.ground_unknown and only_ground(resonance.unknown_speeds, excitations):
         return ""
@@ -177,13 +179,17 @@ def no_load_words(resonance: MessageColumns, excitations: Sequence[Excitation]) 
 
 def all_unknown(unknown_speeds: str, excitations: Sequence[Excitation]) -> bool:
     """Return whether the speeds of all excitations are among the unknown ones."""
-    return {one.source.value for one in excitations} <= set(unknown_speeds.split(", ")) - {""}
+    return {excitation.source.value for excitation in excitations} <= set(
+        unknown_speeds.split(", ")
+    ) - {""}
 
 
 def only_ground(unknown_speeds: str, excitations: Sequence[Excitation]) -> bool:
     """Return whether no order has a known speed, so that the ground alone could have a level."""
     unknown = unknown_speeds.split(", ")
-    return all(one.terrain or one.source.value in unknown for one in excitations)
+    return all(
+        excitation.terrain or excitation.source.value in unknown for excitation in excitations
+    )
 
 
 def ratio_words(ratio: float) -> str:

@@ -166,7 +166,7 @@ def ground_and_orders(
 
     The latter is an upper bound, as each order loads another pin most.
     """
-    rolls = np.array([one.terrain is not None for one in excitations], np.bool_)
+    rolls = np.array([excitation.terrain is not None for excitation in excitations], np.bool_)
     if len(rolls) != len(drive.names) or not rolls.any():
         return None
     ratios = drive.resonances.load_ratios.astype(float)
@@ -365,7 +365,10 @@ def avoidance(
     speeds : dict of Source to ndarray
         The speeds of the drive, rpm or m/s, at its messages, (n,); NaN where not known.
     """
-    by_name, severity = {one.name: one for one in excitations}, drive.severity()
+    by_name, severity = (
+        {excitation.name: excitation for excitation in excitations},
+        drive.severity(),
+    )
     rows: dict[Source, list[int]] = {}
     for row in sorted((e.worst for e in episodes(drive)), key=lambda row: -severity[row]):
         cause = by_name.get(str(drive.resonances.excitation[row]))
@@ -396,14 +399,14 @@ class _Tried:
     def within_table(self, angle: float, speeds: FloatArray) -> FloatArray:
         """Return the speeds at which a load is known, which are not beyond all frequencies."""
         every = np.repeat(self.speeds[:, np.newaxis], len(speeds), axis=1)
-        every[list(Source).index(self.source)] = speeds
+        every[self.source.place] = speeds
         loads = self.levels.at(np.full(len(speeds), angle), every).load_ratios[:, self.ours]
         return np.asarray(speeds[np.isfinite(loads).any(axis=1)])
 
     def exceeding(self, angles: FloatArray, speeds: FloatArray) -> FloatArray:
         """Return where the limit is exceeded, (n_angles, n_speeds); NaN where it is not known."""
         every = np.repeat(self.speeds[:, np.newaxis], len(speeds), axis=1)
-        every[list(Source).index(self.source)] = speeds
+        every[self.source.place] = speeds
         levels = self.levels.over(angles, every)
         exceeds = (levels.total_load_ratio > self.limits.warning).astype(float)
         loads = levels.load_ratios[:, self.ours]

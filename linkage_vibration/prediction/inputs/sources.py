@@ -17,10 +17,9 @@ from linkage_vibration.bags.field_reader import FieldReader
 from linkage_vibration.bags.message_types import JOINT_STATE
 from linkage_vibration.bags.numbers import Integers, LeftOut, NumberReader, Numbers
 from linkage_vibration.bags.schemas import FieldError, Schema, find_path
+from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.prediction.health import differing_seconds, senders_disagree
 from linkage_vibration.prediction.inputs.units import HitchScale, InputError, Reading, wrong_unit
-
-FloatArray = NDArray[np.float64]
 
 HEADER_TIME, RECEIPT_TIME = TIMES = ("header", "receipt")
 

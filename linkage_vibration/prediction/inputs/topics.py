@@ -25,8 +25,8 @@ _HITCHED = NodeTopic(
 )
 INPUT_TOPICS = (
     *(
-        NodeTopic(one.topic, one.type, _INPUT_QOS, one.meaning)
-        for one in {preset.topic: preset for preset in _PRESETS}.values()
+        NodeTopic(preset.topic, preset.type, _INPUT_QOS, preset.meaning)
+        for preset in {preset.topic: preset for preset in _PRESETS}.values()
     ),
     _HITCHED,
 )

@@ -7,12 +7,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
 from linkage_vibration.errors import LinkageVibrationError
-
-FloatArray = NDArray[np.float64]
+from linkage_vibration.mechanics.arrays import FloatArray
 
 ANGLES = {"rad": 1.0, "deg": math.pi / 180.0}
 """Units of an angle, in rad."""
