@@ -85,7 +85,7 @@ def turned(at: int) -> Change:
 TAU = 2.0 * np.pi
 UNWEIGHED: dict[str, tuple[Change, str]] = {
     "all signs": (lambda f, h: (f, -h), "with the force .* all signs may be reversed"),
-    "magnitudes": (lambda f, h: (f, np.abs(h) + 0j), "the FRFs may be magnitudes"),
+    "magnitudes": (lambda f, h: (f, np.abs(h) + 0j), "magnitudes; export real and imag"),
     "sensor": (turned(3), "the drive point {} gives out power, .*; change the sign"),
     "exp(-i omega t)": (lambda f, h: (f, h.conj()), r"exp\(-i omega t\) \(take the complex conj"),
 }
@@ -239,13 +239,13 @@ def test_random_links(seeds: range) -> None:
     """No sound link is refused; most faults are, and nearly all below the first resonance.
 
     There the rest is exp(-i omega t) where no line is near a resonance, so that an error of phase
-    explains it.
+    explains it, and magnitudes whose lines only fall.
     """
     results = outcomes(seeds)
     sound = results["none"]
     assert sound.refused == {True: 0, False: 0}
     assert sound.tried[True] >= 0.5 * len(seeds)
-    least = {"exp(-i omega t)": 0.8}
+    least = {"magnitudes of accelerances": 0.99, "exp(-i omega t)": 0.8}
     for fault in FAULTS:
         found = results[fault]
         assert share(found) >= (least.get(fault, 1.0) if seeds == MANY else 0.4), fault
