@@ -129,7 +129,7 @@ def statuses(name: str, health: Health, statistics: Statistics) -> list[Diagnost
     predicting, recording = health.predicting, health.recording
     if health.state == "active" and predicting is not None and recording is not None:
         faults = [*_traffic(health.second, statistics), *predicting.reading_faults]
-        parts["input"] = overall(faults, "The readings have no known fault.")
+        parts["input"] = overall(faults, f"No fault is known of {predicting.input_name}.")
         parts["speeds"] = overall(predicting.speed_faults, "The speeds have no known fault.")
         parts["resonance"] = _resonance(predicting)
         parts["log"] = _log(recording)

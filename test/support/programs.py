@@ -18,6 +18,7 @@ PACKAGES = {
     "clang": "clang",
     "cmake": "cmake",
     "cppcheck": "cppcheck",
+    "dpkg": "dpkg",
     "gcc": "gcc",
     "nm": "binutils",
     "qemu-arm": "qemu-user",
