@@ -420,6 +420,7 @@ class LinkageVibrationNode(LifecycleNode):
                 part.watch()
         if self._predicting is not None:
             self._predicting.judge(now)
+        name = self.get_fully_qualified_name()
         health = Health(
             self._state,
             self.problem,
@@ -427,8 +428,9 @@ class LinkageVibrationNode(LifecycleNode):
             self._served,
             self._predicting,
             self._recording,
+            same_name=self.get_fully_qualified_node_names().count(name),
         )
-        message = DiagnosticArray(status=statuses(self.get_fully_qualified_name(), health, counts))
+        message = DiagnosticArray(status=statuses(name, health, counts))
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
 

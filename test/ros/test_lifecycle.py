@@ -280,6 +280,25 @@ def test_topics_of_the_node_itself_are_refused(
     assert node.set_parameters([Parameter("engine_topic", value="/rpm")])[0].successful
 
 
+def test_topic_is_read_as_another_type(managed: Callable[..., Any]) -> None:
+    """The topic of one input can become that of another, live and between two activations."""
+    node = managed()
+    assert node.trigger_configure() is SUCCESS
+    assert node.trigger_activate() is SUCCESS
+    topics = [("/other", "/joint_states"), ("", "")]  # of the hitch and of the engine
+
+    def exchange(hitch: str, engine: str) -> Any:
+        values = {"hitch_topic": hitch, "engine_topic": engine}
+        return node.set_parameters_atomically([Parameter(n, value=v) for n, v in values.items()])
+
+    for names in topics:
+        assert exchange(*names).successful
+    for names in topics:
+        assert node.trigger_deactivate() is SUCCESS
+        assert exchange(*names).successful
+        assert node.trigger_activate() is SUCCESS, node.problem
+
+
 def test_descriptors(managed: Callable[..., Any]) -> None:
     """`ros2 param describe` shows unit, range and meaning."""
     node = managed()
