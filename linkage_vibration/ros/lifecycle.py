@@ -41,6 +41,7 @@ from linkage_vibration.prediction.settings import NODE_NAME, ParameterError, Par
 from linkage_vibration.readers.excitations import excitation_files
 from linkage_vibration.readers.sensors import Sensor, live_sensors, sensor_files
 from linkage_vibration.readers.served import read_loads, read_served
+from linkage_vibration.ros.command_line import plain_text
 from linkage_vibration.ros.diagnostics import Health, statuses
 from linkage_vibration.ros.endpoints import OUTPUTS, WARN_PERIOD, Throttle, advertise
 from linkage_vibration.ros.interface_check import check_interfaces
@@ -217,8 +218,7 @@ class LinkageVibrationNode(LifecycleNode):
             try:
                 return callback(request, response)
             except (RuntimeError, ValueError) as error:
-                problem = " ".join(str(error).split())
-                self.get_logger().error(f"A request was refused: {problem}")
+                self.get_logger().error(f"A request was refused: {plain_text(error)}.")
                 return response
 
         return callback if iscoroutinefunction(callback) else call

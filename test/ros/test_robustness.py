@@ -99,6 +99,8 @@ def test_invalid_requests_do_not_end_the_node(peer: Any, node: Any) -> None:
         client = peer.node.create_client(kind, f"robust/{name}")
         peer.request(client, request)
     node.wait_for("A request was refused: 77 is not a valid Parameter.Type")
+    node.wait_for("Transition is not registered.")
+    assert "rcl_lifecycle.c" not in node.printed  # files of rcl tell a user nothing
     assert peer.ask([JOINT], [2.0]).status == Status.OK
 
 
