@@ -7,6 +7,7 @@
 #   make test ONLY=test/ros          some tests alone
 #   make test VERSIONS=ubuntu-24.04  tests with the libraries that tools/ubuntu-24.04.txt names
 #   make coverage                    which share of the code the tests run, into docs/coverage.md
+#   make ament                       the linters of ament that PyPI has
 #   make docs                        the documentation, as a site in build/docs
 #   make bench                       all benchmarks, into benchmark/results (some hours)
 #   make bench ONLY=latency          one of them
@@ -28,7 +29,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 in_two := -n 2 --dist loadfile
 in_venv = @. $(venv)/bin/activate &&
 
-.PHONY: demo test lint coverage docs bench setup clean
+.PHONY: demo test lint ament coverage docs bench setup clean
 
 demo: setup
 	$(in_venv) linkage-vibration demo $(if $(BAG),--bag "$(BAG)") $(if $(JOINT),--joint "$(JOINT)")
@@ -41,6 +42,18 @@ lint: setup
 	$(in_venv) python -m ruff check .
 	$(in_venv) python -m ruff format --check .
 	$(in_venv) python -m mypy
+
+# D401 has no exception for properties, and D403 none for names such as SDynPy; the first lines of
+# examples are questions (D400).
+checked := linkage_vibration test benchmark tools examples launch docs setup.py
+ament:
+	@"$(PYTHON)" -m venv build/ament
+	@build/ament/bin/pip install -qq flake8 pydocstyle ros-ament-flake8 ros-ament-lint ros-ament-pep257
+	@build/ament/bin/ament_flake8 --config tools/ament_flake8.ini $(checked) > build/ament/flake8.txt || \
+		{ cat build/ament/flake8.txt; false; }
+	@build/ament/bin/ament_pep257 --convention numpy --add-ignore D105 D400 D401 D403 -- $(checked) \
+		> build/ament/pep257.txt || { cat build/ament/pep257.txt; false; }
+	@grep "No problems found" build/ament/flake8.txt build/ament/pep257.txt
 
 coverage: setup
 	$(in_venv) python -m coverage erase

@@ -45,6 +45,7 @@ OPTIONAL = [name for extra in _USED for name in EXTRAS[extra]]
 # colcon runs the tests with pytest because the extra "test" names it.
 TEST = [
     *OPTIONAL,
+    "bloom",
     "coverage>=7.10",
     "exudyn; platform_machine == 'x86_64'",
     "fmpy",

@@ -23,8 +23,10 @@ OURS = {"linkage_vibration", "benchmark", "linkages", "test", "tools"}
 
 # Imported name: distribution, and the key of package.xml where rosdep has one.
 DISTRIBUTIONS = {
+    "bloom": ("bloom", None),
     "can": ("python-can", None),
     "cantools": ("cantools", None),
+    "catkin_pkg": ("bloom", None),  # needs it
     "cosmic_ray": ("cosmic-ray", None),
     "exudyn": ("exudyn", None),
     "fmpy": ("fmpy", None),
@@ -32,6 +34,7 @@ DISTRIBUTIONS = {
     "hypothesis": ("hypothesis", "python3-hypothesis"),
     "launch": (None, "launch"),  # comes with ROS 2 alone
     "launch_ros": (None, "launch_ros"),
+    "launch_testing": (None, "launch_testing"),
     "linkage_vibration_interfaces": (
         "linkage_vibration_interfaces",
         "linkage_vibration_interfaces",

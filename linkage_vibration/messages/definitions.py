@@ -19,7 +19,7 @@ SEPARATOR = "=" * 80
 # The first word of a field: `std_msgs/Header`, `Point[4]`, `geometry_msgs/Pose[<=8]`.
 _MESSAGE_TYPE = re.compile(r"(?:(?P<package>[a-z]\w*)/)?(?P<name>[A-Z][A-Za-z0-9_]*)(?:\[.*)?")
 _PARTS = {"srv": ("Request", "Response"), "action": ("Goal", "Result", "Feedback")}
-_PART = re.compile(r"(?P<whole>\w+)_(?P<part>Event|Request|Response|Goal|Result|Feedback)")
+_PART = re.compile(r"(?P<whole>\w+)_(?P<part>Request|Response|Goal|Result|Feedback)")
 
 
 class DefinitionError(LinkageVibrationError):
@@ -60,7 +60,7 @@ def message_text(type_name: str) -> str:
         If the type is not installed, and rosbags does not know it either.
     """
     package, kind, name = type_name.split("/")
-    if (part := _PART.fullmatch(name)) is not None:
+    if kind in _PARTS and (part := _PART.fullmatch(name)) is not None:
         return _part_text(f"{package}/{kind}/{part['whole']}", part["part"])
     installed = _shipped(type_name) or _installed(type_name)
     if installed is not None:
@@ -92,10 +92,6 @@ def type_hash(type_name: str) -> str:
     DefinitionError
         If a type that it contains is not installed.
     """
-    if (part := _PART.fullmatch(type_name.split("/")[2])) is not None:
-        package = type_name.split("/")[0]
-        service = _installed(f"{package}/srv/{part['whole']}")
-        return "" if service is None else _installed_hash(service, type_name)
     installed = _installed(type_name)
     # Another version of our interface package may be installed.
     if installed is not None and installed.read_text(encoding="utf-8") == message_text(type_name):
@@ -110,18 +106,8 @@ def type_hash(type_name: str) -> str:
 
 
 def _part_text(name: str, part: str) -> str:
-    """Return a part of a service or an action, or of a service's events (REP 2012), as a message.
-
-    The types of events say msg for their kind, as logs do.
-    """
-    package, kind, whole = name.split("/")
-    if part == "Event":
-        return (
-            f"service_msgs/ServiceEventInfo info\n{whole}_Request[<=1] request\n"
-            f"{whole}_Response[<=1] response\n"
-        )
-    kind, order = next((kind, names) for kind, names in _PARTS.items() if part in names)
-    name = f"{package}/{kind}/{whole}"
+    """Return a part of a service or an action as a message."""
+    order = _PARTS[name.split("/")[1]]
     path = _shipped(name) or _installed(name)
     if path is None:
         raise DefinitionError(

@@ -329,14 +329,6 @@ class Parameters:
     delete_oldest: bool = _switch(False).means(
         "Delete the oldest logs instead of stopping at disk_limit."
     )
-    extra_topics: str = _text(
-        "names of topics (letters, digits, _ and /), separated by spaces",
-        lambda names: all(map(_TOPIC_NAME.fullmatch, names.split())),
-    ).means("Topics to log in addition to those that the node uses.")
-    service_events: str = _choice("none", ("none", "metadata", "contents")).means(
-        "Publish an event for each request and response of the services, on the topic "
-        "`SERVICE/_service_event`: without or with its contents. `extra_topics` can log them."
-    )
 
     if TYPE_CHECKING:  # type checkers do not see the parameters that the decorator adds
 

@@ -96,14 +96,10 @@ def _settings(bags: Bags, remaps: Mapping[str, str]) -> Parameters:
     types = {kind for _, kind in topics if kind != FLOAT64}
     chosen: dict[str, object] = {}
     for name, presets in PRESETS.items():
-        fitting = [key for key, preset in presets.items() if preset.topic in remaps]
-        fitting += [
-            key
-            for key, preset in presets.items()
-            if preset.type in types or (f"/{preset.topic}", preset.type) in topics
-        ]
-        if fitting:
-            chosen["input" if name == HITCH else f"{name}_input"] = fitting[0]
+        for key, preset in sorted(presets.items(), key=lambda each: each[1].topic not in remaps):
+            in_bag = preset.type in types or (f"/{preset.topic}", preset.type) in topics
+            if in_bag or preset.topic in remaps:
+                chosen.setdefault("input" if name == HITCH else f"{name}_input", key)
     return with_values(Parameters(), chosen)
 
 

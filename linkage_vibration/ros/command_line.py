@@ -97,15 +97,20 @@ def start_errors() -> Iterator[None]:
         raise refusal(error) from None
 
 
-def refusal(error: RuntimeError) -> StartError:
-    """Return an error of rcl as one sentence, without file names and line numbers."""
+def plain_text(error: Exception) -> str:
+    """Return an error of rcl in one line, without file names, line numbers and the last stop."""
     text = re.sub(r",? at /\S+:\d+", "", str(error)).strip().rstrip(".")
+    return re.sub(r"\s*\n\s*", "; ", text)
+
+
+def refusal(error: RuntimeError) -> StartError:
+    """Return an error of rcl as the reason why the node cannot start."""
+    text = plain_text(error)
     if text.startswith("["):  # arguments behind --ros-args that rcl does not know
         return _unknown(ast.literal_eval(text)[0])
-    sentence = re.sub(r"\s*\n\s*", "; ", text)
     if os.environ.get("ROS_SECURITY_ENABLE") == "true":  # rcl may not name it
-        sentence += (
+        text += (
             "; ROS_SECURITY_ENABLE is true, so check ROS_SECURITY_KEYSTORE, the enclave, and "
             "whether this DDS was built with security"
         )
-    return StartError(f"ROS 2 cannot start: {sentence}.")
+    return StartError(f"ROS 2 cannot start: {text}.")

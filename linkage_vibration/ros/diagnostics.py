@@ -34,6 +34,7 @@ class Health:
     served: Served | None = None  # these are None while the node is not configured
     predicting: Predicting | None = None
     recording: Recording | None = None
+    same_name: int = 1  # nodes that have the name of this one, with itself
 
 
 def _predictions(health: Health, statistics: Statistics) -> tuple[Level, str]:
@@ -57,6 +58,8 @@ def _predictions(health: Health, statistics: Statistics) -> tuple[Level, str]:
 def _warning(health: Health, statistics: Statistics) -> str:
     """Return a sentence about the most serious reason for a warning, or an empty one."""
     second = health.second
+    if health.same_name > 1:
+        return f"{health.same_name} nodes have this name; give each another name or namespace."
     if second.without_numbers > 0.0:
         share = 100.0 * second.without_numbers
         return f"{share:.0f} % of the crank angles have no prediction; see the node's warnings."
@@ -129,7 +132,7 @@ def statuses(name: str, health: Health, statistics: Statistics) -> list[Diagnost
     predicting, recording = health.predicting, health.recording
     if health.state == "active" and predicting is not None and recording is not None:
         faults = [*_traffic(health.second, statistics), *predicting.reading_faults]
-        parts["input"] = overall(faults, "The readings have no known fault.")
+        parts["input"] = overall(faults, f"No fault is known of {predicting.input_name}.")
         parts["speeds"] = overall(predicting.speed_faults, "The speeds have no known fault.")
         parts["resonance"] = _resonance(predicting)
         parts["log"] = _log(recording)

@@ -17,7 +17,6 @@ from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.node import Node
 from rclpy.qos import (
     DurabilityPolicy,
-    HistoryPolicy,
     QoSPolicyKind,
     QoSProfile,
     ReliabilityPolicy,
@@ -27,6 +26,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from linkage_vibration.bags.writing import QUEUE_DEPTH
 from linkage_vibration.errors import printable
+from linkage_vibration.messages.topics import OUTPUT_TOPICS, NodeTopic
 from linkage_vibration.ros.statistics import Statistics
 
 MessageInfo = Mapping[str, Any]  # where a message comes from; rclpy 7 has no name for it
@@ -38,17 +38,17 @@ QOS_VALUES = {
     "reliability": ("reliable", "best_effort"),
 }
 """What parameters below ``qos_overrides`` can say about the topics of inputs and outputs."""
+OUTPUTS = tuple(topic for topic in OUTPUT_TOPICS if topic.name.startswith("~"))
+"""The topics that exist while the node is configured."""
 
 
-def advertise(
-    node: Node, kind: Any, name: str, statistics: Statistics, throttle: "Throttle"
-) -> Any:
+def advertise(node: Node, output: NodeTopic, statistics: Statistics, throttle: "Throttle") -> Any:
     """Return a reliable publisher that counts and reports subscribers whose QoS does not match.
 
-    No other publisher or subscription has QoS events, because the events executor of rclpy, which
-    does not spin this node, ends the process if an event comes as one of them is destroyed.
+    Subscriptions have no QoS events, because the events executor of rclpy, which does not spin this
+    node, ends the process if an event comes as one of them is destroyed.
     """
-    topic = node.resolve_topic_name(name)
+    topic = node.resolve_topic_name(output.name)
 
     def on_mismatch(event: QoSOfferedIncompatibleQoSInfo) -> None:
         statistics.qos_mismatches[topic] += event.total_count_change
@@ -59,29 +59,12 @@ def advertise(
             "Subscribe volatile, and reliable or best effort.",
         )
 
-    events = PublisherEventCallbacks(incompatible_qos=on_mismatch)
-    qos = _qos(ReliabilityPolicy.RELIABLE)
-    return _create_publisher(node, kind, name, qos, events)
-
-
-def publisher(node: Node, kind: Any, name: str, *, latched: bool = False) -> Any:
-    """Return a reliable publisher of one message, which may be destroyed at any time.
-
-    If it is latched, later subscribers receive the last message.
-    """
-    qos = _qos(ReliabilityPolicy.RELIABLE, 1)
-    if latched:
-        qos.durability = DurabilityPolicy.TRANSIENT_LOCAL
-    events = PublisherEventCallbacks(use_default_callbacks=False)
-    return _create_publisher(node, kind, name, qos, events)
-
-
-def _create_publisher(
-    node: Node, kind: Any, name: str, qos: QoSProfile, events: PublisherEventCallbacks
-) -> Any:
-    overrides = _overrides()
     return node.create_publisher(
-        kind, name, qos, event_callbacks=events, qos_overriding_options=overrides
+        message_class(output.type),
+        output.name,
+        _qos(reliable=True, latched=output.latched, depth=1 if output.latched else QUEUE_DEPTH),
+        event_callbacks=PublisherEventCallbacks(incompatible_qos=on_mismatch),
+        qos_overriding_options=_overrides(),
     )
 
 
@@ -110,26 +93,19 @@ def subscribe(
         # The events executor (rclpy 9.1) passes both in one tuple.
         on_message(*(args if len(args) == 2 else args[0]))
 
-    events = SubscriptionEventCallbacks(use_default_callbacks=False)  # see `advertise`
-    qos = _qos(ReliabilityPolicy.BEST_EFFORT, input_depth or QUEUE_DEPTH)
-    bytes_call, overrides = cast(Any, call), _overrides() if input_depth else None
-    if latched:
-        qos.reliability = ReliabilityPolicy.RELIABLE
-        qos.durability = DurabilityPolicy.TRANSIENT_LOCAL
-    # The type hints of rclpy do not know that `raw` passes bytes.
     return node.create_subscription(
         kind,
         topic,
-        bytes_call,
-        qos,
+        cast(Any, call),  # the type hints of rclpy do not know that `raw` passes bytes
+        _qos(reliable=latched, latched=latched, depth=input_depth or QUEUE_DEPTH),
         raw=True,
-        event_callbacks=events,
-        qos_overriding_options=overrides,
+        event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),  # see `advertise`
+        qos_overriding_options=_overrides() if input_depth else None,
     )
 
 
 def message_class(type_name: str) -> Any:
-    """Return the class of a message such as ``std_msgs/msg/String``, a service or a part of it.
+    """Return the class of a message such as ``std_msgs/msg/String``, or of a part of a service.
 
     It raises an ImportError or an AttributeError if its package is not installed, or lacks it.
     """
@@ -139,13 +115,12 @@ def message_class(type_name: str) -> Any:
     return getattr(getattr(module, service), part) if service else getattr(module, name)
 
 
-def _qos(reliability: ReliabilityPolicy, depth: int = QUEUE_DEPTH) -> QoSProfile:
+def _qos(*, reliable: bool, latched: bool, depth: int) -> QoSProfile:
     """Return a new profile, because the overrides of rclpy change shared profiles in place."""
     return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
         depth=depth,
-        reliability=reliability,
-        durability=DurabilityPolicy.VOLATILE,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
     )
 
 

@@ -8,14 +8,7 @@ from linkage_vibration.bags.schemas import EMPTY, Schema
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.messages.definitions import OWN_PACKAGE, own_parts
 from linkage_vibration.messages.fields import message_fields
-from linkage_vibration.messages.topics import (
-    ADVICE,
-    LOAD_STATE,
-    MEASURED,
-    PREDICTION,
-    RESONANCE,
-    TABLE_INFO,
-)
+from linkage_vibration.ros.endpoints import OUTPUTS
 from linkage_vibration.ros.live_inputs import installed_schema
 from linkage_vibration.support.version import VERSION
 
@@ -26,7 +19,8 @@ class InterfaceError(LinkageVibrationError):
 
 def check_interfaces() -> None:
     """Raise an `InterfaceError` if installed messages, services or actions are not ours."""
-    for name in (PREDICTION, RESONANCE, LOAD_STATE, ADVICE, MEASURED, TABLE_INFO, *own_parts()):
+    messages = [output.type for output in OUTPUTS if output.type.startswith(OWN_PACKAGE)]
+    for name in (*messages, *own_parts()):
         fields = message_fields(name)
         expected = [(f.name, f.type.rpartition("/")[2], f.is_sequence) for f in fields]
         installed = list(_flat(installed_schema(name), name))

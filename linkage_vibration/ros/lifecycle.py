@@ -18,10 +18,9 @@ from rclpy.duration import Duration
 from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
-from rclpy.qos import QoSProfile
-from rclpy.service_introspection import ServiceIntrospectionState
 from std_msgs.msg import String
 
+from linkage_vibration.bags.message_types import STRING
 from linkage_vibration.bags.recorder import (
     LogLimits,
     Provenance,
@@ -29,9 +28,10 @@ from linkage_vibration.bags.recorder import (
     log_writer,
     package_versions,
 )
-from linkage_vibration.bags.writing import QUEUE_DEPTH, LogError
+from linkage_vibration.bags.writing import LogError
 from linkage_vibration.errors import LinkageVibrationError, printable
 from linkage_vibration.listening.live import sensor_monitor
+from linkage_vibration.messages.topics import TABLE_INFO
 from linkage_vibration.prediction.answers import Served, place_name
 from linkage_vibration.prediction.excitation import Excitation
 from linkage_vibration.prediction.levels import LevelTable
@@ -41,8 +41,9 @@ from linkage_vibration.prediction.settings import NODE_NAME, ParameterError, Par
 from linkage_vibration.readers.excitations import excitation_files
 from linkage_vibration.readers.sensors import Sensor, live_sensors, sensor_files
 from linkage_vibration.readers.served import read_loads, read_served
+from linkage_vibration.ros.command_line import plain_text
 from linkage_vibration.ros.diagnostics import Health, statuses
-from linkage_vibration.ros.endpoints import WARN_PERIOD, Throttle, advertise, publisher
+from linkage_vibration.ros.endpoints import OUTPUTS, WARN_PERIOD, Throttle, advertise
 from linkage_vibration.ros.interface_check import check_interfaces
 from linkage_vibration.ros.listener import Listener
 from linkage_vibration.ros.live_inputs import LiveTopic, check_output_topics, live_topics
@@ -57,14 +58,7 @@ from linkage_vibration.ros.parameter_server import (
 from linkage_vibration.ros.precedence import rest
 from linkage_vibration.ros.services import Services
 from linkage_vibration.ros.statistics import CLOCK_LEAP, Statistics
-from linkage_vibration_interfaces.msg import (
-    Advice,
-    LoadState,
-    MeasuredVibration,
-    Resonance,
-    TableInfo,
-    VibrationPrediction,
-)
+from linkage_vibration_interfaces.msg import TableInfo
 
 TRANSITIONS = {
     Transition.TRANSITION_CONFIGURE: "configure",
@@ -72,8 +66,6 @@ TRANSITIONS = {
 }
 FULFILLED = {"configure": ("inactive", "active"), "activate": ("active",)}
 """The states in which a request for a transition has been fulfilled."""
-# The packages of the services whose events can be published.
-EVENTFUL = ("linkage_vibration_interfaces.", "rcl_interfaces.", "std_srvs.")
 
 
 class LinkageVibrationNode(LifecycleNode):
@@ -103,11 +95,9 @@ class LinkageVibrationNode(LifecycleNode):
         self._sensors = list[Sensor]()
         self._recording: Recording | None = None
         self._offered: Services | None = None
-        self._outputs, self._latched = list[Any](), list[Any]()
+        self._outputs = dict[str, Any]()  # by the types of their messages
 
-        self._settings, self._faults = declare_parameters(self)
-        if self._faults and self.autostart:
-            raise next(iter(self._faults.values()))
+        self._settings = declare_parameters(self)
         self._listener = Listener(self)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._next_second = time.monotonic() + 1.0
@@ -141,28 +131,16 @@ class LinkageVibrationNode(LifecycleNode):
 
         Parameter services call this method, before rclpy checks types and ranges.
         """
-        asked, configured = new_values(self, parameter_list), self._served is not None
-        topics: dict[str, LiveTopic] = {}
-        try:
-            settings = changed(self._settings, asked, configured=configured)
-            if configured:
-                topics = live_topics(settings, self.resolve_topic_name, self._sensors)
-                check_output_topics(topics, self.resolve_topic_name)
-                input_topics(topics)  # which need their definitions
-        except LinkageVibrationError as error:
-            return SetParametersResult(successful=False, reason=str(error))
+        asked, settings = new_values(self, parameter_list), self._settings
         result = SetParametersResult(successful=True)
-        before = [self.get_parameter_or(parameter.name) for parameter in asked]
-        if asked:
-            result = super().set_parameters_atomically(asked)
-        if result.successful:
-            try:
-                self._apply(settings, topics)
-            except LinkageVibrationError as error:
-                super().set_parameters_atomically(before)
-                return SetParametersResult(successful=False, reason=str(error))
-            for parameter in parameter_list:
-                self._faults.pop(parameter.name, None)
+        try:
+            self._use(changed(settings, asked, configured=self._served is not None))
+            if asked:
+                result = super().set_parameters_atomically(asked)
+        except LinkageVibrationError as error:
+            result = SetParametersResult(successful=False, reason=str(error))
+        if not result.successful:
+            self._use(settings)
         return result
 
     def set_parameters(self, parameter_list: "list[Parameter[Any]]") -> list[SetParametersResult]:
@@ -240,8 +218,7 @@ class LinkageVibrationNode(LifecycleNode):
             try:
                 return callback(request, response)
             except (RuntimeError, ValueError) as error:
-                problem = " ".join(str(error).split())
-                self.get_logger().error(f"A request was refused: {problem}")
+                self.get_logger().error(f"A request was refused: {plain_text(error)}.")
                 return response
 
         return callback if iscoroutinefunction(callback) else call
@@ -296,8 +273,6 @@ class LinkageVibrationNode(LifecycleNode):
             raise ExternalShutdownException
 
     def _configure(self) -> None:
-        if self._faults:
-            raise next(iter(self._faults.values()))
         check_interfaces()
         settings = self._settings
         folder = log_folder(settings)
@@ -312,36 +287,22 @@ class LinkageVibrationNode(LifecycleNode):
         levels = LevelTable(served.predictor, served.mechanism, excitations)
         path = settings.sensor_path()
         self._sensors = live_sensors(path) if path else []
-        inputs = live_topics(settings, self.resolve_topic_name, self._sensors)
-        check_output_topics(inputs, self.resolve_topic_name)
+        inputs = self._input_topics(settings)
         check_qos_overrides(self, inputs)
         topics = [*input_topics(inputs), *output_topics(self)]
-        extra_topics = self._extra_topics() - {topic.name for topic in topics}
         provenance = self._provenance(served)
         sizes = settings.split_size, settings.split_duration, settings.disk_limit
         limits = LogLimits(*sizes, settings.delete_oldest)
         recorder = Recorder(folder, topics, provenance, limits, settings.compression)
-        self._recording = recording = Recording(self, recorder, extra_topics, self._throttle)
-        outputs = (
-            advertise(self, VibrationPrediction, "~/prediction", self._statistics, self._throttle),
-            advertise(self, Resonance, "~/resonance", self._statistics, self._throttle),
-            advertise(self, LoadState, "~/load_state", self._statistics, self._throttle),
-            advertise(self, MeasuredVibration, "~/measured", self._statistics, self._throttle),
-        )
-        self._outputs = [*outputs]
-        self._latched = [
-            publisher(self, kind, name, latched=True)
-            for kind, name in (
-                (TableInfo, "~/table_info"),
-                (String, "~/mechanism"),
-                (Advice, "~/advice"),
-            )
-        ]
+        self._recording = recording = Recording(self, recorder)
+        self._outputs = {
+            output.type: advertise(self, output, self._statistics, self._throttle)
+            for output in OUTPUTS
+        }
         self._predicting = Predicting(
             self,
             self._listener,
-            *outputs,
-            self._latched[2],
+            self._outputs,
             settings,
             inputs,
             served.predictor,
@@ -353,21 +314,16 @@ class LinkageVibrationNode(LifecycleNode):
         )
         self._offered = Services(self, self._serving, excitations, self._swap, levels)
         self._publish_model(served)
-        if settings.service_events != "none":
-            self._publish_service_events()
 
-    def _extra_topics(self) -> set[str]:
-        """Return the full names of the topics that are logged in addition."""
-        names = set()
-        for name in self._settings.extra_topics.split():
-            try:
-                names.add(self.resolve_topic_name(name))
-            except RuntimeError:  # of rcl; the names themselves were checked
-                raise ParameterError(
-                    f"Parameter extra_topics has a name of {len(name)} characters, {name[:40]}..., "
-                    "which is too long; ROS 2 allows 247 with the namespace."
-                ) from None
-        return names
+    def resolve_topic_name(self, topic: str, **options: Any) -> str:
+        """Return the absolute name of a topic after remapping, or raise a `ParameterError`."""
+        try:
+            return str(super().resolve_topic_name(topic, **options))
+        except RuntimeError:  # of rcl
+            raise ParameterError(
+                f"The topic {topic[:40]!r} of {len(topic)} characters has an invalid name; use "
+                "letters, digits, _ and /, and at most 247 characters with the namespace."
+            ) from None
 
     def _activate(self) -> None:
         assert self._predicting is not None
@@ -394,23 +350,9 @@ class LinkageVibrationNode(LifecycleNode):
         for part in (self._offered, self._recording):
             if part is not None:
                 part.close()
-        for output in (*self._outputs, *self._latched):
-            self.destroy_publisher(output)
-        self._outputs, self._latched = [], []
+        while self._outputs:
+            self.destroy_publisher(self._outputs.popitem()[1])
         self._offered = self._predicting = self._recording = self._served = None
-
-    def _publish_service_events(self) -> None:
-        """Publish events of the services, as the parameter service_events says.
-
-        rclpy only wraps the services of the lifecycle and of type descriptions, which rcl offers
-        itself. For these, rcl has no events and would end the process.
-        """
-        wanted = self._settings.service_events.upper()
-        state = getattr(ServiceIntrospectionState, "OFF" if wanted == "NONE" else wanted)
-        qos = QoSProfile(depth=QUEUE_DEPTH)
-        for service in self.services:
-            if service.srv_type.__module__.startswith(EVENTFUL):
-                service.configure_introspection(self.get_clock(), qos, state)
 
     def _serving(self) -> Served:
         if self._served is None:
@@ -433,9 +375,9 @@ class LinkageVibrationNode(LifecycleNode):
         )
 
     def _publish_model(self, served: Served) -> None:
-        info, mechanism, _ = self._latched
-        info.publish(_table_info(served, self._monitored, self.get_clock().now().to_msg()))
-        mechanism.publish(String(data=served.mechanism_text))
+        now = self.get_clock().now().to_msg()
+        self._outputs[TABLE_INFO].publish(_table_info(served, self._monitored, now))
+        self._outputs[STRING].publish(String(data=served.mechanism_text))
 
     def _provenance(self, served: Served) -> Provenance:
         """Return the model and the parameters that a log attaches."""
@@ -444,25 +386,31 @@ class LinkageVibrationNode(LifecycleNode):
         facts = {"table_id": served.table.table_id, "mechanism": served.mechanism.name}
         return Provenance(files, {**package_versions(), **facts, **implement_facts(served)})
 
-    def _apply(self, settings: Parameters, topics: dict[str, LiveTopic]) -> None:
-        """Use other parameters and the topics of their inputs, or keep the old ones."""
-        before, self._settings = self._settings, settings
+    def _use(self, settings: Parameters) -> None:
+        """Use other parameters from now on, unless they are in use already.
+
+        If a topic cannot be subscribed to, the parameters before have to be used again.
+        """
+        if settings == self._settings:
+            return
         predicting, recording = self._predicting, self._recording
-        if predicting is not None and recording is not None and settings != before:
-            provenance = self._provenance(self._serving())
-            with self._listener.paused():
-                for topic in input_topics(topics):
-                    recording.recorder.add_topic(topic)
-                try:
-                    predicting.apply(settings, topics)
-                except LinkageVibrationError:  # a topic cannot be subscribed to
-                    self._settings = before
-                    topics = live_topics(before, self.resolve_topic_name, self._sensors)
-                    predicting.apply(before, topics)
-                    raise
-                recording.recorder.change_provenance(provenance)
-        if settings.service_events != before.service_events:
-            self._publish_service_events()
+        if predicting is None or recording is None:
+            self._settings = settings
+            return
+        topics = self._input_topics(settings)
+        logged = input_topics(topics)  # which need their definitions
+        self._settings = settings
+        with self._listener.paused():
+            for topic in logged:
+                recording.recorder.add_topic(topic)
+            predicting.apply(settings, topics)
+            recording.recorder.change_provenance(self._provenance(self._serving()))
+
+    def _input_topics(self, settings: Parameters) -> dict[str, LiveTopic]:
+        """Return the topics of the inputs by their absolute names, which no output has."""
+        topics = live_topics(settings, self.resolve_topic_name, self._sensors)
+        check_output_topics(topics, self.resolve_topic_name)
+        return topics
 
     def _on_second(self) -> None:
         now, counts = time.monotonic(), self._statistics
@@ -472,6 +420,7 @@ class LinkageVibrationNode(LifecycleNode):
                 part.watch()
         if self._predicting is not None:
             self._predicting.judge(now)
+        name = self.get_fully_qualified_name()
         health = Health(
             self._state,
             self.problem,
@@ -479,8 +428,9 @@ class LinkageVibrationNode(LifecycleNode):
             self._served,
             self._predicting,
             self._recording,
+            same_name=self.get_fully_qualified_node_names().count(name),
         )
-        message = DiagnosticArray(status=statuses(self.get_fully_qualified_name(), health, counts))
+        message = DiagnosticArray(status=statuses(name, health, counts))
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
 
@@ -502,6 +452,8 @@ def _table_info(served: Served, excitations: Sequence[Excitation], stamp: Time) 
     table, response = served.table, served.mechanism.response
     low, high = table.alpha3_range
     sound = max(low, table.sound_range[0]), min(high, table.sound_range[1])
+    same = "table_id mechanism_name model_hash package_version n_modes"
+    same += " peak_error frf_error mode_names force_places"
     info = TableInfo(
         stamp=stamp,
         n_points=len(table.alpha3),
@@ -509,14 +461,11 @@ def _table_info(served: Served, excitations: Sequence[Excitation], stamp: Time) 
         places=[place_name(place) for place in table.places],
         excitations=[excitation.name for excitation in excitations],
         response_place=place_name((response.point, response.direction)),
+        **{name: getattr(table, name) for name in same.split()},
     )
     info.crank_angle_first, info.crank_angle_last = low, high
     info.sound_first, info.sound_last = sound
     info.band_low, info.band_high = table.band
     info.peak_band_low, info.peak_band_high = table.peak_band
     info.mode_base_shares, info.mode_body_shares, info.mode_link_shares = table.mode_shares.T
-    for name in ("table_id", "mechanism_name", "model_hash", "package_version", "n_modes"):
-        setattr(info, name, getattr(table, name))
-    for name in ("peak_error", "frf_error", "mode_names", "force_places"):
-        setattr(info, name, getattr(table, name))
     return info

@@ -80,12 +80,13 @@ class Listener:
         return counts
 
     def unsubscribe(self) -> None:
-        """Destroy all subscriptions."""
+        """Destroy all subscriptions, so that their topics can be read as other types."""
         for event in self._losses.values():
             event.destroy_when_not_in_use()
         self._losses.clear()
         for subscription in list(self._node.subscriptions):
             self._node.destroy_subscription(subscription)
+        self._spin_once(0.0)  # the executor keeps them, and so the topics, until it looks again
 
     def start(self) -> None:
         """Receive messages from now on."""
@@ -123,7 +124,13 @@ class Listener:
         self._node.destroy_node()
 
     def _spin(self) -> None:
+        while not self._stopping and self._spin_once(WAKE_PERIOD):
+            pass
+
+    def _spin_once(self, seconds: float) -> bool:
+        """Receive messages for a while; return whether there may be others."""
         with suppress(ExternalShutdownException):
-            while not self._stopping:
-                with suppress(InvalidHandle):  # a message of a subscription that was destroyed
-                    self._executor.spin_once(WAKE_PERIOD)
+            with suppress(InvalidHandle):  # a message of a subscription that was destroyed
+                self._executor.spin_once(seconds)
+            return True
+        return False

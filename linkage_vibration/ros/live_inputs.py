@@ -44,12 +44,7 @@ def live_topics(
     topics: dict[str, LiveTopic] = {}
 
     def topic_of(source: SourceSettings | Sensor) -> LiveTopic:
-        try:
-            name = resolve(source.topic)
-        except RuntimeError:  # of rcl; parameters that name topics were checked
-            hint = "use letters, digits, _ and /, as in /imu/data"
-            problem = f"{source.name}: the topic {source.topic!r} has an invalid name"
-            raise ParameterError(f"{problem}; {hint}.") from None
+        name = resolve(source.topic)
         topic = topics.setdefault(name, LiveTopic(name, source.type))
         if topic.type != source.type:
             raise ParameterError(

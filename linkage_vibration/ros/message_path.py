@@ -5,7 +5,7 @@
 import math
 import time
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import partial
 from typing import Any, TypeVar
@@ -67,6 +67,7 @@ NO_CLOCK = (
 
 _Value = TypeVar("_Value")
 _Message = tuple[str, bytes, int, MessageInfo]  # topic, bytes, time of receipt (ns), origin
+_Answers = list[tuple[str, bytes]]  # topics and bytes
 
 
 def input_topics(topics: dict[str, LiveTopic]) -> list[Topic]:
@@ -87,52 +88,20 @@ class Predicting:
     """Answers readings of the crank angle with predictions on ``~/prediction``.
 
     Once a speed is known, resonances follow on ``~/resonance`` and ``~/load_state``, at a limited
-    rate, and advice on ``~/advice`` while the load exceeds its limit.
+    rate, and advice on ``~/advice`` while the load exceeds its limit. What sensors measure follows
+    on ``~/measured``. The node's publishers are given by their types of messages. ``record`` is
+    called with the topic, the bytes, the time of receipt (ns) and the `MessageInfo` of every
+    message that is used, and with the topics and bytes of its answers.
 
-    Parameters
-    ----------
-    node, listener : Node, Listener
-        The node that publishes, and the one that subscribes.
-    predictions, resonances, load_states, measured, advice : Publisher
-        The publishers of these topics.
-    settings : Parameters
-        The parameters at the start; `apply` changes them while the listener is paused.
-    topics : dict of str to LiveTopic
-        The topics of the inputs by their names.
-    predictor : Predictor
-        Looks up the table.
-    monitor : ResonanceMonitor
-        Compares the excitations with the natural frequencies.
-    sensors : SensorMonitor, optional
-        Compares what sensors measure with the predictions.
-    record : callable
-        Called with the topic, the bytes, the time of receipt (ns) and the `MessageInfo` of every
-        message that is used, and with the topics and bytes of its answers.
-    statistics, throttle : Statistics, Throttle
-        Count the messages, and warn of those that cannot be answered.
-
-    Attributes
-    ----------
-    prediction, resonance : Prediction, MessageColumns or None
-        The last ones.
-    excitations : tuple of Excitation
-        Those that are monitored.
-    readings : ReadingWatch
-    age, stale_after : float
-        Of the last reading, s, and when it is too old.
-    reading_faults, speed_faults, clock_missing : list of Fault, and bool
-        Set by `judge`; the last says whether a simulated clock has not begun.
+    The attributes hold the last `prediction` and `resonance`, the `age` of the last reading and
+    from when on it is too old (s), and the faults that `judge` has found.
     """
 
     def __init__(
         self,
         node: Node,
         listener: Listener,
-        predictions: Any,
-        resonances: Any,
-        load_states: Any,
-        measured: Any,
-        advice: Any,
+        publishers: Mapping[str, Any],
         settings: Parameters,
         topics: dict[str, LiveTopic],
         predictor: Predictor,
@@ -148,10 +117,12 @@ class Predicting:
         self.readings, self.age = ReadingWatch(), math.nan
         self.reading_faults: list[Fault] = []
         self.speed_faults: list[Fault] = []
-        self.clock_missing = False
+        self.clock_missing = False  # whether a simulated clock has not begun
+        self.sensors = sensors
         self._node, self._clock, self._listener = node, node.get_clock(), listener
-        self._monitor, self._record = monitor, record
-        self._statistics, self._throttle = statistics, throttle
+        self._monitor, self._adviser, self._periods = monitor, Adviser(monitor), Periods()
+        self._record, self._statistics, self._throttle = record, statistics, throttle
+        self._outputs = {kind: (each.publish, each.topic_name) for kind, each in publishers.items()}
         self._topics: dict[str, LiveTopic] = {}
         self._crank: CrankInput
         self._subscribed = False
@@ -159,11 +130,6 @@ class Predicting:
         self._too_large = 0
         self._began = self._judged = self._answered = 0.0
         self._gaps: defaultdict[str, SequenceGaps] = defaultdict(SequenceGaps)
-        self._predictions, self._prediction_topic = predictions, predictions.topic_name
-        self._resonances, self._resonance_topic = resonances, resonances.topic_name
-        self._load_states, self._periods = load_states, Periods()
-        self._advice, self._adviser = advice, Adviser(monitor)
-        self._measured, self.sensors = measured, sensors
         self.apply(settings, topics)
 
     @property
@@ -172,14 +138,7 @@ class Predicting:
         return self._crank.describe(self._crank_topic)
 
     def apply(self, settings: Parameters, topics: dict[str, LiveTopic]) -> None:
-        """Use other parameters from now on.
-
-        Parameters
-        ----------
-        settings : Parameters
-        topics : dict of str to LiveTopic
-            The topics of their inputs.
-        """
+        """Use other parameters, with the topics of their inputs, while the listener is paused."""
         monitor, before = self._monitor, {(t.name, t.type) for t in self._topics.values()}
         self._topics, self._angle_stddev = topics, settings.angle_stddev
         self._fixed = {source: settings.fixed_speed(source) for source in Source}
@@ -201,13 +160,7 @@ class Predicting:
             self.subscribe()
 
     def replace(self, predictor: Predictor, mechanism: Mechanism, levels: LevelTable) -> None:
-        """Use another table while the listener is paused.
-
-        Parameters
-        ----------
-        predictor, mechanism, levels : Predictor, Mechanism, LevelTable
-            What looks it up, and what it describes.
-        """
+        """Use another table while the listener is paused."""
         self.predictor = predictor
         self._monitor.use(levels=levels)
         if self.sensors is not None:
@@ -309,7 +262,7 @@ class Predicting:
 
     def _publishers(self, topic: str) -> list[str]:
         """Return the names of the nodes that publish a topic, one for each publisher."""
-        return [one.node_name for one in self._node.get_publishers_info_by_topic(topic)]
+        return [each.node_name for each in self._node.get_publishers_info_by_topic(topic)]
 
     def _on_message(self, name: str, kind: str, data: bytes, info: MessageInfo) -> None:
         began, received = time.monotonic(), self._now()
@@ -334,7 +287,7 @@ class Predicting:
         if len(data) > MAX_BYTES:
             self._refuse_large(topic, len(data))
             return
-        message, answers = (name, data, received, info), list[tuple[str, bytes]]()
+        message, answers = (name, data, received, info), _Answers()
         used = False
         for source, speed in topic.speeds:
             value_and_time = self._read(speed.read_one, message)
@@ -344,9 +297,12 @@ class Predicting:
                 self._take_speed(source, *value_and_time, speed, name)
         for i, sensor in topic.sensors:
             sample = self._read(sensor.read_one, message)
-            if sample is not None:
+            if sample is not None and self.sensors is not None:
                 used = True
-                answers += self._listen(i, *sample)
+                stamp, frame, values = sample
+                measured = self.sensors.take(i, stamp, values)
+                if measured is not None:
+                    self._publish(MEASURED, measured, *divmod(second(stamp), 10**9), frame, answers)
         if topic.crank is not None:
             reading = self._read(topic.crank.read_one, message, self.readings.refuse)
             if reading is not None:
@@ -391,41 +347,37 @@ class Predicting:
         """Return the time of the node's clock, ns, without rclpy in a third of the time."""
         return self._clock.now().nanoseconds if self._clock.ros_time_is_active else time.time_ns()
 
-    def _listen(
-        self, sensor: int, stamp: int, frame: str, values: tuple[float, ...]
-    ) -> list[tuple[str, bytes]]:
-        """Take a sample of a sensor; publish and return what it and those before it measured."""
-        assert self.sensors is not None
-        message = self.sensors.take(sensor, stamp, values)
-        if message is None:
-            return []
-        encoded = encode_message(MEASURED, message, *divmod(second(stamp), 10**9), frame)
-        self._measured.publish(encoded)
-        return [(self._measured.topic_name, encoded)]
+    def _publish(
+        self, kind: str, message: object, sec: int, nanosec: int, frame: str, answers: _Answers
+    ) -> None:
+        """Publish one of our messages, and add its topic and its bytes to the answers."""
+        publish, topic = self._outputs[kind]
+        encoded = encode_message(kind, message, sec, nanosec, frame)
+        publish(encoded)
+        answers.append((topic, encoded))
 
     def _take_speed(
         self, source: Source, value: float, at: int, speed: SpeedInput, topic: str
     ) -> None:
-        if self._fixed[source] is None:
+        problem, fixed = "", self._fixed[source]
+        if fixed is not None:
+            name = f"{source.value}_speed"
+            problem = f"{speed.describe(topic)} is not used, as {name} is fixed at {fixed:g}."
+        elif math.isnan(value):
+            words = f"{speed.describe(topic)} has no {source.value} speed now, so it is unknown."
+            problem = f"{words} {speed.reader.note}".rstrip()
+        if fixed is None:
             self._monitor.set_speed(source, value, at)
             if self.sensors is not None:
                 self.sensors.set_speed(source, value, at)
-        problem = ""
-        if math.isnan(value):
-            words = f"{speed.describe(topic)} has no {source.value} speed now, so it is unknown."
-            problem = f"{words} {speed.reader.note}".rstrip()
         self._throttle.report(source.value, problem)
 
     def _answer(
-        self,
-        stamped: Stamped,
-        source: _Message,
-        began: float,
-        wait: float,
-        answers: list[tuple[str, bytes]],
+        self, stamped: Stamped, source: _Message, began: float, wait: float, answers: _Answers
     ) -> None:
         """Predict and publish; then count, and record the message with its answers."""
         reading, sec, nanosec, frame, at = stamped
+        header = sec, nanosec, frame
         counts, received = self._statistics, source[2]
         prediction = self.predictor.predict(reading.crank_angle, reading.stddev)
         self.prediction = prediction
@@ -433,25 +385,16 @@ class Predicting:
         if self.sensors is not None:
             self.sensors.set_angle(reading.crank_angle, stamp)
         if self._periods.is_due(stamp):
-            encoded = encode_message(PREDICTION, prediction, sec, nanosec, frame)
-            self._predictions.publish(encoded)
+            self._publish(PREDICTION, prediction, *header, answers)
             counts.latencies.append(time.monotonic() - began)
-            answers.append((self._prediction_topic, encoded))
         needed = needed and self._monitor.periods.is_due(stamp)
         velocity, error = self._velocity(reading, stamp, needed)
         if needed:
             self.resonance = self._monitor.assess(prediction, velocity, at, error)
-            encoded = encode_message(RESONANCE, self.resonance, sec, nanosec, frame)
-            self._resonances.publish(encoded)
-            answers.append((self._resonance_topic, encoded))
-            encoded = encode_message(LOAD_STATE, self.resonance, sec, nanosec, frame)
-            self._load_states.publish(encoded)
-            answers.append((self._load_states.topic_name, encoded))
+            self._publish(RESONANCE, self.resonance, *header, answers)
+            self._publish(LOAD_STATE, self.resonance, *header, answers)
             if self._adviser.is_due(float(self.resonance.total_load_ratio), stamp):
-                advice = self._adviser.answer(self.resonance)
-                encoded = encode_message(ADVICE, advice, sec, nanosec, frame)
-                self._advice.publish(encoded)
-                answers.append((self._advice.topic_name, encoded))
+                self._publish(ADVICE, self._adviser.answer(self.resonance), *header, answers)
         self._record(*source, *answers)
         self.readings.take(
             began,
@@ -466,15 +409,19 @@ class Predicting:
             counts.with_numbers += 1
         else:
             counts.without_numbers += 1
+        self._report_status(prediction)
+
+    def _report_status(self, prediction: Prediction) -> None:
+        """Warn of a reading that has no prediction, or one that is sensitive to its error."""
         invalid = prediction.status is Status.INVALID_ANGLE
+        problem = ""
         if prediction.status is not Status.OK:
             problem = f"{self.input_name}: {fault(prediction, self.predictor.table.alpha3_range)}."
-            if invalid:
-                self._throttle.report(HITCH, f"{problem} {self._crank.reader.note}".rstrip())
-            else:
-                self._throttle.warn(prediction.status.name, problem)
-        if not invalid:
-            self._throttle.report(HITCH, "")
+        if invalid:
+            problem = f"{problem} {self._crank.reader.note}".rstrip()
+        elif problem:
+            self._throttle.warn(prediction.status.name, problem)
+        self._throttle.report(HITCH, problem if invalid else "")
 
     def _velocity(self, reading: Reading, stamp: int, needed: bool) -> Rate:
         """Return the velocity of the crank, if needed: as reported, or else as estimated."""

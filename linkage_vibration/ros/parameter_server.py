@@ -10,46 +10,29 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from linkage_vibration.messages.topics import OUTPUT_TOPICS
 from linkage_vibration.prediction.settings import (
     DECLARED,
     ParameterError,
     Parameters,
-    check_value,
     converted,
     is_ros_parameter,
     with_values,
 )
-from linkage_vibration.ros.endpoints import QOS_VALUES
+from linkage_vibration.ros.endpoints import OUTPUTS, QOS_VALUES
 
 
-def declare_parameters(node: Node) -> tuple[Parameters, dict[str, ParameterError]]:
-    """Declare every parameter on a node, and return their values, and errors by parameter.
-
-    Invalid parameters get their defaults. An unknown parameter, or a ``use_sim_time`` that is not
-    true or false, raises a `ParameterError`.
-    """
+def declare_parameters(node: Node) -> Parameters:
+    """Declare every parameter on a node, and return their values; raise a `ParameterError`."""
     at_start = node.get_parameters_by_prefix("")
     given = {name: p.value for name, p in at_start.items() if not is_ros_parameter(name)}
     for name in given:
         node.undeclare_parameter(name)
     _check_sim_time(at_start.values())
-    values: dict[str, Any] = {}
-    faults: dict[str, ParameterError] = {}
+    settings = with_values(Parameters(), given)
     for name, parameter in DECLARED.items():
-        try:
-            values[name] = check_value(name, given.pop(name, parameter.default))
-        except ParameterError as error:
-            values[name], faults[name] = parameter.default, error
-        node.declare_parameter(name, values[name], _descriptor(parameter), ignore_override=True)
-    for name, value in given.items():
-        check_value(name, value)  # which raises, because no other parameter is left
-    settings = Parameters(**values)
-    try:
-        settings.check_inputs()
-    except ParameterError as error:
-        faults["calibration"] = error
-    return settings, faults
+        value = getattr(settings, name)
+        node.declare_parameter(name, value, _descriptor(parameter), ignore_override=True)
+    return settings
 
 
 def _descriptor(parameter: Any) -> ParameterDescriptor:
@@ -94,8 +77,7 @@ def check_qos_overrides(node: Node, inputs: Iterable[str]) -> None:
     ``inputs`` has the absolute names of their topics.
     """
     topics = [f"{name}.subscription" for name in inputs]
-    outputs = [topic.name for topic in OUTPUT_TOPICS if topic.name.startswith("~")]
-    topics += [f"{node.resolve_topic_name(name)}.publisher" for name in outputs]
+    topics += [f"{node.resolve_topic_name(topic.name)}.publisher" for topic in OUTPUTS]
     valid = [f"{topic}.{policy}" for topic in topics for policy in QOS_VALUES]
     for name, parameter in node.get_parameters_by_prefix("qos_overrides").items():
         if name not in valid:

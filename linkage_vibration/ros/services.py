@@ -177,8 +177,8 @@ class Services:
         predictor = self._served().predictor
         now = self._node.get_clock().now().seconds_nanoseconds()
         response.predictions, failed, shares = await self._away(_predict, predictor, request, now)
-        response.frequency_shares = _doubles(shares[:, :, 0])
-        response.damping_ratio_shares = _doubles(shares[:, :, 1])
+        response.frequency_shares = _numbers(shares[:, :, 0])
+        response.damping_ratio_shares = _numbers(shares[:, :, 1])
         if failed:
             problem = fault(predictor.predict(angles[failed[0]]), predictor.table.alpha3_range)
             response.message = (
@@ -192,11 +192,8 @@ class Services:
         answer = await self._away(
             answers.answer_frf, served, angle, *places, frequencies, exact=exact
         )
-        response.table_id = served.table.table_id
-        response.outputs = [place_name(place) for place in answer.outputs]
-        response.inputs = [place_name(place) for place in answer.inputs]
-        response.frequencies = _doubles(answer.frequencies)
-        response.real, response.imaginary = _doubles(answer.frf.real), _doubles(answer.frf.imag)
+        _fill(response, served, answer)
+        response.real, response.imaginary = _numbers(answer.frf.real), _numbers(answer.frf.imag)
 
     async def _get_ground_levels(
         self, request: GetGroundLevels.Request, response: GetGroundLevels.Response
@@ -204,26 +201,14 @@ class Services:
         served, speed = self._served(), abs(request.ground_speed)
         asked = request.crank_angle, speed, request.outputs
         answer = await self._away(answers.answer_ground, served, self._excitations, *asked)
-        response.table_id = served.table.table_id
-        response.outputs = [place_name(place) for place in answer.outputs]
-        response.levels = _doubles(answer.levels)
-        response.accelerations = _doubles(answer.accelerations)
-        response.reasons = list(answer.reasons)
-        response.off_ground_share = answer.off_ground_share
-        response.frequencies = _doubles(answer.frequencies)
-        response.densities = _doubles(answer.densities)
+        _fill(response, served, answer)
 
     async def _get_mode_shapes(
         self, request: GetModeShapes.Request, response: GetModeShapes.Response
     ) -> None:
         served = self._served()
-        modes = await self._away(answers.answer_mode_shapes, served, request.crank_angle)
-        response.table_id = served.table.table_id
-        response.natural_frequencies = _doubles(modes.natural_frequencies)
-        response.damping_ratios = _doubles(modes.damping_ratios)
-        response.places = [place_name(place) for place in modes.places]
-        response.positions = _doubles(modes.positions)
-        response.shapes = _doubles(modes.shapes)
+        answer = await self._away(answers.answer_mode_shapes, served, request.crank_angle)
+        _fill(response, served, answer)
 
     async def _get_table(self, _: object, response: GetTable.Response) -> GetTable.Response:
         try:
@@ -247,20 +232,14 @@ class Services:
             None if angles == (0.0, 0.0) else angles,
             None if speeds == (0.0, 0.0) else speeds,
         )
-        table_id = self._served().table.table_id
+        served = self._served()
         sec, nanosec = self._node.get_clock().now().seconds_nanoseconds()
         advised = await self._away(advise, self._levels, self._excitations, question)
         # The bytes of the topic, decoded, so that the service and the topic cannot differ.
-        advised.message.table_id = table_id
+        advised.message.table_id = served.table.table_id
         encoded = encode_message(ADVICE, advised.message, sec, nanosec, "")
         response.advice = deserialize_message(encoded, Advice)
-        response.regrets = _doubles(advised.regrets)
-        response.crank_angles = _doubles(advised.crank_angles)
-        response.ground_speeds = _doubles(advised.ground_speeds)
-        response.load_ratios = _doubles(advised.load_ratios)
-        response.velocities = _doubles(advised.velocities)
-        response.reasons = array("B", advised.reasons.tobytes())
-        response.reason_texts = list(advised.reason_texts)
+        _fill(response, served, advised)
 
     async def _set_implement(
         self, request: SetImplement.Request, response: SetImplement.Response
@@ -444,6 +423,21 @@ def _rebuild(
     return changed.served(predictor), levels
 
 
-def _doubles(values: NDArray[np.float64]) -> "array[float]":
+def _fill(response: Any, served: Served, answer: object) -> None:
+    """Give a response the id of the table, and what of an answer has the names of its fields."""
+    for name in response.get_fields_and_field_types():
+        match getattr(answer, name, None):
+            case np.ndarray() as numbers:
+                setattr(response, name, _numbers(numbers))
+            case tuple() as texts:
+                names = [place_name(each) if isinstance(each, tuple) else each for each in texts]
+                setattr(response, name, names)
+            case float() as number:
+                setattr(response, name, number)
+    if hasattr(response, "table_id"):
+        response.table_id = served.table.table_id
+
+
+def _numbers(values: "NDArray[np.float64 | np.uint8]") -> "array[Any]":
     """Return numbers row by row in an array, which messages accept without checking each."""
-    return array("d", np.ascontiguousarray(values, dtype=float).tobytes())
+    return array("B" if values.dtype == np.uint8 else "d", np.ascontiguousarray(values).tobytes())

@@ -2,12 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Spins the node until a signal arrives, and returns its exit code."""
 
-import signal
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
-from socket import socketpair
-from threading import Thread
+from collections.abc import Callable
+from contextlib import closing
 from warnings import catch_warnings, simplefilter
 
 import rclpy
@@ -31,7 +28,7 @@ SWITCH_INTERVAL = 2e-4  # s
 
 
 def run(args: list[str] | None, stop_asked: Callable[[], bool]) -> int:
-    """Run the node until a signal arrives, and return the exit code.
+    """Run the node until a signal arrives, which is seen within a second; return the exit code.
 
     The arguments are those of the process by default. ``stop_asked`` returns whether a signal has
     arrived: rclpy, which does not handle signals here, would end the context while a callback is
@@ -72,34 +69,8 @@ def _spin(node: LinkageVibrationNode, stop_asked: Callable[[], bool]) -> None:
         )
     node.executor = executor = SingleThreadedExecutor()
     try:
-        with _woken_by_signals(executor):
-            while rclpy.ok() and not stop_asked():
-                node.serve(executor)
+        while rclpy.ok() and not stop_asked():
+            node.serve(executor)
     finally:
         executor.shutdown()  # before the node's entities are destroyed
         node.executor = None  # no waiting request can be answered any more
-
-
-@contextmanager
-def _woken_by_signals(executor: SingleThreadedExecutor) -> Iterator[None]:
-    """End the waiting of an executor when a signal arrives, whose handler runs only then.
-
-    Frequent checks for a signal would cost more than ten readings a second.
-    """
-    receiver, sender = socketpair()
-    sender.setblocking(False)
-
-    def wake() -> None:
-        while receiver.recv(1):
-            executor.create_task(lambda: None)
-
-    thread = Thread(target=wake, name="linkage_vibration_signals")
-    thread.start()
-    before = signal.set_wakeup_fd(sender.fileno())
-    try:
-        yield
-    finally:
-        signal.set_wakeup_fd(before)
-        sender.close()
-        thread.join()
-        receiver.close()

@@ -59,7 +59,6 @@ def test_whole_numbers_may_stand_for_doubles() -> None:
         ("record", 1),
         ("joint_name", True),
         ("joint_name", 5.0),
-        ("service_events", False),
     ):
         with pytest.raises(ParameterError, match=name):
             check_value(name, value)
@@ -86,7 +85,7 @@ def test_what_is_not_valid_is_refused_in_words(name: str, value: object) -> None
 def test_what_is_not_valid_may_be_left_empty(value: str) -> None:
     """An empty text is no example of a value, so the error says what it is for."""
     with pytest.raises(ParameterError, match=r"must be .*, not .*; leave it empty if you do not"):
-        check_value("extra_topics", value)
+        check_value("hitch_topic", value)
 
 
 def test_ranges_hold_at_their_ends() -> None:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from linkage_vibration.messages.columns import MessageColumns
@@ -120,6 +121,7 @@ def healthy(**changes: Any) -> Health:
         ({"age": math.nan}, STALE, "has not received joint hitch on /joint_states."),
         ({"second": replace(QUIET, without_numbers=0.25)}, WARN, "25 % of the crank angles"),
         ({"second": replace(QUIET, clock_jumps=1)}, WARN, "clock has jumped"),
+        ({"same_name": 2}, WARN, "2 nodes have this name"),
         ({"second": replace(QUIET, qos_mismatches=1)}, WARN, "that of /prediction"),
         (
             {"prediction": UNCERTAIN},
@@ -176,11 +178,11 @@ def test_most_serious_problem_first(changes: dict[str, Any], level: bytes, words
         ("log", {"recorder": recorder(dropped=3)}, WARN, "3 messages are missing in the log"),
         ("log", {"recorder": recorder(error="disk full")}, ERROR, "disk full"),
         ("log", {"log_problem": "no such folder"}, ERROR, "no such folder"),
-        ("input", {}, OK, "have no known fault"),
+        ("input", {}, OK, "No fault is known of joint hitch"),
         ("input", {"reading_faults": [Fault(Level.ERROR, "Degrees.")]}, ERROR, "Degrees."),
-        ("input", {"second": replace(QUIET, lost=1)}, OK, "have no known fault"),
+        ("input", {"second": replace(QUIET, lost=1)}, OK, "No fault is known of joint hitch"),
         ("input", {"second": replace(QUIET, lost=2)}, WARN, "2 messages of /a were lost"),
-        ("input", {"second": replace(QUIET, wait=0.49)}, OK, "have no known fault"),
+        ("input", {"second": replace(QUIET, wait=0.49)}, OK, "No fault is known of joint hitch"),
         (
             "input",
             {"second": replace(QUIET, wait=0.51, dropped=40)},
@@ -267,7 +269,7 @@ def test_wall_clock_that_was_set() -> None:
 
 
 def test_once_a_second_over_dds(start: Callable[..., Any], meet: Callable[[str], Any]) -> None:
-    """The node reports rate, age and latency, and later that its input is missing."""
+    """The node reports rate, age and latency, a second node of its name, and a missing input."""
     node = start(name="diagnosed", engine_speed=2000.0)
     peer = meet("diagnosed")
     received: list[Any] = []
@@ -289,6 +291,9 @@ def test_once_a_second_over_dds(start: Callable[..., Any], meet: Callable[[str],
     assert float(values["input rate [Hz]"]) > 0.0
     assert 0.0 < float(values["latency p50 [ms]"]) <= float(values["latency p99 [ms]"])
     assert values["resonance"] in ("clear", "note", "warning")
+    twin = rclpy.create_node("diagnosed", context=peer.node.context)
+    until(lambda: "2 nodes have this name" in own()[-1].message, "a second node", publish)
+    twin.destroy_node()
     peer.spin(lambda: own()[-1].level == STALE, "level STALE")
     assert "joint hitch_rockshaft_joint on /joint_states" in own()[-1].message
     assert node.stop() == 0

@@ -4,7 +4,10 @@
 
 import ast
 import importlib.util
+import subprocess
+import sys
 from dataclasses import fields
+from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
@@ -15,6 +18,8 @@ from linkage_vibration.support.resources import share_directory
 
 PYTHON = share_directory() / "launch" / "linkage_vibration.launch.py"
 XML = share_directory() / "launch" / "linkage_vibration.launch.xml"
+LAUNCHED = Path(__file__).with_name("launched_node.py")
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def overrides() -> dict[str, str]:
@@ -109,3 +114,12 @@ def test_arguments_that_were_not_given(context: Any) -> None:
     context.launch_configurations.update({"record": "false", "joint_name": "5"})
     found = {name: value.evaluate(context) for name, value in launched().given(context).items()}
     assert found == {"joint_name": "5", "record": False}
+
+
+def test_launched_node(environment: dict[str, str]) -> None:
+    """A launch test starts the node by our launch file, which answers and ends cleanly."""
+    pytest.importorskip("launch_testing", reason="launch_testing comes with a ROS 2 install only")
+    test = [sys.executable, "-m", "launch_testing.launch_test", str(LAUNCHED)]
+    done = subprocess.run(test, cwd=ROOT, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "Ran 1 test" in done.stderr + done.stdout

@@ -150,17 +150,6 @@ def test_failed_configuration_can_be_repeated(managed: Callable[..., Any]) -> No
     assert "is read when the node is configured" in result.reason
 
 
-def test_invalid_parameters_can_be_corrected(managed: Callable[..., Any]) -> None:
-    """A managed node with invalid parameters cannot be configured until they are set."""
-    node = managed("-p", "sign:=3", "-p", "scale:=.nan")
-    for name, value in (("sign", -1), ("scale", 2)):
-        assert node.trigger_configure() is FAILURE
-        assert f"Parameter {name} must be" in node.problem
-        [result] = node.set_parameters([Parameter(name, value=value)])
-        assert result.successful
-    assert node.trigger_configure() is SUCCESS
-
-
 def test_table_of_another_mechanism_is_refused(managed: Callable[..., Any]) -> None:
     """The shipped table does not belong to the as-printed linkage."""
     mechanism = config_file("three_point_linkage_as_printed.yaml")
@@ -172,11 +161,11 @@ def test_table_of_another_mechanism_is_refused(managed: Callable[..., Any]) -> N
 
 def test_name_that_is_too_long_is_refused(managed: Callable[..., Any]) -> None:
     """ROS 2 limits the length of a topic with its namespace; the node says so."""
-    node = managed("-p", f"extra_topics:={'a' * 247}")
+    node = managed("-p", f"hitch_topic:={'a' * 247}")
     assert node.trigger_configure() is FAILURE
-    assert "Parameter extra_topics has a name of 247 characters" in node.problem
+    assert "of 247 characters has an invalid name; use letters" in node.problem
     assert "report" not in node.problem
-    [result] = node.set_parameters([Parameter("extra_topics", value="a" * 246)])
+    [result] = node.set_parameters([Parameter("hitch_topic", value="a" * 246)])
     assert result.successful
     assert node.trigger_configure() is SUCCESS
 
@@ -281,14 +270,33 @@ def test_topics_of_the_node_itself_are_refused(
     assert node.trigger_activate() is SUCCESS
     before, settings = entities(node), node._settings
     result = node.set_parameters_atomically(
-        [Parameter("service_events", value="metadata"), Parameter("engine_topic", value=topic)]
+        [Parameter("near_margin", value=0.2), Parameter("engine_topic", value=topic)]
     )
     assert not result.successful
     assert words in result.reason
     assert node.get_parameter("engine_topic").value == ""
-    assert node.get_parameter("service_events").value == "none"
+    assert node.get_parameter("near_margin").value == 0.1
     assert (entities(node), node._settings) == (before, settings)
     assert node.set_parameters([Parameter("engine_topic", value="/rpm")])[0].successful
+
+
+def test_topic_is_read_as_another_type(managed: Callable[..., Any]) -> None:
+    """The topic of one input can become that of another, live and between two activations."""
+    node = managed()
+    assert node.trigger_configure() is SUCCESS
+    assert node.trigger_activate() is SUCCESS
+    topics = [("/other", "/joint_states"), ("", "")]  # of the hitch and of the engine
+
+    def exchange(hitch: str, engine: str) -> Any:
+        values = {"hitch_topic": hitch, "engine_topic": engine}
+        return node.set_parameters_atomically([Parameter(n, value=v) for n, v in values.items()])
+
+    for names in topics:
+        assert exchange(*names).successful
+    for names in topics:
+        assert node.trigger_deactivate() is SUCCESS
+        assert exchange(*names).successful
+        assert node.trigger_activate() is SUCCESS, node.problem
 
 
 def test_descriptors(managed: Callable[..., Any]) -> None:

@@ -10,6 +10,7 @@ import pytest
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 
+from linkage_vibration.messages.topics import PREDICTION
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.prediction.settings import Parameters
@@ -44,7 +45,7 @@ class Bench:
         listener = SimpleNamespace(subscribe=self._subscribe, lost=Counter)
         throttle = SimpleNamespace(warn=lambda *_: None, report=lambda *_: None)
         self.path = Predicting(
-            *(node, listener, *(topic,) * 5, Parameters()),  # type: ignore[arg-type]
+            *(node, listener, {PREDICTION: topic}, Parameters()),  # type: ignore[arg-type]
             live_topics(Parameters(), lambda name: f"/{name}"),
             Predictor(load_table(config_file(PAPER_TABLE))),
             ResonanceMonitor(read_excitations(Parameters().excitation_path())),

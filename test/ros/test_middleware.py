@@ -104,7 +104,6 @@ def test_own_parameters_are_loaded_again(peer: Peer, tmp_path: Path) -> None:
             inside = inside.setdefault(part, {})
         plain = parameter_value_to_python(value)
         inside[last] = list(plain) if isinstance(plain, array) else plain
-    assert dump["service_events"] == "none"
     assert dump["qos_overrides"]["/engine_speed"]["subscription"]["depth"] == 3
     path = tmp_path / "middle.yaml"
     path.write_text(yaml.dump({"/middle": {"ros__parameters": dump}}, default_flow_style=False))
@@ -121,7 +120,7 @@ def test_own_parameters_are_loaded_again(peer: Peer, tmp_path: Path) -> None:
     assert set_as_a_shell("joint_name", "123").successful
     assert peer.ask(["123"], [2.25]).crank_angle == 2.25
     assert set_as_a_shell("joint_name", JOINT).successful
-    assert "must be none or metadata or contents" in set_as_a_shell("service_events", "off").reason
+    assert "must be none or lz4 or zstd" in set_as_a_shell("compression", "off").reason
     refused = set_as_a_shell(f"qos_overrides.{MIDDLE}.durability", "volatile")
     assert "is read at the start" in refused.reason
 

@@ -19,6 +19,7 @@ PACKAGES = {
     "clang": "clang",
     "cmake": "cmake",
     "cppcheck": "cppcheck",
+    "dpkg": "dpkg",
     "gcc": "gcc",
     "i686-linux-gnu-gcc": "gcc-i686-linux-gnu",
     "nm": "binutils",
