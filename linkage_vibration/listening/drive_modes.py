@@ -17,8 +17,8 @@ from linkage_vibration.listening.gates import (
     wheelbase_lines,
     window_doubt,
 )
-from linkage_vibration.listening.output_only import Candidate, identify, mac
-from linkage_vibration.listening.segments import find_segments, over_phase
+from linkage_vibration.listening.output_only import Candidate, Steps, identify, mac
+from linkage_vibration.listening.segments import find_segments, over_phase, phase_rate
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import Place
@@ -73,7 +73,7 @@ class DriveMode:
         return None if math.isnan(self.difference) else abs(self.difference) <= INTERVAL
 
 
-def listen_modes(
+def search_modes(
     table: Table,
     mechanism: Mechanism,
     times: FloatArray,
@@ -82,8 +82,10 @@ def listen_modes(
     crank_angle: FloatArray,
     speeds: Mapping[Source, FloatArray],
     excitations: Sequence[Excitation] = (),
-) -> tuple[DriveMode, ...]:
-    """Return the modes at each height of a drive, by height and mode, with doubtful ones.
+    *,
+    damped: bool = True,
+) -> Steps[tuple[DriveMode, ...]]:
+    """Return the modes at each height of a drive; it yields between parts of some milliseconds.
 
     Parameters
     ----------
@@ -99,6 +101,8 @@ def listen_modes(
         rpm and m/s; NaN where they are not known. Wheels need the speed over ground.
     excitations
         Orders that hide modes, and the terrain. Without one, wheels roll on a usual one.
+    damped : bool
+        Whether modes are sought that are doubted anyway, as they are too damped.
     """
     signals = np.asarray(signals, dtype=float)
     arrays = [signals, crank_angle, *speeds.values()]
@@ -118,16 +122,15 @@ def listen_modes(
         excitations = *excitations, _GROUND
     speeds = {source: np.abs(speed) for source, speed in speeds.items()}  # also in reverse
     drive = _Drive(table, mechanism, times, signals, tuple(places), angle, predicted)
-    return tuple(
-        mode
-        for segments in find_segments(times, angle)
-        for mode in _at_height(drive, segments, speeds, excitations)
-    )
+    modes: list[DriveMode] = []
+    for segments in find_segments(times, angle):
+        modes += yield from _at_height(drive, segments, speeds, excitations, damped)
+    return tuple(modes)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Drive:
-    """The arguments of `listen_modes`, and the predicted frequencies."""
+    """The arguments of `search_modes`, and the predicted frequencies."""
 
     table: Table
     mechanism: Mechanism
@@ -143,7 +146,8 @@ def _at_height(
     segments: Sequence[slice],
     speeds: dict[Source, FloatArray],
     excitations: Sequence[Excitation],
-) -> list[DriveMode]:
+    damped: bool,
+) -> Steps[list[DriveMode]]:
     """Return the modes that segments at one height show."""
     table, rows = drive.table, np.concatenate([np.r_[each] for each in segments])
     alpha3 = float(drive.angle[rows].mean())
@@ -157,25 +161,29 @@ def _at_height(
     given = 1.0 / float(drive.times[1] - drive.times[0])
     modes = []
     for mode in np.flatnonzero((means > _LOWEST) & (means < _HIGHEST * given)).tolist():
-        windows, rate, mean = over_phase(
-            drive.times, drive.signals, segments, drive.predicted[:, mode]
-        )
+        mean = float(np.mean([drive.predicted[part, mode].mean() for part in segments]))
+        too_damped = damping_doubt(float(ratios[mode]))
+        if too_damped and not damped:
+            continue
+        windows, rate = [], phase_rate(mean, given)
+        for part in segments:
+            yield
+            predicted = drive.predicted[part, mode]
+            windows.append(over_phase(drive.signals[part], predicted, mean, given))
         lag = 1 + math.ceil(rate * wheelbase(drive.mechanism) / slowest)
-        found = identify(windows, rate, (_AROUND[0] * mean, _AROUND[1] * mean), lag)
+        found = yield from identify(windows, rate, (_AROUND[0] * mean, _AROUND[1] * mean), lag)
         best = _best(found, mode, means, shapes)
         if best is None:
             continue
-        over_time = best.frequency / mean * drive.predicted[:, mode]
-        doubts = [
-            order_doubt(
-                over_time[part], {s: speed[part] for s, speed in speeds.items()}, excitations
-            )
-            for part in segments
-        ]
-        doubt = next(filter(None, doubts), "") or window_doubt(windows, rate, lag, best)
-        doubt = doubt or damping_doubt(float(ratios[mode]))
+        doubt, over_time = "", best.frequency / mean * drive.predicted[:, mode]
+        for part in segments:
+            yield
+            there = {source: speed[part] for source, speed in speeds.items()}
+            doubt = doubt or order_doubt(over_time[part], there, excitations)
+        doubt = doubt or (yield from window_doubt(windows, rate, lag, best)) or too_damped
         for each in excitations:
             if not doubt and rolls and each.terrain is not None:
+                yield
                 at = np.quantile(ground[ground > STANDS], (0.05, 0.35, 0.65, 0.95)).tolist()
                 place = drive.places[int(np.abs(best.shape).argmax())]
                 terrain = replace(each.terrain, raised=True)  # A tool in the soil ends no rolling.

@@ -11,6 +11,7 @@ from linkage_vibration.listening.output_only import (
     ALIKE,
     ORDERS,
     Candidate,
+    Steps,
     covariances,
     mac,
     poles_and_shapes,
@@ -108,10 +109,11 @@ def damping_doubt(ratio: float) -> str:
 
 def window_doubt(
     windows: Sequence[FloatArray], rate: float, first_lag: int, candidate: Candidate
-) -> str:
+) -> Steps[str]:
     """Return that fewer than `WINDOWS` windows, (n, n_channels), show a mode; else nothing."""
     shown = 0
     for window in windows:
+        yield
         scale = window.std(axis=0)
         sums, counts = covariances([window / scale], first_lag, len(window))
         if not len(counts):

@@ -19,7 +19,7 @@ from linkage_vibration.listening.amplitudes import (
     predicted_levels,
     unit_responses,
 )
-from linkage_vibration.listening.drive_modes import DriveMode, listen_modes
+from linkage_vibration.listening.drive_modes import DriveMode, search_modes
 from linkage_vibration.listening.exposure import ACTION, LIMIT, WEIGHTED, Exposure, kinds_of_work
 from linkage_vibration.listening.model_check import (
     WARNING,
@@ -29,6 +29,7 @@ from linkage_vibration.listening.model_check import (
     verdict,
 )
 from linkage_vibration.listening.orders import SECONDS, Orders, track_orders
+from linkage_vibration.listening.output_only import finish
 from linkage_vibration.listening.segments import SHORTEST
 from linkage_vibration.listening.signals import Signal, known_at
 from linkage_vibration.listening.spectra import levels, spectrogram
@@ -132,7 +133,7 @@ def heard_modes(log: Log, heard: Sequence[Heard]) -> tuple[DriveMode, ...]:
         return ()
     speeds = {source: known_at(times, *each) for source, each in all_speeds(log).items()}
     arguments = times, values[:, alive], [places[i] for i in alive], angle, speeds, log.excitations
-    return listen_modes(log.table, log.mechanism, *arguments)
+    return finish(search_modes(log.table, log.mechanism, *arguments))
 
 
 def modes_answer(log: Log, modes: Sequence[DriveMode]) -> str:

@@ -5,6 +5,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,10 +16,10 @@ from linkage_vibration.listening.drive_modes import (
     DriveError,
     DriveMode,
     _best,
-    listen_modes,
     model_shapes,
+    search_modes,
 )
-from linkage_vibration.listening.output_only import Candidate, mac
+from linkage_vibration.listening.output_only import Candidate, finish, mac
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
@@ -26,6 +27,11 @@ from linkage_vibration.prediction.excitation import Excitation, Source, excitati
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import Table, load_table
+
+
+def listen_modes(*given: Any) -> tuple[DriveMode, ...]:
+    """Return the modes of a drive without pauses."""
+    return finish(search_modes(*given))
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from linkage_vibration.listening.gates import (
     wheelbase_lines,
     window_doubt,
 )
-from linkage_vibration.listening.output_only import Candidate
+from linkage_vibration.listening.output_only import Candidate, finish
 from linkage_vibration.prediction.excitation import Source, excitations_from_mapping
 from linkage_vibration.prediction.ground import Terrain
 from linkage_vibration.readers.mechanism import read_mechanism
@@ -123,4 +123,4 @@ def test_windows(shown: int, doubt: str) -> None:
         noise2 = 0.05 * signal.std() * random.standard_normal((n, 2))
         windows.append(np.outer(signal, [1.0, 0.5]) + noise2)
     mode = Candidate(2.0, 0.02, np.array([1.0, 0.5], dtype=complex), 0.01, 0.001)
-    assert window_doubt(windows, RATE, 1, mode) == doubt
+    assert finish(window_doubt(windows, RATE, 1, mode)) == doubt

@@ -109,7 +109,7 @@ def test_no_mode_is_sought_in_a_gap(log: Log, gap: float, monkeypatch: pytest.Mo
         given.extend(arguments)
         return ()
 
-    monkeypatch.setattr(listening_page, "listen_modes", listen)
+    monkeypatch.setattr(listening_page, "search_modes", listen)
     whole, late = shaken(log, 0.0, 0.0), shaken(log, 5.0, 0.0)
     kept = (whole.times < 10.0) | (whole.times > 10.0 + gap)
     whole = replace(whole, times=whole.times[kept], values=whole.values[kept])
@@ -152,7 +152,7 @@ def test_a_dead_axis_and_sensors_that_hardly_meet(
         places.append(arguments[4])
         return ()
 
-    monkeypatch.setattr(listening_page, "listen_modes", listen)
+    monkeypatch.setattr(listening_page, "search_modes", listen)
     signal = shaken(log, 0.0, 0.0)
     one, dead = (replace(signal, values=signal.values * gain) for gain in ([0, 0, 1], [0, 0, 0]))
     heard = [hear(log, one), hear(log, dead)]
