@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from linkage_vibration.drawing.intervals import gap_starts
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.listening.exposure import STANDS
 from linkage_vibration.listening.gates import (
@@ -18,7 +19,8 @@ from linkage_vibration.listening.gates import (
     window_doubt,
 )
 from linkage_vibration.listening.output_only import Candidate, Steps, identify, mac
-from linkage_vibration.listening.segments import find_segments, over_phase, phase_rate
+from linkage_vibration.listening.segments import SHORTEST, find_segments, over_phase, phase_rate
+from linkage_vibration.listening.signals import Signal, known_at
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import Place
@@ -33,6 +35,7 @@ _MODEL = 0.12  # standard deviation of ln(frequency) of a model, where modes are
 _ALIKE = 0.5  # least MAC of a measured shape and that of the model
 _LINE = "a line of the wheelbase"
 _GROUND = Excitation(_LINE, Source.GROUND, math.nan, terrain=Terrain(64e-6))  # class B
+_BESIDE = 0.2  # s on both sides of a gap
 _LOWEST, _HIGHEST = 0.5, 0.3  # Hz of a mode, and its share of the sampling rate
 
 
@@ -118,14 +121,52 @@ def search_modes(
     predicted = np.full((len(times), table.n_modes), np.nan)
     known = np.isfinite(angle)
     predicted[known] = table.evaluate(angle[known])[:, : table.n_modes]
+    yield
     if wheelbase(mechanism) and not any(each.terrain for each in excitations):
         excitations = *excitations, _GROUND
     speeds = {source: np.abs(speed) for source, speed in speeds.items()}  # also in reverse
     drive = _Drive(table, mechanism, times, signals, tuple(places), angle, predicted)
     modes: list[DriveMode] = []
     for segments in find_segments(times, angle):
+        yield
         modes += yield from _at_height(drive, segments, speeds, excitations, damped)
     return tuple(modes)
+
+
+def search_signals(
+    table: Table,
+    mechanism: Mechanism,
+    signals: Sequence[Signal],
+    crank_angle: tuple[FloatArray, FloatArray],
+    speeds: Mapping[Source, tuple[FloatArray, FloatArray]],
+    excitations: Sequence[Excitation],
+    *,
+    damped: bool = True,
+) -> Steps[tuple[DriveMode, ...]]:
+    """Return the modes that accelerations of several sensors show together, as `search_modes`.
+
+    The angle and the speeds are times, s, and values, rad, rpm or m/s.
+    """
+    # A clock that is set far into the future makes no time at which the angle is known.
+    first = max(crank_angle[0][0], *(s.times[0] for s in signals))
+    last = min(crank_angle[0][-1], *(s.times[-1] for s in signals))
+    if last - first < SHORTEST:
+        return ()
+    times = np.arange(first, last, 1.0 / max(s.rate for s in signals))
+    angle = known_at(times, *crank_angle)
+    for signal in signals:  # The values in gaps are interpolated, but no mode is sought there.
+        for i in gap_starts(signal.times).tolist():
+            start, end = signal.times[i : i + 2] + np.array([-_BESIDE, _BESIDE])
+            angle[(times > start) & (times < end)] = math.nan
+    values = np.hstack([signal.at(times)[:, [0, 2]] for signal in signals])
+    places = [(signal.sensor.at, axis) for signal in signals for axis in "xz"]
+    alive = np.flatnonzero(np.ptp(values, axis=0)).tolist()  # An axis may not be measured.
+    if not alive:
+        return ()
+    yield
+    known = {source: known_at(times, *each) for source, each in speeds.items()}
+    drive = times, values[:, alive], [places[i] for i in alive], angle, known, excitations
+    return (yield from search_modes(table, mechanism, *drive, damped=damped))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -183,11 +224,12 @@ def _at_height(
         doubt = doubt or (yield from window_doubt(windows, rate, lag, best)) or too_damped
         for each in excitations:
             if not doubt and rolls and each.terrain is not None:
-                yield
                 at = np.quantile(ground[ground > STANDS], (0.05, 0.35, 0.65, 0.95)).tolist()
                 place = drive.places[int(np.abs(best.shape).argmax())]
                 terrain = replace(each.terrain, raised=True)  # A tool in the soil ends no rolling.
-                lines = wheelbase_lines(table, drive.mechanism, terrain, place, alpha3, at)
+                lines = yield from wheelbase_lines(
+                    table, drive.mechanism, terrain, place, alpha3, at
+                )
                 doubt = line_doubt(best.frequency, mean, lines)
         modes.append(
             DriveMode(

@@ -101,7 +101,7 @@ def poles_and_shapes(
     gram, shifted = left[:-n].T @ left[:-n], left[:-n].T @ left[n:]
     results = []
     for order in orders:
-        step = np.linalg.solve(gram[:order, :order], shifted[:order, :order])
+        step = np.linalg.lstsq(gram[:order, :order], shifted[:order, :order], rcond=None)[0]
         values, vectors = np.linalg.eig(step)
         kept = (values.imag > 0.0) & (np.abs(values) > 0.0)
         shapes = left[:n, :order] @ vectors[:, kept]
@@ -134,13 +134,15 @@ def identify(
     scale = np.sqrt(np.mean([(window**2).mean(axis=0) for window in windows], axis=0))
     if not scale.all():  # A channel that shows nothing has no shape.
         return []
+    yield
     windows = [window / scale for window in windows]
     sums, counts = covariances(windows, first_lag, round(block_seconds * rate))
     n = len(counts)
     if n < 4:  # The deviation of fewer blocks says nothing.
         return []
-    mean = sums.sum(axis=0) / counts.sum()
-    diagram = poles_and_shapes(mean, rate)
+    yield
+    diagram = poles_and_shapes(sums.sum(axis=0) / counts.sum(), rate)
+    yield
     clusters = stable_poles(diagram, band)
     if not clusters:
         return []

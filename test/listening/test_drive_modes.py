@@ -19,7 +19,7 @@ from linkage_vibration.listening.drive_modes import (
     model_shapes,
     search_modes,
 )
-from linkage_vibration.listening.output_only import Candidate, finish, mac
+from linkage_vibration.listening.output_only import Candidate, Steps, finish, mac
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
@@ -105,7 +105,12 @@ def test_lines_of_wheels_that_roll(
 
     At 0.05 of its speed, the machine stands.
     """
-    monkeypatch.setattr(drive_modes, "wheelbase_lines", lambda *_: np.array([8.16]))
+
+    def lines(*_: object) -> Steps[FloatArray]:
+        yield
+        return np.array([8.16])
+
+    monkeypatch.setattr(drive_modes, "wheelbase_lines", lines)
     doubt = heave_doubt(arguments, drive, excitations, ground=speed * drive.speeds["ground"])
     assert doubt.startswith("the wheelbase makes a line at 8.16 Hz") == doubted
 

@@ -81,7 +81,7 @@ def test_lines_of_the_wheelbase() -> None:
     table = load_table(config_file(f"tables/{name}.npz"))
     mechanism = read_mechanism(config_file(f"{name}.yaml"))
     arguments = table, mechanism, Terrain(64e-6), ("E1", "z"), math.radians(165.0)
-    lines = wheelbase_lines(*arguments, [20.0 / 3.6])
+    lines = finish(wheelbase_lines(*arguments, [20.0 / 3.6]))
     for hertz in (5.69, 9.6, 12.1):
         assert np.abs(lines / hertz - 1.0).min() < 0.03
     modes = table.evaluate(np.radians([165.0]))[0, : table.n_modes]
@@ -90,10 +90,10 @@ def test_lines_of_the_wheelbase() -> None:
     single = replace(mechanism.base, mounts=mechanism.base.mounts[:1])
     for base in (single, None):
         fewer = replace(mechanism, base=base)
-        assert len(wheelbase_lines(table, fewer, *arguments[2:], [20.0 / 3.6])) == 0
+        assert len(finish(wheelbase_lines(table, fewer, *arguments[2:], [20.0 / 3.6]))) == 0
     places = tuple((name.replace("rear_axle", "E3"), axis) for name, axis in table.places)
     lacking = replace(table, places=places), *arguments[1:]
-    assert np.isnan(wheelbase_lines(*lacking, [20.0 / 3.6])).all()
+    assert np.isnan(finish(wheelbase_lines(*lacking, [20.0 / 3.6]))).all()
 
 
 @pytest.mark.parametrize(

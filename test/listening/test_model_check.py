@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from linkage_vibration.listening.drive_modes import DriveError, DriveMode
@@ -16,8 +17,10 @@ from linkage_vibration.mechanics.paths import with_numbers
 from linkage_vibration.readers.mechanism import load_yaml, read_mechanism
 from linkage_vibration.studies.calibration import read_calibration
 from linkage_vibration.support.resources import config_file
+from linkage_vibration.table.table import load_table
 
 FILE = config_file("three_point_linkage_on_tractor.yaml")
+TABLE = "tables/three_point_linkage_on_tractor.npz"
 MASS = "rigid_bodies.implement.mass"
 MODE = DriveMode(2.5, 3, 8.0, 0.08, 0.003, 7.6, 0.038, 0.02, 0.002, (30.0,))
 
@@ -34,11 +37,15 @@ def test_a_heavier_implement_explains_its_modes() -> None:
             predicted, found = (float(each[mode]) for each in pairs)
             values = predicted, 0.08, 0.001, found, 0.002 * found
             modes.append(DriveMode(alpha3, mode, *values, 0.02, 0.002, (30.0,)))
-    best = explanations(model, modes)[0]
+    table, mechanism = load_table(config_file(TABLE)), read_mechanism(FILE)
+    best = explanations(table, mechanism, modes)[0]
     assert best.path == MASS
     assert best.change == pytest.approx(1.0, abs=0.1)
     assert best.left < 0.1
-    assert explanations(model, [replace(each, doubt="a reason") for each in modes]) == ()
+    doubted = [replace(each, doubt="a reason") for each in modes]
+    assert explanations(table, mechanism, doubted) == ()
+    bare = replace(table, ensemble_alpha3=np.empty(0))
+    assert explanations(bare, mechanism, modes) == ()
 
 
 def test_sentences() -> None:
@@ -58,12 +65,12 @@ def test_sentences() -> None:
 
 def test_targets(tmp_path: Path) -> None:
     """A calibration reads the targets of modes without doubts; without any there is an error."""
-    doubted = replace(MODE, doubt="a reason")
+    doubted, table = replace(MODE, doubt="a reason"), load_table(config_file(TABLE))
     path = tmp_path / "fit.yaml"
-    path.write_text(drive_targets([MODE, doubted], FILE, path))
+    path.write_text(drive_targets([MODE, doubted], table, FILE, path))
     [target] = read_calibration(path).targets
     assert (target.mode, target.frequency) == (4, 7.6)
     assert target.at == pytest.approx(2.5)
     assert target.deviation == pytest.approx(math.hypot(0.005, 0.003), rel=1e-2)
     with pytest.raises(DriveError, match="No mode of the drive is without doubt"):
-        drive_targets([doubted], FILE, path)
+        drive_targets([doubted], table, FILE, path)
