@@ -30,8 +30,8 @@ ANGLE, RATE, JOINT = 2.3, 20.0, "sensor_msgs/msg/JointState"  # rad, Hz
 
 HEAD = ["recording", "samples", "`~/measured`", "Hz", "doubts", "first sentence of `listen`"]
 SOURCES = (
-    "Bags of ROS 1 with one IMU were read by `listen`, and by `replay --sensors` (how many messages "
-    "on `~/measured`): a quadcopter (`ardrone_imu`) and two sensors in a hand from "
+    "Bags of ROS 1 with one IMU were read by `listen`, and by `replay --sensors` (how many "
+    "messages on `~/measured`): a quadcopter (`ardrone_imu`) and two IMUs alone from "
     "[imu_tools](https://github.com/CCNYRoboticsLab/imu_tools) (imu_filter_madgwick/sample, commit "
     "4b8d5db), and two robots on wheels (`rl_test1`, `rl_test2`: test1.bag and test2.bag) from "
     "[robot_localization](https://github.com/cra-ros-pkg/robot_localization) (test, commit "

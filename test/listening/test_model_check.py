@@ -9,13 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from linkage_vibration.listening.drive_modes import DriveError, DriveMode
+from benchmark.listening.simulation import GRID, HEAVE, SENSORS, Scene, modes, simulate
+from linkage_vibration.listening.drive_modes import DriveError, DriveMode, search_modes
 from linkage_vibration.listening.model_check import difference_text, drive_targets, explanations
+from linkage_vibration.listening.output_only import finish
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.mechanics.paths import with_numbers
+from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.readers.mechanism import load_yaml, read_mechanism
-from linkage_vibration.studies.calibration import read_calibration
+from linkage_vibration.studies.calibration import calibrate, read_calibration, write_mechanism
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import load_table
 
@@ -30,22 +33,22 @@ def test_a_heavier_implement_explains_its_modes() -> None:
     model = LinkageModel(read_mechanism(FILE))
     mapping = with_numbers(load_yaml(FILE)[0], [(MASS, 880.0)])
     heavier = LinkageModel(mechanism_from_mapping(mapping))
-    modes = []
+    measured = []
     for alpha3 in (1.9, 2.4, 2.9):
         pairs = [each.solve(alpha3).natural_frequencies for each in (model, heavier)]
         for mode in (0, 3):
             predicted, found = (float(each[mode]) for each in pairs)
             values = predicted, 0.08, 0.001, found, 0.002 * found
-            modes.append(DriveMode(alpha3, mode, *values, 0.02, 0.002, (30.0,)))
+            measured.append(DriveMode(alpha3, mode, *values, 0.02, 0.002, (30.0,)))
     table, mechanism = load_table(config_file(TABLE)), read_mechanism(FILE)
-    best = explanations(table, mechanism, modes)[0]
+    best = explanations(table, mechanism, measured)[0]
     assert best.path == MASS
     assert best.change == pytest.approx(1.0, abs=0.1)
     assert best.left < 0.1
-    doubted = [replace(each, doubt="a reason") for each in modes]
+    doubted = [replace(each, doubt="a reason") for each in measured]
     assert explanations(table, mechanism, doubted) == ()
     bare = replace(table, ensemble_alpha3=np.empty(0))
-    assert explanations(bare, mechanism, modes) == ()
+    assert explanations(bare, mechanism, measured) == ()
 
 
 def test_sentences() -> None:
@@ -61,6 +64,33 @@ def test_sentences() -> None:
     assert unknown.endswith("not known, because the deviation of the prediction is not known.")
     doubted = difference_text(replace(MODE, doubt="engine 1 was near"), "heave")
     assert doubted == "The heave at 143.2 deg, 7.600 Hz, is doubtful: engine 1 was near."
+
+
+def test_targets_of_a_drive_calibrate(tmp_path: Path) -> None:
+    """Targets of a drive with 20 % more mass bring the heave nearer to the truth everywhere.
+
+    At the two heights of the drive it is within 1 %.
+    """
+    drive = simulate(3, Scene(mass=1.2, oil=1.0, road=256e-6, seconds=180.0))
+    table, mechanism = load_table(config_file(TABLE)), read_mechanism(FILE)
+    speeds = {Source(name): values for name, values in drive.speeds.items()}
+    given = drive.times, drive.signals, SENSORS, drive.crank_angle, speeds
+    found = [mode for mode in finish(search_modes(table, mechanism, *given)) if mode.mode == HEAVE]
+    path, fitted = tmp_path / "targets.yaml", tmp_path / "fitted.yaml"
+    path.write_text(drive_targets(found, table, FILE, path))
+    task = read_calibration(path)
+    assert len(task.targets) == 2
+    result = calibrate(task, starts=1)
+    write_mechanism(task, result, fitted)
+    model, heights = LinkageModel(read_mechanism(fitted)), [float(each.at) for each in task.targets]
+    true = np.abs(modes(1.2, 1.0, False)[0][:, HEAVE]) / (2.0 * math.pi)
+    after = [model.solve(alpha3).natural_frequencies[HEAVE] for alpha3 in GRID.tolist()]
+    errors = np.abs(after / true - 1.0)
+    assert errors.max() < np.abs(table.evaluate(GRID)[:, HEAVE] / true - 1.0).max()
+    assert np.interp(heights, GRID, errors).max() < 0.01
+    mass = result.names.index(MASS)
+    stddev = math.sqrt(result.covariance[mass, mass])
+    assert abs(math.log(result.values[mass] / (1.2 * 800.0))) < 3.0 * stddev
 
 
 def test_targets(tmp_path: Path) -> None:
