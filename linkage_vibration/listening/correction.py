@@ -47,8 +47,8 @@ class Correction:
         heights = [each.at for each in targets if not isinstance(each.at, str)]
         if not heights or len(heights) < len(targets):
             raise CorrectionError("A correction needs targets at angles; give each an at_deg.")
-        if max(each.mode for each in targets) > table.n_modes:
-            raise CorrectionError(f"The table has {table.n_modes} modes, so no target has more.")
+        if not all(1 <= each.mode <= table.n_modes for each in targets):
+            raise CorrectionError(f"The table has {table.n_modes} modes, counted from 1.")
         if min(heights) < low or max(heights) > high:
             raise CorrectionError("A target is outside the angles of the table; drop it.")
         at, rows = np.array(heights), np.arange(len(heights))

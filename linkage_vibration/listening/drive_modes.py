@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from linkage_vibration.drawing.intervals import gap_starts
-from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.listening.exposure import STANDS
 from linkage_vibration.listening.gates import (
     damping_doubt,
@@ -37,10 +36,6 @@ _LINE = "a line of the wheelbase"
 _GROUND = Excitation(_LINE, Source.GROUND, math.nan, terrain=Terrain(64e-6))  # class B
 _BESIDE = 0.2  # s on both sides of a gap
 _LOWEST, _HIGHEST = 0.5, 0.3  # Hz of a mode, and its share of the sampling rate
-
-
-class DriveError(LinkageVibrationError):
-    """Modes cannot be sought in a drive."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,15 +102,6 @@ def search_modes(
     damped : bool
         Whether modes are sought that are doubted anyway, as they are too damped.
     """
-    signals = np.asarray(signals, dtype=float)
-    arrays = [signals, crank_angle, *speeds.values()]
-    steps = np.diff(times)
-    if len(times) < 2 or {len(each) for each in arrays} != {len(times)}:
-        raise DriveError("The arrays of a drive differ in length; give one row for each time.")
-    if signals.shape[1] != len(places) or not np.isfinite(signals).all():
-        raise DriveError("Signals have gaps, or are not one channel for each place; fill or cut.")
-    if steps.min() <= 0.0 or np.abs(steps / steps.mean() - 1.0).max() > 0.5:
-        raise DriveError("The times of a drive are not even; resample the signals first.")
     low, high = table.alpha3_range
     angle = np.where((crank_angle >= low) & (crank_angle <= high), crank_angle, np.nan)
     predicted = np.full((len(times), table.n_modes), np.nan)

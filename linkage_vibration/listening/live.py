@@ -105,7 +105,7 @@ class SensorMonitor:
 
     def use(self, predictor: Predictor, mechanism: Mechanism) -> None:
         """Predict from another table from now on; samples are kept."""
-        self._predictor, self._mechanism, table = predictor, mechanism, predictor.table
+        self._predictor, table = predictor, predictor.table
         self._highest = float(np.nanmax(table.evaluate(table.alpha3)[:, : table.n_modes]))
         self.modes.use(table, mechanism, self._highest)
         transfers = [
@@ -159,8 +159,8 @@ class SensorMonitor:
             **dict.fromkeys(("rate", "level", "predicted_level"), math.nan),
             **{name: np.full(count, math.nan) for name in _BY_ORDER},
         )
-        self.modes.note(end, _at(*angles, NOTED, self.stale_after), speeds)
-        self.modes.add(sensor, end, times, readings)
+        noted = _at(*angles, NOTED, self.stale_after)
+        self.modes.add(end, noted, speeds, sensor, times, readings)
         self.modes.fill(message, end)
         self._correct(message)
         try:

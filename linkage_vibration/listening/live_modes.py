@@ -6,11 +6,12 @@ import math
 from collections import deque
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from typing import Any
 
 import numpy as np
 
 from linkage_vibration.listening.drive_modes import DriveMode, search_signals
-from linkage_vibration.listening.number_effects import NumberEffects
+from linkage_vibration.listening.model_check import difference_text, explanations
 from linkage_vibration.listening.orders import SECONDS
 from linkage_vibration.listening.output_only import Steps
 from linkage_vibration.listening.segments import ACROSS
@@ -34,17 +35,9 @@ _EVERY, _LONGEST = 30 * _SECOND, 120 * _SECOND  # ns, of searches
 _PART = _SECOND // 50  # ns of the stamps, between two parts of a search
 _LEAST = 60.0  # s, for which the crank hardly moves
 _FASTEST = 1000  # Hz of a sensor
-_BY_MODE = [
-    "frequencies",
-    "stddevs",
-    "damping_ratios",
-    "damping_stddevs",
-    "predictions",
-    "differences",
-]
+_BY_MODE = ["frequencies", "stddevs", "damping_ratios", "damping_stddevs"]
+_BY_MODE += ["predictions", "differences"]
 _NAMED = 2  # numbers that may explain a difference
-
-_Part = tuple[int, FloatArray, FloatArray]
 
 
 class LiveModes:
@@ -56,8 +49,8 @@ class LiveModes:
     def __init__(self, sensors: Sequence[Sensor], excitations: Sequence[Excitation]) -> None:
         self._sensors, self._excitations = tuple(sensors), tuple(excitations)
         # Ends of windows, ns, with angles and speeds, and with times before the end and readings.
-        self._notes: deque[tuple[int, FloatArray, dict[Source, FloatArray]]] = deque()
-        self._parts = [deque[_Part]() for _ in sensors]
+        self._notes: deque[tuple[int, FloatArray, Any]] = deque()
+        self._parts: list[deque[tuple[int, FloatArray, Any]]] = [deque() for _ in sensors]
         self._searched = self._stepped = 0  # ns: the end of the last search, and its latest step
 
     def use(self, table: Table, mechanism: Mechanism, highest: float) -> None:
@@ -66,20 +59,25 @@ class LiveModes:
         self._modes: tuple[DriveMode, ...] = ()
         self._search: Steps[tuple[DriveMode, ...]] | None = None
 
-    def note(
-        self, end: int, angles: FloatArray, speeds: Mapping[Source, tuple[FloatArray, FloatArray]]
+    def add(
+        self,
+        end: int,
+        angles: FloatArray,
+        speeds: Mapping[Source, tuple[FloatArray, FloatArray]],
+        sensor: int,
+        times: FloatArray,
+        readings: FloatArray,
     ) -> None:
-        """Keep angles at `NOTED`, and speeds over the window that ends at a time, ns."""
+        """Take the window that ends at a time, ns, of a sensor; begin a search if it is due.
+
+        Angles are those at `NOTED`, and the times of readings begin with the window.
+        """
         if self._notes and end < self._notes[-1][0]:  # the clock was set back
-            self._notes.clear()
-            for parts in self._parts:
-                parts.clear()
+            for each in (self._notes, *self._parts):
+                each.clear()
         if not self._notes or end > self._notes[-1][0]:
             rows = {source: np.interp(NOTED, *speed) for source, speed in speeds.items()}
             self._notes.append((end, angles, rows))
-
-    def add(self, sensor: int, end: int, times: FloatArray, readings: FloatArray) -> None:
-        """Take the window of a sensor that ends at a time, ns; begin a search if it is due."""
         inside = (times >= _SETTLED) & (times < _SETTLED + 1.0)
         one, parts = self._sensors[sensor], self._parts[sensor]
         if one.accelerates and one.at != SEAT and inside.sum() <= _FASTEST:
@@ -159,14 +157,7 @@ class LiveModes:
         if not known:
             return ""
         worst = max(known, key=lambda each: abs(each.difference))
-        percent = 100.0 * (worst.frequency / worst.predicted - 1.0)
-        text = f"{self._table.mode_label(worst.mode)} is {abs(percent):.0f} % "
-        text += f"{'lower' if percent < 0.0 else 'higher'} than predicted "
-        text += f"({abs(worst.difference):.1f} standard deviations)"
-        if self._mechanism.uncertainty is None or not len(self._table.ensemble_alpha3):
-            return f"{text}."
-        effects = NumberEffects(self._table)
-        changes = effects.at(np.array([worst.alpha3]))[0, worst.mode]
-        numbers = effects.of_numbers(self._mechanism, changes)
-        likely = sorted(numbers, key=lambda path: -abs(float(numbers[path])))[:_NAMED]
-        return f"{text}: {' or '.join(split_paths(path)[0] for path in likely)}?"
+        text = difference_text(worst, self._table.mode_names[worst.mode])
+        likely = explanations(self._table, self._mechanism, [worst])[:_NAMED]
+        names = " or ".join(split_paths(each.path)[0] for each in likely)
+        return f"{text} Is it {names}?" if names else text

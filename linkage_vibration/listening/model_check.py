@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from linkage_vibration.listening.drive_modes import DriveError, DriveMode
+from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.listening.drive_modes import DriveMode
 from linkage_vibration.listening.number_effects import NumberEffects
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.readers.targets import targets_text
@@ -19,6 +20,10 @@ WARNING = (
     "These are suggestions: other numbers, or another form of the model, may explain the same "
     "difference. Measure the number before you change it."
 )
+
+
+class DriveError(LinkageVibrationError):
+    """A drive has nothing that can be written."""
 
 
 @dataclass(frozen=True, slots=True)

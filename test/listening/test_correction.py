@@ -118,6 +118,7 @@ def test_what_is_refused(tmp_path: Path) -> None:
         (table(), replace(one, at="lowest"), "targets at angles"),
         (table(), replace(one, at=0.2), "outside the angles"),
         (table(), replace(one, mode=7), "has 6 modes"),
+        (table(), replace(one, mode=0), "counted from 1"),
         (bare, one, "state an uncertainty"),
     ):
         with pytest.raises(CorrectionError, match=words):

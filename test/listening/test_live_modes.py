@@ -106,9 +106,9 @@ def test_modes_need_a_minute_at_one_height(
     times, random = np.arange(0.0, 4.0, 0.01), np.random.default_rng(1)
     for second in range(1, 91):
         angle = 2.5 if second > 90 - still else 2.5 + math.radians(5.0)
-        modes.note(START + second * NS, np.full(len(NOTED), angle), {})
+        noted = np.full(len(NOTED), angle)
         readings = np.array([0.0, 0.0, 9.81]) + random.normal(0.0, 0.1, (len(times), 3))
-        modes.add(0, START + second * NS, times, readings)
+        modes.add(START + second * NS, noted, {}, 0, times, readings)
         for part in range(10):
             modes.step(START + second * NS + part * NS // 10)
     assert bool(given) == sought
@@ -134,6 +134,6 @@ def test_sentence() -> None:
     assert modes.sentence() == ""
     modes._modes = (MODE, replace(MODE, mode=2, frequency=9.9, doubt="an order"))
     assert modes.sentence() == (
-        "mode 4 (implement heave) is 8 % lower than predicted (2.8 standard deviations): "
-        f"{first} or {second}?"
+        "The implement heave at 143.2 deg is 8.0 % lower than predicted, 7.360 +- 0.010 Hz: "
+        f"not consistent, 2.8 standard deviations. Is it {first} or {second}?"
     )

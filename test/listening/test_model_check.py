@@ -10,8 +10,13 @@ import numpy as np
 import pytest
 
 from benchmark.listening.simulation import GRID, HEAVE, SENSORS, Scene, modes, simulate
-from linkage_vibration.listening.drive_modes import DriveError, DriveMode, search_modes
-from linkage_vibration.listening.model_check import difference_text, drive_targets, explanations
+from linkage_vibration.listening.drive_modes import DriveMode, search_modes
+from linkage_vibration.listening.model_check import (
+    DriveError,
+    difference_text,
+    drive_targets,
+    explanations,
+)
 from linkage_vibration.listening.output_only import finish
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
