@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from benchmark.listening.simulation import GRID, HEAVE, SENSORS, Scene, modes, simulate
 from linkage_vibration.listening.drive_modes import DriveMode, search_modes
@@ -81,8 +82,11 @@ def test_targets_of_a_drive_calibrate(tmp_path: Path) -> None:
     speeds = {Source(name): values for name, values in drive.speeds.items()}
     given = drive.times, drive.signals, SENSORS, drive.crank_angle, speeds
     found = [mode for mode in finish(search_modes(table, mechanism, *given)) if mode.mode == HEAVE]
-    path, fitted = tmp_path / "targets.yaml", tmp_path / "fitted.yaml"
-    path.write_text(drive_targets(found, table, FILE, path))
+    described, path, fitted = (tmp_path / f"{each}.yaml" for each in ("own", "targets", "fitted"))
+    numbers = {MASS: 0.1, "rigid_bodies.implement.inertia": 0.1}
+    uncertainty = {"uncertainty": {"relative": numbers}}
+    described.write_text(yaml.safe_dump(load_yaml(FILE)[0] | uncertainty, sort_keys=False))
+    path.write_text(drive_targets(found, table, described, path))
     task = read_calibration(path)
     assert len(task.targets) == 2
     result = calibrate(task, starts=1)
