@@ -73,6 +73,7 @@ class LiveModes:
         Angles are those at `NOTED`, and the times of readings begin with the window.
         """
         if self._notes and end < self._notes[-1][0]:  # the clock was set back
+            self._modes, self._search = (), None
             for each in (self._notes, *self._parts):
                 each.clear()
         if not self._notes or end > self._notes[-1][0]:
