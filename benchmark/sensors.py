@@ -18,8 +18,14 @@ from rclpy.context import Context
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Float64
 
+from benchmark.listening.simulation import Scene, simulate
 from benchmark.report import machine, publish, table
 from linkage_vibration.demo.domain import reserve_domain
+from linkage_vibration.listening.live import SensorMonitor
+from linkage_vibration.prediction.excitation import Source, excitations_from_mapping
+from linkage_vibration.prediction.settings import Parameters
+from linkage_vibration.readers.sensors import live_sensors
+from linkage_vibration.readers.served import read_served
 from test.support.ros_process import JOINT, SENSOR, own_context, start_node, until
 
 RATE, SECONDS, PAIRS = 200, 20.0, 5
@@ -59,6 +65,33 @@ def share(context: Context, folder: Path, environment: dict[str, str], **given: 
     return 100.0 * taken / SECONDS
 
 
+def without_rclpy(seconds: float = 200.0) -> str:
+    """Return what a monitor takes for the samples of a simulated drive, and its longest part."""
+    served, drive = read_served(Parameters()), simulate(3, Scene(road=256e-6, seconds=seconds))
+    sensor = Path(tempfile.mkdtemp()) / "sensors.yaml"
+    sensor.write_text(SENSORS.replace("E1", "E2"))
+    speeds = {Source(name): float(values.mean()) for name, values in drive.speeds.items()}
+    shafts = excitations_from_mapping({"pto": {"speed": "pto", "orders": [1, 0.45]}})
+    parts = live_sensors(sensor), served.predictor, served.mechanism, shafts, speeds
+    monitor, taken, longest = SensorMonitor(*parts, 1.0), 0.0, list[float]()
+    for k in range(len(drive.times)):
+        stamp = 1_700_000_010 * 10**9 + k * 10**9 // RATE
+        if k % 10 == 0:
+            monitor.set_angle(float(drive.crank_angle[k]), stamp)
+        sample = float(drive.signals[k, 0]), 0.0, float(drive.signals[k, 1])
+        before = time.process_time()
+        monitor.take(0, stamp, sample)
+        longest.append(time.process_time() - before)
+        taken += longest[-1]
+    most, often = 1e3 * max(longest), sum(each > 2e-3 for each in longest)
+    return (
+        "Without rclpy, comparing orders once a second and identifying modes every half minute "
+        f"take {100.0 * taken / seconds:.2f} % of a core in a simulated drive of {seconds:g} s "
+        f"(processor time). One sample takes at most {most:.1f} ms, and {often} of {len(longest)} "
+        "more than 2 ms."
+    )
+
+
 def main() -> None:
     """Measure nodes with and without the sensor in turn, and write the difference."""
     domain = reserve_domain()
@@ -83,6 +116,7 @@ def main() -> None:
         f"Joint states and the engine speed come at 20 Hz, samples of an IMU at {RATE} Hz, for "
         f"{SECONDS:g} s; nodes with and without `sensor_file` in turn, {PAIRS} times.",
         table(["sensor", "% of a core, median", "range"], rows),
+        without_rclpy(),
     ]
     publish("sensors", "An IMU in the node", parts, machine())
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Do the intervals of `listen_modes` hold? ``python -m benchmark listening`` simulates drives."""
+"""Do the intervals of `search_modes` hold? ``python -m benchmark listening`` simulates drives."""
 
 import logging
 import math
@@ -13,8 +13,9 @@ import numpy as np
 
 from benchmark.listening.simulation import FILE, HEAVE, RATE, SENSORS, Drive, Scene, simulate
 from benchmark.report import machine, publish, table
-from linkage_vibration.listening.drive_modes import listen_modes
-from linkage_vibration.listening.segments import find_segments, over_phase
+from linkage_vibration.listening.drive_modes import search_modes
+from linkage_vibration.listening.output_only import finish
+from linkage_vibration.listening.segments import find_segments, over_phase, phase_rate
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.prediction.excitation import Source, excitations_from_mapping
 from linkage_vibration.readers.mechanism import read_mechanism
@@ -27,7 +28,7 @@ FIRST = 2000  # seed; limits were chosen on drives with smaller ones
 INTERVAL = 1.96  # standard deviations
 FAR = 0.05  # relative distance to every true mode, of a mode that is false
 BLOCK_ROWS, ORDER, BLOCKS = 30, 16, 20  # of pyOMA2
-OURS, OTHER = "listen_modes", "pyOMA2"
+OURS, OTHER = "search_modes", "pyOMA2"
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,7 @@ def estimates_of(seed: int, what: Scene) -> list[Estimate]:
         if seed < FIRST + OTHER_DRIVES:
             for mode, frequency, stddev in of_pyoma(drive, segments, predicted, true):
                 found.append(estimate(OTHER, what.soil, mode, true, frequency, stddev))
-    for each in listen_modes(prediction, mechanism, *arguments):
+    for each in finish(search_modes(prediction, mechanism, *arguments)):
         true = heights[each.alpha3]
         values = each.mode, true, each.frequency, each.frequency_stddev, each.doubt
         found.append(estimate(OURS, what.soil, *values))
@@ -111,7 +112,11 @@ def of_pyoma(
     logging.disable(logging.CRITICAL)
     found = []
     for mode, hertz in enumerate(true.tolist()):
-        windows, rate, _ = over_phase(drive.times, drive.signals, segments, predicted[:, mode])
+        mean = float(np.concatenate([predicted[each, mode] for each in segments]).mean())
+        windows = [
+            over_phase(drive.signals[each], predicted[each, mode], mean, RATE) for each in segments
+        ]
+        rate = phase_rate(mean, RATE)
         setup = SingleSetup(np.concatenate(windows), rate)
         algorithm = SSI(
             name="ssi", method="cov", br=BLOCK_ROWS, ordmax=ORDER, calc_unc=True, nb=BLOCKS
@@ -193,7 +198,7 @@ def main() -> None:
     missed = [f"{name} ({percent} %)" for name, percent in shares if not 90 <= percent <= 99]
     counts += f" The goal is missed by: {', '.join(missed) or 'none'}."
     intro = (
-        "`listen_modes` reports natural frequencies whose intervals of 95 % hold, or says why it "
+        "`search_modes` reports natural frequencies whose intervals of 95 % hold, or says why it "
         f"doubts them. {DRIVES} drives of 120 s were simulated in time at {RATE:g} Hz, with the "
         "shipped tractor, but an implement that is 20 % lighter or heavier, in half of them oil "
         "that is 30 % softer, a spring and a damper under the implement, or a crank that creeps. "
@@ -205,7 +210,7 @@ def main() -> None:
     peer = (
         f"pyOMA2 (SSI-cov with uncertainties, {BLOCK_ROWS} block rows, order {ORDER}) had the "
         f"windows of the first {OTHER_DRIVES} drives. It was given the true frequencies, near "
-        "which it takes a pole; `listen_modes` was not. It has no gates."
+        "which it takes a pole; `search_modes` was not. It has no gates."
     )
     parts = [intro, table(COLUMNS, rows(sure)), counts]
     near = (

@@ -8,6 +8,8 @@ The log holds the predictions of the drive; the file of sensors says what measur
 import argparse
 from pathlib import Path
 
+from linkage_vibration.cli.arguments import SHIPPED, mechanism_file
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
@@ -18,17 +20,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("-o", "--output", type=Path, help=text)
     text = "also write the excitations with measured amplitudes and deviations to this file"
     add("--amplitudes", type=Path, metavar="FILE", help=text)
+    text = (
+        "also write the natural frequencies without doubts as targets of `calibrate` to this file"
+    )
+    add("--targets", type=Path, metavar="FILE", help=text)
+    add("--mechanism", type=Path, help=f"mechanism of the targets; {SHIPPED}")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Write the page and the amplitudes, and print the answer; return the exit code."""
+    """Write the page and other files, and print the answer; return the exit code."""
     import numpy as np
     import yaml
     from tqdm import tqdm
 
     from linkage_vibration.listening.amplitudes import amplitude_numbers
     from linkage_vibration.listening.exposure import exposure
+    from linkage_vibration.listening.model_check import drive_targets
     from linkage_vibration.listening.signals import measured_signal
+    from linkage_vibration.readers.mechanism import read_mechanism
     from linkage_vibration.readers.sensors import SEAT, read_measured, read_sensors
     from linkage_vibration.review import listening_page as page
     from linkage_vibration.review.log import ReviewError, read_log
@@ -36,17 +45,22 @@ def run(options: argparse.Namespace) -> int:
     from linkage_vibration.support.atomic_files import check_outputs, check_suffix, write_files
 
     output = options.output or options.log.with_name(f"{options.log.stem}_listen.html")
-    outputs = [output, *([options.amplitudes] if options.amplitudes else [])]
+    written = [path for path in (options.amplitudes, options.targets) if path]
+    outputs, mechanism = [output, *written], mechanism_file(options)
     check_suffix(output, ".html")
-    if options.amplitudes:
-        check_suffix(options.amplitudes, ".yaml")
-    check_outputs(outputs, [options.log, options.sensors])
+    for path in written:
+        check_suffix(path, ".yaml")
+    check_outputs(outputs, [options.log, options.sensors, mechanism])
     sensors = read_sensors(options.sensors)
     check_outputs(outputs, [sensor.file for sensor in sensors if sensor.file])
     if options.amplitudes and all(sensor.at == SEAT for sensor in sensors):
         text = "all sensors are on a seat, where no amplitude can be measured"
         raise ReviewError(f"{options.sensors}: {text}; add one on the linkage.")
     log = read_log(options.log)
+    given = read_mechanism(mechanism).model_hash if options.targets else ""
+    if log.mechanism and given not in ("", log.mechanism.model_hash):
+        text = f"the log has another mechanism than {mechanism}; give its file with --mechanism"
+        raise ReviewError(f"{options.log}: {text}.")
     highest = float(np.fmax.reduce(log.natural_frequencies.ravel(), initial=0.0))
     heard, felt = [], []
     with tqdm(disable=None, total=len(sensors) + 2, unit=" steps", delay=2.0) as bar:
@@ -68,6 +82,10 @@ def run(options: argparse.Namespace) -> int:
         content[options.amplitudes] = [
             edit_text(log.excitations_text, numbers, ReviewError).encode()
         ]
+    if options.targets:
+        assert log.table is not None
+        text = drive_targets(modes, log.table, mechanism, options.targets)
+        content[options.targets] = [text.encode()]
     write_files(content, ReviewError)
     sentences = [page.modes_answer(log, modes), *page.answers(heard)] if heard else [page.NOTHING]
     print("\n".join(sentences))

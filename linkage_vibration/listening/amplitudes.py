@@ -67,6 +67,8 @@ class MeasuredOrder:
 
 def unit_responses(transfer: Transfer, orders: Orders, angles: FloatArray) -> FloatArray:
     """Return amplitudes at a sensor per unit, (m, 1 + n_members, n_loaded); angles (m,) in rad."""
+    if not transfer.loaded:
+        return np.empty((len(angles), 1, 0))
     first, last = transfer.alpha3_range
     omega = 2.0 * math.pi * orders.frequencies[:, transfer.loaded]
     rows = [

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.drawing.intervals import gap_starts
 from linkage_vibration.listening.exposure import STANDS
 from linkage_vibration.listening.gates import (
     damping_doubt,
@@ -17,8 +17,9 @@ from linkage_vibration.listening.gates import (
     wheelbase_lines,
     window_doubt,
 )
-from linkage_vibration.listening.output_only import Candidate, identify, mac
-from linkage_vibration.listening.segments import find_segments, over_phase
+from linkage_vibration.listening.output_only import Candidate, Steps, identify, mac
+from linkage_vibration.listening.segments import SHORTEST, find_segments, over_phase, phase_rate
+from linkage_vibration.listening.signals import Signal, known_at
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import Place
@@ -33,11 +34,8 @@ _MODEL = 0.12  # standard deviation of ln(frequency) of a model, where modes are
 _ALIKE = 0.5  # least MAC of a measured shape and that of the model
 _LINE = "a line of the wheelbase"
 _GROUND = Excitation(_LINE, Source.GROUND, math.nan, terrain=Terrain(64e-6))  # class B
+_BESIDE = 0.2  # s on both sides of a gap
 _LOWEST, _HIGHEST = 0.5, 0.3  # Hz of a mode, and its share of the sampling rate
-
-
-class DriveError(LinkageVibrationError):
-    """Modes cannot be sought in a drive."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +71,7 @@ class DriveMode:
         return None if math.isnan(self.difference) else abs(self.difference) <= INTERVAL
 
 
-def listen_modes(
+def search_modes(
     table: Table,
     mechanism: Mechanism,
     times: FloatArray,
@@ -82,8 +80,10 @@ def listen_modes(
     crank_angle: FloatArray,
     speeds: Mapping[Source, FloatArray],
     excitations: Sequence[Excitation] = (),
-) -> tuple[DriveMode, ...]:
-    """Return the modes at each height of a drive, by height and mode, with doubtful ones.
+    *,
+    damped: bool = True,
+) -> Steps[tuple[DriveMode, ...]]:
+    """Return the modes at each height of a drive; it yields between parts of some milliseconds.
 
     Parameters
     ----------
@@ -99,35 +99,65 @@ def listen_modes(
         rpm and m/s; NaN where they are not known. Wheels need the speed over ground.
     excitations
         Orders that hide modes, and the terrain. Without one, wheels roll on a usual one.
+    damped : bool
+        Whether modes are sought that are doubted anyway, as they are too damped.
     """
-    signals = np.asarray(signals, dtype=float)
-    arrays = [signals, crank_angle, *speeds.values()]
-    steps = np.diff(times)
-    if len(times) < 2 or {len(each) for each in arrays} != {len(times)}:
-        raise DriveError("The arrays of a drive differ in length; give one row for each time.")
-    if signals.shape[1] != len(places) or not np.isfinite(signals).all():
-        raise DriveError("Signals have gaps, or are not one channel for each place; fill or cut.")
-    if steps.min() <= 0.0 or np.abs(steps / steps.mean() - 1.0).max() > 0.5:
-        raise DriveError("The times of a drive are not even; resample the signals first.")
     low, high = table.alpha3_range
     angle = np.where((crank_angle >= low) & (crank_angle <= high), crank_angle, np.nan)
     predicted = np.full((len(times), table.n_modes), np.nan)
     known = np.isfinite(angle)
     predicted[known] = table.evaluate(angle[known])[:, : table.n_modes]
+    yield
     if wheelbase(mechanism) and not any(each.terrain for each in excitations):
         excitations = *excitations, _GROUND
     speeds = {source: np.abs(speed) for source, speed in speeds.items()}  # also in reverse
     drive = _Drive(table, mechanism, times, signals, tuple(places), angle, predicted)
-    return tuple(
-        mode
-        for segments in find_segments(times, angle)
-        for mode in _at_height(drive, segments, speeds, excitations)
-    )
+    modes: list[DriveMode] = []
+    for segments in find_segments(times, angle):
+        yield
+        modes += yield from _at_height(drive, segments, speeds, excitations, damped)
+    return tuple(modes)
+
+
+def search_signals(
+    table: Table,
+    mechanism: Mechanism,
+    signals: Sequence[Signal],
+    crank_angle: tuple[FloatArray, FloatArray],
+    speeds: Mapping[Source, tuple[FloatArray, FloatArray]],
+    excitations: Sequence[Excitation],
+    *,
+    damped: bool = True,
+) -> Steps[tuple[DriveMode, ...]]:
+    """Return the modes that accelerations of several sensors show together, as `search_modes`.
+
+    The angle and the speeds are times, s, and values, rad, rpm or m/s.
+    """
+    # A clock that is set far into the future makes no time at which the angle is known.
+    first = max(crank_angle[0][0], *(s.times[0] for s in signals))
+    last = min(crank_angle[0][-1], *(s.times[-1] for s in signals))
+    if last - first < SHORTEST:
+        return ()
+    times = np.arange(first, last, 1.0 / max(s.rate for s in signals))
+    angle = known_at(times, *crank_angle)
+    for signal in signals:  # The values in gaps are interpolated, but no mode is sought there.
+        for i in gap_starts(signal.times).tolist():
+            start, end = signal.times[i : i + 2] + np.array([-_BESIDE, _BESIDE])
+            angle[(times > start) & (times < end)] = math.nan
+    values = np.hstack([signal.at(times)[:, [0, 2]] for signal in signals])
+    places = [(signal.sensor.at, axis) for signal in signals for axis in "xz"]
+    alive = np.flatnonzero(np.ptp(values, axis=0)).tolist()  # An axis may not be measured.
+    if not alive:
+        return ()
+    yield
+    known = {source: known_at(times, *each) for source, each in speeds.items()}
+    drive = times, values[:, alive], [places[i] for i in alive], angle, known, excitations
+    return (yield from search_modes(table, mechanism, *drive, damped=damped))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Drive:
-    """The arguments of `listen_modes`, and the predicted frequencies."""
+    """The arguments of `search_modes`, and the predicted frequencies."""
 
     table: Table
     mechanism: Mechanism
@@ -143,7 +173,8 @@ def _at_height(
     segments: Sequence[slice],
     speeds: dict[Source, FloatArray],
     excitations: Sequence[Excitation],
-) -> list[DriveMode]:
+    damped: bool,
+) -> Steps[list[DriveMode]]:
     """Return the modes that segments at one height show."""
     table, rows = drive.table, np.concatenate([np.r_[each] for each in segments])
     alpha3 = float(drive.angle[rows].mean())
@@ -157,29 +188,34 @@ def _at_height(
     given = 1.0 / float(drive.times[1] - drive.times[0])
     modes = []
     for mode in np.flatnonzero((means > _LOWEST) & (means < _HIGHEST * given)).tolist():
-        windows, rate, mean = over_phase(
-            drive.times, drive.signals, segments, drive.predicted[:, mode]
-        )
+        mean = float(np.mean([drive.predicted[part, mode].mean() for part in segments]))
+        too_damped = damping_doubt(float(ratios[mode]))
+        if too_damped and not damped:
+            continue
+        windows, rate = [], phase_rate(mean, given)
+        for part in segments:
+            yield
+            predicted = drive.predicted[part, mode]
+            windows.append(over_phase(drive.signals[part], predicted, mean, given))
         lag = 1 + math.ceil(rate * wheelbase(drive.mechanism) / slowest)
-        found = identify(windows, rate, (_AROUND[0] * mean, _AROUND[1] * mean), lag)
+        found = yield from identify(windows, rate, (_AROUND[0] * mean, _AROUND[1] * mean), lag)
         best = _best(found, mode, means, shapes)
         if best is None:
             continue
-        over_time = best.frequency / mean * drive.predicted[:, mode]
-        doubts = [
-            order_doubt(
-                over_time[part], {s: speed[part] for s, speed in speeds.items()}, excitations
-            )
-            for part in segments
-        ]
-        doubt = next(filter(None, doubts), "") or window_doubt(windows, rate, lag, best)
-        doubt = doubt or damping_doubt(float(ratios[mode]))
+        doubt, over_time = "", best.frequency / mean * drive.predicted[:, mode]
+        for part in segments:
+            yield
+            there = {source: speed[part] for source, speed in speeds.items()}
+            doubt = doubt or order_doubt(over_time[part], there, excitations)
+        doubt = doubt or (yield from window_doubt(windows, rate, lag, best)) or too_damped
         for each in excitations:
             if not doubt and rolls and each.terrain is not None:
                 at = np.quantile(ground[ground > STANDS], (0.05, 0.35, 0.65, 0.95)).tolist()
                 place = drive.places[int(np.abs(best.shape).argmax())]
                 terrain = replace(each.terrain, raised=True)  # A tool in the soil ends no rolling.
-                lines = wheelbase_lines(table, drive.mechanism, terrain, place, alpha3, at)
+                lines = yield from wheelbase_lines(
+                    table, drive.mechanism, terrain, place, alpha3, at
+                )
                 doubt = line_doubt(best.frequency, mean, lines)
         modes.append(
             DriveMode(

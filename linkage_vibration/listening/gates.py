@@ -11,6 +11,7 @@ from linkage_vibration.listening.output_only import (
     ALIKE,
     ORDERS,
     Candidate,
+    Steps,
     covariances,
     mac,
     poles_and_shapes,
@@ -63,7 +64,7 @@ def wheelbase_lines(
     place: Place,
     alpha3: float,
     speeds: Sequence[float],
-) -> FloatArray:
+) -> Steps[FloatArray]:
     """Return frequencies, Hz, of maxima of the predicted spectrum that no mode makes.
 
     The spectrum is the mean of those of the acceleration at speeds in m/s, as a line that follows
@@ -73,7 +74,10 @@ def wheelbase_lines(
     mounts = vertical_mounts(mechanism)
     if len(mounts) < 2 or not {(mount.name, "z") for mount in mounts} <= {*table.places}:
         return np.full(int(len(mounts) > 1), np.nan)
-    spectra = [ground_spectrum(table, mechanism, terrain, place, alpha3, v) for v in speeds]
+    spectra = []
+    for speed in speeds:
+        yield
+        spectra.append(ground_spectrum(table, mechanism, terrain, place, alpha3, speed))
     f = spectra[0][0]
     mean = np.nan_to_num(np.mean([psd for _, psd in spectra], axis=0)) * f**2
     peaks = find_peaks(10.0 * np.log10(np.maximum(mean, 1e-30)), prominence=_PROMINENT)[0]
@@ -108,10 +112,11 @@ def damping_doubt(ratio: float) -> str:
 
 def window_doubt(
     windows: Sequence[FloatArray], rate: float, first_lag: int, candidate: Candidate
-) -> str:
+) -> Steps[str]:
     """Return that fewer than `WINDOWS` windows, (n, n_channels), show a mode; else nothing."""
     shown = 0
     for window in windows:
+        yield
         scale = window.std(axis=0)
         sums, counts = covariances([window / scale], first_lag, len(window))
         if not len(counts):

@@ -10,6 +10,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from linkage_vibration.listening.amplitudes import measure_orders, predicted_levels, unit_responses
+from linkage_vibration.listening.correction import Correction, read_correction
+from linkage_vibration.listening.live_modes import NOTED, OFF, LiveModes
 from linkage_vibration.listening.orders import SECONDS, Orders, track_orders
 from linkage_vibration.listening.signals import SignalError, measured_signal
 from linkage_vibration.listening.spectra import levels
@@ -31,7 +33,6 @@ _KEPT = 2 * _WINDOW
 _MOST = 100_000  # samples of a sensor that are kept; so many in 8 s are 12.5 kHz
 _BY_ORDER = ["order_levels", "order_stddevs", "predicted_levels", "predicted_factors"]
 _BY_ORDER += ["differences"]
-_OFF = 2.0  # standard deviations beyond which an order is named
 
 
 @dataclass(slots=True)
@@ -79,6 +80,8 @@ class SensorMonitor:
         A speed or an angle is known for so long, s.
     latest : dict of str to MessageColumns
         The last message of each sensor.
+    modes : LiveModes
+        Identifies modes in the last minutes.
     """
 
     def __init__(
@@ -89,9 +92,11 @@ class SensorMonitor:
         excitations: Sequence[Excitation],
         fixed: Mapping[Source, float],
         stale_after: float,
+        correction: Correction | None = None,
     ) -> None:
         self.fixed, self.stale_after = dict(fixed), stale_after
         self.latest: dict[str, MessageColumns] = {}
+        self._correction, self.modes = correction, LiveModes(sensors, excitations)
         self._sensors, self._excitations = tuple(sensors), tuple(excitations)
         self._speeds = {source: _History() for source in Source}
         self._angles = _History()
@@ -102,6 +107,7 @@ class SensorMonitor:
         """Predict from another table from now on; samples are kept."""
         self._predictor, table = predictor, predictor.table
         self._highest = float(np.nanmax(table.evaluate(table.alpha3)[:, : table.n_modes]))
+        self.modes.use(table, mechanism, self._highest)
         transfers = [
             None if sensor.at == SEAT else Transfer(table, mechanism, self._excitations, sensor)
             for sensor in self._sensors
@@ -131,31 +137,38 @@ class SensorMonitor:
             if not -_SECOND <= stamp - last <= _KEPT:
                 channel.began = stamp
             elif end > second(last) and end - _WINDOW - _LEAD >= channel.began:
-                message = self._compare(channel, end)
+                message = self._compare(sensor, end)
                 self.latest[channel.sensor.name] = message
         else:
             channel.began = stamp
         samples.add(stamp, values)
+        self.modes.step(stamp)
         return message
 
-    def _compare(self, channel: _Channel, end: int) -> MessageColumns:
+    def _compare(self, sensor: int, end: int) -> MessageColumns:
         """Return what a sensor measured in the window before a time, ns, beside the prediction."""
+        channel = self._channels[sensor]
         start, count = end - _WINDOW, len(self._excitations)
         times, readings = channel.samples.since(start)
         inside = (times >= -_BEFORE) & (times < SECONDS)
+        angles, speeds = self._angles.since(start), self._known_speeds(start)
         message = MessageColumns(
             sensor=channel.sensor.name,
-            crank_angle=float(_at(*self._angles.since(start), self.stale_after)),
+            crank_angle=float(_at(*angles, np.array([SECONDS / 2.0]), self.stale_after)[0]),
             doubts="",
             **dict.fromkeys(("rate", "level", "predicted_level"), math.nan),
             **{name: np.full(count, math.nan) for name in _BY_ORDER},
         )
+        noted = _at(*angles, NOTED, self.stale_after)
+        self.modes.add(end, noted, speeds, sensor, times, readings)
+        self.modes.fill(message, end)
+        self._correct(message)
         try:
             signal = measured_signal(channel.sensor, times[inside], readings[inside], self._highest)
         except SignalError as error:
             message.doubts = str(error)
             return message
-        doubts, speeds = list(signal.doubts), self._known_speeds(start)
+        doubts = list(signal.doubts)
         message.rate = signal.rate
         orders = track_orders(signal, self._excitations, speeds)
         if not speeds:
@@ -188,6 +201,17 @@ class SensorMonitor:
             for name, number in zip(_BY_ORDER, (*numbers, row.difference), strict=True):
                 getattr(message, name)[names.index(row.excitation.name)] = number
 
+    def _correct(self, message: MessageColumns) -> None:
+        """Set the natural frequencies that a correction gives, or NaN."""
+        table, correction = self._predictor.table, self._correction
+        message.corrected_frequencies = message.corrected_stddevs = np.full(table.n_modes, math.nan)
+        angle = self._predictor.angle_in_table(message.crank_angle)
+        if angle is not None and correction is not None and correction.table_id == table.table_id:
+            factors, deviations = correction.at(angle)
+            corrected = factors * table.evaluate(np.array([angle]))[0, : table.n_modes]
+            message.corrected_frequencies = corrected
+            message.corrected_stddevs = corrected * deviations
+
     def _known_speeds(self, start: int) -> dict[Source, tuple[FloatArray, FloatArray]]:
         """Return times, s, and speeds, rpm or m/s, of those that are known in a whole window."""
         ends = np.array([-1.0, SECONDS])
@@ -215,7 +239,8 @@ def sensor_monitor(
     speeds = {source: settings.fixed_speed(source) for source in Source}
     fixed = {source: speed for source, speed in speeds.items() if speed is not None}
     model = served.predictor, served.mechanism
-    return SensorMonitor(sensors, *model, excitations, fixed, settings.stale_after)
+    correction = read_correction(settings.correction_path(), served.predictor.table)
+    return SensorMonitor(sensors, *model, excitations, fixed, settings.stale_after, correction)
 
 
 def second(stamp: int) -> int:
@@ -226,7 +251,7 @@ def second(stamp: int) -> int:
 def difference_sentence(message: MessageColumns, excitations: Sequence[Excitation]) -> str:
     """Return which order differs most from its prediction at a sensor, and what is doubtful."""
     differences, text = np.nan_to_num(np.abs(message.differences)), ""
-    if len(differences) and differences.max() > _OFF:
+    if len(differences) and differences.max() > OFF:
         most = int(differences.argmax())
         ratio = float(message.order_levels[most] / message.predicted_levels[most])
         bound = "" if math.isfinite(message.order_stddevs[most]) else "at most "
@@ -237,10 +262,10 @@ def difference_sentence(message: MessageColumns, excitations: Sequence[Excitatio
     return f"{text}{message.sensor}: {message.doubts}" if message.doubts else text.rstrip()
 
 
-def _at(times: FloatArray, values: FloatArray, stale_after: float) -> float:
-    """Return the angle in the middle of a window; NaN if the readings beside it are too old."""
-    middle = SECONDS / 2.0
-    i = int(np.searchsorted(times, middle))
-    if i in (0, len(times)) or times[i] - times[i - 1] > stale_after:
-        return math.nan
-    return float(np.interp(middle, times[i - 1 : i + 1], values[i - 1 : i + 1]))
+def _at(times: FloatArray, values: FloatArray, at: FloatArray, stale_after: float) -> FloatArray:
+    """Return angles at times, (n,); NaN where the readings beside them are too far apart."""
+    if len(times) < 2:
+        return np.full(len(at), math.nan)
+    i = np.clip(np.searchsorted(times, at), 1, len(times) - 1)
+    known = (at >= times[0]) & (at <= times[-1]) & (times[i] - times[i - 1] <= stale_after)
+    return np.where(known, np.interp(at, times, values), math.nan)

@@ -9,17 +9,21 @@ from pathlib import Path
 
 import numpy as np
 
-from linkage_vibration.listening.drive_modes import DriveError, DriveMode
-from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.mechanics.sensitivity import Sensitivity
+from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.listening.drive_modes import DriveMode
+from linkage_vibration.listening.number_effects import NumberEffects
+from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.readers.targets import targets_text
+from linkage_vibration.table.table import Table
 
 WARNING = (
     "These are suggestions: other numbers, or another form of the model, may explain the same "
     "difference. Measure the number before you change it."
 )
 
-_ABOVE = 1.1  # times the highest frequency, up to which changes are computed
+
+class DriveError(LinkageVibrationError):
+    """A drive has nothing that can be written."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,27 +35,27 @@ class Explanation:
     left: float  # share of the squared differences that it leaves, with the change's own, 1
 
 
-def explanations(model: LinkageModel, modes: Iterable[DriveMode]) -> tuple[Explanation, ...]:
+def explanations(
+    table: Table, mechanism: Mechanism, modes: Iterable[DriveMode]
+) -> tuple[Explanation, ...]:
     """Return the uncertain numbers by what they explain of the differences, the best first.
 
     Doubtful modes do not count. A difference is weighted by the measured deviation alone, and a
     change of the number costs its square, in standard deviations.
     """
     sure = [mode for mode in modes if not mode.doubt]
-    if model.mechanism.uncertainty is None or not sure:
+    if mechanism.uncertainty is None or not len(table.ensemble_alpha3) or not sure:
         return ()
-    sensitivity, rates = Sensitivity(model), []
-    for mode in sure:
-        changes = sensitivity.at(model.solve(mode.alpha3), _ABOVE * mode.predicted)
-        nearest = int(np.abs(changes.frequencies / mode.predicted - 1.0).argmin())
-        rates.append(changes.log_frequencies[:, nearest])
+    effects, heights = NumberEffects(table), np.array([mode.alpha3 for mode in sure])
+    changes = effects.at(heights)[range(len(sure)), [mode.mode for mode in sure]]
+    rates = effects.of_numbers(mechanism, changes)
     weights = 1.0 / np.array([mode.deviation for mode in sure])
     apart = weights * np.log([mode.frequency / mode.predicted for mode in sure])
-    weighted = np.array(rates).T * weights  # (n_numbers, n_sure)
+    weighted = np.array([*rates.values()]) * weights  # (n_numbers, n_sure)
     shifts = weighted @ apart / (1.0 + (weighted**2).sum(axis=1))
     left = 1.0 - shifts * (weighted @ apart) / (apart @ apart)
+    paths = [*rates]
     order = np.argsort(left, kind="stable").tolist()
-    paths = [number.path for number in sensitivity.numbers]
     return tuple(Explanation(paths[i], float(shifts[i]), float(left[i])) for i in order)
 
 
@@ -76,14 +80,17 @@ def verdict(mode: DriveMode) -> str:
     return f"{'consistent' if mode.consistent else 'not consistent'}, {apart}"
 
 
-def drive_targets(modes: Sequence[DriveMode], mechanism: Path, output: Path) -> str:
+def drive_targets(modes: Sequence[DriveMode], table: Table, mechanism: Path, output: Path) -> str:
     """Return the text of a calibration, to be written to output, from the modes without doubts.
 
-    It raises DriveError if there are none.
+    It raises DriveError if there are none. A calibration counts modes as they ascend.
     """
-    targets = [
-        (each.mode, each.alpha3, each.frequency, each.deviation) for each in modes if not each.doubt
-    ]
+    targets = []
+    for each in modes:
+        if not each.doubt:
+            every = table.evaluate(np.array([each.alpha3]))[0, : table.n_modes]
+            rank = int((every < every[each.mode]).sum())
+            targets.append((rank, each.alpha3, each.frequency, each.deviation))
     if not targets:
         raise DriveError("No mode of the drive is without doubt; drive longer, or elsewhere.")
     return targets_text(targets, mechanism, output, "a drive")

@@ -8,9 +8,10 @@ to that delay alone; so the identification may begin behind it.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
 from scipy.stats import t as student
@@ -27,6 +28,20 @@ _STABLE, _STABLE_RATIO = 0.02, 0.3  # relative changes from an order to the next
 _FEWEST_ORDERS = 3  # at which a mode is stable
 _LARGEST_RATIO = 0.2  # damping ratio of a mode; beyond it a pole describes the noise
 _MOST_LOST = 0.1  # share of the blocks without which a mode may be missing
+
+_Result = TypeVar("_Result")
+Steps = Generator[None, None, _Result]
+"""A computation that pauses between its parts, so that something else need not wait for it."""
+
+
+def finish(steps: Steps[_Result]) -> _Result:
+    """Return the result of a computation without pauses."""
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            result: _Result = end.value
+            return result
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,14 +97,14 @@ def poles_and_shapes(
     n = covariance.shape[1]
     at = np.add.outer(np.arange(_ROWS), np.arange(_ROWS))
     hankel = covariance[at].transpose(0, 2, 1, 3).reshape(_ROWS * n, _ROWS * n)
-    left, singular, _ = np.linalg.svd(hankel)
+    left = np.linalg.svd(hankel)[0][:, : max(orders)]  # observability, but for scales of columns
+    gram, shifted = left[:-n].T @ left[:-n], left[:-n].T @ left[n:]
     results = []
     for order in orders:
-        observability = left[:, :order] * np.sqrt(singular[:order])
-        step = np.linalg.lstsq(observability[:-n], observability[n:], rcond=None)[0]
+        step = np.linalg.lstsq(gram[:order, :order], shifted[:order, :order], rcond=None)[0]
         values, vectors = np.linalg.eig(step)
         kept = (values.imag > 0.0) & (np.abs(values) > 0.0)
-        shapes = observability[:n] @ vectors[:, kept]
+        shapes = left[:n, :order] @ vectors[:, kept]
         results.append((np.log(values[kept].astype(complex)) * rate, shapes.astype(complex)))
     return results
 
@@ -100,8 +115,10 @@ def identify(
     band: tuple[float, float],
     first_lag: int = 1,
     block_seconds: float = 4.0,
-) -> list[Candidate]:
+) -> Steps[list[Candidate]]:
     """Return the stable modes within a band, ascending, with deviations of a jackknife.
+
+    It yields between parts of some milliseconds.
 
     Parameters
     ----------
@@ -117,22 +134,26 @@ def identify(
     scale = np.sqrt(np.mean([(window**2).mean(axis=0) for window in windows], axis=0))
     if not scale.all():  # A channel that shows nothing has no shape.
         return []
+    yield
     windows = [window / scale for window in windows]
     sums, counts = covariances(windows, first_lag, round(block_seconds * rate))
     n = len(counts)
     if n < 4:  # The deviation of fewer blocks says nothing.
         return []
-    mean = sums.sum(axis=0) / counts.sum()
-    diagram = poles_and_shapes(mean, rate)
+    yield
+    diagram = poles_and_shapes(sums.sum(axis=0) / counts.sum(), rate)
+    yield
     clusters = stable_poles(diagram, band)
     if not clusters:
         return []
-    without = [
-        poles_and_shapes((sums.sum(axis=0) - sums[i]) / (counts.sum() - counts[i]), rate)
-        for i in range(n)
-    ]
+    without = []
+    for i in range(n):
+        yield
+        rest = (sums.sum(axis=0) - sums[i]) / (counts.sum() - counts[i])
+        without.append(poles_and_shapes(rest, rate))
     candidates = []
     for cluster in clusters:
+        yield
         ratios = []
         for order, k in cluster:
             pole, shape = diagram[order][0][k], diagram[order][1][:, k]

@@ -3,7 +3,6 @@
 """Parts of a drive in which the crank moves little, and their signals over the phase of a mode."""
 
 import math
-from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -59,33 +58,29 @@ def find_segments(times: FloatArray, crank_angle: FloatArray) -> list[list[slice
     return heights
 
 
-def over_phase(
-    times: FloatArray, signals: FloatArray, segments: Sequence[slice], predicted: FloatArray
-) -> tuple[list[FloatArray], float, float]:
-    """Return signals of segments over the phase of a predicted frequency, (m, n_channels) each.
+def phase_rate(mean: float, given: float) -> float:
+    """Return the rate, Hz, to which signals of a given rate are resampled for a mode, Hz."""
+    return min(2.0 * _ROOM * mean, given)
+
+
+def over_phase(signals: FloatArray, predicted: FloatArray, mean: float, given: float) -> FloatArray:
+    """Return the signals of a segment over the phase of a predicted frequency, (m, n_channels).
 
     A mode whose frequency is a constant multiple of the predicted one is then at a constant
-    frequency: that multiple of the mean, which is returned with the rate, both in Hz.
+    frequency: that multiple of the mean. The rate is that of `phase_rate`.
 
     Parameters
     ----------
-    times, signals, segments
-        s, even, (n,); (n, n_channels); from `find_segments`.
-    predicted : ndarray, (n,)
-        Hz.
+    signals, predicted : ndarray, (n, n_channels) and (n,)
+        At even times; Hz.
+    mean, given : float
+        Mean of the predicted frequency over all segments, and the rate of the signals, Hz.
     """
-    given = 1.0 / float(times[1] - times[0])
-    mean = float(np.mean([predicted[each].mean() for each in segments]))
-    rate = min(2.0 * _ROOM * mean, given)
+    rate, values = phase_rate(mean, given), signals - signals.mean(axis=0)
     filters = [butter(2, 0.25 * mean, "highpass", fs=given, output="sos")]
     if rate < given:
         filters.append(butter(6, 0.4 * rate, fs=given, output="sos"))
-    windows = []
-    for segment in segments:
-        each = signals[segment] - signals[segment].mean(axis=0)
-        for sos in filters:
-            each = sosfiltfilt(sos, each, axis=0)
-        phase = np.cumsum(predicted[segment]) / (given * mean)
-        even = np.arange(phase[0], phase[-1], 1.0 / rate)
-        windows.append(CubicSpline(phase, each)(even))
-    return windows, rate, mean
+    for sos in filters:
+        values = sosfiltfilt(sos, values, axis=0)
+    phase = np.cumsum(predicted) / (given * mean)
+    return np.asarray(CubicSpline(phase, values)(np.arange(phase[0], phase[-1], 1.0 / rate)))

@@ -50,7 +50,7 @@ class Transfer:
             ]
         )[self.loaded]
         self._members: Members | None = None
-        if len(table.ensemble_alpha3):
+        if len(table.ensemble_alpha3) and self._loads:
             self._members = Members(table, self._loads, self._outputs, 0, self._at_nodes)
         self.n_members = self._members.n if self._members else 0
         self.alpha3_range = table.alpha3_range

@@ -211,7 +211,7 @@ def replay(
     settings = settings or Parameters()
     _refuse_repeated(paths)
     models = [settings.mechanism_path(), settings.excitation_path(), settings.table_path()]
-    models.append(settings.implement_path())
+    models += [settings.implement_path(), settings.sensor_path(), settings.correction_path()]
     check_outputs([output], [*paths, *filter(None, models)])
     with open_bags(paths) as bags:
         topics = choose_topics(bags, settings, remaps)
@@ -229,7 +229,7 @@ def replay(
             log_topics.append(log_topic(ADVICE_TOPIC, ADVICE, latched=True))
         if sensors.monitor is not None:
             log_topics.append(log_topic(MEASURED_TOPIC, MEASURED))
-            excitations |= sensor_files(settings.sensor_path())
+            excitations |= sensor_files(settings.sensor_path(), settings.correction_path())
         files = attachments(served, settings, f"/{NODE_NAME}", excitations)
         metadata = {
             PROVENANCE_METADATA: {**package_versions(), **implement_facts(served)},

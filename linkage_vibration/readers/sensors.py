@@ -35,8 +35,10 @@ _FORCES = {"%": "full_scale", "Pa": "area", "kPa": "area", "bar": "area"}  # key
 _PATHS = {IMU: "linear_acceleration", "geometry_msgs/msg/AccelStamped": "accel.linear"}
 LARGEST = 1e12
 """A larger number is not a measured one, whatever its unit; its square has no meaning."""
-SENSORS, SEAT = "sensors.yaml", "seat"
-"""The name of the file of sensors in a log, and the place of one that measures the exposure."""
+SENSORS, CORRECTION = "sensors.yaml", "correction.yaml"
+"""The names of the file of sensors, and of that of measured frequencies, in a log."""
+SEAT = "seat"
+"""The place of a sensor that measures the exposure."""
 _AXES = {f"{sign}{axis}": i for sign in ("", "-") for i, axis in enumerate("xyz")}
 
 
@@ -100,9 +102,10 @@ def read_sensors(path: Path) -> list[Sensor]:
     return sensors
 
 
-def sensor_files(path: Path | None) -> dict[str, bytes]:
-    """Return the file of the sensors, if there is one, as a log attaches it."""
-    return {} if path is None else {SENSORS: path.read_bytes()}
+def sensor_files(path: Path | None, correction: Path | None) -> dict[str, bytes]:
+    """Return the files of the sensors and of a correction as a log attaches them."""
+    files = {SENSORS: path, CORRECTION: correction}
+    return {name: file.read_bytes() for name, file in files.items() if file is not None}
 
 
 def live_sensors(path: Path) -> list[Sensor]:

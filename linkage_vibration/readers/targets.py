@@ -1,15 +1,17 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Writes measured natural frequencies as the targets of a calibration."""
+"""Reads and writes measured natural frequencies as the targets of a calibration."""
 
 import math
 import os
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from linkage_vibration.mechanics.keys import Keys
 from linkage_vibration.mechanics.paths import number_at
 from linkage_vibration.readers.mechanism import load_yaml
 
@@ -17,6 +19,38 @@ INCLINOMETER = math.radians(0.5)
 """Standard deviation of a measured angle, rad."""
 
 _BOUNDS = 3.0  # from a number of the mechanism to its bounds in the calibration
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """A natural frequency that the mechanism is to have."""
+
+    mode: int  # from 1, ascending
+    at: float | str  # alpha3 in rad; or "lowest" or "highest" over the stroke
+    frequency: float  # Hz
+    deviation: float  # standard deviation, relative
+
+    def __str__(self) -> str:
+        """Return the mode and where it is taken."""
+        where = self.at if isinstance(self.at, str) else f"at {math.degrees(self.at):g} deg"
+        return f"mode {self.mode} {where}"
+
+
+def read_target(keys: Keys) -> Target:
+    """Read a target from its keys."""
+    at: float | str
+    if "at_deg" in keys:
+        at = math.radians(keys.number("at_deg"))
+    else:
+        at = keys.choice("over_the_stroke", ["lowest", "highest"])
+    frequency = keys.number("hz", positive=True)
+    deviation = keys.number("deviation", positive=True, default=0.01)
+    return Target(keys.integer("mode"), at, frequency, deviation)
+
+
+def read_targets(path: Path) -> list[Target]:
+    """Read the targets in the file of a calibration; a `MechanismError` names the key."""
+    return [read_target(entry) for entry in Keys("", load_yaml(path)[0]).items("targets")]
 
 
 def targets_text(

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from linkage_vibration.drawing import palette
-from linkage_vibration.drawing.intervals import gap_starts
 from linkage_vibration.drawing.plots import frequency_axis, name_modes, plain, png_bytes, tidy
 from linkage_vibration.listening.amplitudes import (
     MeasuredOrder,
@@ -19,7 +18,7 @@ from linkage_vibration.listening.amplitudes import (
     predicted_levels,
     unit_responses,
 )
-from linkage_vibration.listening.drive_modes import DriveMode, listen_modes
+from linkage_vibration.listening.drive_modes import DriveMode, search_signals
 from linkage_vibration.listening.exposure import ACTION, LIMIT, WEIGHTED, Exposure, kinds_of_work
 from linkage_vibration.listening.model_check import (
     WARNING,
@@ -29,13 +28,13 @@ from linkage_vibration.listening.model_check import (
     verdict,
 )
 from linkage_vibration.listening.orders import SECONDS, Orders, track_orders
+from linkage_vibration.listening.output_only import finish
 from linkage_vibration.listening.segments import SHORTEST
 from linkage_vibration.listening.signals import Signal, known_at
 from linkage_vibration.listening.spectra import levels, spectrogram
 from linkage_vibration.listening.transfer import Transfer
 from linkage_vibration.mechanics.arrays import FloatArray, IntArray
 from linkage_vibration.mechanics.kinematics import Kinematics
-from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.prediction.excitation import LoadKind, Source
 from linkage_vibration.review.findings import all_speeds, log_limits
 from linkage_vibration.review.html import COVERAGE, picture_tag, plain_html, table_tag
@@ -46,7 +45,6 @@ if TYPE_CHECKING:
 
 _SURE = 2.0  # standard deviations within which measured and predicted agree
 _HEIGHTS = 31  # angles of the stroke at which the height is computed
-_BESIDE = 0.2  # s on both sides of a gap
 _LABELLED = 5  # orders with a name in the picture
 NOTHING = "No sensor is on the linkage, so nothing is compared with the prediction."
 _UNITS = {LoadKind.FORCE: "N", LoadKind.MOMENT: "N m"}
@@ -114,25 +112,9 @@ def heard_modes(log: Log, heard: Sequence[Heard]) -> tuple[DriveMode, ...]:
     signals = [one.signal for one in heard if one.signal.sensor.accelerates]
     if log.table is None or log.mechanism is None or not signals:
         return ()
-    # A clock that is set far into the future makes no time at which the angle is known.
-    first = max(log.times[0], *(s.times[0] for s in signals))
-    last = min(log.times[-1], *(s.times[-1] for s in signals))
-    if last - first < SHORTEST:
-        return ()
-    times = np.arange(first, last, 1.0 / max(s.rate for s in signals))
-    angle = known_at(times, log.times, log.table_angle)
-    for signal in signals:  # The values in gaps are interpolated, but no mode is sought there.
-        for i in gap_starts(signal.times).tolist():
-            start, end = signal.times[i : i + 2] + np.array([-_BESIDE, _BESIDE])
-            angle[(times > start) & (times < end)] = math.nan
-    values = np.hstack([signal.at(times)[:, [0, 2]] for signal in signals])
-    places = [(signal.sensor.at, axis) for signal in signals for axis in "xz"]
-    alive = np.flatnonzero(np.ptp(values, axis=0)).tolist()  # An axis may not be measured.
-    if not alive:
-        return ()
-    speeds = {source: known_at(times, *each) for source, each in all_speeds(log).items()}
-    arguments = times, values[:, alive], [places[i] for i in alive], angle, speeds, log.excitations
-    return listen_modes(log.table, log.mechanism, *arguments)
+    angle, speeds = (log.times, log.table_angle), all_speeds(log)
+    given = log.table, log.mechanism, signals, angle, speeds, log.excitations
+    return finish(search_signals(*given))
 
 
 def modes_answer(log: Log, modes: Sequence[DriveMode]) -> str:
@@ -208,15 +190,17 @@ def _modes_table(log: Log, modes: Sequence[DriveMode]) -> str:
     """Return modes beside their predictions, those that are reported first."""
     head = ["mode", "crank angle [deg]", "predicted [Hz]", "measured [Hz]", "consistent"]
     rows, apart = [], [mode for mode in modes if not mode.doubt and mode.consistent is False]
-    model = LinkageModel(log.mechanism) if log.mechanism and apart else None
+    assert log.table is not None
+    assert log.mechanism is not None
+    model = log.table, log.mechanism
     for mode in sorted(modes, key=lambda mode: bool(mode.doubt)):
         both = (mode.predicted, mode.predicted_stddev), (mode.frequency, mode.deviation)
         row = [log.mode_label(mode.mode), f"{math.degrees(mode.alpha3):.1f}"]
         row += [f"{f:.2f} ± {f * deviation:.2f}".replace(" ± nan", "") for f, deviation in both]
-        explained = explanations(model, [mode]) if model and mode in apart else ()
+        explained = explanations(*model, [mode]) if mode in apart else ()
         rows.append([*row, verdict(mode), *(_best(explained) for _ in apart[:1])])
     head += ["may be explained by a change of"] * bool(apart)
-    explained = explanations(model, modes) if model else ()
+    explained = explanations(*model, modes) if apart else ()
     note = f"All together: {_best(explained)}. {WARNING}" if explained else ""
     return _table("Natural frequencies, with one standard deviation", head, rows, note)
 

@@ -93,6 +93,7 @@ def _measured(sensors: SensorMonitor, excitations: Sequence[Excitation]) -> tupl
         return Level.STALE, "No sensor has sent samples for as long as a comparison takes."
     messages = [sensors.latest[name] for name in sorted(sensors.latest)]
     sentences = [difference_sentence(message, excitations) for message in messages]
+    sentences.append(sensors.modes.sentence())
     if any(sentences):
         return Level.WARN, " ".join(filter(None, sentences))
     return Level.OK, "What the sensors measure agrees with the predictions."

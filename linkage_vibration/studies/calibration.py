@@ -41,6 +41,7 @@ from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.mechanics.paths import number_at, split_paths, with_numbers
 from linkage_vibration.readers.mechanism import load_yaml
+from linkage_vibration.readers.targets import Target, read_target
 from linkage_vibration.studies.calibrated_uncertainty import (
     posterior_section,
     prior_section,
@@ -78,21 +79,6 @@ class Parameter:
     def paths(self) -> tuple[str, ...]:
         """The path of each place that holds the number."""
         return split_paths(self.path)
-
-
-@dataclass(frozen=True, slots=True)
-class Target:
-    """A natural frequency that the mechanism is to have."""
-
-    mode: int  # from 1, ascending
-    at: float | str  # alpha3 in rad; or "lowest" or "highest" over the stroke
-    frequency: float  # Hz
-    deviation: float  # standard deviation, relative
-
-    def __str__(self) -> str:
-        """Return the mode and where it is taken."""
-        where = self.at if isinstance(self.at, str) else f"at {math.degrees(self.at):g} deg"
-        return f"mode {self.mode} {where}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,7 +175,7 @@ def read_calibration(path: Path) -> CalibrationTask:
             if value <= 0:
                 what = f"{value!r} is not above zero, so it has no logarithm; drop it."
                 raise MechanismError(f"parameters.{place}", what)
-        targets = tuple(_target(entry) for entry in keys.items("targets"))
+        targets = tuple(read_target(entry) for entry in keys.items("targets"))
         keys.refuse_unknown()
     except MechanismError as error:
         where = "" if error.path == str(path) else f"{path}: "
@@ -308,17 +294,6 @@ def _natural_frequencies(model: LinkageModel, targets: Sequence[Target]) -> Floa
         curve = np.array([solved[alpha3][target.mode - 1] for alpha3 in at])
         frequencies.append(_extreme(curve, target.at == "lowest"))
     return np.array(frequencies)
-
-
-def _target(keys: Keys) -> Target:
-    at: float | str
-    if "at_deg" in keys:
-        at = math.radians(keys.number("at_deg"))
-    else:
-        at = keys.choice("over_the_stroke", ["lowest", "highest"])
-    frequency = keys.number("hz", positive=True)
-    deviation = keys.number("deviation", positive=True, default=0.01)
-    return Target(keys.integer("mode"), at, frequency, deviation)
 
 
 def _unknowns(calibration: CalibrationTask) -> _Unknowns:

@@ -18,6 +18,7 @@ from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.studies.calibration import read_calibration
 from linkage_vibration.support.resources import config_file
 from test.listening.test_signals import sensor
 
@@ -40,7 +41,8 @@ def test_listen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     replay(tmp_path / "simulated_drive.mcap", log)
     sensors = tmp_path / "sensors.yaml"
     command = ["listen", str(log), "--sensors", str(sensors), "-o", str(page)]
-    assert main([*command, "--amplitudes", str(written)]) == 0
+    targets = tmp_path / "targets.yaml"
+    assert main([*command, "--amplitudes", str(written), "--targets", str(targets)]) == 0
     answer = capsys.readouterr().out
     found = re.match(
         r"The implement heave at 104.0 deg is .*, (.*) \+- (.*) Hz: consistent", answer
@@ -52,6 +54,14 @@ def test_listen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     solution = LinkageModel(replace(mechanism, rigid_bodies=(body,))).solve(np.radians(104.0))
     true = float(solution.natural_frequencies[3])
     assert abs(float(found[1]) - true) < 3.0 * float(found[2])
+    [target] = read_calibration(targets).targets  # at 166 deg, an order hides it
+    assert (target.mode, round(target.frequency, 3)) == (4, float(found[1]))
+    assert target.at == pytest.approx(np.radians(104.0), abs=np.radians(0.05))
+    other = ["--targets", str(targets), "--mechanism", str(config_file("three_point_linkage.yaml"))]
+    before = targets.read_text()
+    assert main([*command, *other]) == 1
+    assert "the log has another mechanism" in capsys.readouterr().err
+    assert targets.read_text() == before
     assert "2 of 2 orders that stand out of the noise agree with the prediction" in answer
     assert "tyre_lugs 1 is at most" in answer  # no tyre shakes the simulated tractor
     text = page.read_text()

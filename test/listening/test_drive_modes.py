@@ -5,20 +5,15 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from benchmark.listening.simulation import FILE, HEAVE, RATE, SENSORS, Drive, Scene, simulate
+from benchmark.listening.simulation import FILE, HEAVE, SENSORS, Drive, Scene, simulate
 from linkage_vibration.listening import drive_modes
-from linkage_vibration.listening.drive_modes import (
-    DriveError,
-    DriveMode,
-    _best,
-    listen_modes,
-    model_shapes,
-)
-from linkage_vibration.listening.output_only import Candidate, mac
+from linkage_vibration.listening.drive_modes import DriveMode, _best, model_shapes, search_modes
+from linkage_vibration.listening.output_only import Candidate, Steps, finish, mac
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
@@ -26,6 +21,11 @@ from linkage_vibration.prediction.excitation import Excitation, Source, excitati
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import Table, load_table
+
+
+def listen_modes(*given: Any) -> tuple[DriveMode, ...]:
+    """Return the modes of a drive without pauses."""
+    return finish(search_modes(*given))
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +99,12 @@ def test_lines_of_wheels_that_roll(
 
     At 0.05 of its speed, the machine stands.
     """
-    monkeypatch.setattr(drive_modes, "wheelbase_lines", lambda *_: np.array([8.16]))
+
+    def lines(*_: object) -> Steps[FloatArray]:
+        yield
+        return np.array([8.16])
+
+    monkeypatch.setattr(drive_modes, "wheelbase_lines", lines)
     doubt = heave_doubt(arguments, drive, excitations, ground=speed * drive.speeds["ground"])
     assert doubt.startswith("the wheelbase makes a line at 8.16 Hz") == doubted
 
@@ -161,21 +166,3 @@ def test_difference() -> None:
     lower = DriveMode(2.0, 3, 5.0, 0.03, 0.0, low, 0.04 * low, 0.02, 0.0, (9.0,))
     assert lower.difference == pytest.approx(-1.94)
     assert lower.consistent
-
-
-def test_what_is_refused(arguments: tuple[Table, Mechanism]) -> None:
-    """Arrays of other lengths, gaps in signals, too few places, and uneven times."""
-    n = 4000
-    times, angle = np.arange(n) / RATE, np.full(n, 2.0)
-
-    def listen(times: FloatArray, signals: FloatArray) -> object:
-        return listen_modes(*arguments, times, signals, SENSORS, angle, {})
-
-    assert listen(times, np.zeros((n, 4))) == ()
-    with pytest.raises(DriveError, match="differ in length"):
-        listen(times, np.zeros((n - 1, 4)))
-    for signals in (np.zeros((n, 3)), np.full((n, 4), math.nan)):
-        with pytest.raises(DriveError, match="gaps, or are not one channel"):
-            listen(times, signals)
-    with pytest.raises(DriveError, match="not even"):
-        listen(times**2, np.zeros((n, 4)))

@@ -15,7 +15,7 @@ from linkage_vibration.listening.gates import (
     wheelbase_lines,
     window_doubt,
 )
-from linkage_vibration.listening.output_only import Candidate
+from linkage_vibration.listening.output_only import Candidate, finish
 from linkage_vibration.prediction.excitation import Source, excitations_from_mapping
 from linkage_vibration.prediction.ground import Terrain
 from linkage_vibration.readers.mechanism import read_mechanism
@@ -81,7 +81,7 @@ def test_lines_of_the_wheelbase() -> None:
     table = load_table(config_file(f"tables/{name}.npz"))
     mechanism = read_mechanism(config_file(f"{name}.yaml"))
     arguments = table, mechanism, Terrain(64e-6), ("E1", "z"), math.radians(165.0)
-    lines = wheelbase_lines(*arguments, [20.0 / 3.6])
+    lines = finish(wheelbase_lines(*arguments, [20.0 / 3.6]))
     for hertz in (5.69, 9.6, 12.1):
         assert np.abs(lines / hertz - 1.0).min() < 0.03
     modes = table.evaluate(np.radians([165.0]))[0, : table.n_modes]
@@ -90,10 +90,10 @@ def test_lines_of_the_wheelbase() -> None:
     single = replace(mechanism.base, mounts=mechanism.base.mounts[:1])
     for base in (single, None):
         fewer = replace(mechanism, base=base)
-        assert len(wheelbase_lines(table, fewer, *arguments[2:], [20.0 / 3.6])) == 0
+        assert len(finish(wheelbase_lines(table, fewer, *arguments[2:], [20.0 / 3.6]))) == 0
     places = tuple((name.replace("rear_axle", "E3"), axis) for name, axis in table.places)
     lacking = replace(table, places=places), *arguments[1:]
-    assert np.isnan(wheelbase_lines(*lacking, [20.0 / 3.6])).all()
+    assert np.isnan(finish(wheelbase_lines(*lacking, [20.0 / 3.6]))).all()
 
 
 @pytest.mark.parametrize(
@@ -123,4 +123,4 @@ def test_windows(shown: int, doubt: str) -> None:
         noise2 = 0.05 * signal.std() * random.standard_normal((n, 2))
         windows.append(np.outer(signal, [1.0, 0.5]) + noise2)
     mode = Candidate(2.0, 0.02, np.array([1.0, 0.5], dtype=complex), 0.01, 0.001)
-    assert window_doubt(windows, RATE, 1, mode) == doubt
+    assert finish(window_doubt(windows, RATE, 1, mode)) == doubt

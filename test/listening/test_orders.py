@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 from linkage_vibration.listening.orders import Orders, track_orders
 from linkage_vibration.listening.signals import Signal
@@ -43,6 +44,33 @@ def test_amplitudes_while_the_speed_changes() -> None:
     np.testing.assert_allclose(np.sqrt(found.squares[:, :2]), [[2.0, 0.3]] * 100, rtol=0.01)
     np.testing.assert_allclose(found.frequencies[:, 0], found.speeds[:, 0] / 60.0)
     assert (found.squares[:, 2] < 1e-5).all()
+
+
+def test_a_run_up_equals_a_resampled_spectrum() -> None:
+    """From 900 to 2100 rpm in 60 s, both have the same amplitudes as a spectrum over the angle.
+
+    That spectrum is made of the signal at even angles of the shaft, by splines, under the window of
+    the fit, and compared in each window of 4 s.
+    """
+    times = np.arange(0.0, 60.0, 1.0 / RATE)
+    rpm = 900.0 + 20.0 * times
+    turns = (900.0 * times + 10.0 * times**2) / 60.0
+    size, noise = (rpm / 2000.0) ** 2, np.random.default_rng(5).normal(0.0, 0.02, len(times))
+    values = size * np.cos(2.0 * math.pi * turns) + 0.3 * np.cos(math.pi * turns + 1.0) + noise
+    mapping = {"engine": {"speed": "engine", "orders": [1.0, 0.5]}}
+    signal = Signal(sensor(), times, np.outer(values, [1.0, 0.0, 0.0]), RATE, ())
+    speeds = {Source.ENGINE: (times, rpm)}
+    found = np.sqrt(track_orders(signal, excitations_from_mapping(mapping), speeds).squares)
+    n = round(4.0 * RATE)
+    window = np.hanning(n) ** 2
+    for k in range(len(found)):
+        part = slice(k * n, (k + 1) * n)
+        even = np.linspace(turns[part][0], turns[part][-1], n)
+        resampled = CubicSpline(turns[part], values[part])(even)
+        for order, amplitude in zip((1.0, 0.5), found[k], strict=True):
+            line = (window * resampled) @ np.exp(-2j * math.pi * order * even)
+            assert amplitude == pytest.approx(2.0 * abs(line) / window.sum(), rel=0.03)
+    np.testing.assert_allclose(found[:, 0], size.reshape(-1, n).mean(axis=1), rtol=0.02)
 
 
 def test_noise_beside_an_order() -> None:

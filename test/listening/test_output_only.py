@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from linkage_vibration.listening.output_only import Candidate, identify, mac
+from linkage_vibration.listening.output_only import Candidate, finish, identify, mac
 from linkage_vibration.mechanics.arrays import FloatArray
 
 RATE, SECONDS = 20.0, 240.0  # Hz, s
@@ -36,7 +36,7 @@ def responses(seed: int, delay: int = 0) -> FloatArray:
 
 def modes(signals: FloatArray, first_lag: int = 1) -> list[Candidate]:
     """Return the candidates between 1 and 5 Hz of three windows."""
-    return identify(np.split(signals, 3), RATE, (1.0, 5.0), first_lag)
+    return finish(identify(np.split(signals, 3), RATE, (1.0, 5.0), first_lag))
 
 
 def test_known_oscillators() -> None:
@@ -57,7 +57,7 @@ def test_known_oscillators() -> None:
 
 def test_modes_outside_the_band() -> None:
     """A mode outside the band is not reported."""
-    found = identify(np.split(responses(1), 3), RATE, (2.5, 5.0))
+    found = finish(identify(np.split(responses(1), 3), RATE, (2.5, 5.0)))
     assert found
     assert min(each.frequency for each in found) > 2.5
 
@@ -65,4 +65,4 @@ def test_modes_outside_the_band() -> None:
 @pytest.mark.parametrize("signals", [np.zeros((400, 2)), np.ones((30, 2))])
 def test_nothing_is_found(signals: FloatArray) -> None:
     """A channel that shows nothing, and one that is too short, show no mode."""
-    assert identify([signals], RATE, (1.0, 5.0)) == []
+    assert finish(identify([signals], RATE, (1.0, 5.0))) == []

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from linkage_vibration.listening.segments import find_segments, over_phase
+from linkage_vibration.listening.segments import find_segments, over_phase, phase_rate
 
 RATE, SHORTEST = 100.0, 8.0  # Hz, s
 
@@ -42,9 +42,9 @@ def test_over_phase() -> None:
     times = np.arange(0.0, 40.0, 1.0 / RATE)
     predicted = 4.0 + 0.05 * times
     signal = np.sin(math.tau * 1.1 * np.cumsum(predicted) / RATE)[:, np.newaxis]
-    windows, rate, mean = over_phase(times, signal, [slice(0, len(times))], predicted)
-    spectrum = np.abs(np.fft.rfft(windows[0][:, 0] * np.hanning(len(windows[0])), 2**16))
+    mean = float(predicted.mean())
+    window, rate = over_phase(signal, predicted, mean, RATE), phase_rate(mean, RATE)
+    spectrum = np.abs(np.fft.rfft(window[:, 0] * np.hanning(len(window)), 2**16))
     peak = spectrum.argmax() * rate / 2**16
     assert peak == pytest.approx(1.1 * predicted.mean(), rel=2e-3)
-    assert mean == pytest.approx(predicted.mean())
     assert spectrum[[int(peak * 0.9 / rate * 2**16)]] < 0.01 * spectrum.max()

@@ -8,7 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from linkage_vibration.listening import drive_modes
 from linkage_vibration.listening.drive_modes import DriveMode
+from linkage_vibration.listening.output_only import Steps
 from linkage_vibration.listening.signals import Signal
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.prediction.excitation import Source
@@ -105,11 +107,12 @@ def test_no_mode_is_sought_in_a_gap(log: Log, gap: float, monkeypatch: pytest.Mo
     """Two sensors share their times, and the angle is not known in a gap of one of them."""
     given: list[np.ndarray] = []
 
-    def listen(*arguments: np.ndarray) -> tuple[DriveMode, ...]:
+    def listen(*arguments: np.ndarray, damped: bool) -> Steps[tuple[DriveMode, ...]]:
         given.extend(arguments)
+        yield
         return ()
 
-    monkeypatch.setattr(listening_page, "listen_modes", listen)
+    monkeypatch.setattr(drive_modes, "search_modes", listen)
     whole, late = shaken(log, 0.0, 0.0), shaken(log, 5.0, 0.0)
     kept = (whole.times < 10.0) | (whole.times > 10.0 + gap)
     whole = replace(whole, times=whole.times[kept], values=whole.values[kept])
@@ -148,11 +151,12 @@ def test_a_dead_axis_and_sensors_that_hardly_meet(
     """An axis of zeros is left out; no mode is sought without signals, or in less than 8 s."""
     places: list[object] = []
 
-    def listen(*arguments: object) -> tuple[DriveMode, ...]:
+    def listen(*arguments: object, damped: bool) -> Steps[tuple[DriveMode, ...]]:
         places.append(arguments[4])
+        yield
         return ()
 
-    monkeypatch.setattr(listening_page, "listen_modes", listen)
+    monkeypatch.setattr(drive_modes, "search_modes", listen)
     signal = shaken(log, 0.0, 0.0)
     one, dead = (replace(signal, values=signal.values * gain) for gain in ([0, 0, 1], [0, 0, 0]))
     heard = [hear(log, one), hear(log, dead)]

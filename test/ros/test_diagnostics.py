@@ -83,10 +83,11 @@ PREDICTING = {
 ORDERS = ("order_levels", "order_stddevs", "predicted_levels", "predicted_factors", "differences")
 
 
-def heard(difference: float, doubts: str = "") -> SimpleNamespace:
+def heard(difference: float, doubts: str = "", modes: str = "") -> SimpleNamespace:
     """Return sensors of which one measures an order that is twice as strong as predicted."""
     orders = dict(zip(ORDERS, np.array([[0.2], [0.01], [0.1], [1.5], [difference]]), strict=True))
-    return SimpleNamespace(latest={"imu": MessageColumns(sensor="imu", doubts=doubts, **orders)})
+    message = MessageColumns(sensor="imu", doubts=doubts, **orders)
+    return SimpleNamespace(latest={"imu": message}, modes=SimpleNamespace(sentence=lambda: modes))
 
 
 def healthy(**changes: Any) -> Health:
@@ -203,6 +204,7 @@ def test_most_serious_problem_first(changes: dict[str, Any], level: bytes, words
             "imu: rotor 1 is 2 times as strong as predicted .2.1 standard deviations",
         ),
         ("sensors", {"sensors": heard(0.0, "It hangs loose.")}, WARN, "imu: It hangs loose."),
+        ("sensors", {"sensors": heard(0.0, "", "The heave is low.")}, WARN, "The heave is low."),
     ],
 )
 def test_each_part_has_a_status(

@@ -22,7 +22,7 @@ from linkage_vibration.mechanics.description import Cylinder, Mechanism, Uncerta
 from linkage_vibration.mechanics.model import LinkageModel, Place, Solution
 from linkage_vibration.mechanics.modes import oscillating_indices
 from linkage_vibration.mechanics.response import reach
-from linkage_vibration.mechanics.uncertainty import rotation
+from linkage_vibration.mechanics.uncertainty import member_coordinates
 from linkage_vibration.table.interpolation import (
     interpolation_matrix,
     stroke_angle,
@@ -34,7 +34,6 @@ from linkage_vibration.table.tabulation.tracking import UNCLEAR
 
 _ALL = 10**6
 _COARSER = (4, 2), (8, 4), (_ALL, _ALL)  # elements and modes of links that are tried for members
-_SEED = 7
 _N_NODES = 8, 15, 29  # angles at which members are solved
 _SAME = 1.0 - 1e-6  # of a gap between modes; a smaller difference is rounding
 _BETWEEN = 0.5  # Between them, a pole may be off by this share of its decay.
@@ -85,7 +84,7 @@ def with_ensemble(table: Table, sampler: Sampler, progress: Callable[[float], ob
 
 def member_numbers(uncertainty: Uncertainty) -> FloatArray:
     """Return the uncertain numbers of the members, (n_members, n); opposite ones in each half."""
-    half = rotation(len(uncertainty.numbers), _SEED)
+    half = member_coordinates(len(uncertainty.numbers))
     return uncertainty.draw(np.vstack([half, -half]))
 
 

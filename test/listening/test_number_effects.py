@@ -1,0 +1,35 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Changes of modes by uncertain numbers from the ensemble of a table, beside the model itself."""
+
+import numpy as np
+
+from linkage_vibration.listening.number_effects import NumberEffects
+from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.mechanics.sensitivity import Sensitivity
+from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.support.resources import config_file
+from linkage_vibration.table.table import load_table
+
+NAME = "three_point_linkage_on_tractor"
+
+
+def test_effects_are_those_of_the_model() -> None:
+    """Each number changes each mode as the derivatives of the model say, and all of them together.
+
+    They are differences over standard deviations of up to 25 %, so higher orders remain:
+    up to 4 %, and 0.002.
+    """
+    table = load_table(config_file(f"tables/{NAME}.npz"))
+    mechanism = read_mechanism(config_file(f"{NAME}.yaml"))
+    effects, model, heights = NumberEffects(table), LinkageModel(mechanism), [1.8, 2.5, 3.0]
+    changes = effects.at(np.array(heights))
+    np.testing.assert_allclose(
+        np.sqrt((changes**2).sum(axis=2)),
+        table.evaluate_parameter_deviations(np.array(heights))[:, : table.n_modes],
+        rtol=0.03,
+    )
+    for height, here in zip(heights, changes, strict=True):
+        derivatives = Sensitivity(model).at(model.solve(height), 400.0).log_frequencies
+        numbers = np.array([*effects.of_numbers(mechanism, here).values()])
+        np.testing.assert_allclose(numbers[:, :4], derivatives[:, :4], 0.04, 2e-3)
