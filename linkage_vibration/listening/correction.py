@@ -8,6 +8,7 @@ numbers are found with the first-order changes of the frequencies. This is exper
 been tried with simulated drives only.
 """
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -50,11 +51,14 @@ class Correction:
         if not all(1 <= each.mode <= table.n_modes for each in targets):
             raise CorrectionError(f"The table has {table.n_modes} modes, counted from 1.")
         if min(heights) < low or max(heights) > high:
-            raise CorrectionError("A target is outside the angles of the table; drop it.")
+            angles = f"of the table, {math.degrees(low):g} to {math.degrees(high):g} deg"
+            raise CorrectionError(f"A target is outside the angles {angles}; drop it.")
         at, rows = np.array(heights), np.arange(len(heights))
         every = table.evaluate(at)[:, : table.n_modes]  # Targets count modes as they ascend.
         modes = np.argsort(every, axis=1)[rows, [each.mode - 1 for each in targets]]
         predicted = every[rows, modes]
+        if np.isnan(predicted).any():
+            raise CorrectionError("A target is of a mode that is overdamped at its angle; drop it.")
         measured = np.array([each.frequency for each in targets])
         deviations = np.array([each.deviation for each in targets])
         self._effects = NumberEffects(table)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from linkage_vibration.listening.amplitudes import measure_orders, predicted_levels, unit_responses
-from linkage_vibration.listening.correction import Correction, read_correction
+from linkage_vibration.listening.correction import Correction, CorrectionError, read_correction
 from linkage_vibration.listening.live_modes import NOTED, OFF, LiveModes
 from linkage_vibration.listening.orders import SECONDS, Orders, track_orders
 from linkage_vibration.listening.signals import SignalError, measured_signal
@@ -234,6 +234,9 @@ def sensor_monitor(
     settings: Parameters,
 ) -> SensorMonitor | None:
     """Return the monitor of sensors with the speeds that parameters fix; None without a sensor."""
+    if settings.correction_file and not settings.sensor_file:
+        text = "Parameter correction_file corrects frequencies on `~/measured`, which needs sensors"
+        raise CorrectionError(f"{text}; give them as sensor_file, or leave it out.")
     if not sensors:
         return None
     speeds = {source: settings.fixed_speed(source) for source in Source}

@@ -92,5 +92,6 @@ def drive_targets(modes: Sequence[DriveMode], table: Table, mechanism: Path, out
             rank = int((every < every[each.mode]).sum())
             targets.append((rank, each.alpha3, each.frequency, each.deviation))
     if not targets:
-        raise DriveError("No mode of the drive is without doubt; drive longer, or elsewhere.")
+        text = "no mode of the drive is without doubt, so there is no target"
+        raise DriveError(f"{output}: {text}; drive longer, or elsewhere, or leave out --targets.")
     return targets_text(targets, mechanism, output, "a drive")

@@ -28,6 +28,7 @@ _GRAVITY = 0.15  # by which the mean acceleration may differ from gravity
 _NO_GRAVITY = 1.0  # m/s^2: a mean below it contains none
 _TILT = math.radians(15.0)
 _FEWEST = 16  # samples
+_SLOWEST = 0.4  # s between samples, beyond which `HIGHEST` is near the 1 Hz at which levels begin
 
 
 class SignalError(LinkageVibrationError):
@@ -98,6 +99,9 @@ def measured_signal(
     if len(times) < _FEWEST:
         raise SignalError(f"{sensor.name} has {len(times)} samples; record at least {_FEWEST}.")
     even, missing, step, spread = _even_clock(sensor, times)
+    if step > _SLOWEST:
+        text = f"{sensor.name} has {1.0 / step:.2g} samples per second, too few to hear anything"
+        raise SignalError(f"{text}; record more, and give its times in s.")
     values = sensor.scale * readings @ sensor.axes.T
     doubts = [*_range_doubts(sensor, readings), *_time_doubts(times, step, spread)]
     if missing.any():

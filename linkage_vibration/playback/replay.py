@@ -55,7 +55,7 @@ from linkage_vibration.prediction.periods import Periods
 from linkage_vibration.prediction.predictor import Predictor, Status, predict_many
 from linkage_vibration.prediction.provenance import attachments, implement_facts
 from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor
-from linkage_vibration.prediction.settings import NODE_NAME, Parameters
+from linkage_vibration.prediction.settings import DECLARED, NODE_NAME, Parameters, with_values
 from linkage_vibration.readers.excitations import excitation_files
 from linkage_vibration.readers.sensors import SensorReader, live_sensors, sensor_files
 from linkage_vibration.readers.served import read_described, read_loads, read_served
@@ -202,13 +202,14 @@ def replay(
     OutputError
         If the output is one of the inputs, or its folder cannot be used.
     LinkageVibrationError
-        If a bag, the mechanism or its table cannot be used.
+        If a parameter, a bag, the mechanism or its table cannot be used.
     """
     bags_given = [inputs] if isinstance(inputs, str | Path) else inputs
     paths, output = [Path(path) for path in bags_given], Path(output)
     if not paths:
         raise ReplayError("No bag was given; give at least one.")
     settings = settings or Parameters()
+    settings = with_values(settings, {name: getattr(settings, name) for name in DECLARED})
     _refuse_repeated(paths)
     models = [settings.mechanism_path(), settings.excitation_path(), settings.table_path()]
     models += [settings.implement_path(), settings.sensor_path(), settings.correction_path()]

@@ -328,6 +328,6 @@ class GroundMembers:
 def _between(grid: FloatArray, values: FloatArray) -> list[tuple[IntArray, FloatArray]]:
     """Return the two neighbours of values, (n,), on an even grid, and their weights, (n, 1, 1)."""
     place = (values - grid[0]) / (grid[1] - grid[0])
-    first = np.clip(place.astype(np.int64), 0, len(grid) - 2)
+    first = np.clip(np.nan_to_num(place).astype(np.int64), 0, len(grid) - 2)
     after = (place - first).astype(np.float32).reshape(-1, 1, 1)
     return [(first, 1.0 - after), (first + 1, after)]

@@ -33,7 +33,7 @@ def read_recording(path: Path, topic: str | None = None) -> tuple[FloatArray, Fl
         if table.shape[1] < _FEWEST:
             problem = f"{path}: has {table.shape[1]} columns; give the time and a channel."
             raise RecordingError(problem)
-        return _ordered(path, table[:, 0], table[:, 1:])
+        return ordered(path, table[:, 0], table[:, 1:])
     # A node that has no such libraries reads profiles of the ground here, but no bags.
     from linkage_vibration.bags.message_columns import header_stamps, read_columns, topic_types
 
@@ -50,14 +50,22 @@ def read_recording(path: Path, topic: str | None = None) -> tuple[FloatArray, Fl
     # The times are those of measuring, or of recording without stamps.
     stamps = header_stamps(columns)
     times = stamps if stamps.any() else columns["log_time"].astype(np.int64)
-    return _ordered(path, np.asarray(1e-9 * (times - times[:1])), signals)
+    return ordered(path, np.asarray(1e-9 * (times - times[:1])), signals)
 
 
 def read_numbers(path: Path) -> FloatArray:
+    """Return the lines of numbers of a CSV file, (n, n_columns), as `read_table` does.
+
+    Columns that are empty are left out, except the first.
+    """
+    table = read_table(path)
+    return np.hstack([table[:, :1], table[:, 1:][:, ~np.isnan(table[:, 1:]).all(axis=0)]])
+
+
+def read_table(path: Path) -> FloatArray:
     """Read a CSV file with commas, semicolons or tabs, with or without lines of names.
 
-    It returns the lines of numbers, (n, n_columns), without columns that are empty after the first;
-    an empty cell is NaN.
+    It returns the lines of numbers, (n, n_columns); an empty cell is NaN.
     """
     try:
         refuse_pipe(path)
@@ -92,8 +100,7 @@ def read_numbers(path: Path) -> FloatArray:
         raise RecordingError(
             f"{path}: has no line of numbers; give the time or distance, and what was measured."
         )
-    table = np.array(rows)
-    return np.hstack([table[:, :1], table[:, 1:][:, ~np.isnan(table[:, 1:]).all(axis=0)]])
+    return np.array(rows)
 
 
 def _number(cell: str) -> float:
@@ -101,7 +108,7 @@ def _number(cell: str) -> float:
     return float(cell.strip(' "') or "nan")
 
 
-def _ordered(path: Path, times: FloatArray, signals: FloatArray) -> tuple[FloatArray, FloatArray]:
+def ordered(path: Path, times: FloatArray, signals: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return what is finite in the order of its times."""
     kept = np.isfinite(times) & np.isfinite(signals).all(axis=1)
     times, signals = times[kept], signals[kept]

@@ -23,7 +23,7 @@ from linkage_vibration.mechanics.description import MechanismError
 from linkage_vibration.mechanics.forces import GRAVITY
 from linkage_vibration.mechanics.keys import Keys
 from linkage_vibration.readers.mechanism import load_yaml
-from linkage_vibration.readers.recordings import read_recording
+from linkage_vibration.readers.recordings import ordered, read_table
 from linkage_vibration.support.commands import command
 
 _UNITS = {
@@ -128,8 +128,7 @@ def _sensor(keys: Keys, name: str, folder: Path) -> Sensor:
     if "file" in keys:
         file = folder / keys.text("file")
     if file is not None and file.suffix.lower() == ".csv":
-        usual = [2.0, 3.0, 4.0][:count]
-        columns = tuple(int(n) for n in (keys.numbers("columns") if "columns" in keys else usual))
+        columns = _columns(keys) if "columns" in keys else (2, 3, 4)[:count]
     else:
         topic = keys.text("topic")
         type_name = keys.text("type") if "type" in keys else IMU
@@ -145,7 +144,7 @@ def _sensor(keys: Keys, name: str, folder: Path) -> Sensor:
         accelerates=accelerates,
         scale=_UNITS[quantity][unit] * factor,
         axes=_axes(keys) if accelerates else np.eye(1),
-        limit=keys.number("range", default=np.inf) if "range" in keys else np.inf,
+        limit=keys.number("range", positive=True, default=np.inf),
         file=file,
         topic=topic,
         type=type_name,
@@ -154,6 +153,15 @@ def _sensor(keys: Keys, name: str, folder: Path) -> Sensor:
         starts_at=keys.number("starts_at", default=0.0),
         filtered=keys.flag("filtered") if "filtered" in keys else False,
     )
+
+
+def _columns(keys: Keys) -> tuple[int, ...]:
+    """Return the columns of a CSV file, which count from 1; the first is the time."""
+    numbers = keys.numbers("columns")
+    if any(n < 2.0 or n != round(n) for n in numbers) or len(set(numbers)) < len(numbers):
+        hint = "give different whole numbers from 2, as column 1 is the time"
+        raise keys.error("columns", f"{', '.join(f'{n:g}' for n in numbers)} are given; {hint}.")
+    return tuple(int(n) for n in numbers)
 
 
 def _axes(keys: Keys) -> FloatArray:
@@ -177,11 +185,7 @@ def read_measured(sensor: Sensor, log: Path, start: int) -> tuple[FloatArray, Fl
     """Return times since a stamp (ns), s, (n,), and readings in units of the sensor, (n, k)."""
     path = sensor.file or log
     if sensor.columns:
-        times, every = read_recording(path)
-        if not len(times) or max(sensor.columns) > every.shape[1] + 1 or min(sensor.columns) < 2:
-            known = f"it has {every.shape[1] + 1} columns and {len(times)} lines of numbers"
-            raise SensorError(f"{path}: {sensor.name} needs columns that it lacks; {known}.")
-        chosen = every[:, [column - 2 for column in sensor.columns]]
+        times, chosen = _read_csv(sensor, path)
         return times - times[0] + sensor.starts_at, chosen
     from linkage_vibration.bags.streams import open_bags  # a node may lack the library for bags
 
@@ -201,6 +205,22 @@ def read_measured(sensor: Sensor, log: Path, start: int) -> tuple[FloatArray, Fl
         raise SensorError(f"{path}: {sensor.topic} has no reading for {sensor.name}; record more.")
     order = np.argsort(stamps_read, kind="stable")
     return np.asarray((stamps_read[order] - start) / 1e9), readings[order]
+
+
+def _read_csv(sensor: Sensor, path: Path) -> tuple[FloatArray, FloatArray]:
+    """Return times, s, and readings of the lines of a CSV file in which no reading is missing."""
+    table = read_table(path)
+    if max(sensor.columns) > table.shape[1]:
+        text = f"{sensor.name} needs column {max(sensor.columns)}, and it has {table.shape[1]}"
+        raise SensorError(f"{path}: {text}; correct columns.")
+    chosen = table[:, [column - 1 for column in sensor.columns]]
+    chosen[~(np.abs(chosen) < LARGEST)] = np.nan
+    times, readings = ordered(path, table[:, 0], chosen)
+    if not len(times):
+        names = ", ".join(map(str, sensor.columns))
+        text = f"no line has numbers in column 1, the time, and in {names} of {sensor.name}"
+        raise SensorError(f"{path}: {text}; correct columns, or the file.")
+    return times, readings
 
 
 class SensorReader:

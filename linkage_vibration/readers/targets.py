@@ -11,6 +11,7 @@ from typing import Any
 
 import yaml
 
+from linkage_vibration.mechanics.description import MechanismError
 from linkage_vibration.mechanics.keys import Keys
 from linkage_vibration.mechanics.paths import number_at
 from linkage_vibration.readers.mechanism import load_yaml
@@ -50,7 +51,15 @@ def read_target(keys: Keys) -> Target:
 
 def read_targets(path: Path) -> list[Target]:
     """Read the targets in the file of a calibration; a `MechanismError` names the key."""
-    return [read_target(entry) for entry in Keys("", load_yaml(path)[0]).items("targets")]
+    mapping = load_yaml(path)[0]
+    try:
+        entries = Keys("", mapping).items("targets")
+        targets = [read_target(entry) for entry in entries]
+        for entry in entries:
+            entry.refuse_unknown()
+    except MechanismError as error:
+        raise MechanismError(f"{path}: {error.path}", error.problem) from None
+    return targets
 
 
 def targets_text(

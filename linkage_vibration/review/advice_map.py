@@ -54,4 +54,4 @@ def advice_map(log: Log) -> dict[str, Any] | None:
 
 def _place(speed: float, angle: float) -> list[float] | None:
     """Return a place in the map; None if it is not known."""
-    return None if math.isnan(speed + angle) else [round(speed, 3), round(angle, 3)]
+    return None if not math.isfinite(speed + angle) else [round(speed, 3), round(angle, 3)]

@@ -72,6 +72,11 @@ def hear(log: Log, signal: Signal) -> Heard:
     """Return what a sensor heard in the drive of a log, beside what its model predicts there."""
     if log.table is None or log.mechanism is None or not log.excitations:
         raise ReviewError(f"{log.path} holds no table with excitations; replay the drive again.")
+    (first, last), end = signal.times[[0, -1]], float(log.times[-1])
+    if first > end or last < 0.0:
+        text = f"{signal.sensor.name} measured from {first:.6g} to {last:.6g} s since the first"
+        text += f" prediction, and the drive ends at {end:.6g} s"
+        raise ReviewError(f"{log.path}: {text}; correct the clocks of both, or `starts_at`.")
     transfer = Transfer(log.table, log.mechanism, log.excitations, signal.sensor)
     speeds = all_speeds(log)
     orders = track_orders(signal, log.excitations, speeds)

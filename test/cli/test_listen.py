@@ -86,6 +86,14 @@ def test_listen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "nothing is compared" in capsys.readouterr().out
     assert main([*command, "--amplitudes", str(written)]) == 1
     assert "all sensors are on a seat" in capsys.readouterr().err
+    (tmp_path / "phone.csv").write_text("\n".join(f"{k / 200},0,0,9.8" for k in range(2000)))
+    for starts_at, problem in ((-10.0, "from -10 to -0.005 s"), (180.0, "from 180 to 189.995 s")):
+        text = f"file: phone.csv, unit: m/s2, at: E1, starts_at: {starts_at}"
+        sensors.write_text(f"imu: {{{text}}}")
+        assert main(command) == 1
+        answer = capsys.readouterr().err
+        assert problem in answer
+        assert "the drive ends at 179.95 s; correct the clocks" in answer
     recording = tmp_path / "imu.html"
     recording.write_text("time\n")
     sensors.write_text(f"imu: {{file: {recording.name}, topic: /imu, unit: g, at: E1}}")

@@ -13,8 +13,12 @@ import pytest
 from benchmark.listening.simulation import FILE, GRID, HEAVE, modes
 from linkage_vibration.listening import correction
 from linkage_vibration.listening.correction import Correction, CorrectionError, read_correction
+from linkage_vibration.listening.live import sensor_monitor
 from linkage_vibration.listening.number_effects import NumberEffects
 from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.mechanics.description import MechanismError
+from linkage_vibration.prediction.settings import Parameters
+from linkage_vibration.readers.served import read_served
 from linkage_vibration.readers.targets import Target
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import Table, load_table
@@ -128,3 +132,30 @@ def test_what_is_refused(tmp_path: Path) -> None:
     with pytest.raises(CorrectionError, match=r"targets\.yaml: The table has 6 modes"):
         read_correction(path, table())
     assert read_correction(None, table()) is None
+    for text, words in (
+        (
+            "{mode: 4, at_deg: 110, hz: 5, deviaton: 0.05}",
+            r"targets\[0\].deviaton: this key is not",
+        ),
+        ("{mode: 4, at_deg: 110, hz: -5}", r"targets\[0\].hz: -5 is not greater"),
+    ):
+        path.write_text(f"targets: [{text}]\n")
+        with pytest.raises(MechanismError, match=rf"targets\.yaml: {words}"):
+            read_correction(path, table())
+
+
+def test_an_overdamped_mode_is_no_target(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its frequency is NaN in the table, so it corrects nothing."""
+    [one, _] = targets(true(1.2, 1.0))
+    monkeypatch.setattr(Table, "evaluate", lambda _, at: np.full((len(at), 6), math.nan))
+    with pytest.raises(CorrectionError, match="overdamped at its angle"):
+        Correction(table(), [one])
+
+
+def test_a_correction_needs_sensors(tmp_path: Path) -> None:
+    """Without sensors nothing would be corrected, so the node and a replay refuse it."""
+    served = read_served(Parameters(), print)
+    given = Parameters(correction_file=str(tmp_path / "targets.yaml"))
+    with pytest.raises(CorrectionError, match="give them as sensor_file, or leave it out"):
+        sensor_monitor([], served, (), given)
+    assert sensor_monitor([], served, (), Parameters()) is None

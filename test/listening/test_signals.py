@@ -229,3 +229,13 @@ def test_a_few_samples_are_refused() -> None:
     """Less than 16 samples at different times are no signal."""
     with pytest.raises(SignalError, match="imu has 1 samples"):
         measured_signal(sensor(), np.zeros(N), readings(), 20.0)
+
+
+@pytest.mark.parametrize(("step", "refused"), [(0.39, False), (0.41, True), (5.0, True)])
+def test_samples_far_apart_are_refused(step: float, refused: bool) -> None:
+    """Stamps in ms, or a slow sensor, leave no frequency between 1 Hz and 0.45 of the rate."""
+    if not refused:
+        assert measured_signal(sensor(), step * np.arange(N), readings(), 20.0).rate < 2.6
+        return
+    with pytest.raises(SignalError, match=r"imu has .* samples per second, .* times in s"):
+        measured_signal(sensor(), step * np.arange(N), readings(), 20.0)

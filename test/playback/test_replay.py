@@ -43,7 +43,7 @@ from linkage_vibration.prediction.motion import crank_filter, crank_resolution
 from linkage_vibration.prediction.parameter_files import read_parameters
 from linkage_vibration.prediction.predictor import Predictor, Status
 from linkage_vibration.prediction.resonance import ResonanceMonitor
-from linkage_vibration.prediction.settings import Parameters
+from linkage_vibration.prediction.settings import ParameterError, Parameters
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.atomic_files import OutputError
@@ -496,6 +496,23 @@ def test_memory_does_not_grow_with_the_bag(tmp_path: Path) -> None:
         totals.append(peak)
     assert len(example) * 100 * 5000 > 50e6
     assert totals[1] < totals[0] + 20
+
+
+@pytest.mark.parametrize(
+    ("changed", "problem"),
+    [
+        ({"sign": 5}, "sign must be 1 or -1, not 5"),
+        ({"scale": "a"}, "scale must be a finite number greater than 0, not 'a'"),
+        ({"stale_after": math.nan}, "stale_after must be 0.01 to 3600, not nan"),
+        ({"input": "percent", "calibration": (1.0, 2.0, 3.0)}, "calibration"),
+    ],
+)
+def test_parameters_are_checked_as_by_the_node(
+    tmp_path: Path, changed: dict[str, Any], problem: str
+) -> None:
+    """Parameters that a program makes are those of a file, so no invalid one gives numbers."""
+    with pytest.raises(ParameterError, match=problem):
+        replay(tmp_path / "drive.mcap", tmp_path / "log.mcap", Parameters(**changed))
 
 
 def test_one_bag_needs_no_list(tmp_path: Path) -> None:

@@ -171,6 +171,16 @@ def test_the_ground_belongs_to_the_members() -> None:
         assert np.median(np.log(share[:, 0])) == pytest.approx(expected, abs=0.2)
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_the_ground_has_no_level_without_a_speed() -> None:
+    """A speed or an angle that is NaN gives NaN, and no warning of NumPy reaches the user."""
+    mechanism = read_mechanism(SHIPPED)
+    table = load_table(config_file(DEFAULT_TABLE), mechanism)
+    members = GroundMembers(table, mechanism, Terrain(256e-6), [("E1", "z")])
+    shares = members.shares(np.array([ALPHA3, ALPHA3, np.nan]), np.array([3.0, np.nan, 3.0]))
+    assert np.isfinite(shares).all(axis=(1, 2)).tolist() == [True, False, False]
+
+
 def test_amplitude_and_frequency_belong_to_the_members() -> None:
     """Amplitudes add their variance; far above a mode, a frequency changes a level by its power."""
     line = np.array([30.0])

@@ -35,6 +35,27 @@ def test_csv_of_a_phone(tmp_path: Path) -> None:
     assert sensor.scale == 9.80665
 
 
+def test_other_columns_of_a_csv_change_nothing(tmp_path: Path) -> None:
+    """Empty columns count, lines keep their readings beside cells that nobody reads."""
+    lines = [
+        "t,gyro,x,y,z,gps",
+        "0,,1,2,3,5",
+        "1,,1,2,4,",
+        "2,,1,,4,",
+        "3,,1,2,inf,",
+        "4,,1e12,2,6,",
+    ]
+    (tmp_path / "phone.csv").write_text("\n".join(lines))
+    text = "file: phone.csv, unit: g, at: E1, columns: [3, 4, 5]"
+    [sensor] = read_sensors(sensors(tmp_path, text))
+    times, values = read_measured(sensor, tmp_path / "log.mcap", 0)
+    assert times.tolist() == [0.0, 1.0]
+    assert values.tolist() == [[1.0, 2.0, 3.0], [1.0, 2.0, 4.0]]
+    [sensor] = read_sensors(sensors(tmp_path, "file: phone.csv, unit: g, at: E1"))
+    with pytest.raises(SensorError, match=r"no line has numbers in .* and in 2, 3, 4 of imu"):
+        read_measured(sensor, tmp_path / "log.mcap", 0)
+
+
 def test_fields_of_a_message(tmp_path: Path) -> None:
     """The fields of an AccelStamped are known, and its stamps are the times."""
     store = get_typestore(Stores.ROS2_HUMBLE)
@@ -105,6 +126,10 @@ def test_axes(
         ("topic: /a, unit: g, at: E1, axes: [x, y]", "is not a rotation; say where"),
         ("topic: /a, unit: g, at: E1, fields: [a]", "1 are given; give three"),
         ("file: a.csv, unit: N, quantity: force, at: a, columns: [2, 3]", "2 are given; give one"),
+        ("file: a.csv, unit: g, at: E1, columns: [1, 2, 3]", "1, 2, 3 are given; give different"),
+        ("file: a.csv, unit: g, at: E1, columns: [2, 2, 3]", "2, 2, 3 are given; give different"),
+        ("file: a.csv, unit: g, at: E1, columns: [2.5, 3, 4]", "2.5, 3, 4 are given; give diff"),
+        ("topic: /a, unit: g, at: E1, range: 0", "imu.range: 0 is not greater than zero"),
         ("unit: g, at: E1", "imu.topic: this key is missing"),
         ("topic: /a, unit: g, at: E1, gain: 2", "imu.gain"),
     ],
@@ -125,7 +150,7 @@ def test_what_cannot_be_read(tmp_path: Path) -> None:
         read_sensors(tmp_path / "empty.yaml")
     text = "file: a.csv, unit: g, at: E1, columns: [2, 3, 4]"
     [sensor] = read_sensors(sensors(tmp_path, text))
-    with pytest.raises(SensorError, match="it has 3 columns and 2 lines"):
+    with pytest.raises(SensorError, match=r"imu needs column 4, and it has 3; correct"):
         read_measured(sensor, tmp_path / "log.mcap", 0)
     with LogWriter(tmp_path / "log.mcap", [log_topic("/a", "std_msgs/msg/Float64")]):
         pass

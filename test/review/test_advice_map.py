@@ -73,6 +73,20 @@ def test_a_drive_without_ground_speed_has_no_map(drive: Path) -> None:
     assert advice_map(read_log(drive)) is None
 
 
+def test_places_that_are_not_known_interrupt_the_drive(tmp_path: Path) -> None:
+    """An infinite angle and a speed that is NaN are no places, and the page is written."""
+    bag, log, page = (tmp_path / name for name in ("bag.mcap", "log.mcap", "page.html"))
+    write_road(bag, infinite=range(200, 240), unknown=range(300, 340))
+    replay(bag, log, Parameters(resonance_rate=0.0))
+    assert main(["review", str(log), "-o", str(page)]) == 0
+    assert page.exists()
+    shown = advice_map(read_log(log))
+    assert shown is not None
+    assert [place is None for place in shown["drive"]] == [
+        200 <= k < 240 or 300 <= k < 340 for k in range(800)
+    ]
+
+
 def test_page_draws_the_map(road: Path, tmp_path: Path, browser: Any) -> None:
     """The page has the map with the drive, and reads its values at the pointer."""
     page = tmp_path / "page.html"

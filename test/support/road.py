@@ -20,8 +20,11 @@ engine: {speed: engine, orders: [3], moment: [190.0], at: base, at_speed: 2000.0
 """
 
 
-def write_road(path: Path) -> None:
-    """Write angles from 165 to 140 deg, speeds over ground up to 36 km/h, and an engine speed."""
+def write_road(path: Path, infinite: range = range(0), unknown: range = range(0)) -> None:
+    """Write angles from 165 to 140 deg, speeds over ground up to 36 km/h, and an engine speed.
+
+    Angles are infinite in a range of steps, and the speeds over ground are NaN in another.
+    """
     store, topics = get_typestore(Stores.ROS2_HUMBLE), Parameters()
     kinds = {"/joint_states": JOINT_STATE, "/ground_speed": FLOAT64, "/engine_speed": FLOAT64}
     joint, header, stamp = (
@@ -36,6 +39,10 @@ def write_road(path: Path) -> None:
             along = k / (DURATION * RATE)
             angle = np.radians(165.0 - 25.0 * max(0.0, 2.0 * along - 1.0))
             speed = 10.0 * min(1.0, 3.0 * along)
+            if k in infinite:
+                angle = np.inf
+            if k in unknown:
+                speed = np.nan
             message = joint(
                 header=header(stamp=stamp(START + seconds, nanosec), frame_id=""),
                 name=[topics.joint_name],
