@@ -25,6 +25,7 @@ Integers = NDArray[np.int64]
 GAP = 3.0
 """Readings that are farther apart, s, do not belong to the same warning."""
 
+_ENDLESS = "No single change of speed or height within reach ends it."
 _NEVER = 2**62  # ns; a time that has not come
 
 
@@ -251,14 +252,19 @@ def _warning(resonance: MessageColumns, excitations: Sequence[Excitation]) -> st
     does = f"exerts {load}, all excitations together {ratio_words(resonance.total_load_ratio)}"
     if math.isnan(resonance.load_ratio):
         does = f"lifts a tyre off the ground for {resonance.off_ground_share:.2g} of the time"
-    text = f"{cause_words(resonance)} {does}."
+    ending = ending_words(resonance, excitations)
+    end = f"It ends at {ending}." if ending else _ENDLESS
+    return f"{cause_words(resonance)} {does}. {end}"
+
+
+def ending_words(resonance: MessageColumns, excitations: Sequence[Excitation]) -> str:
+    """Return the nearest speed and crank angle that end a warning; empty if there are none."""
     source = next((e.source for e in excitations if e.name == resonance.excitation), None)
     changes = []
     if source is not None and not math.isnan(resonance.quiet_speed):
         speed = speed_words(source, resonance.quiet_speed)
-        changes.append(f"a {source_words(source)} speed of {speed}")
+        article = "an" if source is Source.ENGINE else "a"
+        changes.append(f"{article} {source_words(source)} speed of {speed}")
     if not math.isnan(resonance.quiet_angle):
         changes.append(f"a crank angle of {math.degrees(resonance.quiet_angle):.1f} deg")
-    if not changes:
-        return f"{text} No single change of speed or height within reach ends it."
-    return f"{text} It ends at {' or '.join(changes)}."
+    return " or ".join(changes)
