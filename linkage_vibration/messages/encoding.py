@@ -52,16 +52,19 @@ def encode_columns(
     columns: MessageColumns,
     sec: NDArray[np.int32],
     nanosec: NDArray[np.uint32],
-    frame_id: str,
+    frame_id: str | NDArray[np.object_],
 ) -> Iterator[tuple[Integers, Bytes]]:
-    """Encode many messages, (n,), whose headers have the same frame.
+    """Encode many messages, (n,), whose headers have one frame, or each its own.
 
     The indices of messages whose texts are equal, (m,), are yielded with the bytes that
     `encode_message` returns for them, (m, n_bytes).
     """
     groups = [np.arange(len(sec))]
-    names = [field.name for field in message_fields(type_name) if field.type == "string"]
-    texts = {name: getattr(columns, name) for name in names if name != "header.frame_id"}
+    texts = {
+        field.name: frame_id if field.name in _HEADER else getattr(columns, field.name)
+        for field in message_fields(type_name)
+        if field.type == "string"
+    }
     for text in texts.values():
         if not isinstance(text, str):
             groups = [rows[text[rows] == each] for rows in groups for each in np.unique(text[rows])]
@@ -72,7 +75,6 @@ def encode_columns(
                 name: str(text if isinstance(text, str) else text[rows[0]])
                 for name, text in texts.items()
             }
-            shared["header.frame_id"] = frame_id
             yield rows, _encode_alike(type_name, alike, shared, sec[rows], nanosec[rows])
 
 

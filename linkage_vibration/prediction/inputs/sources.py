@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from linkage_vibration.bags.blocks import Block
 from linkage_vibration.bags.can_frames import FRAME_TYPES
@@ -18,12 +17,17 @@ from linkage_vibration.bags.message_types import JOINT_STATE
 from linkage_vibration.bags.numbers import Integers, LeftOut, NumberReader, Numbers
 from linkage_vibration.bags.schemas import FieldError, Schema, find_path
 from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.messages.columns import MessageColumns, joined
 from linkage_vibration.prediction.health import differing_seconds, senders_disagree
 from linkage_vibration.prediction.inputs.units import HitchScale, InputError, Reading, wrong_unit
 
 HEADER_TIME, RECEIPT_TIME = TIMES = ("header", "receipt")
 
 
+_NONE = np.zeros(0)
+_NO_NUMBERS = Numbers(
+    _NONE.astype(np.int64), _NONE, _NONE, _NONE.astype(np.int32), _NONE.astype(np.uint32), ""
+)
 MAX_BYTES = 1_000_000
 """Larger messages of inputs are refused; a joint state of 10,000 joints has a third of it."""
 
@@ -102,20 +106,6 @@ READERS: dict[str, Callable[[Schema, SourceSettings], NumberReader]] = {
     **dict.fromkeys(FRAME_TYPES, _can_reader),
 }
 """The readers of types that `FieldReader` does not read, or reads more slowly."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Readings:
-    """The crank angles of messages that have the same frame, by columns of shape (n,)."""
-
-    rows: Integers  # which messages of the block they are
-    crank_angle: FloatArray  # rad
-    velocity: FloatArray  # rad/s
-    stddev: FloatArray  # rad
-    sec: NDArray[np.int32]  # of the stamps, s
-    nanosec: NDArray[np.uint32]  # of the stamps, ns
-    times: Integers  # when the readings are assessed, ns
-    frame_id: str  # of the headers; empty for messages without a header
 
 
 Stamped: TypeAlias = tuple[Reading, int, int, str, int]
@@ -203,17 +193,39 @@ class CrankInput(InputReader):
             sec, nanosec = divmod(time, 10**9)
         return self.scale.reading(value, rate), sec, nanosec, frame_id, time
 
-    def read_block(self, block: Block, rows: Integers, left_out: LeftOut) -> Iterator[Readings]:
-        """Read many messages of a bag, which gives the same values as `read_one` for each."""
-        for numbers in self._numbers(block, rows, left_out):
-            times = block.log_times[numbers.rows] - self._delay
+    def read_block(self, block: Block, rows: Integers, left_out: LeftOut) -> MessageColumns:
+        """Return what `read_one` returns for many messages of a bag, in the order of arrival.
+
+        The columns ``crank_angle``, ``velocity`` and ``stddev`` are those of `Reading`. The others
+        are the stamps as ``sec`` and ``nanosec`` and as ``stamp``, ns, ``time``, ns, ``frame_id``,
+        a single text if all have the same, and ``in_block``, which messages of the block they are.
+        """
+        groups, parts = [*self._numbers(block, rows, left_out)] or [_NO_NUMBERS], []
+        one_frame = len({numbers.frame_id for numbers in groups}) == 1
+        for numbers in groups:
+            time = block.log_times[numbers.rows] - self._delay
             sec, nanosec = numbers.sec, numbers.nanosec
             if not self._stamped:
-                whole, rest = np.divmod(times, 10**9)
+                whole, rest = np.divmod(time, 10**9)
                 sec, nanosec = whole.astype(np.int32), rest.astype(np.uint32)
-            columns = self.scale.columns(numbers.value, numbers.rate)
-            self._note_senders(numbers, columns[0], times)
-            yield Readings(numbers.rows, *columns, sec, nanosec, times, numbers.frame_id)
+            crank_angle, velocity, stddev = self.scale.columns(numbers.value, numbers.rate)
+            self._note_senders(numbers, crank_angle, time)
+            part = MessageColumns(
+                in_block=numbers.rows,
+                crank_angle=crank_angle,
+                velocity=velocity,
+                stddev=stddev,
+                sec=sec,
+                nanosec=nanosec,
+                stamp=10**9 * sec.astype(np.int64) + nanosec,
+                time=time,
+                frame_id=numbers.frame_id
+                if one_frame
+                else np.full(len(time), numbers.frame_id, object),
+            )
+            parts.append(part)
+        readings = joined(parts)
+        return readings.rows(np.argsort(readings.in_block))
 
 
 class SpeedInput(InputReader):
