@@ -247,11 +247,8 @@ def replay(
                     done += len(block)
                     progress(done, total)
             _refuse_empty(run.done, bags, inputs_read[0])
-    for name, each in {
-        HITCH: inputs_read[0],
-        **{s.value: e for s, e in inputs_read[1].items()},
-    }.items():
-        if sentence := each.disagreement(topics[name].name):
+    for each in (inputs_read[0], *inputs_read[1].values()):
+        if sentence := each.disagreement(topics[each.settings.name].name):
             run.done.disagreements.append(sentence)
     return run.done
 
@@ -381,15 +378,13 @@ class _Replay:
         velocity, error = readings.velocity.copy(), np.zeros(len(readings))
         unknown = np.flatnonzero(np.isnan(velocity))
         if len(unknown):
-            moving, wanted = readings.rows(unknown), due[unknown]
-            known_part = self._input.scale.angle_stddev
-            rates = self._motion.add_many(
+            moving, known_part = readings.rows(unknown), self._input.scale.angle_stddev
+            velocity[unknown], error[unknown] = self._motion.add_many(
                 moving.stamp.tolist(),
                 moving.crank_angle.tolist(),
                 [crank_resolution(stddev, known_part) for stddev in moving.stddev.tolist()],
-                wanted.tolist(),
+                due[unknown].tolist(),
             )
-            velocity[unknown[wanted]], error[unknown[wanted]] = rates
         return velocity[due], error[due]
 
 

@@ -96,17 +96,6 @@ class Terrain:
     relative_stddev: float = 0.0
     spectrum: tuple[tuple[float, float], ...] | None = None
 
-    def __post_init__(self) -> None:
-        """Refuse numbers with which no level can be computed."""
-        low, high = self.band
-        pitch = 1.0 if self.lug_pitch is None else self.lug_pitch
-        positive = (self.roughness, self.exponent, self.reference, pitch, low)
-        if not all(0.0 < value < math.inf for value in positive) or not low < high < math.inf:
-            what = "roughness, exponent, reference, lug_pitch and an ascending band"
-            raise GroundError(f"{self} is invalid; give a finite {what}, all above 0.")
-        if not 0.0 <= self.relative_stddev <= 1.0:
-            raise GroundError(f"relative_stddev is {self.relative_stddev:g}; give 0 to 1.")
-
     def psd(self, frequency: FloatArray, speed: FloatArray) -> FloatArray:
         """Return the density of the height over frequencies in Hz, m2/Hz, at speeds in m/s."""
         n = frequency / speed

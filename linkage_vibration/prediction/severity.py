@@ -152,11 +152,16 @@ def speed_words(source: Source, value: float) -> str:
     return f"{value:{'.0f' if value < 1e6 else '.3g'}} {source.unit}"
 
 
-def unknown_speed_words(names: str) -> str:
+def listing(words: Sequence[str]) -> str:
+    """Return words as a sentence lists them: "a, b and c"."""
+    return " and ".join(filter(None, [", ".join(words[:-1]), words[-1]]))
+
+
+def unknown_speed_words(names: str, verbs: tuple[str, str] = ("is", "are")) -> str:
     """Return the subject and verb of a sentence about speeds, named as in the message."""
     words = [source_words(Source(name)) for name in names.split(", ")]
-    text = " and ".join(filter(None, [", ".join(words[:-1]), words[-1]]))
-    return f"the {text} speed is" if len(words) == 1 else f"the {text} speeds are"
+    end = f"speed {verbs[0]}" if len(words) == 1 else f"speeds {verbs[1]}"
+    return f"the {listing(words)} {end}"
 
 
 def no_load_words(resonance: MessageColumns, excitations: Sequence[Excitation]) -> str:
@@ -234,16 +239,15 @@ def present_sentence(resonance: MessageColumns, excitations: Sequence[Excitation
     rolls = resonance.ground_unknown and Source.GROUND.value not in speeds.split(", ")
     if rolls:
         tail += f" {unknown_ground(resonance.ground_unknown)}"
+    unknown_load = math.isnan(resonance.total_load_ratio)
     airborne = resonance.off_ground_share > AIRBORNE
-    if resonance.state == ResonanceState.WARNING and airborne:
+    if resonance.state == ResonanceState.WARNING and (airborne or not unknown_load):
         return f"{_warning(resonance, excitations)}{tail}"
-    if math.isnan(resonance.total_load_ratio):
+    if unknown_load:
         return f"No load is known{no_load_words(resonance, excitations)}.{tail}"
-    if resonance.state != ResonanceState.WARNING:
-        total = ratio_words(resonance.total_load_ratio)
-        qualifier = "known " if rolls else ""
-        return f"All {qualifier}loads are {total} of the static forces.{tail}"
-    return f"{_warning(resonance, excitations)}{tail}"
+    qualifier = "known " if rolls else ""
+    total = ratio_words(resonance.total_load_ratio)
+    return f"All {qualifier}loads are {total} of the static forces.{tail}"
 
 
 def _warning(resonance: MessageColumns, excitations: Sequence[Excitation]) -> str:

@@ -24,6 +24,7 @@ from linkage_vibration.prediction.severity import (
     all_unknown,
     cause_words,
     ending_words,
+    listing,
     load_words,
     no_load_words,
     only_ground,
@@ -216,8 +217,9 @@ def drive_sentence(
     if (resonances.state == ResonanceState.STALE).all():
         speeds = max(resonances.unknown_speeds, key=len)
         blind = bool(speeds) and all_unknown(speeds, excitations)
-        verb = "was" if ", " not in speeds else "were"
-        why = f"{_subject(speeds)} {verb} never known" if blind else "no crank angle was valid"
+        why = "no crank angle was valid"
+        if blind:
+            why = f"{unknown_speed_words(speeds, ('was', 'were'))} never known"
         if blind or not only_ground(speeds, excitations):
             return f"What the drive did to the linkage is not known, as {why}."
     if not np.isfinite(resonances.total_load_ratio).any():
@@ -274,8 +276,7 @@ def _not_counted(drive: Drive) -> str:
     if silent:
         more = len(silent) - _MOST_NAMES
         names = [*silent[:_MOST_NAMES], f"{more} more"] if more > 1 else silent
-        text = " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
-        texts.append(f"The loads of {text} are not known and not counted.")
+        texts.append(f"The loads of {listing(names)} are not known and not counted.")
     lost = drive.time_in(~np.isfinite(resonances.total_load_ratio))
     if lost >= _SHORT:
         texts.append(f"No load is known for {lost:.1f} s.")
@@ -301,10 +302,6 @@ def _no_ground(drive: Drive) -> str:
         if why and lost >= _SHORT:
             texts.append(f"{unknown_ground(why).rstrip('.')} (for {lost:.1f} s).")
     return " ".join(texts)
-
-
-def _subject(speeds: str) -> str:
-    return unknown_speed_words(speeds).rsplit(" ", 1)[0]
 
 
 def _load_at(drive: Drive, row: int) -> str:

@@ -48,7 +48,7 @@ from linkage_vibration.prediction.inputs.sources import (
 from linkage_vibration.prediction.inputs.topics import INPUT_DEPTH
 from linkage_vibration.prediction.inputs.units import ANGLES, Reading
 from linkage_vibration.prediction.levels import LevelTable
-from linkage_vibration.prediction.motion import UNKNOWN, Rate, crank_filter, crank_resolution
+from linkage_vibration.prediction.motion import Rate, crank_filter, crank_resolution
 from linkage_vibration.prediction.periods import Periods
 from linkage_vibration.prediction.predictor import Prediction, Predictor, Status, fault
 from linkage_vibration.prediction.resonance import ResonanceMonitor
@@ -481,7 +481,4 @@ class Predicting:
         if reading.velocity == reading.velocity:  # it is not NaN
             return Rate(reading.velocity, 0.0)
         resolution = crank_resolution(reading.stddev, self._angle_stddev)
-        if needed:
-            return self._motion.add(stamp, reading.crank_angle, resolution)
-        self._motion.note(stamp, reading.crank_angle, resolution)
-        return UNKNOWN
+        return self._motion.add(stamp, reading.crank_angle, resolution, needed)

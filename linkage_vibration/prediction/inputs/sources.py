@@ -14,7 +14,7 @@ from linkage_vibration.bags.can_frames import FRAME_TYPES
 from linkage_vibration.bags.can_reader import CanReader, find_signal
 from linkage_vibration.bags.field_reader import FieldReader
 from linkage_vibration.bags.message_types import JOINT_STATE
-from linkage_vibration.bags.numbers import Integers, LeftOut, NumberReader, Numbers
+from linkage_vibration.bags.numbers import Integers, LeftOut, MessageNumber, NumberReader, Numbers
 from linkage_vibration.bags.schemas import FieldError, Schema, find_path
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.messages.columns import MessageColumns, joined
@@ -124,9 +124,14 @@ class InputReader:
         """Return what is read from a topic, in words."""
         return f"{self.reader.what} on {topic}"
 
-    def available(self, number: float) -> bool:
-        """Return whether a number means that there is a value."""
-        return self.settings.low <= number <= self.settings.high
+    def _number(self, data: bytes, received: int) -> tuple[MessageNumber, int] | None:
+        """Return the number of a message, NaN if not available, and its receipt less the delay."""
+        number = self.reader.read_one(data)
+        if number is None:
+            return None
+        if not self.settings.low <= number.value <= self.settings.high:
+            number = number._replace(value=math.nan)
+        return number, received - self._delay
 
     def disagreement(self, topic: str) -> str:
         """Return a sentence if senders on a bus disagree in the messages read with `read_block`."""
@@ -145,7 +150,7 @@ class InputReader:
         if len(fields) > 1:
             self._disagreeing += differing_seconds(values, times, self.settings.name)
 
-    def _numbers(self, block: Block, rows: Integers, left_out: LeftOut) -> Iterator[Numbers]:
+    def numbers(self, block: Block, rows: Integers, left_out: LeftOut) -> Iterator[Numbers]:
         """Read many messages, with NaN for values that are not available."""
         large = block.sizes[rows] > MAX_BYTES
         if large.any():
@@ -182,13 +187,10 @@ class CrankInput(InputReader):
 
     def read_one(self, data: bytes, received: int) -> Stamped | None:
         """Return the reading of a message, received at a time (ns); None without a number."""
-        number = self.reader.read_one(data)
-        if number is None:
+        number_and_time = self._number(data, received)
+        if number_and_time is None:
             return None
-        value, rate, sec, nanosec, frame_id = number
-        if not self.available(value):
-            value = math.nan
-        time = received - self._delay
+        (value, rate, sec, nanosec, frame_id), time = number_and_time
         if not self._stamped:
             sec, nanosec = divmod(time, 10**9)
         return self.scale.reading(value, rate), sec, nanosec, frame_id, time
@@ -200,7 +202,7 @@ class CrankInput(InputReader):
         are the stamps as ``sec`` and ``nanosec`` and as ``stamp``, ns, ``time``, ns, ``frame_id``,
         a single text if all have the same, and ``in_block``, which messages of the block they are.
         """
-        groups, parts = [*self._numbers(block, rows, left_out)] or [_NO_NUMBERS], []
+        groups, parts = [*self.numbers(block, rows, left_out)] or [_NO_NUMBERS], []
         one_frame = len({numbers.frame_id for numbers in groups}) == 1
         for numbers in groups:
             time = block.log_times[numbers.rows] - self._delay
@@ -246,20 +248,19 @@ class SpeedInput(InputReader):
 
         It is None if the message, received at a time (ns), does not contain the number.
         """
-        number = self.reader.read_one(data)
-        if number is None:
+        number_and_time = self._number(data, received)
+        if number_and_time is None:
             return None
-        value = number.value if self.available(number.value) else math.nan
-        time = received - self._delay
+        number, time = number_and_time
         if self._stamped:
             time = 10**9 * number.sec + number.nanosec
-        return self._gain * value + self._offset, time
+        return self._gain * number.value + self._offset, time
 
     def read_block(
         self, block: Block, rows: Integers, left_out: LeftOut
     ) -> Iterator[tuple[Integers, FloatArray, Integers]]:
         """Yield rows, speeds and times of many messages, each (n,); see `read_one`."""
-        for numbers in self._numbers(block, rows, left_out):
+        for numbers in self.numbers(block, rows, left_out):
             times = block.log_times[numbers.rows] - self._delay
             if self._stamped:
                 times = 10**9 * numbers.sec.astype(np.int64) + numbers.nanosec
