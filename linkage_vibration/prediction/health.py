@@ -29,12 +29,9 @@ _EARLIEST = -(2**63)  # ns
 _WAITING = 100_000  # at most so many readings wait for the next judgement
 _DIFFERING, _SHARE = 3, 0.02  # publishers disagree if at least so many values go to and fro
 
-_NOISY = 100  # a sensor is noisy only if its value has changed at least this often,
-_TURNING = 0.3  # if this share of the changes reverses the direction,
-_FASTEST_VIBRATION = 20.0  # Hz; and if the value changes at least this often
-_REMEMBERED = 1000  # the counts of changes are halved when they reach this
-_FROZEN = 2.0  # s; a noisy sensor repeats its value for a shorter time
-_FROZEN_READINGS = 20  # a noisy sensor repeats its value fewer times
+_NOISY = 100  # a sensor is noisy only if it never repeated a value in so many changes,
+_TURNING = 0.3  # and if this share of the changes reversed the direction
+_FROZEN, _FROZEN_READINGS = 2.0, 20  # s; a noisy sensor repeats its value for less than both
 _CONTRADICTION = 0.1  # rad in a second; positions and velocities that agree differ by less
 
 _USUAL = 30  # the usual rate is the median of so many windows, so that it follows a lasting change
@@ -116,7 +113,6 @@ class Expected:
     stale_after: float  # s, the age from which a reading is too old
     since: float  # s, steady clock, from when on it is expected
     publishers: Callable[[], Sequence[str]]  # returns the node of each publisher
-    shaken: bool  # whether the tractor runs, so that a sensor with noise must show it
 
     def contains(self, angle: float) -> bool:
         """Return whether the table has an angle, rad."""
@@ -240,8 +236,11 @@ class ReadingWatch:
                 f"the position by {window.moved:.2g} rad; the sensor is frozen, or its velocity is "
                 "wrong. Publish no velocity if it is not known."
             )
-        if window.received and (frozen := self._noise.frozen(expected.shaken)):
-            sentences.append(f"{expected.name}: {frozen}")
+        if window.received and self._noise.has_ended:
+            sentences.append(
+                f"{expected.name}: The reading has been the same for {self._noise.still:.1f} s, "
+                "although it was never free of noise before; the sensor is frozen."
+            )
         return faults + [Fault(Level.WARN, sentence) for sentence in sentences]
 
     def _rate(self, window: _Window, elapsed: float) -> list[Fault]:
@@ -334,18 +333,17 @@ def _disagreement(
 
 
 class _Noise:
-    """Finds out whether a sensor is noisy, and whether its noise has ended because it is frozen.
+    """Finds out whether the noise of a sensor has ended, because the sensor is frozen.
 
     A sensor with coarse steps repeats its value for as long as the hitch stands still. So a value
-    that does not change is a fault only if the sensor has never repeated a value for nearly as
-    long before.
+    that does not change is a fault only if none was ever repeated before.
     """
 
     def __init__(self) -> None:
-        self._began = self._time = math.nan  # s, of the first and the last reading
-        self._value, self._change = math.nan, 0.0
-        self._changes = self._turns = self._longest = self._run = 0
-        self._since = math.nan  # s, of the present run
+        self.still = 0.0  # s, for how long the value has been the same
+        self._since = self._value = math.nan  # s, and rad
+        self._change, self._repeated = 0.0, False
+        self._changes = self._turns = self._run = 0
 
     def take(self, now: float, value: float) -> None:
         """Take a reading; see `ReadingWatch.take`."""
@@ -355,31 +353,16 @@ class _Noise:
             change = value - self._value
             self._turns += change * self._change < 0.0
             self._changes += 1
-            self._longest = max(self._longest, self._run)
-            self._run, self._since = 0, now
-            self._value, self._change = value, change
-            if math.isnan(self._began):
-                self._began = now
-            elif self._changes >= _REMEMBERED:
-                self._changes, self._turns = self._changes // 2, self._turns // 2
-                self._longest, self._began = self._longest // 2, 0.5 * (self._began + now)
-        self._time = now
+            self._repeated = self._repeated or self._run > 0
+            self._run, self._since, self._value, self._change = 0, now, value, change
+        self.still = now - self._since
 
-    def frozen(self, shaken: bool) -> str:
-        """Return a sentence that the sensor is frozen; empty if it may be sound."""
-        still = self._time - self._since
-        if not still >= _FROZEN or self._run < _FROZEN_READINGS:
-            return ""
-        text = f"The reading has been the same for {still:.1f} s"
-        noisy = (
-            self._changes >= _NOISY
-            and self._turns >= _TURNING * self._changes
-            and self._changes >= _FASTEST_VIBRATION * (self._since - self._began)
-            and (self._longest == 0 or shaken)
-        )
-        if not noisy or self._run < 10 * self._longest:
-            return ""
-        return f"{text}, although it was never free of noise before; the sensor is frozen."
+    @property
+    def has_ended(self) -> bool:
+        """Whether the sensor is frozen."""
+        noisy = not self._repeated and self._turns >= _TURNING * self._changes
+        still = self.still >= _FROZEN and self._run >= _FROZEN_READINGS
+        return noisy and still and self._changes >= _NOISY
 
 
 def missing_speeds(missing: Mapping[str, bool], age: float, *, any_known: bool) -> list[Fault]:
@@ -429,10 +412,6 @@ class SpeedWatch:
         if sender:
             self._window.senders[sender] = value
         self._time, self._before, self._value = now, self._value, value
-
-    def turns(self, now: float) -> bool:
-        """Return whether the speed is fresh and not zero at a time (steady clock, s)."""
-        return now - self._time < _FRESH and abs(self._value) > 0.0
 
     @property
     def arrived(self) -> bool:

@@ -266,7 +266,6 @@ class Predicting:
             stale_after=self.stale_after,
             since=self._began,
             publishers=partial(self._publishers, self._crank_topic),
-            shaken=any(watch.turns(now) for watch in self._speeds.values()),
         )
         elapsed, self._judged = now - self._judged, now
         faults = self.readings.judge(now, elapsed, expected)

@@ -37,7 +37,6 @@ EXPECTED = Expected(
     stale_after=1.0,
     since=0.0,
     publishers=lambda: ["a", "b"],
-    shaken=False,
 )
 ALONE = replace(EXPECTED, publishers=lambda: ["a"])
 
@@ -184,9 +183,7 @@ def test_frozen_noise() -> None:
     assert "never free of noise before" in frozen[-1][0].sentence
     # Noise that repeats values may be vibration, which ends with the engine.
     coarse = still(3.8e-4, 3.6e-4, 2000)
-    times, angles = seconds(100, 60), coarse + coarse[-1:] * 4000
-    assert not any(judged(times, angles))
-    assert judged(times, angles, replace(EXPECTED, shaken=True))[-1]
+    assert not any(judged(seconds(100, 60), coarse + coarse[-1:] * 4000))
 
 
 def test_publishers_that_disagree() -> None:
@@ -341,44 +338,45 @@ def test_most_serious_first() -> None:
 def noise_then_still(
     repeats: int,
     *,
-    longest: int = 0,
+    before: int = 0,
     changes: int = 400,
-    rate: float = 100.0,
     last_rate: float = 100.0,
+    rising: float = 0.0,
 ) -> list[Fault]:
     """Return the faults of a sensor that shakes by 1 mrad and then repeats its value.
 
     Parameters
     ----------
-    repeats, longest : int
+    repeats, before : int
         How often the last value is repeated, and how often one was before.
-    changes, rate : int and float
-        How often the value changes, turning back each time, and readings in a second, Hz.
+    changes : int
+        How often the value changes at 100 Hz, turning back each time.
     last_rate : float
         Readings in a second while the last value is repeated, Hz.
+    rising : float
+        The share of the changes, the first ones, that do not turn back.
     """
-    angles = [2.0 + 1e-3 * (i % 2) for i in range(changes)]
-    angles = [*angles[:50], *angles[49:50] * longest, *angles[50:]]
-    times = (np.arange(len(angles)) / rate).tolist()
+    angles = [2.0 + (1e-3 * (i % 2) if i >= rising * changes else 1e-5 * i) for i in range(changes)]
+    angles = [*angles[:-9], *angles[-10:-9] * before, *angles[-9:]]
+    times = (np.arange(len(angles)) / 100.0).tolist()
     times += [times[-1] + (i + 1) / last_rate for i in range(repeats)]
     watch = ReadingWatch()
     for now, angle in zip(times, angles + angles[-1:] * repeats, strict=True):
         watch.take(now, START, START, angle, math.nan, known=True)
-    return watch.judge(times[-1], times[-1], replace(EXPECTED, shaken=longest > 0))
+    return watch.judge(times[-1], times[-1], EXPECTED)
 
 
 @pytest.mark.parametrize(
     ("frozen", "sound"),
     [
-        # A run is as long as ten times the longest one before.
-        ({"repeats": 250, "longest": 25}, {"repeats": 249, "longest": 25}),
         # It lasts 2 s, with 20 readings.
         ({"repeats": 201}, {"repeats": 199}),
         ({"repeats": 20, "last_rate": 5.0}, {"repeats": 19, "last_rate": 5.0}),
-        # Before, there were 100 changes.
+        # Before, there were 100 changes, and no value was repeated.
         ({"repeats": 300, "changes": 100}, {"repeats": 300, "changes": 99}),
-        # They came with 20 Hz: between the first and the last of 401 changes there are 20 s.
-        ({"repeats": 300, "rate": 20.3}, {"repeats": 300, "rate": 19.7}),
+        ({"repeats": 300, "before": 0}, {"repeats": 300, "before": 1}),
+        # At least 0.3 of the changes turned back.
+        ({"repeats": 300, "rising": 0.69}, {"repeats": 300, "rising": 0.71}),
     ],
 )
 def test_limits_of_frozen_noise(frozen: dict[str, float], sound: dict[str, float]) -> None:
@@ -437,14 +435,11 @@ def test_a_starter_may_turn_an_engine_for_three_seconds() -> None:
 
 
 def test_age_of_a_speed() -> None:
-    """A speed stops when it is older than the limit, and turns a shaft while it is fresh."""
+    """A speed stops when it is older than the limit."""
     watch = SpeedWatch(Source.PTO, "/speed")
     watch.take(0.0, 540.0)
     assert watch.judge(1.9, 2.0, list) == []
     assert "stopped 2.1 s ago" in watch.judge(2.1, 2.0, list)[0].sentence
-    assert (watch.turns(0.9), watch.turns(1.1)) == (True, False)
-    watch.take(5.0, 0.0)
-    assert not watch.turns(5.1)
 
 
 @pytest.mark.parametrize(
