@@ -48,7 +48,7 @@ from linkage_vibration.prediction.advice import Adviser
 from linkage_vibration.prediction.answers import Described, Implement, Served, with_implement
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs.presets import HITCH
-from linkage_vibration.prediction.inputs.sources import CrankInput, SpeedInput
+from linkage_vibration.prediction.inputs.sources import CrankInput
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.motion import crank_filter, crank_resolution
 from linkage_vibration.prediction.periods import Periods
@@ -216,18 +216,15 @@ def replay(
     with open_bags(paths) as bags:
         topics = choose_topics(bags, settings, remaps)
         served = _served(settings, what_if, building)
-        inputs_read = _inputs(bags, settings, topics)
-        sensors = _Sensors(bags, settings, served)
-        once = {topic.name: topic for topic in (*topics.values(), *sensors.topics)}
-        log_topics = [logged_topic(bags, topic) for topic in once.values()]
+        run = _Replay(bags, settings, topics, served)
+        log_topics = [logged_topic(bags, topic) for topic in run.topics.values()]
         log_topics.append(log_topic(PREDICTION_TOPIC, PREDICTION))
-        notices: list[str] = []
-        monitor, excitations = _monitor(settings, topics, served, notices.append), {}
-        if monitor is not None:
+        excitations: dict[str, bytes] = {}
+        if run.monitor is not None:
             log_topics += [log_topic(_ANSWERS[kind], kind) for kind in (RESONANCE, LOAD_STATE)]
             excitations = excitation_files(settings.excitation_path())
             log_topics.append(log_topic(ADVICE_TOPIC, ADVICE, latched=True))
-        if sensors.monitor is not None:
+        if run.sensors.monitor is not None:
             log_topics.append(log_topic(MEASURED_TOPIC, MEASURED))
             excitations |= sensor_files(settings.sensor_path())
         files = attachments(served, settings, f"/{NODE_NAME}", excitations)
@@ -235,62 +232,62 @@ def replay(
             PROVENANCE_METADATA: {**package_versions(), **implement_facts(served)},
             REPLAY_METADATA: {"inputs": " ".join(path.name for path in paths)},
         }
-        periods = Periods(settings.prediction_rate)
-        run = _Replay(list(once), topics, inputs_read, served.predictor, periods, monitor, sensors)
-        run.done.missing |= sensors.missing
-        run.done.notice = " ".join(notices)
-        total, done = sum(topic.count for topic in once.values()), 0
+        total, done = sum(topic.count for topic in run.topics.values()), 0
         with replacement(output, ReplayError) as unfinished:
             with ChunkLog(unfinished, log_topics, files, metadata) as log:
-                for block in bags.blocks(list(once), bags.is_own_log):
+                for block in bags.blocks(list(run.topics), bags.is_own_log):
                     log.write(run.messages(block))
                     done += len(block)
                     progress(done, total)
-            _refuse_empty(run.done, bags, inputs_read[0])
-    for each in (inputs_read[0], *inputs_read[1].values()):
+            _refuse_empty(run.done, bags, run.crank)
+    for each in (run.crank, *run.speeds.values()):
         if sentence := each.disagreement(topics[each.settings.name].name):
             run.done.disagreements.append(sentence)
     return run.done
 
 
 class _Replay:
-    """Turns blocks of input messages into the messages of the log."""
+    """Turns blocks of input messages into the messages of the log.
+
+    The attribute ``topics`` has the topics that are read by their names.
+    """
 
     def __init__(
-        self,
-        names: Sequence[str],
-        topics: Mapping[str, BagTopic],
-        inputs: tuple[CrankInput, dict[Source, SpeedInput]],
-        predictor: Predictor,
-        periods: Periods,
-        monitor: ResonanceMonitor | None,
-        sensors: "_Sensors",
+        self, bags: Bags, settings: Parameters, topics: Mapping[str, BagTopic], served: Served
     ) -> None:
-        self._names = names
-        self._places = {name: names.index(topic.name) for name, topic in topics.items()}
-        self._input, self._speed_inputs = inputs
-        self._predictor, self._periods = predictor, periods
-        self._monitor, self._sensors = monitor, sensors
+        self.crank = settings.crank_input(topic_schema(bags, topics[HITCH]))
+        self.speeds = {
+            source: settings.speed_input(source, topic_schema(bags, topics[source.value]))
+            for source in Source
+            if source.value in topics
+        }
+        self.sensors = _Sensors(bags, settings, served)
+        self.topics = {topic.name: topic for topic in (*topics.values(), *self.sensors.topics)}
+        self._names = list(self.topics)
+        self._places = {name: self._names.index(topic.name) for name, topic in topics.items()}
+        notices: list[str] = []
+        self.monitor = _monitor(settings, topics, served, notices.append)
         self._adviser: Adviser | None = None
+        self._predictor, self._periods = served.predictor, Periods(settings.prediction_rate)
         self._motion = crank_filter()
-        missing = {each.reader.what for each in self._speed_inputs.values()}
-        self.done = Replayed(topic=topics[HITCH].name, missing=missing)
+        missing = {each.reader.what for each in self.speeds.values()} | self.sensors.missing
+        self.done = Replayed(topic=topics[HITCH].name, missing=missing, notice=" ".join(notices))
 
     def messages(self, block: Block) -> list[Messages]:
         """Return the input messages of a block that are used, and what is predicted for them."""
         rows = np.flatnonzero(block.topics == self._places[HITCH])
-        readings = self._input.read_block(block, rows, self.done)
+        readings = self.crank.read_block(block, rows, self.done)
         used = [readings.in_block]
         speeds = self._speeds(block, used)
-        messages = [*self._sensors.messages(block, self._names, readings, speeds, used, self.done)]
+        messages = [*self.sensors.messages(block, self._names, readings, speeds, used, self.done)]
         if len(readings):
             predictions = predict_many(self._predictor, readings.crank_angle, readings.stddev)
             messages += self._predictions(block, readings, predictions)
-            if self._monitor is not None:
-                messages += self._resonances(self._monitor, block, readings, predictions, speeds)
-        elif self._monitor is not None:
+            if self.monitor is not None:
+                messages += self._resonances(self.monitor, block, readings, predictions, speeds)
+        elif self.monitor is not None:
             for _, source, value, time in speeds:
-                self._monitor.set_speed(source, value, time)
+                self.monitor.set_speed(source, value, time)
         return [*self._inputs(block, used), *messages]
 
     def _predictions(
@@ -318,7 +315,7 @@ class _Replay:
     def _speeds(self, block: Block, used: list[Integers]) -> list[_SpeedRow]:
         """Return the speeds of a block by rows, and add those rows to the used ones."""
         speeds: list[_SpeedRow] = []
-        for source, each in self._speed_inputs.items():
+        for source, each in self.speeds.items():
             of_topic = np.flatnonzero(block.topics == self._places[source.value])
             left_out = LeftOut()
             for rows, values, times in each.read_block(block, of_topic, left_out):
@@ -378,7 +375,7 @@ class _Replay:
         velocity, error = readings.velocity.copy(), np.zeros(len(readings))
         unknown = np.flatnonzero(np.isnan(velocity))
         if len(unknown):
-            moving, known_part = readings.rows(unknown), self._input.scale.angle_stddev
+            moving, known_part = readings.rows(unknown), self.crank.scale.angle_stddev
             velocity[unknown], error[unknown] = self._motion.add_many(
                 moving.stamp.tolist(),
                 moving.crank_angle.tolist(),
@@ -398,9 +395,9 @@ class _Sensors:
         path = settings.sensor_path()
         every = live_sensors(path) if path else []
         present = {topic.name: topic for topic in bags.topics if topic.count}
-        of = [present.get(full_name(sensor.topic)) for sensor in every]
-        pairs = [(s, t) for s, t in zip(every, of, strict=True) if t is not None]
-        self.missing = {s.topic for s, t in zip(every, of, strict=True) if t is None}
+        every_pair = [(sensor, present.get(full_name(sensor.topic))) for sensor in every]
+        pairs = [(sensor, topic) for sensor, topic in every_pair if topic is not None]
+        self.missing = {sensor.topic for sensor, topic in every_pair if topic is None}
         self.topics = [topic for _, topic in pairs]
         self._readers = [SensorReader(s, t.type, topic_schema(bags, t)) for s, t in pairs]
         excitations = read_loads(settings, served) if pairs else ()
@@ -462,19 +459,6 @@ def _messages(kind: str, data: NDArray[np.uint8], block: Block, rows: Integers) 
     """Return the answers to the messages in some rows of a block as messages of the log."""
     times, places = block.log_times[rows], len(_PLACES) * rows + _PLACES[kind]
     return Messages(_ANSWERS[kind], data, places, times, times)
-
-
-def _inputs(
-    bags: Bags, settings: Parameters, topics: Mapping[str, BagTopic]
-) -> tuple[CrankInput, dict[Source, SpeedInput]]:
-    """Return the inputs whose topics are in the bags."""
-    crank = settings.crank_input(topic_schema(bags, topics[HITCH]))
-    speeds = {
-        source: settings.speed_input(source, topic_schema(bags, topics[source.value]))
-        for source in Source
-        if source.value in topics
-    }
-    return crank, speeds
 
 
 def _served(settings: Parameters, what_if: WhatIf, building: Callable[[float], object]) -> Served:
