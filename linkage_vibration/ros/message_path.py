@@ -157,7 +157,7 @@ class Predicting:
         self._subscribed = False
         self._other_names: set[str] = set()
         self._too_large = 0
-        self._began = self._judged = self._answered = 0.0
+        self._began = self._answered = 0.0
         self._gaps: defaultdict[str, SequenceGaps] = defaultdict(SequenceGaps)
         self._predictions, self._prediction_topic = predictions, predictions.topic_name
         self._resonances, self._resonance_topic = resonances, resonances.topic_name
@@ -215,7 +215,7 @@ class Predicting:
 
     def subscribe(self) -> None:
         """Answer messages as soon as the listener starts."""
-        self._began = self._judged = time.monotonic()
+        self._began = time.monotonic()
         self._subscribed = True
         first, last = self.predictor.table.alpha3_range
         self.readings = ReadingWatch(last - first > math.pi, self.readings.stamps_back)
@@ -243,7 +243,7 @@ class Predicting:
         self.clock_missing = self._subscribed and self._now() <= 0
         self._throttle.report("clock", NO_CLOCK if self.clock_missing else "")
         if self.clock_missing:
-            self._began = self._judged = now  # what the clock holds up is not missing itself
+            self._began = now  # what the clock holds up is not missing itself
             self.reading_faults = self.speed_faults = [Fault(Level.STALE, NO_CLOCK)]
         else:
             self.reading_faults = self._judge_readings(now) if self._subscribed else []
@@ -267,8 +267,7 @@ class Predicting:
             since=self._began,
             publishers=partial(self._publishers, self._crank_topic),
         )
-        elapsed, self._judged = now - self._judged, now
-        faults = self.readings.judge(now, elapsed, expected)
+        faults = self.readings.judge(now, expected)
         if remedy and now - max(self._began, self.readings.last) > MISSING_AFTER:
             silence = f"No reading for more than {MISSING_AFTER:g} s: "
             self._throttle.warn("missing", silence + remedy)
