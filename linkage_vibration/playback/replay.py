@@ -25,15 +25,11 @@ from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.messages.encoding import encode_columns, encode_message
 from linkage_vibration.messages.topics import (
     ADVICE,
-    ADVICE_TOPIC,
     LOAD_STATE,
-    LOAD_STATE_TOPIC,
     MEASURED,
-    MEASURED_TOPIC,
+    OUTPUT_TOPICS,
     PREDICTION,
-    PREDICTION_TOPIC,
     RESONANCE,
-    RESONANCE_TOPIC,
     log_topic,
 )
 from linkage_vibration.playback.remapping import (
@@ -66,14 +62,9 @@ Integers = NDArray[np.int64]
 
 REPLAY_METADATA = "linkage_vibration.replay"
 _SpeedRow: TypeAlias = tuple[int, Source, float, int]  # row, speed, value, time (ns)
-_ANSWERS = {
-    MEASURED: MEASURED_TOPIC,
-    PREDICTION: PREDICTION_TOPIC,
-    RESONANCE: RESONANCE_TOPIC,
-    LOAD_STATE: LOAD_STATE_TOPIC,
-    ADVICE: ADVICE_TOPIC,
-}
-"""The topics of the answers to a reading, in their order in the log."""
+_NAMES = {topic.type: full_name(topic.name) for topic in OUTPUT_TOPICS}
+_ANSWERS = MEASURED, PREDICTION, RESONANCE, LOAD_STATE, ADVICE
+"""The types of the answers to a reading, in their order in the log."""
 _PLACES = {kind: place for place, kind in enumerate(["", *_ANSWERS])}  # "" is that of the reading
 
 
@@ -218,15 +209,18 @@ def replay(
         served = _served(settings, what_if, building)
         run = _Replay(bags, settings, topics, served)
         log_topics = [logged_topic(bags, topic) for topic in run.topics.values()]
-        log_topics.append(log_topic(PREDICTION_TOPIC, PREDICTION))
-        excitations: dict[str, bytes] = {}
+        kinds, excitations = {PREDICTION}, dict[str, bytes]()
         if run.monitor is not None:
-            log_topics += [log_topic(_ANSWERS[kind], kind) for kind in (RESONANCE, LOAD_STATE)]
-            excitations = excitation_files(settings.excitation_path())
-            log_topics.append(log_topic(ADVICE_TOPIC, ADVICE, latched=True))
+            kinds |= {RESONANCE, LOAD_STATE, ADVICE}
+            excitations |= excitation_files(settings.excitation_path())
         if run.sensors.monitor is not None:
-            log_topics.append(log_topic(MEASURED_TOPIC, MEASURED))
+            kinds.add(MEASURED)
             excitations |= sensor_files(settings.sensor_path())
+        log_topics += [
+            log_topic(_NAMES[topic.type], topic.type, latched=topic.latched)
+            for topic in OUTPUT_TOPICS
+            if topic.type in kinds
+        ]
         files = attachments(served, settings, f"/{NODE_NAME}", excitations)
         metadata = {
             PROVENANCE_METADATA: {**package_versions(), **implement_facts(served)},
@@ -315,19 +309,15 @@ class _Replay:
     def _speeds(self, block: Block, used: list[Integers]) -> list[_SpeedRow]:
         """Return the speeds of a block by rows, and add those rows to the used ones."""
         speeds: list[_SpeedRow] = []
+        others, names = self.done.others, self.done.names.copy()
         for source, each in self.speeds.items():
             of_topic = np.flatnonzero(block.topics == self._places[source.value])
-            left_out = LeftOut()
-            for rows, values, times in each.read_block(block, of_topic, left_out):
+            for rows, values, times in each.read_block(block, of_topic, self.done):
                 used.append(rows)
                 self.done.missing.discard(each.reader.what)
                 columns = rows.tolist(), values.tolist(), times.tolist()
                 speeds += [(row, source, v, time) for row, v, time in zip(*columns, strict=True)]
-            self.done.unreadable += left_out.unreadable
-            self.done.refused += left_out.refused
-            for what, count in left_out.unavailable.items():
-                self.done.unavailable[what] = self.done.unavailable.get(what, 0) + count
-            self.done.fault = self.done.fault or left_out.fault
+        self.done.others, self.done.names = others, names  # those beside the crank angle
         return sorted(speeds, key=lambda speed: speed[0])
 
     def _resonances(
@@ -458,7 +448,7 @@ def _single(
 def _messages(kind: str, data: NDArray[np.uint8], block: Block, rows: Integers) -> Messages:
     """Return the answers to the messages in some rows of a block as messages of the log."""
     times, places = block.log_times[rows], len(_PLACES) * rows + _PLACES[kind]
-    return Messages(_ANSWERS[kind], data, places, times, times)
+    return Messages(_NAMES[kind], data, places, times, times)
 
 
 def _served(settings: Parameters, what_if: WhatIf, building: Callable[[float], object]) -> Served:

@@ -46,6 +46,11 @@ class Source(enum.Enum):
         return list(Source).index(self)
 
     @property
+    def label(self) -> str:
+        """How sentences name the speed."""
+        return "PTO" if self is Source.PTO else self.value
+
+    @property
     def unit(self) -> str:
         """Unit of the speed."""
         return "m/s" if self is Source.GROUND else "rpm"

@@ -371,7 +371,7 @@ class SpeedWatch:
 
     def __init__(self, source: Source, topic: str) -> None:
         self._source = source
-        self.name = f"{'PTO' if source is Source.PTO else source.value} speed on {topic}"
+        self.name = f"{source.label} speed on {topic}"
         self._window = _Window()
         self._time = self._since = math.nan  # s, of the last value and of the last plausible one
         self._before = self._value = math.nan  # the last two values

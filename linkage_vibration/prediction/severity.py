@@ -140,11 +140,6 @@ def severities(load_ratio: FloatArray, apart: FloatArray, limits: WarningLimits)
     return np.asarray(np.where(np.isnan(load_ratio), nearness, 1.0 + load_ratio))
 
 
-def source_words(source: Source) -> str:
-    """Return how sentences name a speed."""
-    return "PTO" if source is Source.PTO else source.value
-
-
 def speed_words(source: Source, value: float) -> str:
     """Return a speed with the unit that people use: "1850 rpm" or "15.1 km/h"."""
     if source is Source.GROUND:
@@ -159,7 +154,7 @@ def listing(words: Sequence[str]) -> str:
 
 def unknown_speed_words(names: str, verbs: tuple[str, str] = ("is", "are")) -> str:
     """Return the subject and verb of a sentence about speeds, named as in the message."""
-    words = [source_words(Source(name)) for name in names.split(", ")]
+    words = [Source(name).label for name in names.split(", ")]
     end = f"speed {verbs[0]}" if len(words) == 1 else f"speeds {verbs[1]}"
     return f"the {listing(words)} {end}"
 
@@ -268,7 +263,7 @@ def ending_words(resonance: MessageColumns, excitations: Sequence[Excitation]) -
     if source is not None and not math.isnan(resonance.quiet_speed):
         speed = speed_words(source, resonance.quiet_speed)
         article = "an" if source is Source.ENGINE else "a"
-        changes.append(f"{article} {source_words(source)} speed of {speed}")
+        changes.append(f"{article} {source.label} speed of {speed}")
     if not math.isnan(resonance.quiet_angle):
         changes.append(f"a crank angle of {math.degrees(resonance.quiet_angle):.1f} deg")
     return " or ".join(changes)

@@ -29,7 +29,6 @@ from linkage_vibration.prediction.severity import (
     no_load_words,
     only_ground,
     ratio_words,
-    source_words,
     unknown_ground,
     unknown_speed_words,
 )
@@ -284,7 +283,7 @@ def _not_counted(drive: Drive) -> str:
         without = _without(drive, source)
         lost = drive.time_in(without)
         if lost >= _SHORT and not without.all():
-            texts.append(f"The {source_words(source)} speed was not known for {lost:.1f} s.")
+            texts.append(f"The {source.label} speed was not known for {lost:.1f} s.")
     return " ".join(filter(None, [*texts, _no_ground(drive)]))
 
 
