@@ -12,10 +12,6 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-import numpy as np
-from numpy.typing import NDArray
-
-from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs.presets import ENGINE, GROUND, HITCH, PTO
 
@@ -40,7 +36,7 @@ _PLAUSIBLE = {
     Source.GROUND: (0.0, 25.0),
 }
 """The range of speeds of an engine, a PTO shaft or a tractor that is not at rest, rpm or m/s."""
-_AGREEMENT = {HITCH: (0.03, "rad"), ENGINE: (50.0, "rpm"), PTO: (20.0, "rpm"), GROUND: (0.3, "m/s")}
+AGREEMENT = {HITCH: (0.03, "rad"), ENGINE: (50.0, "rpm"), PTO: (20.0, "rpm"), GROUND: (0.3, "m/s")}
 """Differences between publishers up to these are noise."""
 _OTHER_UNITS = {Source.ENGINE: "rad/s or Hz", Source.PTO: "rad/s or Hz", Source.GROUND: "km/h"}
 
@@ -184,7 +180,7 @@ class ReadingWatch:
             if step == step and velocity == velocity and apart < _FRESH:  # neither is NaN
                 window.moved += step
                 window.turned += velocity * apart
-            window.differing += size > _AGREEMENT[HITCH][0] + abs(angle - self._before)
+            window.differing += size > AGREEMENT[HITCH][0] + abs(angle - self._before)
             if sender:
                 window.senders[sender] = angle
             self._noise.take(now, angle)
@@ -279,21 +275,13 @@ def _stamps(window: _Window, expected: Expected) -> list[Fault]:
     return [Fault(Level.WARN, sentence) for sentence in sentences]
 
 
-def senders_disagree(senders: Mapping[str, float], what: str, name: str, when: str = "") -> str:
+def senders_disagree(senders: Mapping[str, float], what: str, name: str) -> str:
     """Return the sentence that senders on a bus, with a value of each, disagree about an input."""
-    unit = _AGREEMENT[name][1]
+    unit = AGREEMENT[name][1]
     listing = ", ".join(
         f"{sender}: {value:.4g} {unit}" for sender, value in sorted(senders.items())
     )
-    return f"The senders of {what} disagree{when} ({listing}); set {name}_field to one of them."
-
-
-def differing_seconds(values: FloatArray, times: NDArray[np.int64], name: str) -> int:
-    """Return in how many seconds values of an input, (n,), at times, (n,), ns, go to and fro."""
-    size, change = np.abs(np.diff(values)[1:]), np.abs(values[2:] - values[:-2])
-    second = (times[2:] - times[0]) // 10**9
-    counts = np.bincount(second), np.bincount(second, size > _AGREEMENT[name][0] + change)
-    return int((counts[1] >= np.maximum(_DIFFERING, _SHARE * counts[0])).sum())
+    return f"The senders of {what} disagree ({listing}); set {name}_field to one of them."
 
 
 def _disagreement(
@@ -387,7 +375,7 @@ class SpeedWatch:
         if resumed or value == 0.0 or low <= abs(value) <= high:
             self._since = now
         self._window.received += 1
-        least = _AGREEMENT[self._source.value][0] + abs(value - self._before)
+        least = AGREEMENT[self._source.value][0] + abs(value - self._before)
         self._window.differing += abs(value - self._value) > least
         if sender:
             self._window.senders[sender] = value

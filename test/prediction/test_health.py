@@ -18,7 +18,6 @@ from linkage_vibration.prediction.health import (
     Level,
     ReadingWatch,
     SpeedWatch,
-    differing_seconds,
     missing_speeds,
     overall,
 )
@@ -280,17 +279,6 @@ def test_senders_on_a_bus(n_senders: int) -> None:
         "engine_speed@0x01: 1500 rpm); set engine_field to one of them.",
     )
     assert "disagree (hitch@0x26: 2 rad, hitch@0x27: 2.377 rad); set hitch_f" in angles.sentence
-
-
-@pytest.mark.parametrize(("count", "seconds"), [(2, 0), (3, 1)])
-def test_seconds_in_which_values_of_a_log_differ(count: int, seconds: int) -> None:
-    """The rule for a log is that of the node: three values in a second that go to and fro."""
-    values = np.full(200, 1500.0)
-    values[[10, 20, 30, 40][:count]] = 1400.0
-    times = START + np.arange(200) * SECOND // 50
-    assert differing_seconds(values, times, "engine") == seconds
-    assert differing_seconds(values[:2], times[:2], "engine") == 0
-    assert differing_seconds(0.5 * values, times, "engine") == 0  # 50 rpm is no difference
 
 
 def test_speeds_that_never_arrived() -> None:

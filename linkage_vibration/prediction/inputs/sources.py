@@ -18,7 +18,7 @@ from linkage_vibration.bags.numbers import Integers, LeftOut, MessageNumber, Num
 from linkage_vibration.bags.schemas import FieldError, Schema, find_path
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.messages.columns import MessageColumns, joined
-from linkage_vibration.prediction.health import differing_seconds, senders_disagree
+from linkage_vibration.prediction.health import AGREEMENT, senders_disagree
 from linkage_vibration.prediction.inputs.units import HitchScale, InputError, Reading, wrong_unit
 
 HEADER_TIME, RECEIPT_TIME = TIMES = ("header", "receipt")
@@ -118,7 +118,7 @@ class InputReader:
     def __init__(self, settings: SourceSettings, schema: Schema) -> None:
         self.settings, self.reader = settings, settings.reader(schema)
         self._delay = round(1e9 * settings.delay)
-        self._senders, self._disagreeing = dict[str, float](), 0  # in how many seconds they do
+        self._senders = dict[str, float]()  # those that disagree, with a value of each
 
     def describe(self, topic: str) -> str:
         """Return what is read from a topic, in words."""
@@ -135,20 +135,22 @@ class InputReader:
 
     def disagreement(self, topic: str) -> str:
         """Return a sentence if senders on a bus disagree in the messages read with `read_block`."""
-        if not self._disagreeing:
+        if not self._senders:
             return ""
-        seconds, what = f" in {self._disagreeing} s", self.describe(topic)
-        return senders_disagree(self._senders, what, self.settings.name, seconds)
+        return senders_disagree(self._senders, self.describe(topic), self.settings.name)
 
-    def _note_senders(self, numbers: Numbers, values: FloatArray, times: Integers) -> None:
-        """Compare the values of different senders, as the watches of `health` do."""
-        if numbers.senders is None:
+    def _note_senders(self, numbers: Numbers, values: FloatArray) -> None:
+        """Keep the median values of senders if these differ by more than publishers may."""
+        known = np.isfinite(values)
+        if numbers.senders is None or not known.any():
             return
-        senders, first = np.unique(numbers.senders, return_index=True)
-        fields = [f"{self.settings.field}@0x{sender:02X}" for sender in senders.tolist()]
-        self._senders |= zip(fields, values[first].tolist(), strict=True)
-        if len(fields) > 1:
-            self._disagreeing += differing_seconds(values, times, self.settings.name)
+        senders, values = numbers.senders[known], values[known]
+        medians = {
+            f"{self.settings.field}@0x{sender:02X}": float(np.median(values[senders == sender]))
+            for sender in np.unique(senders).tolist()
+        }
+        if np.ptp([*medians.values()]) > AGREEMENT[self.settings.name][0]:
+            self._senders = medians
 
     def numbers(self, block: Block, rows: Integers, left_out: LeftOut) -> Iterator[Numbers]:
         """Read many messages, with NaN for values that are not available."""
@@ -211,7 +213,7 @@ class CrankInput(InputReader):
                 whole, rest = np.divmod(time, 10**9)
                 sec, nanosec = whole.astype(np.int32), rest.astype(np.uint32)
             crank_angle, velocity, stddev = self.scale.columns(numbers.value, numbers.rate)
-            self._note_senders(numbers, crank_angle, time)
+            self._note_senders(numbers, crank_angle)
             part = MessageColumns(
                 in_block=numbers.rows,
                 crank_angle=crank_angle,
@@ -265,5 +267,5 @@ class SpeedInput(InputReader):
             if self._stamped:
                 times = 10**9 * numbers.sec.astype(np.int64) + numbers.nanosec
             speeds = self._gain * numbers.value + self._offset
-            self._note_senders(numbers, speeds, times)
+            self._note_senders(numbers, speeds)
             yield numbers.rows, speeds, times
