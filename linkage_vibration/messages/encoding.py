@@ -15,11 +15,9 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from linkage_vibration.bags.blocks import Bytes, Integers
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.messages.fields import CODES, message_fields
-
-Bytes = NDArray[np.uint8]
-Integers = NDArray[np.int64]
 
 # The encapsulation header of plain CDR (OMG DDS-RTPS, 10.2) names the byte order that follows.
 _ENCAPSULATION = b"\x00\x01\x00\x00" if sys.byteorder == "little" else b"\x00\x00\x00\x00"

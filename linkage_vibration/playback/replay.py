@@ -13,7 +13,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from linkage_vibration.bags.blocks import Block
+from linkage_vibration.bags.blocks import Block, Integers
 from linkage_vibration.bags.chunks import ChunkLog, Messages
 from linkage_vibration.bags.numbers import LeftOut
 from linkage_vibration.bags.recorder import PROVENANCE_METADATA, package_versions
@@ -57,8 +57,6 @@ from linkage_vibration.readers.sensors import SensorReader, live_sensors, sensor
 from linkage_vibration.readers.served import read_described, read_loads, read_served
 from linkage_vibration.support.atomic_files import check_outputs, replacement
 from linkage_vibration.table.tabulation import build_table
-
-Integers = NDArray[np.int64]
 
 REPLAY_METADATA = "linkage_vibration.replay"
 _SpeedRow: TypeAlias = tuple[int, Source, float, int]  # row, speed, value, time (ns)

@@ -15,12 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from linkage_vibration.bags.blocks import Integers
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.excitation import KMH, Excitation, Source
 from linkage_vibration.prediction.ground import AIRBORNE
-
-Integers = NDArray[np.int64]
 
 GAP = 3.0
 """Readings that are farther apart, s, do not belong to the same warning."""
@@ -180,9 +179,8 @@ def no_load_words(resonance: MessageColumns, excitations: Sequence[Excitation]) 
 
 def all_unknown(unknown_speeds: str, excitations: Sequence[Excitation]) -> bool:
     """Return whether the speeds of all excitations are among the unknown ones."""
-    return {excitation.source.value for excitation in excitations} <= set(
-        unknown_speeds.split(", ")
-    ) - {""}
+    used = {excitation.source.value for excitation in excitations}
+    return used <= set(unknown_speeds.split(", ")) - {""}
 
 
 def only_ground(unknown_speeds: str, excitations: Sequence[Excitation]) -> bool:
