@@ -163,16 +163,12 @@ def excitations_from_mapping(
     [('shaft 1', 9.0), ('shaft 2', 18.0)]
     """
     try:
-        keys = Keys(where, mapping)
-        excitations = [
-            excitation
-            for name in keys
-            for excitation in (
-                [_ground(keys[name], name, read_profile)]
-                if "terrain" in keys[name]
-                else _orders(keys[name], name)
-            )
-        ]
+        keys, excitations = Keys(where, mapping), list[Excitation]()
+        for name in keys:
+            if "terrain" in keys[name]:
+                excitations.append(_ground(keys[name], name, read_profile))
+            else:
+                excitations += _orders(keys[name], name)
         keys.refuse_unknown()
         for second in [excitation.name for excitation in excitations if excitation.terrain][1:]:
             raise MechanismError(
