@@ -163,32 +163,21 @@ def no_load_words(resonance: MessageColumns, excitations: Sequence[Excitation]) 
 
     It begins with ", as"; it is empty where only the reason why the ground is unknown counts.
     """
-    unknown = resonance.unknown_speeds.split(", ")
     if math.isfinite(resonance.total_velocity):
         return ", as no static force is known to compare with"
-    if any(
-        excitation.load and excitation.source.value not in unknown for excitation in excitations
-    ):
+    working = at_work(resonance.unknown_speeds, excitations)
+    if any(excitation.load for excitation in working):
         return ", as the excitations with an amplitude are beyond the frequencies of the table"
-    if resonance.ground_unknown and only_ground(resonance.unknown_speeds, excitations):
+    if resonance.ground_unknown and all(excitation.terrain for excitation in working):
         return ""
-    return (
-        f", as no {'order' if resonance.ground_unknown else 'excitation'} at work has an amplitude"
-    )
+    what = "order" if resonance.ground_unknown else "excitation"
+    return f", as no {what} at work has an amplitude"
 
 
-def all_unknown(unknown_speeds: str, excitations: Sequence[Excitation]) -> bool:
-    """Return whether the speeds of all excitations are among the unknown ones."""
-    used = {excitation.source.value for excitation in excitations}
-    return used <= set(unknown_speeds.split(", ")) - {""}
-
-
-def only_ground(unknown_speeds: str, excitations: Sequence[Excitation]) -> bool:
-    """Return whether no order has a known speed, so that the ground alone could have a level."""
+def at_work(unknown_speeds: str, excitations: Sequence[Excitation]) -> list[Excitation]:
+    """Return the excitations whose speed is known; unknown ones are named as in the message."""
     unknown = unknown_speeds.split(", ")
-    return all(
-        excitation.terrain or excitation.source.value in unknown for excitation in excitations
-    )
+    return [each for each in excitations if each.source.value not in unknown]
 
 
 def ratio_words(ratio: float) -> str:
@@ -224,10 +213,11 @@ def present_sentence(resonance: MessageColumns, excitations: Sequence[Excitation
     """
     speeds = resonance.unknown_speeds
     unknown = f"{unknown_speed_words(speeds)} not known or not fresh" if speeds else ""
-    blind = all_unknown(speeds, excitations)
-    if resonance.state == ResonanceState.STALE and (blind or not only_ground(speeds, excitations)):
+    working = at_work(speeds, excitations)
+    alone = bool(working) and all(excitation.terrain for excitation in working)
+    if resonance.state == ResonanceState.STALE and not alone:
         lost = "the prediction for this crank angle has no natural frequencies"
-        return f"No load is known, as {unknown if blind else lost}."
+        return f"No load is known, as {lost if working else unknown}."
     tail = f" {unknown[0].upper()}{unknown[1:]}." if unknown else ""
     rolls = resonance.ground_unknown and Source.GROUND.value not in speeds.split(", ")
     if rolls:

@@ -21,13 +21,12 @@ from linkage_vibration.prediction.severity import (
     GAP,
     ResonanceState,
     WarningLimits,
-    all_unknown,
+    at_work,
     cause_words,
     ending_words,
     listing,
     load_words,
     no_load_words,
-    only_ground,
     ratio_words,
     unknown_ground,
     unknown_speed_words,
@@ -215,11 +214,12 @@ def drive_sentence(
     resonances = drive.resonances
     if (resonances.state == ResonanceState.STALE).all():
         speeds = max(resonances.unknown_speeds, key=len)
-        blind = bool(speeds) and all_unknown(speeds, excitations)
+        working = at_work(speeds, excitations)
+        blind = bool(speeds) and not working
         why = "no crank angle was valid"
         if blind:
             why = f"{unknown_speed_words(speeds, ('was', 'were'))} never known"
-        if blind or not only_ground(speeds, excitations):
+        if blind or not all(excitation.terrain for excitation in working):
             return f"What the drive did to the linkage is not known, as {why}."
     if not np.isfinite(resonances.total_load_ratio).any():
         off = f"{_exceeded(drive, limits)}." if episodes(drive) else ""
