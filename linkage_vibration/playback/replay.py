@@ -349,9 +349,9 @@ class _Replay:
         ratios_at = resonances.total_load_ratio.tolist(), assessed.stamp.tolist()
         for i, ratio_at in enumerate(zip(*ratios_at, strict=True)):
             if self._adviser.is_due(*ratio_at):
-                advice, of = self._adviser.answer(resonances.message(i)), assessed.message(i)
-                header = int(of.sec), int(of.nanosec), of.frame_id
-                yield _single(ADVICE, advice, block, of.in_block, *header)
+                advice, reading = self._adviser.answer(resonances.message(i)), assessed.message(i)
+                header = int(reading.sec), int(reading.nanosec), reading.frame_id
+                yield _single(ADVICE, advice, block, reading.in_block, *header)
 
     def _velocities(
         self, readings: MessageColumns, due: BoolArray

@@ -244,8 +244,8 @@ def _loads(drive: Drive, limits: WarningLimits, excitations: Sequence[Excitation
         why = f" Readings more than {GAP:g} s apart cannot warn." if sparse else ""
         qualifier = "known " if _not_counted(drive) else ""
         return f"No {qualifier}load exceeded the limit of {limit}{shortly}. {what}{why}"
-    at = max((each.worst for each in warnings), key=lambda row: drive.severity()[row])
-    ending = ending_words(drive.resonances.message(at), excitations)
+    loudest = max((episode.worst for episode in warnings), key=lambda row: drive.severity()[row])
+    ending = ending_words(drive.resonances.message(loudest), excitations)
     end = f"The worst warning would have ended at {ending}." if ending else ""
     return f"{_exceeded(drive, limits)}. {what} {end}".rstrip()
 

@@ -141,10 +141,10 @@ class InputReader:
 
     def _note_senders(self, numbers: Numbers, values: FloatArray) -> None:
         """Keep the median values of senders if these differ by more than publishers may."""
-        known = np.isfinite(values)
-        if numbers.senders is None or not known.any():
+        finite = np.isfinite(values)
+        if numbers.senders is None or not finite.any():
             return
-        senders, values = numbers.senders[known], values[known]
+        senders, values = numbers.senders[finite], values[finite]
         medians = {
             f"{self.settings.field}@0x{sender:02X}": float(np.median(values[senders == sender]))
             for sender in np.unique(senders).tolist()
