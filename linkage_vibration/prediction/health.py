@@ -24,8 +24,8 @@ _EARLIEST = -(2**63)  # ns
 _WAITING = 100_000  # at most so many readings wait for the next judgement
 _DIFFERING, _SHARE = 3, 0.02  # publishers disagree if at least so many values go to and fro
 
-_NOISY = 100  # a sensor is noisy only if it never repeated a value in so many changes,
-_TURNING = 0.3  # and if this share of the changes reversed the direction
+_NOISY = 100  # a sensor is noisy only if it repeated no value in the last so many changes,
+_TURNING = 0.3  # and if this share of them reversed the direction
 _FROZEN, _FROZEN_READINGS = 2.0, 20  # s; a noisy sensor repeats its value for less than both
 _CONTRADICTION = 0.1  # rad in a second; positions and velocities that agree differ by less
 
@@ -304,33 +304,33 @@ class _Noise:
     """Finds out whether the noise of a sensor has ended, because the sensor is frozen.
 
     A sensor with coarse steps repeats its value for as long as the hitch stands still. So a value
-    that does not change is a fault only if none was ever repeated before.
+    that does not change is a fault only if none was repeated for many changes before.
     """
 
     def __init__(self) -> None:
         self.still = 0.0  # s, for how long the value has been the same
         self._since = self._value = math.nan  # s, and rad
-        self._change, self._repeated = 0.0, False
-        self._changes = self._turns = self._run = 0
+        self._change, self._run = 0.0, 0
+        self._changes = self._turns = 0  # since a value was last repeated
 
     def take(self, now: float, value: float) -> None:
         """Take a reading; see `ReadingWatch.take`."""
         if value == self._value:
             self._run += 1
         else:
+            if self._run:
+                self._changes = self._turns = 0
             change = value - self._value
             self._turns += change * self._change < 0.0
             self._changes += 1
-            self._repeated = self._repeated or self._run > 0
             self._run, self._since, self._value, self._change = 0, now, value, change
         self.still = now - self._since
 
     @property
     def has_ended(self) -> bool:
         """Whether the sensor is frozen."""
-        noisy = not self._repeated and self._turns >= _TURNING * self._changes
-        still = self.still >= _FROZEN and self._run >= _FROZEN_READINGS
-        return noisy and still and self._changes >= _NOISY
+        noisy = self._changes >= _NOISY and self._turns >= _TURNING * self._changes
+        return noisy and self.still >= _FROZEN and self._run >= _FROZEN_READINGS
 
 
 def missing_speeds(missing: Mapping[str, bool], age: float, *, any_known: bool) -> list[Fault]:

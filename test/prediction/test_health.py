@@ -305,6 +305,7 @@ def noise_then_still(
     repeats: int,
     *,
     before: int = 0,
+    since: int = 9,
     changes: int = 400,
     last_rate: float = 100.0,
     rising: float = 0.0,
@@ -313,8 +314,8 @@ def noise_then_still(
 
     Parameters
     ----------
-    repeats, before : int
-        How often the last value is repeated, and how often one was before.
+    repeats, before, since : int
+        How often the last value is repeated, how often one was before, and how many values follow.
     changes : int
         How often the value changes at 100 Hz, turning back each time.
     last_rate : float
@@ -323,7 +324,7 @@ def noise_then_still(
         The share of the changes, the first ones, that do not turn back.
     """
     angles = [2.0 + (1e-3 * (i % 2) if i >= rising * changes else 1e-5 * i) for i in range(changes)]
-    angles = [*angles[:-9], *angles[-10:-9] * before, *angles[-9:]]
+    angles = [*angles[:-since], *angles[-since - 1 : -since] * before, *angles[-since:]]
     times = (np.arange(len(angles)) / 100.0).tolist()
     times += [times[-1] + (i + 1) / last_rate for i in range(repeats)]
     watch = ReadingWatch()
@@ -338,9 +339,9 @@ def noise_then_still(
         # It lasts 2 s, with 20 readings.
         ({"repeats": 201}, {"repeats": 199}),
         ({"repeats": 20, "last_rate": 5.0}, {"repeats": 19, "last_rate": 5.0}),
-        # Before, there were 100 changes, and no value was repeated.
+        # Before, there were 100 changes, in which no value was repeated.
         ({"repeats": 300, "changes": 100}, {"repeats": 300, "changes": 99}),
-        ({"repeats": 300, "before": 0}, {"repeats": 300, "before": 1}),
+        ({"repeats": 300, "before": 1, "since": 100}, {"repeats": 300, "before": 1, "since": 99}),
         # At least 0.3 of the changes turned back.
         ({"repeats": 300, "rising": 0.69}, {"repeats": 300, "rising": 0.71}),
     ],
