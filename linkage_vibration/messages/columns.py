@@ -15,7 +15,7 @@ from linkage_vibration.messages.fields import message_fields
 
 _TYPES = "VibrationPrediction", "Resonance"  # of which columns have units
 
-Rows = slice | NDArray[np.int64] | NDArray[np.bool_]
+Rows = int | slice | NDArray[np.int64] | NDArray[np.bool_]
 
 
 class MessageColumns(SimpleNamespace):
@@ -36,11 +36,12 @@ class MessageColumns(SimpleNamespace):
 
     def rows(self, which: Rows) -> "MessageColumns":
         """Return the messages with these indices."""
-        return MessageColumns(**self._at(which))
+        columns = vars(self).items()
+        return MessageColumns(**{n: c if isinstance(c, str) else c[which] for n, c in columns})
 
     def message(self, row: int) -> "MessageColumns":
         """Return one message, whose attributes have no axis of rows."""
-        return MessageColumns(**self._at(row))
+        return self.rows(row)
 
     def to_xarray(self) -> Any:
         """Return the messages as an `xarray.Dataset`, with units; it needs the extra `xarray`.
@@ -71,12 +72,6 @@ class MessageColumns(SimpleNamespace):
         data = xarray.Dataset(columns, attrs=texts).set_coords({"crank_angle"} & columns.keys())
         modes = np.arange(1, data.sizes.get("mode", 0) + 1)
         return data.assign_coords(mode=modes) if len(modes) else data
-
-    def _at(self, which: Rows | int) -> dict[str, Any]:
-        return {
-            name: column if isinstance(column, str) else column[which]
-            for name, column in vars(self).items()
-        }
 
 
 def joined(parts: Sequence[MessageColumns]) -> MessageColumns:

@@ -15,11 +15,9 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from linkage_vibration.bags.blocks import Bytes, Integers
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.messages.fields import CODES, message_fields
-
-Bytes = NDArray[np.uint8]
-Integers = NDArray[np.int64]
 
 # The encapsulation header of plain CDR (OMG DDS-RTPS, 10.2) names the byte order that follows.
 _ENCAPSULATION = b"\x00\x01\x00\x00" if sys.byteorder == "little" else b"\x00\x00\x00\x00"
@@ -52,16 +50,19 @@ def encode_columns(
     columns: MessageColumns,
     sec: NDArray[np.int32],
     nanosec: NDArray[np.uint32],
-    frame_id: str,
+    frame_id: str | NDArray[np.object_],
 ) -> Iterator[tuple[Integers, Bytes]]:
-    """Encode many messages, (n,), whose headers have the same frame.
+    """Encode many messages, (n,), whose headers have one frame, or each its own.
 
     The indices of messages whose texts are equal, (m,), are yielded with the bytes that
     `encode_message` returns for them, (m, n_bytes).
     """
     groups = [np.arange(len(sec))]
-    names = [field.name for field in message_fields(type_name) if field.type == "string"]
-    texts = {name: getattr(columns, name) for name in names if name != "header.frame_id"}
+    texts = {
+        field.name: frame_id if field.name in _HEADER else getattr(columns, field.name)
+        for field in message_fields(type_name)
+        if field.type == "string"
+    }
     for text in texts.values():
         if not isinstance(text, str):
             groups = [rows[text[rows] == each] for rows in groups for each in np.unique(text[rows])]
@@ -72,7 +73,6 @@ def encode_columns(
                 name: str(text if isinstance(text, str) else text[rows[0]])
                 for name, text in texts.items()
             }
-            shared["header.frame_id"] = frame_id
             yield rows, _encode_alike(type_name, alike, shared, sec[rows], nanosec[rows])
 
 

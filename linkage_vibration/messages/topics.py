@@ -18,8 +18,6 @@ PREDICTION_TOPIC = "/linkage_vibration/prediction"
 """Topic of the predictions in a replay, and of a node that has its default name."""
 RESONANCE_TOPIC = "/linkage_vibration/resonance"
 LOAD_STATE_TOPIC = "/linkage_vibration/load_state"
-ADVICE_TOPIC = "/linkage_vibration/advice"
-MEASURED_TOPIC = "/linkage_vibration/measured"
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,11 +29,8 @@ def read_numbers(
         topic = choose_topics(opened, settings, remaps)[HITCH]
         read = settings.crank_input(topic_schema(opened, topic))
         for block in opened.blocks([topic.name]):
-            rows = np.arange(len(block))
-            for numbers in read.reader.read(block, rows, left_out):
-                available = [read.available(value) for value in numbers.value.tolist()]
-                values = np.where(available, numbers.value, np.nan)
-                columns.append((block.log_times[numbers.rows], values))
+            for numbers in read.numbers(block, np.arange(len(block)), left_out):
+                columns.append((block.log_times[numbers.rows], numbers.value))
     if not columns:
         missing = read.reader.explain_missing(topic.name, sorted(left_out.names))
         fault = missing or left_out.fault or "it has no message"

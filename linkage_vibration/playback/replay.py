@@ -13,7 +13,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from linkage_vibration.bags.blocks import Block
+from linkage_vibration.bags.blocks import Block, Integers
 from linkage_vibration.bags.chunks import ChunkLog, Messages
 from linkage_vibration.bags.numbers import LeftOut
 from linkage_vibration.bags.recorder import PROVENANCE_METADATA, package_versions
@@ -21,19 +21,15 @@ from linkage_vibration.bags.streams import Bags, BagTopic, open_bags
 from linkage_vibration.listening.live import second, sensor_monitor
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.messages.columns import MessageColumns, joined
+from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.messages.encoding import encode_columns, encode_message
 from linkage_vibration.messages.topics import (
     ADVICE,
-    ADVICE_TOPIC,
     LOAD_STATE,
-    LOAD_STATE_TOPIC,
     MEASURED,
-    MEASURED_TOPIC,
+    OUTPUT_TOPICS,
     PREDICTION,
-    PREDICTION_TOPIC,
     RESONANCE,
-    RESONANCE_TOPIC,
     log_topic,
 )
 from linkage_vibration.playback.remapping import (
@@ -48,7 +44,7 @@ from linkage_vibration.prediction.advice import Adviser
 from linkage_vibration.prediction.answers import Described, Implement, Served, with_implement
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs.presets import HITCH
-from linkage_vibration.prediction.inputs.sources import CrankInput, Readings, SpeedInput
+from linkage_vibration.prediction.inputs.sources import CrankInput
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.motion import crank_filter, crank_resolution
 from linkage_vibration.prediction.periods import Periods
@@ -62,18 +58,11 @@ from linkage_vibration.readers.served import read_described, read_loads, read_se
 from linkage_vibration.support.atomic_files import check_outputs, replacement
 from linkage_vibration.table.tabulation import build_table
 
-Integers = NDArray[np.int64]
-
 REPLAY_METADATA = "linkage_vibration.replay"
 _SpeedRow: TypeAlias = tuple[int, Source, float, int]  # row, speed, value, time (ns)
-_ANSWERS = {
-    MEASURED: MEASURED_TOPIC,
-    PREDICTION: PREDICTION_TOPIC,
-    RESONANCE: RESONANCE_TOPIC,
-    LOAD_STATE: LOAD_STATE_TOPIC,
-    ADVICE: ADVICE_TOPIC,
-}
-"""The topics of the answers to a reading, in their order in the log."""
+_NAMES = {topic.type: full_name(topic.name) for topic in OUTPUT_TOPICS}
+_ANSWERS = MEASURED, PREDICTION, RESONANCE, LOAD_STATE, ADVICE
+"""The types of the answers to a reading, in their order in the log."""
 _PLACES = {kind: place for place, kind in enumerate(["", *_ANSWERS])}  # "" is that of the reading
 
 
@@ -217,97 +206,92 @@ def replay(
     with open_bags(paths) as bags:
         topics = choose_topics(bags, settings, remaps)
         served = _served(settings, what_if, building)
-        inputs_read = _inputs(bags, settings, topics)
-        sensors = _Sensors(bags, settings, served)
-        once = {topic.name: topic for topic in (*topics.values(), *sensors.topics)}
-        log_topics = [logged_topic(bags, topic) for topic in once.values()]
-        log_topics.append(log_topic(PREDICTION_TOPIC, PREDICTION))
-        notices: list[str] = []
-        monitor, excitations = _monitor(settings, topics, served, notices.append), {}
-        if monitor is not None:
-            log_topics += [log_topic(_ANSWERS[kind], kind) for kind in (RESONANCE, LOAD_STATE)]
-            excitations = excitation_files(settings.excitation_path())
-            log_topics.append(log_topic(ADVICE_TOPIC, ADVICE, latched=True))
-        if sensors.monitor is not None:
-            log_topics.append(log_topic(MEASURED_TOPIC, MEASURED))
+        run = _Replay(bags, settings, topics, served)
+        log_topics = [logged_topic(bags, topic) for topic in run.topics.values()]
+        kinds, excitations = {PREDICTION}, dict[str, bytes]()
+        if run.monitor is not None:
+            kinds |= {RESONANCE, LOAD_STATE, ADVICE}
+            excitations |= excitation_files(settings.excitation_path())
+        if run.sensors.monitor is not None:
+            kinds.add(MEASURED)
             excitations |= sensor_files(settings.sensor_path(), settings.correction_path())
+        log_topics += [
+            log_topic(_NAMES[topic.type], topic.type, latched=topic.latched)
+            for topic in OUTPUT_TOPICS
+            if topic.type in kinds
+        ]
         files = attachments(served, settings, f"/{NODE_NAME}", excitations)
         metadata = {
             PROVENANCE_METADATA: {**package_versions(), **implement_facts(served)},
             REPLAY_METADATA: {"inputs": " ".join(path.name for path in paths)},
         }
-        periods = Periods(settings.prediction_rate)
-        run = _Replay(list(once), topics, inputs_read, served.predictor, periods, monitor, sensors)
-        run.done.missing |= sensors.missing
-        run.done.notice = " ".join(notices)
-        total, done = sum(topic.count for topic in once.values()), 0
+        total, done = sum(topic.count for topic in run.topics.values()), 0
         with replacement(output, ReplayError) as unfinished:
             with ChunkLog(unfinished, log_topics, files, metadata) as log:
-                for block in bags.blocks(list(once), bags.is_own_log):
+                for block in bags.blocks(list(run.topics), bags.is_own_log):
                     log.write(run.messages(block))
                     done += len(block)
                     progress(done, total)
-            _refuse_empty(run.done, bags, inputs_read[0])
-    for name, each in {
-        HITCH: inputs_read[0],
-        **{s.value: e for s, e in inputs_read[1].items()},
-    }.items():
-        if sentence := each.disagreement(topics[name].name):
+            _refuse_empty(run.done, bags, run.crank)
+    for each in (run.crank, *run.speeds.values()):
+        if sentence := each.disagreement(topics[each.settings.name].name):
             run.done.disagreements.append(sentence)
     return run.done
 
 
 class _Replay:
-    """Turns blocks of input messages into the messages of the log."""
+    """Turns blocks of input messages into the messages of the log.
+
+    The attribute ``topics`` has the topics that are read by their names.
+    """
 
     def __init__(
-        self,
-        names: Sequence[str],
-        topics: Mapping[str, BagTopic],
-        inputs: tuple[CrankInput, dict[Source, SpeedInput]],
-        predictor: Predictor,
-        periods: Periods,
-        monitor: ResonanceMonitor | None,
-        sensors: "_Sensors",
+        self, bags: Bags, settings: Parameters, topics: Mapping[str, BagTopic], served: Served
     ) -> None:
-        self._names = names
-        self._places = {name: names.index(topic.name) for name, topic in topics.items()}
-        self._input, self._speed_inputs = inputs
-        self._predictor, self._periods = predictor, periods
-        self._monitor, self._sensors = monitor, sensors
+        self.crank = settings.crank_input(topic_schema(bags, topics[HITCH]))
+        self.speeds = {
+            source: settings.speed_input(source, topic_schema(bags, topics[source.value]))
+            for source in Source
+            if source.value in topics
+        }
+        self.sensors = _Sensors(bags, settings, served)
+        self.topics = {topic.name: topic for topic in (*topics.values(), *self.sensors.topics)}
+        self._names = list(self.topics)
+        self._places = {name: self._names.index(topic.name) for name, topic in topics.items()}
+        notices: list[str] = []
+        self.monitor = _monitor(settings, topics, served, notices.append)
         self._adviser: Adviser | None = None
+        self._predictor, self._periods = served.predictor, Periods(settings.prediction_rate)
         self._motion = crank_filter()
-        missing = {each.reader.what for each in self._speed_inputs.values()}
-        self.done = Replayed(topic=topics[HITCH].name, missing=missing)
+        missing = {each.reader.what for each in self.speeds.values()} | self.sensors.missing
+        self.done = Replayed(topic=topics[HITCH].name, missing=missing, notice=" ".join(notices))
 
     def messages(self, block: Block) -> list[Messages]:
         """Return the input messages of a block that are used, and what is predicted for them."""
-        messages: list[Messages] = []
-        predicted: list[MessageColumns] = []
         rows = np.flatnonzero(block.topics == self._places[HITCH])
-        groups = list(self._input.read_block(block, rows, self.done))
-        used = [group.rows for group in groups]
-        order, stamps = _arrivals(groups)
-        published = np.zeros(len(order), np.bool_)
-        published[order] = self._periods.due(stamps[order])
-        for group in groups:
-            predictions = predict_many(self._predictor, group.crank_angle, group.stddev)
-            predicted.append(predictions)
-            mine, published = np.split(published, [len(group.rows)])
-            kept = np.flatnonzero(mine)
-            messages += _encoded(PREDICTION, predictions.rows(kept), block, group, kept)
-            counts = np.bincount(predictions.status[kept], minlength=len(Status))
-            for status, count in enumerate(counts.tolist()):
-                self.done.statuses[status] += count
+        readings = self.crank.read_block(block, rows, self.done)
+        used = [readings.in_block]
         speeds = self._speeds(block, used)
-        messages += self._sensors.messages(block, self._names, groups, speeds, used, self.done)
-        if self._monitor is not None:
-            if groups:
-                messages += self._resonances(self._monitor, block, groups, predicted, speeds)
-            else:
-                for _, source, value, time in speeds:
-                    self._monitor.set_speed(source, value, time)
+        messages = [*self.sensors.messages(block, self._names, readings, speeds, used, self.done)]
+        if len(readings):
+            predictions = predict_many(self._predictor, readings.crank_angle, readings.stddev)
+            messages += self._predictions(block, readings, predictions)
+            if self.monitor is not None:
+                messages += self._resonances(self.monitor, block, readings, predictions, speeds)
+        elif self.monitor is not None:
+            for _, source, value, time in speeds:
+                self.monitor.set_speed(source, value, time)
         return [*self._inputs(block, used), *messages]
+
+    def _predictions(
+        self, block: Block, readings: MessageColumns, predictions: MessageColumns
+    ) -> Iterator[Messages]:
+        """Yield the predictions that are published, and count their statuses."""
+        published = np.flatnonzero(self._periods.due(readings.stamp))
+        predictions = predictions.rows(published)
+        counts = np.bincount(predictions.status, minlength=len(Status))
+        self.done.statuses = (self.done.statuses + counts).tolist()
+        yield from _encoded(PREDICTION, predictions, block, readings.rows(published))
 
     def _inputs(self, block: Block, used: Sequence[Integers]) -> Iterator[Messages]:
         """Yield the messages of a block that were used, those of one topic and size together."""
@@ -324,91 +308,69 @@ class _Replay:
     def _speeds(self, block: Block, used: list[Integers]) -> list[_SpeedRow]:
         """Return the speeds of a block by rows, and add those rows to the used ones."""
         speeds: list[_SpeedRow] = []
-        for source, each in self._speed_inputs.items():
+        others, names = self.done.others, self.done.names.copy()
+        for source, each in self.speeds.items():
             of_topic = np.flatnonzero(block.topics == self._places[source.value])
-            left_out = LeftOut()
-            for rows, values, times in each.read_block(block, of_topic, left_out):
+            for rows, values, times in each.read_block(block, of_topic, self.done):
                 used.append(rows)
                 self.done.missing.discard(each.reader.what)
                 columns = rows.tolist(), values.tolist(), times.tolist()
                 speeds += [(row, source, v, time) for row, v, time in zip(*columns, strict=True)]
-            self.done.unreadable += left_out.unreadable
-            self.done.refused += left_out.refused
-            for what, count in left_out.unavailable.items():
-                self.done.unavailable[what] = self.done.unavailable.get(what, 0) + count
-            self.done.fault = self.done.fault or left_out.fault
+        self.done.others, self.done.names = others, names  # those beside the crank angle
         return sorted(speeds, key=lambda speed: speed[0])
 
     def _resonances(
         self,
         monitor: ResonanceMonitor,
         block: Block,
-        groups: Sequence[Readings],
-        predicted: Sequence[MessageColumns],
+        readings: MessageColumns,
+        predictions: MessageColumns,
         speeds: Sequence[_SpeedRow],
-    ) -> list[Messages]:
+    ) -> Iterator[Messages]:
         """Assess predictions, with the speeds that were received among them."""
-        messages: list[Messages] = []
         self._adviser = self._adviser or Adviser(monitor)
-        rows = np.concatenate([group.rows for group in groups])
-        order, stamps = _arrivals(groups)
-        before = np.searchsorted(rows[order], [speed[0] for speed in speeds])
+        before = np.searchsorted(readings.in_block, [speed[0] for speed in speeds])
         # There is nothing to assess before the first speed.
-        first = 0 if monitor.any_speed_reported else min([len(rows), *before.tolist()])
-        due = np.zeros(len(rows), np.bool_)
-        due[first:] = monitor.periods.due(stamps[order[first:]])
-        assessed = order[due]
-        velocity, error = self._velocities(groups, stamps, order, due)
+        first = 0 if monitor.any_speed_reported else min([len(readings), *before.tolist()])
+        due = np.zeros(len(readings), np.bool_)
+        due[first:] = monitor.periods.due(readings.stamp[first:])
+        velocity, error = self._velocities(readings, due)
         earlier = np.searchsorted(np.flatnonzero(due), before).tolist()
+        assessed = readings.rows(due)
         resonances = monitor.assess_many(
-            joined(predicted).rows(assessed),
+            predictions.rows(due),
             velocity,
-            np.concatenate([group.times for group in groups])[assessed],
+            assessed.time,
             [ReportedSpeed(n, *speed[1:]) for n, speed in zip(earlier, speeds, strict=True)],
             error,
         )
-        ratios_at = resonances.total_load_ratio.tolist(), stamps[assessed].tolist()
-        advised = [self._adviser.is_due(*each) for each in zip(*ratios_at, strict=True)]
-        answers = np.full(len(rows), -1)
-        answers[assessed] = np.arange(len(assessed))
-        for group in groups:
-            answer, answers = np.split(answers, [len(group.rows)])
-            kept = np.flatnonzero(answer >= 0)
-            of_group = resonances.rows(answer[kept])
-            for kind in (RESONANCE, LOAD_STATE):
-                messages += _encoded(kind, of_group, block, group, kept)
-            self.done.resonances += len(kept)
-            for i in kept[np.array(advised, np.bool_)[answer[kept]]].tolist():
-                advice = self._adviser.answer(resonances.message(answer[i]))
-                messages.append(_advice(block, group, i, advice))
-        return messages
+        self.done.resonances += len(assessed)
+        for kind in (RESONANCE, LOAD_STATE):
+            yield from _encoded(kind, resonances, block, assessed)
+        ratios_at = resonances.total_load_ratio.tolist(), assessed.stamp.tolist()
+        for i, ratio_at in enumerate(zip(*ratios_at, strict=True)):
+            if self._adviser.is_due(*ratio_at):
+                advice, reading = self._adviser.answer(resonances.message(i)), assessed.message(i)
+                header = int(reading.sec), int(reading.nanosec), reading.frame_id
+                yield _single(ADVICE, advice, block, reading.in_block, *header)
 
     def _velocities(
-        self, groups: Sequence[Readings], stamps: Integers, order: Integers, due: BoolArray
+        self, readings: MessageColumns, due: BoolArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the velocities, as reported or else as estimated, and bounds of their errors.
+        """Return the velocities of the readings that are due, and bounds of their errors.
 
-        Parameters
-        ----------
-        groups, stamps : sequence of Readings and ndarray, (n,)
-            The readings, and their stamps, ns.
-        order, due : ndarray, (n,)
-            In which order they arrived, and which of them, in this order, are assessed.
+        They are as reported, or else as estimated.
         """
-        velocity = np.concatenate([group.velocity for group in groups])[order]
-        error = np.zeros(len(velocity))
-        [unknown] = np.nonzero(np.isnan(velocity))
+        velocity, error = readings.velocity.copy(), np.zeros(len(readings))
+        unknown = np.flatnonzero(np.isnan(velocity))
         if len(unknown):
-            rows, wanted = order[unknown], due[unknown]
-            stddevs = np.concatenate([group.stddev for group in groups])[rows].tolist()
-            known_part = self._input.scale.angle_stddev
-            rates = self._motion.add_many(
-                stamps[rows].tolist(),
-                np.concatenate([group.crank_angle for group in groups])[rows].tolist(),
-                [crank_resolution(stddev, known_part) for stddev in stddevs],
-                wanted.tolist(),
+            moving, known_part = readings.rows(unknown), self.crank.scale.angle_stddev
+            velocity[unknown], error[unknown] = self._motion.add_many(
+                moving.stamp.tolist(),
+                moving.crank_angle.tolist(),
+                [crank_resolution(stddev, known_part) for stddev in moving.stddev.tolist()],
+                due[unknown].tolist(),
             )
-            velocity[unknown[wanted]], error[unknown[wanted]] = rates
         return velocity[due], error[due]
 
 
@@ -422,9 +384,9 @@ class _Sensors:
         path = settings.sensor_path()
         every = live_sensors(path) if path else []
         present = {topic.name: topic for topic in bags.topics if topic.count}
-        of = [present.get(full_name(sensor.topic)) for sensor in every]
-        pairs = [(s, t) for s, t in zip(every, of, strict=True) if t is not None]
-        self.missing = {s.topic for s, t in zip(every, of, strict=True) if t is None}
+        every_pair = [(sensor, present.get(full_name(sensor.topic))) for sensor in every]
+        pairs = [(sensor, topic) for sensor, topic in every_pair if topic is not None]
+        self.missing = {sensor.topic for sensor, topic in every_pair if topic is None}
         self.topics = [topic for _, topic in pairs]
         self._readers = [SensorReader(s, t.type, topic_schema(bags, t)) for s, t in pairs]
         excitations = read_loads(settings, served) if pairs else ()
@@ -434,7 +396,7 @@ class _Sensors:
         self,
         block: Block,
         names: Sequence[str],
-        groups: Sequence[Readings],
+        readings: MessageColumns,
         speeds: Sequence[_SpeedRow],
         used: list[Integers],
         left_out: LeftOut,
@@ -457,60 +419,35 @@ class _Sensors:
                 for row, stamp, sample in zip(*columns, strict=True):
                     take = partial(monitor.take, i, stamp, sample)
                     events.append((row, 1, take, second(stamp), frame))
-        for group in groups:
-            stamps = 10**9 * group.sec.astype(np.int64) + group.nanosec
-            readings = group.rows.tolist(), stamps.tolist(), group.crank_angle.tolist()
-            for row, stamp, angle in zip(*readings, strict=True):
-                events.append((row, 2, partial(monitor.set_angle, angle, stamp), 0, ""))
+        angles = (readings.in_block, readings.stamp, readings.crank_angle)
+        for row, stamp, angle in zip(*(column.tolist() for column in angles), strict=True):
+            events.append((row, 2, partial(monitor.set_angle, angle, stamp), 0, ""))
         for row, _, event, stamp, frame in sorted(events, key=lambda event: event[:2]):
             if (message := event()) is not None:
-                data = encode_message(MEASURED, message, *divmod(stamp, 10**9), frame)
-                content = np.frombuffer(data, np.uint8)[np.newaxis]
-                yield _messages(MEASURED, content, block, np.array([row]))
-
-
-def _arrivals(groups: Sequence[Readings]) -> tuple[Integers, Integers]:
-    """Return in which order the readings of all groups arrived, and their stamps, ns, (n,)."""
-    none = np.zeros(0, np.int64)
-    stamps = [10**9 * group.sec.astype(np.int64) + group.nanosec for group in groups]
-    rows = np.concatenate([none, *(group.rows for group in groups)])
-    return np.argsort(rows), np.concatenate([none, *stamps])
+                yield _single(MEASURED, message, block, row, *divmod(stamp, 10**9), frame)
 
 
 def _encoded(
-    kind: str, answers: MessageColumns, block: Block, group: Readings, of: Integers
+    kind: str, answers: MessageColumns, block: Block, readings: MessageColumns
 ) -> Iterator[Messages]:
-    """Yield the answers to some readings of a group as messages of the log."""
-    for which, data in encode_columns(
-        kind, answers, group.sec[of], group.nanosec[of], group.frame_id
-    ):
-        yield _messages(kind, data, block, group.rows[of[which]])
+    """Yield the answers to readings as messages of the log."""
+    header = readings.sec, readings.nanosec, readings.frame_id
+    for which, data in encode_columns(kind, answers, *header):
+        yield _messages(kind, data, block, readings.in_block[which])
+
+
+def _single(
+    kind: str, answer: MessageColumns, block: Block, row: int, sec: int, nanosec: int, frame: str
+) -> Messages:
+    """Return the answer to the message in a row of a block as a message of the log."""
+    data = np.frombuffer(encode_message(kind, answer, sec, nanosec, frame), np.uint8)
+    return _messages(kind, data[np.newaxis], block, np.array([row]))
 
 
 def _messages(kind: str, data: NDArray[np.uint8], block: Block, rows: Integers) -> Messages:
     """Return the answers to the messages in some rows of a block as messages of the log."""
     times, places = block.log_times[rows], len(_PLACES) * rows + _PLACES[kind]
-    return Messages(_ANSWERS[kind], data, places, times, times)
-
-
-def _advice(block: Block, group: Readings, i: int, advice: MessageColumns) -> Messages:
-    """Return advice for a reading of a group as a message of the log."""
-    header = int(group.sec[i]), int(group.nanosec[i]), group.frame_id
-    data = np.frombuffer(encode_message(ADVICE, advice, *header), np.uint8)
-    return _messages(ADVICE, data[np.newaxis], block, group.rows[[i]])
-
-
-def _inputs(
-    bags: Bags, settings: Parameters, topics: Mapping[str, BagTopic]
-) -> tuple[CrankInput, dict[Source, SpeedInput]]:
-    """Return the inputs whose topics are in the bags."""
-    crank = settings.crank_input(topic_schema(bags, topics[HITCH]))
-    speeds = {
-        source: settings.speed_input(source, topic_schema(bags, topics[source.value]))
-        for source in Source
-        if source.value in topics
-    }
-    return crank, speeds
+    return Messages(_NAMES[kind], data, places, times, times)
 
 
 def _served(settings: Parameters, what_if: WhatIf, building: Callable[[float], object]) -> Served:

@@ -52,13 +52,9 @@ def draws(excitations: Sequence[Excitation], n_members: int) -> tuple[FloatArray
         columns = generator.standard_normal((half, half - 1))
         parts.append(np.linalg.qr(columns - columns.mean(axis=0))[0] * math.sqrt(half))
     normal = np.tile(np.hstack(parts)[:, : 2 * n].T, 2)
-    amplitude, frequency = (
-        np.array([[value] for value in values])
-        for values in (
-            [getattr(each.load or each.terrain, "relative_stddev", 0.0) for each in excitations],
-            [each.relative_stddev for each in excitations],
-        )
-    )
+    loads = [each.load or each.terrain for each in excitations]
+    amplitude = np.array([[getattr(load, "relative_stddev", 0.0)] for load in loads])
+    frequency = np.array([[each.relative_stddev] for each in excitations])
     return np.exp(amplitude * normal[:n]), np.maximum(1.0 + frequency * normal[n:], 0.0)
 
 

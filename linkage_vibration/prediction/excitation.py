@@ -46,6 +46,11 @@ class Source(enum.Enum):
         return list(Source).index(self)
 
     @property
+    def label(self) -> str:
+        """How sentences name the speed."""
+        return "PTO" if self is Source.PTO else self.value
+
+    @property
     def unit(self) -> str:
         """Unit of the speed."""
         return "m/s" if self is Source.GROUND else "rpm"
@@ -158,16 +163,12 @@ def excitations_from_mapping(
     [('shaft 1', 9.0), ('shaft 2', 18.0)]
     """
     try:
-        keys = Keys(where, mapping)
-        excitations = [
-            excitation
-            for name in keys
-            for excitation in (
-                [_ground(keys[name], name, read_profile)]
-                if "terrain" in keys[name]
-                else _orders(keys[name], name)
-            )
-        ]
+        keys, excitations = Keys(where, mapping), list[Excitation]()
+        for name in keys:
+            if "terrain" in keys[name]:
+                excitations.append(_ground(keys[name], name, read_profile))
+            else:
+                excitations += _orders(keys[name], name)
         keys.refuse_unknown()
         for second in [excitation.name for excitation in excitations if excitation.terrain][1:]:
             raise MechanismError(
@@ -183,7 +184,7 @@ def excitations_from_mapping(
 def _orders(keys: Keys, name: str) -> list[Excitation]:
     """Return one excitation for each order."""
     source = Source(keys.choice("speed", [source.value for source in Source]))
-    per_unit = RPM * _in_range(keys, "ratio", keys.number("ratio", default=1.0))
+    per_unit = RPM * _number(keys, "ratio", default=1.0)
     if source is Source.GROUND:
         per_unit *= 60.0 / _circumference(keys)
     orders = keys.numbers("orders")
@@ -195,17 +196,12 @@ def _orders(keys: Keys, name: str) -> list[Excitation]:
     for order in silent:
         if order not in orders:
             raise keys.error("no_warning", f"{order:g} is not one of the orders; remove it.")
+    for i, order in enumerate(orders):
+        _check(keys, f"orders[{i}]", order, _LEAST, _LARGEST)
     spread, loads = _stddev(keys, "frequency_stddev"), _loads(keys, orders)
     return [
-        Excitation(
-            names[i],
-            source,
-            _in_range(keys, f"orders[{i}]", order) * per_unit,
-            loads[i],
-            spread,
-            order not in silent,
-        )
-        for i, order in enumerate(orders)
+        Excitation(name, source, order * per_unit, load, spread, order not in silent)
+        for name, order, load in zip(names, orders, loads, strict=True)
     ]
 
 
@@ -233,22 +229,21 @@ def _ground(keys: Keys, name: str, read_profile: ReadProfile) -> Excitation:
         spectrum, name = read_profile(file), f"{name} ({file})"
         roughness, exponent = power_law(spectrum, reference)
     elif "roughness" in ground:
-        roughness = _in_range(ground, "roughness", ground.number("roughness"), 1e-9, 1.0)
-        exponent = _in_range(ground, "exponent", ground.number("exponent"), 1.0, _STEEPEST)
-        reference = _in_range(ground, "reference", ground.number("reference"), 1e-3, 10.0)
+        roughness = _number(ground, "roughness", 1e-9, 1.0)
+        exponent = _number(ground, "exponent", 1.0, _STEEPEST)
+        reference = _number(ground, "reference", 1e-3, 10.0)
     else:
         raise keys.error("terrain", "give a class, a roughness, or a profile.")
     band = keys.interval("band_hz", positive=True) if "band_hz" in keys else (0.3, 20.0)
+    for end in band:
+        _check(keys, "band_hz", end, 0.01, 1e3)
     treaded = not {"lugs", "rolling_radius"}.isdisjoint(keys)
     pitch = _circumference(keys) / keys.integer("lugs") if treaded else None
     terrain = Terrain(
         roughness=roughness,
         exponent=exponent,
         reference=reference,
-        band=(
-            _in_range(keys, "band_hz", band[0], 0.01, 1e3),
-            _in_range(keys, "band_hz", band[1], 0.01, 1e3),
-        ),
+        band=band,
         lug_pitch=pitch,
         raised=keys.flag("raised"),
         relative_stddev=_stddev(keys, "amplitude_stddev", spread),
@@ -259,11 +254,7 @@ def _ground(keys: Keys, name: str, read_profile: ReadProfile) -> Excitation:
 
 def _circumference(keys: Keys) -> float:
     """Return how far a wheel rolls in a turn, m."""
-    radius = keys.number("rolling_radius")
-    if not _WHEELS[0] <= radius <= _WHEELS[1]:
-        limits = " to ".join(f"{limit:g}" for limit in _WHEELS)
-        raise keys.error("rolling_radius", f"{radius:g} is not from {limits}, in m.")
-    return 2.0 * math.pi * radius
+    return 2.0 * math.pi * _number(keys, "rolling_radius", *_WHEELS, hint=", in m")
 
 
 def _loads(keys: Keys, orders: list[float]) -> list[Load | None]:
@@ -281,10 +272,8 @@ def _loads(keys: Keys, orders: list[float]) -> list[Load | None]:
         raise keys.error(
             kind.value, f"give one number for each of the {len(orders)} orders, none below zero."
         )
-    place, speed = keys.text("at"), _in_range(keys, "at_speed", keys.number("at_speed"))
-    exponent = keys.number("exponent", default=0.0)
-    if abs(exponent) > _STEEPEST:
-        raise keys.error("exponent", f"{exponent:g} is not from -{_STEEPEST:g} to {_STEEPEST:g}.")
+    place, speed = keys.text("at"), _number(keys, "at_speed")
+    exponent = _number(keys, "exponent", -_STEEPEST, _STEEPEST, default=0.0)
     spreads = _stddevs(keys, len(amplitudes))
     return [
         Load(kind, place, value, speed, exponent, spread)
@@ -305,15 +294,26 @@ def _stddevs(keys: Keys, count: int) -> list[float]:
 
 def _stddev(keys: Keys, key: str, default: float = 0.0) -> float:
     """Return a relative standard deviation."""
-    value = keys.number(key, default=default)
-    if not 0.0 <= value <= 1.0:
-        raise keys.error(key, f"{value:g} is not from 0 to 1, as a part of the value.")
-    return value
+    return _number(keys, key, 0.0, 1.0, default=default, hint=", as a part of the value")
 
 
-def _in_range(
-    keys: Keys, key: str, number: float, least: float = _LEAST, largest: float = _LARGEST
+def _number(
+    keys: Keys,
+    key: str,
+    least: float = _LEAST,
+    largest: float = _LARGEST,
+    *,
+    default: float | None = None,
+    hint: str = "",
 ) -> float:
-    if not least <= number <= largest:
-        raise keys.error(key, f"{number:g} is not from {least:g} to {largest:g}.")
+    """Return a number in a range that includes its ends."""
+    number = keys.number(key, default=default)
+    _check(keys, key, number, least, largest, hint)
     return number
+
+
+def _check(
+    keys: Keys, key: str, number: float, least: float, largest: float, hint: str = ""
+) -> None:
+    if not least <= number <= largest:
+        raise keys.error(key, f"{number:g} is not from {least:g} to {largest:g}{hint}.")

@@ -96,17 +96,6 @@ class Terrain:
     relative_stddev: float = 0.0
     spectrum: tuple[tuple[float, float], ...] | None = None
 
-    def __post_init__(self) -> None:
-        """Refuse numbers with which no level can be computed."""
-        low, high = self.band
-        pitch = 1.0 if self.lug_pitch is None else self.lug_pitch
-        positive = (self.roughness, self.exponent, self.reference, pitch, low)
-        if not all(0.0 < value < math.inf for value in positive) or not low < high < math.inf:
-            what = "roughness, exponent, reference, lug_pitch and an ascending band"
-            raise GroundError(f"{self} is invalid; give a finite {what}, all above 0.")
-        if not 0.0 <= self.relative_stddev <= 1.0:
-            raise GroundError(f"relative_stddev is {self.relative_stddev:g}; give 0 to 1.")
-
     def psd(self, frequency: FloatArray, speed: FloatArray) -> FloatArray:
         """Return the density of the height over frequencies in Hz, m2/Hz, at speeds in m/s."""
         n = frequency / speed
@@ -182,6 +171,13 @@ def vertical_mounts(mechanism: Mechanism) -> tuple[Mount, ...]:
     """Return the mounts of the base through which the ground moves it along z."""
     mounts = () if mechanism.base is None else mechanism.base.mounts
     return tuple(mount for mount in mounts if mount.stiffness[1] or mount.damping[1])
+
+
+def _refusal(mounts: Sequence[Mount], terrain: Terrain) -> int:
+    """Return why the ground under mounts is not modelled, of `REASONS`, or 0."""
+    if len(mounts) < 2:
+        return _BASE
+    return 0 if terrain.raised else _SOIL
 
 
 def ground_lines(terrain: Terrain, count: int = LINES) -> FloatArray:
@@ -288,14 +284,8 @@ def ground_spectrum(
         If the mechanism has no base on two mounts, a tool is in the soil, or the speed is invalid.
     """
     mounts, f = vertical_mounts(mechanism), ground_lines(terrain)
-    refusals = (
-        (len(mounts) < 2, _BASE),
-        (not terrain.raised, _SOIL),
-        (not 0.0 < speed < math.inf, _SPEED),
-    )
-    for refused, reason in refusals:
-        if refused:
-            raise GroundError(REASONS[reason])
+    if refused := _refusal(mounts, terrain) or (0 if 0.0 < speed < math.inf else _SPEED):
+        raise GroundError(REASONS[refused])
     inputs = [(mount.name, "z") for mount in mounts]
     if isinstance(source, Table):
         frf = source.frf(alpha3, [place], inputs)
@@ -339,13 +329,11 @@ class GroundTable:
         mounts = vertical_mounts(mechanism)
         inputs = [(mount.name, "z") for mount in mounts]
         self._n_forces, self._n_mounts = len(outputs), len(mounts)
-        self.never = 0
+        self.never = _refusal(mounts, terrain)
         """Why no level of it is ever known, of `REASONS`, or 0."""
-        if len(mounts) < 2:
-            self.never = _BASE
-        elif not terrain.raised:
-            self.never = _SOIL
-        elif not set(inputs) <= set(table.places) or terrain.band[1] > table.band[1]:
+        if self.never:
+            return
+        if not set(inputs) <= set(table.places) or terrain.band[1] > table.band[1]:
             self.never = _FRFS
         else:
             self.lines = _count(table, terrain.band)

@@ -11,12 +11,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from statistics import median_low
 
-import numpy as np
-from numpy.typing import NDArray
-
-from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs.presets import ENGINE, GROUND, HITCH, PTO
 
@@ -29,16 +24,10 @@ _EARLIEST = -(2**63)  # ns
 _WAITING = 100_000  # at most so many readings wait for the next judgement
 _DIFFERING, _SHARE = 3, 0.02  # publishers disagree if at least so many values go to and fro
 
-_NOISY = 100  # a sensor is noisy only if its value has changed at least this often,
-_TURNING = 0.3  # if this share of the changes reverses the direction,
-_FASTEST_VIBRATION = 20.0  # Hz; and if the value changes at least this often
-_REMEMBERED = 1000  # the counts of changes are halved when they reach this
-_FROZEN = 2.0  # s; a noisy sensor repeats its value for a shorter time
-_FROZEN_READINGS = 20  # a noisy sensor repeats its value fewer times
+_NOISY = 100  # a sensor is noisy only if it repeated no value in the last so many changes,
+_TURNING = 0.3  # and if this share of them reversed the direction
+_FROZEN, _FROZEN_READINGS = 2.0, 20  # s; a noisy sensor repeats its value for less than both
 _CONTRADICTION = 0.1  # rad in a second; positions and velocities that agree differ by less
-
-_USUAL = 30  # the usual rate is the median of so many windows, so that it follows a lasting change
-_FALLEN = 0.6  # a rate below this share of the usual one is a fault
 
 _IMPLAUSIBLE_AFTER = 3.0  # s; a starter turns an engine slowly for a shorter time
 _PLAUSIBLE = {
@@ -47,7 +36,7 @@ _PLAUSIBLE = {
     Source.GROUND: (0.0, 25.0),
 }
 """The range of speeds of an engine, a PTO shaft or a tractor that is not at rest, rpm or m/s."""
-_AGREEMENT = {HITCH: (0.03, "rad"), ENGINE: (50.0, "rpm"), PTO: (20.0, "rpm"), GROUND: (0.3, "m/s")}
+AGREEMENT = {HITCH: (0.03, "rad"), ENGINE: (50.0, "rpm"), PTO: (20.0, "rpm"), GROUND: (0.3, "m/s")}
 """Differences between publishers up to these are noise."""
 _OTHER_UNITS = {Source.ENGINE: "rad/s or Hz", Source.PTO: "rad/s or Hz", Source.GROUND: "km/h"}
 
@@ -116,7 +105,6 @@ class Expected:
     stale_after: float  # s, the age from which a reading is too old
     since: float  # s, steady clock, from when on it is expected
     publishers: Callable[[], Sequence[str]]  # returns the node of each publisher
-    shaken: bool  # whether the tractor runs, so that a sensor with noise must show it
 
     def contains(self, angle: float) -> bool:
         """Return whether the table has an angle, rad."""
@@ -144,7 +132,6 @@ class ReadingWatch:
         self._stamp, self._angle = _EARLIEST, math.nan  # of the last reading
         self._before = math.nan  # rad, the angle before the last one
         self._waiting: deque[_Reading] = deque(maxlen=_WAITING)  # for the next judgement
-        self._rates: deque[float] = deque(maxlen=_USUAL)  # Hz, of the last windows with readings
 
     def take(
         self,
@@ -193,7 +180,7 @@ class ReadingWatch:
             if step == step and velocity == velocity and apart < _FRESH:  # neither is NaN
                 window.moved += step
                 window.turned += velocity * apart
-            window.differing += size > _AGREEMENT[HITCH][0] + abs(angle - self._before)
+            window.differing += size > AGREEMENT[HITCH][0] + abs(angle - self._before)
             if sender:
                 window.senders[sender] = angle
             self._noise.take(now, angle)
@@ -204,8 +191,8 @@ class ReadingWatch:
         """Take a message that has no reliable reading, and why."""
         self._window.refusal = sentence
 
-    def judge(self, now: float, elapsed: float, expected: Expected) -> list[Fault]:
-        """Return what was wrong since the last call, which was ``elapsed`` (s) before ``now``."""
+    def judge(self, now: float, expected: Expected) -> list[Fault]:
+        """Return what was wrong from the last call until ``now``, s."""
         while self._waiting:
             self._look(self._waiting.popleft())
         window, self._window = self._window, _Window()
@@ -214,7 +201,6 @@ class ReadingWatch:
             *_range(window, expected),
             *_stamps(window, expected),
             *self._values(window, expected),
-            *self._rate(window, elapsed),
         ]
 
     def _missing(self, window: _Window, now: float, expected: Expected) -> list[Fault]:
@@ -240,23 +226,12 @@ class ReadingWatch:
                 f"the position by {window.moved:.2g} rad; the sensor is frozen, or its velocity is "
                 "wrong. Publish no velocity if it is not known."
             )
-        if window.received and (frozen := self._noise.frozen(expected.shaken)):
-            sentences.append(f"{expected.name}: {frozen}")
+        if window.received and self._noise.has_ended:
+            sentences.append(
+                f"{expected.name}: The reading has been the same for {self._noise.still:.1f} s, "
+                "although it was never free of noise before; the sensor is frozen."
+            )
         return faults + [Fault(Level.WARN, sentence) for sentence in sentences]
-
-    def _rate(self, window: _Window, elapsed: float) -> list[Fault]:
-        if not window.received:
-            return []
-        rate = window.received / elapsed
-        self._rates.append(rate)
-        usual = median_low(self._rates)
-        if max(list(self._rates)[-2:]) >= _FALLEN * usual:
-            return []
-        sentence = (
-            f"The readings arrive at {rate:.1f} Hz instead of {usual:.1f} Hz; check the "
-            "sensor's driver, the network and the load of the machine."
-        )
-        return [Fault(Level.WARN, sentence)]
 
 
 def _range(window: _Window, expected: Expected) -> list[Fault]:
@@ -300,21 +275,13 @@ def _stamps(window: _Window, expected: Expected) -> list[Fault]:
     return [Fault(Level.WARN, sentence) for sentence in sentences]
 
 
-def senders_disagree(senders: Mapping[str, float], what: str, name: str, when: str = "") -> str:
+def senders_disagree(senders: Mapping[str, float], what: str, name: str) -> str:
     """Return the sentence that senders on a bus, with a value of each, disagree about an input."""
-    unit = _AGREEMENT[name][1]
+    unit = AGREEMENT[name][1]
     listing = ", ".join(
         f"{sender}: {value:.4g} {unit}" for sender, value in sorted(senders.items())
     )
-    return f"The senders of {what} disagree{when} ({listing}); set {name}_field to one of them."
-
-
-def differing_seconds(values: FloatArray, times: NDArray[np.int64], name: str) -> int:
-    """Return in how many seconds values of an input, (n,), at times, (n,), ns, go to and fro."""
-    size, change = np.abs(np.diff(values)[1:]), np.abs(values[2:] - values[:-2])
-    second = (times[2:] - times[0]) // 10**9
-    counts = np.bincount(second), np.bincount(second, size > _AGREEMENT[name][0] + change)
-    return int((counts[1] >= np.maximum(_DIFFERING, _SHARE * counts[0])).sum())
+    return f"The senders of {what} disagree ({listing}); set {name}_field to one of them."
 
 
 def _disagreement(
@@ -334,52 +301,36 @@ def _disagreement(
 
 
 class _Noise:
-    """Finds out whether a sensor is noisy, and whether its noise has ended because it is frozen.
+    """Finds out whether the noise of a sensor has ended, because the sensor is frozen.
 
     A sensor with coarse steps repeats its value for as long as the hitch stands still. So a value
-    that does not change is a fault only if the sensor has never repeated a value for nearly as
-    long before.
+    that does not change is a fault only if none was repeated for many changes before.
     """
 
     def __init__(self) -> None:
-        self._began = self._time = math.nan  # s, of the first and the last reading
-        self._value, self._change = math.nan, 0.0
-        self._changes = self._turns = self._longest = self._run = 0
-        self._since = math.nan  # s, of the present run
+        self.still = 0.0  # s, for how long the value has been the same
+        self._since = self._value = math.nan  # s, and rad
+        self._change, self._run = 0.0, 0
+        self._changes = self._turns = 0  # since a value was last repeated
 
     def take(self, now: float, value: float) -> None:
         """Take a reading; see `ReadingWatch.take`."""
         if value == self._value:
             self._run += 1
         else:
+            if self._run:
+                self._changes = self._turns = 0
             change = value - self._value
             self._turns += change * self._change < 0.0
             self._changes += 1
-            self._longest = max(self._longest, self._run)
-            self._run, self._since = 0, now
-            self._value, self._change = value, change
-            if math.isnan(self._began):
-                self._began = now
-            elif self._changes >= _REMEMBERED:
-                self._changes, self._turns = self._changes // 2, self._turns // 2
-                self._longest, self._began = self._longest // 2, 0.5 * (self._began + now)
-        self._time = now
+            self._run, self._since, self._value, self._change = 0, now, value, change
+        self.still = now - self._since
 
-    def frozen(self, shaken: bool) -> str:
-        """Return a sentence that the sensor is frozen; empty if it may be sound."""
-        still = self._time - self._since
-        if not still >= _FROZEN or self._run < _FROZEN_READINGS:
-            return ""
-        text = f"The reading has been the same for {still:.1f} s"
-        noisy = (
-            self._changes >= _NOISY
-            and self._turns >= _TURNING * self._changes
-            and self._changes >= _FASTEST_VIBRATION * (self._since - self._began)
-            and (self._longest == 0 or shaken)
-        )
-        if not noisy or self._run < 10 * self._longest:
-            return ""
-        return f"{text}, although it was never free of noise before; the sensor is frozen."
+    @property
+    def has_ended(self) -> bool:
+        """Whether the sensor is frozen."""
+        noisy = self._changes >= _NOISY and self._turns >= _TURNING * self._changes
+        return noisy and self.still >= _FROZEN and self._run >= _FROZEN_READINGS
 
 
 def missing_speeds(missing: Mapping[str, bool], age: float, *, any_known: bool) -> list[Fault]:
@@ -408,7 +359,7 @@ class SpeedWatch:
 
     def __init__(self, source: Source, topic: str) -> None:
         self._source = source
-        self.name = f"{'PTO' if source is Source.PTO else source.value} speed on {topic}"
+        self.name = f"{source.label} speed on {topic}"
         self._window = _Window()
         self._time = self._since = math.nan  # s, of the last value and of the last plausible one
         self._before = self._value = math.nan  # the last two values
@@ -424,15 +375,11 @@ class SpeedWatch:
         if resumed or value == 0.0 or low <= abs(value) <= high:
             self._since = now
         self._window.received += 1
-        least = _AGREEMENT[self._source.value][0] + abs(value - self._before)
+        least = AGREEMENT[self._source.value][0] + abs(value - self._before)
         self._window.differing += abs(value - self._value) > least
         if sender:
             self._window.senders[sender] = value
         self._time, self._before, self._value = now, self._value, value
-
-    def turns(self, now: float) -> bool:
-        """Return whether the speed is fresh and not zero at a time (steady clock, s)."""
-        return now - self._time < _FRESH and abs(self._value) > 0.0
 
     @property
     def arrived(self) -> bool:

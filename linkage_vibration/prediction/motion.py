@@ -117,20 +117,20 @@ class RateFilter:
         self._value = self._half_step = math.nan  # of the last reading
         self._times, self._sum, self._count = 0, 0.0, 0  # of the readings since the last mean
 
-    def add(self, stamp: int, value: float, resolution: float = 0.0) -> Rate:
+    def add(self, stamp: int, value: float, resolution: float = 0.0, wanted: bool = True) -> Rate:
         """Return the rate at a reading with a stamp, ns; it is unknown if the value is not finite.
 
-        The resolution is the smallest change that the sensor reports, or 0 if that is not known.
+        The resolution is the smallest change that the sensor reports, or 0 if that is not known. A
+        rate that is not wanted is unknown, which takes a third of the time.
         """
-        if not self._take(stamp, value, resolution) or self._residuals < _RESIDUALS:
+        taken = self._take(stamp, value, resolution)
+        if not (taken and wanted) or self._residuals < _RESIDUALS:
             return UNKNOWN
         now, spread = 1e-9 * (stamp - self._origin), self._spread()
-        first = max(self._start, len(self._means) - _LAGS)
+        means = self._mean(), *reversed(self._means[self._start :])
         points = [
-            (time, mean, half_step + spread * share)
-            for time, mean, half_step, share in (self._mean(), *reversed(self._means[first:]))
+            (time, mean, half_step + spread * share) for time, mean, half_step, share in means
         ]
-        self._trim()
         pairs = []
         for i, (time, mean, error) in enumerate(points[:2]):
             for earlier, before, other in points[i + 1 :]:
@@ -148,11 +148,6 @@ class RateFilter:
                 return Rate(0.5 * (low + high), least)
         return UNKNOWN
 
-    def note(self, stamp: int, value: float, resolution: float = 0.0) -> None:
-        """Take a reading whose rate is not needed, in a third of the time of `add`."""
-        self._take(stamp, value, resolution)
-        self._trim()
-
     def add_many(
         self,
         stamps: Iterable[int],
@@ -160,15 +155,9 @@ class RateFilter:
         resolutions: Iterable[float] = repeat(0.0),
         wanted: Iterable[bool] = repeat(True),
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the result of `add` for the wanted readings: rates and errors, (n,) each."""
-        rates = []
-        readings = zip(stamps, values, resolutions, strict=False)
-        for reading, want in zip(readings, wanted, strict=False):
-            if want:
-                rates.append(self.add(*reading))
-            else:
-                self.note(*reading)
-        both = np.array(rates).reshape(-1, 2)
+        """Return the result of `add` for many readings: rates and errors, (n,) each."""
+        readings = zip(stamps, values, resolutions, wanted, strict=False)
+        both = np.array([self.add(*reading) for reading in readings]).reshape(-1, 2)
         return both[:, 0], both[:, 1]
 
     def _take(self, stamp: int, value: float, resolution: float) -> bool:
@@ -206,8 +195,11 @@ class RateFilter:
         return time, self._sum / count, self._half_step, 1.0 / math.sqrt(count)
 
     def _close(self) -> None:
-        """Keep the mean of the readings, and begin the next."""
+        """Keep the mean of the readings, forget those that are no longer used, begin the next."""
         self._means.append(self._mean())
+        if len(self._means) > _LAGS:
+            del self._means[0]
+            self._start = max(0, self._start - 1)
         self._times, self._sum, self._count = 0, 0.0, 0
         if len(self._means) - self._start < 4:
             self._smooth = []
@@ -221,9 +213,3 @@ class RateFilter:
             self._smooth.append(error)
         else:
             self._smooth = []
-
-    def _trim(self) -> None:
-        """Forget the means that are no longer used."""
-        surplus = max(0, len(self._means) - _LAGS)
-        del self._means[:surplus]
-        self._start = max(0, self._start - surplus)

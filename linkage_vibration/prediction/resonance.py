@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from linkage_vibration.bags.blocks import Integers
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.messages.columns import MessageColumns, joined
 from linkage_vibration.prediction.excitation import Excitation, Source
@@ -30,8 +31,6 @@ from linkage_vibration.prediction.severity import (
     severities,
     states,
 )
-
-Integers = NDArray[np.int64]
 
 _LATEST = 2**63 - 1  # ns
 _NO_PERIOD = -(2**63)
@@ -71,7 +70,6 @@ class _Pairs:
     frequency: FloatArray  # of the excitation, Hz; NaN if its speed is not known, and of the ground
     mode: Integers
     natural: FloatArray  # Hz
-    width: FloatArray  # half-power half-width of the mode, Hz
     apart: FloatArray  # magnitude of the relative margin; infinite if there is no mode or speed
     rate: FloatArray  # of the margin, Hz/s
     error: FloatArray  # bound of its error
@@ -137,18 +135,10 @@ class ResonanceMonitor:
         self._ratios, self._stddevs = np.array(ratios).T[..., np.newaxis]
         self._sources = np.array([excitation.source.place for excitation in self.excitations])
         self._warns = np.array([[excitation.warns] for excitation in self.excitations])
-        self._rolling = np.array(
-            [[excitation.terrain is not None] for excitation in self.excitations]
-        )
-        self._names = np.array(
-            [*(excitation.name for excitation in self.excitations), ""]
-        )  # -1: none
-        used = {
-            source
-            for source in Source
-            for excitation in self.excitations
-            if excitation.source is source
-        }
+        self._rolling = np.array([[bool(excitation.terrain)] for excitation in self.excitations])
+        names = [excitation.name for excitation in self.excitations]
+        self._names = np.array([*names, ""])  # -1: none
+        used = {excitation.source for excitation in self.excitations}
         self._unknown = np.array(
             [
                 ", ".join(s.value for i, s in enumerate(Source) if s in used and code >> i & 1)
@@ -339,7 +329,6 @@ class ResonanceMonitor:
             frequency=frequency,
             mode=mode,
             natural=natural,
-            width=zeta * natural,
             apart=np.minimum.reduce(apart),
             rate=rate - slope * crank[0],
             error=error + np.abs(slope) * crank[1],

@@ -52,7 +52,7 @@ NODE_NAME = "linkage_vibration"
 ROS_PARAMETERS = ("qos_overrides", "start_type_description_service", "use_sim_time")
 """The parameters that ROS 2 gives every node."""
 
-_LABELS = {HITCH: "hitch", ENGINE: "engine", PTO: "PTO", GROUND: "ground"}
+_LABELS = {HITCH: "hitch"} | {source.value: source.label for source in Source}
 _UNITS = {HITCH: (*ANGLES, *CALIBRATED), ENGINE: ROTATIONS, PTO: ROTATIONS, GROUND: SPEEDS}
 _TYPE_NAME = re.compile(r"[a-z][a-z0-9_]*/(msg/)?[A-Z][A-Za-z0-9]*")
 _TOPIC_NAME = re.compile(r"(~/|/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")

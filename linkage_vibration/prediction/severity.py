@@ -15,16 +15,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from linkage_vibration.bags.blocks import Integers
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.excitation import KMH, Excitation, Source
 from linkage_vibration.prediction.ground import AIRBORNE
 
-Integers = NDArray[np.int64]
-
 GAP = 3.0
 """Readings that are farther apart, s, do not belong to the same warning."""
 
+_ENDLESS = "No single change of speed or height within reach ends it."
 _NEVER = 2**62  # ns; a time that has not come
 
 
@@ -139,11 +139,6 @@ def severities(load_ratio: FloatArray, apart: FloatArray, limits: WarningLimits)
     return np.asarray(np.where(np.isnan(load_ratio), nearness, 1.0 + load_ratio))
 
 
-def source_words(source: Source) -> str:
-    """Return how sentences name a speed."""
-    return "PTO" if source is Source.PTO else source.value
-
-
 def speed_words(source: Source, value: float) -> str:
     """Return a speed with the unit that people use: "1850 rpm" or "15.1 km/h"."""
     if source is Source.GROUND:
@@ -151,11 +146,16 @@ def speed_words(source: Source, value: float) -> str:
     return f"{value:{'.0f' if value < 1e6 else '.3g'}} {source.unit}"
 
 
-def unknown_speed_words(names: str) -> str:
+def listing(words: Sequence[str]) -> str:
+    """Return words as a sentence lists them: "a, b and c"."""
+    return " and ".join(filter(None, [", ".join(words[:-1]), words[-1]]))
+
+
+def unknown_speed_words(names: str, verbs: tuple[str, str] = ("is", "are")) -> str:
     """Return the subject and verb of a sentence about speeds, named as in the message."""
-    words = [source_words(Source(name)) for name in names.split(", ")]
-    text = " and ".join(filter(None, [", ".join(words[:-1]), words[-1]]))
-    return f"the {text} speed is" if len(words) == 1 else f"the {text} speeds are"
+    words = [Source(name).label for name in names.split(", ")]
+    end = f"speed {verbs[0]}" if len(words) == 1 else f"speeds {verbs[1]}"
+    return f"the {listing(words)} {end}"
 
 
 def no_load_words(resonance: MessageColumns, excitations: Sequence[Excitation]) -> str:
@@ -163,33 +163,21 @@ def no_load_words(resonance: MessageColumns, excitations: Sequence[Excitation]) 
 
     It begins with ", as"; it is empty where only the reason why the ground is unknown counts.
     """
-    unknown = resonance.unknown_speeds.split(", ")
     if math.isfinite(resonance.total_velocity):
         return ", as no static force is known to compare with"
-    if any(
-        excitation.load and excitation.source.value not in unknown for excitation in excitations
-    ):
+    working = at_work(resonance.unknown_speeds, excitations)
+    if any(excitation.load for excitation in working):
         return ", as the excitations with an amplitude are beyond the frequencies of the table"
-    if resonance.ground_unknown and only_ground(resonance.unknown_speeds, excitations):
+    if resonance.ground_unknown and all(excitation.terrain for excitation in working):
         return ""
-    return (
-        f", as no {'order' if resonance.ground_unknown else 'excitation'} at work has an amplitude"
-    )
+    what = "order" if resonance.ground_unknown else "excitation"
+    return f", as no {what} at work has an amplitude"
 
 
-def all_unknown(unknown_speeds: str, excitations: Sequence[Excitation]) -> bool:
-    """Return whether the speeds of all excitations are among the unknown ones."""
-    return {excitation.source.value for excitation in excitations} <= set(
-        unknown_speeds.split(", ")
-    ) - {""}
-
-
-def only_ground(unknown_speeds: str, excitations: Sequence[Excitation]) -> bool:
-    """Return whether no order has a known speed, so that the ground alone could have a level."""
+def at_work(unknown_speeds: str, excitations: Sequence[Excitation]) -> list[Excitation]:
+    """Return the excitations whose speed is known; unknown ones are named as in the message."""
     unknown = unknown_speeds.split(", ")
-    return all(
-        excitation.terrain or excitation.source.value in unknown for excitation in excitations
-    )
+    return [each for each in excitations if each.source.value not in unknown]
 
 
 def ratio_words(ratio: float) -> str:
@@ -225,24 +213,24 @@ def present_sentence(resonance: MessageColumns, excitations: Sequence[Excitation
     """
     speeds = resonance.unknown_speeds
     unknown = f"{unknown_speed_words(speeds)} not known or not fresh" if speeds else ""
-    blind = all_unknown(speeds, excitations)
-    if resonance.state == ResonanceState.STALE and (blind or not only_ground(speeds, excitations)):
+    working = at_work(speeds, excitations)
+    alone = bool(working) and all(excitation.terrain for excitation in working)
+    if resonance.state == ResonanceState.STALE and not alone:
         lost = "the prediction for this crank angle has no natural frequencies"
-        return f"No load is known, as {unknown if blind else lost}."
+        return f"No load is known, as {lost if working else unknown}."
     tail = f" {unknown[0].upper()}{unknown[1:]}." if unknown else ""
     rolls = resonance.ground_unknown and Source.GROUND.value not in speeds.split(", ")
     if rolls:
         tail += f" {unknown_ground(resonance.ground_unknown)}"
+    unknown_load = math.isnan(resonance.total_load_ratio)
     airborne = resonance.off_ground_share > AIRBORNE
-    if resonance.state == ResonanceState.WARNING and airborne:
+    if resonance.state == ResonanceState.WARNING and (airborne or not unknown_load):
         return f"{_warning(resonance, excitations)}{tail}"
-    if math.isnan(resonance.total_load_ratio):
+    if unknown_load:
         return f"No load is known{no_load_words(resonance, excitations)}.{tail}"
-    if resonance.state != ResonanceState.WARNING:
-        total = ratio_words(resonance.total_load_ratio)
-        qualifier = "known " if rolls else ""
-        return f"All {qualifier}loads are {total} of the static forces.{tail}"
-    return f"{_warning(resonance, excitations)}{tail}"
+    qualifier = "known " if rolls else ""
+    total = ratio_words(resonance.total_load_ratio)
+    return f"All {qualifier}loads are {total} of the static forces.{tail}"
 
 
 def _warning(resonance: MessageColumns, excitations: Sequence[Excitation]) -> str:
@@ -251,14 +239,19 @@ def _warning(resonance: MessageColumns, excitations: Sequence[Excitation]) -> st
     does = f"exerts {load}, all excitations together {ratio_words(resonance.total_load_ratio)}"
     if math.isnan(resonance.load_ratio):
         does = f"lifts a tyre off the ground for {resonance.off_ground_share:.2g} of the time"
-    text = f"{cause_words(resonance)} {does}."
+    ending = ending_words(resonance, excitations)
+    end = f"It ends at {ending}." if ending else _ENDLESS
+    return f"{cause_words(resonance)} {does}. {end}"
+
+
+def ending_words(resonance: MessageColumns, excitations: Sequence[Excitation]) -> str:
+    """Return the nearest speed and crank angle that end a warning; empty if there are none."""
     source = next((e.source for e in excitations if e.name == resonance.excitation), None)
     changes = []
     if source is not None and not math.isnan(resonance.quiet_speed):
         speed = speed_words(source, resonance.quiet_speed)
-        changes.append(f"a {source_words(source)} speed of {speed}")
+        article = "an" if source is Source.ENGINE else "a"
+        changes.append(f"{article} {source.label} speed of {speed}")
     if not math.isnan(resonance.quiet_angle):
         changes.append(f"a crank angle of {math.degrees(resonance.quiet_angle):.1f} deg")
-    if not changes:
-        return f"{text} No single change of speed or height within reach ends it."
-    return f"{text} It ends at {' or '.join(changes)}."
+    return " or ".join(changes)

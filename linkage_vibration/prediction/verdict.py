@@ -17,27 +17,21 @@ from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, runs
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.ground import AIRBORNE
-from linkage_vibration.prediction.levels import LevelTable
-from linkage_vibration.prediction.predictor import angles_in_table
 from linkage_vibration.prediction.severity import (
     GAP,
     ResonanceState,
     WarningLimits,
-    all_unknown,
+    at_work,
     cause_words,
+    ending_words,
+    listing,
     load_words,
     no_load_words,
-    only_ground,
     ratio_words,
-    source_words,
-    speed_words,
     unknown_ground,
     unknown_speed_words,
 )
 
-_TRIED = 31, 121  # what occurred in the drive, and what is tried instead
-_MOST_RANGES = 3  # in a sentence
-_BEYOND = 0.3, 1.7  # speeds that are tried: of the lowest and of the highest of the drive
 _MOST_NAMES = 3  # in a list
 _SHORT = 0.1  # s, that is not worth a sentence
 _LATE = 1.0  # s without a message at the start of a log that are worth one
@@ -204,7 +198,6 @@ def drive_sentence(
     drive: Drive,
     limits: WarningLimits,
     mode_label: Callable[[int], str],
-    avoid: str,
     excitations: Sequence[Excitation],
 ) -> str:
     """Return what a drive did to the linkage, how bad and how sure that is, and what to do.
@@ -215,31 +208,29 @@ def drive_sentence(
     limits : WarningLimits
     mode_label : callable
         Returns how a mode, counted from 0, is called.
-    avoid : str
-        What `avoidance` returns; it is used if there were warnings.
     excitations : sequence of Excitation
         What was monitored.
     """
     resonances = drive.resonances
     if (resonances.state == ResonanceState.STALE).all():
         speeds = max(resonances.unknown_speeds, key=len)
-        blind = bool(speeds) and all_unknown(speeds, excitations)
-        verb = "was" if ", " not in speeds else "were"
-        why = f"{_subject(speeds)} {verb} never known" if blind else "no crank angle was valid"
-        if blind or not only_ground(speeds, excitations):
+        working = at_work(speeds, excitations)
+        blind = bool(speeds) and not working
+        why = "no crank angle was valid"
+        if blind:
+            why = f"{unknown_speed_words(speeds, ('was', 'were'))} never known"
+        if blind or not all(excitation.terrain for excitation in working):
             return f"What the drive did to the linkage is not known, as {why}."
     if not np.isfinite(resonances.total_load_ratio).any():
         off = f"{_exceeded(drive, limits)}." if episodes(drive) else ""
         near = _nearest(drive, mode_label, excitations)
         return " ".join(filter(None, [off, near, _no_ground(drive)]))
-    loads = _loads(drive, limits, avoid, excitations)
+    loads = _loads(drive, limits, excitations)
     return " ".join(filter(None, [loads, _not_counted(drive)]))
 
 
-def _loads(
-    drive: Drive, limits: WarningLimits, avoid: str, excitations: Sequence[Excitation]
-) -> str:
-    """Return whether loads exceeded the limit, how large they were, and what to avoid."""
+def _loads(drive: Drive, limits: WarningLimits, excitations: Sequence[Excitation]) -> str:
+    """Return whether loads exceeded the limit, how large they were, and what would end that."""
     warnings, worst = episodes(drive), worst_message(drive)
     largest = drive.severity()[worst]
     limit = f"{limits.warning:g} of the static force"
@@ -253,7 +244,10 @@ def _loads(
         why = f" Readings more than {GAP:g} s apart cannot warn." if sparse else ""
         qualifier = "known " if _not_counted(drive) else ""
         return f"No {qualifier}load exceeded the limit of {limit}{shortly}. {what}{why}"
-    return f"{_exceeded(drive, limits)}. {what} {avoid}".rstrip()
+    loudest = max((episode.worst for episode in warnings), key=lambda row: drive.severity()[row])
+    ending = ending_words(drive.resonances.message(loudest), excitations)
+    end = f"The worst warning would have ended at {ending}." if ending else ""
+    return f"{_exceeded(drive, limits)}. {what} {end}".rstrip()
 
 
 def _exceeded(drive: Drive, limits: WarningLimits) -> str:
@@ -281,8 +275,7 @@ def _not_counted(drive: Drive) -> str:
     if silent:
         more = len(silent) - _MOST_NAMES
         names = [*silent[:_MOST_NAMES], f"{more} more"] if more > 1 else silent
-        text = " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
-        texts.append(f"The loads of {text} are not known and not counted.")
+        texts.append(f"The loads of {listing(names)} are not known and not counted.")
     lost = drive.time_in(~np.isfinite(resonances.total_load_ratio))
     if lost >= _SHORT:
         texts.append(f"No load is known for {lost:.1f} s.")
@@ -290,7 +283,7 @@ def _not_counted(drive: Drive) -> str:
         without = _without(drive, source)
         lost = drive.time_in(without)
         if lost >= _SHORT and not without.all():
-            texts.append(f"The {source_words(source)} speed was not known for {lost:.1f} s.")
+            texts.append(f"The {source.label} speed was not known for {lost:.1f} s.")
     return " ".join(filter(None, [*texts, _no_ground(drive)]))
 
 
@@ -308,10 +301,6 @@ def _no_ground(drive: Drive) -> str:
         if why and lost >= _SHORT:
             texts.append(f"{unknown_ground(why).rstrip('.')} (for {lost:.1f} s).")
     return " ".join(texts)
-
-
-def _subject(speeds: str) -> str:
-    return unknown_speed_words(speeds).rsplit(" ", 1)[0]
 
 
 def _load_at(drive: Drive, row: int) -> str:
@@ -343,147 +332,3 @@ def _nearest(
         f"from {mode_label(int(at.mode))} at {drive.times[row]:.2f} s. Excitations were near a "
         f"mode for {near:.1f} s."
     )
-
-
-def avoidance(
-    drive: Drive,
-    limits: WarningLimits,
-    excitations: Sequence[Excitation],
-    levels: LevelTable,
-    speeds: dict[Source, FloatArray],
-) -> str:
-    """Return sentences that say which speeds, or which angles, cause the warnings of a drive.
-
-    There is one for each source of speed that caused the most in a warning. It holds for all angles
-    that occurred, or for all speeds that occurred, while the other speeds are those of the worst
-    moment of these warnings.
-
-    Parameters
-    ----------
-    drive, limits, excitations, levels
-        What was monitored, and how.
-    speeds : dict of Source to ndarray
-        The speeds of the drive, rpm or m/s, at its messages, (n,); NaN where not known.
-    """
-    by_name, severity = (
-        {excitation.name: excitation for excitation in excitations},
-        drive.severity(),
-    )
-    rows: dict[Source, list[int]] = {}
-    for row in sorted((e.worst for e in episodes(drive)), key=lambda row: -severity[row]):
-        cause = by_name.get(str(drive.resonances.excitation[row]))
-        if cause is not None and cause.source in speeds:
-            rows.setdefault(cause.source, []).append(row)
-    texts = []
-    for source, worst in rows.items():
-        ours = np.array([x.source is source for x in excitations])
-        occurred = speeds[source][speeds[source] > 0.0]
-        fixed = np.array([speeds[s][worst[0]] if s in speeds else math.nan for s in Source])
-        tried = _Tried(levels, limits, source, fixed, ours)
-        occurred = tried.within_table(float(drive.angles[worst[0]]), np.unique(occurred))
-        if occurred.size:
-            texts.append(_avoided(tried, drive.angles, occurred, drive.angles[worst]))
-    return " ".join(filter(None, texts))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Tried:
-    """Speeds of a source and angles that are tried, while the other speeds stay."""
-
-    levels: LevelTable
-    limits: WarningLimits
-    source: Source
-    speeds: FloatArray  # (n_sources,), rpm or m/s
-    ours: BoolArray  # (n_excitations,), those of the source
-
-    def within_table(self, angle: float, speeds: FloatArray) -> FloatArray:
-        """Return the speeds at which a load is known, which are not beyond all frequencies."""
-        every = np.repeat(self.speeds[:, np.newaxis], len(speeds), axis=1)
-        every[self.source.place] = speeds
-        loads = self.levels.at(np.full(len(speeds), angle), every).load_ratios[:, self.ours]
-        return np.asarray(speeds[np.isfinite(loads).any(axis=1)])
-
-    def exceeding(self, angles: FloatArray, speeds: FloatArray) -> FloatArray:
-        """Return where the limit is exceeded, (n_angles, n_speeds); NaN where it is not known."""
-        every = np.repeat(self.speeds[:, np.newaxis], len(speeds), axis=1)
-        every[self.source.place] = speeds
-        levels = self.levels.over(angles, every)
-        exceeds = (levels.total_load_ratio > self.limits.warning).astype(float)
-        loads = levels.load_ratios[:, self.ours]
-        has_load = np.isfinite(loads) | np.isnan(loads).all(axis=0)  # some never have a load
-        exceeds[(exceeds == 0.0) & ~has_load.all(axis=1)] = math.nan
-        return np.asarray(exceeds.reshape(len(angles), len(speeds)))
-
-
-def _avoided(tried: _Tried, angles: FloatArray, speeds: FloatArray, worst: FloatArray) -> str:
-    """Return which speeds of a source, or which angles, to avoid, in words.
-
-    Parameters
-    ----------
-    tried : _Tried
-    angles, speeds : ndarray, (n,) and (m,)
-        What occurred in the drive, rad, and rpm or m/s.
-    worst : ndarray
-        Angles of the worst moments of the warnings, rad.
-    """
-    lowest, highest = tried.levels.alpha3_range
-    # A crank that turns around has angles of other turns.
-    inside, worst = (angles_in_table(at, (lowest, highest)) for at in (angles, worst))
-    inside = inside[(inside >= lowest) & (inside <= highest)]
-    ends, (low, high) = (inside.min(), inside.max()), (float(speeds.min()), float(speeds.max()))
-    at_angles = np.union1d(np.linspace(*ends, _TRIED[0]), inside[np.isin(inside, worst)])
-    other_speeds = np.linspace(_BEYOND[0] * low, _BEYOND[1] * high, _TRIED[1])
-    other_angles = np.linspace(lowest, highest, _TRIED[1])
-    by_speed = tried.exceeding(at_angles, other_speeds)
-    by_angle = tried.exceeding(other_angles, np.linspace(low, high, _TRIED[0]))
-    reach = np.isfinite(by_speed).all(axis=0)
-    other_speeds = other_speeds[reach]
-    bad_speeds: BoolArray = np.any(by_speed[:, reach], axis=0)
-    bad_angles: BoolArray = np.any(by_angle, axis=1)  # also where it is not known
-
-    def speed(value: float) -> str:
-        return speed_words(tried.source, value)
-
-    def angle(value: float) -> str:
-        return f"{math.degrees(value):.0f} deg"
-
-    words, answers = source_words(tried.source), []
-    if text := _ranges(other_speeds, bad_speeds, speed, open_ends=True):
-        answers.append(f"{words} speeds {text} at {_span(angle(ends[0]), angle(ends[1]))}")
-    if text := _ranges(other_angles, bad_angles, angle, open_ends=False):
-        answers.append(f"angles {text} at {words} speeds of {_span(speed(low), speed(high))}")
-    if answers:
-        return f"Avoid {', or '.join(answers)}."
-    if not (bad_speeds.any() and bad_angles.any()):
-        return ""
-    return f"Another {words} speed alone, or another angle alone, does not avoid this."
-
-
-def _ranges(
-    values: FloatArray, bad: BoolArray, words: Callable[[float], str], *, open_ends: bool
-) -> str:
-    """Return the ranges of ascending values that are bad; empty if none is, or if all are.
-
-    With open ends, a range that reaches the first or the last value may go on.
-    """
-    if bad.all():
-        return ""
-    ranges = runs(bad)
-    if len(ranges) > _MOST_RANGES:
-        ranges = [(ranges[0][0], ranges[-1][1])]
-    texts = []
-    for first, after in ranges:
-        begin = words(float(values[max(first - 1, 0)]))
-        end = words(float(values[min(after, len(values) - 1)]))
-        if open_ends and after == len(values):
-            texts.append(f"above {begin}")
-        elif open_ends and first == 0:
-            texts.append(f"below {end}")
-        else:
-            texts.append(f"of {_span(begin, end)}")
-    return " and ".join(texts)
-
-
-def _span(first: str, last: str) -> str:
-    """Return a range in words; one value if both ends read alike."""
-    return first if first == last else f"{first} to {last}"

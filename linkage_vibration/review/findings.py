@@ -14,7 +14,7 @@ from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.severity import WarningLimits
-from linkage_vibration.prediction.verdict import avoidance, drive_sentence, episodes, worst_message
+from linkage_vibration.prediction.verdict import drive_sentence, worst_message
 from linkage_vibration.review.log import Log
 
 _HEIGHTS = 91, 1  # heights and speeds that are tried for the sentence
@@ -32,23 +32,20 @@ def log_limits(log: Log) -> WarningLimits:
 
 
 def first_sentence(log: Log) -> str:
-    """Return what a drive did to the linkage, in words, and what to avoid."""
+    """Return what a drive did to the linkage, in words, and what would be better."""
     if log.drive is None:
         return (
             "What the drive did to the linkage is not known, as the log holds no speed of engine, "
             "PTO or ground."
         )
-    limits, avoid, advice = log_limits(log), "", ""
+    limits, advice = log_limits(log), ""
     if (
         log.drive.severity().max() > min(limits.note, limits.warning)
         and (levels := log_levels(log)) is not None
     ):
-        if episodes(log.drive):
-            speeds = speeds_at_drive(log)
-            avoid = avoidance(log.drive, limits, log.excitations, levels, speeds)
         message = drive_advice(log, levels, _HEIGHTS).message
         advice = advice_sentence(message, "would have been loaded", heights_only=True)
-    verdict = drive_sentence(log.drive, limits, log.mode_label, avoid, log.excitations)
+    verdict = drive_sentence(log.drive, limits, log.mode_label, log.excitations)
     return f"{verdict} {advice}".rstrip()
 
 

@@ -48,7 +48,7 @@ from linkage_vibration.prediction.inputs.sources import (
 from linkage_vibration.prediction.inputs.topics import INPUT_DEPTH
 from linkage_vibration.prediction.inputs.units import ANGLES, Reading
 from linkage_vibration.prediction.levels import LevelTable
-from linkage_vibration.prediction.motion import UNKNOWN, Rate, crank_filter, crank_resolution
+from linkage_vibration.prediction.motion import Rate, crank_filter, crank_resolution
 from linkage_vibration.prediction.periods import Periods
 from linkage_vibration.prediction.predictor import Prediction, Predictor, Status, fault
 from linkage_vibration.prediction.resonance import ResonanceMonitor
@@ -128,7 +128,7 @@ class Predicting:
         self._subscribed = False
         self._other_names: set[str] = set()
         self._too_large = 0
-        self._began = self._judged = self._answered = 0.0
+        self._began = self._answered = 0.0
         self._gaps: defaultdict[str, SequenceGaps] = defaultdict(SequenceGaps)
         self.apply(settings, topics)
 
@@ -168,7 +168,7 @@ class Predicting:
 
     def subscribe(self) -> None:
         """Answer messages as soon as the listener starts."""
-        self._began = self._judged = time.monotonic()
+        self._began = time.monotonic()
         self._subscribed = True
         first, last = self.predictor.table.alpha3_range
         self.readings = ReadingWatch(last - first > math.pi, self.readings.stamps_back)
@@ -196,7 +196,7 @@ class Predicting:
         self.clock_missing = self._subscribed and self._now() <= 0
         self._throttle.report("clock", NO_CLOCK if self.clock_missing else "")
         if self.clock_missing:
-            self._began = self._judged = now  # what the clock holds up is not missing itself
+            self._began = now  # what the clock holds up is not missing itself
             self.reading_faults = self.speed_faults = [Fault(Level.STALE, NO_CLOCK)]
         else:
             self.reading_faults = self._judge_readings(now) if self._subscribed else []
@@ -219,10 +219,8 @@ class Predicting:
             stale_after=self.stale_after,
             since=self._began,
             publishers=partial(self._publishers, self._crank_topic),
-            shaken=any(watch.turns(now) for watch in self._speeds.values()),
         )
-        elapsed, self._judged = now - self._judged, now
-        faults = self.readings.judge(now, elapsed, expected)
+        faults = self.readings.judge(now, expected)
         if remedy and now - max(self._began, self.readings.last) > MISSING_AFTER:
             silence = f"No reading for more than {MISSING_AFTER:g} s: "
             self._throttle.warn("missing", silence + remedy)
@@ -428,7 +426,4 @@ class Predicting:
         if reading.velocity == reading.velocity:  # it is not NaN
             return Rate(reading.velocity, 0.0)
         resolution = crank_resolution(reading.stddev, self._angle_stddev)
-        if needed:
-            return self._motion.add(stamp, reading.crank_angle, resolution)
-        self._motion.note(stamp, reading.crank_angle, resolution)
-        return UNKNOWN
+        return self._motion.add(stamp, reading.crank_angle, resolution, needed)

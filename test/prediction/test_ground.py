@@ -452,27 +452,6 @@ def test_what_is_not_known_has_a_reason(
         assert found.velocity[0] == found.forces2[0, 0] == found.off_ground_share[0] == 0.0
 
 
-@pytest.mark.parametrize(
-    "number",
-    [
-        {"roughness": math.nan},
-        {"roughness": -1e-6},
-        {"exponent": 0.0},
-        {"reference": math.inf},
-        {"lug_pitch": 0.0},
-        {"band": (0.0, 20.0)},
-        {"band": (20.0, 0.3)},
-        {"relative_stddev": 1.1},
-        {"relative_stddev": math.nan},
-    ],
-)
-def test_a_terrain_with_which_nothing_can_be_computed(number: dict[str, object]) -> None:
-    """Each number is refused with the range that it needs; a class and a limit are accepted."""
-    with pytest.raises(GroundError, match=f"{next(iter(number))}.*; give |{next(iter(number))} is"):
-        Terrain(**({"roughness": 1e-6} | number))  # type: ignore[arg-type]
-    assert Terrain(1e-6, band=(1e-9, 1e3), lug_pitch=1e-3, relative_stddev=1.0).roughness == 1e-6
-
-
 def test_angles_and_speeds_of_different_numbers(tractor: Tractor) -> None:
     """Two angles and three speeds are refused; one speed counts for all angles."""
     lookup = GroundTable(tractor.table, tractor.mechanism, CLASS_C)

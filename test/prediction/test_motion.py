@@ -111,7 +111,7 @@ def test_a_reading_whose_rate_is_not_needed() -> None:
     for i, reading in enumerate(zip(stamps, values, strict=True)):
         expected = always.add(*reading)
         if i % 50 < 40:
-            sometimes.note(*reading)
+            sometimes.add(*reading, wanted=False)
         else:
             np.testing.assert_array_equal(sometimes.add(*reading), expected)
             known += expected.value == expected.value

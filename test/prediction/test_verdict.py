@@ -3,7 +3,6 @@
 """The sentence about a drive is true for speeds and loads that nobody expects."""
 
 import math
-import re
 from dataclasses import replace
 from typing import Any
 
@@ -22,7 +21,7 @@ from linkage_vibration.prediction.severity import (
     present_sentence,
     speed_words,
 )
-from linkage_vibration.prediction.verdict import Drive, avoidance, drive_of, drive_sentence
+from linkage_vibration.prediction.verdict import Drive, drive_of, drive_sentence
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import DEFAULT_MECHANISM, DEFAULT_TABLE, config_file
 from linkage_vibration.table.table import load_table
@@ -39,14 +38,6 @@ ENGINE = {"speed": "engine", "orders": [6], "force": [3e4], "at": "E2.x", "at_sp
 def excitations() -> tuple[Excitation, ...]:
     """Return an excitation by the PTO, and one by the engine."""
     return excitations_from_mapping({"shaker": SHAKER | GROWING, "high": ENGINE | GROWING})
-
-
-@pytest.fixture(scope="module")
-def levels(excitations: tuple[Excitation, ...]) -> LevelTable:
-    """Return their levels on the shipped tractor."""
-    mechanism = read_mechanism(config_file(DEFAULT_MECHANISM))
-    predictor = Predictor(load_table(config_file(DEFAULT_TABLE), mechanism))
-    return LevelTable(predictor, mechanism, excitations)
 
 
 def drive(states: list[int], totals: list[float], step: float = 1.0, **fields: Any) -> Drive:
@@ -68,6 +59,8 @@ def drive(states: list[int], totals: list[float], step: float = 1.0, **fields: A
         "unknown_speeds": np.full(n, "engine"),
         "ground_unknown": np.full(n, ""),
         "off_ground_share": np.full(n, math.nan),
+        "quiet_speed": np.full(n, math.nan),
+        "quiet_angle": np.full(n, math.nan),
     }
     stamps = np.round(np.arange(n) * step * 1e9).astype(np.int64)
     names = ("shaker 1", "high 6")
@@ -75,9 +68,9 @@ def drive(states: list[int], totals: list[float], step: float = 1.0, **fields: A
     return drive_of(stamps, 0, messages, np.full(n, math.radians(120.0)), names, np.arange(n))
 
 
-def sentence(found: Drive, excitations: tuple[Excitation, ...], avoid: str = "") -> str:
+def sentence(found: Drive, excitations: tuple[Excitation, ...]) -> str:
     """Return the sentence about a drive."""
-    return drive_sentence(found, LIMITS, str, avoid, excitations)
+    return drive_sentence(found, LIMITS, str, excitations)
 
 
 def test_the_largest_load_may_be_too_short_to_warn(excitations: tuple[Excitation, ...]) -> None:
@@ -132,7 +125,6 @@ def test_a_tyre_off_the_ground_is_no_load_that_is_known() -> None:
     hops |= {"excitation": np.full(4, "g (class C)")}
     hops |= {"unknown_speeds": np.full(4, ""), "relative_margin": np.full(4, math.nan)}
     hops |= {"excitation_frequency": np.full(4, math.nan), "excitation_speed": np.full(4, 50.0)}
-    hops |= {"quiet_speed": np.full(4, math.nan), "quiet_angle": np.full(4, math.nan)}
     hops |= {"load_ratio_factor": np.full(4, math.nan), "load_place": np.full(4, "")}
     share = np.array([0.1, 0.1, 0.3, 0.3])
     reasons = np.where(share > 0.2, off, "")
@@ -209,49 +201,26 @@ def test_numbers_are_short(value: float) -> None:
     assert speed_words(Source.GROUND, 12.34) == "44.4 km/h"
 
 
-def test_the_range_to_avoid_ends_where_the_warning_ends(
-    excitations: tuple[Excitation, ...], levels: LevelTable
+@pytest.mark.parametrize(
+    ("speed", "angle", "end"),
+    [
+        (500.0, math.radians(130.0), " a PTO speed of 500 rpm or a crank angle of 130.0 deg."),
+        (math.nan, math.radians(130.0), " a crank angle of 130.0 deg."),
+        (500.0, math.nan, " a PTO speed of 500 rpm."),
+        (math.nan, math.nan, ""),
+    ],
+)
+def test_the_worst_warning_says_what_would_have_ended_it(
+    excitations: tuple[Excitation, ...], speed: float, angle: float, end: str
 ) -> None:
-    """Speeds just outside do not exceed the limit, and a speed of 1e300 rpm changes nothing."""
-    found = drive([WARNING] * 4, [0.7, 0.7, 0.7, math.nan])
-    unknown = np.full(4, math.nan)
-    texts = [
-        avoidance(
-            found,
-            LIMITS,
-            excitations,
-            levels,
-            {Source.PTO: np.array([540.0, 540.0, 540.0, last]), Source.ENGINE: unknown},
-        )
-        for last in (math.nan, 540.0, 1e300)
-    ]
-    assert texts[0] == texts[1] == texts[2]
-    limits = re.match(
-        r"Avoid PTO speeds of (\d+) rpm to (\d+) rpm and above (\d+) rpm at 120 deg[.,]", texts[0]
-    )
-    assert limits is not None
-    first, last, begin = map(float, limits.groups())
-    quiet, loud = [0.3 * 540.0, first, last, begin], [(first + last) / 2.0, 1.03 * begin, 1.7 * 540]
-    for speed in quiet + loud:
-        at = np.array([[math.nan], [speed], [math.nan]])
-        ratio = levels.at(np.radians([120.0]), at).total_load_ratio[0]
-        assert (ratio > LIMITS.warning) == (speed in loud)
-
-
-def test_each_source_that_warned_is_to_be_avoided(
-    excitations: tuple[Excitation, ...], levels: LevelTable
-) -> None:
-    """A warning by the engine is not forgotten beside a stronger one by the PTO."""
-    names = np.array(["shaker 1", "shaker 1", "high 6"])
-    ratios = np.array([[0.7, np.nan], [0.0, np.nan], [np.nan, 0.5]], np.float32)
-    states = [WARNING, CLEAR, WARNING]
-    found = drive(states, [0.7, 0.0, 0.5], excitation=names, load_ratios=ratios)
-    nan = math.nan
-    speeds = {Source.PTO: np.array([540.0, nan, nan]), Source.ENGINE: np.array([nan, nan, 1990.0])}
-    text = avoidance(found, LIMITS, excitations, levels, speeds)
-    assert "Avoid PTO speeds of " in text
-    assert "Avoid engine speeds of " in text
-    assert text.count(" above ") == 2  # 2001 rpm and more are beyond the 200 Hz of the table
+    """It is the speed or the angle of the worst message that warned, not of the largest load."""
+    quiet = {"quiet_speed": np.full(4, 9.0), "quiet_angle": np.full(4, 9.0)}
+    quiet["quiet_speed"][2], quiet["quiet_angle"][2] = speed, angle
+    found = drive([NOTE, WARNING, WARNING, CLEAR], [7.0, 0.4, 0.5, 0.0], **quiet)
+    head, _, tail = sentence(found, excitations).partition(" The worst warning would have ended at")
+    assert tail.removesuffix(" The loads of high 6 are not known and not counted.") == end
+    assert "once, for 2.0 s" in head
+    assert "ended" not in sentence(drive([NOTE], [7.0], **quiet), excitations)
 
 
 def test_an_unknown_load_is_not_quiet() -> None:

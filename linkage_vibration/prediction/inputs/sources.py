@@ -8,22 +8,26 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from linkage_vibration.bags.blocks import Block
 from linkage_vibration.bags.can_frames import FRAME_TYPES
 from linkage_vibration.bags.can_reader import CanReader, find_signal
 from linkage_vibration.bags.field_reader import FieldReader
 from linkage_vibration.bags.message_types import JOINT_STATE
-from linkage_vibration.bags.numbers import Integers, LeftOut, NumberReader, Numbers
+from linkage_vibration.bags.numbers import Integers, LeftOut, MessageNumber, NumberReader, Numbers
 from linkage_vibration.bags.schemas import FieldError, Schema, find_path
 from linkage_vibration.mechanics.arrays import FloatArray
-from linkage_vibration.prediction.health import differing_seconds, senders_disagree
+from linkage_vibration.messages.columns import MessageColumns, joined
+from linkage_vibration.prediction.health import AGREEMENT, senders_disagree
 from linkage_vibration.prediction.inputs.units import HitchScale, InputError, Reading, wrong_unit
 
 HEADER_TIME, RECEIPT_TIME = TIMES = ("header", "receipt")
 
 
+_NONE = np.zeros(0)
+_NO_NUMBERS = Numbers(
+    _NONE.astype(np.int64), _NONE, _NONE, _NONE.astype(np.int32), _NONE.astype(np.uint32), ""
+)
 MAX_BYTES = 1_000_000
 """Larger messages of inputs are refused; a joint state of 10,000 joints has a third of it."""
 
@@ -104,20 +108,6 @@ READERS: dict[str, Callable[[Schema, SourceSettings], NumberReader]] = {
 """The readers of types that `FieldReader` does not read, or reads more slowly."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Readings:
-    """The crank angles of messages that have the same frame, by columns of shape (n,)."""
-
-    rows: Integers  # which messages of the block they are
-    crank_angle: FloatArray  # rad
-    velocity: FloatArray  # rad/s
-    stddev: FloatArray  # rad
-    sec: NDArray[np.int32]  # of the stamps, s
-    nanosec: NDArray[np.uint32]  # of the stamps, ns
-    times: Integers  # when the readings are assessed, ns
-    frame_id: str  # of the headers; empty for messages without a header
-
-
 Stamped: TypeAlias = tuple[Reading, int, int, str, int]
 """A reading, its stamp (s and ns), its frame, and when it is assessed, ns."""
 
@@ -128,34 +118,41 @@ class InputReader:
     def __init__(self, settings: SourceSettings, schema: Schema) -> None:
         self.settings, self.reader = settings, settings.reader(schema)
         self._delay = round(1e9 * settings.delay)
-        self._senders, self._disagreeing = dict[str, float](), 0  # in how many seconds they do
+        self._senders = dict[str, float]()  # those that disagree, with a value of each
 
     def describe(self, topic: str) -> str:
         """Return what is read from a topic, in words."""
         return f"{self.reader.what} on {topic}"
 
-    def available(self, number: float) -> bool:
-        """Return whether a number means that there is a value."""
-        return self.settings.low <= number <= self.settings.high
+    def _number(self, data: bytes, received: int) -> tuple[MessageNumber, int] | None:
+        """Return the number of a message, NaN if not available, and its receipt less the delay."""
+        number = self.reader.read_one(data)
+        if number is None:
+            return None
+        if not self.settings.low <= number.value <= self.settings.high:
+            number = number._replace(value=math.nan)
+        return number, received - self._delay
 
     def disagreement(self, topic: str) -> str:
         """Return a sentence if senders on a bus disagree in the messages read with `read_block`."""
-        if not self._disagreeing:
+        if not self._senders:
             return ""
-        seconds, what = f" in {self._disagreeing} s", self.describe(topic)
-        return senders_disagree(self._senders, what, self.settings.name, seconds)
+        return senders_disagree(self._senders, self.describe(topic), self.settings.name)
 
-    def _note_senders(self, numbers: Numbers, values: FloatArray, times: Integers) -> None:
-        """Compare the values of different senders, as the watches of `health` do."""
-        if numbers.senders is None:
+    def _note_senders(self, numbers: Numbers, values: FloatArray) -> None:
+        """Keep the median values of senders if these differ by more than publishers may."""
+        finite = np.isfinite(values)
+        if numbers.senders is None or not finite.any():
             return
-        senders, first = np.unique(numbers.senders, return_index=True)
-        fields = [f"{self.settings.field}@0x{sender:02X}" for sender in senders.tolist()]
-        self._senders |= zip(fields, values[first].tolist(), strict=True)
-        if len(fields) > 1:
-            self._disagreeing += differing_seconds(values, times, self.settings.name)
+        senders, values = numbers.senders[finite], values[finite]
+        medians = {
+            f"{self.settings.field}@0x{sender:02X}": float(np.median(values[senders == sender]))
+            for sender in np.unique(senders).tolist()
+        }
+        if np.ptp([*medians.values()]) > AGREEMENT[self.settings.name][0]:
+            self._senders = medians
 
-    def _numbers(self, block: Block, rows: Integers, left_out: LeftOut) -> Iterator[Numbers]:
+    def numbers(self, block: Block, rows: Integers, left_out: LeftOut) -> Iterator[Numbers]:
         """Read many messages, with NaN for values that are not available."""
         large = block.sizes[rows] > MAX_BYTES
         if large.any():
@@ -192,28 +189,47 @@ class CrankInput(InputReader):
 
     def read_one(self, data: bytes, received: int) -> Stamped | None:
         """Return the reading of a message, received at a time (ns); None without a number."""
-        number = self.reader.read_one(data)
-        if number is None:
+        number_and_time = self._number(data, received)
+        if number_and_time is None:
             return None
-        value, rate, sec, nanosec, frame_id = number
-        if not self.available(value):
-            value = math.nan
-        time = received - self._delay
+        (value, rate, sec, nanosec, frame_id), time = number_and_time
         if not self._stamped:
             sec, nanosec = divmod(time, 10**9)
         return self.scale.reading(value, rate), sec, nanosec, frame_id, time
 
-    def read_block(self, block: Block, rows: Integers, left_out: LeftOut) -> Iterator[Readings]:
-        """Read many messages of a bag, which gives the same values as `read_one` for each."""
-        for numbers in self._numbers(block, rows, left_out):
-            times = block.log_times[numbers.rows] - self._delay
+    def read_block(self, block: Block, rows: Integers, left_out: LeftOut) -> MessageColumns:
+        """Return what `read_one` returns for many messages of a bag, in the order of arrival.
+
+        The columns ``crank_angle``, ``velocity`` and ``stddev`` are those of `Reading`. The others
+        are the stamps as ``sec`` and ``nanosec`` and as ``stamp``, ns, ``time``, ns, ``frame_id``,
+        a single text if all have the same, and ``in_block``, which messages of the block they are.
+        """
+        groups, parts = [*self.numbers(block, rows, left_out)] or [_NO_NUMBERS], []
+        one_frame = len({numbers.frame_id for numbers in groups}) == 1
+        for numbers in groups:
+            time = block.log_times[numbers.rows] - self._delay
             sec, nanosec = numbers.sec, numbers.nanosec
             if not self._stamped:
-                whole, rest = np.divmod(times, 10**9)
+                whole, rest = np.divmod(time, 10**9)
                 sec, nanosec = whole.astype(np.int32), rest.astype(np.uint32)
-            columns = self.scale.columns(numbers.value, numbers.rate)
-            self._note_senders(numbers, columns[0], times)
-            yield Readings(numbers.rows, *columns, sec, nanosec, times, numbers.frame_id)
+            crank_angle, velocity, stddev = self.scale.columns(numbers.value, numbers.rate)
+            self._note_senders(numbers, crank_angle)
+            part = MessageColumns(
+                in_block=numbers.rows,
+                crank_angle=crank_angle,
+                velocity=velocity,
+                stddev=stddev,
+                sec=sec,
+                nanosec=nanosec,
+                stamp=10**9 * sec.astype(np.int64) + nanosec,
+                time=time,
+                frame_id=numbers.frame_id
+                if one_frame
+                else np.full(len(time), numbers.frame_id, object),
+            )
+            parts.append(part)
+        readings = joined(parts)
+        return readings.rows(np.argsort(readings.in_block))
 
 
 class SpeedInput(InputReader):
@@ -234,23 +250,22 @@ class SpeedInput(InputReader):
 
         It is None if the message, received at a time (ns), does not contain the number.
         """
-        number = self.reader.read_one(data)
-        if number is None:
+        number_and_time = self._number(data, received)
+        if number_and_time is None:
             return None
-        value = number.value if self.available(number.value) else math.nan
-        time = received - self._delay
+        number, time = number_and_time
         if self._stamped:
             time = 10**9 * number.sec + number.nanosec
-        return self._gain * value + self._offset, time
+        return self._gain * number.value + self._offset, time
 
     def read_block(
         self, block: Block, rows: Integers, left_out: LeftOut
     ) -> Iterator[tuple[Integers, FloatArray, Integers]]:
         """Yield rows, speeds and times of many messages, each (n,); see `read_one`."""
-        for numbers in self._numbers(block, rows, left_out):
+        for numbers in self.numbers(block, rows, left_out):
             times = block.log_times[numbers.rows] - self._delay
             if self._stamped:
                 times = 10**9 * numbers.sec.astype(np.int64) + numbers.nanosec
             speeds = self._gain * numbers.value + self._offset
-            self._note_senders(numbers, speeds, times)
+            self._note_senders(numbers, speeds)
             yield numbers.rows, speeds, times

@@ -159,20 +159,10 @@ class HitchScale:
 
     def reading(self, number: float, rate: float = math.nan) -> Reading:
         """Return the crank angle of a number and its rate (1/s, NaN if unknown)."""
-        if not math.isnan(self.fixed):
-            number, rate = self.fixed, 0.0
-        gain = self._gain
-        position, moved = gain * number + self._offset, gain * rate
-        if self.unit in ANGLES:
-            return Reading(position, moved, self.angle_stddev)
-        first, last = self._ends
-        if not first <= position <= last:
-            return Reading(math.nan, math.nan, math.nan)
-        slope, stddev = float(self.calibration.slope(position)), self.angle_stddev
-        if self.unit == "percent":
-            # Rounding to a step causes a standard deviation of step / sqrt(12).
-            stddev = math.hypot(abs(slope) * PERCENT_STEP / math.sqrt(12.0), stddev)
-        return Reading(float(self.calibration.curve(position)), slope * moved, stddev)
+        if self.unit in ANGLES and math.isnan(self.fixed):  # joint states may come at a high rate
+            return Reading(self._gain * number + self._offset, self._gain * rate, self.angle_stddev)
+        columns = self.columns(np.array([number]), np.array([rate]))
+        return Reading(*(float(column[0]) for column in columns))
 
     def columns(
         self, numbers: FloatArray, rates: FloatArray
@@ -180,14 +170,17 @@ class HitchScale:
         """Return crank angles, velocities and standard deviations, each (n,); see `reading`."""
         if not math.isnan(self.fixed):
             numbers, rates = np.full(len(numbers), self.fixed), np.zeros(len(numbers))
+        position, moved = self._gain * numbers + self._offset, self._gain * rates
+        stddev = np.full(len(numbers), self.angle_stddev)
         if self.unit in ANGLES:
-            angles = self._gain * numbers + self._offset
-            return angles, self._gain * rates, np.full(len(numbers), self.angle_stddev)
-        pairs = zip(numbers.tolist(), rates.tolist(), strict=True)
-        readings = [self.reading(*pair) for pair in pairs]
-        rows = [(r.crank_angle, r.velocity, r.stddev) for r in readings]
-        angles, velocities, stddevs = np.array(rows, float).reshape(-1, 3).T
-        return angles, velocities, stddevs
+            return position, moved, stddev
+        first, last = self._ends
+        position = np.where((first <= position) & (position <= last), position, math.nan)
+        slope = self.calibration.slope(position)
+        if self.unit == "percent":
+            # Rounding to a step causes a standard deviation of step / sqrt(12).
+            stddev = np.hypot(slope * PERCENT_STEP / math.sqrt(12.0), stddev)
+        return self.calibration.curve(position), slope * moved, stddev + 0.0 * position
 
     @cached_property
     def _gain(self) -> float:
