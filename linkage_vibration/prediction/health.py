@@ -11,6 +11,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from statistics import median_low
 
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs.presets import ENGINE, GROUND, HITCH, PTO
@@ -28,6 +29,9 @@ _NOISY = 100  # a sensor is noisy only if it repeated no value in the last so ma
 _TURNING = 0.3  # and if this share of them reversed the direction
 _FROZEN, _FROZEN_READINGS = 2.0, 20  # s; a noisy sensor repeats its value for less than both
 _CONTRADICTION = 0.1  # rad in a second; positions and velocities that agree differ by less
+
+_USUAL = 30  # the usual rate is the median of so many windows, so that it follows a lasting change
+_FALLEN = 0.6  # a rate below this share of the usual one is a fault
 
 _IMPLAUSIBLE_AFTER = 3.0  # s; a starter turns an engine slowly for a shorter time
 _PLAUSIBLE = {
@@ -132,6 +136,7 @@ class ReadingWatch:
         self._stamp, self._angle = _EARLIEST, math.nan  # of the last reading
         self._before = math.nan  # rad, the angle before the last one
         self._waiting: deque[_Reading] = deque(maxlen=_WAITING)  # for the next judgement
+        self._rates: deque[float] = deque(maxlen=_USUAL)  # Hz, of the last windows with readings
 
     def take(
         self,
@@ -191,8 +196,8 @@ class ReadingWatch:
         """Take a message that has no reliable reading, and why."""
         self._window.refusal = sentence
 
-    def judge(self, now: float, expected: Expected) -> list[Fault]:
-        """Return what was wrong from the last call until ``now``, s."""
+    def judge(self, now: float, elapsed: float, expected: Expected) -> list[Fault]:
+        """Return what was wrong since the last call, which was ``elapsed`` (s) before ``now``."""
         while self._waiting:
             self._look(self._waiting.popleft())
         window, self._window = self._window, _Window()
@@ -201,6 +206,7 @@ class ReadingWatch:
             *_range(window, expected),
             *_stamps(window, expected),
             *self._values(window, expected),
+            *self._rate(window, elapsed),
         ]
 
     def _missing(self, window: _Window, now: float, expected: Expected) -> list[Fault]:
@@ -232,6 +238,20 @@ class ReadingWatch:
                 "although it was never free of noise before; the sensor is frozen."
             )
         return faults + [Fault(Level.WARN, sentence) for sentence in sentences]
+
+    def _rate(self, window: _Window, elapsed: float) -> list[Fault]:
+        if not window.received:
+            return []
+        rate = window.received / elapsed
+        self._rates.append(rate)
+        usual = median_low(self._rates)
+        if max(list(self._rates)[-2:]) >= _FALLEN * usual:
+            return []
+        sentence = (
+            f"The readings arrive at {rate:.1f} Hz instead of {usual:.1f} Hz; check the "
+            "sensor's driver, the network and the load of the machine."
+        )
+        return [Fault(Level.WARN, sentence)]
 
 
 def _range(window: _Window, expected: Expected) -> list[Fault]:

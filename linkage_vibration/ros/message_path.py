@@ -128,7 +128,7 @@ class Predicting:
         self._subscribed = False
         self._other_names: set[str] = set()
         self._too_large = 0
-        self._began = self._answered = 0.0
+        self._began = self._judged = self._answered = 0.0
         self._gaps: defaultdict[str, SequenceGaps] = defaultdict(SequenceGaps)
         self.apply(settings, topics)
 
@@ -168,7 +168,7 @@ class Predicting:
 
     def subscribe(self) -> None:
         """Answer messages as soon as the listener starts."""
-        self._began = time.monotonic()
+        self._began = self._judged = time.monotonic()
         self._subscribed = True
         first, last = self.predictor.table.alpha3_range
         self.readings = ReadingWatch(last - first > math.pi, self.readings.stamps_back)
@@ -196,7 +196,7 @@ class Predicting:
         self.clock_missing = self._subscribed and self._now() <= 0
         self._throttle.report("clock", NO_CLOCK if self.clock_missing else "")
         if self.clock_missing:
-            self._began = now  # what the clock holds up is not missing itself
+            self._began = self._judged = now  # what the clock holds up is not missing itself
             self.reading_faults = self.speed_faults = [Fault(Level.STALE, NO_CLOCK)]
         else:
             self.reading_faults = self._judge_readings(now) if self._subscribed else []
@@ -220,7 +220,8 @@ class Predicting:
             since=self._began,
             publishers=partial(self._publishers, self._crank_topic),
         )
-        faults = self.readings.judge(now, expected)
+        elapsed, self._judged = now - self._judged, now
+        faults = self.readings.judge(now, elapsed, expected)
         if remedy and now - max(self._began, self.readings.last) > MISSING_AFTER:
             silence = f"No reading for more than {MISSING_AFTER:g} s: "
             self._throttle.warn("missing", silence + remedy)

@@ -55,13 +55,13 @@ def judged(
     rates = iter(velocity) if isinstance(velocity, Sequence) else itertools.repeat(velocity)
     for now, angle in zip(times, angles, strict=True):
         while now >= due:
-            found.append(watch.judge(due, expected))
+            found.append(watch.judge(due, 1.0, expected))
             due += 1.0
         received = START + round(1e9 * now)
         stamp = received - round(1e9 * age) if age < math.inf else 0
         known = not math.isfinite(angle) or expected.contains(angle)
         watch.take(now, stamp, received, angle, next(rates), known=known)
-    return [*found, watch.judge(due, expected)]
+    return [*found, watch.judge(due, 1.0, expected)]
 
 
 def seconds(rate: float, duration: float) -> "list[float]":
@@ -120,7 +120,7 @@ def test_stamps() -> None:
     for i, stamp in enumerate((-5.0, 5.0, 5.1, 5.1, 4.9, 6.5)):
         watch.take(0.1 * i, round(1e9 * stamp), 6 * SECOND, 2.0, math.nan, known=True)
     assert math.isnan(watch.last)
-    watch.judge(1.0, EXPECTED)
+    watch.judge(1.0, 1.0, EXPECTED)
     assert (watch.last, watch.stamps_back) == (0.5, 4)
     assert watch.stamp_age == pytest.approx(-0.5)
 
@@ -203,17 +203,39 @@ def test_publishers_that_disagree() -> None:
 def test_missing_readings() -> None:
     """What arrives instead of the joint, and what cannot be read, is an error; silence is stale."""
     watch = ReadingWatch()
-    assert watch.judge(1.0, EXPECTED) == []
-    [nothing] = watch.judge(1.1, EXPECTED)
+    assert watch.judge(1.0, 1.0, EXPECTED) == []
+    [nothing] = watch.judge(1.1, 0.1, EXPECTED)
     words = f"The node has not received {EXPECTED.name} for 1.1 s. Its topic has no publisher."
     assert nothing == Fault(Level.STALE, words)
-    [others] = watch.judge(2.0, replace(EXPECTED, remedy="It has boom.", others=True))
+    [others] = watch.judge(2.0, 1.0, replace(EXPECTED, remedy="It has boom.", others=True))
     assert (others.level, others.sentence.endswith("It has boom.")) == (Level.ERROR, True)
     watch.refuse("A joint state has 1 names but 0 positions.")
-    assert watch.judge(3.0, EXPECTED)[0].level is Level.ERROR
+    assert watch.judge(3.0, 1.0, EXPECTED)[0].level is Level.ERROR
     watch.take(3.5, START, START, 2.0, 0.0, known=True)
-    assert watch.judge(4.0, EXPECTED) == []
-    assert "for 2.5 s" in watch.judge(6.0, EXPECTED)[0].sentence
+    assert watch.judge(4.0, 1.0, EXPECTED) == []
+    assert "for 2.5 s" in watch.judge(6.0, 1.0, EXPECTED)[0].sentence
+
+
+def rate_alarms(*parts: tuple[float, float]) -> list[bool]:
+    """Return in which seconds readings at rates (Hz) for durations (s) have a fault of the rate."""
+    times, begin = [], 0.0
+    for rate, duration in parts:
+        times += [begin + time + 1e-6 for time in seconds(rate, duration)] if rate else []
+        begin += duration
+    found = judged(times, [2.0] * len(times))
+    return [any("instead of" in fault.sentence for fault in faults) for faults in found]
+
+
+def test_falling_rate() -> None:
+    """A rate below half of the usual one is a fault until it has recovered."""
+    times = [
+        *seconds(100, 5),
+        *(5.0 + t for t in seconds(20, 4)),
+        *(9.0 + t for t in seconds(90, 3)),
+    ]
+    found = judged(times, [2.0] * len(times))
+    assert [bool(faults) for faults in found] == [False] * 6 + [True] * 3 + [False] * 3
+    assert "20.0 Hz instead of 100.0 Hz" in found[7][0].sentence
 
 
 @pytest.mark.parametrize(
@@ -269,7 +291,7 @@ def test_senders_on_a_bus(n_senders: int) -> None:
         readings.take(0.05 * i, stamp, stamp, angle, math.nan, known=True, sender=sender)
     faults = speeds.judge(1.0, 1.0, lambda: ["can"])
     assert bool(faults) == (n_senders == 2)
-    [angles] = readings.judge(1.0, ALONE)
+    [angles] = readings.judge(1.0, 1.0, ALONE)
     if n_senders == 1:
         assert "jump by up to 0.377 rad" in angles.sentence
         return
@@ -330,7 +352,7 @@ def noise_then_still(
     watch = ReadingWatch()
     for now, angle in zip(times, angles + angles[-1:] * repeats, strict=True):
         watch.take(now, START, START, angle, math.nan, known=True)
-    return watch.judge(times[-1], EXPECTED)
+    return watch.judge(times[-1], times[-1], EXPECTED)
 
 
 @pytest.mark.parametrize(
@@ -476,6 +498,32 @@ def test_limits_of_a_contradiction(moved: float, velocity: float, contradicts: b
     )
 
 
+@pytest.mark.parametrize(("rate", "fallen"), [(61.0, False), (59.0, True)])
+def test_limit_of_a_rate_that_falls(rate: float, fallen: bool) -> None:
+    """Less than 0.6 of the usual rate, which most seconds reach, is a fault."""
+    assert bool(rate_alarms((100, 3), (rate, 2))[-1]) == fallen
+    assert not any(rate_alarms((100, 2), (rate, 2)))  # two of four seconds are not most
+
+
+@pytest.mark.parametrize(
+    ("parts", "alarm", "begins"),
+    [
+        (((200, 6), (50, 30)), 4, 7),  # a slower sensor becomes usual
+        (((100, 8), (0, 3), (500, 2), (100, 30)), 0, 0),  # what waited in a stall is caught up
+        (((200, 12), (100, 30)), 10, 13),  # two publishers, of which one has ended
+        (((100, 60), (50, 30)), 13, 61),  # half of the readings is lost
+        (((20, 10), (100, 30)), 0, 0),  # a faster sensor is no fault
+    ],
+)
+def test_usual_rate_follows_a_lasting_change(
+    parts: Sequence[tuple[float, float]], alarm: int, begins: int
+) -> None:
+    """A loss of half of the readings alarms for 13 s; no rate is reported for ever."""
+    alarms = rate_alarms(*parts)
+    assert sum(alarms) == alarm
+    assert alarms[begins : begins + alarm] == [True] * alarm
+
+
 def test_one_angle_in_the_table_is_enough() -> None:
     """Angles outside are a fault only if no angle of a second is inside."""
     assert judged(seconds(50, 1), [4.0] * 50)[-1] != []
@@ -492,7 +540,7 @@ def test_motion_in_a_gap_contradicts_nothing(apart: float, contradicts: bool) ->
     for i in range(3):
         stamp = START + round(1e9 * apart * i)
         watch.take(apart * i, stamp, stamp, 2.0, 0.2, known=True)
-    faults = watch.judge(2.0 * apart, EXPECTED)
+    faults = watch.judge(2.0 * apart, 2.0 * apart, EXPECTED)
     assert any("turned the crank by" in fault.sentence for fault in faults) == contradicts
 
 

@@ -115,14 +115,16 @@ def tractor(
     assert node.stop() == 0
 
 
-def test_frozen_sensor(tractor: Tractor) -> None:
-    """A noisy sensor whose value stays the same is frozen."""
+def test_frozen_sensor_and_falling_rate(tractor: Tractor) -> None:
+    """A noisy sensor whose value stays the same is frozen; its rate falls to a quarter."""
     noise = np.random.default_rng(1).normal(0.0, 1e-3, 250)
 
     def publish(i: int) -> None:
+        tractor.speeds["engine"].publish(Float64(data=1500.0))  # the engine shakes the sensor
         tractor.say(2.0 + float(noise[min(i, len(noise) - 1)]))
 
     tractor.wait_for("input", WARN, "never free of noise before; the sensor is frozen", publish, 80)
+    tractor.wait_for("input", WARN, "Hz instead of", lambda i: tractor.say(2.0), 12.0)
 
 
 CASES: dict[str, tuple[bytes, str, Callable[[Tractor, int], object]]] = {
