@@ -19,6 +19,8 @@ from test.support.programs import missing_programs
 settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")
 
+collect_ignore = ["ros/launched_node.py"]  # launch_test runs it, which ros/test_launch.py calls
+
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_pycollect_makemodule(module_path: Path, parent: Any) -> pytest.Module | None:

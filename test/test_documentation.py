@@ -43,6 +43,7 @@ NOT_RUN = {
     "apt-get": "the test does not change the machine",
     "colcon": "the ROS 2 wheels do not contain it",
     "rosdep": "the test does not change the machine",
+    "launch_test": "the ROS 2 wheels do not contain it",
     "ros2": "the ROS 2 wheels do not contain it",
     "linkage-vibration play": "test/ros/test_bag_player.py runs it",
     "linkage-vibration watch": "test/ros/test_bag_player.py runs it",

@@ -113,9 +113,11 @@ def expected_levels(export: Export, angles: Reals) -> tuple[Comparison, Comparis
         node_angles[few], np.array(node_speeds)[:, few], DEFAULT_LIMITS.warning
     )
     is_coarse = orders.members is not None and orders.members.values.dtype == np.int8
-    share = _COARSE if is_coarse else _FINE
+    share, one_member = _COARSE if is_coarse else _FINE, 1.0 / max(levels.n_members, 1)
+    # A rounded member may cross the limit of a warning, so its share differs by one member.
+    shares = {"velocity_factors": _HARDLY * share, "warning_probability": 0.0}
     deviations = [
-        (factors[name], share * (_HARDLY if name == "velocity_factors" else 1.0), 0.0)
+        (factors[name], shares.get(name, share), one_member * (name == "warning_probability"))
         for name in FACTORS
     ]
     return (
