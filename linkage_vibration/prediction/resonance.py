@@ -70,6 +70,7 @@ class _Pairs:
     frequency: FloatArray  # of the excitation, Hz; NaN if its speed is not known, and of the ground
     mode: Integers
     natural: FloatArray  # Hz
+    width: FloatArray  # half-power half-width of the mode, Hz
     apart: FloatArray  # magnitude of the relative margin; infinite if there is no mode or speed
     rate: FloatArray  # of the margin, Hz/s
     error: FloatArray  # bound of its error
@@ -329,6 +330,7 @@ class ResonanceMonitor:
             frequency=frequency,
             mode=mode,
             natural=natural,
+            width=zeta * natural,
             apart=np.minimum.reduce(apart),
             rate=rate - slope * crank[0],
             error=error + np.abs(slope) * crank[1],
