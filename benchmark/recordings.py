@@ -21,7 +21,7 @@ from linkage_vibration.bags.message_types import IMU
 from linkage_vibration.bags.streams import open_bags
 from linkage_vibration.cli.main import main as command
 from linkage_vibration.listening.signals import SignalError, measured_signal
-from linkage_vibration.messages.topics import MEASURED_TOPIC, log_topic
+from linkage_vibration.messages.topics import MEASURED, log_topic
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.readers.sensors import read_measured, read_sensors
@@ -56,7 +56,7 @@ def listen(bag: Path, folder: Path) -> list[str]:
     live = Parameters(**speeds, sensor_file=str(sensors))
     replay([drive, bag], log, live)
     with open_bags([log]) as bags:
-        count = next(each.count for each in bags.topics if each.name == MEASURED_TOPIC)
+        count = next(each.count for each in bags.topics if each.type == MEASURED)
     facts = [bag.name, str(len(times)), str(count)]
     try:
         signal = measured_signal(sensor, times - times[0], readings, 60.0)
