@@ -254,7 +254,10 @@ def _read_messages(path: Path) -> tuple[Columns, Columns, dict[Source, Columns]]
     columns = read_columns(path, wanted, as_written=True, unused=unused)
     predictions, resonances = (columns.get(topic, {}) for topic in topics)
     if not len(predictions.get("status", ())):
-        raise ReviewError(f"{path} holds no prediction; was the joint ever published?")
+        raise ReviewError(
+            f"{path} holds no prediction; predict for a bag with `{command('replay')}` first, and "
+            "look in a log of the node for the joint, which may never have been published."
+        )
     for kind, read in ((PREDICTION, predictions), (RESONANCE, resonances)):
         lacking = {f.name for f in message_fields(kind)} - {*unused, *read}
         if read and lacking:

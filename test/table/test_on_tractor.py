@@ -94,10 +94,15 @@ def test_table_can_be_sent_to_another_process() -> None:
 
 
 def test_base_without_mounts_floats(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The table leaves out three modes at 0 Hz and has no FRFs, and `build` says how to hold it."""
+    """The table leaves out three modes at 0 Hz and has no FRFs, and `build` says how to hold it.
+
+    It states the band in which the peak was sought: from a hundredth of the end, since a linkage
+    that moves freely responds without limit towards 0 Hz.
+    """
     mapping = yaml.safe_load(config_file(f"{NAME}.yaml").read_text())
     del mapping["uncertainty"]
     mapping["base"]["mounts"], mapping["response"]["modes"] = {}, 2
+    mapping["response"]["peak_band_hz"] = [0.0, 200.0]
     mapping["input"]["range_deg"] = [134.0, 136.0]
     (tmp_path / "free.yaml").write_text(yaml.safe_dump(mapping, sort_keys=False))
     output = tmp_path / "free.npz"
@@ -106,6 +111,7 @@ def test_base_without_mounts_floats(tmp_path: Path, capsys: pytest.CaptureFixtur
     )
     table = load_table(output)
     assert (table.free_modes, table.places) == (3, ())
+    assert table.peak_band == (2.0, 200.0)
     assert "3 modes at 0 Hz are left out of the table. To hold it, give its base mounts." in (
         capsys.readouterr().out
     )

@@ -246,6 +246,7 @@ def _table(sampler: Sampler, pieces: Sequence[RefinedPiece]) -> Table:
     cells = [piece.cells for piece in pieces]
     table = replace(
         bare_table(sampler, alpha3, ends),
+        peak_band=searched(sampler.response.peak_band, free=sampler.free_modes > 0),
         natural_frequencies=np.zeros((n, modes)),
         peak_frequencies=np.zeros((n, 1)),
         peak_notable=np.ones((len(pieces), 1), dtype=np.bool_),
