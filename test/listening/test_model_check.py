@@ -111,5 +111,5 @@ def test_targets(tmp_path: Path) -> None:
     assert (target.mode, target.frequency) == (4, 7.6)
     assert target.at == pytest.approx(2.5)
     assert target.deviation == pytest.approx(math.hypot(0.005, 0.003), rel=1e-2)
-    with pytest.raises(DriveError, match="No mode of the drive is without doubt"):
+    with pytest.raises(DriveError, match="no mode of the drive is without doubt"):
         drive_targets([doubted], table, FILE, path)

@@ -15,7 +15,7 @@ import pytest
 import yaml
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
-from lifecycle_msgs.srv import ChangeState
+from lifecycle_msgs.srv import ChangeState, GetState
 from mcap.reader import make_reader
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterValue
@@ -99,7 +99,9 @@ def test_invalid_requests_do_not_end_the_node(peer: Any, node: Any) -> None:
         client = peer.node.create_client(kind, f"robust/{name}")
         peer.request(client, request)
     node.wait_for("A request was refused: 77 is not a valid Parameter.Type")
-    node.wait_for("Transition is not registered.")
+    node.wait_for("No transition matching 0 found")
+    client = peer.node.create_client(GetState, "robust/get_state")
+    assert peer.request(client, GetState.Request()).current_state.label == "active"
     assert "rcl_lifecycle.c" not in node.printed  # files of rcl tell a user nothing
     assert peer.ask([JOINT], [2.0]).status == Status.OK
 
