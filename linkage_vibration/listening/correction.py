@@ -19,6 +19,7 @@ from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.listening.number_effects import NumberEffects
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.readers.targets import Target, read_targets
+from linkage_vibration.support.commands import command
 from linkage_vibration.table.table import Table
 
 _FREEDOM = 4.0  # degrees of freedom of Student's t distribution
@@ -108,6 +109,6 @@ def _most_probable(rates: FloatArray, apart: FloatArray) -> tuple[FloatArray, Fl
             "No values of the uncertain numbers near those of the mechanism explain the measured "
             f"frequencies (chi-square {lost:.3g} of {len(apart)} targets, at most "
             f"{most:.3g}), so its form may be wrong, or a target belongs to another mode; nothing "
-            "is corrected. Check them with `linkage-vibration calibrate`."
+            f"is corrected. Check them with `{command('calibrate')}`."
         )
     return numbers, np.eye(rates.shape[1]) - gain @ rates

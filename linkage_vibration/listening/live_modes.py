@@ -80,8 +80,9 @@ class LiveModes:
             rows = {source: np.interp(NOTED, *speed) for source, speed in speeds.items()}
             self._notes.append((end, angles, rows))
         inside = (times >= _SETTLED) & (times < _SETTLED + 1.0)
-        one, parts = self._sensors[sensor], self._parts[sensor]
-        if one.accelerates and one.at != SEAT and inside.sum() <= _FASTEST:
+        described, parts = self._sensors[sensor], self._parts[sensor]
+        is_on_linkage = described.accelerates and described.at != SEAT
+        if is_on_linkage and inside.sum() <= _FASTEST:
             parts.append((end, times[inside] - SECONDS, readings[inside]))
         for kept in (self._notes, parts):
             while kept and kept[0][0] <= end - _LONGEST:
@@ -126,10 +127,10 @@ class LiveModes:
         yield
         crank_angle = times, np.where(near, angles, math.nan)
         model = self._table, self._mechanism
-        found = search_signals(
+        search = search_signals(
             *model, signals, crank_angle, speeds, self._excitations, damped=False
         )
-        return (yield from found)
+        return (yield from search)
 
     def fill(self, message: MessageColumns, end: int) -> None:
         """Set the fields of the modes that were found last, in a message of a time, ns."""
@@ -154,10 +155,10 @@ class LiveModes:
 
     def sentence(self) -> str:
         """Return which mode differs most from its prediction, and what may explain it."""
-        known = [each for each in self._modes if not each.doubt and abs(each.difference) > OFF]
-        if not known:
+        differing = [m for m in self._modes if not m.doubt and abs(m.difference) > OFF]
+        if not differing:
             return ""
-        worst = max(known, key=lambda each: abs(each.difference))
+        worst = max(differing, key=lambda each: abs(each.difference))
         text = difference_text(worst, self._table.mode_names[worst.mode])
         likely = explanations(self._table, self._mechanism, [worst])[:_NAMED]
         names = " or ".join(split_paths(each.path)[0] for each in likely)
