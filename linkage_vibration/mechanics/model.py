@@ -149,7 +149,7 @@ class LinkageModel:
                 raise ModelError(f"Point {point} has no direction {direction}; {hint}.")
             moved = self.interface.displacement(bodies[-1], point, configuration)
             rows.append(moved["xz".index(direction)])
-        return np.array(rows)
+        return np.array(rows).reshape(len(rows), len(self.interface))
 
     @cached_property
     def forces(self) -> Forces:

@@ -93,7 +93,7 @@ class PoleResidue:
         Raises
         ------
         ResponseError
-            If the frequencies are not a one-dimensional array.
+            If the frequencies are not a one-dimensional array of finite numbers.
 
         Examples
         --------
@@ -107,15 +107,17 @@ class PoleResidue:
         if omega.ndim != 1:
             problem = f"The frequencies are an array of shape {omega.shape}"
             raise ResponseError(f"{problem}; give a list of Hz, such as [10.0, 20.0].")
+        if not np.isfinite(omega).all():
+            raise ResponseError("A frequency is not a finite number; give Hz.")
         terms = np.multiply.outer(self.decay, 1j * omega)
         terms += self.stiffness[:, np.newaxis]
         terms -= omega**2
         endless = terms == 0.0  # on an undamped pole
         terms[endless] = np.inf
         np.reciprocal(terms, out=terms)
-        flat = self.residues.reshape(self.residual.size, -1) @ terms
+        flat = self.residues.reshape(self.residual.size, len(terms)) @ terms
         if self.rates.any():
-            flat += (self.rates.reshape(self.residual.size, -1) @ terms) * 1j * omega
+            flat += (self.rates.reshape(self.residual.size, len(terms)) @ terms) * 1j * omega
         flat += self.residual.reshape(-1, 1)
         frf = np.moveaxis(flat.reshape(*self.residual.shape, len(omega)), -1, 0)
         for mode, line in np.argwhere(endless):

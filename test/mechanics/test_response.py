@@ -143,3 +143,14 @@ def test_frequencies_of_another_shape(model: LinkageModel, frequencies: Any) -> 
     """A number, a table and nothing are refused with the shape."""
     with pytest.raises(ResponseError, match=r"an array of shape \(.*\); give a list of Hz"):
         model.solve(2.0).drive_point.frf(frequencies)
+
+
+def test_frequencies_that_are_no_numbers(model: LinkageModel) -> None:
+    """NaN and infinity are refused; no frequency and no place give an empty FRF."""
+    solution = model.solve(2.0)
+    for value in (math.nan, math.inf):
+        with pytest.raises(ResponseError, match="not a finite number; give Hz"):
+            solution.drive_point.frf(np.array([1.0, value]))
+    assert solution.drive_point.frf(np.empty(0)).shape == (0, 1, 1)
+    assert solution.frf([], ["E1.z"]).frf(np.array([1.0])).shape == (1, 0, 1)
+    assert solution.frf(["E1.z"], []).frf(np.array([1.0])).shape == (1, 1, 0)

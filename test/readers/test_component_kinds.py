@@ -90,6 +90,24 @@ def test_matrices_from_a_file_are_the_beam_that_they_came_from(
     assert mixed.mechanism.model_hash != model.mechanism.model_hash
 
 
+@pytest.mark.parametrize("direction", ["x", "z"])
+def test_a_held_link_is_refused(
+    mapping: Any, model: LinkageModel, tmp_path: Path, direction: str
+) -> None:
+    """A link exported with a clamp at a pin resists a translation; a free one with 7 digits not."""
+    save_matrices(path := tmp_path / "lower.npz", model, "lower_link")
+    replace_body(mapping, "lower_link", kind="matrices", path="lower.npz")
+    arrays = dict(np.load(path))
+    arrays["stiffness"] = arrays["stiffness"].astype(np.float32).astype(float)
+    np.savez(path, **arrays)
+    LinkageModel(read_mechanism(write(tmp_path, mapping))).solve(2.3)
+    at = arrays["dofs"].tolist().index(f"P1 {direction}")
+    arrays["stiffness"][at, at] *= 10.0
+    np.savez(path, **arrays)
+    with pytest.raises(MechanismError, match=f"translation along {direction} .*export it free"):
+        LinkageModel(read_mechanism(write(tmp_path, mapping)))
+
+
 def test_all_four_kinds_in_one_linkage(mapping: Any, model: LinkageModel, tmp_path: Path) -> None:
     """A beam, matrices, a mesh and FRFs give together what the same links give as matrices."""
     steel = dict(mapping["links"]["upper_link"]["material"])
