@@ -25,7 +25,7 @@ from benchmark.report import machine, publish, table
 from linkage_vibration.bags.log_writer import LogWriter
 from linkage_vibration.bags.writing import Topic, offered_qos_profiles
 from linkage_vibration.playback.replay import replay
-from linkage_vibration.review.html import write_page
+from linkage_vibration.review.html import page_parts
 from linkage_vibration.review.log import read_log
 from linkage_vibration.review.review_page import review_page
 from linkage_vibration.support.resources import config_file
@@ -70,7 +70,7 @@ def main() -> None:
         bag, log, page = (Path(name) / f for f in ("bag.mcap", "log.mcap", "page.html"))
         write_bag(bag, minutes)
         predictions = replay([bag], log, PARAMETERS).predictions
-        making = timed(lambda: write_page(review_page(read_log(log)), page))
+        making = timed(lambda: page.write_bytes(b"".join(page_parts(review_page(read_log(log))))))
         took, peak = commanded(log, page)
         size = page.stat().st_size
         with Browser(WIDTH, HEIGHT) as browser:

@@ -62,7 +62,7 @@ def run(options: argparse.Namespace) -> int:
         text = f"the log has another mechanism than {mechanism}; give its file with --mechanism"
         raise ReviewError(f"{options.log}: {text}.")
     highest = float(np.fmax.reduce(log.natural_frequencies.ravel(), initial=0.0))
-    heard, felt = [], []
+    comparisons, felt = [], []
     with tqdm(disable=None, total=len(sensors) + 2, unit=" steps", delay=2.0) as bar:
         for sensor in sensors:
             times, readings = read_measured(sensor, options.log, int(log.stamps[0]))
@@ -70,14 +70,14 @@ def run(options: argparse.Namespace) -> int:
             if sensor.at == SEAT:
                 felt.append((signal, exposure(signal, page.kinds(log, signal))))
             else:
-                heard.append(page.hear(log, signal))
+                comparisons.append(page.hear(log, signal))
             bar.update()
-        modes = page.heard_modes(log, heard)
+        modes = page.heard_modes(log, comparisons)
         bar.update()
-        content = {output: [page.listening_page(log, heard, modes, felt).encode()]}
+        content = {output: [page.listening_page(log, comparisons, modes, felt).encode()]}
         bar.update()
     if options.amplitudes:
-        rows = [row for one in heard for row in one.rows]
+        rows = [row for each in comparisons for row in each.rows]
         numbers = amplitude_numbers(rows, yaml.safe_load(log.excitations_text))
         content[options.amplitudes] = [
             edit_text(log.excitations_text, numbers, ReviewError).encode()
@@ -87,7 +87,11 @@ def run(options: argparse.Namespace) -> int:
         text = drive_targets(modes, log.table, mechanism, options.targets)
         content[options.targets] = [text.encode()]
     write_files(content, ReviewError)
-    sentences = [page.modes_answer(log, modes), *page.answers(heard)] if heard else [page.NOTHING]
+    sentences = (
+        [page.modes_answer(log, modes), *page.answers(comparisons)]
+        if comparisons
+        else [page.NOTHING]
+    )
     print("\n".join(sentences))
     print(f"Written: {', '.join(map(str, outputs))}")
     return 0

@@ -119,22 +119,24 @@ def measure_orders(
     n_members = units.shape[1] - 1
     factors = draws(excitations, n_members)[0] if n_members else np.empty((len(excitations), 0))
     rows = []
-    for i, one in enumerate(excitations):
+    for i, excitation in enumerate(excitations):
         squares, noise = orders.squares[:, i], orders.noise[:, i]
         scale = np.full((len(squares), 1 + n_members), math.nan)
-        if one.load is not None:
-            relative = (orders.speeds[:, i] / one.load.speed) ** one.load.exponent
+        if excitation.load is not None:
+            relative = (orders.speeds[:, i] / excitation.load.speed) ** excitation.load.exponent
             scale = units[:, :, list(loaded).index(i)] * relative[:, np.newaxis]
         valid = np.isfinite(squares)
-        if one.load is not None:
+        if excitation.load is not None:
             valid &= np.isfinite(scale).all(axis=1) & (scale > 0.0).all(axis=1)
         if valid.any():
-            rows.append(_row(one, squares[valid], noise[valid], scale[valid], factors[i], fewest))
+            rows.append(
+                _row(excitation, squares[valid], noise[valid], scale[valid], factors[i], fewest)
+            )
     return rows
 
 
 def _row(
-    one: Excitation,
+    excitation: Excitation,
     squares: FloatArray,
     noise: FloatArray,
     scale: FloatArray,
@@ -150,15 +152,15 @@ def _row(
     heard = heard and float(squares.mean()) > _ABOVE * float(noise.mean())
     rms = math.sqrt((mean if heard else float(squares.mean())) / 2.0)
     amplitude = relative = predicted = factor = math.nan
-    if one.load is not None:
+    if excitation.load is not None:
         gains = np.sqrt((scale**2).mean(axis=0) / 2.0)
-        predicted = one.load.amplitude * float(gains[0])
+        predicted = excitation.load.amplitude * float(gains[0])
         spread = np.log(np.maximum(gains[1:] * factors, _LEAST))
-        factor = math.exp(float(spread.std()) if len(spread) else one.load.relative_stddev)
+        factor = math.exp(float(spread.std()) if len(spread) else excitation.load.relative_stddev)
         if heard:
             amplitude, relative = _amplitude(net, noise, scale)
     deviation = stddev / (4.0 * rms) if heard else math.nan
-    level = one, m, rms, deviation, predicted, factor
+    level = excitation, m, rms, deviation, predicted, factor
     return MeasuredOrder(*level, amplitude, relative, heard)
 
 

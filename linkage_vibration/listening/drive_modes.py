@@ -14,6 +14,7 @@ from linkage_vibration.listening.gates import (
     damping_doubt,
     line_doubt,
     order_doubt,
+    tone_doubt,
     wheelbase_lines,
     window_doubt,
 )
@@ -198,8 +199,8 @@ def _at_height(
             predicted = drive.predicted[part, mode]
             windows.append(over_phase(drive.signals[part], predicted, mean, given))
         lag = 1 + math.ceil(rate * wheelbase(drive.mechanism) / slowest)
-        found = yield from identify(windows, rate, (_AROUND[0] * mean, _AROUND[1] * mean), lag)
-        best = _best(found, mode, means, shapes)
+        candidates = yield from identify(windows, rate, (_AROUND[0] * mean, _AROUND[1] * mean), lag)
+        best = _best(candidates, mode, means, shapes)
         if best is None:
             continue
         doubt, over_time = "", best.frequency / mean * drive.predicted[:, mode]
@@ -207,7 +208,10 @@ def _at_height(
             yield
             there = {source: speed[part] for source, speed in speeds.items()}
             doubt = doubt or order_doubt(over_time[part], there, excitations)
-        doubt = doubt or (yield from window_doubt(windows, rate, lag, best)) or too_damped
+        doubt = doubt or (yield from window_doubt(windows, rate, lag, best))
+        doubt = (
+            doubt or tone_doubt(best.ratio, best.ratio_stddev, float(ratios[mode])) or too_damped
+        )
         for each in excitations:
             if not doubt and rolls and each.terrain is not None:
                 at = np.quantile(ground[ground > STANDS], (0.05, 0.35, 0.65, 0.95)).tolist()
@@ -236,14 +240,14 @@ def _at_height(
 
 
 def _best(
-    found: Sequence[Candidate], mode: int, means: FloatArray, shapes: ComplexArray
+    candidates: Sequence[Candidate], mode: int, means: FloatArray, shapes: ComplexArray
 ) -> Candidate | None:
     """Return the candidate that fits a mode best, and no other mode better; or None.
 
     Estimates are not chosen by their deviations: those that are too small would be preferred.
     """
     scored = []
-    for each in found:
+    for each in candidates:
         alike = mac(each.shape, shapes)
         scores = alike * np.exp(-0.5 * (np.log(each.frequency / means) / _MODEL) ** 2)
         known = math.isfinite(each.frequency_stddev)

@@ -1,6 +1,9 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Reasons not to believe an identified mode: an order, a line of the wheelbase, a single window."""
+"""Reasons not to believe an identified mode.
+
+An order, a line of the wheelbase or a tone may be in its place, or a single window shows it.
+"""
 
 from collections.abc import Sequence
 
@@ -34,6 +37,8 @@ _LINE = 0.05  # relative distance of a line to what it explains
 _PROMINENT = 1.0  # dB of a line
 _ALIKE_HZ = 0.05  # relative distance of the same mode in a window
 _ORDERS = 3  # of the diagram, at which a window shows a mode
+_LESS = 0.5  # of a predicted damping ratio: models hardly know it better than by a factor of two
+_ABOVE = 1.64  # standard deviations that 95 % of estimates do not exceed
 
 
 def order_doubt(
@@ -108,6 +113,17 @@ def damping_doubt(ratio: float) -> str:
     if ratio <= MOST_DAMPED:  # NaN, of an overdamped mode, is not.
         return ""
     return f"its damping ratio of {100.0 * ratio:.1f} % leaves its standard deviation unknown"
+
+
+def tone_doubt(ratio: float, stddev: float, predicted: float) -> str:
+    """Return that a damping ratio is so far below the prediction that it may be a tone's, or "".
+
+    A tone, as of a pump that no excitation describes, looks like a mode with hardly any damping.
+    """
+    if not ratio + _ABOVE * stddev < _LESS * predicted:
+        return ""
+    measured = f"{100.0 * ratio:.2g} +- {100.0 * stddev:.1g} %"
+    return f"its damping ratio of {measured}, predicted {100.0 * predicted:.2g} %, may be a tone's"
 
 
 def window_doubt(

@@ -176,6 +176,8 @@ class SensorMonitor:
         if len(orders.times):
             message.level = float(levels(signal, SECONDS)[0])
             self._compare_orders(channel, message, orders, speeds)
+        if math.isnan(message.level):
+            doubts.append("Readings are missing in its window, so that no level is known.")
         message.doubts = " ".join(doubts)
         return message
 
@@ -194,8 +196,8 @@ class SensorMonitor:
             levels = predicted_levels(transfer, excitations, orders, units, speeds)
             message.predicted_level = float(levels[0])
         else:
-            excitations = tuple(replace(one, load=None) for one in excitations)
-        names = [one.name for one in excitations]
+            excitations = tuple(replace(excitation, load=None) for excitation in excitations)
+        names = [excitation.name for excitation in excitations]
         for row in measure_orders(excitations, orders, units, loaded, fewest=1):
             numbers = row.measured, row.measured_stddev, row.predicted, row.predicted_factor
             for name, number in zip(_BY_ORDER, (*numbers, row.difference), strict=True):

@@ -55,12 +55,12 @@ def track_orders(
     shape = (m, len(excitations))
     mean, hertz, squares, noise = (np.full(shape, math.nan) for _ in range(4))
     turns = np.zeros((*shape, n))
-    for i, one in enumerate(excitations):
-        if one.terrain is None and one.source in speeds:
-            since, speed = speeds[one.source]
+    for i, excitation in enumerate(excitations):
+        if excitation.terrain is None and excitation.source in speeds:
+            since, speed = speeds[excitation.source]
             each = np.interp(times, since, np.abs(speed), left=math.nan, right=math.nan)
-            mean[:, i], hertz[:, i] = each.mean(axis=1), one.ratio * each.mean(axis=1)
-            turns[:, i] = np.cumsum(one.ratio * each / signal.rate, axis=1)
+            mean[:, i], hertz[:, i] = each.mean(axis=1), excitation.ratio * each.mean(axis=1)
+            turns[:, i] = np.cumsum(excitation.ratio * each / signal.rate, axis=1)
     window = np.hanning(n)
     beside = np.exp(-2j * math.pi * np.multiply.outer(_BESIDE, np.arange(n) / signal.rate))
     for k in range(m):

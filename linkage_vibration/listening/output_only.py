@@ -161,12 +161,13 @@ def identify(
         # A pole that is missing in one order says nothing there; the median of the others counts.
         shown = np.isfinite(ratios).any(axis=0)
         pole = _median(np.array([diagram[order][0][k] for order, k in cluster]))
-        found = pole * _median(np.array(ratios)[:, shown])
-        if len(found) < max((1.0 - _MOST_LOST) * n, 4):
+        estimates = pole * _median(np.array(ratios)[:, shown])
+        if len(estimates) < max((1.0 - _MOST_LOST) * n, 4):
             continue
-        factor = float(student.ppf(0.975, len(found) - 1)) / INTERVAL
+        factor = float(student.ppf(0.975, len(estimates) - 1)) / INTERVAL
         stddevs = [
-            factor * math.sqrt(len(found) - 1.0) * float(each.std()) for each in _values(found)
+            factor * math.sqrt(len(estimates) - 1.0) * float(each.std())
+            for each in _values(estimates)
         ]
         frequency, ratio = (float(each) for each in _values(pole))
         order, k = cluster[len(cluster) // 2]

@@ -34,7 +34,7 @@ def find_segments(times: FloatArray, crank_angle: FloatArray) -> list[list[slice
     step = max(1, round(1.0 / (_LOOKS * float(times[1] - times[0]))))
     t, angle = times[::step], crank_angle[::step]
     moves = np.abs(np.gradient(angle, t)) > _FASTEST
-    found: list[slice] = []
+    segments: list[slice] = []
     start, low, high = 0, math.inf, -math.inf
     for i in range(len(t) + 1):
         if i < len(t) and not moves[i] and math.isfinite(angle[i]):
@@ -44,12 +44,12 @@ def find_segments(times: FloatArray, crank_angle: FloatArray) -> list[list[slice
         if i > start and t[i - 1] - t[start] >= SHORTEST:
             parts = math.ceil((t[i - 1] - t[start]) / LONGEST)
             edges = (np.linspace(start, i - 1, parts + 1).astype(int) * step).tolist()
-            found += [slice(a, b) for a, b in pairwise(edges)]
+            segments += [slice(a, b) for a, b in pairwise(edges)]
         again = i < len(t) and not moves[i] and math.isfinite(angle[i])
         start = i if again else i + 1
         low, high = (angle[i], angle[i]) if again else (math.inf, -math.inf)
     heights: list[list[slice]] = []
-    for segment in sorted(found, key=lambda each: float(crank_angle[each].mean())):
+    for segment in sorted(segments, key=lambda each: float(crank_angle[each].mean())):
         here = crank_angle[segment].mean()
         if heights and here - crank_angle[heights[-1][0]].mean() <= ACROSS / 2.0:
             heights[-1].append(segment)

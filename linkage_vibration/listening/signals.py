@@ -81,10 +81,10 @@ class Signal:
 
 def known_at(times: FloatArray, since: FloatArray, values: FloatArray) -> FloatArray:
     """Return values, (n,), of a log at other times; NaN before, after and in gaps of their own."""
-    found = np.interp(times, since, values, left=math.nan, right=math.nan)
+    known = np.interp(times, since, values, left=math.nan, right=math.nan)
     for i in gap_starts(since).tolist():
-        found[(times > since[i]) & (times < since[i + 1])] = math.nan
-    return found
+        known[(times > since[i]) & (times < since[i + 1])] = math.nan
+    return known
 
 
 def measured_signal(
@@ -164,16 +164,16 @@ def _is_flat(size: FloatArray) -> bool:
     A parabola that falls by one step of the resolution within n samples falls by ((n + 1) / (n -
     1))^2 steps within n + 2 of them; rounding adds one.
     """
-    known = np.unique(size)
-    if len(known) < _FLAT:
+    levels = np.unique(size)
+    if len(levels) < _FLAT:
         return False
-    edges = np.flatnonzero(np.diff(size == known[-1], prepend=False, append=False))
+    edges = np.flatnonzero(np.diff(size == levels[-1], prepend=False, append=False))
     starts, ends = edges.reshape(-1, 2).T
     n = ends - starts
     beside = np.pad(size, 1, constant_values=-math.inf)  # sample i is at i + 1
-    fall = known[-1] - np.maximum(beside[starts], beside[ends + 1])
+    fall = levels[-1] - np.maximum(beside[starts], beside[ends + 1])
     round_crest = ((n + 1) / np.maximum(n - 1, 1)) ** 2 + 1.0
-    return bool(np.any((n >= _FLAT) & (fall > round_crest * np.diff(known).min())))
+    return bool(np.any((n >= _FLAT) & (fall > round_crest * np.diff(levels).min())))
 
 
 def _time_doubts(times: FloatArray, step: float, spread: float) -> Iterator[str]:

@@ -41,12 +41,12 @@ class Transfer:
                 f"The table has no response at {sensor.at}, where {sensor.name} measures; name one "
                 f"of {', '.join(known) or 'none'}, or build a table with --frf-points."
             )
-        self.loaded = [i for i, one in enumerate(excitations) if one.load is not None]
+        self.loaded = [i for i, excitation in enumerate(excitations) if excitation.load is not None]
         self._loads = [load_input(excitations[i], table, mechanism) for i in self.loaded]
         self._accelerated = np.array(
             [
-                one.load is not None and one.load.kind is LoadKind.BASE_ACCELERATION
-                for one in excitations
+                excitation.load is not None and excitation.load.kind is LoadKind.BASE_ACCELERATION
+                for excitation in excitations
             ]
         )[self.loaded]
         self._members: Members | None = None

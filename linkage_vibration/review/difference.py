@@ -10,23 +10,17 @@ from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
-from linkage_vibration.drawing.intervals import gap_starts
-from linkage_vibration.drawing.palette import COLOURS, INK
 from linkage_vibration.mechanics.arrays import FloatArray, IntArray
-from linkage_vibration.review.html import Page, thinned
 from linkage_vibration.review.log import Log, ReviewError, read_log
-from linkage_vibration.review.review_page import DEG, STATUSES, Items, clock, provenance_rows
-
-_A, _B = COLOURS[:2]
+from linkage_vibration.review.review_page import DEG, clock
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Quantity:
     """A quantity in two logs A and B, at the stamps that both logs have."""
 
-    key: str  # in the page
+    key: str  # such as "f1" of mode 1
     name: str  # for people
     unit: str  # in which it is shown
     factor: float  # shown value over value in the log
@@ -100,11 +94,6 @@ class Difference:
         """Seconds since the first stamp that both logs have, (n,), as in `Log.times` of A."""
         times = self.a.times[self.rows_a]
         return np.asarray(times - times[0])
-
-    @property
-    def jumps(self) -> IntArray:
-        """Indices of the stamps before which the clock jumps back, (n_jumps,)."""
-        return np.flatnonzero(np.diff(self.stamps) < 0) + 1
 
 
 def compare(path_a: Path, path_b: Path) -> Difference:
@@ -183,50 +172,6 @@ def problems(delta: Difference) -> list[str]:
     return ["The logs differ."]
 
 
-def difference_page(delta: Difference) -> Page:
-    """Return what a page shows of a difference."""
-    values = [values for q in delta.quantities for values in (q.a, q.b, q.b - q.a)]
-    kept = thinned(values, np.array([q.farthest or 0 for q in delta.quantities], dtype=np.int64))
-    times = delta.times
-    gaps, jumps = gap_starts(times), delta.jumps
-    often = "once" if len(jumps) == 1 else f"{len(jumps)} times"
-    back = {"label": "The clock jumped back", "value": often, "alert": True}
-    columns: dict[str, NDArray[Any]] = {"time": times[kept]}
-    readings: Items = []
-    for q in delta.quantities:
-        columns |= {f"a_{q.key}": q.a[kept], f"b_{q.key}": q.b[kept]}
-        readings += _readings(q)
-    for part, log, rows in delta.sides:
-        key = f"{part.lower()}_status"
-        columns[key] = log.status[rows][kept].astype(np.uint8)
-        readings.append({"id": key, "label": f"Status, {part}", "column": key, "words": STATUSES})
-    content: dict[str, Any] = {
-        "charts": [chart for q in delta.quantities for chart in _charts(q)],
-        "overview": {"column": "a_angle", "factor": DEG, "label": "α3"},
-        "readings": readings,
-        "brief": [f"d_{q.key}" for q in delta.quantities[1:3]],
-        "answer": sentence(delta),
-        "tables": [_table(delta, kept)],
-        "summary": [back] if len(jumps) else [],
-        "provenance": _provenance(delta),
-        "shades": [
-            *([float(times[i]), float(times[i + 1]), "gap"] for i in gaps),
-            *([float(times[i - 1]), float(times[i]), "jump", "clock back"] for i in jumps),
-        ],
-        "stale_after": 1.0,
-        "wide": True,
-    }
-    return Page(
-        title="Two logs of one drive",
-        subtitle=f"A: {delta.a.path.name}; B: {delta.b.path.name}. {_matched(delta)}",
-        columns=columns,
-        start_ns=int(delta.stamps[0]),
-        breaks=np.unique(np.searchsorted(kept, np.concatenate([gaps + 1, jumps]))).tolist(),
-        modes=[],
-        content=content,
-    )
-
-
 def _rows_of_same_stamps(a: IntArray, b: IntArray) -> tuple[IntArray, IntArray]:
     """Return the rows of equal stamps in A and in B, in the order of A.
 
@@ -260,34 +205,6 @@ def _quantities(log: Log, rows: IntArray) -> dict[str, tuple[str, str, float, Fl
     return quantities
 
 
-def _charts(q: Quantity) -> Items:
-    """Return the chart of both logs, and the chart of their difference."""
-    both = [
-        {"column": f"a_{q.key}", "factor": q.factor, "colour": _A, "width": 2.4},
-        {"column": f"b_{q.key}", "factor": q.factor, "colour": _B, "style": "dashed"},
-    ]
-    key = [{"label": "A", "colour": _A}, {"label": "B", "colour": _B, "style": "dashed"}]
-    chart = {"id": q.key, "title": q.title, "unit": q.unit, "series": both, "key": key}
-    less = {"column": f"b_{q.key}", "minus": f"a_{q.key}", "factor": q.factor, "colour": INK}
-    small = {"id": f"d_{q.key}", "title": f"{q.title}, B \N{MINUS SIGN} A", "unit": q.unit}
-    style = {"series": [less], "guides": [0.0], "height": 90}
-    return [chart | {"log": q.unit == "m/N"}, small | style]
-
-
-def _readings(q: Quantity) -> Items:
-    """Return the numbers of both logs at the cursor, and their difference."""
-    readings: Items = []
-    for part, colour in (("A", _A), ("B", _B)):
-        column = f"{part.lower()}_{q.key}"
-        reading = {"id": column, "label": f"{q.title}, {part}", "column": column, "unit": q.unit}
-        if q.key.startswith("f"):
-            reading["predicted"] = f"{part.lower()}_peak_magnitude"
-        readings.append(reading | {"factor": q.factor, "digits": 8, "colour": colour})
-    less = {"column": f"b_{q.key}", "minus": f"a_{q.key}", "factor": q.factor}
-    heading = {"id": f"d_{q.key}", "label": "B \N{MINUS SIGN} A", "unit": q.unit, "digits": 4}
-    return [*readings, heading | less]
-
-
 def _matched(delta: Difference) -> str:
     n = len(delta.stamps)
     only_a, only_b = len(delta.a.stamps) - n, len(delta.b.stamps) - n
@@ -316,30 +233,6 @@ def _rows(delta: Difference) -> list[list[str]]:
 def _digits(value: float, count: int) -> str:
     """Return a number with a count of digits; empty if nothing can be compared."""
     return "" if math.isnan(value) else f"{value:.{count}g}"
-
-
-def _table(delta: Difference, kept: IntArray) -> dict[str, Any]:
-    rows: Items = []
-    for q, cells in zip(delta.quantities, _rows(delta), strict=True):
-        row: dict[str, Any] = {"cells": [f"{q.name} [{cells[-1]}]", *cells[1:-1]]}
-        if q.differs and q.farthest is not None:
-            index = int(np.searchsorted(kept, q.farthest))
-            row |= {"time": float(delta.times[q.farthest]), "index": index, "length": 0.0}
-        rows.append(row)
-    title, note = "Differences, B \N{MINUS SIGN} A", "Choose a row to go to its largest difference."
-    head = ["quantity", "largest", "at", "relative to A", "rms"]
-    return {"id": "differences", "title": title, "note": note, "head": head, "rows": rows}
-
-
-def _provenance(delta: Difference) -> dict[str, Any]:
-    a, b = (dict(provenance_rows(log)) for log in (delta.a, delta.b))
-    rows = [["", "A", "B"]]
-    rows += [[key, a.get(key, ""), b.get(key, "")] for key in dict.fromkeys([*a, *b])]
-    files = [
-        {"name": f"{name.capitalize()}: changed values, A -> B", "text": "\n".join(changed)}
-        for name, changed in _changed_files(delta).items()
-    ]
-    return {"title": "What made the logs", "rows": rows, "files": files}
 
 
 def _changed_files(delta: Difference) -> dict[str, list[str]]:

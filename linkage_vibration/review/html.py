@@ -16,8 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkage_vibration.mechanics.arrays import FloatArray, IntArray
-from linkage_vibration.review.log import ReviewError
-from linkage_vibration.support.atomic_files import write_files
 from linkage_vibration.support.version import VERSION
 
 MAX_SAMPLES = 400_000  # with three modes, a page of so many samples has less than 50 MB
@@ -128,11 +126,6 @@ def filled(template: str, texts: Mapping[str, str]) -> str:
 def _json(value: object) -> str:
     """Return a value as JSON that does not end the script that contains it."""
     return json.dumps(value, allow_nan=False, default=packed).replace("<", "\\u003c")
-
-
-def write_page(page: Page, path: Path) -> None:
-    """Write a page to a file; a `ReviewError` is raised if it cannot be written."""
-    write_files({path: page_parts(page)}, ReviewError)
 
 
 def packed(values: NDArray[Any]) -> dict[str, Any]:

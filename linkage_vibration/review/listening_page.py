@@ -112,9 +112,9 @@ def kinds(log: Log, signal: Signal) -> IntArray:
     return kinds_of_work(speed, np.interp(angle, angles, (z - z.min()) / np.ptp(z)))
 
 
-def heard_modes(log: Log, heard: Sequence[Heard]) -> tuple[DriveMode, ...]:
+def heard_modes(log: Log, sensors: Sequence[Heard]) -> tuple[DriveMode, ...]:
     """Return the modes that all accelerations on the linkage show together."""
-    signals = [one.signal for one in heard if one.signal.sensor.accelerates]
+    signals = [sensor.signal for sensor in sensors if sensor.signal.sensor.accelerates]
     if log.table is None or log.mechanism is None or not signals:
         return ()
     angle, speeds = (log.times, log.table_angle), all_speeds(log)
@@ -133,61 +133,76 @@ def modes_answer(log: Log, modes: Sequence[DriveMode]) -> str:
     text = difference_text(worst, log.mode_name(worst.mode) or f"mode {worst.mode + 1}")
     if not sure:
         return f"None of {len(modes)} natural frequencies is reported. {text}"
-    agree, known = (sum(mode.consistent in (True, each) for mode in sure) for each in (True, False))
-    more = f" {agree} of {known} measured natural frequencies agree with the prediction."
-    return text + (more if known > 1 else "")
+    agree, compared = (
+        sum(mode.consistent in (True, each) for mode in sure) for each in (True, False)
+    )
+    more = f" {agree} of {compared} measured natural frequencies agree with the prediction."
+    return text + (more if compared > 1 else "")
 
 
-def answers(heard: Sequence[Heard]) -> list[str]:
+def answers(sensors: Sequence[Heard]) -> list[str]:
     """Return in words where each sensor agrees with its prediction."""
-    parts = []
-    for one in heard:
-        off = [row for row in one.rows if abs(row.difference) > _SURE]
-        known = [row for row in one.rows if row.heard and not math.isnan(row.difference)]
-        agree = len([row for row in known if row not in off])
-        text = f"At {one.signal.sensor.name}, {agree} of {len(known)} orders that stand out of the "
-        text += f"noise agree with the prediction (within {_SURE:g} standard deviations)."
-        if off:
-            factors = [
-                f"{row.excitation.name} is {'' if row.heard else 'at most '}"
-                f"{row.measured / row.predicted:.2g} times as strong as predicted"
-                for row in off
-            ]
-            text += f" These differ: {', '.join(factors)}."
-        rest = [row for row in one.rows if row not in known and row not in off]
-        alone = sum(row.heard for row in rest)
-        if alone:
-            text += f" Of {alone} others that stand out of it, no prediction is known."
-        text += f" {len(rest) - alone} others are below the noise."
-        ratios = [each / one.reference for each in (one.measured, one.predicted)]
-        largest = [float(np.fmax.reduce(ratio, initial=-1.0)) for ratio in ratios]
-        words = [f"up to {ratio:.2g}" if ratio >= 0.0 else "not known" for ratio in largest]
-        if largest[0] >= 0.0:
-            text += f" Its load ratio is {words[0]}; that of the predicted orders is {words[1]}."
-        parts.append(text)
-    return parts
+    return [f"{_orders_answer(each)}{_load_answer(each)}" for each in sensors]
+
+
+def _orders_answer(sensor: Heard) -> str:
+    """Return which orders at a sensor agree with their predictions, and which do not."""
+    compared = [row for row in sensor.rows if row.heard and not math.isnan(row.difference)]
+    off = [row for row in sensor.rows if abs(row.difference) > _SURE]
+    parts = [
+        f"At {sensor.signal.sensor.name}, {sum(row not in off for row in compared)} of "
+        f"{_count(len(compared), 'order')} above the noise agree with the prediction (within "
+        f"{_SURE:g} standard deviations)."
+    ]
+    for row in off:
+        bound = "has" if row.heard else "is below the noise, so it has at most"
+        ratio = f"{row.measured / row.predicted:.2g}"
+        parts.append(f"{row.excitation.name} {bound} {ratio} times the predicted strength.")
+    others = [row for row in sensor.rows if row not in compared and row not in off]
+    if alone := sum(row.heard for row in others):
+        parts.append(f"{_count(alone, 'more order')} above the noise cannot be predicted.")
+    if below := len(others) - alone:
+        parts.append(f"{_count(below, 'more order')} cannot be told from the noise.")
+    return " ".join(parts)
+
+
+def _count(count: int, noun: str) -> str:
+    """Return a number of things in words."""
+    return f"{count} {noun}{'s' * (count != 1)}"
+
+
+def _load_answer(sensor: Heard) -> str:
+    """Return the largest load ratios at a sensor, if they are measured."""
+    largest = [
+        float(np.fmax.reduce(each / sensor.reference, initial=-1.0))
+        for each in (sensor.measured, sensor.predicted)
+    ]
+    if largest[0] < 0.0:
+        return ""
+    words = [f"up to {ratio:.2g}" if ratio >= 0.0 else "not known" for ratio in largest]
+    return f" Its load ratio is {words[0]}; that of the predicted orders is {words[1]}."
 
 
 def listening_page(
     log: Log,
-    heard: Sequence[Heard],
+    sensors: Sequence[Heard],
     modes: Sequence[DriveMode],
     felt: Sequence[tuple[Signal, Exposure]],
 ) -> str:
     """Return the text of the page."""
-    signals = [*(one.signal for one in heard), *(signal for signal, _ in felt)]
+    signals = [*(sensor.signal for sensor in sensors), *(signal for signal, _ in felt)]
     doubts = [(s.sensor.name, text) for s in signals for text in s.doubts or ("none",)]
     parts = [_modes_table(log, modes)] if modes else []
-    parts += [_orders_table(one) for one in heard]
+    parts += [_orders_table(sensor) for sensor in sensors]
     parts += [_exposure_table(signal, exposure) for signal, exposure in felt]
     parts.append(_table("What is doubtful about the sensors", ["sensor", "doubt"], doubts))
     title, more = "Measured beside predicted", "".join(parts)
-    if not heard:
+    if not sensors:
         return plain_html(title, [NOTHING], more, calm=False)
-    sentences = [modes_answer(log, modes), *answers(heard), _CANNOT]
+    sentences = [modes_answer(log, modes), *answers(sensors), _CANNOT]
     sure = [mode for mode in modes if not mode.doubt]
     calm = bool(sure) and all(mode.consistent for mode in sure)
-    picture = picture_tag(_picture(log, heard, sure), "Spectra and levels over time.")
+    picture = picture_tag(_picture(log, sensors, sure), "Spectra and levels over time.")
     return plain_html(title, sentences, picture + more, calm=calm)
 
 
@@ -216,16 +231,16 @@ def _best(explained: Sequence[Explanation]) -> str:
     return "".join(words)
 
 
-def _picture(log: Log, heard: Sequence[Heard], modes: Sequence[DriveMode]) -> bytes:
+def _picture(log: Log, sensors: Sequence[Heard], modes: Sequence[DriveMode]) -> bytes:
     """Return spectrograms and levels as a PNG picture."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(11.0, 6.8 * len(heard)), dpi=110, layout="constrained")
+    figure = Figure(figsize=(11.0, 6.8 * len(sensors)), dpi=110, layout="constrained")
     axes = figure.subplots(
-        2 * len(heard), squeeze=False, sharex=True, height_ratios=[2.4, 1.0] * len(heard)
+        2 * len(sensors), squeeze=False, sharex=True, height_ratios=[2.4, 1.0] * len(sensors)
     )[:, 0]
-    for i, one in enumerate(heard):
-        _draw_spectrogram(axes[2 * i], log, one)
+    for i, sensor in enumerate(sensors):
+        _draw_spectrogram(axes[2 * i], log, sensor)
         for mode in modes:
             hertz, deviation = mode.frequency, COVERAGE * mode.frequency * mode.deviation
             colour = palette.mode_colours(log.n_modes)[mode.mode]
@@ -234,63 +249,67 @@ def _picture(log: Log, heard: Sequence[Heard], modes: Sequence[DriveMode]) -> by
             axes[2 * i].errorbar(
                 mode.times, [hertz] * n, [deviation] * n, ecolor=palette.INK, **style
             )
-        _draw_levels(axes[2 * i + 1], one, log_limits(log).warning)
+        _draw_levels(axes[2 * i + 1], sensor, log_limits(log).warning)
         axes[2 * i + 1].set_xlabel("time since the first prediction [s]")
         axes[2 * i + 1].tick_params(labelbottom=True)
     return png_bytes(figure)
 
 
-def _draw_spectrogram(ax: "Axes", log: Log, one: Heard) -> None:
+def _draw_spectrogram(ax: "Axes", log: Log, sensor: Heard) -> None:
     """Draw the measured spectrum over time under predicted modes and orders."""
-    times, frequencies, power = spectrogram(one.signal, SECONDS)
+    times, frequencies, power = spectrogram(sensor.signal, SECONDS)
     decibels = 10.0 * np.log10(np.maximum(power[:, 1:], 1e-12))
     low, high = np.percentile(decibels, [30.0, 99.8])
     style = {"shading": "nearest", "cmap": "Greys", "vmin": low, "vmax": high}
     image = ax.pcolormesh(times, frequencies[1:], decibels.T, rasterized=True, **style)
-    unit = "(m/s²)²/Hz" if one.signal.sensor.accelerates else "N²/Hz"
+    unit = "(m/s²)²/Hz" if sensor.signal.sensor.accelerates else "N²/Hz"
     ax.figure.colorbar(image, ax=ax, pad=0.16, aspect=40, label=f"measured [dB of 1 {unit}]")
-    top = 0.5 * one.signal.rate
+    top = 0.5 * sensor.signal.rate
     ends = np.full(log.n_modes, np.nan)
     for mode, colour in enumerate(palette.mode_colours(log.n_modes)):
         values = log.natural_frequencies[:, mode]
         deviation = COVERAGE * np.nan_to_num(log.frequency_stddevs[:, mode])
         ax.fill_between(log.times, values - deviation, values + deviation, color=colour, alpha=0.3)
         ax.plot(log.times, values, color=colour, lw=1.4)
-        if (known := values[np.isfinite(values) & (values < top)]).size:
-            ends[mode] = known[-1]
+        if (shown := values[np.isfinite(values) & (values < top)]).size:
+            ends[mode] = shown[-1]
     frequency_axis(ax, ends)
     ax.set_ylim(max(0.5, float(frequencies[1])), top)
-    rows = sorted((row for row in one.rows if row.heard), key=lambda row: -row.measured)
+    rows = sorted((row for row in sensor.rows if row.heard), key=lambda row: -row.measured)
     names = [each.name for each in log.excitations]
     for row in rows[:_LABELLED]:
-        hertz = one.orders.frequencies[:, names.index(row.excitation.name)]
-        ax.plot(one.orders.times, np.where(hertz > 0.0, hertz, np.nan), color=palette.INK, ls=":")
+        hertz = sensor.orders.frequencies[:, names.index(row.excitation.name)]
+        ax.plot(
+            sensor.orders.times, np.where(hertz > 0.0, hertz, np.nan), color=palette.INK, ls=":"
+        )
         if (at := np.flatnonzero(hertz > 0.0)).size:
-            place = float(one.orders.times[at[0]]), float(hertz[at[0]])
+            place = float(sensor.orders.times[at[0]]), float(hertz[at[0]])
             back = {"boxstyle": "round,pad=0.1", "color": "white", "alpha": 0.8}
             ax.annotate(plain(row.excitation.name), place, bbox=back, fontsize=9)
     name_modes(ax, ends, [log.mode_name(mode) for mode in range(log.n_modes)], least=0.05)
-    title = f"{one.signal.sensor.name}: measured spectrum (grey), predicted (bands) and measured"
+    title = f"{sensor.signal.sensor.name}: measured spectrum (grey), predicted (bands) and measured"
     title += "\nnatural frequencies (points), with two standard deviations, and orders (dotted)"
     ax.set_title(title, loc="left", fontsize=12)
 
 
-def _draw_levels(ax: "Axes", one: Heard, limit: float) -> None:
+def _draw_levels(ax: "Axes", sensor: Heard, limit: float) -> None:
     """Draw measured and predicted levels, or load ratios with the limit of a warning, over time."""
     name, scale = "rms [N]", np.array(1.0)
-    if one.signal.sensor.accelerates:
+    if sensor.signal.sensor.accelerates:
         name, scale = "rms [mm/s]", np.array(1e3)
-    elif np.isfinite(one.reference).any():
-        name, scale = "load ratio [1]", 1.0 / one.reference
+    elif np.isfinite(sensor.reference).any():
+        name, scale = "load ratio [1]", 1.0 / sensor.reference
         ax.axhline(limit, color=palette.INK, ls="--", lw=1.0)
         ax.annotate("warning", (0.005, 1.08 * limit), xycoords=ax.get_yaxis_transform(), fontsize=9)
-    measured, predicted = scale * one.measured, scale * one.predicted
-    factor = max((row.predicted_factor for row in one.rows if row.predicted > 0.0), default=1.0)
-    times = one.orders.times
+    measured, predicted = scale * sensor.measured, scale * sensor.predicted
+    factor = max((row.predicted_factor for row in sensor.rows if row.predicted > 0.0), default=1.0)
+    times = sensor.orders.times
     band = predicted / factor, predicted * factor
     ax.fill_between(times, *band, color=palette.COLOURS[1], alpha=0.25, step="mid")
     lacking = (
-        f" (without {', '.join(one.unknown)}, whose speed the log lacks)" if one.unknown else ""
+        f" (without {', '.join(sensor.unknown)}, whose speed the log lacks)"
+        if sensor.unknown
+        else ""
     )
     label = f"predicted, orders alone{lacking}, with one standard deviation"
     ax.step(times, predicted, where="mid", color=palette.COLOURS[1], label=label)
@@ -306,25 +325,24 @@ def _draw_levels(ax: "Axes", one: Heard, limit: float) -> None:
     tidy(ax)
 
 
-def _orders_table(one: Heard) -> str:
-    unit = "m/s²" if one.signal.sensor.accelerates else "N"
+def _orders_table(sensor: Heard) -> str:
+    unit = "m/s²" if sensor.signal.sensor.accelerates else "N"
     head = ["order", "windows", f"measured, rms [{unit}]", f"predicted, rms [{unit}]"]
     head += ["difference / standard deviation", "amplitude of the excitation"]
     rows = []
-    for row in one.rows:
+    for row in sensor.rows:
         bound = f"{_short(row.measured, 3)} ± {_short(row.measured_stddev)}"
         cells = [row.excitation.name, str(row.windows)]
         cells.append(bound if row.heard else f"below {_short(row.measured)} (noise)")
-        known = not math.isnan(row.predicted)
         factor = f"{_short(row.predicted, 3)} (× or ÷ {_short(row.predicted_factor)})"
-        cells.append(factor if known else "not known")
+        cells.append("not known" if math.isnan(row.predicted) else factor)
         cells.append(_deviations(row))
         text, load = "", row.excitation.load
         if load is not None and not math.isnan(row.amplitude):
             text = f"{_short(row.amplitude, 3)} ± {100.0 * row.relative_stddev:.0f} %, not "
             text += f"{load.amplitude:g} {_UNITS[load.kind]}"
         rows.append([*cells, text])
-    return _table(f"Orders at {one.signal.sensor.name}", head, rows)
+    return _table(f"Orders at {sensor.signal.sensor.name}", head, rows)
 
 
 def _short(value: float, digits: int = 2) -> str:

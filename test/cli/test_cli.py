@@ -175,7 +175,6 @@ def test_plan_chooses_and_measures(tmp_path: Path) -> None:
         (("review", "a.mcap", "-o", "x.csv"), r"use x\.html"),
         (("review", "a.mcap", "--csv", "x.mcap"), r"use x\.csv"),
         (("review", "a.mcap", "--png", "x.html"), r"use x\.png"),
-        (("diff", "a.mcap", "a.mcap", "-o", "x.png"), r"use x\.html"),
         (("recover", "a.mcap", "-o", "x.csv"), r"use x\.mcap"),
         (("build", "-o", "x.yaml"), r"use x\.npz"),
         (("pose", "-o", "x.svg"), r"use x\.png"),

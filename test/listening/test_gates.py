@@ -12,6 +12,7 @@ from linkage_vibration.listening.gates import (
     damping_doubt,
     line_doubt,
     order_doubt,
+    tone_doubt,
     wheelbase_lines,
     window_doubt,
 )
@@ -124,3 +125,21 @@ def test_windows(shown: int, doubt: str) -> None:
         windows.append(np.outer(signal, [1.0, 0.5]) + noise2)
     mode = Candidate(2.0, 0.02, np.array([1.0, 0.5], dtype=complex), 0.01, 0.001)
     assert finish(window_doubt(windows, RATE, 1, mode)) == doubt
+
+
+@pytest.mark.parametrize(
+    ("ratio", "stddev", "doubted"),
+    [
+        (1e-4, 1e-5, True),
+        (0.0099, 0.0, True),
+        (0.0101, 0.0, False),
+        (0.005, 0.003, True),
+        (0.005, 0.0031, False),
+        (0.03, 0.001, False),
+    ],
+)
+def test_tone(ratio: float, stddev: float, doubted: bool) -> None:
+    """Below 1 % of predicted 2 % a ratio is doubted, unless 1.64 standard deviations reach 1 %."""
+    doubt = tone_doubt(ratio, stddev, 0.02)
+    assert doubt.endswith("predicted 2 %, may be a tone's") == doubted
+    assert bool(doubt) == doubted

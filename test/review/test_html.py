@@ -21,9 +21,8 @@ from linkage_vibration.review.html import (
     packed,
     page_parts,
     thinned,
-    write_page,
 )
-from linkage_vibration.review.log import ReviewError, read_log
+from linkage_vibration.review.log import read_log
 from linkage_vibration.review.review_page import review_page
 
 
@@ -123,12 +122,6 @@ def test_packed(kind: str) -> None:
     assert found["type"] == kind
     shown = np.frombuffer(base64.b64decode(found["base64"]), f"<{kind}")
     np.testing.assert_array_equal(shown, np.arange(5))
-
-
-def test_page_that_cannot_be_written(drive: Path, tmp_path: Path) -> None:
-    """A missing folder is reported."""
-    with pytest.raises(ReviewError, match=r"a\.html: cannot be written"):
-        write_page(review_page(read_log(drive)), tmp_path / "nowhere" / "a.html")
 
 
 def test_column_of_infinities() -> None:

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Links known by their matrices, as a finite element program exports them."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -12,9 +11,6 @@ from linkage_vibration.mechanics.components import Component, Drawing
 from linkage_vibration.mechanics.description import Body, Link, Mechanism, MechanismError
 from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.mechanics.reduction import ReductionError, craig_bampton
-
-# A free body resists a translation by rounding alone, as a share of the stiffness of its points.
-_RESISTS = 1e-4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,7 +60,6 @@ def component_of(link: Link, mechanism: Mechanism, body: Matrices, *, reduced: b
             reduction = craig_bampton(mass, stiffness, len(wanted), link.modes)
         except ReductionError as error:
             raise ReductionError(f"links.{link.name}: {error}") from None
-        _refuse_held(link, wanted, stiffness, reduction.stiffness)
         mass, stiffness, t = reduction.mass, reduction.stiffness, reduction.transformation
         viscous = None if viscous is None else t.T @ viscous @ t
         drawing = drawing and replace(drawing, displacement=drawing.displacement @ t)
@@ -73,16 +68,3 @@ def component_of(link: Link, mechanism: Mechanism, body: Matrices, *, reduced: b
         viscous = rule.viscous(mass, stiffness)
     mass, stiffness, viscous = (link.count * each for each in (mass, stiffness, viscous))
     return Component(link.name, wanted, mass, stiffness, viscous, rule.loss_factor, drawing, t)
-
-
-def _refuse_held(
-    link: Link, dofs: Sequence[InterfaceDof], stiffness: FloatArray, reduced: FloatArray
-) -> None:
-    """Refuse a body that something holds, by its stiffness before and after reduction to DoFs."""
-    n = len(dofs)
-    for direction in ("x", "z"):
-        moved = np.array([float(dof.direction == direction) for dof in dofs])
-        if moved @ reduced[:n, :n] @ moved > _RESISTS * (moved @ stiffness.diagonal()[:n]):
-            problem = f"its stiffness resists a translation along {direction} as if it were held"
-            fix = "export it free, without boundary conditions"
-            raise MechanismError(f"links.{link.name}", f"{problem}; {fix}.")

@@ -4,10 +4,6 @@
 /** What a series of the page's data draws; with a sign, an edge of its band of uncertainty. */
 function quantity(series, sign = 0) {
   const values = columns[series.column], factor = series.factor ?? 1;
-  if (series.minus) {
-    const other = columns[series.minus];
-    return drawable(i => (values[i] - other[i]) * factor);
-  }
   if (!sign) return drawable(i => values[i] * factor);
   const spread = columns[series.spread], by = sign * data.coverage;
   return drawable(i => (values[i] + by * (spread[i] || 0)) * factor);

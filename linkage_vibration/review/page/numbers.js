@@ -21,7 +21,7 @@ function addNumbers(chart) {
     const step = Math.max(1, Math.floor((to - from) / TABLED)), rows = [];
     for (let i = from; i < Math.min(to, n); i += step) {
       rows.push(element("tr", {}, element("th", { scope: "row" }, clock(time[i], 1e-2)), ...lines.map(line => {
-        const value = columns[line.column][i] - (line.minus ? columns[line.minus][i] : 0);
+        const value = columns[line.column][i];
         return element("td", {}, digits(value * (line.factor ?? 1), 6));
       })));
     }

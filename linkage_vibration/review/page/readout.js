@@ -17,7 +17,7 @@ for (const item of data.readings) addReading(item.id, item.label, item.colour);
 /** The text of a reading at a sample: a word, or a number with its unit and its uncertainty.
  *  A mode without a frequency is overdamped where the column that the reading names has a number. */
 function readingText(item, i) {
-  const value = columns[item.column][i] - (item.minus ? columns[item.minus][i] : 0);
+  const value = columns[item.column][i];
   if (item.words) return item.words[value] ?? String(value);
   const missing = item.predicted && Number.isFinite(columns[item.predicted][i]) ? "overdamped" : "no value";
   let text = Number.isFinite(value) ? `${digits(value * (item.factor ?? 1), item.digits ?? 6)} ${item.unit ?? ""}` : missing;

@@ -1,7 +1,6 @@
 // Copyright 2026 The linkage_vibration authors. SPDX-License-Identifier: Apache-2.0
 // Arranges the charts in rows, and the waterfall among them.
 
-document.querySelector("main").classList.toggle("wide", Boolean(data.wide));
 const holder = byId("charts");
 const angleBox = element("div", { class: "chart", hidden: true, id: "chart-over-angle" });
 const specs = data.charts.slice();
