@@ -6,9 +6,14 @@ The log holds the predictions of the drive; the file of sensors says what measur
 """
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from linkage_vibration.cli.arguments import SHIPPED, mechanism_file
+
+if TYPE_CHECKING:
+    from linkage_vibration.readers.sensors import Sensor
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,24 +43,15 @@ def run(options: argparse.Namespace) -> int:
     from linkage_vibration.listening.model_check import drive_targets
     from linkage_vibration.listening.signals import measured_signal
     from linkage_vibration.readers.mechanism import read_mechanism
-    from linkage_vibration.readers.sensors import SEAT, read_measured, read_sensors
+    from linkage_vibration.readers.sensors import SEAT, read_measured
     from linkage_vibration.review import listening_page as page
     from linkage_vibration.review.log import ReviewError, read_log
     from linkage_vibration.studies.yaml_editing import edit_text
-    from linkage_vibration.support.atomic_files import check_outputs, check_suffix, write_files
+    from linkage_vibration.support.atomic_files import write_files
 
     output = options.output or options.log.with_name(f"{options.log.stem}_listen.html")
-    written = [path for path in (options.amplitudes, options.targets) if path]
-    outputs, mechanism = [output, *written], mechanism_file(options)
-    check_suffix(output, ".html")
-    for path in written:
-        check_suffix(path, ".yaml")
-    check_outputs(outputs, [options.log, options.sensors, mechanism])
-    sensors = read_sensors(options.sensors)
-    check_outputs(outputs, [sensor.file for sensor in sensors if sensor.file])
-    if options.amplitudes and all(sensor.at == SEAT for sensor in sensors):
-        text = "all sensors are on a seat, where no amplitude can be measured"
-        raise ReviewError(f"{options.sensors}: {text}; add one on the linkage.")
+    outputs = [output, *(path for path in (options.amplitudes, options.targets) if path)]
+    sensors, mechanism = _sensors(options, outputs), mechanism_file(options)
     log = read_log(options.log)
     given = read_mechanism(mechanism).model_hash if options.targets else ""
     if log.mechanism and given not in ("", log.mechanism.model_hash):
@@ -95,3 +91,20 @@ def run(options: argparse.Namespace) -> int:
     print("\n".join(sentences))
     print(f"Written: {', '.join(map(str, outputs))}")
     return 0
+
+
+def _sensors(options: argparse.Namespace, outputs: Sequence[Path]) -> "list[Sensor]":
+    """Return the sensors; refuse outputs, of which the first is the page, that cannot be."""
+    from linkage_vibration.readers.sensors import SEAT, read_sensors
+    from linkage_vibration.review.log import ReviewError
+    from linkage_vibration.support.atomic_files import check_outputs, check_suffix
+
+    for path in outputs:
+        check_suffix(path, ".html" if path is outputs[0] else ".yaml")
+    check_outputs(outputs, [options.log, options.sensors, mechanism_file(options)])
+    sensors = read_sensors(options.sensors)
+    check_outputs(outputs, [sensor.file for sensor in sensors if sensor.file])
+    if options.amplitudes and all(sensor.at == SEAT for sensor in sensors):
+        text = "all sensors are on a seat, where no amplitude can be measured"
+        raise ReviewError(f"{options.sensors}: {text}; add one on the linkage.")
+    return sensors

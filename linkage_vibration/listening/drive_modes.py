@@ -209,18 +209,11 @@ def _at_height(
             there = {source: speed[part] for source, speed in speeds.items()}
             doubt = doubt or order_doubt(over_time[part], there, excitations)
         doubt = doubt or (yield from window_doubt(windows, rate, lag, best))
-        doubt = (
-            doubt or tone_doubt(best.ratio, best.ratio_stddev, float(ratios[mode])) or too_damped
-        )
-        for each in excitations:
-            if not doubt and rolls and each.terrain is not None:
-                at = np.quantile(ground[ground > STANDS], (0.05, 0.35, 0.65, 0.95)).tolist()
-                place = drive.places[int(np.abs(best.shape).argmax())]
-                terrain = replace(each.terrain, raised=True)  # A tool in the soil ends no rolling.
-                lines = yield from wheelbase_lines(
-                    table, drive.mechanism, terrain, place, alpha3, at
-                )
-                doubt = line_doubt(best.frequency, mean, lines)
+        doubt = doubt or tone_doubt(best.ratio, best.ratio_stddev, float(ratios[mode]))
+        doubt = doubt or too_damped
+        if not doubt and rolls:
+            rolling = ground[ground > STANDS]
+            doubt = yield from _line_doubt(drive, excitations, rolling, alpha3, best, mean)
         modes.append(
             DriveMode(
                 alpha3,
@@ -237,6 +230,26 @@ def _at_height(
             )
         )
     return modes
+
+
+def _line_doubt(
+    drive: _Drive,
+    excitations: Sequence[Excitation],
+    rolling: FloatArray,
+    alpha3: float,
+    best: Candidate,
+    predicted: float,
+) -> Steps[str]:
+    """Return that a line of the wheelbase, at the speeds of rolling, m/s, is there; else ""."""
+    speeds = np.quantile(rolling, (0.05, 0.35, 0.65, 0.95)).tolist()
+    place = drive.places[int(np.abs(best.shape).argmax())]
+    for terrain in [each.terrain for each in excitations if each.terrain is not None]:
+        raised = replace(terrain, raised=True)  # A tool in the soil ends no rolling.
+        given = drive.table, drive.mechanism, raised, place, alpha3, speeds
+        lines = yield from wheelbase_lines(*given)
+        if doubt := line_doubt(best.frequency, predicted, lines):
+            return doubt
+    return ""
 
 
 def _best(

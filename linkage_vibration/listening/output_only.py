@@ -29,6 +29,7 @@ _FEWEST_ORDERS = 3  # at which a mode is stable
 _LARGEST_RATIO = 0.2  # damping ratio of a mode; beyond it a pole describes the noise
 _MOST_LOST = 0.1  # share of the blocks without which a mode may be missing
 
+_Poles = tuple[ComplexArray, ComplexArray]  # of an order, and their shapes
 _Result = TypeVar("_Result")
 Steps = Generator[None, None, _Result]
 """A computation that pauses between its parts, so that something else need not wait for it."""
@@ -154,27 +155,39 @@ def identify(
     candidates = []
     for cluster in clusters:
         yield
-        ratios = []
-        for order, k in cluster:
-            pole, shape = diagram[order][0][k], diagram[order][1][:, k]
-            ratios.append([nearest(pole, shape, *each[order]) / pole for each in without])
-        # A pole that is missing in one order says nothing there; the median of the others counts.
-        shown = np.isfinite(ratios).any(axis=0)
-        pole = _median(np.array([diagram[order][0][k] for order, k in cluster]))
-        estimates = pole * _median(np.array(ratios)[:, shown])
-        if len(estimates) < max((1.0 - _MOST_LOST) * n, 4):
-            continue
-        factor = float(student.ppf(0.975, len(estimates) - 1)) / INTERVAL
-        stddevs = [
-            factor * math.sqrt(len(estimates) - 1.0) * float(each.std())
-            for each in _values(estimates)
-        ]
-        frequency, ratio = (float(each) for each in _values(pole))
-        order, k = cluster[len(cluster) // 2]
-        shape = diagram[order][1][:, k] * scale
-        shape = shape / shape[np.abs(shape).argmax()]
-        candidates.append(Candidate(frequency, ratio, shape, *stddevs))
+        candidate = _candidate(cluster, diagram, without, scale)
+        candidates += [candidate] if candidate else []
     return sorted(candidates, key=lambda each: each.frequency)
+
+
+def _candidate(
+    cluster: Sequence[tuple[int, int]],
+    diagram: Sequence[_Poles],
+    without: Sequence[Sequence[_Poles]],
+    scale: FloatArray,
+) -> Candidate | None:
+    """Return the mode of a stable pole, or None if too many blocks are needed to show it.
+
+    There is a diagram without each block; the scales, (n_channels,), are those of the signals.
+    """
+    ratios = []
+    for order, k in cluster:
+        pole, shape = diagram[order][0][k], diagram[order][1][:, k]
+        ratios.append([nearest(pole, shape, *each[order]) / pole for each in without])
+    # A pole that is missing in one order says nothing there; the median of the others counts.
+    shown = np.isfinite(ratios).any(axis=0)
+    pole = _median(np.array([diagram[order][0][k] for order, k in cluster]))
+    estimates = pole * _median(np.array(ratios)[:, shown])
+    if len(estimates) < max((1.0 - _MOST_LOST) * len(without), 4):
+        return None
+    factor = float(student.ppf(0.975, len(estimates) - 1)) / INTERVAL
+    factor *= math.sqrt(len(estimates) - 1.0)
+    frequency, ratio = (float(each) for each in _values(pole))
+    order, k = cluster[len(cluster) // 2]
+    shape = diagram[order][1][:, k] * scale
+    shape = shape / shape[np.abs(shape).argmax()]
+    stddevs = (factor * float(each.std()) for each in _values(estimates))
+    return Candidate(frequency, ratio, shape, *stddevs)
 
 
 def _median(values: ComplexArray) -> ComplexArray:

@@ -18,6 +18,7 @@ from linkage_vibration.bags.chunks import ChunkLog, Messages
 from linkage_vibration.bags.numbers import LeftOut
 from linkage_vibration.bags.recorder import PROVENANCE_METADATA, package_versions
 from linkage_vibration.bags.streams import Bags, BagTopic, open_bags
+from linkage_vibration.bags.writing import Topic
 from linkage_vibration.listening.live import second, sensor_monitor
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.mechanics.model import LinkageModel
@@ -208,26 +209,15 @@ def replay(
         served = _served(settings, what_if, building)
         run = _Replay(bags, settings, topics, served)
         log_topics = [logged_topic(bags, topic) for topic in run.topics.values()]
-        kinds, excitations = {PREDICTION}, dict[str, bytes]()
-        if run.monitor is not None:
-            kinds |= {RESONANCE, LOAD_STATE, ADVICE}
-            excitations |= excitation_files(settings.excitation_path())
-        if run.sensors.monitor is not None:
-            kinds.add(MEASURED)
-            excitations |= sensor_files(settings.sensor_path(), settings.correction_path())
-        log_topics += [
-            log_topic(_NAMES[topic.type], topic.type, latched=topic.latched)
-            for topic in OUTPUT_TOPICS
-            if topic.type in kinds
-        ]
-        files = attachments(served, settings, f"/{NODE_NAME}", excitations)
+        outputs, read = _outputs(run, settings)
+        files = attachments(served, settings, f"/{NODE_NAME}", read)
         metadata = {
             PROVENANCE_METADATA: {**package_versions(), **implement_facts(served)},
             REPLAY_METADATA: {"inputs": " ".join(path.name for path in paths)},
         }
         total, done = sum(topic.count for topic in run.topics.values()), 0
         with replacement(output, ReplayError) as unfinished:
-            with ChunkLog(unfinished, log_topics, files, metadata) as log:
+            with ChunkLog(unfinished, [*log_topics, *outputs], files, metadata) as log:
                 for block in bags.blocks(list(run.topics), bags.is_own_log):
                     log.write(run.messages(block))
                     done += len(block)
@@ -237,6 +227,23 @@ def replay(
         if sentence := each.disagreement(topics[each.settings.name].name):
             run.done.disagreements.append(sentence)
     return run.done
+
+
+def _outputs(run: "_Replay", settings: Parameters) -> tuple[list[Topic], dict[str, bytes]]:
+    """Return the topics that a replay writes, and files that it has read for them, by names."""
+    kinds, files = {PREDICTION}, dict[str, bytes]()
+    if run.monitor is not None:
+        kinds |= {RESONANCE, LOAD_STATE, ADVICE}
+        files |= excitation_files(settings.excitation_path())
+    if run.sensors.monitor is not None:
+        kinds.add(MEASURED)
+        files |= sensor_files(settings.sensor_path(), settings.correction_path())
+    topics = [
+        log_topic(_NAMES[topic.type], topic.type, latched=topic.latched)
+        for topic in OUTPUT_TOPICS
+        if topic.type in kinds
+    ]
+    return topics, files
 
 
 class _Replay:

@@ -133,13 +133,7 @@ def advise(
     )
     permitted = [cells[-1:, -1:], cells[:-1, -1:], cells[-1:, :-1], cells[:-1, :-1]]
     chosen = np.array([smallest(load, among.ravel()) for among in permitted])
-    rows = chosen
-    if with_regrets:
-        i, j = (
-            np.append(np.arange(0, n - 1, max(1, round(n / among))), n - 1)
-            for n, among in zip(cells.shape, _AMONG, strict=True)
-        )
-        rows = np.union1d(chosen, cells[np.ix_(i, j)])
+    rows = np.union1d(chosen, _sparse(cells)) if with_regrets else chosen
     totals, _ = levels.member_totals(alpha3[rows], every[:, rows])
     members = np.full((len(totals), cells.size), math.nan)
     members[:, rows] = np.where(reasons[rows], math.nan, totals)
@@ -161,17 +155,18 @@ def advise(
     )
     why = texts[reasons[chosen[NOW]]]
     message.sentence = advice_sentence(message) or _nothing_better(message.load_ratios[NOW], why)
-    shown = np.s_[:-1, :-1]
-    return Advice(
-        message,
-        regrets,
-        angles[:-1],
-        speeds[:-1],
-        load.reshape(cells.shape)[shown],
-        velocity.reshape(cells.shape)[shown],
-        reasons.reshape(cells.shape)[shown],
-        texts,
+    shown = cells[:-1, :-1]
+    maps = load[shown], velocity[shown], reasons[shown]
+    return Advice(message, regrets, angles[:-1], speeds[:-1], *maps, texts)
+
+
+def _sparse(cells: IntArray) -> IntArray:
+    """Return some of the cells all over a map, of which members are compared."""
+    i, j = (
+        np.append(np.arange(0, n - 1, max(1, round(n / among))), n - 1)
+        for n, among in zip(cells.shape, _AMONG, strict=True)
     )
+    return np.asarray(cells[np.ix_(i, j)])
 
 
 def _axes(

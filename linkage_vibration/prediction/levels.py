@@ -146,19 +146,8 @@ class LevelTable:
         self, predictor: Predictor, mechanism: Mechanism, excitations: Sequence[Excitation]
     ) -> None:
         self._predictor, table = predictor, predictor.table
-        inputs: dict[tuple[str, str], UnitLoad] = {}
-        loads, which = [excitation.load for excitation in excitations], []
-        for excitation, load in zip(excitations, loads, strict=True):
-            if load is not None and not table.places:
-                raise ExcitationError(
-                    f"excitation {excitation.name} has an amplitude, but the table of "
-                    f"{table.mechanism_name} has no FRFs to compute a level from; leave the "
-                    "amplitude out."
-                )
-            key = ("", "") if load is None else (load.kind.value, load.place)
-            if key not in inputs:
-                inputs[key] = load_input(excitation, table, mechanism)
-            which.append(list(inputs).index(key))
+        inputs, which = _unit_loads(table, mechanism, excitations)
+        loads = [excitation.load for excitation in excitations]
         self.states_uncertainty = table.uncertain or table.measured
         self._top, self._inputs = 2.0 * math.pi * table.band[1], np.array(which)
         self._sources = np.array([excitation.source.place for excitation in excitations])
@@ -188,7 +177,7 @@ class LevelTable:
             self._pins = np.array([[names.count(place) > 1] for place in self.force_places])
             outputs = [(mechanism.response.point, mechanism.response.direction), *rows]
             n_forces = len(self.force_places)
-            self._cells, self._layout = _sampled(table, list(inputs.values()), outputs, n_forces)
+            self._cells, self._layout = _sampled(table, inputs, outputs, n_forces)
             starts, cubics = self._cells
             self._rows, self._order = self._layout.order(cubics)
             self._cells, self._n_values = (
@@ -201,9 +190,7 @@ class LevelTable:
         self._members: Members | None = None
         self._ground_members: GroundMembers | None = None
         if self._loaded and len(table.ensemble_alpha3):
-            self._members = Members(
-                table, list(inputs.values()), outputs, n_forces, self._table_responses
-            )
+            self._members = Members(table, inputs, outputs, n_forces, self._table_responses)
             amplitudes, frequencies = draws(excitations, self._members.n)
             amplitudes /= np.where(self._accelerated[:, np.newaxis], frequencies**2, 1.0)
             self._draws = amplitudes.T, frequencies.T
@@ -562,6 +549,27 @@ def first_largest(values: Reals, largest: Reals) -> IntArray:
     Both pins of a light link carry the same force, so that the last bit would decide.
     """
     return np.asarray((values >= _SAME * largest[..., np.newaxis, :]).argmax(axis=-2))
+
+
+def _unit_loads(
+    table: Table, mechanism: Mechanism, excitations: Sequence[Excitation]
+) -> tuple[list[UnitLoad], list[int]]:
+    """Return the different unit loads of excitations, and the index of the load of each."""
+    inputs: dict[tuple[str, str], UnitLoad] = {}
+    which = []
+    for excitation in excitations:
+        load = excitation.load
+        if load is not None and not table.places:
+            raise ExcitationError(
+                f"excitation {excitation.name} has an amplitude, but the table of "
+                f"{table.mechanism_name} has no FRFs to compute a level from; leave the "
+                "amplitude out."
+            )
+        key = ("", "") if load is None else (load.kind.value, load.place)
+        if key not in inputs:
+            inputs[key] = load_input(excitation, table, mechanism)
+        which.append(list(inputs).index(key))
+    return list(inputs.values()), which
 
 
 def unknown_levels(n_excitations: int, n: int) -> MessageColumns:
