@@ -17,12 +17,13 @@ NAME = "three_point_linkage_on_tractor"
 def test_effects_are_those_of_the_model() -> None:
     """Each number changes each mode as the derivatives of the model say, and all of them together.
 
-    They are differences over standard deviations of up to 25 %, so higher orders remain:
-    up to 4 %, and 0.002.
+    They are differences over standard deviations of up to 25 %, so higher orders remain: up to 4 %,
+    and 0.002. These limits were set at other heights.
     """
     table = load_table(config_file(f"tables/{NAME}.npz"))
     mechanism = read_mechanism(config_file(f"{NAME}.yaml"))
-    effects, model, heights = NumberEffects(table), LinkageModel(mechanism), [1.8, 2.5, 3.0]
+    effects, model = NumberEffects(table), LinkageModel(mechanism)
+    heights = np.random.default_rng(7).uniform(*table.alpha3_range, 8).tolist()
     changes = effects.at(np.array(heights))
     np.testing.assert_allclose(
         np.sqrt((changes**2).sum(axis=2)),
