@@ -13,7 +13,7 @@ import numpy as np
 
 from benchmark.listening.simulation import FILE, HEAVE, RATE, SENSORS, Drive, Scene, simulate
 from benchmark.report import machine, publish, table
-from linkage_vibration.listening.drive_modes import search_modes
+from linkage_vibration.listening.drive_modes import model_shapes, search_modes
 from linkage_vibration.listening.output_only import finish
 from linkage_vibration.listening.segments import find_segments, over_phase, phase_rate
 from linkage_vibration.mechanics.arrays import FloatArray
@@ -51,13 +51,21 @@ def scene(seed: int) -> Scene:
     return Scene((0.8, 1.2)[bits[0]], (0.7, 1.0)[bits[1]], bool(bits[2]), bool(bits[3]))
 
 
-def estimates_of(seed: int, what: Scene, *, hidden: bool = False) -> list[Estimate]:
+def estimates_of(
+    seed: int, what: Scene, *, hidden: bool = False, tone: tuple[float, float] | None = None
+) -> list[Estimate]:
     """Return what is reported of a drive, and for the first drives what pyOMA2 finds.
 
-    If an order is hidden, no excitation describes it.
+    If an order is hidden, no excitation describes it. A tone has a frequency over that of the heave
+    at the end of the drive, and an amplitude of E2, m/s2.
     """
     drive = simulate(seed, what)
     prediction = load_table(config_file(f"tables/{FILE}.npz"))
+    if tone is not None:
+        shape = model_shapes(prediction, float(drive.crank_angle[-1]), SENSORS)[:, HEAVE].real
+        hertz = tone[0] * drive.frequencies[-1, HEAVE]
+        wave = tone[1] * np.sin(2.0 * math.pi * hertz * drive.times)
+        drive = replace(drive, signals=drive.signals + np.outer(wave, shape))
     mechanism = read_mechanism(config_file(f"{FILE}.yaml"))
     excitations = excitations_from_mapping(
         {
@@ -175,7 +183,26 @@ def rows_near_an_order() -> list[list[str]]:
     return lines
 
 
-TONE = "may be a tone"
+def rows_with_a_tone() -> list[list[str]]:
+    """Return what is reported of the heave beside a constant tone, for each of its sizes."""
+    lines = []
+    for size in TONES:
+        group = []
+        for seed in range(FIRST + DRIVES, FIRST + DRIVES + TONE_DRIVES):
+            what = replace(scene(seed), soil=False, moves=False)
+            for beside in TONES_BESIDE:
+                estimates = estimates_of(seed, what, tone=(1.0 + beside, size))
+                group += [each for each in estimates if each.mode == HEAVE]
+        sure = [each for each in group if not each.doubt]
+        inside = [e for e in sure if abs(e.frequency - e.true) <= INTERVAL * e.stddev]
+        named = sum(TONE in each.doubt for each in group)
+        lines.append([f"{size:g}", f"{len(group)}", f"{named}", f"{len(inside)} of {len(sure)}"])
+    return lines
+
+
+TONE = "a tone"
+TONES, TONES_BESIDE, TONE_DRIVES = (0.0, 0.5, 1.0, 2.0, 5.0, 20.0), (-0.1, -0.03, 0.03, 0.1), 12
+TONE_COLUMNS = ("amplitude [m/s2]", "heaves", "doubted as a tone", "reported, in interval")
 ORDER_COLUMNS = (
     "order beside the heave",
     "described: doubted near the order",
@@ -232,6 +259,12 @@ def main() -> None:
         near,
         table(ORDER_COLUMNS, rows_near_an_order()),
     ]
+    constant = (
+        f"{TONE_DRIVES} drives without soil with a tone of constant frequency that no excitation "
+        "describes, 3 or 10 % beside the true heave at the second of two heights; it moves the "
+        "sensors as the heave does (the amplitude is that of E2). The heaves of both heights:"
+    )
+    parts += ["## A tone beside the heave", constant, table(TONE_COLUMNS, rows_with_a_tone())]
     others = [each for each in estimates if each.program == OTHER]
     parts += ["## The same windows in pyOMA2", peer, table(COLUMNS, rows(others))]
     publish("listening", "Modes of a drive: do their intervals hold?", parts, machine("pyOMA-2"))

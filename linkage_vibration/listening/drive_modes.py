@@ -13,6 +13,7 @@ from linkage_vibration.listening.exposure import STANDS
 from linkage_vibration.listening.gates import (
     damping_doubt,
     line_doubt,
+    low_damping_doubt,
     order_doubt,
     tone_doubt,
     wheelbase_lines,
@@ -209,7 +210,9 @@ def _at_height(
             there = {source: speed[part] for source, speed in speeds.items()}
             doubt = doubt or order_doubt(over_time[part], there, excitations)
         doubt = doubt or (yield from window_doubt(windows, rate, lag, best))
-        doubt = doubt or tone_doubt(best.ratio, best.ratio_stddev, float(ratios[mode]))
+        doubt = doubt or low_damping_doubt(best.ratio, best.ratio_stddev, float(ratios[mode]))
+        of_height = drive, segments, speeds, excitations, given, mean
+        doubt = doubt or (yield from _tone_doubt(*of_height))
         doubt = doubt or too_damped
         if not doubt and rolls:
             rolling = ground[ground > STANDS]
@@ -230,6 +233,25 @@ def _at_height(
             )
         )
     return modes
+
+
+def _tone_doubt(
+    drive: _Drive,
+    segments: Sequence[slice],
+    speeds: dict[Source, FloatArray],
+    excitations: Sequence[Excitation],
+    rate: float,
+    mean: float,
+) -> Steps[str]:
+    """Return that a tone that no excitation describes is in the band of a mode; else ""."""
+    known = [each for each in excitations if each.terrain is None and each.source in speeds]
+    orders = [
+        [each.ratio * float(speeds[each.source][part].mean()) for each in known]
+        for part in segments
+    ]
+    windows = [drive.signals[part] for part in segments]
+    band = _AROUND[0] * mean, _AROUND[1] * mean
+    return (yield from tone_doubt(windows, rate, band, orders))
 
 
 def _line_doubt(

@@ -5,6 +5,7 @@
 An order, a line of the wheelbase or a tone may be in its place, or a single window shows it.
 """
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -39,6 +40,9 @@ _ALIKE_HZ = 0.05  # relative distance of the same mode in a window
 _ORDERS = 3  # of the diagram, at which a window shows a mode
 _LESS = 0.5  # of a predicted damping ratio: models hardly know it better than by a factor of two
 _ABOVE = 1.64  # standard deviations that 95 % of estimates do not exceed
+_PERIODS = 8  # of a line, over which its amplitude is measured
+_FEWEST = 3  # amplitudes in a window
+_STEADY = 0.2  # The power of a tone is so many times (1 / 0.2) that of what is near it.
 
 
 def order_doubt(
@@ -115,7 +119,7 @@ def damping_doubt(ratio: float) -> str:
     return f"its damping ratio of {100.0 * ratio:.1f} % leaves its standard deviation unknown"
 
 
-def tone_doubt(ratio: float, stddev: float, predicted: float) -> str:
+def low_damping_doubt(ratio: float, stddev: float, predicted: float) -> str:
     """Return that a damping ratio is so far below the prediction that it may be a tone's, or "".
 
     A tone, as of a pump that no excitation describes, looks like a mode with hardly any damping.
@@ -123,7 +127,61 @@ def tone_doubt(ratio: float, stddev: float, predicted: float) -> str:
     if not ratio + _ABOVE * stddev < _LESS * predicted:
         return ""
     measured = f"{100.0 * ratio:.2g} +- {100.0 * stddev:.1g} %"
-    return f"its damping ratio of {measured}, predicted {100.0 * predicted:.2g} %, may be a tone's"
+    expected = f"instead of the predicted {100.0 * predicted:.2g} %"
+    return f"it may be a tone, as its damping ratio is {measured} {expected}"
+
+
+def tone_doubt(
+    windows: Sequence[FloatArray],
+    rate: float,
+    band: tuple[float, float],
+    orders: Sequence[Sequence[float]],
+) -> Steps[str]:
+    """Return which tone that no excitation describes dominates a band, Hz; else nothing.
+
+    Random forces make squares of amplitudes exponentially distributed: the mean of their logarithms
+    is 0.58 below the logarithm of their mean. Those of a tone are equal; beside random vibration of
+    1 / q of its power, the difference is 1 / q (after Jacobsen, Andersen and Brincker 2007).
+
+    Parameters
+    ----------
+    windows, rate
+        Signals, (n, n_channels) each, and their rate, Hz.
+    band, orders
+        Hz; the frequencies of the described orders in each window, of which none is a tone.
+    """
+    difference, count, tones = 0.0, 0, list[float]()
+    for window, described in zip(windows, orders, strict=True):
+        yield
+        line, channel = _strongest_line(window, rate, band)
+        length = round(_PERIODS * rate / line)
+        wave = np.hanning(length) * np.exp(-2j * np.pi * line / rate * np.arange(length))
+        starts = range(0, len(window) - length + 1, length)
+        squares = [abs(window[i : i + length, channel] @ wave) ** 2 for i in starts]
+        is_order = any(abs(each / line - 1.0) <= NEAR for each in described)
+        if is_order or len(squares) < _FEWEST or min(squares) <= 0.0:
+            continue
+        mean = math.log(float(np.mean(squares)))
+        difference += len(squares) * (mean - float(np.log(squares).mean()))
+        count += len(squares) - 1
+        tones.append(line)
+    if not count or difference / count >= _STEADY:
+        return ""
+    return f"a tone at {np.median(tones):.2f} Hz, which no excitation describes, is stronger"
+
+
+def _strongest_line(
+    window: FloatArray, rate: float, band: tuple[float, float]
+) -> tuple[float, int]:
+    """Return the frequency of the strongest line of a window in a band, Hz, and its channel."""
+    size = window.std(axis=0)
+    values = (window - window.mean(axis=0)) / np.where(size > 0.0, size, np.inf)
+    n = 4 * len(values)  # Frequencies are closer than lines are wide.
+    hertz = np.fft.rfftfreq(n, 1.0 / rate)
+    power = np.abs(np.fft.rfft(values * np.hanning(len(values))[:, np.newaxis], n, axis=0)) ** 2
+    power[(hertz < band[0]) | (hertz > band[1])] = -1.0
+    line, channel = np.unravel_index(int(power.argmax()), power.shape)
+    return float(hertz[line]), int(channel)
 
 
 def window_doubt(

@@ -63,9 +63,8 @@ def test_listen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "the log has another mechanism" in capsys.readouterr().err
     assert targets.read_text() == before
     assert "2 of 2 orders above the noise agree with the prediction" in answer
-    assert (
-        "tyre_lugs 1 is below the noise, so it has at most" in answer
-    )  # no tyre shakes the simulated tractor
+    # No tyre shakes the simulated tractor.
+    assert "tyre_lugs 1 is below the noise, so it has at most" in answer
     text = page.read_text()
     assert '<p id="answer" class=calm>The implement heave at 104.0 deg' in text
     assert "tyre_lugs 20 was within 5 % of it" in text  # the heave at 166 deg

@@ -58,6 +58,23 @@ def test_heave_of_a_heavier_implement(arguments: tuple[Table, Mechanism], drive:
     assert any(doubt.startswith(f"shaft {order:g} was within") for doubt in doubts)
 
 
+def test_tone_in_place_of_the_heave(arguments: tuple[Table, Mechanism], drive: Drive) -> None:
+    """A tone with the shape of the heave is named; without it, no doubt is about a tone."""
+    table, _ = arguments
+    speeds = {Source(name): values for name, values in drive.speeds.items()}
+    there = drive.times > drive.times[-1] / 2.0 + 3.0
+    alpha3 = float(drive.crank_angle[there].mean())
+    shape = model_shapes(table, alpha3, SENSORS)[:, HEAVE].real
+    hertz = 1.03 * table.evaluate(np.array([alpha3]))[0, HEAVE]
+    wave = np.sin(2.0 * math.pi * hertz * drive.times)[:, np.newaxis]
+    for size, doubted in ((0.0, False), (5.0, True)):
+        signals = drive.signals + size * wave * shape
+        given = *arguments, drive.times, signals, SENSORS, drive.crank_angle, speeds
+        heaves = [each for each in listen_modes(*given) if each.mode == HEAVE]
+        nearest = min(heaves, key=lambda each: abs(each.alpha3 - alpha3))
+        assert nearest.doubt.startswith(f"a tone at {hertz:.2f} Hz") == doubted
+
+
 def heave_doubt(
     arguments: tuple[Table, Mechanism],
     drive: Drive,

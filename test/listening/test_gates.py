@@ -7,16 +7,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from linkage_vibration.listening.gates import (
     damping_doubt,
     line_doubt,
+    low_damping_doubt,
     order_doubt,
     tone_doubt,
     wheelbase_lines,
     window_doubt,
 )
 from linkage_vibration.listening.output_only import Candidate, finish
+from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.prediction.excitation import Source, excitations_from_mapping
 from linkage_vibration.prediction.ground import Terrain
 from linkage_vibration.readers.mechanism import read_mechanism
@@ -138,8 +141,60 @@ def test_windows(shown: int, doubt: str) -> None:
         (0.03, 0.001, False),
     ],
 )
-def test_tone(ratio: float, stddev: float, doubted: bool) -> None:
+def test_low_damping(ratio: float, stddev: float, doubted: bool) -> None:
     """Below 1 % of predicted 2 % a ratio is doubted, unless 1.64 standard deviations reach 1 %."""
-    doubt = tone_doubt(ratio, stddev, 0.02)
-    assert doubt.endswith("predicted 2 %, may be a tone's") == doubted
+    doubt = low_damping_doubt(ratio, stddev, 0.02)
+    assert (doubt.startswith("it may be a tone") and doubt.endswith("predicted 2 %")) == doubted
     assert bool(doubt) == doubted
+
+
+BAND = (3.5, 7.0)  # Hz, around a mode at 5 Hz
+
+
+def random_vibration(ratio: float, seed: int) -> list[FloatArray]:
+    """Return three windows of 20 s of a mode at 5 Hz that white noise excites, (n, 1)."""
+    random, windows = np.random.default_rng(seed), []
+    radius = math.exp(-2.0 * math.pi * 5.0 * ratio / RATE)
+    turn = 2.0 * math.pi * 5.0 * math.sqrt(1.0 - ratio**2) / RATE
+    for _ in range(3):
+        noise = random.standard_normal(1000 + round(20.0 * RATE))
+        motion = lfilter([1.0], [1.0, -2.0 * radius * math.cos(turn), radius**2], noise)[1000:]
+        windows.append(motion[:, np.newaxis] / motion.std())
+    return windows
+
+
+def with_tone(windows: list[FloatArray], power: float) -> list[FloatArray]:
+    """Return windows with a tone at 5.5 Hz of a power over that of the vibration."""
+    times = np.arange(len(windows[0])) / RATE
+    tone = math.sqrt(2.0 * power) * np.sin(2.0 * math.pi * 5.5 * times)[:, np.newaxis]
+    return [each + tone for each in windows]
+
+
+def tones(ratio: float, power: float, orders: list[list[float]] | None = None) -> int:
+    """Return how many of a hundred drives are doubted."""
+    known = orders or [[]] * 3
+    drives = (with_tone(random_vibration(ratio, seed), power) for seed in range(100))
+    return sum(bool(finish(tone_doubt(each, RATE, BAND, known))) for each in drives)
+
+
+@pytest.mark.parametrize("ratio", [0.01, 0.02, 0.04])
+def test_tone(ratio: float) -> None:
+    """A tone of ten times the power is doubted, and random vibration and a weak tone are not."""
+    assert tones(ratio, 0.0) <= 3
+    assert tones(ratio, 0.1) <= 5
+    assert tones(ratio, 10.0) >= 95
+
+
+def test_tone_that_is_described() -> None:
+    """An order within 5 % of it explains a tone; if it does so in no window, the tone is named."""
+    assert tones(0.02, 10.0, [[5.3, 20.0]] * 3) == 0
+    windows = with_tone(random_vibration(0.02, 0), 10.0)
+    doubt = finish(tone_doubt(windows, RATE, BAND, [[5.1], [6.0], []]))
+    assert doubt.startswith("a tone at 5.50 Hz")
+
+
+def test_window_without_a_signal() -> None:
+    """Zeros, and a window that is too short, show no tone."""
+    assert finish(tone_doubt([np.zeros((400, 1))], RATE, BAND, [[]])) == ""
+    short = with_tone(random_vibration(0.02, 0), 100.0)[0][:60]
+    assert finish(tone_doubt([short], RATE, BAND, [[]])) == ""

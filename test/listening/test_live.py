@@ -164,6 +164,9 @@ def test_a_gap_is_named_and_a_pause_has_one_message() -> None:
     """Windows with a gap say so; after a pause of 30 s, a whole window comes first."""
     found = drive(monitor(), 12.0, left_out=range(6 * RATE, 6 * RATE + 100))
     assert [("gaps" in message.doubts) for _, message in found] == [0, 0, 1, 1, 1, 1, 0, 0]
+    cut = [math.isnan(message.level) for _, message in found]
+    assert cut == [0, 0, 1, 1, 1, 1, 0, 0]
+    assert [("Readings are missing" in message.doubts) for _, message in found] == cut
     found = drive(monitor(), 50.0, left_out=range(6 * RATE, 36 * RATE))
     assert [stamp // NS - START // NS for stamp, _ in found][:4] == [5, 6, 41, 42]
 
