@@ -55,18 +55,18 @@ def drives(scene: Scene) -> Scene:
 
 def sampled(scene: Scene, built: Table, count: int, seed: int) -> FloatArray:
     """Return total load ratios of whole models, (count, n_kinds, n); NaN if not possible."""
-    terrain = np.array([one.terrain is not None for one in scene.excitations])
-    found = np.full((count, len(KINDS), len(scene.alpha3)), math.nan)
-    for row, one in zip(found, models(scene, count, seed), strict=True):
-        if one is None:
+    terrain = np.array([each.terrain is not None for each in scene.excitations])
+    values = np.full((count, len(KINDS), len(scene.alpha3)), math.nan)
+    for row, each in zip(values, models(scene, count, seed), strict=True):
+        if each is None:
             continue
         try:
-            squares = model_squares(one[0], scene, built, *one[1:])[1:]
+            squares = model_squares(each[0], scene, built, *each[1:])[1:]
         except LinkageVibrationError:
             continue
         for kind, which in enumerate((~terrain, terrain, terrain | True)):
             row[kind] = np.sqrt(np.nansum(squares[:, which], axis=1).max(axis=0))
-    return found
+    return values
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ def pairs(members: FloatArray, true: FloatArray, known: BoolArray) -> Pairs:
     """
     now, other = (np.flatnonzero(known)[i] for i in np.triu_indices(known.sum(), 1))
     height, speed = (
-        one == two for one, two in zip(divmod(now, SPEEDS), divmod(other, SPEEDS), strict=True)
+        each == two for each, two in zip(divmod(now, SPEEDS), divmod(other, SPEEDS), strict=True)
     )
     what = np.where(speed, 0, np.where(height, 1, 2))
     quieter = (members[:, other] < members[:, now]).sum(axis=0)
@@ -149,11 +149,11 @@ def choices(
         if i % 3 or j % 2:
             continue
         question = Question(float(heights[i]), speeds[:, i, drive, j], *ends)
-        found = advise(levels, excitations, question, (HEIGHTS, SPEEDS))
+        advised = advise(levels, excitations, question, (HEIGHTS, SPEEDS))
         loads, now = true[:, :, drive], true[:, i, drive, j]
-        permitted = np.where(found.reasons, math.nan, loads)
+        permitted = np.where(advised.reasons, math.nan, loads)
         among = permitted[:, :, [j]], permitted[:, [i]], permitted
-        message = found.message
+        message = advised.message
         for what, cells in enumerate(among):
             place = what + 1
             ratio = float(message.load_ratios[place] / message.load_ratios[NOW])
@@ -163,7 +163,7 @@ def choices(
             column = int(np.abs(ground - message.ground_speeds[place]).argmin())
             chosen = loads[:, row, column]
             regret = chosen / np.nanmin(cells, axis=(1, 2)) - 1.0
-            rows.append((what, ratio, chosen < now, float(found.regrets[place]), regret))
+            rows.append((what, ratio, chosen < now, float(advised.regrets[place]), regret))
     which, share, quieter, stated, regrets = map(np.array, zip(*rows, strict=True))
     return Choices(which, share, quieter.T, stated, regrets.T)
 
@@ -182,13 +182,13 @@ def at_random(true: FloatArray, known: BoolArray, size: int) -> FloatArray:
 
     Each has so many of the models, and is compared with all others.
     """
-    found = []
+    result = []
     for first in range(0, len(true) - size + 1, size):
         chosen = np.s_[first : first + size]
         rest = np.delete(true, chosen, axis=0)
         parts = [pairs(true[chosen, d], rest[:, d], known[d]) for d in range(true.shape[1])]
-        found.append(stacked(parts).coverage(*SURE)[1][1])
-    return np.array(found)
+        result.append(stacked(parts).coverage(*SURE)[1][1])
+    return np.array(result)
 
 
 def compared(name: str, at: Scene, built: Table, loads: FloatArray) -> list[list[list[str]]]:
@@ -199,11 +199,11 @@ def compared(name: str, at: Scene, built: Table, loads: FloatArray) -> list[list
     sure, bins, regrets = [], [], []
     for kind, drawn in zip(KINDS, loads.swapaxes(0, 1), strict=True):
         wanted = [True, False] if kind == "both" else [kind == "ground"]
-        excitations = [one for one in at.excitations if (one.terrain is not None) in wanted]
+        excitations = [each for each in at.excitations if (each.terrain is not None) in wanted]
         levels = LevelTable(Predictor(built), mechanism, excitations)
         members, _ = levels.member_totals(at.alpha3, at.speeds)
-        found = levels.at(at.alpha3, at.speeds)
-        known = np.isfinite(found.total_load_ratio) & (found.ground_unknown == "")
+        values = levels.at(at.alpha3, at.speeds)
+        known = np.isfinite(values.total_load_ratio) & (values.ground_unknown == "")
         # The ground alone does not depend on the speeds of engine and PTO.
         used = slice(1 if kind == "ground" else len(DRIVES))
         stated, true = (
@@ -290,6 +290,6 @@ def main() -> None:
                 bar.update(count)
             loads = np.concatenate([each.result() for each in waiting])
             lost.append(f"{int(np.isnan(loads).any(axis=(1, 2)).sum())} of the {name}")
-            for part, found in zip(rows, compared(name, at, built, loads), strict=True):
-                part.extend(found)
+            for part, item in zip(rows, compared(name, at, built, loads), strict=True):
+                part.extend(item)
     publish("advice", "How sure advice is", [*page(rows, lost)], machine())

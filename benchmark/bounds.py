@@ -103,7 +103,7 @@ def true_errors(model: LinkageModel, tables: Sequence[Table], angles: FloatArray
     """
     values = [built.evaluate(angles) for built in tables]
     slopes = [built.evaluate_slopes(angles)[:, : built.n_modes] for built in tables]
-    found = np.full((len(tables), len(angles), len(QUANTITIES)), math.nan)
+    result = np.full((len(tables), len(angles), len(QUANTITIES)), math.nan)
     for i, angle in enumerate(angles.tolist()):
         solution = model.solve(angle)
         poles, rates = _poles(solution), slopes_of_poles(solution)
@@ -112,13 +112,13 @@ def true_errors(model: LinkageModel, tables: Sequence[Table], angles: FloatArray
         for k, built in enumerate(tables):
             value, slope = values[k][i], slopes[k][i]
             if np.isnan(slope).sum() > overdamped:
-                found[k, i] = math.inf
+                result[k, i] = math.inf
                 continue
-            found[k, i, [0, 1, 4]] = _mode_errors(value[:-2], slope, poles, rates)
-            found[k, i, 2] = abs(value[-2] - peak.frequency) / (peak.frequency or 1.0)
-            found[k, i, 3] = abs(value[-1] / peak.magnitude - 1.0)
-            found[k, i, 5] = frfs.error(built, angle)
-    return found
+            result[k, i, [0, 1, 4]] = _mode_errors(value[:-2], slope, poles, rates)
+            result[k, i, 2] = abs(value[-2] - peak.frequency) / (peak.frequency or 1.0)
+            result[k, i, 3] = abs(value[-1] / peak.magnitude - 1.0)
+            result[k, i, 5] = frfs.error(built, angle)
+    return result
 
 
 def _poles(solution: Solution) -> ComplexArray:
@@ -169,8 +169,8 @@ def _mode_errors(
     if not known.any():
         return 0.0, 0.0, 0.0
     frequency, ratio = np.reshape(value, (2, -1))[:, known]
-    found = frequency * (-ratio + 1j * np.sqrt(np.maximum(1.0 - ratio**2, 0.0)))
-    off = np.abs(found[:, np.newaxis] / poles - 1.0)
+    result = frequency * (-ratio + 1j * np.sqrt(np.maximum(1.0 - ratio**2, 0.0)))
+    off = np.abs(result[:, np.newaxis] / poles - 1.0)
     pairs = linear_sum_assignment(off)[1]
     exact = np.array([np.abs(poles), -poles.real / np.abs(poles)])
     near = off < np.maximum(_CLOSE, off[np.arange(len(off)), pairs] * 1.001)[:, np.newaxis]
@@ -192,8 +192,8 @@ class _Frfs:
         """Return the largest error of an FRF of a table at the angle; NaN without FRFs."""
         if not built.places:
             return math.nan
-        found = built.frf(alpha3, built.places, built.places).frf(self.lines)
-        return worst_frf_error(self._weights * found, self._exact)
+        receptances = built.frf(alpha3, built.places, built.places).frf(self.lines)
+        return worst_frf_error(self._weights * receptances, self._exact)
 
 
 def reported_errors(built: Table, angles: FloatArray) -> FloatArray:
@@ -245,24 +245,24 @@ def results(case: Case, tolerances: Sequence[float], angles: FloatArray) -> list
     model = case.model
     low, high = model.mechanism.stroke
     at = low + (high - low) * angles
-    found: list[Result] = []
+    result: list[Result] = []
     tables: dict[int, Table] = {}
     for tolerance in tolerances:
         solved: list[float] = []
         try:
             built = build_table(model, tolerance, progress=solved.append)
         except LinkageVibrationError as error:
-            found.append(Result(case, tolerance, str(error)))
+            result.append(Result(case, tolerance, str(error)))
             continue
-        tables[len(found)] = built
-        found.append(Result(case, tolerance, "", len(solved), len(built.alpha3)))
+        tables[len(result)] = built
+        result.append(Result(case, tolerance, "", len(solved), len(built.alpha3)))
     errors = [*true_errors(model, list(tables.values()), at)] if tables else []
     for (i, built), off in zip(tables.items(), errors, strict=True):
-        found[i] = replace(found[i], share=off / reported_errors(built, at))
-    return found
+        result[i] = replace(result[i], share=off / reported_errors(built, at))
+    return result
 
 
-def draw(found: Sequence[Result]) -> None:
+def draw(computed: Sequence[Result]) -> None:
     """Draw what each table costs, and the largest true errors over the reported ones.
 
     Parameters
@@ -272,8 +272,8 @@ def draw(found: Sequence[Result]) -> None:
     """
     figure = Figure(figsize=(11.5, 6.2), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=[1.0, 1.3])
-    cases = list(dict.fromkeys(result.case for result in found))
-    for result in found:
+    cases = list(dict.fromkeys(result.case for result in computed))
+    for result in computed:
         if result.share is None:
             continue
         i = TOLERANCES.index(result.tolerance)
@@ -310,12 +310,14 @@ def draw(found: Sequence[Result]) -> None:
 
 def main() -> None:
     """Build the tables, measure them, and write the results and the picture."""
-    angles, found = np.random.default_rng(1).uniform(size=ANGLES), list[Result]()
+    angles, result = np.random.default_rng(1).uniform(size=ANGLES), list[Result]()
     for case in tqdm(CASES, unit="linkage"):
-        found += results(case, TOLERANCES, angles)
-    draw(found)
+        result += results(case, TOLERANCES, angles)
+    draw(result)
     columns = ["linkage", "tolerance", "solutions", "points", *QUANTITIES, "angles above 1"]
-    refusals = [f"- {one.case}, {one.tolerance:.0e}: {one.refusal}" for one in found if one.refusal]
+    refusals = [
+        f"- {each.case}, {each.tolerance:.0e}: {each.refusal}" for each in result if each.refusal
+    ]
     publish(
         "bounds",
         "Errors that tables report",
@@ -326,7 +328,7 @@ def main() -> None:
             "reported, for the worst quantity. Solutions that are not points of the table measure "
             "its errors, or tell modes apart. Dampers are springs with a stiffness of "
             f"{_ALONE:.0e} N/m or N m/rad. The picture is `docs/pictures/bounds.png`.",
-            table(columns, [one.row for one in found]),
+            table(columns, [each.row for each in result]),
             *(["These are refused:", "\n".join(refusals)] if refusals else []),
         ],
         machine("matplotlib"),

@@ -176,7 +176,9 @@ def _score(
         own = _drawn(task, random)
         model = LinkageModel(mechanism_from_mapping(own))
         try:
-            found = [model.solve(float(t.at)).natural_frequencies[t.mode - 1] for t in task.targets]
+            computed = [
+                model.solve(float(t.at)).natural_frequencies[t.mode - 1] for t in task.targets
+            ]
             exact = model.solve(alpha3).natural_frequencies[:modes]
             break
         except LinkageVibrationError:
@@ -184,7 +186,7 @@ def _score(
     noise = [target.deviation * random.normal() for target in task.targets]
     measured = [
         replace(target, frequency=float(hz * math.exp(off)))
-        for target, hz, off in zip(task.targets, found, noise, strict=True)
+        for target, hz, off in zip(task.targets, computed, noise, strict=True)
     ]
     task = replace(task, targets=tuple(measured), kinematics={})
     result = calibrate(task, starts=1)
@@ -220,12 +222,12 @@ def _drawn(task: CalibrationTask, random: np.random.Generator) -> dict[str, Any]
     return with_numbers(exact, places)
 
 
-def coverage_table(found: Scores) -> str:
+def coverage_table(result: Scores) -> str:
     """Return the table of what was known before, what is known after, and how often it holds."""
     rows = []
-    medians = np.median(found.deviations, axis=0)
+    medians = np.median(result.deviations, axis=0)
     for name, stated, median, share in zip(
-        found.names, found.stated, medians, found.coverage, strict=True
+        result.names, result.stated, medians, result.coverage, strict=True
     ):
         before = "none" if math.isnan(stated) else f"{stated:.2g}"
         rows.append([name, before, f"{median:.2g}", f"{100.0 * share:.1f} %"])

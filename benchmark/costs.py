@@ -73,8 +73,8 @@ def _resonance_costs(predictor: Predictor) -> tuple[float, float]:
     """Return the times of a resonance alone and in a block at 1 kHz with speeds at 100 Hz, s."""
     monitor = ResonanceMonitor(read_excitations(config_file(DEFAULT_EXCITATIONS)))
     times = np.arange(BLOCK) * SECOND // 1000
-    found = predict_many(predictor, np.linspace(1.6, 3.1, BLOCK), np.zeros(BLOCK))
-    numbers = found, np.zeros(BLOCK), times
+    predictions = predict_many(predictor, np.linspace(1.6, 3.1, BLOCK), np.zeros(BLOCK))
+    numbers = predictions, np.zeros(BLOCK), times
     speeds = [
         ReportedSpeed(i, Source.ENGINE, 1800.0 + i, int(times[i])) for i in range(0, BLOCK, 10)
     ]
@@ -100,8 +100,8 @@ def _level_costs() -> tuple[float, float]:
     levels = LevelTable(predictor, mechanism, excitations_from_mapping(orders))
     alpha3, speeds = np.linspace(1.6, 3.1, BLOCK), np.full((3, BLOCK), 600.0)
     many = _lowest(lambda: levels.at(alpha3, speeds), 1) / BLOCK
-    one = alpha3[:1], speeds[:, :1]
-    return _lowest(lambda: levels.at(*one), 200), many
+    first = alpha3[:1], speeds[:, :1]
+    return _lowest(lambda: levels.at(*first), 200), many
 
 
 def _write_cost() -> float:

@@ -165,7 +165,7 @@ def model_squares(
     and frequencies are (m,). Without a speed or beyond the band of the table they are NaN.
     """
     response, m = model.mechanism.response, len(scene.excitations)
-    loads = [load_input(one, built, model.mechanism) for one in scene.excitations]
+    loads = [load_input(each, built, model.mechanism) for each in scene.excitations]
     mounts = vertical_mounts(model.mechanism)
     inputs = list(dict.fromkeys(place for load in loads for place in load.places))
     outputs = [(response.point, response.direction), *model.forces.places]
@@ -177,27 +177,27 @@ def model_squares(
         solution = model.solve(angle)
         frf = solution.frf(outputs, inputs)
         references = model.reference_forces(angle)[:, np.newaxis]
-        for i, (one, unit) in enumerate(zip(scene.excitations, loads, strict=True)):
-            speed = scene.speeds[list(Source).index(one.source), columns]
-            if one.terrain is not None:
+        for i, (each, unit) in enumerate(zip(scene.excitations, loads, strict=True)):
+            speed = scene.speeds[list(Source).index(each.source), columns]
+            if each.terrain is not None:
                 receptance = solution.frf(outputs, [(mount.name, "z") for mount in mounts])
-                found = ground_squares(receptance, one.terrain, mounts, speed)
-                found *= amplitudes[i] ** 2
+                sizes = ground_squares(receptance, each.terrain, mounts, speed)
+                sizes *= amplitudes[i] ** 2
             else:
-                load = one.load
+                load = each.load
                 assert load is not None
-                lines = one.ratio * speed * frequencies[i]
+                lines = each.ratio * speed * frequencies[i]
                 s = 2j * math.pi * lines
                 w, v = unit.weights(angle)
                 force = w + s[:, np.newaxis, np.newaxis] * v
                 size = load.amplitude / math.sqrt(2.0) * amplitudes[i]
                 size = size * (speed / load.speed) ** load.exponent
-                size = np.where(one.ratio * speed <= scene.band, size, math.nan)
+                size = np.where(each.ratio * speed <= scene.band, size, math.nan)
                 at = [inputs.index(place) for place in unit.places]
-                found = np.abs((frf.frf(lines)[:, :, at] * force).sum(axis=2).T * size) ** 2
-                found[0] *= np.abs(s) ** 2
-            squares[0, i, columns] = found[0]
-            squares[1:, i, columns] = np.add.reduceat(found[1:], first) / references**2
+                sizes = np.abs((frf.frf(lines)[:, :, at] * force).sum(axis=2).T * size) ** 2
+                sizes[0] *= np.abs(s) ** 2
+            squares[0, i, columns] = sizes[0]
+            squares[1:, i, columns] = np.add.reduceat(sizes[1:], first) / references**2
     return squares
 
 
@@ -218,15 +218,15 @@ def ground_squares(
     behind = np.array([mount.at[0] for mount in mounts])
     behind = behind.max() - behind
     shortest = 0.0 if terrain.lug_pitch is None else 2.0 * terrain.lug_pitch
-    found = np.full((len(transfer), len(speeds)), math.nan)
+    values = np.full((len(transfer), len(speeds)), math.nan)
     for speed in np.unique(speeds).tolist():
         delayed = np.exp(-s * behind[:, np.newaxis] / speed)
         density = terrain.roughness * (f / speed / terrain.reference) ** -terrain.exponent / speed
         density *= np.clip(0.5 - np.log(f * max(shortest, 1e-9) / speed) / step, 0.0, 1.0)
         power = np.abs((transfer * delayed).sum(axis=1)) ** 2
         mean = trapezoid(power * density * f, dx=step)
-        found[:, speeds == speed] = mean[:, np.newaxis]
-    return found
+        values[:, speeds == speed] = mean[:, np.newaxis]
+    return values
 
 
 def models(
@@ -241,9 +241,11 @@ def models(
     relative, m = set(scene.mapping["uncertainty"].get("relative", {})), len(scene.excitations)
     numbers = draws(mechanism.uncertainty, relative, count, seed)
     normal = np.random.default_rng(seed + 1000).standard_normal((2, count, m))
-    spread = [getattr(one.load or one.terrain, "relative_stddev", 0.0) for one in scene.excitations]
+    spread = [
+        getattr(each.load or each.terrain, "relative_stddev", 0.0) for each in scene.excitations
+    ]
     amplitudes = np.exp(spread * normal[0])
-    frequencies = 1.0 + normal[1] * [one.relative_stddev for one in scene.excitations]
+    frequencies = 1.0 + normal[1] * [each.relative_stddev for each in scene.excitations]
     for values, *factors in zip(numbers, amplitudes, frequencies, strict=True):
         model = with_values(scene, mechanism.uncertainty, values)
         yield None if model is None else (model, factors[0], factors[1])
@@ -272,13 +274,13 @@ def levels_of(
     the level of the ground, (n,), they are without it.
     """
     rows = []
-    for one in given:
+    for item in given:
         row = np.full((2, len(scene.excitations) + 1, len(scene.alpha3)), math.nan)
         rows.append(row)
-        if one is None:
+        if item is None:
             continue
         try:
-            squares = model_squares(one[0], scene, built, *one[1:])
+            squares = model_squares(item[0], scene, built, *item[1:])
         except LinkageVibrationError:
             continue
         for i, each in enumerate(scene.excitations):
@@ -299,10 +301,10 @@ def members(scene: Scene, built: Table, refused: BoolArray) -> FloatArray:
     assert uncertainty is not None
     numbers = member_numbers(uncertainty)
     amplitudes, frequencies = member_factors(scene.excitations, len(numbers))
-    found = (with_values(scene, uncertainty, row) for row in numbers)
+    result = (with_values(scene, uncertainty, row) for row in numbers)
     given = [
         None if model is None else (model, amplitudes[:, k], frequencies[:, k])
-        for k, model in enumerate(found)
+        for k, model in enumerate(result)
     ]
     return levels_of(given, scene, built, refused)
 
@@ -323,9 +325,9 @@ class Comparison:
 
 def compare(scene: Scene, levels: LevelTable, true: FloatArray, solved: FloatArray) -> Comparison:
     """Compare the levels of whole models, and of members solved as a whole, with a table's."""
-    found = levels.factors(scene.alpha3, scene.speeds, 1.0)
+    result = levels.factors(scene.alpha3, scene.speeds, 1.0)
     stated = [
-        np.vstack([found[f"{each}_factors"].T, found[f"total_{each}_factor"]])
+        np.vstack([result[f"{each}_factors"].T, result[f"total_{each}_factor"]])
         for each in ("velocity", "load_ratio")
     ]
     with np.errstate(all="ignore"):
@@ -364,12 +366,12 @@ def compared(name: str, scene: Scene) -> tuple[list[str], list[str], list[list[s
         waiting = [pool.submit(sampled, *part) for part in parts]
         for _ in as_completed(waiting):
             bar.update(count)
-        true = np.concatenate([one.result() for one in waiting])
-    found = compare(scene, levels, true, members(scene, built, refused))
+        true = np.concatenate([each.result() for each in waiting])
+    comparison = compare(scene, levels, true, members(scene, built, refused))
     begin = time.process_time()
     levels.factors(scene.alpha3, scene.speeds, 1.0)
     lookup = (time.process_time() - begin) / len(scene.alpha3)
-    known = np.isfinite(found.deviations)
+    known = np.isfinite(comparison.deviations)
 
     def quantiles(values: FloatArray) -> str:
         return ", ".join(f"{x:.2f}" for x in np.nanquantile(values, QUANTILES))
@@ -377,37 +379,42 @@ def compared(name: str, scene: Scene) -> tuple[list[str], list[str], list[list[s
     def outside(ratio: FloatArray) -> str:
         return f"{(np.abs(ratio[known] - 1.0) > NEAR).sum()}"
 
-    share = np.isfinite(found.stated[known]).mean()
+    share = np.isfinite(comparison.stated[known]).mean()
     first = [name, str(len(mechanism.uncertainty.numbers) if mechanism.uncertainty else 0)]
-    first += [f"{100.0 * share:.0f} % of {known.sum()}", f"{np.nanmedian(found.deviations):.2f}"]
-    first += [quantiles(found.stated[i, :-1]) for i in (0, 1)] + [quantiles(found.stated[:, -1])]
-    first += [outside(found.stated), outside(found.solved)]
-    off = found.probabilities
+    first += [
+        f"{100.0 * share:.0f} % of {known.sum()}",
+        f"{np.nanmedian(comparison.deviations):.2f}",
+    ]
+    first += [quantiles(comparison.stated[i, :-1]) for i in (0, 1)] + [
+        quantiles(comparison.stated[:, -1])
+    ]
+    first += [outside(comparison.stated), outside(comparison.solved)]
+    off = comparison.probabilities
     first += [f"{np.sqrt(np.nanmean(off**2)):.3f}, {np.nanmax(np.abs(off)):.2f}"]
     second = [name, str(len(built.ensemble_alpha3)), f"{without:.1f}", f"{seconds:.1f}"]
     second += [f"{grown / 1e6:.2f}", f"{1e3 * lookup:.2f}"]
-    return first, second, worst(name, scene, found)
+    return first, second, worst(name, scene, comparison)
 
 
-def worst(name: str, scene: Scene, found: Comparison) -> list[list[str]]:
+def worst(name: str, scene: Scene, result: Comparison) -> list[list[str]]:
     """Return the levels with the largest errors, the largest first."""
-    size = np.nan_to_num(np.abs(np.log(found.stated)))
+    size = np.nan_to_num(np.abs(np.log(result.stated)))
     rows = []
     for place in np.argsort(-size, axis=None, kind="stable")[:WORST].tolist():
         what, i, k = np.unravel_index(place, size.shape)
         speeds = scene.speeds[:, k]
         where = f"all, engine {speeds[list(Source).index(Source.ENGINE)]:.0f} rpm"
         if i < len(scene.excitations):
-            one = scene.excitations[i]
-            speed = speeds[list(Source).index(one.source)]
-            where = f"{one.name}, {one.ratio * speed:.1f} Hz"
-            if one.terrain is not None:
-                where = f"{one.name}, {speed:.1f} m/s"
+            first = scene.excitations[i]
+            speed = speeds[list(Source).index(first.source)]
+            where = f"{first.name}, {first.ratio * speed:.1f} Hz"
+            if first.terrain is not None:
+                where = f"{first.name}, {speed:.1f} m/s"
         row = [name, ("velocity", "load ratio")[what], where]
-        row += [f"{math.degrees(scene.alpha3[k]):.0f}", f"{found.deviations[what, i, k]:.2f}"]
-        ratios = found.stated, found.solved
+        row += [f"{math.degrees(scene.alpha3[k]):.0f}", f"{result.deviations[what, i, k]:.2f}"]
+        ratios = result.stated, result.solved
         rows.append([*row, *(f"{each[what, i, k]:.2f}" for each in ratios)])
-        rows[-1].append(f"{found.errors[what, i, k]:.2f}")
+        rows[-1].append(f"{result.errors[what, i, k]:.2f}")
     return rows
 
 

@@ -78,16 +78,16 @@ def bits(name: str, of: Table) -> list[list[str]]:
     expected = predict_many(Predictor(of), angles, stddevs)
     rows = []
     for compiler, flags in (("gcc", EXACT), ("clang", EXACT), ("gcc", FMA), ("clang", FMA)):
-        found = library(export, compiler, flags)[0].predict(angles, stddevs)
-        assert (found["status"] == expected.status).all()
+        prediction = library(export, compiler, flags)[0].predict(angles, stddevs)
+        assert (prediction["status"] == expected.status).all()
         equal = total = 0
         worst = 0.0
         for field in NUMBERS:
-            one, other = found[field], getattr(expected, field)
-            same = (one == other) | (np.isnan(one) & np.isnan(other))
+            first, other = prediction[field], getattr(expected, field)
+            same = (first == other) | (np.isnan(first) & np.isnan(other))
             equal, total = equal + int(same.sum()), total + same.size
             with np.errstate(all="ignore"):
-                off = np.abs(one - other) / np.nanmax(np.abs(other))
+                off = np.abs(first - other) / np.nanmax(np.abs(other))
             worst = max(worst, float(np.nanmax(off)))
         rows.append(
             [name, f"{compiler} {' '.join(flags)}", f"{equal:,}", f"{total:,}", f"{worst:.1e}"]

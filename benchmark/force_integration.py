@@ -94,8 +94,8 @@ class PinForces:
         self, model: LinkageModel, excitations: Sequence[Excitation], reach: tuple[float, float]
     ) -> None:
         self._model, self._system = model, model.system
-        self.excitations = [one for one in excitations if one.load is not None]
-        self._inputs = list(dict.fromkeys(_input(one) for one in self.excitations))
+        self.excitations = [each for each in excitations if each.load is not None]
+        self._inputs = list(dict.fromkeys(_input(each) for each in self.excitations))
         pins: dict[str, str] = {}
         for link in model.mechanism.links:
             for point, _ in link.points:
@@ -133,7 +133,7 @@ class PinForces:
         for link in self._model.mechanism.links:
             by = new.configuration.angle(link.name) - old.configuration.angle(link.name)
             cos, sin = math.cos(by), math.sin(by)
-            part = next(one for one in self._system.components if one.name == link.name)
+            part = next(each for each in self._system.components if each.name == link.name)
             rows = self._system.rows[link.name]
             for i, dof in enumerate(part.dofs):
                 if dof.direction == "x":
@@ -159,7 +159,7 @@ class PinForces:
         # phi^T (2 p M + C) phi = 1, so that w' = p w + phi^T f.
         size = (reduced * (2.0 * poles * (m @ reduced) + c @ reduced)).sum(axis=0)
         shapes = basis @ (reduced / np.sqrt(size))
-        into = np.array([self._into(one, configuration, joining) for one in self._inputs]).T
+        into = np.array([self._into(each, configuration, joining) for each in self._inputs]).T
         gains = shapes.T @ into
         elastic, viscous, inertia = self._rows(configuration, joining, system)
         forces = elastic @ shapes + viscous @ shapes * poles + inertia @ shapes * poles**2
@@ -171,8 +171,8 @@ class PinForces:
         held[: 2 * len(self._pins)] -= weight[self._pin_rows()]
         reference = np.sqrt(self.squares(held[np.newaxis, :, np.newaxis])[0, :, 0])
         # Of equal links side by side, each carries its part; springs have another unit.
-        one = reference[: len(self._pins)] / self._counts
-        reference[: len(self._pins)] = np.maximum(one, LEAST * one.max()) * self._counts
+        first = reference[: len(self._pins)] / self._counts
+        reference[: len(self._pins)] = np.maximum(first, LEAST * first.max()) * self._counts
         rest = elastic @ moved - low
         return Modal(poles, shapes, gains, forces, rest, reference, damping, configuration)
 
@@ -182,13 +182,13 @@ class PinForces:
 
     def _pin_rows(self) -> list[int]:
         """Return the coordinates along which pins act on links, two for each pin."""
-        found = []
+        result = []
         parts = {part.name: part for part in self._system.components}
         for link, point in self._pins:
             for dof, row in zip(parts[link].dofs, self._system.rows[link], strict=False):
                 if dof.point == point and dof.direction != "theta":
-                    found.append(int(row))
-        return found
+                    result.append(int(row))
+        return result
 
     def _rows(
         self, configuration: Configuration, joining: Joining, system: UncoupledSystem
@@ -222,10 +222,10 @@ class PinForces:
         return weight
 
     def _into(
-        self, one: tuple[LoadKind, str], configuration: Configuration, joining: Joining
+        self, first: tuple[LoadKind, str], configuration: Configuration, joining: Joining
     ) -> FloatArray:
         """Return the force on each coordinate of a unit load, (n,)."""
-        kind, place = one
+        kind, place = first
         point, _, direction = place.rpartition(".")
         if kind is LoadKind.FORCE:
             [into] = self._widened(self._model.rows([(point, direction)], configuration))
@@ -251,18 +251,18 @@ class PinForces:
             source: [np.interp(at, run.times, x[source]) for x in (run.speeds, run.travelled)]
             for source in run.speeds
         }
-        for one in self.excitations:
-            assert one.load is not None
-            now, travelled = known[one.source]
-            phase = 2.0 * math.pi * one.ratio * travelled
-            size = one.load.amplitude * (now / one.load.speed) ** one.load.exponent
+        for each in self.excitations:
+            assert each.load is not None
+            now, travelled = known[each.source]
+            phase = 2.0 * math.pi * each.ratio * travelled
+            size = each.load.amplitude * (now / each.load.speed) ** each.load.exponent
             values = size * np.sin(phase)
-            if one.load.kind in (LoadKind.BASE_ACCELERATION, LoadKind.BASE_DISPLACEMENT):
-                assert one.load.kind is LoadKind.BASE_DISPLACEMENT
-                row, omega = self._mount(one.load.place), 2.0 * math.pi * one.ratio * now
+            if each.load.kind in (LoadKind.BASE_ACCELERATION, LoadKind.BASE_DISPLACEMENT):
+                assert each.load.kind is LoadKind.BASE_DISPLACEMENT
+                row, omega = self._mount(each.load.place), 2.0 * math.pi * each.ratio * now
                 values = joining.stiffness[row] * values
                 values = values + joining.damping[row] * size * omega * np.cos(phase)
-            loads[:, self._inputs.index(_input(one))] += values
+            loads[:, self._inputs.index(_input(each))] += values
         return loads
 
     def mean_squares(self, run: Run) -> FloatArray:
@@ -273,7 +273,7 @@ class PinForces:
         length, warm = round(PART / (EVERY * STEP)), round(WARM_UP / (EVERY * STEP))
         parts = math.ceil(run.blocks / length)
         first = run.times[0] + PART * np.arange(parts) - WARM_UP
-        found = np.zeros((parts, length, len(self.names)))
+        values = np.zeros((parts, length, len(self.names)))
         state = np.zeros((parts, MODES), complex)
         within = STEP * np.arange(EVERY + 1)
         for block in range(warm + length):
@@ -284,8 +284,8 @@ class PinForces:
             if block >= warm:
                 reference = np.array([self._modal[i].reference for i in cell.tolist()])
                 mean = self.squares(forces).mean(axis=2)
-                found[:, block - warm] = mean / reference**2
-        return found.reshape(parts * length, -1)[: run.blocks]
+                values[:, block - warm] = mean / reference**2
+        return values.reshape(parts * length, -1)[: run.blocks]
 
     def _cells(self, run: Run, times: FloatArray) -> NDArray[np.int64]:
         """Return the nearest angle of the grid at times, (n_parts,)."""
@@ -297,8 +297,8 @@ class PinForces:
     ) -> tuple[ComplexArray, FloatArray]:
         """Return the states after a block, and the forces in it, (n_parts, n_rows, EVERY)."""
         modal = [self._modal[i] for i in cell.tolist()]
-        p = np.array([one.poles for one in modal])[..., np.newaxis]
-        pushed = np.array([one.gains for one in modal]) @ loads
+        p = np.array([each.poles for each in modal])[..., np.newaxis]
+        pushed = np.array([each.gains for each in modal]) @ loads
         h = p * STEP
         grown = np.exp(h)
         second = (grown - 1.0 - h) / h**2 * STEP
@@ -306,14 +306,14 @@ class PinForces:
         powers = np.exp(h * np.arange(1, EVERY + 1))
         steps = (first * pushed[..., :-1] + second * pushed[..., 1:]) / powers
         states = powers * (state[..., np.newaxis] + np.cumsum(steps, axis=2))
-        dynamic = 2.0 * (np.array([one.forces for one in modal]) @ states).real
-        return states[..., -1], dynamic + np.array([one.rest for one in modal]) @ loads[..., 1:]
+        dynamic = 2.0 * (np.array([each.forces for each in modal]) @ states).real
+        return states[..., -1], dynamic + np.array([each.rest for each in modal]) @ loads[..., 1:]
 
 
-def _input(one: Excitation) -> tuple[LoadKind, str]:
+def _input(first: Excitation) -> tuple[LoadKind, str]:
     """Return the kind and the place of a load, which excitations may share."""
-    assert one.load is not None
-    return one.load.kind, one.load.place
+    assert first.load is not None
+    return first.load.kind, first.load.place
 
 
 def running(mean_squares: FloatArray, window: float) -> FloatArray:

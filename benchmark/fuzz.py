@@ -74,13 +74,13 @@ def work(pipe: Connection, index: int, numbers: range) -> None:
             main, files = damaged(reader, number)
             write_files(folder, files)
             start = time.process_time()
-            found, trace = read_outcome(reader, folder / main)
+            result, trace = read_outcome(reader, folder / main)
             spent = time.process_time() - start
             growth = 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
             if growth > GROWTH:
                 pipe.send((GREEDY, f"{growth} bytes more than undamaged files", spent, growth))
                 return
-            pipe.send((found, trace, spent, growth))
+            pipe.send((result, trace, spent, growth))
 
 
 def fuzz(index: int, name: str, count: int, step: Callable[[], object]) -> Tally:
@@ -97,21 +97,21 @@ def fuzz(index: int, name: str, count: int, step: Callable[[], object]) -> Tally
         while number < count:
             trace = ""
             if not receiver.poll(patience):
-                found = HANG
+                result = HANG
             else:
                 try:
-                    found, trace, spent, growth = receiver.recv()
+                    result, trace, spent, growth = receiver.recv()
                     tally.slowest = max(tally.slowest, spent)
                     tally.growth = max(tally.growth, growth)
                 except EOFError:
-                    found = CRASH
-            tally.outcomes[found] += 1
-            if found not in (REFUSED, ACCEPTED):
-                tally.failures.append(f"{name}, input {number}: {found}\n{trace}")
+                    result = CRASH
+            tally.outcomes[result] += 1
+            if result not in (REFUSED, ACCEPTED):
+                tally.failures.append(f"{name}, input {number}: {result}\n{trace}")
             number += 1
             patience = SECONDS
             step()
-            if found in (HANG, CRASH, GREEDY):
+            if result in (HANG, CRASH, GREEDY):
                 break
         worker.kill()
         worker.join()

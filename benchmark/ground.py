@@ -103,7 +103,7 @@ def delayed(
     step = max(behind) / speed / steps
     count = round(duration / step)
     height, rate = random_heights(terrain, speed, count, step, np.random.default_rng(seed))
-    late = [round(one / speed / step) for one in behind]
+    late = [round(each / speed / step) for each in behind]
     u, v = (np.stack([np.roll(x, k) for k in late], axis=1) for x in (height, rate))
     return step, u, v
 
@@ -163,7 +163,7 @@ def in_modes(
     for seed, (degrees, kmh) in enumerate(cases):
         alpha3, speed = math.radians(degrees), kmh * KMH
         solution, duration = model.solve(alpha3), 60.0 * minutes
-        found = simulate(
+        simulated = simulate(
             solution, mounts, *delayed(mounts, speed, duration + WARM_UP, CLASS_C, seed)
         )
         level = lookup.at(np.array([alpha3]), np.array([speed]))
@@ -173,12 +173,12 @@ def in_modes(
         density = densities(frf, mounts, CLASS_C, speed, f)
         w2 = (2.0 * math.pi * f) ** 2
         compared = (
-            (found.velocity, level.velocity[0], density[0] * w2),
-            (found.acceleration, level.acceleration[0], density[0] * w2**2),
-            (found.cylinders, math.sqrt(level.forces2[0, 0]), density[1]),
+            (simulated.velocity, level.velocity[0], density[0] * w2),
+            (simulated.acceleration, level.acceleration[0], density[0] * w2**2),
+            (simulated.cylinders, math.sqrt(level.forces2[0, 0]), density[1]),
         )
         ratios = [(rms(x) / y, standard_error(z, f, duration)) for x, y, z in compared]
-        off = (found.tyres < -model.mount_loads(alpha3)).mean(axis=0).max()
+        off = (simulated.tyres < -model.mount_loads(alpha3)).mean(axis=0).max()
         rows.append((degrees, kmh, ratios, float(off), float(level.off_ground_share[0])))
     return rows
 
@@ -306,8 +306,8 @@ def errors_of_lines() -> tuple[FloatArray, FloatArray]:
         level = lookup.at(np.full(len(speeds), alpha3), speeds)
         looked_up = np.vstack([level.velocity, level.acceleration, np.sqrt(level.forces2)])
         true = in_places(exact, forces)
-        for i, found in enumerate((np.sqrt(summed), looked_up)):
-            error = np.abs(in_places(found, forces) / true - 1.0)
+        for i, each in enumerate((np.sqrt(summed), looked_up)):
+            error = np.abs(in_places(each, forces) / true - 1.0)
             worst[i] = np.fmax(worst[i], [error[0].max(), error[1].max(), error[2:].max()])
     return worst[0], worst[1]
 
@@ -328,8 +328,8 @@ def errors_of_reduction() -> list[tuple[float, FloatArray]]:
         frf = model.solve(alpha3).frf([("E1", "z"), cylinders], inputs, CLASS_C.band)
         exact = [levels(densities(frf, mounts, CLASS_C, v, fine), fine, 1) for v in speeds]
         level = lookup.at(np.full(len(speeds), alpha3), speeds)
-        found = np.vstack([level.velocity, level.acceleration, np.sqrt(level.forces2)])
-        rows.append((degrees, np.abs(found / np.transpose(exact) - 1.0).max(axis=1)))
+        result = np.vstack([level.velocity, level.acceleration, np.sqrt(level.forces2)])
+        rows.append((degrees, np.abs(result / np.transpose(exact) - 1.0).max(axis=1)))
     return rows
 
 
@@ -363,10 +363,10 @@ def costs() -> list[tuple[str, str]]:
         return GroundTable(shipped, mechanism, CLASS_C, shipped.forces)
 
     lookup = build()
-    one, every = (np.array([2.2]), np.array([5.0])), _map(shipped)
+    first, every = (np.array([2.2]), np.array([5.0])), _map(shipped)
     return [
         ("start, s", f"{_lowest(build, 5):.2f}"),
-        ("one angle and speed, us", f"{1e6 * _lowest(lambda: lookup.at(*one), 3000):.0f}"),
+        ("one angle and speed, us", f"{1e6 * _lowest(lambda: lookup.at(*first), 3000):.0f}"),
         (
             "map of 91 angles and 49 speeds, ms",
             f"{1e3 * _lowest(lambda: lookup.at(*every), 20):.0f}",

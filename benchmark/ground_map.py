@@ -35,11 +35,11 @@ def main() -> None:
         figure.subplots(1, 2, sharey=True), CASES.items(), strict=True
     ):
         terrain = Terrain(roughness, lug_pitch=LUG_PITCH)
-        found = GroundTable(built, mechanism, terrain).at(
+        values = GroundTable(built, mechanism, terrain).at(
             np.radians(angles.ravel()), speeds.ravel() / 3.6
         )
-        level = 1e3 * found.velocity.reshape(angles.shape)
-        why = found.reason.reshape(angles.shape)
+        level = 1e3 * values.velocity.reshape(angles.shape)
+        why = values.reason.reshape(angles.shape)
         assert np.nanmax(level) < LEVELS[-1]  # or known levels would look unknown
         axes.set_facecolor(GAP_SHADE)
         shades = axes.contourf(ANGLES, SPEEDS, level, levels=LEVELS, colors=COLOURS)

@@ -80,16 +80,16 @@ def _decode_ours(path: Path) -> int:
 def _decode_by_rosbags(path: Path) -> int:
     store = get_typestore(Stores.LATEST)
     with Reader2(path) as bag:
-        found: Iterator[Any] = (
+        result: Iterator[Any] = (
             store.deserialize_cdr(data, JOINT_STATE) for *_, data in bag.messages()
         )
-        return sum(len(message.position) > 0 for message in found)
+        return sum(len(message.position) > 0 for message in result)
 
 
 def _decode_by_mcap(path: Path) -> int:
     with path.open("rb") as file:
         reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
-        return sum(len(found[3].position) > 0 for found in reader.iter_decoded_messages())
+        return sum(len(each[3].position) > 0 for each in reader.iter_decoded_messages())
 
 
 def _write_ours(path: Path) -> int:
@@ -124,8 +124,8 @@ def _columns_by_rosbags(path: Path) -> int:
     store = get_typestore(Stores.EMPTY)
     store.register(get_types_from_msg(message_definition(PREDICTION), PREDICTION))
     with Reader2(path) as bag:
-        found = [vars(store.deserialize_cdr(data, PREDICTION)) for *_, data in bag.messages()]
-    return len({name: np.array([row[name] for row in found]) for name in found[0]}["crank_angle"])
+        result = [vars(store.deserialize_cdr(data, PREDICTION)) for *_, data in bag.messages()]
+    return len({name: np.array([row[name] for row in result]) for name in result[0]}["crank_angle"])
 
 
 def _recover_ours(path: Path) -> int:
@@ -162,8 +162,8 @@ def _turns(functions: Sequence[Measured], path: Path) -> list[list[float]]:
 
 def _peak(function: Measured, path: Path) -> float:
     def mebibytes(name: str) -> float:
-        [found] = re.findall(rf"{name}:\s*(\d+) kB", Path("/proc/self/status").read_text())
-        return int(found) / 1024.0
+        [result] = re.findall(rf"{name}:\s*(\d+) kB", Path("/proc/self/status").read_text())
+        return int(result) / 1024.0
 
     Path("/proc/self/clear_refs").write_text("5")  # forget the peak
     before = mebibytes("VmRSS")

@@ -99,13 +99,13 @@ def by_npm(path: Path) -> list[Message]:
     script = Path(__file__).with_suffix(".mjs")
     command = ["node", str(script), str(NODE_MODULES), str(path)]
     run = subprocess.run(command, check=True, capture_output=True, text=True)
-    found = []
+    result = []
     for line in run.stdout.splitlines():
         name, log_time, publish_time, fields = json.loads(line)
         stamp = fields["header"]["stamp"]
         stamp["nanosec"] = stamp.pop("nsec", stamp.get("nanosec"))
-        found.append((name, int(log_time), int(publish_time), fields))
-    return found
+        result.append((name, int(log_time), int(publish_time), fields))
+    return result
 
 
 def npm_version(package: str) -> str:
@@ -118,17 +118,17 @@ def make_logs(folder: Path) -> dict[str, Path]:
     """Make a log of each kind; the keys describe them."""
     kinds = {f"compression {name}": (name, UNLIMITED) for name in COMPRESSIONS}
     kinds["one of several splits"] = ("zstd", LogLimits(split_size=250_000))
-    found = {}
+    result = {}
     for number, (name, (compression, limits)) in enumerate(kinds.items()):
         place = folder / str(number)
         place.mkdir()
         record(place, compression, limits)
-        found[name] = min(place.glob("*.mcap"))
+        result[name] = min(place.glob("*.mcap"))
     cut = folder / "cut.mcap"
-    content = found["compression zstd"].read_bytes()
+    content = result["compression zstd"].read_bytes()
     cut.write_bytes(content[: len(content) // 2])
     recover(cut, folder / "recovered.mcap")
-    return found | {"recovered from a half": folder / "recovered.mcap"}
+    return result | {"recovered from a half": folder / "recovered.mcap"}
 
 
 def main() -> int:

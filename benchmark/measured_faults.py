@@ -11,8 +11,8 @@ LINKS = 1000
 def main() -> None:
     """Check every fault of every link, and publish the rates."""
     rows = []
-    for fault, found in outcomes(range(LINKS)).items():
-        cells = [f"{found.refused[known]} of {found.tried[known]}" for known in (True, False)]
+    for fault, each in outcomes(range(LINKS)).items():
+        cells = [f"{each.refused[known]} of {each.tried[known]}" for known in (True, False)]
         rows.append([fault, *cells])
     columns = ["fault", "refused, rigid-body lines known", "refused, not known"]
     publish(

@@ -68,14 +68,14 @@ class Estimate:
     program: str
     mode: int  # from 0
     true: tuple[float, float]  # Hz and damping ratio
-    found: tuple[float, float]
+    identified: tuple[float, float]
     stddevs: tuple[float, float]
     doubt: str = ""
 
     @property
     def exists(self) -> bool:
         """Whether the mode is in the band, and nearer than 2 % or its interval."""
-        away = abs(self.found[0] - self.true[0])
+        away = abs(self.identified[0] - self.true[0])
         near = away < max(0.02 * self.true[0], INTERVAL * self.stddevs[0])
         return near and self.true[0] < RATE / 2.0
 
@@ -83,8 +83,8 @@ class Estimate:
     def holds(self) -> tuple[bool, bool]:
         """Whether the intervals of 95 % contain the true frequency and damping ratio."""
         frequency, ratio = (
-            abs(found - true) <= INTERVAL * stddev
-            for found, true, stddev in zip(self.found, self.true, self.stddevs, strict=True)
+            abs(each - true) <= INTERVAL * stddev
+            for each, true, stddev in zip(self.identified, self.true, self.stddevs, strict=True)
         )
         return frequency, ratio
 
@@ -146,13 +146,13 @@ def measured(job: tuple[str, int]) -> list[Estimate]:
     estimates = []
     for mode in modes:
         i = int(np.abs(np.log(mode.frequency / hertz)).argmin())
-        true, found = (float(hertz[i]), float(ratios[i])), (mode.frequency, mode.ratio)
+        true, each = (float(hertz[i]), float(ratios[i])), (mode.frequency, mode.ratio)
         stddevs = (mode.frequency_stddev, mode.ratio_stddev)
-        estimates.append(Estimate(case, OURS, i, true, found, stddevs, mode.doubt))
+        estimates.append(Estimate(case, OURS, i, true, each, stddevs, mode.doubt))
     if seed < OTHER_SEEDS:
-        for i, found, stddevs in of_pyoma(signals, hertz):
+        for i, each, stddevs in of_pyoma(signals, hertz):
             true = (float(hertz[i]), float(ratios[i]))
-            estimates.append(Estimate(case, OTHER, i, true, found, stddevs))
+            estimates.append(Estimate(case, OTHER, i, true, each, stddevs))
     return estimates
 
 
@@ -195,7 +195,7 @@ def rows(estimates: Iterable[Estimate], recordings: int) -> list[list[str]]:
     for case, mode in sorted({(each.case, each.mode) for each in chosen}):
         group = [each for each in chosen if (each.case, each.mode) == (case, mode)]
         hertz = [each.true[0] for each in group]
-        errors = [abs(each.found[0] / each.true[0] - 1.0) for each in group]
+        errors = [abs(each.identified[0] / each.true[0] - 1.0) for each in group]
         deviation = np.median([each.stddevs[0] / each.true[0] for each in group])
         holds = np.sum([each.holds for each in group], axis=0).tolist()
         low, high = min(hertz), max(hertz)
@@ -218,13 +218,13 @@ def main() -> None:
     """Simulate, measure, and write the page."""
     jobs = [(case, seed) for seed in range(SEEDS) for case in CASES]
     with ProcessPoolExecutor() as pool:
-        estimates = [each for found in pool.map(measured, jobs, chunksize=3) for each in found]
+        estimates = [each for item in pool.map(measured, jobs, chunksize=3) for each in item]
     ours = [each for each in estimates if each.program == OURS]
     sure = [each for each in ours if not each.doubt]
     false = [each for each in sure if not each.exists]
     folded = [each for each in ours if "folded" in each.doubt]
     right = [each for each in folded if not each.exists]
-    lines = [f"{each.case}: {each.found[0]:.2f} Hz +- {each.stddevs[0]:.2g}" for each in false]
+    lines = [f"{each.case}: {each.identified[0]:.2f} Hz +- {each.stddevs[0]:.2g}" for each in false]
     others = [each for each in estimates if each.program == OTHER]
     intro = (
         "`measure` reports modes whose intervals of 95 % hold, or says why it does not. "

@@ -62,7 +62,7 @@ def estimates(motion: str, sensor: Sensor) -> Estimates:
         stamps, values, _, true = read(MOTIONS[motion], sensor, seed)
         resolutions = [sensor.step if sensor.stated else 0.0] * len(values)
         columns.append((*crank_filter().add_many(stamps, values, resolutions), true))
-    return Estimates(*np.hstack([np.array(one) for one in columns]))
+    return Estimates(*np.hstack([np.array(each) for each in columns]))
 
 
 def speed(at: FloatArray, rise: float) -> FloatArray:
@@ -92,7 +92,7 @@ def approaches(motion: str, rise: float) -> tuple[Directions, Directions]:
     """
     predictor = Predictor(load_table(config_file(DEFAULT_TABLE)))
     excitations = read_excitations(config_file(DEFAULT_EXCITATIONS))
-    ratios = {one.name: one.ratio for one in excitations}
+    ratios = {each.name: each.ratio for each in excitations}
     monitor, crank = ResonanceMonitor(excitations), crank_filter()
     stamps, values, times, _ = read(MOTIONS[motion], PERCENT, 0)
     before, after = [], []
@@ -101,14 +101,14 @@ def approaches(motion: str, rise: float) -> tuple[Directions, Directions]:
         rpm = float(0.125 * np.rint(speed(np.array(now), rise) / 0.125))
         monitor.set_speed(Source.ENGINE, rpm, stamp)
         velocity, error = crank.add(stamp, value, PERCENT.step)
-        found = monitor.assess(predictor.predict(value), velocity, stamp, error)
-        ratio = ratios[found.excitation]
-        true = _true_direction(predictor, MOTIONS[motion], ratio, rise, found, now)
-        rising = math.copysign(1.0, found.margin) * (rpm - last)  # as if the hitch stood still
+        resonance = monitor.assess(predictor.predict(value), velocity, stamp, error)
+        ratio = ratios[resonance.excitation]
+        true = _true_direction(predictor, MOTIONS[motion], ratio, rise, resonance, now)
+        rising = math.copysign(1.0, resonance.margin) * (rpm - last)  # as if the hitch stood still
         last = rpm
         if rising == rising:  # it is not NaN
             before.append((-np.sign(rising), true))
-            after.append((found.approach, true))
+            after.append((resonance.approach, true))
     return _counted(before), _counted(after)
 
 
@@ -117,7 +117,7 @@ def _true_direction(
     motion: Callable[[FloatArray], FloatArray],
     ratio: float,
     rise: float,
-    found: MessageColumns,
+    result: MessageColumns,
     now: float,
 ) -> float:
     """Return 1 if the excitation truly approaches the mode, and -1 if it moves away."""
@@ -125,7 +125,7 @@ def _true_direction(
     fine = np.arange(0.0, 9.0, 1e-3)
     angles = np.interp(at, fine, motion(fine))
     apart = [
-        abs(ratio * rpm - float(predictor.predict(angle).natural_frequencies[found.mode]))
+        abs(ratio * rpm - float(predictor.predict(angle).natural_frequencies[result.mode]))
         for rpm, angle in zip(speed(at, rise).tolist(), angles.tolist(), strict=True)
     ]
     return float(np.sign(apart[0] - apart[1]))
@@ -144,19 +144,19 @@ def draw(picture: Path) -> None:
     colour = mode_colours(1)[0]
     names = ("percent, 10 Hz", "noise of 0.1 deg, 1 kHz")
     for axes, motion in zip(figure.subplots(2, 2), LIFTS[1:4:2], strict=True):
-        for one, name in zip(axes, names, strict=True):
+        for each, name in zip(axes, names, strict=True):
             sensor = SENSORS[name]
             stamps, values, times, true = read(MOTIONS[motion], sensor, 0)
             resolutions = [sensor.step if sensor.stated else 0.0] * len(values)
             velocity, error = crank_filter().add_many(stamps, values, resolutions)
-            one.fill_between(
+            each.fill_between(
                 times, velocity - error, velocity + error, color=colour, alpha=0.25, lw=0.0
             )
-            one.plot(times, velocity, color=colour, label="estimate, with its bound")
-            one.plot(times, true, color=INK, lw=1.0, label="true")
-            one.axhline(0.0, color=GREY, lw=0.5)
-            one.set(title=f"{motion}; {name}", xlabel="time [s]", ylabel="velocity [rad/s]")
-            one.legend(fontsize=8)
+            each.plot(times, velocity, color=colour, label="estimate, with its bound")
+            each.plot(times, true, color=INK, lw=1.0, label="true")
+            each.axhline(0.0, color=GREY, lw=0.5)
+            each.set(title=f"{motion}; {name}", xlabel="time [s]", ylabel="velocity [rad/s]")
+            each.legend(fontsize=8)
     figure.savefig(picture)
 
 
@@ -180,22 +180,22 @@ def cells(sensor: str, motion: str) -> list[str]:
     sensor, motion
         Their names.
     """
-    one = estimates(motion, SENSORS[sensor])
-    known, directed = one.known, one.directed
-    error = np.abs(one.velocity - one.true)[known]
-    wrong = directed & (one.velocity * one.true < 0.0)
-    moving = np.abs(one.true) > MOVING
-    stopped = directed & (one.true == 0.0)
+    first = estimates(motion, SENSORS[sensor])
+    known, directed = first.known, first.directed
+    error = np.abs(first.velocity - first.true)[known]
+    wrong = directed & (first.velocity * first.true < 0.0)
+    moving = np.abs(first.true) > MOVING
+    stopped = directed & (first.true == 0.0)
     return [
         sensor,
         motion,
-        f"{np.median(one.error[known]):.3f}",
+        f"{np.median(first.error[known]):.3f}",
         f"{np.sqrt((error**2).mean()):.3f}",
-        f"{100.0 * (error <= one.error[known]).mean():.1f} %",
+        f"{100.0 * (error <= first.error[known]).mean():.1f} %",
         f"{100.0 * directed[moving].mean():.0f} %" if moving.any() else "",
         f"{wrong.sum()}",
         f"{stopped.sum()}",
-        f"{len(one.true)}",
+        f"{len(first.true)}",
     ]
 
 

@@ -232,7 +232,7 @@ def _test(folder: Path, tests: Sequence[str]) -> None:
     os.dup2(output, 2)
     import pytest
 
-    code = pytest.main(["-x", "-q", "-p", "no:cacheprovider", *(f"test/{one}" for one in tests)])
+    code = pytest.main(["-x", "-q", "-p", "no:cacheprovider", *(f"test/{each}" for each in tests)])
     os._exit(int(code))
 
 
@@ -256,7 +256,7 @@ def measure(
     module: str, seed: int, folder: Path, again: set[tuple[str, str, str]]
 ) -> Iterator[Mutant]:
     """Try a sample of the changes of a module in a copy of the checkout, or some of them again."""
-    tests = [one for one in TESTS[module] if (ROOT / "test" / one).is_file()]
+    tests = [each for each in TESTS[module] if (ROOT / "test" / each).is_file()]
     before = time.monotonic()
     if not passes(folder, tests, 900.0):
         output = (folder / "output.txt").read_text(encoding="utf-8")
@@ -284,8 +284,8 @@ def _compared(mutant: Mutant, earlier: Mutant | None) -> Mutant:
 
 def _commit() -> str:
     command = ["git", "rev-parse", "--short", "HEAD"]
-    found = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    return found.stdout.strip()
+    completed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    return completed.stdout.strip()
 
 
 def read_list() -> list[Mutant]:
@@ -305,7 +305,7 @@ def write_list(rows: Iterable[Mutant]) -> None:
         writer.writerows(asdict(row) for row in rows)
 
 
-def wilson(found: int, total: int) -> tuple[float, float]:
+def wilson(result: int, total: int) -> tuple[float, float]:
     """Return the 95 % interval of a share, 1.
 
     Examples
@@ -314,7 +314,7 @@ def wilson(found: int, total: int) -> tuple[float, float]:
     >>> print(f"{low:.2f} {high:.2f}")
     0.49 0.94
     """
-    share, square = found / total, Z * Z / total
+    share, square = result / total, Z * Z / total
     middle = (share + square / 2.0) / (1.0 + square)
     half = Z * math.sqrt(share * (1.0 - share) / total + square / total / 4.0) / (1.0 + square)
     return max(0.0, middle - half), min(1.0, middle + half)
@@ -323,12 +323,13 @@ def wilson(found: int, total: int) -> tuple[float, float]:
 def report(rows: Sequence[Mutant]) -> list[str]:
     """Return the tables of the page."""
     body = [
-        _row(module, [one for one in rows if one.module == module])
+        _row(module, [each for each in rows if each.module == module])
         for module in TESTS
-        if any(one.module == module for one in rows)
+        if any(item.module == module for item in rows)
     ]
     body.append(_row("all", rows))
-    left = [name for name in TESTS if not any(one.module == name for one in rows)]
+    left = [name for name in TESTS if not any(each.module == name for each in rows)]
+    commits = sorted({row.commit for row in rows})
     counts = "module", "tried", "equivalent", "found", "found since", "not found"
     columns = *counts, "share found", "95 %", "now"
     parts = [
@@ -339,15 +340,17 @@ def report(rows: Sequence[Mutant]) -> list[str]:
         "Wilson interval. The tests were written without this sample. For changes that they did "
         "not find, tests were added; the columns `found since` and `now` count these, too.",
         table(columns, body),
-        f"The changes were tried at the commits {', '.join(sorted({one.commit for one in rows}))}.",
+        f"The changes were tried at the commits {', '.join(commits)}.",
         *([f"Not tried: {', '.join(left)}."] if left else []),
         "## What was not found",
     ]
-    missed = [one for one in rows if one.outcome == "not found"]
-    for reason in sorted({one.reason for one in missed}):
-        own = [one for one in missed if one.reason == reason]
+    missed = [each for each in rows if each.outcome == "not found"]
+    for reason in sorted({each.reason for each in missed}):
+        own = [each for each in missed if each.reason == reason]
         parts.append(f"{reason or 'Not judged.'} ({len(own)})")
-        listing = [(f"{one.file}:{one.line}", _code(one.before), _code(one.after)) for one in own]
+        listing = [
+            (f"{each.file}:{each.line}", _code(each.before), _code(each.after)) for each in own
+        ]
         parts.append(table(("place", "line", "changed line"), listing))
     return parts
 
@@ -357,12 +360,14 @@ def _code(line: str) -> str:
 
 
 def _row(name: str, rows: Sequence[Mutant]) -> list[str]:
-    found, since = (sum(one.outcome == word for one in rows) for word in ("found", "found since"))
-    same = sum(one.reason.startswith("Equivalent") for one in rows)
+    result, since = (
+        sum(each.outcome == word for each in rows) for word in ("found", "found since")
+    )
+    same = sum(each.reason.startswith("Equivalent") for each in rows)
     total = max(len(rows) - same, 1)
-    low, high = wilson(found, total)
-    counts = len(rows), same, found, since, len(rows) - same - found - since
-    shares = f"{found / total:.0%}", f"{low:.0%} to {high:.0%}", f"{(found + since) / total:.0%}"
+    low, high = wilson(result, total)
+    counts = len(rows), same, result, since, len(rows) - same - result - since
+    shares = f"{result / total:.0%}", f"{low:.0%} to {high:.0%}", f"{(result + since) / total:.0%}"
     return [name, *map(str, counts), *shares]
 
 
@@ -375,27 +380,27 @@ def main() -> None:
     parser.add_argument("--page", action="store_true", help="only write the page again")
     arguments = parser.parse_args()
     rows = read_list()
-    earlier = {one.key: one for one in rows}
+    earlier = {each.key: each for each in rows}
     for name in _LIBRARIES:
         importlib.import_module(name)
     with tempfile.TemporaryDirectory() as temporary:
         for module in [] if arguments.page else arguments.modules or TESTS:
-            own = [one for one in rows if one.module == module]
-            again = {one.key for one in own if one.is_missed} if arguments.missed else set()
+            own = [each for each in rows if each.module == module]
+            again = {each.key for each in own if each.is_missed} if arguments.missed else set()
             if arguments.missed and not again:
                 continue
             folder = Path(temporary) / module.replace("/", "_")
             made = (".git", ".venv*", "build", "__pycache__", "*.egg-info", "reproduction")
             shutil.copytree(ROOT, folder, ignore=shutil.ignore_patterns(*made))
             if not again:
-                rows = [one for one in rows if one.module != module]
+                rows = [each for each in rows if each.module != module]
             for mutant in measure(module, arguments.seed, folder, again):
-                rows = [one for one in rows if not again or one.key != mutant.key]
+                rows = [each for each in rows if not again or each.key != mutant.key]
                 rows.append(_compared(mutant, earlier.get(mutant.key)))
                 write_list(rows)
             shutil.rmtree(folder)
     modules = list(TESTS)
-    rows.sort(key=lambda one: (modules.index(one.module), one.file, one.line))
+    rows.sort(key=lambda first: (modules.index(first.module), first.file, first.line))
     write_list(rows)
     publish("mutants", "Changes that the tests notice", report(rows), machine("cosmic-ray"))
 

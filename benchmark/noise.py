@@ -35,18 +35,18 @@ class Scatter:
     """
 
     exact: FloatArray  # (2 n_modes,)
-    found: FloatArray  # (n_seeds, 2 n_modes)
+    identified: FloatArray  # (n_seeds, 2 n_modes)
     deviations: FloatArray  # (n_seeds, 2 n_modes)
     spurious: int  # seeds with more modes than the assembly has
 
     @property
     def answered(self) -> int:
         """Seeds that were not refused."""
-        return int(np.isfinite(self.found[:, 0]).sum())
+        return int(np.isfinite(self.identified[:, 0]).sum())
 
     def coverage(self) -> FloatArray:
         """Return the share of answers within 1.96 standard deviations of the truth, per column."""
-        within = np.abs(self.found - self.exact) <= 1.96 * self.deviations
+        within = np.abs(self.identified - self.exact) <= 1.96 * self.deviations
         return np.asarray(within.sum(axis=0) / self.answered)
 
 
@@ -66,8 +66,8 @@ def scatter(link: str, share: float, seeds: Sequence[int], lines: FloatArray = L
     for seed in seeds:
         mixed = with_noise(model, link, share, seed, lines)
         rows.append(_identify(mixed, int(inside.sum())))
-    found, deviations = np.array([row for row, _ in rows]).swapaxes(0, 1)
-    return Scatter(exact, found, deviations, sum(spurious for _, spurious in rows))
+    result, deviations = np.array([row for row, _ in rows]).swapaxes(0, 1)
+    return Scatter(exact, result, deviations, sum(spurious for _, spurious in rows))
 
 
 def with_noise(
@@ -97,30 +97,30 @@ def with_noise(
 def _identify(mixed: LinkageModel, count: int) -> tuple[FloatArray, bool]:
     """Return modes and standard deviations, (2, 2 count), and whether there are spurious modes."""
     try:
-        found = mixed.identify(ALPHA3)
+        modes = mixed.identify(ALPHA3)
     except LinkageVibrationError:
         return np.full((2, 2 * count), math.nan), False
-    if len(found.natural_frequencies) != count:
-        return np.full((2, 2 * count), math.nan), len(found.natural_frequencies) > count
-    values = [found.natural_frequencies, found.damping_ratios]
-    deviations = [found.frequency_stddev, found.damping_ratio_stddev]
+    if len(modes.natural_frequencies) != count:
+        return np.full((2, 2 * count), math.nan), len(modes.natural_frequencies) > count
+    values = [modes.natural_frequencies, modes.damping_ratios]
+    deviations = [modes.frequency_stddev, modes.damping_ratio_stddev]
     return np.array([np.concatenate(values), np.concatenate(deviations)]), False
 
 
-def _rows(link: str, share: float, found: Scatter) -> list[list[str]]:
+def _rows(link: str, share: float, result: Scatter) -> list[list[str]]:
     """Return a row of the page for each mode."""
     rows = []
-    n = len(found.exact) // 2
-    off = found.found - found.exact
-    coverage = found.coverage()
+    n = len(result.exact) // 2
+    off = result.identified - result.exact
+    coverage = result.coverage()
     for mode in range(n):
         row = [f"{link}, {100.0 * share:g} %", str(mode + 1)]
         for column in (mode, n + mode):
-            exact = found.exact[column]
+            exact = result.exact[column]
             numbers = (
                 np.nanmean(off[:, column]) / exact,
                 np.nanstd(off[:, column]) / exact,
-                np.nanmedian(found.deviations[:, column]) / exact,
+                np.nanmedian(result.deviations[:, column]) / exact,
             )
             row += [f"{100.0 * number:.2g} %" for number in numbers]
             row.append(f"{100.0 * coverage[column]:.1f} %")
@@ -132,14 +132,14 @@ def main() -> None:
     """Identify the modes with every seed, and publish their scatter."""
     with ProcessPoolExecutor(2) as pool:
         waiting = [pool.submit(scatter, *case, range(SEEDS)) for case in CASES]
-        found = [one.result() for one in waiting]
+        computed = [each.result() for each in waiting]
     columns = ["link, noise", "mode"]
     for name in ("f", "ratio"):
         columns += [f"{name}: bias", "scatter", "predicted", "within 95 %"]
-    rows = [row for case, one in zip(CASES, found, strict=True) for row in _rows(*case, one)]
+    rows = [row for case, each in zip(CASES, computed, strict=True) for row in _rows(*case, each)]
     counts = [
-        [f"{link}, {100.0 * share:g} %", str(SEEDS), str(SEEDS - one.answered), str(one.spurious)]
-        for (link, share), one in zip(CASES, found, strict=True)
+        [f"{link}, {100.0 * share:g} %", str(SEEDS), str(SEEDS - each.answered), str(each.spurious)]
+        for (link, share), each in zip(CASES, computed, strict=True)
     ]
     publish(
         "noise",

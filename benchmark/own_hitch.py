@@ -79,7 +79,7 @@ def wrong_pins(name: str) -> tuple[list[list[float]], str]:
     modes = load_table(config_file(f"tables/{name}.npz")).mode_names
     mode = next(i for i, label in enumerate(modes) if not label.startswith("tractor"))
     plain = changed(name, MEASURED["V2 to V1"][1], 0.0)
-    found, rows = [], []
+    result, rows = [], []
     for label, (_, path) in MEASURED.items():
         other, changes = changed(name, path, ERROR), []
         for angle in ANGLES:
@@ -89,11 +89,11 @@ def wrong_pins(name: str) -> tuple[list[list[float]], str]:
             ]
             pair = [frequencies(m, angle, mode + 1)[mode] for m in (plain, other)]
             changes.append([1000.0 * (heights[1] - heights[0]), 100.0 * (pair[1] / pair[0] - 1.0)])
-        found.append([max((row[k] for row in changes), key=abs) for k in (0, 1)])
+        result.append([max((row[k] for row in changes), key=abs) for k in (0, 1)])
         cells = [f"{row[0]:+.0f} mm, {row[1]:+.1f} %" for row in changes]
         rows.append([label, *cells])
     heads = [f"at {angle:.0f} deg" for angle in ANGLES]
-    return found, table([f"{1000.0 * ERROR:.0f} mm more in", *heads], rows)
+    return result, table([f"{1000.0 * ERROR:.0f} mm more in", *heads], rows)
 
 
 def draw_pins(picture: Path) -> None:
@@ -199,18 +199,22 @@ def note(ax: Axes, text: str, place: np.ndarray, offset: int) -> None:
     ax.annotate(text, tuple(place), (offset, 0), zorder=6, **style)
 
 
-def draw_wrong_pins(picture: Path, found: list[list[float]]) -> None:
+def draw_wrong_pins(picture: Path, result: list[list[float]]) -> None:
     """Draw how 10 mm in each length move the implement and the first mode of the linkage."""
     figure = Figure(figsize=(9.0, 4.2), dpi=110, layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
     rows = np.arange(len(MEASURED))
     bars(
-        left, rows, [row[0] for row in found], COLOURS[0], "largest change of the height of E1 [mm]"
+        left,
+        rows,
+        [row[0] for row in result],
+        COLOURS[0],
+        "largest change of the height of E1 [mm]",
     )
     bars(
         right,
         rows,
-        [row[1] for row in found],
+        [row[1] for row in result],
         COLOURS[1],
         "largest change of mode 1, implement heave [%]",
     )
@@ -241,9 +245,9 @@ def bars(ax: Axes, rows: np.ndarray, values: list[float], colour: str, label: st
 
 def main() -> None:
     """Compute the tables, draw the pictures, and write the page."""
-    found, wrong = wrong_pins(LINKAGES[0])
+    result, wrong = wrong_pins(LINKAGES[0])
     draw_pins(PICTURES / "own_hitch_pins.png")
-    draw_wrong_pins(PICTURES / "own_hitch_wrong_pins.png", found)
+    draw_wrong_pins(PICTURES / "own_hitch_wrong_pins.png", result)
     draw_cylinder_and_tyres(PICTURES / "own_hitch_cylinder.png")
     parts = [
         "This page shows what the adjustable links and errors of the tape measure change in the "

@@ -159,8 +159,8 @@ def timed(
 
 def by_ours(log: Path, output: Path) -> tuple[int, int]:
     """Return how many messages were saved and lost."""
-    found = recover(log, output)
-    return sum(found.saved.values()), sum(found.lost.values())
+    recovery = recover(log, output)
+    return sum(recovery.saved.values()), sum(recovery.lost.values())
 
 
 def by_mcap(log: Path, output: Path) -> tuple[int, int]:

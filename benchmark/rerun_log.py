@@ -45,13 +45,13 @@ def line(topic: str, name: str, field: str) -> rrb.Visualizer:
         Full name of the topic; text of the legend; path to the number.
     """
     assert field.split("[")[0] in {known.name for known in message_fields(TOPICS[topic])}
-    found = VisualizerComponentMapping(
+    result = VisualizerComponentMapping(
         target="Scalars:scalars",
         source_kind=ComponentSourceKind.SourceComponent,
         source_component=component(topic),
         selector=f".{field}",
     )
-    return rr.SeriesLines(names=name).visualizer(mappings=[found])
+    return rr.SeriesLines(names=name).visualizer(mappings=[result])
 
 
 def blueprint() -> rrb.Blueprint:

@@ -81,10 +81,10 @@ def solutions(mapping: dict[str, Any]) -> list[Solution]:
     return [model.solve(math.radians(angle)) for angle in ANGLES]
 
 
-def levels(found: list[Solution]) -> NDArray[np.float64]:
+def levels(result: list[Solution]) -> NDArray[np.float64]:
     """Return `ground_level` and the peak of the receptance above 4.7 Hz, (2, n_angles)."""
-    band = found[0].model.mechanism.response.peak_band
-    return np.array([[ground_level(s) for s in found], [s.peak(band).magnitude for s in found]])
+    band = result[0].model.mechanism.response.peak_band
+    return np.array([[ground_level(s) for s in result], [s.peak(band).magnitude for s in result]])
 
 
 def tyre_rows(mapping: dict[str, Any]) -> list[list[str]]:
@@ -99,12 +99,12 @@ def tyre_rows(mapping: dict[str, Any]) -> list[list[str]]:
     cases.append((aged, tyred(mapping, size, pressure, 10.0)))
     rows = []
     for label, case in cases:
-        found = solutions(case)[1]
-        base = found.model.mechanism.base
+        result = solutions(case)[1]
+        base = result.model.mechanism.base
         assert base is not None
         rear, front = (mount.stiffness[1] / 1e3 for mount in base.mounts)
-        hertz = found.natural_frequencies[[PITCH, BOUNCE, HEAVE]]
-        level = f"{1e3 * ground_level(found):.0f}"
+        hertz = result.natural_frequencies[[PITCH, BOUNCE, HEAVE]]
+        level = f"{1e3 * ground_level(result):.0f}"
         rows.append([label, f"{rear:.0f}", f"{front:.0f}", *(f"{f:.2f}" for f in hertz), level])
     return rows
 
@@ -124,9 +124,9 @@ def damping_rows(mapping: dict[str, Any]) -> list[list[str]]:
     }
     rows, before = [], None
     for label, case in cases.items():
-        found = solutions(damped(mapping, *case))
-        ratios = 100.0 * np.array([s.damping_ratios[[PITCH, HEAVE]] for s in found]).T
-        now = levels(found)
+        result = solutions(damped(mapping, *case))
+        ratios = 100.0 * np.array([s.damping_ratios[[PITCH, HEAVE]] for s in result]).T
+        now = levels(result)
         before = now if before is None else before
         change = 100.0 * (now / before - 1.0)
         cells = [" ".join(f"{value:.1f}" for value in row) for row in ratios]

@@ -48,12 +48,12 @@ class Scatter:
 
     alpha3: FloatArray  # (n_angles,), rad
     predicted: FloatArray  # (n_angles, 2, n_modes): deviations of ln(frequency) and of ratios
-    found: FloatArray  # (n_samples, n_angles, 2, n_modes): ln(frequency) and ratios
+    sampled: FloatArray  # (n_samples, n_angles, 2, n_modes): ln(frequency) and ratios
 
     @property
     def ratio(self) -> FloatArray:
         """Return predicted over sampled standard deviations, (n_angles, 2, n_modes)."""
-        return np.asarray(self.predicted / np.nanstd(self.found, axis=0))
+        return np.asarray(self.predicted / np.nanstd(self.sampled, axis=0))
 
     @property
     def worst(self) -> FloatArray:
@@ -130,8 +130,10 @@ def sampled(mapping: dict[str, Any], alpha3: FloatArray, count: int, seed: int) 
     assert mechanism.uncertainty is not None
     exact = {key: value for key, value in mapping.items() if key != "uncertainty"}
     n, relative = mechanism.response.modes, set(mapping["uncertainty"]["relative"])
-    found = np.full((count, len(alpha3), 2, n), math.nan)
-    for row, values in zip(found, draws(mechanism.uncertainty, relative, count, seed), strict=True):
+    result = np.full((count, len(alpha3), 2, n), math.nan)
+    for row, values in zip(
+        result, draws(mechanism.uncertainty, relative, count, seed), strict=True
+    ):
         pairs = zip(mechanism.uncertainty.numbers, values.tolist(), strict=True)
         numbers = [(path, value) for number, value in pairs for path in split_paths(number.path)]
         try:
@@ -144,7 +146,7 @@ def sampled(mapping: dict[str, Any], alpha3: FloatArray, count: int, seed: int) 
             LinkageVibrationError
         ):  # a negative number, loops that do not close, a short cylinder
             continue
-    return found
+    return result
 
 
 def coarse(mechanism: Mechanism) -> Mechanism:
@@ -172,8 +174,8 @@ def scatter(mapping: dict[str, Any], count: int, angles: int = ANGLES) -> Scatte
     parts = 4
     with ProcessPoolExecutor() as pool:
         waiting = [pool.submit(sampled, mapping, alpha3, count // parts, i) for i in range(parts)]
-        found = np.concatenate([one.result() for one in waiting])
-    return Scatter(alpha3, predicted, found)
+        values = np.concatenate([each.result() for each in waiting])
+    return Scatter(alpha3, predicted, values)
 
 
 def largest_shares(mapping: dict[str, Any], alpha3: float, mode: int, count: int = 3) -> str:
@@ -192,7 +194,7 @@ def largest_shares(mapping: dict[str, Any], alpha3: float, mode: int, count: int
     return ", ".join(f"{sensitivity.numbers[i].path} {100.0 * shares[i]:.0f} %" for i in best)
 
 
-def draw(found: dict[str, Scatter], picture: Path) -> None:
+def draw(result: dict[str, Scatter], picture: Path) -> None:
     """Draw both kinds of standard deviations over the stroke, predicted and sampled.
 
     Parameters
@@ -200,12 +202,12 @@ def draw(found: dict[str, Scatter], picture: Path) -> None:
     found, picture
         For each description; the file to write.
     """
-    figure = Figure(figsize=(4.2 * len(found), 7.4), dpi=110, layout="constrained")
-    axes = figure.subplots(2, len(found), sharex="col")
-    for column, (name, one) in zip(axes.T, found.items(), strict=True):
-        degrees, spread = np.degrees(one.alpha3), 100.0 * np.nanstd(one.found, axis=0)
+    figure = Figure(figsize=(4.2 * len(result), 7.4), dpi=110, layout="constrained")
+    axes = figure.subplots(2, len(result), sharex="col")
+    for column, (name, each) in zip(axes.T, result.items(), strict=True):
+        degrees, spread = np.degrees(each.alpha3), 100.0 * np.nanstd(each.sampled, axis=0)
         for panel, sampled_spread, predicted in zip(
-            column, spread.swapaxes(0, 1), 100.0 * one.predicted.swapaxes(0, 1), strict=True
+            column, spread.swapaxes(0, 1), 100.0 * each.predicted.swapaxes(0, 1), strict=True
         ):
             for mode, colour in enumerate(mode_colours(spread.shape[2])):
                 marker = "os"[mode // len(COLOURS)]
@@ -226,8 +228,8 @@ def draw(found: dict[str, Scatter], picture: Path) -> None:
 def main() -> None:
     """Sample the shipped descriptions, and publish how predicted deviations compare."""
     mappings = {name: described(name) for name in NAMES}
-    found = {name: scatter(mapping, SAMPLES) for name, mapping in mappings.items()}
-    draw(found, PICTURE)
+    result = {name: scatter(mapping, SAMPLES) for name, mapping in mappings.items()}
+    draw(result, PICTURE)
     columns = [
         "description",
         "mode",
@@ -238,16 +240,16 @@ def main() -> None:
         "known",
     ]
     rows, shares = [], []
-    for name, one in found.items():
-        spread = np.nanstd(one.found[:, :, 0], axis=0)
+    for name, each in result.items():
+        spread = np.nanstd(each.sampled[:, :, 0], axis=0)
         for mode in range(spread.shape[1]):
             limits = [f"{100.0 * f(spread[:, mode]):.1f}" for f in (np.min, np.max)]
-            known = one.predicted[:, 0, mode]
+            known = each.predicted[:, 0, mode]
             own = [f"{100.0 * f(known):.1f}" for f in (np.nanmin, np.nanmax)]
-            worst = [f"{100.0 * value:.1f} %" for value in one.worst[:, mode]]
-            share = f"{100.0 * np.isfinite(one.predicted[:, :, mode]).all(axis=1).mean():.0f} %"
+            worst = [f"{100.0 * value:.1f} %" for value in each.worst[:, mode]]
+            share = f"{100.0 * np.isfinite(each.predicted[:, :, mode]).all(axis=1).mean():.0f} %"
             rows.append([name, str(mode + 1), " to ".join(limits), " to ".join(own), *worst, share])
-            middle = float(np.mean(one.alpha3[[0, -1]]))
+            middle = float(np.mean(each.alpha3[[0, -1]]))
             shares.append([name, str(mode + 1), largest_shares(mappings[name], middle, mode)])
     publish(
         "uncertainty",

@@ -240,7 +240,7 @@ class Outcome:
     @property
     def lengths(self) -> list[float]:
         """How long each warning lasts, s."""
-        return [one.duration for one in episodes(self.drive)]
+        return [each.duration for each in episodes(self.drive)]
 
 
 def outcome(work: Work, machine: str, folder: Path) -> Outcome:

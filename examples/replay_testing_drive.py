@@ -43,6 +43,6 @@ class Analysis:
 
     def test_predictions(self):
         """Every prediction is valid; the first readings are lost while the node starts."""
-        found = [message for _, message, _ in read_messages(self.reader, topics=[PREDICTION])]
-        assert len(found) > 1500, f"{len(found)} of 2000 readings were answered."
-        assert all(message.status == STATUS_OK for message in found)
+        result = [message for _, message, _ in read_messages(self.reader, topics=[PREDICTION])]
+        assert len(result) > 1500, f"{len(result)} of 2000 readings were answered."
+        assert all(message.status == STATUS_OK for message in result)

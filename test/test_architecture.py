@@ -56,15 +56,15 @@ PURE |= {"copy", "itertools", "json", "math", "numpy", "re", "scipy", "typing"}
 
 def imports(path: Path) -> set[str]:
     """Return the full names of the modules that a file imports anywhere."""
-    found: set[str] = set()
+    actual: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
-            found.update(alias.name for alias in node.names)
+            actual.update(alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}: a relative import"
-            found.add(node.module or "")
-            found.update(f"{node.module}.{alias.name}" for alias in node.names)
-    return found
+            actual.add(node.module or "")
+            actual.update(f"{node.module}.{alias.name}" for alias in node.names)
+    return actual
 
 
 def room(path: Path) -> str:

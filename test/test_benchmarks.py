@@ -95,8 +95,8 @@ def test_ways_of_the_paper_job_agree() -> None:
     job = paper_job.Job(whole.mechanism, whole.angles[::23], whole.lines[::100])
     exact = list(paper_job.sparse(job))
     for name, tolerance in ((paper_job.FAST, 1e-4), (paper_job.FINER, 1e-5)):
-        found = paper_job.METHODS[name](job)
-        assert max(map(frf_error, found, exact)) < tolerance
+        actual = paper_job.METHODS[name](job)
+        assert max(map(frf_error, actual, exact)) < tolerance
     for plain, batched in zip(paper_job.as_written(job), paper_job.batched(job), strict=True):
         np.testing.assert_allclose(plain, batched, rtol=1e-6, atol=1e-7 * np.abs(batched).max())
 
@@ -161,8 +161,8 @@ def test_damper_from_zero_to_rigid() -> None:
     """The strongest damper leaves the modes of a linkage with a stiff spring in its place."""
     alpha3 = math.radians(damping.FOUR_BAR.alpha3_deg)
     poles = damping.sweep(damping.FOUR_BAR, np.array([1e8]))[0]
-    found = np.sort(np.abs(poles[poles.imag > 0.0]))[:3] / (2.0 * math.pi)
+    ordered = np.sort(np.abs(poles[poles.imag > 0.0]))[:3] / (2.0 * math.pi)
     rigid = damping.FOUR_BAR.model(0.0, 1e12).solve(alpha3).natural_frequencies[:3]
-    np.testing.assert_allclose(found, rigid, rtol=1e-4)
+    np.testing.assert_allclose(ordered, rigid, rtol=1e-4)
     slow = np.abs(poles[poles.imag == 0.0]).min()
     assert slow < 1.0

@@ -27,11 +27,11 @@ log, table = sys.argv[1:]
 lv.replay(lv.__path__[0] + "/../config/drives/hitch_duty_cycle.mcap", log)
 drive = lv.read_log(log)
 Path(table).write_text(csv_text(drive))
-found, rows = drive.resonances, np.arange(len(drive.stamps))
-expected = 2.0 * drive.damping_ratios[rows, found.mode] * found.natural_frequency
-known = np.diff(found.margin, prepend=0.0) != 0.0  # the resonance is that of the prediction
-np.testing.assert_allclose(found.half_power_bandwidth[known], expected[known], rtol=1e-12)
-assert known.sum() > 500
+resonances, rows = drive.resonances, np.arange(len(drive.stamps))
+expected = 2.0 * drive.damping_ratios[rows, resonances.mode] * resonances.natural_frequency
+answered = np.diff(resonances.margin, prepend=0.0) != 0.0  # by the prediction of that row
+np.testing.assert_allclose(resonances.half_power_bandwidth[answered], expected[answered], 1e-12)
+assert answered.sum() > 500
 """
 
 

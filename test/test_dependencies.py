@@ -94,12 +94,12 @@ def imports(folder: str) -> Iterator[tuple[Path, str, list[str]]]:
     for path in sorted((ROOT / folder).rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.ImportFrom):
-                found = [(node.module or "", [alias.name for alias in node.names])]
+                actual = [(node.module or "", [alias.name for alias in node.names])]
             elif isinstance(node, ast.Import):
-                found = [(alias.name, []) for alias in node.names]
+                actual = [(alias.name, []) for alias in node.names]
             else:
                 continue
-            for module, names in found:
+            for module, names in actual:
                 top = module.split(".")[0]
                 if top not in OURS and top not in sys.stdlib_module_names:
                     yield path.relative_to(ROOT), module, names
@@ -108,15 +108,15 @@ def imports(folder: str) -> Iterator[tuple[Path, str, list[str]]]:
 @pytest.fixture(scope="module")
 def entries() -> dict[str, list[str]]:
     """Return the lists of requirements of setup.py; that of install_requires has no name."""
-    found: dict[str, Any] = {}
+    actual: dict[str, Any] = {}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(setuptools, "setup", lambda **options: found.update(options))
+        patch.setattr(setuptools, "setup", lambda **options: actual.update(options))
         patch.chdir(ROOT)
         exec(
             compile((ROOT / "setup.py").read_text(), ROOT / "setup.py", "exec"),
             {"__file__": str(ROOT / "setup.py")},
         )
-    return {"": found["install_requires"], **found["extras_require"]}
+    return {"": actual["install_requires"], **actual["extras_require"]}
 
 
 @pytest.fixture(scope="module")

@@ -27,9 +27,9 @@ def public_functions(body: Sequence[ast.stmt], prefix: str = "") -> Iterator[tup
 def argument_names(function: Function, *, is_method: bool) -> list[str]:
     """Return the names of the arguments, without `self` and `cls`."""
     arguments = function.args
-    found = [*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs]
-    found += [one for one in (arguments.vararg, arguments.kwarg) if one is not None]
-    names = [argument.arg for argument in found]
+    actual = [*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs]
+    actual += [each for each in (arguments.vararg, arguments.kwarg) if each is not None]
+    names = [argument.arg for argument in actual]
     return names[1:] if is_method and names[:1] in (["self"], ["cls"]) else names
 
 
@@ -51,8 +51,8 @@ def raised_errors(function: Function) -> set[str]:
 
 def section(docstring: str, title: str) -> str:
     """Return the text of a numpydoc section, or nothing."""
-    found = re.search(rf"^{title}\n-+\n(.*?)(?=^\w+\n-+$|\Z)", docstring, re.MULTILINE | re.DOTALL)
-    return found.group(1) if found else ""
+    match = re.search(rf"^{title}\n-+\n(.*?)(?=^\w+\n-+$|\Z)", docstring, re.MULTILINE | re.DOTALL)
+    return match.group(1) if match else ""
 
 
 def documents(text: str, name: str) -> bool:
@@ -78,7 +78,7 @@ def missing(path: Path, public: str) -> Iterator[str]:
         if not docstring:
             yield f"{name} has no docstring"
         for title, names in entries.items():
-            lacking = [one for one in names if not documents(section(docstring, title), one)]
+            lacking = [each for each in names if not documents(section(docstring, title), each)]
             if lacking:
                 yield f"{name}: the section {title} lacks {', '.join(lacking)}"
 

@@ -79,8 +79,8 @@ class Block:
 def blocks_of(page: Path) -> list[Block]:
     """Return the code blocks of a page."""
     text = (ROOT / page).read_text()
-    found = re.finditer(r"^```(\S*)\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
-    return [Block(m[1], m[2], text.count("\n", 0, m.start()) + 1) for m in found]
+    matches = re.finditer(r"^```(\S*)\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    return [Block(m[1], m[2], text.count("\n", 0, m.start()) + 1) for m in matches]
 
 
 def commands_of(page: Path) -> list[str]:
@@ -97,15 +97,15 @@ def commands_in(block: Block) -> list[str]:
 
 def installed_by(page: Path) -> frozenset[str]:
     """Return what the `pip install` lines of a page install."""
-    found = {"linkage_vibration"}
+    actual = {"linkage_vibration"}
     for line in re.findall(r"pip install ([^`\n]*)", (ROOT / page).read_text()):
         for word in shlex.split(line):
             if not word.startswith("-") and "'" not in word:
                 ours = re.fullmatch(r"\.(\[.*\])?", word)
-                found.add(f"linkage_vibration{ours[1] or ''}" if ours else word.removeprefix("./"))
+                actual.add(f"linkage_vibration{ours[1] or ''}" if ours else word.removeprefix("./"))
     if any("def test_" in block.text for block in blocks_of(page)):
-        found.add("pytest")
-    return frozenset(found)
+        actual.add("pytest")
+    return frozenset(actual)
 
 
 @pytest.fixture(scope="module")
@@ -299,9 +299,9 @@ def test_blocks_import_what_they_use() -> None:
     """A block that a reader copies imports the names that other blocks of its page import."""
     for page in PAGES:
         blocks = [block for block in blocks_of(page) if block.language == "python"]
-        found = [(block, *names_of(block.text)) for block in blocks]
-        of_page = {name for _, imported, _ in found for name in imported} | {"lv", "np"}
-        for block, imported, used in found:
+        actual = [(block, *names_of(block.text)) for block in blocks]
+        of_page = {name for _, imported, _ in actual for name in imported} | {"lv", "np"}
+        for block, imported, used in actual:
             assert not (used - imported) & of_page, f"{page}:{block.line}"
 
 

@@ -54,11 +54,11 @@ def test_every_error_can_be_pickled(kind: type[LinkageVibrationError]) -> None:
     """An error keeps its class, its text and its attributes."""
     error = kind(*_arguments(kind))
     error.add_note("a note")
-    for found in (pickle.loads(pickle.dumps(error)), copy.copy(error)):
-        assert type(found) is kind
-        assert str(found) == str(error) != ""
-        assert found.args == error.args
-        assert vars(found) == vars(error)
+    for each in (pickle.loads(pickle.dumps(error)), copy.copy(error)):
+        assert type(each) is kind
+        assert str(each) == str(error) != ""
+        assert each.args == error.args
+        assert vars(each) == vars(error)
 
 
 def test_all_errors_are_found() -> None:

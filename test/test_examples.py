@@ -113,9 +113,9 @@ def replay_test(monkeypatch: pytest.MonkeyPatch) -> Any:
     spec = importlib.util.spec_from_file_location("replay_test", EXAMPLES / REPLAY_TEST)
     assert spec is not None
     assert spec.loader is not None
-    found = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(found)
-    return found
+    actual = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(actual)
+    return actual
 
 
 def test_replay_test(replay_test: Any, tmp_path: Path) -> None:

@@ -28,8 +28,8 @@ SHARE = "data/share/linkage_vibration"
 
 def files_below(folder: str) -> set[str]:
     """Return the files below a folder of the checkout, relative to its root."""
-    found = (ROOT / folder).rglob("*")
-    return {p.relative_to(ROOT).as_posix() for p in found if p.is_file() and p.suffix != ".pyc"}
+    actual = (ROOT / folder).rglob("*")
+    return {p.relative_to(ROOT).as_posix() for p in actual if p.is_file() and p.suffix != ".pyc"}
 
 
 def test_version_is_the_same_everywhere() -> None:

@@ -48,13 +48,13 @@ def test_type_checkers_see_the_same_names() -> None:
     """The imports that type checkers read name the same modules as the imports at first use."""
     tree = ast.parse(Path(lv.__file__).read_text())
     block = next(node for node in tree.body if isinstance(node, ast.If))
-    found = {
+    actual = {
         alias.name: node.module
         for node in block.body
         if isinstance(node, ast.ImportFrom)
         for alias in node.names
     }
-    assert found == lv._HOMES
+    assert actual == lv._HOMES
 
 
 def test_nothing_slow_is_imported_before_it_is_used() -> None:

@@ -47,21 +47,21 @@ def coarse(mechanism: Mechanism) -> Mechanism:
 def sweeps(mechanism: Mechanism, printed: Mechanism) -> SWEEPS:
     """Return seven coarse solutions of both geometries, and our numbers."""
     solutions, numbers = {}, {}
-    for label, one in ((CORRECTED, mechanism), (PRINTED, printed)):
-        solutions[label], found = _sweep(coarse(one), np.radians(np.linspace(90.0, 180.0, 7)))
-        numbers[label] = {**geometry(load_yaml(config_file(FILES[label]))[0]), **found}
+    for label, each in ((CORRECTED, mechanism), (PRINTED, printed)):
+        solutions[label], actual = _sweep(coarse(each), np.radians(np.linspace(90.0, 180.0, 7)))
+        numbers[label] = {**geometry(load_yaml(config_file(FILES[label]))[0]), **actual}
     return solutions, numbers
 
 
 def flat(value: Any, path: str = "") -> dict[str, float]:
     """Return the numbers of nested mappings and lists by their joined keys."""
     if isinstance(value, Mapping):
-        pairs = [(str(key), one) for key, one in value.items()]
+        pairs = [(str(key), each) for key, each in value.items()]
     elif isinstance(value, list):
-        pairs = [(str(i), one) for i, one in enumerate(value)]
+        pairs = [(str(i), each) for i, each in enumerate(value)]
     else:
         return {path: float(value)} if isinstance(value, int | float) else {}
-    return {k: v for key, one in pairs for k, v in flat(one, f"{path}.{key}".strip(".")).items()}
+    return {k: v for key, each in pairs for k, v in flat(each, f"{path}.{key}".strip(".")).items()}
 
 
 @pytest.mark.skipif(not REFERENCE.exists(), reason=f"{REFERENCE} is missing")

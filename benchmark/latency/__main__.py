@@ -168,11 +168,11 @@ def figures(runs: Sequence[Run]) -> NDArray[np.float64]:
 def ratios(own: Sequence[Run], echo: Sequence[Run]) -> tuple[NDArray[np.float64], list[str]]:
     """Return the ratios of the figures, (3,), and their texts with bootstrap intervals."""
     random = np.random.default_rng(1)
-    found = []
+    result = []
     for _ in range(RESAMPLED):
         sample = random.integers(len(own), size=len(own))
-        found.append(figures([own[i] for i in sample]) / figures([echo[i] for i in sample]))
-    low, high = np.percentile(found, [5.0, 95.0], axis=0)
+        result.append(figures([own[i] for i in sample]) / figures([echo[i] for i in sample]))
+    low, high = np.percentile(result, [5.0, 95.0], axis=0)
     middle = figures(own) / figures(echo)
     triples = zip(middle, low, high, strict=True)
     return middle, [f"{m:.2f} ({a:.2f} to {b:.2f})" for m, a, b in triples]

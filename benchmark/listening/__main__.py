@@ -76,7 +76,7 @@ def estimates_of(
     )
     speeds = {Source(name): values for name, values in drive.speeds.items()}
     arguments = drive.times, drive.signals, SENSORS, drive.crank_angle, speeds, excitations
-    found: list[Estimate] = []
+    result: list[Estimate] = []
     n = drive.frequencies.shape[1]
     predicted = prediction.evaluate(drive.crank_angle)[:, :n]
     heights: dict[float, FloatArray] = {}
@@ -87,12 +87,12 @@ def estimates_of(
         heights[float(drive.crank_angle[rows].mean())] = true
         if seed < FIRST + OTHER_DRIVES:
             for mode, frequency, stddev in of_pyoma(drive, segments, predicted, true):
-                found.append(estimate(OTHER, what.soil, mode, true, frequency, stddev))
+                result.append(estimate(OTHER, what.soil, mode, true, frequency, stddev))
     for each in finish(search_modes(prediction, mechanism, *arguments)):
         true = heights[each.alpha3]
         values = each.mode, true, each.frequency, each.frequency_stddev, each.doubt
-        found.append(estimate(OURS, what.soil, *values))
-    return found
+        result.append(estimate(OURS, what.soil, *values))
+    return result
 
 
 def estimate(
@@ -121,7 +121,7 @@ def of_pyoma(
     from pyoma2.setup import SingleSetup
 
     logging.disable(logging.CRITICAL)
-    found = []
+    computed = []
     for mode, hertz in enumerate(true.tolist()):
         mean = float(np.concatenate([predicted[each, mode] for each in segments]).mean())
         windows = [
@@ -139,8 +139,8 @@ def of_pyoma(
         result = algorithm.result
         values = [result.Fn, result.Fn_std]
         if all(len(each) == 1 and np.isfinite(each[0]) for each in values):
-            found.append((mode, float(values[0][0]), float(values[1][0])))
-    return found
+            computed.append((mode, float(values[0][0]), float(values[1][0])))
+    return computed
 
 
 def rows(estimates: Sequence[Estimate]) -> list[list[str]]:

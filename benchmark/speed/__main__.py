@@ -175,10 +175,10 @@ def tables(points: Sequence[Point]) -> list[str]:
     parts += [f"## The cost of {LIVE}", table(["method", "setting", "error", "lookups"], shown)]
     for part in INTERPOLATED:
         own = [p for p in points if p.part == part and p.family != PACKAGE]
-        found = {(p.family, p.cost.median): p.error for p in own}
-        sizes = sorted({size for _, size in found})
+        result = {(p.family, p.cost.median): p.error for p in own}
+        sizes = sorted({size for _, size in result})
         rows = [
-            [family, *(_error(found.get((family, size), math.nan)) for size in sizes)]
+            [family, *(_error(result.get((family, size), math.nan)) for size in sizes)]
             for family in dict.fromkeys(p.family for p in own)
         ]
         parts += [
@@ -200,15 +200,15 @@ def tables(points: Sequence[Point]) -> list[str]:
 def _by_settings(points: Sequence[Point]) -> list[str]:
     """Return a table for all families that have the same settings."""
     groups: dict[tuple[str, ...], list[str]] = {}
-    found = {(p.family, p.setting): p for p in points if not math.isnan(p.error)}
-    for family in dict.fromkeys(family for family, _ in found):
-        settings = tuple(setting for own, setting in found if own == family)
+    result = {(p.family, p.setting): p for p in points if not math.isnan(p.error)}
+    for family in dict.fromkeys(family for family, _ in result):
+        settings = tuple(setting for own, setting in result if own == family)
         groups.setdefault(settings, []).append(family)
     parts = []
     for settings, families in groups.items():
         rows = []
         for family in families:
-            own = [found[family, setting] for setting in settings]
+            own = [result[family, setting] for setting in settings]
             rows.append([family, "error", *(f"{p.error:.1e}" for p in own)])
             rows.append(["", "lookups", *(_figures(p.cost.median) for p in own)])
         parts.append(table(["method", "", *settings], rows))

@@ -25,10 +25,10 @@ _SHIFT = (2.0 * math.pi) ** 2  # (rad/s)^2
 
 def methods(scene: Scene, elements: tuple[int, ...]) -> list[Method]:
     """Return the assembly with these numbers of elements per link."""
-    found = []
+    result = []
     for n in elements:
         model = scene.model(elements=n, reduced=False)
-        found.append(
+        result.append(
             Method(
                 FAMILY,
                 counted(n, "element"),
@@ -36,7 +36,7 @@ def methods(scene: Scene, elements: tuple[int, ...]) -> list[Method]:
                 partial(sparse_frf, model, lines=scene.lines),
             )
         )
-    return found
+    return result
 
 
 def sparse_frequencies(model: LinkageModel, alpha3: float) -> FloatArray:
@@ -85,5 +85,5 @@ def _matrices(model: LinkageModel) -> tuple[csc_matrix, csc_matrix, csc_matrix]:
         kept["_sparse"] = tuple(
             csc_matrix(a) for a in (system.mass, system.stiffness, system.damping)
         )
-    found: tuple[csc_matrix, csc_matrix, csc_matrix] = kept["_sparse"]
-    return found
+    result: tuple[csc_matrix, csc_matrix, csc_matrix] = kept["_sparse"]
+    return result

@@ -130,9 +130,9 @@ def measure_live(
     points, jobs = [], {}
     for n in exact_modes:
         answer = partial(solved, scene.model(modes=n))
-        found = np.array([answer(float(a))[:MODES] for a in scene.live_angles])
+        values = np.array([answer(float(a))[:MODES] for a in scene.live_angles])
         setting = counted(n, "mode")
-        points.append(Point(LIVE, EXACT, setting, worst_frequency(found, exact), _NONE))
+        points.append(Point(LIVE, EXACT, setting, worst_frequency(values, exact), _NONE))
         jobs[LIVE, EXACT, setting] = cycling(answer, scene.live_angles)
     sampler = Sampler(model)
     some = scene.live_angles[: max(1, len(scene.live_angles) // 10)]
@@ -154,8 +154,8 @@ def measure_live(
                 Point(part, family, setting, error, solves)
                 for part, error in zip(INTERPOLATED, missed, strict=True)
             ]
-            found = np.array([live(float(a))[:MODES] for a in scene.live_angles])
-            points.append(Point(LIVE, family, setting, worst_frequency(found, exact), _NONE))
+            values = np.array([live(float(a))[:MODES] for a in scene.live_angles])
+            points.append(Point(LIVE, family, setting, worst_frequency(values, exact), _NONE))
             jobs[LIVE, family, setting] = cycling(live, scene.live_angles)
         progress(0.6 * n / sum(points_of_tables))
     return _timed(points, jobs, unit, rounds, lambda share: progress(0.4 * share))
@@ -173,7 +173,7 @@ def measure_package(
     peaks = [solution.peak(model.mechanism.response.peak_band) for solution in solutions]
     points, jobs = [], {}
     for table, solves in built:
-        found = table.evaluate(scene.live_angles)
+        values = table.evaluate(scene.live_angles)
         setting = counted(len(table.alpha3), "point")
         peak = [[p.frequency, p.magnitude] for p in peaks]
         frf = max(
@@ -188,15 +188,15 @@ def measure_package(
             for s in solutions[: max(1, len(solutions) // 10)]
         )
         missed = (
-            worst_frequency(found[:, :MODES], own),
-            worst_frequency(found[:, -2:], np.array(peak)),
+            worst_frequency(values[:, :MODES], own),
+            worst_frequency(values[:, -2:], np.array(peak)),
             frf,
         )
         points += [
             Point(part, PACKAGE, setting, error, spread([float(solves)]))
             for part, error in zip(INTERPOLATED, missed, strict=True)
         ]
-        error = worst_frequency(found[:, :MODES], exact)
+        error = worst_frequency(values[:, :MODES], exact)
         points.append(Point(LIVE, PACKAGE, setting, error, _NONE))
         jobs[LIVE, PACKAGE, setting] = cycling(table.interpolate, scene.live_angles)
     return _timed(points, jobs, unit, rounds, lambda share: None)
@@ -236,7 +236,7 @@ def _timed(
     samples = turns(todo, rounds, at_least=_AT_LEAST, slow=_SLOW, step=lambda: progress(share))
     own = samples[""]
     costs = {
-        key: spread([taken / one for taken, one in zip(samples[name], own, strict=False)])
+        key: spread([taken / each for taken, each in zip(samples[name], own, strict=False)])
         for name, key in names.items()
     }
     return [

@@ -34,14 +34,14 @@ NO_MODES = "LM-FBS couples FRFs; natural frequencies would have to be identified
 
 def methods(scene: Scene, modes: Sequence[int], elements: Sequence[int]) -> list[Method]:
     """Return every method, with these numbers of modes or elements per link."""
-    found = []
+    result = []
     for n in modes:
         model = scene.model(elements=scene.fine, modes=n)
         setting = counted(n, "mode")
         blocks = component_frfs(model, scene.lines[1:])
         held = held_frfs(model, scene.lines[1:])
         full = np.stack([block_diag(*matrices) for matrices in zip(*blocks, strict=True)])
-        found += [
+        result += [
             Method(
                 ALL_MODES,
                 setting,
@@ -56,7 +56,7 @@ def methods(scene: Scene, modes: Sequence[int], elements: Sequence[int]) -> list
         ]
     for n in elements:
         model = scene.model(elements=n, modes=20)
-        found.append(
+        result.append(
             Method(
                 REDUCED_MESH,
                 counted(n, "element"),
@@ -64,7 +64,7 @@ def methods(scene: Scene, modes: Sequence[int], elements: Sequence[int]) -> list
                 partial(modal_frf, model, lines=scene.lines),
             )
         )
-    return found
+    return result
 
 
 def natural_frequencies(model: LinkageModel, alpha3: float) -> FloatArray:
@@ -167,8 +167,8 @@ def as_written(model: LinkageModel, frf: ComplexArray, alpha3: float) -> Complex
     configuration = model.kinematics.at(alpha3)
     outputs, inputs = eleven(model, configuration)
     b = model.interface.join(configuration).compatibility
-    found = np.empty((len(frf), len(outputs)), dtype=complex)
-    for row, h in zip(found, frf, strict=True):
+    values = np.empty((len(frf), len(outputs)), dtype=complex)
+    for row, h in zip(values, frf, strict=True):
         coupled = h - h @ b.T @ np.linalg.inv(b @ h @ b.T) @ b @ h
         row[:] = outputs @ coupled @ inputs[0]
-    return found
+    return values

@@ -115,16 +115,16 @@ def draw_live(points: Sequence[Point], lookup: Spread, path: Path) -> None:
 
 def _draw_point(axes: Axes, points: Sequence[Point], unit: float, label: _Label) -> None:
     """Draw one method with its text beside it, if it was measured."""
-    found = [
+    result = [
         p
         for p in points
         if (p.part, p.family) == (label.part, label.family)
         and p.setting.startswith(label.setting)
         and p.error > 0.0
     ]
-    if not found:
+    if not result:
         return
-    place = (found[0].cost.median * unit, found[0].error)
+    place = (result[0].cost.median * unit, result[0].error)
     axes.plot(*place, "o", color=label.colour, markersize=7)
     axes.annotate(
         label.text,

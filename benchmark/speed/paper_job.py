@@ -71,17 +71,17 @@ def by_modes(job: Job, modes: int) -> Iterator[ComplexArray]:
     model = LinkageModel(changed(job.mechanism, modes=modes))
     band = (float(job.lines[0]), float(job.lines[-1]))
     for start in range(0, len(job.angles), _BLOCK):
-        found = [
+        result = [
             coupled.eleven_functions(model, float(alpha3), job.rows)
             for alpha3 in job.angles[start : start + _BLOCK]
         ]
-        n_near = max(int(in_reach(functions.stiffness, band).sum()) for functions in found)
+        n_near = max(int(in_reach(functions.stiffness, band).sum()) for functions in result)
         far = far_poles(
-            np.concatenate([functions.stiffness[n_near:] for functions in found]),
-            np.concatenate([functions.decay[n_near:] for functions in found]),
+            np.concatenate([functions.stiffness[n_near:] for functions in result]),
+            np.concatenate([functions.decay[n_near:] for functions in result]),
             band,
         )
-        for functions in found:
+        for functions in result:
             kept = np.arange(len(functions.decay)) < n_near
             yield functions.condensed(kept, far).frf(job.lines)[:, :, 0]
 
@@ -195,11 +195,11 @@ def side_by_side(names: list[str], step: Callable[[], object]) -> dict[str, Outc
     step()
     errors = {}
     for name in names:
-        found = [
+        result = [
             (frf_error(frf, right), _worst_frf(frf, right))
             for frf, right in zip(METHODS[name](job), exact, strict=True)
         ]
-        errors[name] = [max(column) for column in zip(*found, strict=True)]
+        errors[name] = [max(column) for column in zip(*result, strict=True)]
         step()
     jobs = {name: partial(run, METHODS[name], job) for name in names}
     repeated = {name: work for name, work in jobs.items() if name not in _AT_ONCE}
@@ -217,9 +217,9 @@ def side_by_side(names: list[str], step: Callable[[], object]) -> dict[str, Outc
     return outcomes
 
 
-def _worst_frf(found: ComplexArray, exact: ComplexArray) -> float:
-    exact = exact[len(exact) - len(found) :]
-    apart = np.linalg.norm(found - exact, axis=0) / np.linalg.norm(exact, axis=0)
+def _worst_frf(result: ComplexArray, exact: ComplexArray) -> float:
+    exact = exact[len(exact) - len(result) :]
+    apart = np.linalg.norm(result - exact, axis=0) / np.linalg.norm(exact, axis=0)
     return float(apart.max())
 
 
@@ -285,7 +285,7 @@ _FEW = 101
 def growth(names: list[str], step: Callable[[], object]) -> dict[tuple[str, str], Growth]:
     """Measure how the job's cost grows; ``step`` is called `steps_of_growth` times."""
     base = paper_job()
-    found = {}
+    result = {}
     for name in names:
         method = METHODS[name]
         for way in (LINES_GROW, ANGLES_GROW):
@@ -296,7 +296,7 @@ def growth(names: list[str], step: Callable[[], object]) -> dict[tuple[str, str]
                 repeats = 3 if factor <= 1 else 1
                 taken.append(min(seconds(partial(run, method, job)) for _ in range(repeats)))
                 step()
-            found[name, way] = Growth(sizes, taken)
+            result[name, way] = Growth(sizes, taken)
         sizes, taken = [], []
         for n_cells in _CELLS[name]:
             job = job_of_train(n_cells)
@@ -306,8 +306,8 @@ def growth(names: list[str], step: Callable[[], object]) -> dict[tuple[str, str]
             else:
                 taken.append(_put_together(method, job))
             step()
-        found[name, LINKS_GROW] = Growth(sizes, taken)
-    return found
+        result[name, LINKS_GROW] = Growth(sizes, taken)
+    return result
 
 
 def steps_of_growth(names: list[str]) -> int:
@@ -338,16 +338,16 @@ def _put_together(method: Method, job: Job) -> float:
     """
     lines = np.linspace(job.lines[0], job.lines[-1], _FEW)
     share = len(job.lines) / _FEW
-    one, three = (
+    first, three = (
         min(
             seconds(partial(run, method, Job(job.mechanism, angles, lines, job.rows)))
             for _ in range(2)
         )
         for angles in (job.angles[:1], job.angles[:3])
     )
-    coupling = (three - one) / 2.0
+    coupling = (three - first) / 2.0
     reduction = min(seconds(partial(LinkageModel, job.mechanism)) for _ in range(2))
-    prepared = max(one - coupling - reduction, 0.0)
+    prepared = max(first - coupling - reduction, 0.0)
     return reduction + share * (prepared + len(job.angles) * coupling)
 
 
@@ -488,7 +488,7 @@ def report(
 def _ratio(first: Outcome, second: Outcome) -> Spread:
     """Return the ratio of the times of two methods, computed in each round."""
     pairs = zip(first.seconds, second.seconds, strict=False)  # one of them was run only once
-    return spread([one / other for one, other in pairs])
+    return spread([each / other for each, other in pairs])
 
 
 def main() -> None:

@@ -70,11 +70,11 @@ def _sdynpy(scene: Scene, modes: tuple[int, ...]) -> list[Method]:
         return [
             Method(family, "", missing="not installed") for family in (SDYNPY_FRF, SDYNPY_MODES)
         ]
-    found = []
+    result = []
     for n in modes:
         model = scene.model(elements=scene.fine, modes=n)
         by_modes = SdynpyModes(model)
-        found += [
+        result += [
             Method(
                 SDYNPY_FRF, counted(n, "mode"), None, SdynpyFrfs(model, scene.lines[1:]), NO_MODES
             ),
@@ -85,7 +85,7 @@ def _sdynpy(scene: Scene, modes: tuple[int, ...]) -> list[Method]:
                 partial(by_modes.frf, lines=scene.lines),
             ),
         ]
-    return found
+    return result
 
 
 def _load_sdynpy() -> Any:
@@ -173,8 +173,8 @@ class SdynpyModes:
         used = self._dofs[:n]
         shapes = self._shapes(alpha3)
         forced = np.flatnonzero(inputs[0])
-        found = shapes.compute_frf(lines, used, used[forced], 0).ordinate  # (n, n_forced, n_lines)
-        at_force = np.tensordot(found, inputs[0, forced], axes=(1, 0))
+        result = shapes.compute_frf(lines, used, used[forced], 0).ordinate  # (n, n_forced, n_lines)
+        at_force = np.tensordot(result, inputs[0, forced], axes=(1, 0))
         return np.asarray((outputs @ at_force).T)
 
 

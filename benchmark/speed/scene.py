@@ -57,18 +57,18 @@ def eleven(model: LinkageModel, configuration: Configuration) -> tuple[FloatArra
     return outputs, model.rows([FORCE], configuration)
 
 
-def worst_frequency(found: FloatArray, exact: FloatArray) -> float:
+def worst_frequency(result: FloatArray, exact: FloatArray) -> float:
     """Return the largest relative error of the natural frequencies."""
-    return float(np.abs(found / exact - 1.0).max())
+    return float(np.abs(result / exact - 1.0).max())
 
 
-def frf_error(found: ComplexArray, exact: ComplexArray) -> float:
+def frf_error(result: ComplexArray, exact: ComplexArray) -> float:
     """Return the relative L2 error of FRFs, (n_lines, 11).
 
     LM-FBS omits 0 Hz, where floating links have no receptance, so the last lines are compared.
     """
-    exact = exact[len(exact) - len(found) :]
-    return float(np.linalg.norm(found - exact) / np.linalg.norm(exact))
+    exact = exact[len(exact) - len(result) :]
+    return float(np.linalg.norm(result - exact) / np.linalg.norm(exact))
 
 
 @dataclass(frozen=True)
@@ -126,8 +126,8 @@ class Scene:
             frequencies.append(solution.natural_frequencies[:MODES])
             outputs, inputs = eleven(model, solution.configuration)
             shapes = solution.modes.shapes[: len(model.interface)]
-            found = pole_residue(solution.damped, outputs @ shapes, inputs @ shapes)
-            frfs.append(found.frf(self.lines)[:, :, 0])
+            residues = pole_residue(solution.damped, outputs @ shapes, inputs @ shapes)
+            frfs.append(residues.frf(self.lines)[:, :, 0])
             step()
         return np.array(frequencies), np.array(frfs)
 

@@ -136,9 +136,9 @@ def chosen(
         points = np.sort(np.append(points, (points[worst] + points[worst + 1]) / 2.0))
 
 
-def _error(found: FloatArray, exact: FloatArray) -> float:
+def _error(result: FloatArray, exact: FloatArray) -> float:
     """Return the relative error of the worst natural frequency."""
-    return float(np.abs(found[:MODES] / exact[:MODES] - 1.0).max())
+    return float(np.abs(result[:MODES] / exact[:MODES] - 1.0).max())
 
 
 def tables(
@@ -152,15 +152,15 @@ def tables(
     def both(make: Make, points: FloatArray) -> tuple[Interpolant, Interpolant]:
         return make(sampler, points, False), make(sampler, points, True)
 
-    found = {}
+    result = {}
     for name, make in (
         ("linear", linear),
         ("cubic", cubic),
         ("PCHIP", pchip),
         ("Hermite", hermite),
     ):
-        found[name, False] = both(make, np.linspace(*stroke, n))
-        found[name, True] = both(make, chosen(sampler, stroke, max(n, _START), make))
+        result[name, False] = both(make, np.linspace(*stroke, n))
+        result[name, True] = both(make, chosen(sampler, stroke, max(n, _START), make))
 
     def whole(sampler: Sampler, points: FloatArray, terms: bool) -> Interpolant:
         return chebyshev(sampler, points, n - 1, terms)
@@ -169,19 +169,19 @@ def tables(
         return chebyshev(sampler, points, DEGREE, terms)
 
     each = DEGREE + 1
-    found["Chebyshev", False] = both(whole, np.array(stroke))
-    found["piecewise Chebyshev", False] = both(pieces, np.linspace(*stroke, n // each + 1))
-    found["piecewise Chebyshev", True] = both(pieces, chosen(sampler, stroke, n, pieces, each))
-    return found
+    result["Chebyshev", False] = both(whole, np.array(stroke))
+    result["piecewise Chebyshev", False] = both(pieces, np.linspace(*stroke, n // each + 1))
+    result["piecewise Chebyshev", True] = both(pieces, chosen(sampler, stroke, n, pieces, each))
+    return result
 
 
 def errors(
     table: Interpolant, exact: Callable[[float], FloatArray], angles: FloatArray
 ) -> tuple[float, float]:
     """Return the worst relative error of frequencies and of the peak, over angles."""
-    found = np.array([table(float(alpha3)) for alpha3 in angles])
+    result = np.array([table(float(alpha3)) for alpha3 in angles])
     right = np.array([exact(float(alpha3)) for alpha3 in angles])
-    frequencies = float(np.abs(found[:, :MODES] / right[:, :MODES] - 1.0).max())
-    at = np.abs(found[:, N_LIVE - 2] / right[:, N_LIVE - 2] - 1.0).max()
-    magnitude = np.abs(np.expm1(found[:, N_LIVE - 1] - right[:, N_LIVE - 1])).max()
+    frequencies = float(np.abs(result[:, :MODES] / right[:, :MODES] - 1.0).max())
+    at = np.abs(result[:, N_LIVE - 2] / right[:, N_LIVE - 2] - 1.0).max()
+    magnitude = np.abs(np.expm1(result[:, N_LIVE - 1] - right[:, N_LIVE - 1])).max()
     return frequencies, float(max(at, magnitude))

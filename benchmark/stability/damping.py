@@ -117,8 +117,8 @@ class Meeting:
     def error(self, method: str, alpha3: float) -> float:
         """Return the largest error of a pole, relative to its magnitude."""
         exact = self.exact(alpha3)
-        found = self.tabulated(alpha3) if method == "ours" else self.plain[method](alpha3)
-        apart = np.abs(found[np.isfinite(found)][:, np.newaxis] - exact) / np.abs(exact)
+        result = self.tabulated(alpha3) if method == "ours" else self.plain[method](alpha3)
+        apart = np.abs(result[np.isfinite(result)][:, np.newaxis] - exact) / np.abs(exact)
         return float(apart[linear_sum_assignment(apart)].max())
 
     def worst(self, method: str, distance: float) -> float:
@@ -244,10 +244,10 @@ def plain_pairs(solution: Solution) -> tuple[FloatArray, FloatArray]:
     This was the former method of this package. It made pairs of the real poles first, the slowest
     with the fastest.
     """
-    found = solution.damped
-    assert found.poles is not None
-    assert found.shapes is not None
-    poles, shapes = found.poles.ravel(), np.hstack(list(found.shapes))
+    result = solution.damped
+    assert result.poles is not None
+    assert result.shapes is not None
+    poles, shapes = result.poles.ravel(), np.hstack(list(result.shapes))
     upper, real = np.flatnonzero(poles.imag > 0.0), np.flatnonzero(poles.imag == 0.0)
     real = real[np.argsort(poles[real].real)]
     half = len(real) // 2
@@ -255,8 +255,8 @@ def plain_pairs(solution: Solution) -> tuple[FloatArray, FloatArray]:
     second = np.concatenate([poles[upper].conj(), poles[real[:half][::-1]]])
     alike = np.abs(shapes[:, first]) / np.linalg.norm(shapes[:, first], axis=0)
     order = linear_sum_assignment(alike, maximize=True)[1]
-    one, other = poles[first][order], second[order]
-    ratios = -(one + other).real / (2.0 * np.sqrt((one * other).real))
+    single, other = poles[first][order], second[order]
+    ratios = -(single + other).real / (2.0 * np.sqrt((single * other).real))
     return solution.modes.omega / (2.0 * math.pi), ratios
 
 
@@ -264,16 +264,16 @@ def _tracked(solutions: list[Solution]) -> ComplexArray:
     """Return two poles at each angle, (n, 2), rad/s, followed by their complex shapes."""
     before, poles = None, []
     for solution in solutions:
-        found = solution.damped
-        assert found.poles is not None
-        assert found.shapes is not None
-        shapes = solution.modes.shapes @ found.shapes[0]
+        result = solution.damped
+        assert result.poles is not None
+        assert result.shapes is not None
+        shapes = solution.modes.shapes @ result.shapes[0]
         shapes = shapes / np.linalg.norm(shapes, axis=0)
         order = np.arange(2)
         if before is not None:
             order = linear_sum_assignment(np.abs(before.conj().T @ shapes), maximize=True)[1]
         before = shapes[:, order]
-        poles.append(found.poles[0][order])
+        poles.append(result.poles[0][order])
     return np.array(poles)
 
 
@@ -300,17 +300,17 @@ def sweep(damper: Damper, constants: FloatArray) -> list[ComplexArray]:
     alpha3 = math.radians(damper.alpha3_deg)
     base, unit = (damper.model(c).solve(alpha3) for c in (0.0, 1.0))
     per_unit = unit.coupled.damping - base.coupled.damping
-    found = []
+    result = []
     for constant in constants.tolist():
         system = replace(base.coupled, damping=base.coupled.damping + constant * per_unit)
         modes = damp_modes(system, base.modes.omega, base.vectors)
         if modes.poles is None:
             omega, ratios = base.modes.omega, modes.damping_ratios
-            found.append(_poles(omega / (2.0 * math.pi), ratios))
+            result.append(_poles(omega / (2.0 * math.pi), ratios))
         else:
             poles = modes.poles.ravel()
-            found.append(poles[poles.imag >= 0.0])
-    return found
+            result.append(poles[poles.imag >= 0.0])
+    return result
 
 
 def _drawn_sweep(damper: Damper) -> Sweep:

@@ -183,8 +183,8 @@ def _noise(case: _Bench, share: float) -> list[str]:
     coupled = case.couple(part.frf)
     cut = min(case.error(case.truncated(frf, cut)) for cut in _CUTS)
     try:
-        found = identify(case.lines, coupled, _BAND).omega / (2.0 * math.pi)
-        modes = ", ".join(f"{frequency:.4g}" for frequency in found)
+        result = identify(case.lines, coupled, _BAND).omega / (2.0 * math.pi)
+        modes = ", ".join(f"{frequency:.4g}" for frequency in result)
     except LinkageVibrationError:
         modes = "refused"
     return [
@@ -270,7 +270,7 @@ def _faults(model: LinkageModel) -> str:
         oscillators(case.solution.modes.omega[:8], np.full(8, 2e-4), shape * shapes[0])
         for shape in shapes
     ]
-    light = np.concatenate([one.frf(_LINES)[:, 0] for one in sharp], axis=1)[:, :, None]
+    light = np.concatenate([each.frf(_LINES)[:, 0] for each in sharp], axis=1)[:, :, None]
     peak = sharp[0].peak(_BAND)
     faults = {
         "**A DoF is missing**, E1 z": [
@@ -332,9 +332,9 @@ def _low(model: LinkageModel) -> str:
     for alpha3 in np.radians(np.linspace(90.0, 180.0, 10)):
         solution = model.solve(float(alpha3))
         frf = _noisy(solution.frf(PLACES, PLACES[:1]).frf(_LINES), 1e-2)
-        found = identify(_LINES, frf, _BAND).omega[0] / (2.0 * math.pi)
-        worst = max(worst, abs(found / solution.natural_frequencies[0] - 1.0))
-        lowest = min(lowest, found)
+        result = identify(_LINES, frf, _BAND).omega[0] / (2.0 * math.pi)
+        worst = max(worst, abs(result / solution.natural_frequencies[0] - 1.0))
+        lowest = min(lowest, result)
     return f"""mode 1, from {lowest:.2g} Hz upwards,
 is accurate to {worst:.0e} over the stroke with noise of 1 % of the assembly's FRFs."""
 

@@ -86,9 +86,9 @@ def _missed(step: float) -> list[str]:
     texts = []
     for around in (3.0, 30.0, 150.0):
         frequency = around + step / 2.0
-        one = oscillators([2.0 * math.pi * frequency], [_RATIO], [1.0])
+        first = oscillators([2.0 * math.pi * frequency], [_RATIO], [1.0])
         lines = np.array([around, around + step])
-        seen = np.abs(one.frf(lines)).max() / _sharp(frequency)[1]
+        seen = np.abs(first.frf(lines)).max() / _sharp(frequency)[1]
         texts.append(f"{100.0 * (1.0 - seen):.1f} %")
     return texts
 
@@ -96,8 +96,8 @@ def _missed(step: float) -> list[str]:
 def _exact() -> list[str]:
     texts = []
     for around in (3.0, 30.0, 150.0):
-        one = oscillators([2.0 * math.pi * (around + _LINE / 2.0)], [_RATIO], [1.0])
-        error = one.peak((0.0, 200.0)).magnitude / _sharp(around + _LINE / 2.0)[1] - 1.0
+        first = oscillators([2.0 * math.pi * (around + _LINE / 2.0)], [_RATIO], [1.0])
+        error = first.peak((0.0, 200.0)).magnitude / _sharp(around + _LINE / 2.0)[1] - 1.0
         texts.append(f"{100.0 * abs(error):.0e} %")
     return texts
 
@@ -157,10 +157,10 @@ def _table_error(model: LinkageModel, built: Table, jump: float) -> float:
 
 def _edges() -> str:
     """Return how a resonance just outside and just inside a band is reported."""
-    one = oscillators([2.0 * math.pi * 50.0], [0.01], [1.0])
+    first = oscillators([2.0 * math.pi * 50.0], [0.01], [1.0])
     texts = []
     for band in ((0.0, 49.99), (0.0, 50.0), (50.0, 80.0)):
-        peak = one.peak(band)
+        peak = first.peak(band)
         texts.append(f"{band[0]:g} to {band[1]:g} Hz, {peak.frequency:.4f} Hz, {_kind(peak)}")
     return (
         "The highest value of an oscillator whose resonance peaks at 49.995 Hz, by band: "
@@ -177,12 +177,12 @@ def _draw(model: LinkageModel, built: Table, jump: float, picture: Path) -> None
     figure = picture_of("A peak between lines, and the highest peak where it jumps", 9.6, 4.4)
     left, right = figure.subplots(1, 2)
     frequency = 30.0 + _LINE / 2.0
-    one = oscillators([2.0 * math.pi * frequency], [_RATIO], [1.0])
+    first = oscillators([2.0 * math.pi * frequency], [_RATIO], [1.0])
     fine, lines = np.linspace(29.7, 30.4, 4001), 29.7 + _LINE * np.arange(8.0)
-    left.semilogy(fine, np.abs(one.frf(fine)[:, 0, 0]), color=INK, lw=1.6, label="exact")
-    seen = np.abs(one.frf(lines)[:, 0, 0])
+    left.semilogy(fine, np.abs(first.frf(fine)[:, 0, 0]), color=INK, lw=1.6, label="exact")
+    seen = np.abs(first.frf(lines)[:, 0, 0])
     left.semilogy(lines, seen, "o--", color=COLOURS[1], ms=5, lw=1.2, label="0.1 Hz lines")
-    peak = one.peak((0.0, 200.0))
+    peak = first.peak((0.0, 200.0))
     left.plot(peak.frequency, peak.magnitude, "D", color=COLOURS[2], ms=7, label="ours")
     left.set(xlabel="frequency [Hz]", ylabel="|H| [m/N]", title="30.05 Hz, 0.02 %")
     angles = jump + math.radians(6.0) * np.linspace(-1.0, 1.0, 601)

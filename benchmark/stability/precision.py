@@ -102,8 +102,8 @@ def _single_precision() -> dict[str, FloatArray]:
     single = [block.astype(np.complex64) for block in blocks]
     b = joining.compatibility
 
-    def error(found: ComplexArray) -> FloatArray:
-        worst = np.abs(found - exact).max(axis=(1, 2)) / np.abs(exact).max(axis=(1, 2))
+    def error(result: ComplexArray) -> FloatArray:
+        worst = np.abs(result - exact).max(axis=(1, 2)) / np.abs(exact).max(axis=(1, 2))
         return np.asarray(worst, dtype=float)
 
     at = [component.name for component in model.components].index("input_crank")
@@ -176,10 +176,10 @@ def _message(call: Callable[[], object]) -> str:
 
 def description() -> Any:
     """Return the paper's linkage as a mapping of its own, materials of links apart."""
-    found = yaml.safe_load(config_file("three_point_linkage.yaml").read_text(encoding="utf-8"))
-    for link in found["links"].values():
+    result = yaml.safe_load(config_file("three_point_linkage.yaml").read_text(encoding="utf-8"))
+    for link in result["links"].values():
         link["material"] = dict(link["material"])
-    return found
+    return result
 
 
 def scaled(mapping: Any, points: float = 1.0, sections: float = 1.0) -> Any:
@@ -246,7 +246,7 @@ class Extreme:
 def extremes() -> list[Extreme]:
     """Return linkages at 140 deg; the first mode has a simple limit, except for the thin rod."""
     base = first_frequency(description())
-    found = [
+    result = [
         Extreme(
             "implement of 1 g",
             "a stiff bar of 1 g in its place",
@@ -256,13 +256,13 @@ def extremes() -> list[Extreme]:
     ]
     for mass in (1e5, 1e8):
         heavy = _implement(mass, mass / 4.0)
-        found.append(
+        result.append(
             Extreme(f"implement of {mass / 1e3:g} t", "its static shapes", heavy, _static(heavy))
         )
     for stiffness in (1.0, 1e12):
         held = _crank_spring(stiffness)
         soft = stiffness < 1e6
-        found.append(
+        result.append(
             Extreme(
                 f"crank held by {stiffness:g} N m/rad",
                 "rigid bars, sqrt(k / J)" if soft else "the clamped crank",
@@ -270,7 +270,7 @@ def extremes() -> list[Extreme]:
                 _rigid_frequency(held, stiffness) if soft else base,
             )
         )
-    found.append(
+    result.append(
         Extreme(
             "upper link 1e6 times as stiff",
             "a rigid body in its place",
@@ -279,7 +279,7 @@ def extremes() -> list[Extreme]:
         )
     )
     return [
-        *found,
+        *result,
         Extreme(
             "lift rod of 0.9 mm, 1e-6 times as stiff in bending",
             "the rod alone between pins",
@@ -296,8 +296,8 @@ def solved(mapping: Any, *, reduced: bool = True) -> Solution:
 
 def nearest(extreme: Extreme) -> float:
     """Return the undamped natural frequency that is nearest to the expected one, Hz."""
-    found = solved(extreme.mapping).modes.omega / (2.0 * math.pi)
-    return float(found[np.abs(found / extreme.expected - 1.0).argmin()])
+    result = solved(extreme.mapping).modes.omega / (2.0 * math.pi)
+    return float(result[np.abs(result / extreme.expected - 1.0).argmin()])
 
 
 def first_frequency(mapping: Any) -> float:
@@ -423,8 +423,8 @@ def pinned_beam(length: float, depth: float) -> tuple[float, float]:
     free = np.ix_(*[[*loose, *range(len(beam.dofs), len(beam.mass))]] * 2)
     exact = pinned_frequency(_STEEL, bar, length)
     mu = eigh(beam.mass[free], beam.stiffness[free], eigvals_only=True)
-    found = 1.0 / np.sqrt(mu[mu > 0.0]) / (2.0 * math.pi)
-    return float(found[np.abs(found - exact).argmin()]), exact
+    result = 1.0 / np.sqrt(mu[mu > 0.0]) / (2.0 * math.pi)
+    return float(result[np.abs(result - exact).argmin()]), exact
 
 
 def _slender() -> str:

@@ -155,9 +155,9 @@ def _two_rods(solution: Solution, rows: FloatArray) -> str:
     blocks = component_frfs(model, lines)
     half = component_frf(rod.mass / 2, rod.stiffness / 2, rod.damping / 2, len(rod.dofs), lines)
     blocks = [half if c is rod else f for c, f in zip(model.components, blocks, strict=True)]
-    found = couple_frfs([*blocks, half], both, wide, wide)
+    receptances = couple_frfs([*blocks, half], both, wide, wide)
     exact = saddle_point_frf(solution, lines, rows)
-    near, off = share(found, exact)
+    near, off = share(receptances, exact)
     return (
         "The two lift rods as two components share every pole of their own. Coupled by LM-FBS "
         f"they give the FRFs of one rod twice as strong within {off:.0e} at 1e-2 from their "
@@ -179,5 +179,5 @@ def _two_linkages() -> tuple[float, float]:
     apart = np.zeros_like(exact)
     expected = np.block([[exact, apart], [apart, exact]])
     shares = block_diag(rows, rows) @ modes.shapes[: 2 * b.shape[1]]
-    found = pole_residue(damp_modes(coupled, modes.omega, vectors), shares, shares).frf(lines)
-    return float(np.abs(pairs - 1.0).max()), float(share(found, expected).max())
+    receptances = pole_residue(damp_modes(coupled, modes.omega, vectors), shares, shares).frf(lines)
+    return float(np.abs(pairs - 1.0).max()), float(share(receptances, expected).max())

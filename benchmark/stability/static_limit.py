@@ -52,8 +52,8 @@ def plain_lm_fbs(
 ) -> ComplexArray:
     """Couple by eq. 19 as it stands, line by line, by ``solve`` or ``inv``; NaN where it stops."""
     b = compatibility
-    found = np.full((len(blocks[0]), len(rows), len(rows)), np.nan + 0.0j)
-    for frf, line in zip(found, zip(*blocks, strict=True), strict=True):
+    values = np.full((len(blocks[0]), len(rows), len(rows)), np.nan + 0.0j)
+    for frf, line in zip(values, zip(*blocks, strict=True), strict=True):
         h = block_diag(*line)
         interface, driven = b @ h @ b.T, b @ h @ rows.T
         with contextlib.suppress(np.linalg.LinAlgError):
@@ -63,7 +63,7 @@ def plain_lm_fbs(
                 else np.linalg.inv(interface) @ driven
             )
             frf[:] = rows @ h @ rows.T - rows @ h @ b.T @ forces
-    return found
+    return values
 
 
 def saddle_point_frf(solution: Solution, frequencies: FloatArray, rows: FloatArray) -> ComplexArray:
@@ -76,8 +76,8 @@ def saddle_point_frf(solution: Solution, frequencies: FloatArray, rows: FloatArr
     b = np.pad(scale * b, ((0, 0), (0, n - b.shape[1])))
     size = n + len(b)
     force = np.pad(rows, ((0, 0), (0, size - rows.shape[1]))).T.astype(complex)
-    found = np.empty((len(frequencies), len(rows), len(rows)), dtype=complex)
-    for frf, frequency in zip(found, frequencies, strict=True):
+    values = np.empty((len(frequencies), len(rows), len(rows)), dtype=complex)
+    for frf, frequency in zip(values, frequencies, strict=True):
         omega = 2.0 * math.pi * frequency
         matrix = np.zeros((size, size), dtype=np.clongdouble)
         matrix[:n, :n] = system.stiffness - np.longdouble(omega) ** 2 * system.mass
@@ -88,12 +88,12 @@ def saddle_point_frf(solution: Solution, frequencies: FloatArray, rows: FloatArr
         for _ in range(4):
             x = x + rough @ (force - matrix @ x).astype(complex)
         frf[:] = (force.T @ x).astype(complex)
-    return found
+    return values
 
 
-def share(found: ComplexArray, exact: ComplexArray) -> FloatArray:
+def share(result: ComplexArray, exact: ComplexArray) -> FloatArray:
     """Return the largest difference at each frequency, of the largest FRF there."""
-    return np.asarray(np.abs(found - exact).max(axis=(1, 2)) / np.abs(exact).max(axis=(1, 2)))
+    return np.asarray(np.abs(result - exact).max(axis=(1, 2)) / np.abs(exact).max(axis=(1, 2)))
 
 
 def picture_of(title: str, width: float = 8.0, height: float = 4.4) -> Figure:

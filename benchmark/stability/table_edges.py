@@ -79,7 +79,7 @@ def _errors(model: LinkageModel, predictor: Predictor, angle: float) -> list[str
         return ["NaN", "NaN", prediction.status.name]
     same = angle - 2.0 * math.pi if angle > 2.0 * math.pi else angle
     exact = model.solve(same).natural_frequencies[:3]
-    texts = [f"{np.abs(np.sort(found) / exact - 1.0).max():.0e}" for found in (clamped, extended)]
+    texts = [f"{np.abs(np.sort(each) / exact - 1.0).max():.0e}" for each in (clamped, extended)]
     if prediction.status is Status.OK:
         error = np.abs(np.sort(prediction.natural_frequencies) / exact - 1.0).max()
         return [*texts, f"{error:.0e}"]
@@ -116,10 +116,10 @@ def _damage(model: LinkageModel) -> str:
             damaged[at] ^= 1 << at % 8
             path.write_bytes(damaged)
             try:
-                found = np.load(path)
+                result = np.load(path)
             except Exception:
                 continue
-            silent += not np.array_equal(found, smallest.natural_frequencies)
+            silent += not np.array_equal(result, smallest.natural_frequencies)
         ours = Path(folder) / "table.npz"
         save_table(smallest, ours)
         sound = bytearray(ours.read_bytes())

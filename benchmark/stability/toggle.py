@@ -190,13 +190,13 @@ def _closure_errors(mechanism: Mechanism) -> _Errors:
         before = _angles(kinematics, float(toggle - min(10.0 * distance, 0.25)))
         exact = place_mast(mechanism, alpha3, np.longdouble)
         ours = kinematics.at(alpha3)
-        found = (
+        result = (
             place_mast(mechanism, alpha3),
             newton(mechanism, alpha3, before, 1e-9)[0][3],
             newton(mechanism, alpha3, before, 1e-14)[0][3],
             ours.angle("implement"),
         )
-        for name, angle in zip(names, found, strict=True):
+        for name, angle in zip(names, result, strict=True):
             errors[name].append(float(abs(np.longdouble(angle) - exact)))
         ratios.append(ours.velocity_ratio("implement"))
     return _Errors(
@@ -265,9 +265,9 @@ def _velocity_ratios(kinematics: Kinematics, upper: bool) -> FloatArray:
     """Distance (deg) and how many times faster than the crank the mast turns, (n, 2)."""
     toggle, way = (kinematics.closable_range[upper], -1.0 if upper else 1.0)
     distances = 10.0 ** np.linspace(1.3, -4.0, 54)
-    found = [kinematics.at(float(toggle + way * d)) for d in np.radians(distances)]
+    result = [kinematics.at(float(toggle + way * d)) for d in np.radians(distances)]
     return np.column_stack(
-        [distances, [abs(turned.velocity_ratio("implement")) for turned in found]]
+        [distances, [abs(turned.velocity_ratio("implement")) for turned in result]]
     )
 
 

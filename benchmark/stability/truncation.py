@@ -86,25 +86,25 @@ def _truncated(complete: PoleResidue, n: int, order: int) -> ComplexArray:
     return np.asarray(frf)
 
 
-def _worst(found: ComplexArray, exact: ComplexArray) -> float:
-    return float((np.abs(found - exact) / np.abs(exact)).max())
+def _worst(result: ComplexArray, exact: ComplexArray) -> float:
+    return float((np.abs(result - exact) / np.abs(exact)).max())
 
 
-def _texts(found: list[ComplexArray], exact: ComplexArray) -> list[str]:
+def _texts(result: list[ComplexArray], exact: ComplexArray) -> list[str]:
     """Return the largest error of each, then the errors of the first two at 0 Hz."""
-    return [f"{_worst(frf, exact):.1g}" for frf in found] + _at_zero(found[:2], exact)
+    return [f"{_worst(frf, exact):.1g}" for frf in result] + _at_zero(result[:2], exact)
 
 
-def _at_zero(found: list[ComplexArray], exact: ComplexArray) -> list[str]:
-    return [f"{_worst(frf[:1], exact[:1]):.0e}" for frf in found]
+def _at_zero(result: list[ComplexArray], exact: ComplexArray) -> list[str]:
+    return [f"{_worst(frf[:1], exact[:1]):.0e}" for frf in result]
 
 
 def _of_links(model: LinkageModel, n: int, exact: ComplexArray) -> list[str]:
     links = tuple(replace(link, modes=n) for link in model.mechanism.links)
     few = LinkageModel(replace(model.mechanism, links=links), kinematics=model.kinematics)
-    found = few.solve(ALPHA3).frf(PLACES, PLACES).frf(_LINES)
-    norm = np.linalg.norm(found - exact) / np.linalg.norm(exact)
-    return [f"{_worst(found, exact):.1g}", f"{norm:.0e}", *_at_zero([found], exact)]
+    receptances = few.solve(ALPHA3).frf(PLACES, PLACES).frf(_LINES)
+    norm = np.linalg.norm(receptances - exact) / np.linalg.norm(exact)
+    return [f"{_worst(receptances, exact):.1g}", f"{norm:.0e}", *_at_zero([receptances], exact)]
 
 
 def _draw(

@@ -86,8 +86,8 @@ def _crank(gap: float, tolerance: float) -> list[str]:
         plain.append(np.sort(CubicSpline(grid, frequencies)(angles), axis=1))
     solutions: list[float] = []
     ours = build_table(model, tolerance, progress=solutions.append)
-    found = np.sort(ours.evaluate(angles)[:, :2], axis=1)
-    errors = [np.abs(frequencies / exact - 1.0).max() for frequencies in (*plain, found)]
+    ordered = np.sort(ours.evaluate(angles)[:, :2], axis=1)
+    errors = [np.abs(frequencies / exact - 1.0).max() for frequencies in (*plain, ordered)]
     texts = [f"{error:.0e}" for error in (*errors, ours.interpolation_error.max())]
     return [f"{gap:g}", *texts[:2], f"{tolerance:.0e}", *texts[2:], f"{len(solutions)}"]
 
@@ -164,10 +164,10 @@ def _splines(model: LinkageModel, grid: FloatArray, at: FloatArray, signs: bool)
     )
 
 
-def _apart(found: ComplexArray, exact: ComplexArray) -> float:
+def _apart(result: ComplexArray, exact: ComplexArray) -> float:
     """Return the worst relative L2 error over angles, of all FRFs together."""
     size = len(exact), -1
-    apart = np.linalg.norm((found - exact).reshape(size), axis=1)
+    apart = np.linalg.norm((result - exact).reshape(size), axis=1)
     return float((apart / np.linalg.norm(exact.reshape(size), axis=1)).max())
 
 
@@ -175,8 +175,8 @@ def _ours(model: LinkageModel, built: Table) -> float:
     """Return the same of the table, halfway between degrees."""
     angles = np.radians(np.arange(90.5, 180.0, 3.0))
     exact = np.array([terms.frf(_LINES) for terms in _terms(model, angles)])
-    found = [built.frf(float(angle), PLACES, PLACES).frf(_LINES) for angle in angles]
-    return _apart(np.array(found), exact)
+    result = [built.frf(float(angle), PLACES, PLACES).frf(_LINES) for angle in angles]
+    return _apart(np.array(result), exact)
 
 
 def _draw(model: LinkageModel, built: Table, picture: Path) -> None:

@@ -100,8 +100,8 @@ def calculix_frequencies(
         text=True,
         check=False,
     )
-    found = (folder / "linkage.dat").read_text() if (folder / "linkage.dat").exists() else ""
-    rows = re.findall(r"^ +\d+ +[\d.E+-]+ +[\d.E+-]+ +([\d.E+-]+) +[\d.E+-]+$", found, re.M)
+    result = (folder / "linkage.dat").read_text() if (folder / "linkage.dat").exists() else ""
+    rows = re.findall(r"^ +\d+ +[\d.E+-]+ +[\d.E+-]+ +([\d.E+-]+) +[\d.E+-]+$", result, re.M)
     if len(rows) < n_modes:
         raise RuntimeError(f"CalculiX found no modes; it printed:\n{run.stdout[-2000:]}")
     return np.array(rows[:n_modes], dtype=float)

@@ -15,10 +15,10 @@ from linkage_vibration.prediction.ensemble import draws
 from linkage_vibration.prediction.excitation import Excitation, Source
 
 FEWEST = 5
-"""Windows of a drive in which an order is heard."""
-# An order is heard if what noise leaves of its mean square exceeds so many standard deviations, and
-# if its mean square exceeds noise so many times: a mode that noise shakes is a line, too.
-_HEARD, _ABOVE = 2.0, 4.0
+"""Windows of a drive in which an order is detected."""
+# An order is detected if what noise leaves of its mean square exceeds so many standard deviations,
+# and if its mean square exceeds noise so many times: a mode that noise shakes is a line, too.
+_DETECTED, _ABOVE = 2.0, 4.0
 _SURE = 1.0  # the largest relative standard deviation in a file of excitations
 _LEAST = 1e-300
 
@@ -33,12 +33,12 @@ class MeasuredOrder:
     windows : int
         In how many windows it stands alone.
     measured, measured_stddev : float
-        Root mean square over these windows, m/s^2 or N; the largest possible if it is not heard.
+        Root mean square over these windows, m/s^2 or N; the largest possible if it is not detected.
     predicted, predicted_factor : float
         The same as predicted, and exp of the standard deviation of its logarithm.
     amplitude, relative_stddev : float
         Amplitude of the excitation at its reference speed, SI, and its relative standard deviation.
-    heard : bool
+    is_detected : bool
         Whether it stands out of the noise.
     """
 
@@ -50,17 +50,19 @@ class MeasuredOrder:
     predicted_factor: float
     amplitude: float
     relative_stddev: float
-    heard: bool
+    is_detected: bool
 
     @property
     def difference(self) -> float:
         """Logarithm of measured over predicted, over its standard deviation; NaN if not known.
 
-        Of an order that is not heard, it is the largest possible if that is negative.
+        Of an order that is not detected, it is the largest possible if that is negative.
         """
-        if not self.predicted > 0.0 or not (self.heard or 0.0 < self.measured < self.predicted):
+        if not self.predicted > 0.0 or not (
+            self.is_detected or 0.0 < self.measured < self.predicted
+        ):
             return math.nan
-        noise = self.measured_stddev / self.measured if self.heard else 0.0
+        noise = self.measured_stddev / self.measured if self.is_detected else 0.0
         stddev = math.hypot(math.log(self.predicted_factor), noise)
         return math.log(self.measured / self.predicted) / stddev if stddev else math.nan
 
@@ -114,7 +116,7 @@ def measure_orders(
 ) -> list[MeasuredOrder]:
     """Return each order that any window has, measured and predicted; units: `unit_responses`.
 
-    An order is heard in at least the fewest windows.
+    An order is detected in at least the fewest windows.
     """
     n_members = units.shape[1] - 1
     factors = draws(excitations, n_members)[0] if n_members else np.empty((len(excitations), 0))
@@ -148,20 +150,20 @@ def _row(
     mean = float(net.mean())
     # A line of amplitude a in complex noise of variance s: var |A|^2 = 2 a^2 s + s^2.
     stddev = float(np.sqrt((2.0 * np.maximum(net, 0.0) * noise + noise**2).sum())) / m
-    heard = m >= fewest and mean > _HEARD * stddev
-    heard = heard and float(squares.mean()) > _ABOVE * float(noise.mean())
-    rms = math.sqrt((mean if heard else float(squares.mean())) / 2.0)
+    detected = m >= fewest and mean > _DETECTED * stddev
+    detected = detected and float(squares.mean()) > _ABOVE * float(noise.mean())
+    rms = math.sqrt((mean if detected else float(squares.mean())) / 2.0)
     amplitude = relative = predicted = factor = math.nan
     if excitation.load is not None:
         gains = np.sqrt((scale**2).mean(axis=0) / 2.0)
         predicted = excitation.load.amplitude * float(gains[0])
         spread = np.log(np.maximum(gains[1:] * factors, _LEAST))
         factor = math.exp(float(spread.std()) if len(spread) else excitation.load.relative_stddev)
-        if heard:
+        if detected:
             amplitude, relative = _amplitude(net, noise, scale)
-    deviation = stddev / (4.0 * rms) if heard else math.nan
+    deviation = stddev / (4.0 * rms) if detected else math.nan
     level = excitation, m, rms, deviation, predicted, factor
-    return MeasuredOrder(*level, amplitude, relative, heard)
+    return MeasuredOrder(*level, amplitude, relative, detected)
 
 
 def _amplitude(net: FloatArray, noise: FloatArray, scale: FloatArray) -> tuple[float, float]:
@@ -189,8 +191,8 @@ def amplitude_numbers(
 ) -> list[tuple[list[str], list[str]]]:
     """Return keys and words of the amplitudes and deviations of a file of excitations to change.
 
-    The content is that of the file. Orders that were not heard, or that are not known within their
-    own size, keep their numbers.
+    The content is that of the file. Orders that were not detected, or that are not known within
+    their own size, keep their numbers.
     """
     sure = {row.excitation.name: row for row in rows if row.relative_stddev <= _SURE}
     numbers = []
@@ -206,19 +208,19 @@ def amplitude_numbers(
         orders = entry.get("orders")
         if not kind or not isinstance(orders, list):
             continue
-        found = [sure.get(f"{name} {order:g}") for order in orders]
-        if not any(found):
+        measured = [sure.get(f"{name} {order:g}") for order in orders]
+        if not any(measured):
             continue
         old, spread = entry[kind], entry.get("amplitude_stddev", 0.0)
         assert isinstance(old, list)
         spreads = spread if isinstance(spread, list) else [spread] * len(old)
         values = [
             f"{row.amplitude:.4g}" if row else f"{was:.6g}"
-            for row, was in zip(found, old, strict=True)
+            for row, was in zip(measured, old, strict=True)
         ]
         words = [
             f"{row.relative_stddev:.2g}" if row else f"{was:g}"
-            for row, was in zip(found, spreads, strict=True)
+            for row, was in zip(measured, spreads, strict=True)
         ]
         numbers += [([name, kind], values), ([name, "amplitude_stddev"], words)]
     return numbers

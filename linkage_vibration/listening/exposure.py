@@ -88,10 +88,10 @@ def exposure(signal: Signal, kinds: IntArray) -> Exposure:
         worst.append(np.sqrt((seconds**2).mean(axis=1)).max(axis=1))
         middles = times[long // 2 :: long][: len(seconds)]
         kind.append(kinds[np.searchsorted(signal.times, middles, side="right") - 1])
-    running, found = np.concatenate(worst), np.concatenate(kind)
+    running, work = np.concatenate(worst), np.concatenate(kind)
     shares = {}
     for i, name in enumerate(KINDS):
-        if (chosen := found == i).any():
+        if (chosen := work == i).any():
             above = [float((running[chosen] > value).mean()) for value in (ACTION, LIMIT)]
             shares[name] = (float(chosen.mean()), above[0], above[1])
     x, y, z = np.sqrt(squares / count).tolist()

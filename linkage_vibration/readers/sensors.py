@@ -190,7 +190,7 @@ def read_measured(sensor: Sensor, log: Path, start: int) -> tuple[FloatArray, Fl
     from linkage_vibration.bags.streams import open_bags  # a node may lack the library for bags
 
     with open_bags([path]) as bags:
-        types, defined = {one.name: one.type for one in bags.topics}, bags.defined(sensor.topic)
+        types, defined = {each.name: each.type for each in bags.topics}, bags.defined(sensor.topic)
         if defined is None or sensor.topic not in types:
             names = f"it has {', '.join(types) or 'none'}"
             raise SensorError(f"{path}: has no topic {sensor.topic} for {sensor.name}; {names}.")
@@ -250,7 +250,7 @@ class SensorReader:
     def read_one(self, data: bytes, received: int) -> tuple[int, str, tuple[float, ...]] | None:
         """Return the stamp, ns, the frame and the numbers of a message; None if it lacks one."""
         numbers = [reader.read_one(data) for reader in self._readers]
-        values = tuple(math.nan if one is None else one.value for one in numbers)
+        values = tuple(math.nan if each is None else each.value for each in numbers)
         if not all(abs(value) < LARGEST for value in values) or numbers[0] is None:
             return None
         stamp = 10**9 * numbers[0].sec + numbers[0].nanosec

@@ -147,7 +147,7 @@ def answers(sensors: Sequence[Heard]) -> list[str]:
 
 def _orders_answer(sensor: Heard) -> str:
     """Return which orders at a sensor agree with their predictions, and which do not."""
-    compared = [row for row in sensor.rows if row.heard and not math.isnan(row.difference)]
+    compared = [row for row in sensor.rows if row.is_detected and not math.isnan(row.difference)]
     off = [row for row in sensor.rows if abs(row.difference) > _SURE]
     parts = [
         f"At {sensor.signal.sensor.name}, {sum(row not in off for row in compared)} of "
@@ -155,11 +155,11 @@ def _orders_answer(sensor: Heard) -> str:
         f"{_SURE:g} standard deviations)."
     ]
     for row in off:
-        bound = "has" if row.heard else "is below the noise, so it has at most"
+        bound = "has" if row.is_detected else "is below the noise, so it has at most"
         ratio = f"{row.measured / row.predicted:.2g}"
         parts.append(f"{row.excitation.name} {bound} {ratio} times the predicted strength.")
     others = [row for row in sensor.rows if row not in compared and row not in off]
-    if alone := sum(row.heard for row in others):
+    if alone := sum(row.is_detected for row in others):
         parts.append(f"{_count(alone, 'more order')} above the noise cannot be predicted.")
     if below := len(others) - alone:
         parts.append(f"{_count(below, 'more order')} cannot be told from the noise.")
@@ -275,7 +275,7 @@ def _draw_spectrogram(ax: "Axes", log: Log, sensor: Heard) -> None:
             ends[mode] = shown[-1]
     frequency_axis(ax, ends)
     ax.set_ylim(max(0.5, float(frequencies[1])), top)
-    rows = sorted((row for row in sensor.rows if row.heard), key=lambda row: -row.measured)
+    rows = sorted((row for row in sensor.rows if row.is_detected), key=lambda row: -row.measured)
     names = [each.name for each in log.excitations]
     for row in rows[:_LABELLED]:
         hertz = sensor.orders.frequencies[:, names.index(row.excitation.name)]
@@ -333,7 +333,7 @@ def _orders_table(sensor: Heard) -> str:
     for row in sensor.rows:
         bound = f"{_short(row.measured, 3)} ± {_short(row.measured_stddev)}"
         cells = [row.excitation.name, str(row.windows)]
-        cells.append(bound if row.heard else f"below {_short(row.measured)} (noise)")
+        cells.append(bound if row.is_detected else f"below {_short(row.measured)} (noise)")
         factor = f"{_short(row.predicted, 3)} (× or ÷ {_short(row.predicted_factor)})"
         cells.append("not known" if math.isnan(row.predicted) else factor)
         cells.append(_deviations(row))
@@ -354,7 +354,7 @@ def _deviations(row: MeasuredOrder) -> str:
     """Return the difference in standard deviations in words; empty if it is not known."""
     if math.isnan(row.difference):
         return ""
-    return f"{row.difference:+.1f}" if row.heard else f"at most {row.difference:+.1f}"
+    return f"{row.difference:+.1f}" if row.is_detected else f"at most {row.difference:+.1f}"
 
 
 def _exposure_table(signal: Signal, felt: Exposure) -> str:

@@ -69,7 +69,7 @@ def frames_of(
     paths: Path | list[Path], topics: list[str] | None = None
 ) -> list[tuple[int, str, Frame]]:
     """Return log time, topic and frame of each message of logs, read in blocks and one by one."""
-    found = []
+    actual = []
     with open_bags([paths] if isinstance(paths, Path) else paths) as bags:
         names = topics or [topic.name for topic in bags.topics]
         for block in bags.blocks(names):
@@ -77,8 +77,8 @@ def frames_of(
             frames = decoded(block, left_out)
             assert not left_out.unreadable
             for row in range(len(block)):
-                found.append((int(block.log_times[row]), names[block.topics[row]], frames[row]))
-    return found
+                actual.append((int(block.log_times[row]), names[block.topics[row]], frames[row]))
+    return actual
 
 
 def write(path: Path, frames: list[BusFrame]) -> Path:
@@ -101,14 +101,14 @@ def write(path: Path, frames: list[BusFrame]) -> Path:
 def drive(n: int = 500) -> list[BusFrame]:
     """Return frames of two channels, of all lengths."""
     rng = random.Random(4)
-    found = []
+    actual = []
     for k in range(n):
         extended = rng.random() < 0.8
         number = rng.randrange(1 << (29 if extended else 11))
         data = rng.randbytes(rng.randrange(9))
         time = EPOCH + 1_000_000 * k
-        found.append(BusFrame(time, number, data, extended, f"can{rng.randrange(2)}"))
-    return found
+        actual.append(BusFrame(time, number, data, extended, f"can{rng.randrange(2)}"))
+    return actual
 
 
 def expected(frames: list[BusFrame]) -> list[tuple[int, Frame]]:
@@ -143,22 +143,22 @@ def test_every_kind_of_log(tmp_path: Path, name: str) -> None:
         path.write_bytes(gzip.compress(plain.read_bytes()))
     else:
         plain.rename(path)
-    found = frames_of(path)
+    actual = frames_of(path)
     first = 0 if kind == ".log" else 1
     names = [f"/{'channel_' if first else 'can'}{int(f.channel[-1]) + first}" for f in frames]
-    assert [topic for _, topic, _ in found] == names
+    assert [topic for _, topic, _ in actual] == names
     wanted = expected(frames)
     # The text of ASC begins in the time zone of the machine that writes it.
-    shift = found[0][0] - frames[0].time
+    shift = actual[0][0] - frames[0].time
     assert shift % (900 * 10**9) == 0 if kind == ".asc" else shift == 0
-    for (time, _, frame), (wanted_time, wanted_frame) in zip(found, wanted, strict=True):
+    for (time, _, frame), (wanted_time, wanted_frame) in zip(actual, wanted, strict=True):
         assert time == wanted_time + shift
         assert frame[2:] == wanted_frame[2:]
         assert 10**9 * frame.sec + frame.nanosec == time
     assert topic_types(path) == dict.fromkeys(sorted(set(names)), "can_msgs/msg/Frame")
     columns = read_columns(path, {names[0]: "can_msgs/msg/Frame"})[names[0]]
     assert [columns[name][0] for name in ("log_time", "id", "dlc")] == [
-        found[0][0],
+        actual[0][0],
         frames[0].identifier,
         len(frames[0].data),
     ]
@@ -170,8 +170,8 @@ def test_channels_and_bags_are_merged(tmp_path: Path) -> None:
     halves = [frames[:250], frames[250:]]
     paths = [write(tmp_path / f"{k}.log", half) for k, half in enumerate(halves)]
     wanted = [pair for pair, f in zip(expected(frames), frames, strict=True) if f.channel == "can1"]
-    found = frames_of(paths, ["/can1"])
-    assert [(time, frame) for time, _, frame in found] == wanted
+    actual = frames_of(paths, ["/can1"])
+    assert [(time, frame) for time, _, frame in actual] == wanted
 
 
 LOG = """\
@@ -190,10 +190,10 @@ def test_text_of_candump(tmp_path: Path) -> None:
     """A text of candump has data, remote, error and CAN FD frames, and frames without data."""
     path = tmp_path / "candump-2023-11-14.log"
     path.write_text(LOG)
-    found = frames_of(path)
-    assert [time - EPOCH for time, *_ in found] == [100_000 * k for k in range(1, 9)]
+    frames = frames_of(path)
+    assert [time - EPOCH for time, *_ in frames] == [100_000 * k for k in range(1, 9)]
     extended = EXTENDED | 0x0CFE45F0
-    assert [(frame.key, frame.dlc, frame.payload.hex()) for *_, frame in found] == [
+    assert [(frame.key, frame.dlc, frame.payload.hex()) for *_, frame in frames] == [
         (extended, 8, "7dffffffffffffff"),
         (0x123, 3, "1122330000000000"),
         (extended, 1, "7e00000000000000"),
@@ -208,9 +208,9 @@ def test_text_of_candump(tmp_path: Path) -> None:
 def test_recorded_tractor(tmp_path: Path) -> None:
     """The frames of a real tractor come out of a log as they went in."""
     frames = recorded_frames()
-    found = frames_of(write_candump(tmp_path / "tractor.log", frames))
+    actual = frames_of(write_candump(tmp_path / "tractor.log", frames))
     ordered = sorted(frames, key=lambda frame: frame.time)
-    assert [(time, frame) for time, _, frame in found] == expected(ordered)
+    assert [(time, frame) for time, _, frame in actual] == expected(ordered)
 
 
 LINE = "(1700000000.000100) can0 0CFE45F0#7D\n"
@@ -332,15 +332,19 @@ def test_truncated_logs(tmp_path: Path, kind: str) -> None:
     ]:
         path.write_bytes(whole[:size])
         try:
-            found = frames_of(path)
+            actual = frames_of(path)
         except BagError as error:
             assert str(error).startswith(str(path))
             continue
         read += 1
         # The last frame of a text may have lost bytes, which its length says.
-        assert [each[0] for each in found[:-1]] == [each[0] for each in complete[: len(found) - 1]]
-        assert [each[2] for each in found[:-1]] == [each[2] for each in complete[: len(found) - 1]]
-        last, truth = found[-1][2], complete[len(found) - 1][2]
+        assert [each[0] for each in actual[:-1]] == [
+            each[0] for each in complete[: len(actual) - 1]
+        ]
+        assert [each[2] for each in actual[:-1]] == [
+            each[2] for each in complete[: len(actual) - 1]
+        ]
+        last, truth = actual[-1][2], complete[len(actual) - 1][2]
         if last.key & 0xFF == truth.key & 0xFF:
             assert last.payload[: last.dlc] == truth.payload[: last.dlc]
     assert read or kind.endswith(".gz")
@@ -445,7 +449,7 @@ def test_frames_of_ros2_isobus() -> None:
     assert left_out.others == 3
     assert "parameter group 65093" in left_out.names
     alone = [reader.read_one(message) for message in messages]
-    assert [one and one.value for one in alone[:1] + alone[2:]] == [1800.0, None, None, None]
+    assert [each and each.value for each in alone[:1] + alone[2:]] == [1800.0, None, None, None]
     assert alone[1] is not None
     assert np.isnan(alone[1].value)
     assert reader.note == "engine_speed is not available (0xFF00)."

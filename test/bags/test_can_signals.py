@@ -83,9 +83,9 @@ def present(signal: CanSignal, number: int, data: bytes = bytes(8)) -> bool:
     """Return whether a frame with this identifier contains a signal."""
     payload = np.frombuffer(data[:8].ljust(8, b"\0"), np.uint8)[None]
     key, dlc = np.array([EXTENDED | number], np.uint32), np.array([len(data)], np.uint8)
-    found = bool(signal.present(key, dlc, payload)[0])
-    assert signal.selectors or found == signal.matches(EXTENDED | number)
-    return found
+    actual = bool(signal.present(key, dlc, payload)[0])
+    assert signal.selectors or actual == signal.matches(EXTENDED | number)
+    return actual
 
 
 def explain(signal: CanSignal, data: bytes) -> str:
@@ -178,11 +178,11 @@ def test_recorded_tractor() -> None:
     dlc = np.array([len(frame.data) for frame in frames], np.uint8)
     data = np.frombuffer(b"".join(f.data[:8].ljust(8, b"\0") for f in frames), np.uint8)
     payload = data.reshape(-1, 8)
-    found = {}
+    actual = {}
     for name, signal in SIGNALS.items():
         rows = signal.present(key, dlc, payload)
-        found[name] = signal.values(dlc[rows], payload[rows])
-    counts = {name: len(values) for name, values in found.items() if len(values)}
+        actual[name] = signal.values(dlc[rows], payload[rows])
+    counts = {name: len(values) for name, values in actual.items() if len(values)}
     assert counts == {
         "engine_speed": 2190,
         "rear_pto_speed": 241,
@@ -190,9 +190,9 @@ def test_recorded_tractor() -> None:
         "ground_based_speed": 242,
         "vehicle_speed": 241,
     }
-    assert np.isnan(found["rear_pto_speed"][:6]).all()  # it is unknown before it is at rest
-    assert (found["rear_pto_speed"][6:] == 0.0).all()
-    assert np.isnan(found["ground_based_speed"]).all()
-    assert (found["front_pto_speed"] == 0.0).all()
-    running = found["engine_speed"][found["engine_speed"] > 0.0]
+    assert np.isnan(actual["rear_pto_speed"][:6]).all()  # it is unknown before it is at rest
+    assert (actual["rear_pto_speed"][6:] == 0.0).all()
+    assert np.isnan(actual["ground_based_speed"]).all()
+    assert (actual["front_pto_speed"] == 0.0).all()
+    running = actual["engine_speed"][actual["engine_speed"] > 0.0]
     assert 700.0 < np.median(running) < 2500.0

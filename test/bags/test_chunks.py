@@ -24,7 +24,7 @@ ATTACHMENTS = [Attachment("model.yaml", "application/yaml", b"name: one\n" * 100
 def chunks(count: int) -> list[list[Messages]]:
     """Return messages of three topics and several sizes with their places."""
     rng = np.random.default_rng(1)
-    found = []
+    actual = []
     for number in range(count):
         chunk = []
         places = rng.permutation(300)
@@ -37,8 +37,8 @@ def chunks(count: int) -> list[list[Messages]]:
             data = rng.integers(0, 256, (len(some), size)).astype(np.uint8)
             times = 1000 * number + some
             chunk.append(Messages(name, data, some, times, times + 5))
-        found.append(chunk)
-    return found
+        actual.append(chunk)
+    return actual
 
 
 def written(path: Path) -> Path:
@@ -90,12 +90,12 @@ def test_as_mcaps_own_writer(tmp_path: Path) -> None:
 def test_rosbags_reads_it(tmp_path: Path) -> None:
     """Rosbags reads every message, and its checksums are correct."""
     with Reader(written(tmp_path / "log.mcap")) as bag:
-        found = {
+        actual = {
             topic: sum(1 for _ in bag.messages([c for c in bag.connections if c.topic == topic]))
             for topic in ("/a", "/b", "/c")
         }
         assert (bag.start_time, bag.end_time) == (0, 4300)
-    assert found == {"/a": 500, "/b": 250, "/c": 750}
+    assert actual == {"/a": 500, "/b": 250, "/c": 750}
 
 
 def test_empty_log(tmp_path: Path) -> None:

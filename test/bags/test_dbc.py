@@ -82,8 +82,8 @@ def test_any_signal_in_both_directions(
     decoded = message.decode(data)
     assert isinstance(decoded, dict)
     theirs = float(decoded["S"])
-    found, value = values(ours, data, message.frame_id)
-    assert found
+    actual, value = values(ours, data, message.frame_id)
+    assert actual
     assert value == pytest.approx(theirs, rel=1e-14, abs=1e-14, nan_ok=True)
     if math.isfinite(value) and message.signals[0].length <= 32:
         again = message.encode({"S": value}, strict=False, padding=False)
@@ -106,10 +106,10 @@ def test_multiplexed_signals(
     except DecodeError:
         theirs = {}
     for name in ("Angle", "Force", "Part", "Deep"):
-        found, value = values(dbc_signal(path, f"Arm.{name}"), data, 512)
+        actual, value = values(dbc_signal(path, f"Arm.{name}"), data, 512)
         if theirs:
-            assert found == (name in theirs)
-        if found and name in theirs:
+            assert actual == (name in theirs)
+        if actual and name in theirs:
             assert value == pytest.approx(float(theirs[name]), rel=1e-14, nan_ok=True)
 
 
@@ -201,10 +201,10 @@ def test_files_that_are_not_dbc(tmp_path: Path) -> None:
 def test_one_name_twice(tmp_path: Path) -> None:
     """A name that a file has twice is refused, as either could be meant."""
     signal = ' SG_ S : {}|8@1+ (1,0) [0|0] "" X\n'
-    one, other = "BO_ 512 M: 8 X\n" + signal.format(0), "BO_ 513 {}: 8 X\n" + signal.format(8)
+    single, other = "BO_ 512 M: 8 X\n" + signal.format(0), "BO_ 513 {}: 8 X\n" + signal.format(8)
     with pytest.raises(DbcError, match=r"signal of M S 2 times; give each a name"):
-        dbc_signal(written(tmp_path / "s.dbc", 'VERSION ""\n' + one + signal.format(8)), "M.S")
-    text = 'VERSION ""\n' + one + other
+        dbc_signal(written(tmp_path / "s.dbc", 'VERSION ""\n' + single + signal.format(8)), "M.S")
+    text = 'VERSION ""\n' + single + other
     with pytest.raises(DbcError, match=r"message M 2 times; give each a name"):
         dbc_signal(written(tmp_path / "m.dbc", text.format("M")), "M.S")
     assert dbc_signal(written(tmp_path / "n.dbc", text.format("N")), "M.S").bits.first == 0

@@ -89,7 +89,7 @@ def messages(draw: Any) -> tuple[str, Any, list[Any]]:
     store = get_typestore(Stores.EMPTY)
     types = get_types_from_msg(text, "a/msg/Any")
     store.register({name: kind for name, kind in types.items() if name not in store.fielddefs})
-    found = []
+    actual = []
     for _ in range(draw(st.integers(1, 5))):
         values: list[Any] = []
         if header:
@@ -106,13 +106,13 @@ def messages(draw: Any) -> tuple[str, Any, list[Any]]:
             items = [value_of(draw, full, store) for _ in range(count)]
             plain = full in NUMBERS or full == "bool"
             values.append(np.array(items, NUMBERS.get(full, "?")) if plain else items)
-        found.append(store.types["a/msg/Any"](*values))
-    return text, store, found
+        actual.append(store.types["a/msg/Any"](*values))
+    return text, store, actual
 
 
 def paths(message: Any, prefix: str = "") -> dict[str, float]:
     """Return the numbers of a message by their paths."""
-    found: dict[str, float] = {}
+    actual: dict[str, float] = {}
     for name in (field for field in message.__dataclass_fields__ if field != "__msgtype__"):
         value = getattr(message, name)
         several = isinstance(value, list | np.ndarray)
@@ -120,19 +120,21 @@ def paths(message: Any, prefix: str = "") -> dict[str, float]:
             {f"[{i}]": v for i, v in enumerate(value)}.items() if several else [("", value)]
         ):
             if hasattr(item, "__dataclass_fields__"):
-                found |= paths(item, f"{prefix}{name}{key}.")
+                actual |= paths(item, f"{prefix}{name}{key}.")
             elif not isinstance(item, str | bool | np.bool_):
-                found[f"{prefix}{name}{key}"] = float(item)
-    return found
+                actual[f"{prefix}{name}{key}"] = float(item)
+    return actual
 
 
 @settings(max_examples=80)
 @given(messages(), st.booleans())
 def test_against_rosbags(drawn: tuple[str, Any, list[Any]], little: bool) -> None:
     """Every number of any type is exact, one by one and together, in either byte order."""
-    text, store, found = drawn
-    data = [bytes(store.serialize_cdr(one, "a/msg/Any", little_endian=little)) for one in found] * 2
-    numbers = [paths(one) for one in found] * 2
+    text, store, actual = drawn
+    data = [
+        bytes(store.serialize_cdr(each, "a/msg/Any", little_endian=little)) for each in actual
+    ] * 2
+    numbers = [paths(each) for each in actual] * 2
     schema = schema_of_text(text, "a/msg/Any")
     for path in {path for each in numbers for path in each}:
         reader, alone = (FieldReader(schema, "a/msg/Any", path) for _ in range(2))
@@ -140,10 +142,10 @@ def test_against_rosbags(drawn: tuple[str, Any, list[Any]], little: bool) -> Non
         for part in reader.read(block_of(data), np.arange(len(data)), left_out):
             rows |= dict(zip(part.rows.tolist(), part.value.tolist(), strict=True))
             for i, row in enumerate(part.rows.tolist()):
-                one = alone.read_one(data[row])
-                assert one is not None
+                reading = alone.read_one(data[row])
+                assert reading is not None
                 same = (part.sec[i], part.nanosec[i], part.frame_id)
-                assert (one.sec, one.nanosec, one.frame_id) == same
+                assert (reading.sec, reading.nanosec, reading.frame_id) == same
         assert left_out.refused + len(rows) == len(data)
         for row, each in enumerate(numbers):
             if path not in each:
@@ -255,16 +257,16 @@ def test_rates_of_elements(contents: list[tuple[list[str], int, bool]]) -> None:
         if names.count("up") == 1:
             rate = velocities[names.index("up")] if count == len(names) else math.nan
             expected[row] = positions[names.index("up")], rate
-    found = {
+    actual = {
         row: (value, rate)
         for part in reader.read(block_of(data), np.arange(len(data)), LeftOut())
         for row, value, rate in zip(part.rows.tolist(), part.value, part.rate, strict=True)
     }
-    assert found.keys() == expected.keys()
+    assert actual.keys() == expected.keys()
     for row, numbers in expected.items():
         number = alone.read_one(data[row])
         assert number is not None
-        np.testing.assert_array_equal([found[row], number[:2]], [numbers, numbers])
+        np.testing.assert_array_equal([actual[row], number[:2]], [numbers, numbers])
         assert number[2:] == (3, 4, "base")
 
 
@@ -287,17 +289,17 @@ def test_bytes_that_are_not_a_message(data: bytes) -> None:
     for path in ("position[boom]", "parts[1].value", "fixed[2]"):
         for start in (b"", b"\x00\x01\x00\x00", b"\x00\x00\x00\x00" + bytes(8)):
             reader, left_out = FieldReader(schema, "a/msg/Any", path), LeftOut()
-            found = list(reader.read(block_of([start + data]), np.arange(1), left_out))
+            actual = list(reader.read(block_of([start + data]), np.arange(1), left_out))
             try:
-                one = reader.read_one(start + data)
+                reading = reader.read_one(start + data)
             except CdrError:
                 assert left_out.unreadable == 1
             except ReadingError:
                 assert left_out.refused == 1
             else:
-                assert (one is None) == (left_out.others == 1)
-                if one is not None:
-                    np.testing.assert_array_equal(found[0].value, one.value)
+                assert (reading is None) == (left_out.others == 1)
+                if reading is not None:
+                    np.testing.assert_array_equal(actual[0].value, reading.value)
 
 
 def test_another_encapsulation_is_named() -> None:

@@ -139,15 +139,15 @@ def test_padded_records_outside_of_chunks(tmp_path: Path) -> None:
 
 def padded(content: bytes, more: bytes) -> bytes:
     """Return an MCAP file whose header, schemas and channels have more bytes at their ends."""
-    source, found = BytesIO(content), content[:8]
+    source, actual = BytesIO(content), content[:8]
     source.seek(8)
     while len(head := source.read(9)) == 9:
         opcode, length = struct.unpack("<BQ", head)
         body = source.read(length)
         if opcode in (1, 3, 4):
             body += more
-        found += struct.pack("<BQ", opcode, len(body)) + body
-    return found + content[-8:]
+        actual += struct.pack("<BQ", opcode, len(body)) + body
+    return actual + content[-8:]
 
 
 def test_valid_files_that_cannot_be_read(tmp_path: Path) -> None:

@@ -38,22 +38,22 @@ def test_strings_of_any_length(tmp_path: Path) -> None:
                 numbers[field] = k + i
             message = resonance(excitation=name, table_id="t", **numbers)
             log.write("/r", encode_message(RESONANCE, message, k, 7 * k, "frame"[: k % 5]), k, k)
-    found = read_columns(path, topic_types(path))["/r"]
+    columns = read_columns(path, topic_types(path))["/r"]
     messages = [message for _, message in read_messages(path, "/r")]
-    assert found["excitation"].tolist() == names
-    np.testing.assert_array_equal(found[LOG_TIME], np.arange(len(names)))
+    assert columns["excitation"].tolist() == names
+    np.testing.assert_array_equal(columns[LOG_TIME], np.arange(len(names)))
     for name in ("state", "mode", "margin", "relative_margin", "approach", "time_to_crossing"):
-        np.testing.assert_array_equal(found[name], [getattr(m, name) for m in messages], name)
-    np.testing.assert_array_equal(found["header.stamp.nanosec"], 7 * np.arange(len(names)))
-    assert found["header.frame_id"].tolist() == [m.header.frame_id for m in messages]
+        np.testing.assert_array_equal(columns[name], [getattr(m, name) for m in messages], name)
+    np.testing.assert_array_equal(columns["header.stamp.nanosec"], 7 * np.arange(len(names)))
+    assert columns["header.frame_id"].tolist() == [m.header.frame_id for m in messages]
 
 
 def test_numbers_of_the_shipped_drive() -> None:
     """Numbers are read from a bag that has other topics too."""
     path = config_file("drives/hitch_duty_cycle.mcap")
-    found = read_columns(path, {"/engine_speed": "std_msgs/msg/Float64"})["/engine_speed"]
+    columns = read_columns(path, {"/engine_speed": "std_msgs/msg/Float64"})["/engine_speed"]
     expected = [message.data for _, message in read_messages(path, "/engine_speed")]
-    np.testing.assert_array_equal(found["data"], expected)
+    np.testing.assert_array_equal(columns["data"], expected)
     assert len(expected) == 200
 
 
@@ -61,8 +61,8 @@ def test_empty_topic(tmp_path: Path) -> None:
     """A topic without messages has empty columns."""
     with LogWriter(tmp_path / "log.mcap", [topic("/r")]):
         pass
-    found = read_columns(tmp_path / "log.mcap", {"/r": RESONANCE})["/r"]
-    assert found["margin"].shape == found[LOG_TIME].shape == (0,)
+    columns = read_columns(tmp_path / "log.mcap", {"/r": RESONANCE})["/r"]
+    assert columns["margin"].shape == columns[LOG_TIME].shape == (0,)
 
 
 @pytest.mark.parametrize("data", [b"\0\1\0\0" + bytes(8), b"\0\1\0\0" + b"\xff" * 90])

@@ -84,13 +84,13 @@ def write_bag(folder: Path, kind: str, topics: dict[str, str], count: int = 5) -
 def read(path: Path, topic: str, store: Any = None) -> list[tuple[int, Any]]:
     """Return the log times and the messages of a topic, decoded by rosbags."""
     store = store or store_of("mcap")
-    found = []
+    actual = []
     with open_bags([path]) as bags:
         [kind] = [each.type for each in bags.topics if each.name == topic]
         for block in bags.blocks([topic]):
             messages = [store.deserialize_cdr(block.message(k), kind) for k in range(len(block))]
-            found += list(zip(block.log_times.tolist(), messages, strict=True))
-    return found
+            actual += list(zip(block.log_times.tolist(), messages, strict=True))
+    return actual
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -402,9 +402,9 @@ def test_messages_that_belong_together_stay_together(tmp_path: Path) -> None:
         wait(lambda later=later: number > later)
         log.stop()
         assert log.path is not None
-        found = numbers(log.path)
-        assert found
-        assert found[0::2] == found[1::2]
+        actual = numbers(log.path)
+        assert actual
+        assert actual[0::2] == actual[1::2]
     ended.set()
     thread.join()
 
@@ -632,6 +632,6 @@ def test_killed_process_loses_a_second_at_most(tmp_path: Path) -> None:
     process.communicate()
     [path] = logs(tmp_path)
     recover(path, tmp_path / "whole.mcap")
-    found = numbers(tmp_path / "whole.mcap")
-    assert found == list(range(len(found)))
-    assert len(found) >= 1700 - 1000
+    actual = numbers(tmp_path / "whole.mcap")
+    assert actual == list(range(len(actual)))
+    assert len(actual) >= 1700 - 1000

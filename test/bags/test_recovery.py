@@ -75,12 +75,12 @@ def read(path: Path) -> list[Message]:
 
 def records(content: bytes) -> list[tuple[int, int]]:
     """Return the opcode and offset of every record."""
-    found, offset = [], 8
+    actual, offset = [], 8
     while offset < len(content) - 8:
         opcode, length = struct.unpack_from("<BQ", content, offset)
-        found.append((opcode, offset))
+        actual.append((opcode, offset))
         offset += 9 + length
-    return found
+    return actual
 
 
 def chunk_ends(content: bytes) -> list[int]:
@@ -98,13 +98,13 @@ def saved(content: bytes, folder: Path) -> list[Message]:
     output = folder / "whole.mcap"
     output.unlink(missing_ok=True)
     result = recover(folder / "damaged.mcap", output)
-    found = read(output)
-    assert sum(result.saved.values()) == len(found)
+    actual = read(output)
+    assert sum(result.saved.values()) == len(actual)
     for topic, count in result.saved.items():
-        assert count == sum(message[0] == topic for message in found)
+        assert count == sum(message[0] == topic for message in actual)
     assert (folder / "damaged.mcap").read_bytes() == content
     assert [path.name for path in folder.iterdir() if path.name.startswith(".")] == []
-    return found
+    return actual
 
 
 def test_intact_log_is_kept(tmp_path: Path) -> None:
@@ -118,13 +118,19 @@ def test_intact_log_is_kept(tmp_path: Path) -> None:
     for name in ("log.mcap", "whole.mcap"):
         with (tmp_path / name).open("rb") as file:
             reader = make_reader(file)
-            found = reader.get_summary()
-            assert found is not None
+            actual = reader.get_summary()
+            assert actual is not None
             metadata = {m.name: m.metadata for m in reader.iter_metadata()}
             recovered = metadata.pop(RECOVERY_METADATA, {})
             attachments = list(reader.iter_attachments())
             contents.append(
-                (reader.get_header().profile, found.schemas, found.channels, metadata, attachments)
+                (
+                    reader.get_header().profile,
+                    actual.schemas,
+                    actual.channels,
+                    metadata,
+                    attachments,
+                )
             )
     assert contents[0] == contents[1]
     assert recovered["messages_saved"] == str(COUNT)
@@ -142,10 +148,10 @@ def test_cut_at_every_record_boundary(tmp_path: Path, compression: str, closed: 
     for cut in sorted({o + d for _, o in records(content) for d in (-1, 0, 1, 9)} | {len(content)}):
         if cut < first_metadata:
             continue  # nothing can be saved before the definitions
-        found = saved(content[:cut], tmp_path)
+        actual = saved(content[:cut], tmp_path)
         whole = PER_CHUNK * sum(end <= cut for end in ends)
-        assert found == messages()[: len(found)]
-        assert whole <= len(found) <= whole + PER_CHUNK
+        assert actual == messages()[: len(actual)]
+        assert whole <= len(actual) <= whole + PER_CHUNK
 
 
 @pytest.mark.parametrize("compression", COMPRESSIONS)
@@ -156,13 +162,13 @@ def test_cut_anywhere(tmp_path: Path, compression: str) -> None:
     draw = random.Random(7)
     for cut in [*range(0, 40), *(draw.randrange(len(content)) for _ in range(150))]:
         try:
-            found = saved(content[:cut], tmp_path)
+            actual = saved(content[:cut], tmp_path)
         except RecoveryError as error:
             assert cut < ends[0]
             assert "damaged.mcap" in str(error)
             continue
-        assert found == messages()[: len(found)]
-        assert len(found) >= PER_CHUNK * sum(end <= cut for end in ends)
+        assert actual == messages()[: len(actual)]
+        assert len(actual) >= PER_CHUNK * sum(end <= cut for end in ends)
 
 
 def test_messages_before_the_cut_of_an_uncompressed_chunk(tmp_path: Path) -> None:
@@ -170,8 +176,8 @@ def test_messages_before_the_cut_of_an_uncompressed_chunk(tmp_path: Path) -> Non
     content = write(tmp_path / "log.mcap", "none")
     ends = chunk_ends(content)
     each = 9 + 22 + 12
-    found = saved(content[: ends[2] - 10 * each], tmp_path)
-    assert found == messages()[: 3 * PER_CHUNK - 10]
+    actual = saved(content[: ends[2] - 10 * each], tmp_path)
+    assert actual == messages()[: 3 * PER_CHUNK - 10]
 
 
 @pytest.mark.parametrize("compression", COMPRESSIONS)
@@ -187,11 +193,11 @@ def test_damaged_bytes(tmp_path: Path, compression: str, closed: bool) -> None:
     for place in places:
         spoilt = bytearray(content)
         spoilt[place] ^= 1 << draw.randrange(8)
-        found = saved(bytes(spoilt), tmp_path)
+        actual = saved(bytes(spoilt), tmp_path)
         # Definitions outside of chunks have no CRC, so that a name of a topic may be wrong.
         if place >= after_definitions or closed:
-            assert set(found) <= true, place
-        assert len(found) >= COUNT - PER_CHUNK, place
+            assert set(actual) <= true, place
+        assert len(actual) >= COUNT - PER_CHUNK, place
 
 
 def test_first_chunk_is_lost(tmp_path: Path) -> None:
@@ -216,11 +222,11 @@ def test_noise(tmp_path: Path, closed: bool) -> None:
         start = chunks[2] + 100
         spoilt = content[:start] + noise + content[start + len(noise) :]
         touched = [k for k, o in enumerate(chunks) if start - 1000 < o < start + len(noise)]
-        found = saved(spoilt, tmp_path)
+        actual = saved(spoilt, tmp_path)
         lost = {*range(2 * PER_CHUNK, (max(touched, default=2) + 1) * PER_CHUNK)}
         kept = [m for k, m in enumerate(messages()) if k not in lost]
-        assert [m for m in kept if m not in found] == []
-        assert all(m in messages() for m in found)
+        assert [m for m in kept if m not in actual] == []
+        assert all(m in messages() for m in actual)
 
 
 def test_lost_messages_are_counted(tmp_path: Path) -> None:
@@ -293,9 +299,9 @@ def other_writer(path: Path, chunked: bool) -> bytes:
 def test_files_of_other_programs(tmp_path: Path, chunked: bool) -> None:
     """Profile, encodings and metadata are kept, and damage costs only what it covers."""
     content = other_writer(tmp_path / "log.mcap", chunked)
-    found = saved(content, tmp_path)
+    actual = saved(content, tmp_path)
     expected = [(f"/{'ab'[k % 2]}", k, k, k + 1, b'{"k": %d}' % k) for k in range(COUNT)]
-    assert found == expected
+    assert actual == expected
     with (tmp_path / "whole.mcap").open("rb") as file:
         reader = make_reader(file)
         assert reader.get_header().profile == "mine"

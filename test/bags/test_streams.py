@@ -57,13 +57,13 @@ def write_mcap(
 
 def read(paths: list[Path], topics: list[str]) -> Found:
     """Return time, topic and value of each message."""
-    found: Found = []
+    actual: Found = []
     with open_bags(paths) as bags:
         for block in bags.blocks(topics):
             for row in range(len(block)):
                 value = STORE.deserialize_cdr(block.message(row), FLOAT64).data  # type: ignore[attr-defined]
-                found.append((int(block.log_times[row]), topics[block.topics[row]], value))
-    return found
+                actual.append((int(block.log_times[row]), topics[block.topics[row]], value))
+    return actual
 
 
 def test_summary_without_channels(tmp_path: Path) -> None:
@@ -132,17 +132,17 @@ def test_topic_by_topic(tmp_path: Path) -> None:
     entries = [("/a", 2 * k, 1.0) for k in range(9000)] + [
         ("/b", 2 * k + 1, 2.0) for k in range(9000)
     ]
-    found = read([write_mcap(tmp_path / "bag.mcap", entries)], ["/a", "/b"])
-    assert [time for time, *_ in found] == list(range(18_000))
+    content = read([write_mcap(tmp_path / "bag.mcap", entries)], ["/a", "/b"])
+    assert [time for time, *_ in content] == list(range(18_000))
 
 
 def test_several_bags_are_one(tmp_path: Path) -> None:
     """Simultaneous recordings are merged; at equal times, the first bag comes first."""
     first = write_mcap(tmp_path / "1.mcap", [("/a", 2 * k, 1.0) for k in range(6000)])
     other = write_mcap(tmp_path / "2.mcap", [("/b", k, 2.0) for k in range(12_000)])
-    found = read([first, other], ["/a", "/b"])
+    content = read([first, other], ["/a", "/b"])
     expected = [(2 * k, "/a", 1.0) for k in range(6000)] + [(k, "/b", 2.0) for k in range(12_000)]
-    assert found == sorted(expected, key=lambda entry: entry[0])
+    assert content == sorted(expected, key=lambda entry: entry[0])
     assert read([other, first], ["/a", "/b"])[:2] == [(0, "/b", 2.0), (0, "/a", 1.0)]
 
 

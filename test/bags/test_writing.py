@@ -179,8 +179,8 @@ def test_offered_qos(tmp_path: Path, latched: bool) -> None:
     """An independent reader understands the QoS, and its policies are integers."""
     text = offered_qos_profiles(latched=latched)
     assert {type(yaml.safe_load(text)[0][key]) for key in ("history", "reliability")} == {int}
-    one = Topic("/a", JOINT_STATE, message_definition(JOINT_STATE), "", text)
-    LogWriter(tmp_path / "log.mcap", [one]).close()
+    first = Topic("/a", JOINT_STATE, message_definition(JOINT_STATE), "", text)
+    LogWriter(tmp_path / "log.mcap", [first]).close()
     with Reader(tmp_path / "log.mcap") as reader:
         [qos] = reader.connections[0].ext.offered_qos_profiles  # type: ignore[union-attr]
     assert qos.history is QosHistory.KEEP_LAST
@@ -199,8 +199,8 @@ def test_attachments(tmp_path: Path) -> None:
     mechanism = Attachment("linkage.yaml", "application/yaml", b"name: linkage\n")
     write(tmp_path / "log.mcap", 3, (table, mechanism))
     with (tmp_path / "log.mcap").open("rb") as file:
-        found = list(make_reader(file).iter_attachments())
-    assert [Attachment(a.name, a.media_type, a.data) for a in found] == [table, mechanism]
+        actual = list(make_reader(file).iter_attachments())
+    assert [Attachment(a.name, a.media_type, a.data) for a in actual] == [table, mechanism]
 
 
 def test_log_without_messages_opens(tmp_path: Path) -> None:
@@ -238,12 +238,12 @@ def test_killed_process_loses_only_what_was_not_flushed(tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
     process = subprocess.run([sys.executable, "-c", script, str(path)], check=False)
     assert process.returncode == -signal.SIGKILL
-    found = []
+    actual = []
     with path.open("rb") as file, pytest.raises(EndOfFile):
         for record in StreamReader(file).records:
             if isinstance(record, Message):
-                found.append(record.log_time)
-    assert found == list(range(200))
+                actual.append(record.log_time)
+    assert actual == list(range(200))
 
 
 def test_full_disk(tmp_path: Path) -> None:

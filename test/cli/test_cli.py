@@ -225,11 +225,11 @@ def test_plot(tmp_path: Path, capsys: Any) -> None:
     assert main(["plot", "-o", str(picture)]) == 0
     engine, pto, ground, _ = capsys.readouterr().out.splitlines()
     assert picture.read_bytes().startswith(b"\x89PNG")
-    found = re.search(r"up to (\S+) of its force at rest, at (\d+) deg and (\d+) rpm", pto)
-    assert found is not None
-    assert main(["predict", found[2]]) == 0
+    match = re.search(r"up to (\S+) of its force at rest, at (\d+) deg and (\d+) rpm", pto)
+    assert match is not None
+    assert main(["predict", match[2]]) == 0
     heave = float(capsys.readouterr().out.splitlines()[1].split()[4])
-    assert 2 * 0.45 * float(found[3]) / 60.0 == pytest.approx(heave, rel=0.03)
+    assert 2 * 0.45 * float(match[3]) / 60.0 == pytest.approx(heave, rel=0.03)
     assert "Above the limit of 0.33 are speeds" in pto
     assert "which is not above the limit of 0.33." in engine
     assert "km/h" in ground
@@ -248,9 +248,9 @@ def test_plot_as_a_page(tmp_path: Path, capsys: Any) -> None:
     text, sentence = page.read_text(), capsys.readouterr().out.splitlines()[0]
     assert f"<p>{sentence}</p>" in text
     assert "three_point_linkage_on_tractor</h1>" in text
-    found = re.search(r'src="data:image/png;base64,([^"]+)"', text)
-    assert found is not None
-    assert base64.b64decode(found[1]).startswith(b"\x89PNG")
+    match = re.search(r'src="data:image/png;base64,([^"]+)"', text)
+    assert match is not None
+    assert base64.b64decode(match[1]).startswith(b"\x89PNG")
     assert "http" not in text.replace("http://www.w3.org", "")
     assert main(["plot", "-o", str(tmp_path / "linkage.foo")]) == 1
     assert "linkage.foo: a plot is a .png or an .html file" in capsys.readouterr().err

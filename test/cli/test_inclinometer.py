@@ -51,11 +51,11 @@ def bag_of(path: Path, kind: str) -> Path:
 
 def words(mechanism: Mechanism, body: str, seed: int) -> list[str]:
     """Return moments and what an inclinometer on a body shows on a tractor that is not level."""
-    rng, kinematics, found = np.random.default_rng(seed), Kinematics(mechanism), []
+    rng, kinematics, actual = np.random.default_rng(seed), Kinematics(mechanism), []
     for i, alpha3 in enumerate(ALPHAS):
         angle = math.degrees(kinematics.at(alpha3).angle(body)) + PITCH + ERROR * rng.normal()
-        found.append(f"{REST * (i + 0.5):g}={(angle + 90.0) % 180.0 - 90.0:.2f}")
-    return found
+        actual.append(f"{REST * (i + 0.5):g}={(angle + 90.0) % 180.0 - 90.0:.2f}")
+    return actual
 
 
 @pytest.mark.parametrize(
@@ -82,10 +82,10 @@ def test_from_a_bag_to_parameters(
         assert main(["inclinometer", *arguments]) == 0
         printed = capsys.readouterr().out
         assert output.read_text() in printed
-        found = read_parameters(output)
-        calibration = HitchCurve(found.calibration)
-        scale = HitchScale(found.hitch_unit, 1, 1.0, 0.0, calibration, found.angle_stddev)
-        assert found.hitch_unit == ("percent" if kind == "percent" else "any")
+        actual = read_parameters(output)
+        calibration = HitchCurve(actual.calibration)
+        scale = HitchScale(actual.hitch_unit, 1, 1.0, 0.0, calibration, actual.angle_stddev)
+        assert actual.hitch_unit == ("percent" if kind == "percent" else "any")
         rng = np.random.default_rng(100 + seed)
         for alpha3 in rng.uniform(ALPHAS[0], ALPHAS[-1], 30):
             noise = 0.005 * rng.normal()

@@ -29,8 +29,8 @@ def test_levels_of_a_tone() -> None:
     """A tone of 1 m/s2 at 10 Hz moves with 1 / (2 pi 10 sqrt(2)) = 0.01125 m/s rms."""
     times = np.arange(0.0, 20.0, 0.005)
     values = np.outer(np.sin(2.0 * np.pi * 10.0 * times), [0.0, 0.0, 1.0])
-    found = levels(Signal(sensor(), times, values, 200.0, ()), 4.0)
-    np.testing.assert_allclose(found, 0.01125, rtol=0.01)
+    actual = levels(Signal(sensor(), times, values, 200.0, ()), 4.0)
+    np.testing.assert_allclose(actual, 0.01125, rtol=0.01)
 
 
 def test_listen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -44,18 +44,18 @@ def test_listen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     targets = tmp_path / "targets.yaml"
     assert main([*command, "--amplitudes", str(written), "--targets", str(targets)]) == 0
     answer = capsys.readouterr().out
-    found = re.match(
+    actual = re.match(
         r"The implement heave at 104.0 deg is .*, (.*) \+- (.*) Hz: consistent", answer
     )
-    assert found is not None
+    assert actual is not None
     # The true frequency is that of an implement which is 10 % heavier.
     mechanism = read_mechanism(config_file("three_point_linkage_on_tractor.yaml"))
     body = replace(mechanism.rigid_bodies[0], mass=1.1 * mechanism.rigid_bodies[0].mass)
     solution = LinkageModel(replace(mechanism, rigid_bodies=(body,))).solve(np.radians(104.0))
     true = float(solution.natural_frequencies[3])
-    assert abs(float(found[1]) - true) < 3.0 * float(found[2])
+    assert abs(float(actual[1]) - true) < 3.0 * float(actual[2])
     [target] = read_calibration(targets).targets  # at 166 deg, an order hides it
-    assert (target.mode, round(target.frequency, 3)) == (4, float(found[1]))
+    assert (target.mode, round(target.frequency, 3)) == (4, float(actual[1]))
     assert target.at == pytest.approx(np.radians(104.0), abs=np.radians(0.05))
     other = ["--targets", str(targets), "--mechanism", str(config_file("three_point_linkage.yaml"))]
     before = targets.read_text()
@@ -71,7 +71,7 @@ def test_listen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "Orders at implement" in text
     assert "Exposure at seat" in text
     assert [word in text for word in ("standing", "transport", "work")] == [True] * 3
-    loads = {one.name: one.load for one in read_excitations(written)}
+    loads = {each.name: each.load for each in read_excitations(written)}
     for name, true in (("crankshaft 1", 600.0), ("rotor 1", 150.0)):
         load = loads[name]
         assert load is not None

@@ -96,7 +96,7 @@ def test_inputs_are_never_replaced(files: Path, capsys: Any, command: str) -> No
     """An output that is an input is refused, also one that another input names."""
     before = contents(files)
     assert main([command, *OVERWRITES[command]]) == 1
-    assert "is an input" in (found := capsys.readouterr().err) or "exists already" in found
+    assert "is an input" in (actual := capsys.readouterr().err) or "exists already" in actual
     assert contents(files) == before
 
 
@@ -145,13 +145,13 @@ def test_one_room_writes_files() -> None:
     """
     writes = re.compile(r"\.write_(text|bytes)\(|open\([^)]*\"[wxa]b?\"|savefig\((?!png)")
     root = Path(linkage_vibration.__file__).parent
-    found = {
+    actual = {
         path.relative_to(root).as_posix()
         for path in root.rglob("*.py")
         if writes.search(path.read_text())
     }
     logs = {f"bags/{name}.py" for name in ("log_writer", "recovery")}
-    assert found == logs | {
+    assert actual == logs | {
         *("demo/demo.py", "export/fmu.py", "review/log.py", "support/atomic_files.py"),
         "prediction/answers.py",
     }

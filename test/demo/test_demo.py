@@ -97,8 +97,8 @@ def test_every_joint_state_is_answered_and_logged(tmp_path: Path) -> None:
     first, last = predictor.table.alpha3_range
     positions = np.array([record.position[0] for record in played])
     low, high = np.nanmin(positions), np.nanmax(positions)
-    for record, found, prediction in zip(played, logged, predictions, strict=True):
-        assert plain(found) == plain(record)
+    for record, each, prediction in zip(played, logged, predictions, strict=True):
+        assert plain(each) == plain(record)
         assert plain(prediction.header) == plain(record.header)
         expected = predictor.predict(prediction.crank_angle)
         assert prediction.status == expected.status

@@ -110,11 +110,11 @@ def in_gaps(constants: Constants, angles: Any) -> Any:
     return inside
 
 
-def assert_same_bits(found: Any, expected: Any) -> None:
+def assert_same_bits(actual: Any, expected: Any) -> None:
     """Compare two sets of predictions number by number; a NaN equals a NaN."""
-    np.testing.assert_array_equal(found["status"], expected.status)
+    np.testing.assert_array_equal(actual["status"], expected.status)
     for name in NUMBERS:
-        np.testing.assert_array_equal(found[name], getattr(expected, name), name)
+        np.testing.assert_array_equal(actual[name], getattr(expected, name), name)
 
 
 def differences(library: Library, angles: Any, stddevs: Any) -> dict[str, Any]:
@@ -123,13 +123,13 @@ def differences(library: Library, angles: Any, stddevs: Any) -> dict[str, Any]:
     They are NaN where both are; the statuses agree but at the ends, which single precision moves.
     """
     given = [np.asarray(x, library.constants.starts.dtype) for x in (angles, stddevs)]
-    found = library.predict(*given)
+    prediction = library.predict(*given)
     expected = predict_many(Predictor(library.export.table), *(x.astype(float) for x in given))
-    same = found["status"] == expected.status
+    same = prediction["status"] == expected.status
     assert same.mean() > 0.999
     columns = {}
     for name in NUMBERS:
-        own, true = found[name][same].astype(float), getattr(expected, name)[same]
+        own, true = prediction[name][same].astype(float), getattr(expected, name)[same]
         np.testing.assert_array_equal(np.isnan(own), np.isnan(true), name)
         columns[name] = np.abs(own - true), np.abs(true)
     return columns
@@ -141,11 +141,11 @@ def test_same_bits_as_python(table: Table, compiler: str, tmp_path: Path) -> Non
     export = export_of(table)
     angles = angles_to_test(export.constants, ANGLES)
     stddevs = stddevs_for(angles)
-    found = Library(tmp_path, export, compiler).predict(angles, stddevs)
+    prediction = Library(tmp_path, export, compiler).predict(angles, stddevs)
     expected = predict_many(Predictor(table), angles, stddevs)
     outside = ~in_gaps(export.constants, angles)
-    assert_same_bits(found[outside], expected.rows(outside))
-    assert {0, 1, 2} <= set(found["status"].tolist())
+    assert_same_bits(prediction[outside], expected.rows(outside))
+    assert {0, 1, 2} <= set(prediction["status"].tolist())
 
 
 def test_only_the_peak_is_lost_where_it_jumps(tractor: Table, tmp_path: Path) -> None:
@@ -156,11 +156,11 @@ def test_only_the_peak_is_lost_where_it_jumps(tractor: Table, tmp_path: Path) ->
     expected = predict_many(Predictor(tractor), angles, stddevs_for(angles))
     assert np.isfinite(expected.frf_peak_magnitude).all()
     assert np.ptp(expected.frf_peak_frequency) > 0.4
-    found = Library(tmp_path, export).predict(angles, stddevs_for(angles))
+    prediction = Library(tmp_path, export).predict(angles, stddevs_for(angles))
     for name in NUMBERS:
         lost = name.startswith("frf_peak")
         exact = np.full(len(angles), np.nan) if lost else getattr(expected, name)
-        np.testing.assert_array_equal(found[name], exact, name)
+        np.testing.assert_array_equal(prediction[name], exact, name)
 
 
 @pytest.mark.parametrize("in_single", [False, True])
@@ -440,12 +440,12 @@ def test_overdamped_mode(tmp_path: Path) -> None:
     assert "are NaN there" in c_sources(export)[f"{NAME}.h"]
     angles = angles_to_test(constants, 3000)
     stddevs = stddevs_for(angles)
-    found = Library(tmp_path, export).predict(angles, stddevs)
+    prediction = Library(tmp_path, export).predict(angles, stddevs)
     expected = predict_many(Predictor(table), angles, stddevs)
     inside = in_gaps(constants, angles)
-    assert_same_bits(found[~inside], expected.rows(~inside))
+    assert_same_bits(prediction[~inside], expected.rows(~inside))
     assert np.isnan(expected.natural_frequencies[~inside, 0]).any()  # it is overdamped
-    assert np.isnan(found["natural_frequencies"][inside]).any()
+    assert np.isnan(prediction["natural_frequencies"][inside]).any()
     assert run_test(export, tmp_path, require("gcc"), "-ffp-contract=off").returncode == 0
 
 

@@ -44,14 +44,14 @@ def test_each_error_is_that_of_its_number(constants: Constants, share: float) ->
     """
     n, peaks = constants.n_modes, constants.n_peaks
     size, none = pytest.approx(1.005 * abs(share), rel=5e-3), pytest.approx(0.0, abs=1e-13)
-    found = bounds(constants, scaled(constants, 0, n, share))
-    assert (found.frequency, found.damping_ratio, found.peak) == (size, none, none)
-    assert found.slope == pytest.approx(abs(share), rel=1e-9)  # of the largest value
-    found = bounds(constants, scaled(constants, n, 2 * n, share))
-    assert (found.frequency, found.damping_ratio, found.slope) == (none, size, none)
+    actual = bounds(constants, scaled(constants, 0, n, share))
+    assert (actual.frequency, actual.damping_ratio, actual.peak) == (size, none, none)
+    assert actual.slope == pytest.approx(abs(share), rel=1e-9)  # of the largest value
+    actual = bounds(constants, scaled(constants, n, 2 * n, share))
+    assert (actual.frequency, actual.damping_ratio, actual.slope) == (none, size, none)
     for first in (2 * n, 2 * n + peaks):
-        found = bounds(constants, scaled(constants, first, first + peaks, share))
-        assert (found.frequency, found.damping_ratio, found.peak) == (none, none, size)
+        actual = bounds(constants, scaled(constants, first, first + peaks, share))
+        assert (actual.frequency, actual.damping_ratio, actual.peak) == (none, none, size)
 
 
 def test_extremes_of_cubics() -> None:
@@ -90,8 +90,8 @@ def test_cells_about_rounded_starts(constants: Constants) -> None:
     exact = Cells(constants.starts, constants.cubics).many_values(constants.starts + shift)
     apart = constants.starts + shift - coarse.starts.astype(float)
     powers = np.stack([apart**3, apart**2, apart, apart**0])[..., np.newaxis]
-    found = (coarse.cubics.swapaxes(0, 1) * powers).sum(axis=0)
-    assert 0.0 < np.nanmax(np.abs(found / exact - 1.0)) < 4 * np.finfo(np.float32).eps
+    actual = (coarse.cubics.swapaxes(0, 1) * powers).sum(axis=0)
+    assert 0.0 < np.nanmax(np.abs(actual / exact - 1.0)) < 4 * np.finfo(np.float32).eps
 
 
 def test_gaps_of_neighbouring_cells() -> None:

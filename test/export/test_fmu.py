@@ -74,7 +74,7 @@ def test_fmpy_finds_no_fault(fmu: Path) -> None:
 def test_description(fmu: Path) -> None:
     """Units and descriptions are those of the message, and limits those of the table."""
     description = fmpy.read_model_description(str(fmu))
-    variables = {one.name: one for one in description.modelVariables}
+    variables = {each.name: each for each in description.modelVariables}
     for field in message_fields(PREDICTION):
         name = f"{field.name}[1]" if field.is_sequence else field.name
         if field.type == "float64":
@@ -102,7 +102,7 @@ def test_drive(fmu: Path, drive: Log, interface: str) -> None:
 @pytest.mark.parametrize("interface", INTERFACES)
 def test_outside_the_table(fmu: Path, interface: str) -> None:
     """Outside the table the status says so, and the numbers are NaN."""
-    found = fmpy.simulate_fmu(
+    simulated = fmpy.simulate_fmu(
         str(fmu),
         fmi_type=interface,
         start_values={"crank_angle": 0.1, "engine_speed": 2000.0},
@@ -111,9 +111,9 @@ def test_outside_the_table(fmu: Path, interface: str) -> None:
         solver="Euler",
         output=["status", "natural_frequencies[1]", "nearest_mode[1]", "frf_peak_frequency"],
     )
-    assert (found["status"] == 1).all()
-    assert np.isnan(found["natural_frequencies[1]"]).all()
-    assert (found["nearest_mode[1]"] == 0).all()
+    assert (simulated["status"] == 1).all()
+    assert np.isnan(simulated["natural_frequencies[1]"]).all()
+    assert (simulated["nearest_mode[1]"] == 0).all()
 
 
 @pytest.fixture
@@ -147,8 +147,8 @@ def instance(fmu: Path, tmp_path: Path) -> Iterator[Callable[..., Any]]:
 def references(fmu: Path, *names: str) -> list[int]:
     """Return the value references of variables."""
     variables = fmpy.read_model_description(str(fmu)).modelVariables
-    found = {one.name: one.valueReference for one in variables}
-    return [found[name] for name in names]
+    actual = {each.name: each.valueReference for each in variables}
+    return [actual[name] for name in names]
 
 
 def indicators(model: Any, count: int) -> list[float]:
@@ -208,7 +208,7 @@ def test_nearest_mode_changes_in_events_alone(fmu: Path, instance: Callable[...,
 def test_importer_finds_the_events(fmu: Path) -> None:
     """Over a ramp that leaves the table, FMPy's rows have numbers exactly where the status says."""
     given = np.array([(0.0, 3.0), (1.0, 3.3)], [("time", float), ("crank_angle", float)])
-    found = fmpy.simulate_fmu(
+    simulated = fmpy.simulate_fmu(
         str(fmu),
         fmi_type="ModelExchange",
         solver="Euler",
@@ -218,15 +218,15 @@ def test_importer_finds_the_events(fmu: Path) -> None:
         output_interval=0.01,
         output=["status", "natural_frequencies[4]"],
     )
-    assert set(found["status"]) == {0, 1}
-    outside = found["status"] == 1
-    np.testing.assert_array_equal(np.isnan(found["natural_frequencies[4]"]), outside)
-    assert found["time"][outside].min() == pytest.approx((np.pi - 3.0) / 0.3, abs=0.02)
+    assert set(simulated["status"]) == {0, 1}
+    outside = simulated["status"] == 1
+    np.testing.assert_array_equal(np.isnan(simulated["natural_frequencies[4]"]), outside)
+    assert simulated["time"][outside].min() == pytest.approx((np.pi - 3.0) / 0.3, abs=0.02)
 
 
 def test_two_fmus_in_one_process(tmp_path: Path) -> None:
     """Two FMUs that are loaded at once predict by their own tables, also under one name."""
-    models, found = [], []
+    models, actual = [], []
     for number, source in enumerate((DEFAULT_TABLE, PAPER_TABLE)):
         table = load_table(config_file(source))
         path = make(tmp_path / f"{number}.fmu", str(config_file(source)))
@@ -239,8 +239,8 @@ def test_two_fmus_in_one_process(tmp_path: Path) -> None:
         models.append((model, references(path, "natural_frequencies[1]"), Predictor(table)))
     for model, reference, predictor in models:
         model.setReal([1], [2.4])
-        found.append((*model.getReal(reference), predictor.predict(2.4).natural_frequencies[0]))
-    assert found[0][0] == found[0][1] != found[1][0] == found[1][1]
+        actual.append((*model.getReal(reference), predictor.predict(2.4).natural_frequencies[0]))
+    assert actual[0][0] == actual[0][1] != actual[1][0] == actual[1][1]
     for model, _, _ in models:
         model.freeInstance()
 
@@ -290,23 +290,27 @@ def test_container_of_fmpy(tmp_path: Path) -> None:
         tmp_path / "both.fmu",
     )
     given = np.array([(0.0, 2.0), (1.0, 3.0)], [("time", float), ("crank_angle", float)])
-    found = fmpy.simulate_fmu(
+    simulated = fmpy.simulate_fmu(
         str(tmp_path / "both.fmu"),
         validate=False,  # FMPy writes no structure of the model
         input=given,
         stop_time=1.0,
         output_interval=STEP,
     )
-    assert set(found["paper.status"]) == {0, 1}
-    late = found["time"] > 5 * STEP
-    angles = np.interp(found["time"] - STEP, given["time"], given["crank_angle"])
+    assert set(simulated["paper.status"]) == {0, 1}
+    late = simulated["time"] > 5 * STEP
+    angles = np.interp(simulated["time"] - STEP, given["time"], given["crank_angle"])
     natural = predict_many(predictors[0], angles, 0.0 * angles).natural_frequencies[:, 0]
-    np.testing.assert_allclose(found["tractor.natural_frequencies[1]"][late], natural[late], 1e-12)
+    np.testing.assert_allclose(
+        simulated["tractor.natural_frequencies[1]"][late], natural[late], 1e-12
+    )
     followed = np.append(natural[0], natural[:-1])
     expected = predict_many(predictors[1], followed, 0.0 * followed)
-    np.testing.assert_array_equal(found["paper.status"][late], expected.status[late])
+    np.testing.assert_array_equal(simulated["paper.status"][late], expected.status[late])
     np.testing.assert_allclose(
-        found["paper.natural_frequencies[1]"][late], expected.natural_frequencies[late, 0], 1e-12
+        simulated["paper.natural_frequencies[1]"][late],
+        expected.natural_frequencies[late, 0],
+        1e-12,
     )
 
 
@@ -364,7 +368,7 @@ def test_container_of_two_fmus(tmp_path: Path) -> None:
             second.setReal([1], [high + 0.2 * (share - 0.5)])
 
     def status() -> list[int]:
-        return [model.getInteger(one)[0] for model, one in zip(models, statuses, strict=True)]
+        return [model.getInteger(each)[0] for model, each in zip(models, statuses, strict=True)]
 
     for model in models:
         model.instantiate()
@@ -420,8 +424,8 @@ def test_directional_derivatives(fmu: Path, instance: Callable[..., Any]) -> Non
     outputs = references(fmu, *names)
     [slope] = references(fmu, "frequency_slopes[4]")
     model = instance(2.2, 1500.0)
-    found = model.getDirectionalDerivative(outputs, [1, 3], [1.0, 0.0])
-    assert found[0] == model.getReal([slope])[0]
+    actual = model.getDirectionalDerivative(outputs, [1, 3], [1.0, 0.0])
+    assert actual[0] == model.getReal([slope])[0]
     along = model.getDirectionalDerivative(outputs, [1, 3], [0.5, 40.0])
     ends = [instance(2.2 + 0.5 * h, 1500.0 + 40.0 * h).getReal(outputs) for h in (-1e-5, 1e-5)]
     np.testing.assert_allclose(along, (np.array(ends[1]) - ends[0]) / 2e-5, rtol=1e-5)
@@ -491,15 +495,15 @@ def test_turning_crank_in_single_precision(tmp_path: Path) -> None:
     options = [str(tmp_path / "four_bar.npz"), "--single"]
     path = make(tmp_path / "four_bar.fmu", *options)
     assert validate_fmu(str(path)) == []
-    found = [
+    actual = [
         fmpy.simulate_fmu(
             str(path), start_values={"crank_angle": angle}, stop_time=0.1, fmi_type="ModelExchange"
         )["natural_frequencies[1]"][-1]
         for angle in (1.0, 1.0 + 20.0 * np.pi)
     ]
-    assert found[0] == pytest.approx(found[1], rel=1e-5)
+    assert actual[0] == pytest.approx(actual[1], rel=1e-5)
     angle = fmpy.read_model_description(str(path)).modelVariables
-    assert all(one.max is None for one in angle if one.name == "crank_angle")
+    assert all(each.max is None for each in angle if each.name == "crank_angle")
 
 
 def test_fmpy_compiles_the_sources(drive: Log, tmp_path: Path) -> None:
@@ -512,8 +516,8 @@ def test_fmpy_compiles_the_sources(drive: Log, tmp_path: Path) -> None:
         archive.extractall(tmp_path / "fmu")
     build_platform_binary(tmp_path / "fmu", generator="Unix Makefiles")
     for interface in INTERFACES:
-        found = simulate(tmp_path / "fmu", interface, drive, STEP)
-        assert min(differences(found, drive, STEP)) < 1e-9
+        simulated = simulate(tmp_path / "fmu", interface, drive, STEP)
+        assert min(differences(simulated, drive, STEP)) < 1e-9
 
 
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
@@ -550,8 +554,8 @@ def test_names_in_the_description(tmp_path: Path) -> None:
     options = ["--excitations", str(orders), "--source-only"]
     assert main(["export", "--fmu", str(tmp_path / "x.fmu"), *options]) == 0
     description = fmpy.read_model_description(str(tmp_path / "x.fmu"))
-    found = {one.name: one.description for one in description.modelVariables}
-    assert found["margin[1]"].endswith('; a < b & "c" */ 1')
+    actual = {each.name: each.description for each in description.modelVariables}
+    assert actual["margin[1]"].endswith('; a < b & "c" */ 1')
 
 
 def test_without_a_compiler(tmp_path: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -36,13 +36,15 @@ from linkage_vibration.table.table import Table, load_table
 from test.support.c_code import Library, compile_c, misra_rules, run_test, write
 from test.support.programs import require
 
-ORDERS = tuple(one for one in read_excitations(config_file("excitations.yaml")) if not one.terrain)
+ORDERS = tuple(
+    each for each in read_excitations(config_file("excitations.yaml")) if not each.terrain
+)
 CASES = {
     "tractor with amplitudes": (DEFAULT_MECHANISM, DEFAULT_TABLE, ORDERS),
     "paper without amplitudes": (
         PAPER_MECHANISM,
         PAPER_TABLE,
-        tuple(replace(one, load=None) for one in ORDERS),
+        tuple(replace(each, load=None) for each in ORDERS),
     ),
     "forty orders": (
         PAPER_MECHANISM,
@@ -98,30 +100,30 @@ def test_same_numbers_as_the_node(case: Case) -> None:
     table, known, excitations, library = case
     angles, speeds = drawn(table)
     predicted = library.predict(angles, 0.0 * angles)
-    found = library.assess(predicted, speeds)
+    resonance = library.assess(predicted, speeds)
     predictions = predict_many(Predictor(table), angles, np.zeros(N))
     levels = known.at(angles, speeds.T)
     for name in (*LEVELS, "total_velocity", "total_acceleration"):
-        own, expected = found[name].astype(np.float32), getattr(levels, name)
+        own, expected = resonance[name].astype(np.float32), getattr(levels, name)
         np.testing.assert_array_equal(np.isnan(own), np.isnan(expected), name)
         np.testing.assert_allclose(own, expected, rtol=2e-7, err_msg=name)
         same = (own == expected) | np.isnan(own)
         assert same.mean() > 0.999, name  # pow() may differ in its last bit
-    sources = [list(Source).index(one.source) for one in excitations]
-    frequency = np.array([one.ratio for one in excitations]) * speeds[:, sources]
+    sources = [list(Source).index(each.source) for each in excitations]
+    frequency = np.array([each.ratio for each in excitations]) * speeds[:, sources]
     frequency[~(frequency >= 0.0) | np.isnan(angles)[:, np.newaxis]] = math.nan
-    np.testing.assert_array_equal(found["excitation_frequency"], frequency)
+    np.testing.assert_array_equal(resonance["excitation_frequency"], frequency)
     naturals = predictions.natural_frequencies[:, np.newaxis]
     apart = np.abs(frequency[:, :, np.newaxis] / naturals - 1.0)
     has_speed = np.isfinite(frequency)
     mode = np.where(np.isnan(apart), math.inf, apart).argmin(axis=2)
-    np.testing.assert_array_equal(found["nearest_mode"], np.where(has_speed, mode + 1, 0))
+    np.testing.assert_array_equal(resonance["nearest_mode"], np.where(has_speed, mode + 1, 0))
     rows, columns = np.nonzero(has_speed)
     natural = predictions.natural_frequencies[rows, mode[has_speed]]
-    np.testing.assert_array_equal(found["margin"][has_speed], frequency[has_speed] - natural)
+    np.testing.assert_array_equal(resonance["margin"][has_speed], frequency[has_speed] - natural)
     relative = (frequency[has_speed] - natural) / natural
-    np.testing.assert_array_equal(found["relative_margin"][has_speed], relative)
-    assert np.isnan(found["margin"][~has_speed]).all()
+    np.testing.assert_array_equal(resonance["relative_margin"][has_speed], relative)
+    assert np.isnan(resonance["margin"][~has_speed]).all()
     assert len(columns)
 
 
@@ -129,22 +131,22 @@ def test_most_severe_excitation(case: Case) -> None:
     """The mode, the margin and the velocity of the monitor's excitation are in the arrays."""
     table, known, excitations, library = case
     predictor = Predictor(table)
-    names = [one.name for one in excitations]
+    names = [each.name for each in excitations]
     angles, speeds = drawn(table)
-    found = library.assess(library.predict(angles, 0.0 * angles), speeds)
+    resonance = library.assess(library.predict(angles, 0.0 * angles), speeds)
     compared = 0
     for i in range(200):
         monitor = ResonanceMonitor(excitations, levels=known)
         for source, speed in zip(Source, speeds[i].tolist(), strict=True):
             monitor.set_speed(source, speed, 0)
-        one = monitor.assess(predictor.predict(angles[i]), math.nan, 0)
-        if one.state is ResonanceState.STALE:
-            assert not found["nearest_mode"][i].any()
+        first = monitor.assess(predictor.predict(angles[i]), math.nan, 0)
+        if first.state is ResonanceState.STALE:
+            assert not resonance["nearest_mode"][i].any()
             continue
-        k = names.index(one.excitation)
-        assert found["nearest_mode"][i, k] == one.mode + 1
-        assert found["margin"][i, k] == one.margin
-        np.testing.assert_allclose(found["velocities"][i, k], one.velocity, rtol=2e-7)
+        k = names.index(first.excitation)
+        assert resonance["nearest_mode"][i, k] == first.mode + 1
+        assert resonance["margin"][i, k] == first.margin
+        np.testing.assert_allclose(resonance["velocities"][i, k], first.velocity, rtol=2e-7)
         compared += 1
     assert compared > 100
 
@@ -158,13 +160,13 @@ def test_load_ratios(case: Case, in_single: bool, tmp_path: Path) -> None:
         library = Library(tmp_path, replace(library.export, constants=constants))
     angles, speeds = drawn(table)
     angles = np.clip(angles, *np.nextafter(table.alpha3_range, 2.0).astype(np.float32))
-    found = library.assess(library.predict(angles, 0.0 * angles), speeds)
+    resonance = library.assess(library.predict(angles, 0.0 * angles), speeds)
     levels = known.at(angles, speeds.T)
     for name in ("load_ratios", "total_load_ratio"):
-        own, expected = found[name], getattr(levels, name)
+        own, expected = resonance[name], getattr(levels, name)
         np.testing.assert_array_equal(np.isnan(own), np.isnan(expected), name)
         np.testing.assert_allclose(own, expected, rtol=0.01, atol=1e-5, err_msg=name)
-    assert np.isfinite(found["total_load_ratio"]).any() == bool(known.force_places)
+    assert np.isfinite(resonance["total_load_ratio"]).any() == bool(known.force_places)
 
 
 def drive(table: Table) -> tuple[Any, Any, Any]:
@@ -204,11 +206,11 @@ def test_states_over_a_drive(case: Case) -> None:
     still = np.zeros(len(times))
     expected = monitor.assess_many(predictions, still, times, reports, still)
     predicted = library.predict(angles, still)
-    found = library.judge(predicted, library.assess(predicted, speeds), times, limits)
-    np.testing.assert_array_equal(found[:, 0], expected.state)
-    np.testing.assert_array_equal(found[:, 1], expected.excitation_index)
-    np.testing.assert_array_equal(found[:, 2:], expected.states)
-    entered = np.flatnonzero(np.diff((found[:, 0] == ResonanceState.WARNING).astype(int)))
+    faults = library.judge(predicted, library.assess(predicted, speeds), times, limits)
+    np.testing.assert_array_equal(faults[:, 0], expected.state)
+    np.testing.assert_array_equal(faults[:, 1], expected.excitation_index)
+    np.testing.assert_array_equal(faults[:, 2:], expected.states)
+    entered = np.flatnonzero(np.diff((faults[:, 0] == ResonanceState.WARNING).astype(int)))
     assert (len(entered) >= 4) == bool(known.force_places)
 
 
@@ -244,7 +246,7 @@ def test_deviations_of_levels(
     assert known is not None
     angles, speeds = (each[:300] for each in drawn(table))
     predicted = library.predict(angles, 0.0 * angles)
-    found = library.deviate(predicted, library.assess(predicted, speeds), speeds, 0.33)
+    actual = library.deviate(predicted, library.assess(predicted, speeds), speeds, 0.33)
     expected = known.factors(angles, speeds.T, 0.33)
     total, each, velocity = largest
     for name, off in (
@@ -253,13 +255,13 @@ def test_deviations_of_levels(
         ("load_ratio_factors", each),
         ("velocity_factors", velocity),
     ):
-        own, true = np.log(found[name].astype(float)), np.log(expected[name].astype(float))
+        own, true = np.log(actual[name].astype(float)), np.log(expected[name].astype(float))
         np.testing.assert_array_equal(np.isnan(own), np.isnan(true), name)
         np.testing.assert_allclose(own, true, rtol=off, atol=1e-6, err_msg=name)
         # Of a hundred, all but one differ far less.
         error = np.abs(own - true) / np.maximum(true, 1e-6)
         assert np.nanquantile(error, 0.99) < (0.3 if coarse and off == velocity else 0.02), name
-    probability = found["warning_probability"]
+    probability = actual["warning_probability"]
     np.testing.assert_allclose(probability, expected["warning_probability"], atol=1.01 / 61)
     assert len(np.unique(probability[np.isfinite(probability)])) > 10
 
@@ -296,14 +298,14 @@ def test_error_of_responses(
     fewer = len(constants.orders.starts) < len(known.arrays[0])
     assert fewer == (tolerance is not None)
     library, excitations = Library(tmp_path, export), constants.orders.excitations
-    angles, speeds = (one.astype(constants.starts.dtype) for one in drawn(table))
+    angles, speeds = (each.astype(constants.starts.dtype) for each in drawn(table))
     angles = np.clip(angles, *table.alpha3_range)
     natural = table.evaluate(np.nan_to_num(angles, nan=2.0).astype(float))[:, table.n_modes - 2]
     speeds[::2, 0] = natural[::2] / excitations[2].ratio  # engine 3 in resonance
-    found = library.assess(library.predict(angles, 0.0 * angles), speeds)
+    resonance = library.assess(library.predict(angles, 0.0 * angles), speeds)
     levels = known.at(angles.astype(float), speeds.T.astype(float))
     for field in LEVELS:
-        own, true = found[field].astype(float), getattr(levels, field).astype(float)
+        own, true = resonance[field].astype(float), getattr(levels, field).astype(float)
         known_at = np.isfinite(true) & (true > 0.0)
         if not known_at.any():  # without amplitudes
             continue

@@ -68,10 +68,10 @@ def orders(amplitudes: FloatArray, random: np.random.Generator) -> Orders:
     return Orders(np.arange(len(speeds)) * 4.0, speeds, hertz, squares, 0.0 * squares + NOISE)
 
 
-def measured(found: Orders) -> list[MeasuredOrder]:
+def measured(actual: Orders) -> list[MeasuredOrder]:
     """Return both orders, measured and predicted."""
-    units = unit_responses(predicted(), found, np.repeat(ANGLES, len(SPEEDS)))
-    return measure_orders(excitations(), found, units, predicted().loaded)
+    units = unit_responses(predicted(), actual, np.repeat(ANGLES, len(SPEEDS)))
+    return measure_orders(excitations(), actual, units, predicted().loaded)
 
 
 def test_the_transfer_is_that_of_the_model() -> None:
@@ -99,7 +99,7 @@ def test_intervals_of_amplitudes_hold() -> None:
                 receptance = frf.frf(hertz)[:, :, 0].T * (2.0 * math.pi * hertz) ** 2
                 rows.append(receptance * np.array(TRUE) * (speed / 500.0) ** 2)
         for row, true in zip(measured(orders(np.array(rows), random)), TRUE, strict=True):
-            assert row.heard
+            assert row.is_detected
             scores.append(math.log(row.amplitude / true) / row.relative_stddev)
     share = float((np.abs(scores) < 1.96).mean())
     assert 0.90 <= share <= 0.99
@@ -115,7 +115,7 @@ def heard(amplitude: float) -> list[MeasuredOrder]:
 @pytest.mark.parametrize(("above", "expected"), [(1.8, False), (5.0, True)])
 def test_an_order_stands_out_of_the_noise(above: float, expected: bool) -> None:
     """1.8 times the noise, and that noise, are below 4 times the noise; 5 times are above."""
-    assert [row.heard for row in heard(math.sqrt(above * NOISE))] == [expected, expected]
+    assert [row.is_detected for row in heard(math.sqrt(above * NOISE))] == [expected, expected]
 
 
 def test_an_order_that_is_not_heard_has_a_bound() -> None:
@@ -132,11 +132,11 @@ def test_the_file_of_excitations_keeps_what_was_not_heard() -> None:
     _, silent = heard(0.0)
     numbers = amplitude_numbers([loud, silent], yaml.safe_load(TEXT))
     text = edit_text(TEXT, numbers, SignalError)
-    one, two = excitations_from_mapping(yaml.safe_load(text))
-    assert one.load is not None
+    first, two = excitations_from_mapping(yaml.safe_load(text))
+    assert first.load is not None
     assert two.load is not None
-    assert one.load.amplitude == pytest.approx(loud.amplitude, rel=1e-3)
-    assert one.load.relative_stddev == pytest.approx(loud.relative_stddev, rel=0.1)
+    assert first.load.amplitude == pytest.approx(loud.amplitude, rel=1e-3)
+    assert first.load.relative_stddev == pytest.approx(loud.relative_stddev, rel=0.1)
     assert (two.load.amplitude, two.load.relative_stddev) == (20.0, 0.5)
     assert "# a comment" in text
     assert amplitude_numbers([silent], yaml.safe_load(TEXT)) == []

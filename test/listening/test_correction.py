@@ -116,14 +116,14 @@ def test_refusals_follow_chance() -> None:
 
 def test_what_is_refused(tmp_path: Path) -> None:
     """Targets over the stroke, beyond the table, of other modes, and tables without an ensemble."""
-    [one, _] = targets(true(1.2, 1.0))
+    [first, _] = targets(true(1.2, 1.0))
     bare = replace(table(), ensemble_alpha3=np.empty(0))
     for of, changed, words in (
-        (table(), replace(one, at="lowest"), "targets at angles"),
-        (table(), replace(one, at=0.2), "outside the angles"),
-        (table(), replace(one, mode=7), "has 6 modes"),
-        (table(), replace(one, mode=0), "counted from 1"),
-        (bare, one, "state an uncertainty"),
+        (table(), replace(first, at="lowest"), "targets at angles"),
+        (table(), replace(first, at=0.2), "outside the angles"),
+        (table(), replace(first, mode=7), "has 6 modes"),
+        (table(), replace(first, mode=0), "counted from 1"),
+        (bare, first, "state an uncertainty"),
     ):
         with pytest.raises(CorrectionError, match=words):
             Correction(of, [changed])
@@ -146,10 +146,10 @@ def test_what_is_refused(tmp_path: Path) -> None:
 
 def test_an_overdamped_mode_is_no_target(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its frequency is NaN in the table, so it corrects nothing."""
-    [one, _] = targets(true(1.2, 1.0))
+    [first, _] = targets(true(1.2, 1.0))
     monkeypatch.setattr(Table, "evaluate", lambda _, at: np.full((len(at), 6), math.nan))
     with pytest.raises(CorrectionError, match="overdamped at its angle"):
-        Correction(table(), [one])
+        Correction(table(), [first])
 
 
 def test_a_correction_needs_sensors(tmp_path: Path) -> None:

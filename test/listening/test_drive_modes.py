@@ -151,9 +151,9 @@ def test_without_a_base(arguments: tuple[Table, Mechanism], drive: Drive) -> Non
 def test_deviation_does_not_select(stddev: float) -> None:
     """A random deviation does not decide whether a candidate is the mode; its shape does."""
     shapes = np.eye(2, dtype=complex)
-    found = [Candidate(5.0, 0.02, shapes[0], 5.0 * stddev, 0.001)]
-    assert _best(found, 0, np.array([5.1, 9.0]), shapes) is found[0]
-    assert _best(found, 1, np.array([5.1, 9.0]), shapes) is None
+    actual = [Candidate(5.0, 0.02, shapes[0], 5.0 * stddev, 0.001)]
+    assert _best(actual, 0, np.array([5.1, 9.0]), shapes) is actual[0]
+    assert _best(actual, 1, np.array([5.1, 9.0]), shapes) is None
 
 
 def test_an_hour_without_excitation(arguments: tuple[Table, Mechanism]) -> None:

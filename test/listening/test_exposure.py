@@ -46,11 +46,11 @@ def test_a_tone_on_the_seat() -> None:
     tone = math.sqrt(2.0) * np.sin(2.0 * math.pi * EXACT[15] * times)
     values = np.column_stack([tone, 0.0 * tone, tone + 9.81])
     signal = measured_signal(sensor(at="seat"), times, values, 20.0)
-    found = exposure(signal, np.where(times < 150.0, 0, 2))
-    np.testing.assert_allclose(found.weighted, [1.4 * 0.125, 0.0, 0.768], rtol=0.01, atol=1e-3)
-    assert found.a8 == pytest.approx(0.768 * math.sqrt(10.0 / 480.0), rel=0.01)
-    assert found.hours_until(0.5) == pytest.approx(8.0 * (0.5 / 0.768) ** 2, rel=0.02)
-    assert found.shares == {
+    felt = exposure(signal, np.where(times < 150.0, 0, 2))
+    np.testing.assert_allclose(felt.weighted, [1.4 * 0.125, 0.0, 0.768], rtol=0.01, atol=1e-3)
+    assert felt.a8 == pytest.approx(0.768 * math.sqrt(10.0 / 480.0), rel=0.01)
+    assert felt.hours_until(0.5) == pytest.approx(8.0 * (0.5 / 0.768) ** 2, rel=0.02)
+    assert felt.shares == {
         "standing": pytest.approx((0.25, 1.0, 0.0), abs=0.01),
         "work": pytest.approx((0.75, 1.0, 0.0), abs=0.01),
     }
@@ -66,11 +66,11 @@ def test_gaps_are_not_measured_time() -> None:
     values = np.column_stack([0.0 * tone, 0.0 * tone, tone + np.where(times < 200.0, 9.8, 4.0)])
     signal = measured_signal(sensor(at="seat"), times, values, 20.0)
     kinds = np.select([times < 1.0, times >= 599.0], [2, 3], 0)
-    found = exposure(signal, kinds)
-    assert found.seconds == pytest.approx(200.0)
-    np.testing.assert_allclose(found.weighted, [0.0, 0.0, 0.768], rtol=0.01, atol=1e-3)
-    assert found.a8 == pytest.approx(0.768 * math.sqrt(200.0 / 28800.0), rel=0.01)
-    assert {name: share for name, (share, _, _) in found.shares.items()} == {
+    felt = exposure(signal, kinds)
+    assert felt.seconds == pytest.approx(200.0)
+    np.testing.assert_allclose(felt.weighted, [0.0, 0.0, 0.768], rtol=0.01, atol=1e-3)
+    assert felt.a8 == pytest.approx(0.768 * math.sqrt(200.0 / 28800.0), rel=0.01)
+    assert {name: share for name, (share, _, _) in felt.shares.items()} == {
         "standing": pytest.approx(0.99),
         "work": pytest.approx(0.005),
         "not known": pytest.approx(0.005),

@@ -27,7 +27,7 @@ from test.listening.test_signals import sensor
 NS, START = 10**9, 1_700_000_000 * 10**9 + 300_000_000  # ns, in the middle of a second
 RATE, ANGLE, ENGINE = 200, 2.3, 1500.0  # Hz, rad, rpm: crankshaft 1 is at 25 Hz
 EXCITATIONS = read_excitations(config_file("excitations.yaml"))
-CRANKSHAFT = [one.name for one in EXCITATIONS].index("crankshaft 1")
+CRANKSHAFT = [each.name for each in EXCITATIONS].index("crankshaft 1")
 AMPLITUDE = 0.2  # m/s2, along z
 
 
@@ -40,8 +40,8 @@ def served() -> Served:
 def monitor(fixed: float | None = ENGINE, at: str = "E1") -> SensorMonitor:
     """Return the monitor of one sensor."""
     speeds = {} if fixed is None else {Source.ENGINE: fixed}
-    one = replace(sensor(), at=at)
-    return SensorMonitor([one], served().predictor, served().mechanism, EXCITATIONS, speeds, 1.0)
+    first = replace(sensor(), at=at)
+    return SensorMonitor([first], served().predictor, served().mechanism, EXCITATIONS, speeds, 1.0)
 
 
 def samples(k: int) -> tuple[float, ...]:
@@ -56,7 +56,7 @@ def drive(
     left_out: range = range(0),
 ) -> list[tuple[int, MessageColumns]]:
     """Feed samples and a crank angle that stays; return the stamps and messages."""
-    found = []
+    actual = []
     for k in range(int(seconds * RATE)):
         stamp = START + k * NS // RATE
         if k % 10 == 0:
@@ -65,14 +65,14 @@ def drive(
         if k not in left_out:
             message = listening.take(0, stamp, samples(k))
             if message is not None:
-                found.append((second(stamp), message))
-    return found
+                actual.append((second(stamp), message))
+    return actual
 
 
 def test_one_message_a_second_after_the_first_window() -> None:
     """A window of 4 s has to be full; then each second of the stamps has one message."""
-    found = drive(monitor(), 8.5)
-    assert [stamp // NS - START // NS for stamp, _ in found] == [5, 6, 7, 8]
+    actual = drive(monitor(), 8.5)
+    assert [stamp // NS - START // NS for stamp, _ in actual] == [5, 6, 7, 8]
 
 
 def test_the_numbers_are_those_of_the_signal_and_of_the_whole_model() -> None:
@@ -94,7 +94,7 @@ def test_the_numbers_are_those_of_the_signal_and_of_the_whole_model() -> None:
     assert message.differences[CRANKSHAFT] == pytest.approx(
         math.log(rms / expected) / stddev, rel=0.02
     )
-    assert np.isnan(message.order_levels[[one.source is Source.PTO for one in EXCITATIONS]]).all()
+    assert np.isnan(message.order_levels[[each.source is Source.PTO for each in EXCITATIONS]]).all()
 
 
 def test_what_differs_is_named() -> None:
@@ -137,8 +137,8 @@ def test_a_speed_that_is_late_is_not_used(pause: float, known: bool) -> None:
 def test_an_unknown_angle_leaves_the_measured_order() -> None:
     """Without a crank angle, an order is measured but not predicted."""
     listening = monitor()
-    found = [listening.take(0, START + k * NS // RATE, samples(k)) for k in range(6 * RATE)]
-    message = next(each for each in found if each is not None)
+    actual = [listening.take(0, START + k * NS // RATE, samples(k)) for k in range(6 * RATE)]
+    message = next(each for each in actual if each is not None)
     assert math.isnan(message.crank_angle)
     assert message.order_levels[CRANKSHAFT] > 0.0
     assert np.isnan(message.predicted_levels).all()
@@ -147,28 +147,28 @@ def test_an_unknown_angle_leaves_the_measured_order() -> None:
 @pytest.mark.parametrize("number", [1e13, 1e300, math.inf, math.nan])
 def test_numbers_that_nothing_has_are_not_known(number: float) -> None:
     """Beyond 1e12, a speed and an angle are not known, and the message can still be encoded."""
-    listening, found = monitor(), list[MessageColumns | None]()
+    listening, actual = monitor(), list[MessageColumns | None]()
     for k in range(7 * RATE):
         stamp = START + k * NS // RATE
         listening.set_angle(number, stamp)
         listening.set_speed(Source.PTO, number, stamp)
-        found.append(listening.take(0, stamp, samples(k)))
-    [*_, message] = [each for each in found if each is not None]
+        actual.append(listening.take(0, stamp, samples(k)))
+    [*_, message] = [each for each in actual if each is not None]
     assert math.isnan(message.crank_angle)
     assert message.order_levels[CRANKSHAFT] > 0.0
-    assert np.isnan(message.order_levels[[one.source is Source.PTO for one in EXCITATIONS]]).all()
+    assert np.isnan(message.order_levels[[each.source is Source.PTO for each in EXCITATIONS]]).all()
     assert len(encode_message(MEASURED, message, 0, 0, "")) > 100
 
 
 def test_a_gap_is_named_and_a_pause_has_one_message() -> None:
     """Windows with a gap say so; after a pause of 30 s, a whole window comes first."""
-    found = drive(monitor(), 12.0, left_out=range(6 * RATE, 6 * RATE + 100))
-    assert [("gaps" in message.doubts) for _, message in found] == [0, 0, 1, 1, 1, 1, 0, 0]
-    cut = [math.isnan(message.level) for _, message in found]
+    actual = drive(monitor(), 12.0, left_out=range(6 * RATE, 6 * RATE + 100))
+    assert [("gaps" in message.doubts) for _, message in actual] == [0, 0, 1, 1, 1, 1, 0, 0]
+    cut = [math.isnan(message.level) for _, message in actual]
     assert cut == [0, 0, 1, 1, 1, 1, 0, 0]
-    assert [("Readings are missing" in message.doubts) for _, message in found] == cut
-    found = drive(monitor(), 50.0, left_out=range(6 * RATE, 36 * RATE))
-    assert [stamp // NS - START // NS for stamp, _ in found][:4] == [5, 6, 41, 42]
+    assert [("Readings are missing" in message.doubts) for _, message in actual] == cut
+    actual = drive(monitor(), 50.0, left_out=range(6 * RATE, 36 * RATE))
+    assert [stamp // NS - START // NS for stamp, _ in actual][:4] == [5, 6, 41, 42]
 
 
 def test_a_clock_that_goes_back_begins_again() -> None:

@@ -40,7 +40,7 @@ def messages(drive: Drive) -> list[MessageColumns]:
     shafts = {"pto": {"speed": "pto", "orders": [1, 0.45]}}
     parts = [replace(sensor(), at="E2")], served.predictor, served.mechanism
     listening = SensorMonitor(*parts, excitations_from_mapping(shafts), {}, 1.0)
-    found = []
+    actual = []
     for k in range(len(drive.times)):
         stamp = START + round(k * NS / RATE)
         if k % 10 == 0:
@@ -48,8 +48,8 @@ def messages(drive: Drive) -> list[MessageColumns]:
             for name, speed in drive.speeds.items():
                 listening.set_speed(Source(name), float(speed[k]), stamp)
         sample = float(drive.signals[k, 0]), 0.0, float(drive.signals[k, 1])
-        found.append(listening.take(0, stamp, sample))
-    return [message for message in found if message is not None]
+        actual.append(listening.take(0, stamp, sample))
+    return [message for message in actual if message is not None]
 
 
 def test_heave_of_a_heavier_implement(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -71,12 +71,12 @@ def test_heave_of_a_heavier_implement(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(output_only, "poles_and_shapes", count)
     monkeypatch.setattr(LiveModes, "step", next_sample)
     drive = simulate(3, Scene(road=256e-6, seconds=190.0))  # it moves in the middle
-    found = messages(drive)
+    actual = messages(drive)
     assert max(counts) == 1
     assert sum(counts) > 20
-    known = [int(message.modes_age) for message in found if message.modes_age >= 0.0]
+    known = [int(message.modes_age) for message in actual if message.modes_age >= 0.0]
     assert known == [*range(1, 30), *range(1, 10)]  # after 90 s, not after 120 s, and after 180 s
-    message = next(each for each in found if each.modes_age >= 0.0)
+    message = next(each for each in actual if each.modes_age >= 0.0)
     frequency, stddev = (message.mode_frequencies[HEAVE], message.mode_stddevs[HEAVE])
     true = drive.frequencies[2000:16000, HEAVE].mean()
     assert abs(frequency - true) < 3.0 * stddev < 0.1 * true

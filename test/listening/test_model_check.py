@@ -43,8 +43,8 @@ def test_a_heavier_implement_explains_its_modes() -> None:
     for alpha3 in (1.9, 2.4, 2.9):
         pairs = [each.solve(alpha3).natural_frequencies for each in (model, heavier)]
         for mode in (0, 3):
-            predicted, found = (float(each[mode]) for each in pairs)
-            values = predicted, 0.08, 0.001, found, 0.002 * found
+            predicted, actual = (float(each[mode]) for each in pairs)
+            values = predicted, 0.08, 0.001, actual, 0.002 * actual
             measured.append(DriveMode(alpha3, mode, *values, 0.02, 0.002, (30.0,)))
     table, mechanism = load_table(config_file(TABLE)), read_mechanism(FILE)
     best = explanations(table, mechanism, measured)[0]
@@ -81,12 +81,12 @@ def test_targets_of_a_drive_calibrate(tmp_path: Path) -> None:
     table, mechanism = load_table(config_file(TABLE)), read_mechanism(FILE)
     speeds = {Source(name): values for name, values in drive.speeds.items()}
     given = drive.times, drive.signals, SENSORS, drive.crank_angle, speeds
-    found = [mode for mode in finish(search_modes(table, mechanism, *given)) if mode.mode == HEAVE]
+    actual = [mode for mode in finish(search_modes(table, mechanism, *given)) if mode.mode == HEAVE]
     described, path, fitted = (tmp_path / f"{each}.yaml" for each in ("own", "targets", "fitted"))
     numbers = {MASS: 0.1, "rigid_bodies.implement.inertia": 0.1}
     uncertainty = {"uncertainty": {"relative": numbers}}
     described.write_text(yaml.safe_dump(load_yaml(FILE)[0] | uncertainty, sort_keys=False))
-    path.write_text(drive_targets(found, table, described, path))
+    path.write_text(drive_targets(actual, table, described, path))
     task = read_calibration(path)
     assert len(task.targets) == 2
     result = calibrate(task, starts=1)

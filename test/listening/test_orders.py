@@ -39,11 +39,11 @@ def wave(order: float, amplitude: float) -> FloatArray:
 
 def test_amplitudes_while_the_speed_changes() -> None:
     """The amplitude of each order is found to 1 % while the speed changes by 1 Hz in a window."""
-    found = tracked(wave(1.0, 2.0) + wave(0.5, 0.3), "1 0.5")
-    assert found.squares.shape == (100, 3)
-    np.testing.assert_allclose(np.sqrt(found.squares[:, :2]), [[2.0, 0.3]] * 100, rtol=0.01)
-    np.testing.assert_allclose(found.frequencies[:, 0], found.speeds[:, 0] / 60.0)
-    assert (found.squares[:, 2] < 1e-5).all()
+    actual = tracked(wave(1.0, 2.0) + wave(0.5, 0.3), "1 0.5")
+    assert actual.squares.shape == (100, 3)
+    np.testing.assert_allclose(np.sqrt(actual.squares[:, :2]), [[2.0, 0.3]] * 100, rtol=0.01)
+    np.testing.assert_allclose(actual.frequencies[:, 0], actual.speeds[:, 0] / 60.0)
+    assert (actual.squares[:, 2] < 1e-5).all()
 
 
 def test_a_run_up_equals_a_resampled_spectrum() -> None:
@@ -60,17 +60,17 @@ def test_a_run_up_equals_a_resampled_spectrum() -> None:
     mapping = {"engine": {"speed": "engine", "orders": [1.0, 0.5]}}
     signal = Signal(sensor(), times, np.outer(values, [1.0, 0.0, 0.0]), RATE, ())
     speeds = {Source.ENGINE: (times, rpm)}
-    found = np.sqrt(track_orders(signal, excitations_from_mapping(mapping), speeds).squares)
+    actual = np.sqrt(track_orders(signal, excitations_from_mapping(mapping), speeds).squares)
     n = round(4.0 * RATE)
     window = np.hanning(n) ** 2
-    for k in range(len(found)):
+    for k in range(len(actual)):
         part = slice(k * n, (k + 1) * n)
         even = np.linspace(turns[part][0], turns[part][-1], n)
         resampled = CubicSpline(turns[part], values[part])(even)
-        for order, amplitude in zip((1.0, 0.5), found[k], strict=True):
+        for order, amplitude in zip((1.0, 0.5), actual[k], strict=True):
             line = (window * resampled) @ np.exp(-2j * math.pi * order * even)
             assert amplitude == pytest.approx(2.0 * abs(line) / window.sum(), rel=0.03)
-    np.testing.assert_allclose(found[:, 0], size.reshape(-1, n).mean(axis=1), rtol=0.02)
+    np.testing.assert_allclose(actual[:, 0], size.reshape(-1, n).mean(axis=1), rtol=0.02)
 
 
 def test_noise_beside_an_order() -> None:
@@ -81,10 +81,10 @@ def test_noise_beside_an_order() -> None:
     """
     random = np.random.default_rng(3)
     axes = random.normal(0.0, 1.0, (len(TIMES), 3))
-    found = tracked(axes)
+    actual = tracked(axes)
     expected = 3 * 7.78 / (4.0 * RATE)  # along three axes
-    assert found.noise.mean() == pytest.approx(expected, rel=0.05)
-    assert found.squares.mean() == pytest.approx(expected, rel=0.1)
+    assert actual.noise.mean() == pytest.approx(expected, rel=0.05)
+    assert actual.squares.mean() == pytest.approx(expected, rel=0.1)
 
 
 @pytest.mark.parametrize(("apart", "known"), [(0.6, True), (0.4, False)])
@@ -94,13 +94,13 @@ def test_orders_that_meet_are_not_known(apart: float, known: bool) -> None:
     mapping = {"pto": {"speed": "pto", "orders": [1.0, 1.0 + apart / 30.0]}}
     signal = Signal(sensor(), TIMES, np.column_stack([values] * 3), RATE, ())
     speeds = {Source.PTO: (TIMES, 1800.0 + 0.0 * TIMES)}
-    found = track_orders(signal, excitations_from_mapping(mapping), speeds)
-    assert np.isfinite(found.squares).all() == known
-    assert np.isfinite(found.squares).any() == known
+    actual = track_orders(signal, excitations_from_mapping(mapping), speeds)
+    assert np.isfinite(actual.squares).all() == known
+    assert np.isfinite(actual.squares).any() == known
 
 
 def test_where_there_is_no_order() -> None:
     """Nothing is known without a speed, at a standstill, and near half of the rate."""
-    found = tracked(wave(1.0, 1.0), "1 4", pto=0.0)
-    assert np.isfinite(found.squares).all(axis=0).tolist() == [True, False, False]
-    assert not np.isfinite(found.squares[:, 1:]).any()
+    actual = tracked(wave(1.0, 1.0), "1 4", pto=0.0)
+    assert np.isfinite(actual.squares).all(axis=0).tolist() == [True, False, False]
+    assert not np.isfinite(actual.squares[:, 1:]).any()

@@ -44,9 +44,9 @@ def test_known_oscillators() -> None:
 
     That is sqrt(ratio / (2 pi f T)), relative, of a frequency in a time T.
     """
-    found = modes(responses(1))
+    actual = modes(responses(1))
     for omega, ratio, shape in zip(OMEGA, RATIOS, SHAPES.T, strict=True):
-        near = [each for each in found if abs(each.frequency * math.tau / omega - 1.0) < 0.03]
+        near = [each for each in actual if abs(each.frequency * math.tau / omega - 1.0) < 0.03]
         best = min(near, key=lambda each: each.frequency_stddev)
         assert abs(best.frequency - omega / math.tau) < 3.0 * best.frequency_stddev
         least = best.frequency * math.sqrt(ratio / (omega * SECONDS))
@@ -57,9 +57,9 @@ def test_known_oscillators() -> None:
 
 def test_modes_outside_the_band() -> None:
     """A mode outside the band is not reported."""
-    found = finish(identify(np.split(responses(1), 3), RATE, (2.5, 5.0)))
-    assert found
-    assert min(each.frequency for each in found) > 2.5
+    actual = finish(identify(np.split(responses(1), 3), RATE, (2.5, 5.0)))
+    assert actual
+    assert min(each.frequency for each in actual) > 2.5
 
 
 @pytest.mark.parametrize("signals", [np.zeros((400, 2)), np.ones((30, 2))])

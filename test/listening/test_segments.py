@@ -25,9 +25,9 @@ def test_heights(degrees: float, heights: int) -> None:
     """Segments whose angles differ by 2 deg are one height, and by 10 deg two."""
     times = np.arange(0.0, 43.0, 1.0 / RATE)
     angle = 2.0 + math.radians(degrees) * np.interp(times, [20.0, 23.0], [0.0, 1.0])
-    found = find_segments(times, angle)
-    assert len(found) == heights
-    assert all((each.stop - each.start) / RATE >= SHORTEST for group in found for each in group)
+    actual = find_segments(times, angle)
+    assert len(actual) == heights
+    assert all((each.stop - each.start) / RATE >= SHORTEST for group in actual for each in group)
 
 
 def test_unknown_angle() -> None:

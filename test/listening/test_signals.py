@@ -111,8 +111,8 @@ def test_gaps(gap: float, named: bool) -> None:
 def test_what_a_log_knows_between_its_messages() -> None:
     """Values between messages are interpolated, but not before, after, and in a gap of 2 s."""
     since = np.append(np.arange(0.0, 1.0, 0.05), np.arange(3.0, 4.0, 0.05))
-    found = known_at(np.array([-0.1, 0.5, 0.525, 2.0, 3.0, 3.5, 4.1]), since, 2.0 * since)
-    np.testing.assert_allclose(found, [np.nan, 1.0, 1.05, np.nan, 6.0, 7.0, np.nan])
+    actual = known_at(np.array([-0.1, 0.5, 0.525, 2.0, 3.0, 3.5, 4.1]), since, 2.0 * since)
+    np.testing.assert_allclose(actual, [np.nan, 1.0, 1.05, np.nan, 6.0, 7.0, np.nan])
 
 
 @pytest.mark.parametrize(("share", "named"), [(0.08, False), (0.12, True)])
@@ -122,10 +122,10 @@ def test_uneven_stamps(share: float, named: bool) -> None:
     A sine of 90 Hz, sampled at such times, has exp(-(2 pi 90 Hz sigma)^2 / 2) of its amplitude.
     """
     late = np.random.default_rng(1).normal(0.0, share / RATE, N)
-    found = doubts(readings(), np.arange(N) / RATE + late)
-    assert ("Its stamps vary" in found) == named
+    sentences = doubts(readings(), np.arange(N) / RATE + late)
+    assert ("Its stamps vary" in sentences) == named
     loss = 1.0 - math.exp(-((2.0 * math.pi * 90.0 * share / RATE) ** 2) / 2.0)
-    assert (f"90 Hz appears up to {100.0 * loss:.0f} % too weak" in found) == named
+    assert (f"90 Hz appears up to {100.0 * loss:.0f} % too weak" in sentences) == named
 
 
 def tone_level(signal: Signal, hertz: float, seconds: float) -> float:

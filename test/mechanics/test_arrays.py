@@ -24,7 +24,7 @@ def test_runs_of_flags(flags: list[bool], expected: list[tuple[int, int]]) -> No
 
 def test_runs_end_where_a_column_changes() -> None:
     """A run ends where one of the columns has another value."""
-    found = runs(
+    actual = runs(
         np.array([True] * 5), np.array(["a", "a", "b", "b", "b"]), np.array([1, 1, 1, 1, 2])
     )
-    assert found == [(0, 2), (2, 4), (4, 5)]
+    assert actual == [(0, 2), (2, 4), (4, 5)]

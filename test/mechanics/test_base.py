@@ -101,17 +101,17 @@ def test_base_equals_an_explicit_chassis(
 ) -> None:
     """The first six undamped natural frequencies agree to 1e-10."""
     alpha3 = math.radians(alpha3_deg)
-    found = tractor.solve(alpha3).modes.omega[:6] / (2.0 * math.pi)
-    np.testing.assert_allclose(found, chassis_frequencies(clamped, alpha3), rtol=1e-10)
+    actual = tractor.solve(alpha3).modes.omega[:6] / (2.0 * math.pi)
+    np.testing.assert_allclose(actual, chassis_frequencies(clamped, alpha3), rtol=1e-10)
 
 
 def test_kinematics_are_those_on_a_fixed_ground(
     clamped: LinkageModel, tractor: LinkageModel
 ) -> None:
     """Every pose is the same to the last bit."""
-    one, other = (model.kinematics.at(2.0) for model in (clamped, tractor))
-    assert np.array_equal(one.origins, other.origins)
-    assert np.array_equal(one.angles, other.angles)
+    first, other = (model.kinematics.at(2.0) for model in (clamped, tractor))
+    assert np.array_equal(first.origins, other.origins)
+    assert np.array_equal(first.angles, other.angles)
 
 
 def test_heavy_base_on_hard_mounts_gives_the_clamped_linkage(clamped: LinkageModel) -> None:
@@ -154,18 +154,18 @@ def test_soft_oil_leaves_one_degree_of_freedom(clamped: LinkageModel) -> None:
             continue
         link = next(link for link in model.mechanism.links if link.name == body)
         (_, start), (_, end) = link.points[0], link.points[-1]
-        one, other = (configuration.place_rate(body, place) for place in (start, end))
+        first, other = (configuration.place_rate(body, place) for place in (start, end))
         steel = mapping["links"][body]["material"]["density"]
         section = link.body.segments[0].section  # type: ignore[attr-defined]
         length = math.dist(start, end)
         bar = link.count * steel * section.area * length
         # A uniform bar, with the rotary inertia of its sections.
-        inertia += bar * float(one @ one + one @ other + other @ other) / 3.0
+        inertia += bar * float(first @ first + first @ other + other @ other) / 3.0
         turn = configuration.velocity_ratio(body)
         inertia += link.count * steel * section.second_moment * length * turn**2
     expected = math.sqrt(1.0 / inertia) / (2.0 * math.pi)
-    found = model.solve(2.0).modes.omega[0] / (2.0 * math.pi)
-    assert found == pytest.approx(expected, rel=1e-5)
+    actual = model.solve(2.0).modes.omega[0] / (2.0 * math.pi)
+    assert actual == pytest.approx(expected, rel=1e-5)
 
 
 @pytest.mark.parametrize("oil", [None, 3.0e5])
@@ -224,8 +224,8 @@ def test_calibration_fits_the_base(tmp_path: Path, tractor: LinkageModel) -> Non
     mapping["base"]["mounts"]["rear_axle"]["stiffness"] = [7.0e5, 5.0e5]
     (tmp_path / "tractor.yaml").write_text(yaml.safe_dump(mapping, sort_keys=False))
     (tmp_path / "fit.yaml").write_text(yaml.safe_dump(fit, sort_keys=False))
-    found = calibrate(read_calibration(tmp_path / "fit.yaml"), starts=1)
-    np.testing.assert_allclose(found.values, [6000.0, 7.0e5], rtol=1e-3)
+    calibration = calibrate(read_calibration(tmp_path / "fit.yaml"), starts=1)
+    np.testing.assert_allclose(calibration.values, [6000.0, 7.0e5], rtol=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -257,9 +257,9 @@ def test_hardest_mounts_hold_the_base(clamped: LinkageModel) -> None:
     """Mounts and dampers as hard as they may be clamp the linkage, within rounding."""
     for hard in ({"stiffness": [1e15, 1e15]}, {"stiffness": [0.0, 0.0], "damping": [1e12, 1e12]}):
         mounts = {name: {"at": [at, 0.0], **hard} for name, at in (("rear", 0.6), ("front", 3.1))}
-        found = LinkageModel(on_base(mounts=mounts)).solve(2.4).natural_frequencies
+        frequencies = LinkageModel(on_base(mounts=mounts)).solve(2.4).natural_frequencies
         expected = clamped.solve(2.4).natural_frequencies[:3]
-        near = found[np.abs(found[:, np.newaxis] - expected).argmin(axis=0)]
+        near = frequencies[np.abs(frequencies[:, np.newaxis] - expected).argmin(axis=0)]
         np.testing.assert_allclose(near, expected, rtol=1e-6)
 
 

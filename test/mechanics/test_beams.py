@@ -40,29 +40,29 @@ def uniform(section: Section, elements: int) -> Beam:
     return Beam(STEEL, (Segment(LENGTH, section),), elements)
 
 
-def drawing(found: Matrices) -> Drawing:
+def drawing(actual: Matrices) -> Drawing:
     """Return how the coordinates of a beam move its nodes."""
-    assert found.drawing is not None
-    return found.drawing
+    assert actual.drawing is not None
+    return actual.drawing
 
 
-def nodes(found: Matrices) -> FloatArray:
+def nodes(actual: Matrices) -> FloatArray:
     """Return the places of the nodes of a beam along its axis, m."""
-    return drawing(found).places[:, 0]
+    return drawing(actual).places[:, 0]
 
 
-def coupled(found: Matrices, directions: str) -> NDArray[np.intp]:
+def coupled(actual: Matrices, directions: str) -> NDArray[np.intp]:
     """Return all coordinates that couple with the DoFs of some directions, theta with x and z."""
-    links = (found.mass != 0.0) | (found.stiffness != 0.0)
+    links = (actual.mass != 0.0) | (actual.stiffness != 0.0)
     labels = connected_components(links, directed=False)[1]
-    chosen = [i for i, dof in enumerate(found.dofs) if dof.direction in directions]
+    chosen = [i for i, dof in enumerate(actual.dofs) if dof.direction in directions]
     return np.flatnonzero(np.isin(labels, labels[chosen]))
 
 
-def part(found: Matrices, directions: str) -> tuple[FloatArray, FloatArray]:
+def part(actual: Matrices, directions: str) -> tuple[FloatArray, FloatArray]:
     """Return mass and stiffness of those coordinates."""
-    block = np.ix_(*[coupled(found, directions)] * 2)
-    return found.mass[block], found.stiffness[block]
+    block = np.ix_(*[coupled(actual, directions)] * 2)
+    return actual.mass[block], actual.stiffness[block]
 
 
 def bending_part(section: Section, elements: int) -> tuple[FloatArray, FloatArray]:
@@ -80,30 +80,30 @@ def omega(mass: FloatArray, stiffness: FloatArray, held: Sequence[int] = ()) -> 
     return np.sqrt(np.abs(eigh(stiffness[block], mass[block], eigvals_only=True)))
 
 
-def rows(found: Matrices, *dofs: str) -> list[int]:
+def rows(actual: Matrices, *dofs: str) -> list[int]:
     """Return the indices of DoFs such as "A x"."""
-    return [found.dofs.index(InterfaceDof(*dof.split())) for dof in dofs]
+    return [actual.dofs.index(InterfaceDof(*dof.split())) for dof in dofs]
 
 
-def compliance(found: Matrices, held: Sequence[str]) -> FloatArray:
+def compliance(actual: Matrices, held: Sequence[str]) -> FloatArray:
     """Return the static compliance on all coordinates, with zeros where DoFs are held."""
-    free = np.setdiff1d(np.arange(len(found.mass)), rows(found, *held))
-    result = np.zeros_like(found.stiffness)
-    result[np.ix_(free, free)] = np.linalg.inv(found.stiffness[np.ix_(free, free)])
+    free = np.setdiff1d(np.arange(len(actual.mass)), rows(actual, *held))
+    result = np.zeros_like(actual.stiffness)
+    result[np.ix_(free, free)] = np.linalg.inv(actual.stiffness[np.ix_(free, free)])
     return result
 
 
-def moved_rigidly(found: Matrices, motions: FloatArray) -> FloatArray:
+def moved_rigidly(actual: Matrices, motions: FloatArray) -> FloatArray:
     """Let the inner coordinates follow the interface statically, (n, n_motions)."""
-    b, i = slice(0, len(found.dofs)), slice(len(found.dofs), None)
-    inner = -np.linalg.solve(found.stiffness[i, i], found.stiffness[i, b] @ motions)
+    b, i = slice(0, len(actual.dofs)), slice(len(actual.dofs), None)
+    inner = -np.linalg.solve(actual.stiffness[i, i], actual.stiffness[i, b] @ motions)
     return np.vstack([motions, inner])
 
 
-def rigid_motions(found: Matrices, places: dict[str, Point], pivot: Point) -> FloatArray:
+def rigid_motions(actual: Matrices, places: dict[str, Point], pivot: Point) -> FloatArray:
     """Return interface motions: along x, along z, by theta about a pivot."""
-    motions = np.zeros((len(found.dofs), 3))
-    for row, dof in zip(motions, found.dofs, strict=True):
+    motions = np.zeros((len(actual.dofs), 3))
+    for row, dof in zip(motions, actual.dofs, strict=True):
         x, z = places[dof.point]
         row[:] = {
             "x": [1.0, 0.0, pivot[1] - z],
@@ -156,9 +156,9 @@ def exact_frequency(
 )
 def test_slender_beams(held: list[int], roots: list[float], rigid: int) -> None:
     """A very slender beam has Euler's frequencies, and its rigid modes at zero."""
-    found = omega(*bending_part(SLENDER, 40), held)
-    assert found[rigid : rigid + 3] == pytest.approx([euler(root) for root in roots], rel=2e-5)
-    assert (found[:rigid] < 1e-3 * found[rigid]).all()
+    actual = omega(*bending_part(SLENDER, 40), held)
+    assert actual[rigid : rigid + 3] == pytest.approx([euler(root) for root in roots], rel=2e-5)
+    assert (actual[:rigid] < 1e-3 * actual[rigid]).all()
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])
@@ -216,27 +216,27 @@ def test_stepped_cantilever_deflects_exactly_with_one_element_a_segment() -> Non
         expected += (segment.end - begin) / (s.shear_coefficient * G * s.area)
         begin = segment.end
     for elements in (1, 17):
-        found = beam_matrices(Beam(STEEL, STEPPED, elements), ENDS, rotations={"A"})
-        tip = rows(found, "B z")[0]
-        held = compliance(found, ["A x", "A z", "A theta"])
+        matrices = beam_matrices(Beam(STEEL, STEPPED, elements), ENDS, rotations={"A"})
+        tip = rows(matrices, "B z")[0]
+        held = compliance(matrices, ["A x", "A z", "A theta"])
         assert held[tip, tip] == pytest.approx(expected, rel=1e-10)
 
 
 @pytest.mark.parametrize("tip_mass", [0.0, 15.0])
 def test_stepped_cantilever_vibrates_as_its_transfer_matrices_do(tip_mass: float) -> None:
     """A stepped Timoshenko beam, with a point mass or without, has its exact frequencies."""
-    found = beam_matrices(
+    matrices = beam_matrices(
         Beam(STEEL, STEPPED, 240), ENDS, rotations={"A"}, masses=[("B", tip_mass)]
     )
-    held = rows(found, "A x", "A z", "A theta", "B x")
-    for value in omega(found.mass, found.stiffness, held)[:3]:
+    held = rows(matrices, "A x", "A z", "A theta", "B x")
+    for value in omega(matrices.mass, matrices.stiffness, held)[:3]:
         assert value == pytest.approx(exact_frequency(STEPPED, value, tip_mass=tip_mass), rel=2e-5)
 
 
 def test_free_stepped_beam_vibrates_as_its_transfer_matrices_do() -> None:
     """A stepped beam that is free at both ends has its exact frequencies."""
-    found = beam_matrices(Beam(STEEL, STEPPED, 240), ENDS)
-    values = omega(*part(found, "z"))
+    matrices = beam_matrices(Beam(STEEL, STEPPED, 240), ENDS)
+    values = omega(*part(matrices, "z"))
     assert values[1] < 1e-3 * values[2]
     for value in values[2:4]:
         assert value == pytest.approx(exact_frequency(STEPPED, value, free_root=True), rel=2e-5)
@@ -252,18 +252,18 @@ def test_tip_mass_on_a_slender_cantilever(ratio: float) -> None:
 
     exact = euler(brentq(characteristic, 0.1, 1.8751))
     tip = ratio * RHO * SLENDER.area * LENGTH
-    found = beam_matrices(uniform(SLENDER, 20), ENDS, rotations={"A"}, masses=[("B", tip)])
-    held = rows(found, "A x", "A z", "A theta")
-    assert omega(found.mass, found.stiffness, held)[0] == pytest.approx(exact, rel=5e-5)
+    matrices = beam_matrices(uniform(SLENDER, 20), ENDS, rotations={"A"}, masses=[("B", tip)])
+    held = rows(matrices, "A x", "A z", "A theta")
+    assert omega(matrices.mass, matrices.stiffness, held)[0] == pytest.approx(exact, rel=5e-5)
 
 
 @pytest.mark.parametrize("elements", [1, 8])
 def test_compliance_at_the_end_of_an_arm(elements: int) -> None:
     """A force along x at an arm z moves its pin by L / E A + z^2 L / E I and across the axis."""
     s, z = rectangle(0.03, 0.04, 0.3), ARM[1][1][1]
-    found = beam_matrices(uniform(s, elements), ARM, rotations={"A", "B"})
-    x, w, theta = rows(found, "B x", "B z", "B theta")
-    moved = compliance(found, ["A x", "A z", "A theta"])[:, x]
+    matrices = beam_matrices(uniform(s, elements), ARM, rotations={"A", "B"})
+    x, w, theta = rows(matrices, "B x", "B z", "B theta")
+    moved = compliance(matrices, ["A x", "A z", "A theta"])[:, x]
     bending = LENGTH / (E * s.second_moment)
     assert moved[x] == pytest.approx(LENGTH / (E * s.area) + z**2 * bending, rel=1e-10)
     assert moved[w] == pytest.approx(-z * LENGTH * bending / 2, rel=1e-10)
@@ -274,15 +274,15 @@ def test_inertia_about_an_offset_pin() -> None:
     """Turning about a pin beside the axis carries m (L^2 / 3 + z^2) + rho I L and its products."""
     s, (pivot, end) = rectangle(0.03, 0.06, 0.3), ((0.0, 0.08), (LENGTH, -0.03))
     places = {"A": pivot, "B": end}
-    found = beam_matrices(uniform(s, 7), list(places.items()), masses=[("B", 2.0)])
-    motions = moved_rigidly(found, rigid_motions(found, places, pivot))
+    matrices = beam_matrices(uniform(s, 7), list(places.items()), masses=[("B", 2.0)])
+    motions = moved_rigidly(matrices, rigid_motions(matrices, places, pivot))
     m, z, reach, drop = RHO * s.area * LENGTH, pivot[1], LENGTH, end[1] - pivot[1]
     turning = m * (LENGTH**2 / 3 + z**2) + RHO * s.second_moment * LENGTH
     turning += 2.0 * (reach**2 + drop**2)
     expected = np.diag([m + 2.0, m + 2.0, turning])
     expected[0, 2] = expected[2, 0] = m * z - 2.0 * drop
     expected[1, 2] = expected[2, 1] = m * LENGTH / 2 + 2.0 * reach
-    np.testing.assert_allclose(motions.T @ found.mass @ motions, expected, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(motions.T @ matrices.mass @ motions, expected, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("points", [ENDS, ARM, TRIANGLE])
@@ -309,24 +309,24 @@ def test_any_beam_is_symmetric_and_free_of_stress_when_rigid(
     places = {"ABCD"[i]: (x / 40 * LENGTH, zs[i] / 100) for i, x in enumerate(xs)}
     segments = (Segment(step, DEEP), Segment(1.1 * LENGTH, tube(0.08, 0.0, 0.3)))
     beam = Beam(STEEL, segments, elements)
-    found = beam_matrices(beam, list(places.items()), rotations={"A"}, masses=[("A", 2.0)])
-    assert np.array_equal(found.mass, found.mass.T)
-    assert np.array_equal(found.stiffness, found.stiffness.T)
-    assert np.linalg.eigvalsh(found.mass)[0] > 0.0
+    matrices = beam_matrices(beam, list(places.items()), rotations={"A"}, masses=[("A", 2.0)])
+    assert np.array_equal(matrices.mass, matrices.mass.T)
+    assert np.array_equal(matrices.stiffness, matrices.stiffness.T)
+    assert np.linalg.eigvalsh(matrices.mass)[0] > 0.0
 
     begin = min(0.0, min(x for x, _ in places.values()))
-    assert nodes(found)[0] == begin
-    assert nodes(found)[-1] == pytest.approx(1.1 * LENGTH)
-    motions = rigid_motions(found, places, (0.0, 0.0))
-    shapes = moved_rigidly(found, motions)
-    scale = np.sqrt(np.abs(np.diag(found.stiffness)))
-    assert np.abs(found.stiffness @ shapes / scale[:, np.newaxis]).max() < 1e-8 * scale.max()
-    x, moved = nodes(found)[:, np.newaxis], drawing(found).displacement @ shapes
+    assert nodes(matrices)[0] == begin
+    assert nodes(matrices)[-1] == pytest.approx(1.1 * LENGTH)
+    motions = rigid_motions(matrices, places, (0.0, 0.0))
+    shapes = moved_rigidly(matrices, motions)
+    scale = np.sqrt(np.abs(np.diag(matrices.stiffness)))
+    assert np.abs(matrices.stiffness @ shapes / scale[:, np.newaxis]).max() < 1e-8 * scale.max()
+    x, moved = nodes(matrices)[:, np.newaxis], drawing(matrices).displacement @ shapes
     np.testing.assert_allclose(moved[:, 0, :3], 0 * x + [1.0, 0.0, 0.0], atol=1e-7)
     np.testing.assert_allclose(moved[:, 1, :3], 0 * x + [0.0, 1.0, 0.0] + x * [0, 0, 1], atol=1e-7)
     total = 2.0 + RHO * segments[0].section.area * (step - begin)
     total += RHO * segments[1].section.area * (segments[1].end - step)
-    carried = np.diag(shapes.T @ found.mass @ shapes)
+    carried = np.diag(shapes.T @ matrices.mass @ shapes)
     assert carried[[0, 1]] == pytest.approx(total, rel=1e-7)
 
 
@@ -363,8 +363,8 @@ def test_pins_within_the_beam() -> None:
     inside = [("A", (0.5, 0.02)), ("B", (0.9, 0.0))]
     within, ends = beam_matrices(beam, inside), beam_matrices(beam, ENDS)
     np.testing.assert_allclose(nodes(within), nodes(ends), atol=1e-15)
-    found, expected = (omega(m.mass, m.stiffness)[3:] for m in (within, ends))
-    np.testing.assert_allclose(found, expected, rtol=1e-9)
+    actual, expected = (omega(m.mass, m.stiffness)[3:] for m in (within, ends))
+    np.testing.assert_allclose(actual, expected, rtol=1e-9)
     # A pin before x = 0 lets the beam begin there.
     earlier = beam_matrices(beam, [("A", (-0.2, 0.0)), ("B", (0.9, 0.0))])
     assert nodes(earlier)[0] == -0.2

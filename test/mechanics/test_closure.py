@@ -49,7 +49,7 @@ def every_pose(mechanism: Mechanism) -> list[dict[str, float]]:
     p1, p2, p3 = (np.array(place) for _, place in mechanism.ground)
     alpha3 = mechanism.assembly_alpha3
     v2 = p3 + 0.203 * np.array([math.cos(alpha3), math.sin(alpha3)])
-    found = []
+    actual = []
     for first, second in itertools.product((1.0, -1.0), repeat=2):
         v1 = circles(p1, 0.366, v2, 0.534, first)
         e1 = p1 + (v1 - p1) * 0.810 / 0.366
@@ -59,8 +59,8 @@ def every_pose(mechanism: Mechanism) -> list[dict[str, float]]:
             continue
         ways = {"lower_link": v1 - p1, "upper_link": e2 - p2, "lift_rod": v1 - v2}
         ways["implement"] = e2 - e1
-        found.append({name: math.atan2(way[1], way[0]) for name, way in ways.items()})
-    return found
+        actual.append({name: math.atan2(way[1], way[0]) for name, way in ways.items()})
+    return actual
 
 
 @settings(**LONG)
@@ -75,9 +75,9 @@ def test_the_nearest_of_all_poses(mechanism_file: Any, guess: list[float]) -> No
     poses = every_pose(mechanism)
     assert len(poses) > 1
     kinematics = Kinematics(mechanism)
-    found = angles_of(mechanism, kinematics.at(mechanism.assembly_alpha3))
+    actual = angles_of(mechanism, kinematics.at(mechanism.assembly_alpha3))
     nearest = min(away(mechanism, pose) for pose in poses)
-    assert away(mechanism, found) == pytest.approx(nearest, abs=1e-6)
+    assert away(mechanism, actual) == pytest.approx(nearest, abs=1e-6)
     pasted = yaml.safe_load(kinematics.notice.partition("`")[2].partition("`")[0] or "{}")
     if pasted:
         again = Kinematics(mechanism_from_mapping({**mapping, **pasted}))
@@ -108,9 +108,9 @@ def test_random_linkages_close_from_any_guess(linkage: Linkage, turned: list[flo
         ]
         assert math.dist(*ends) < 1e-12
     known = {name: math.radians(angle) for name, angle in drawn.items()}
-    found = away(mechanism, angles_of(mechanism, configuration))
-    assert found <= max(away(mechanism, known) + 1e-6, math.radians(5.0))
-    if found > math.radians(20.0):
+    actual = away(mechanism, angles_of(mechanism, configuration))
+    assert actual <= max(away(mechanism, known) + 1e-6, math.radians(5.0))
+    if actual > math.radians(20.0):
         assert "; write `assembly: {alpha3_deg: " in kinematics.notice
 
 
@@ -134,9 +134,9 @@ def test_an_ambiguous_guess_says_so(mechanism: Mechanism, mapping: Any) -> None:
     assert notice.count("lower_link: ") == 2
 
 
-def away_from(one: dict[str, float], other: dict[str, float]) -> float:
+def away_from(first: dict[str, float], other: dict[str, float]) -> float:
     """Return the root mean square of the angles between two poses, rad."""
-    apart = turns(np.array([one[name] - other[name] for name in one]))
+    apart = turns(np.array([first[name] - other[name] for name in first]))
     return float(np.sqrt((apart**2).mean()))
 
 

@@ -62,7 +62,7 @@ def test_the_linkages_own_motion_is_compatible(model: LinkageModel, alpha3_deg: 
 def motion(model: LinkageModel, alpha3_deg: float) -> np.ndarray:
     """Return the interface DoFs' rates with alpha3, from the kinematics alone."""
     configuration = model.kinematics.at(math.radians(alpha3_deg))
-    found: list[float] = []
+    actual: list[float] = []
     for component in model.components:
         points = model.mechanism.local_points(component.name)
         for dof in component.dofs:
@@ -75,8 +75,8 @@ def motion(model: LinkageModel, alpha3_deg: float) -> np.ndarray:
                 if not isinstance(turn, float):
                     moved = turn.T @ moved
                 rate = moved["xz".index(dof.direction)]
-            found.append(float(rate))
-    return np.array(found)
+            actual.append(float(rate))
+    return np.array(actual)
 
 
 @pytest.mark.parametrize("alpha3_deg", [95.0, 140.0, 175.0])

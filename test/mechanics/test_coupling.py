@@ -97,9 +97,9 @@ def test_linkage_with_joints_closed_twice(model: LinkageModel, alpha3_deg: float
     omega = solve_modes(coupled)[0].omega
     np.testing.assert_allclose(omega[:10], solution.modes.omega[:10], rtol=1e-8)
     rows = model.rows(PLACES, solution.configuration)
-    found = assembled_frf(coupled, FREQUENCIES, rows, rows)
+    receptances = assembled_frf(coupled, FREQUENCIES, rows, rows)
     exact = assembled_frf(solution.coupled, FREQUENCIES, rows, rows)
-    np.testing.assert_allclose(found, exact, rtol=1e-8)
+    np.testing.assert_allclose(receptances, exact, rtol=1e-8)
 
 
 @pytest.mark.parametrize("apart", [1e-11, 1e-9, 1e-7])
@@ -121,9 +121,9 @@ def test_static_limit_in_closed_form() -> None:
     system = uncoupled_system([oscillator("a", 2.0, 800.0), oscillator("b", 3.0, 200.0)])
     coupled = couple(system, joined([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, -1.0, 0.0]], [], []))
     heads = np.array([[0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
-    found = assembled_frf(coupled, np.zeros(1), heads, heads)[0]
+    receptances = assembled_frf(coupled, np.zeros(1), heads, heads)[0]
     yields = 1 / 800 + 1 / 200
-    np.testing.assert_allclose(found, [[1 / 800, 1 / 800], [1 / 800, yields]], rtol=1e-14)
+    np.testing.assert_allclose(receptances, [[1 / 800, 1 / 800], [1 / 800, yields]], rtol=1e-14)
 
 
 @pytest.mark.parametrize("alpha3_deg", [90.0, 140.0, 180.0])
@@ -131,17 +131,17 @@ def test_static_limit_of_the_linkage(model: LinkageModel, alpha3_deg: float) -> 
     """At 0 Hz: as the saddle point K u + B^T g = f, B u = 0, and as a tiny frequency, to 1e-8."""
     solution = model.solve(math.radians(alpha3_deg))
     rows = model.rows(PLACES, solution.configuration)
-    found = assembled_frf(solution.coupled, np.array([0.0, 1e-4]), rows, rows)
-    assert np.abs(found[0].imag).max() == 0.0
-    largest = np.abs(found[0]).max()
-    assert np.abs(found[1].real - found[0].real).max() < 1e-8 * largest
+    receptances = assembled_frf(solution.coupled, np.array([0.0, 1e-4]), rows, rows)
+    assert np.abs(receptances[0].imag).max() == 0.0
+    largest = np.abs(receptances[0]).max()
+    assert np.abs(receptances[1].real - receptances[0].real).max() < 1e-8 * largest
 
     stiffness, n = model.system.stiffness, len(model.system.stiffness)
     b = np.pad(solution.joining.compatibility, ((0, 0), (0, n - rows.shape[1])))
     unit = np.diag(stiffness).max()  # interface forces in its units, so that rows compare
     saddle = np.block([[stiffness, unit * b.T], [unit * b, np.zeros((len(b), len(b)))]])
     force = np.pad(rows, ((0, 0), (0, len(saddle) - rows.shape[1])))
-    assert np.abs(force @ np.linalg.solve(saddle, force.T) - found[0]).max() < 1e-8 * largest
+    assert np.abs(force @ np.linalg.solve(saddle, force.T) - receptances[0]).max() < 1e-8 * largest
 
 
 def test_mechanism_has_no_static_limit(mapping: Any) -> None:
@@ -167,9 +167,9 @@ def test_undamped_resonance_of_the_assembly_is_refused(undamped: LinkageModel) -
         with pytest.raises(CouplingError, match=f"At {resonance:g} Hz.*without damping"):
             assembled_frf(solution.coupled, np.array([1.0, resonance]), rows, rows)
     beside = resonances * (1 + 1e-3)
-    found = assembled_frf(solution.coupled, beside, rows, rows)
+    receptances = assembled_frf(solution.coupled, beside, rows, rows)
     exact = solution.frf(PLACES, PLACES).frf(beside)
-    assert np.abs(found - exact).max() < 1e-8 * np.abs(exact).max()
+    assert np.abs(receptances - exact).max() < 1e-8 * np.abs(exact).max()
 
 
 def test_coincident_poles(model: LinkageModel) -> None:
@@ -225,5 +225,5 @@ def test_primal_equals_dual(mapping: Any, alpha3_deg: float) -> None:
     dual = drive[0] @ np.linalg.solve(saddle, force)[:n_interface]
     primal = solution.coupled
     row = primal.restrict(drive)[0]
-    found = row @ np.linalg.solve(primal.stiffness - omega**2 * primal.mass, row)
-    assert found == pytest.approx(dual, rel=1e-9)
+    actual = row @ np.linalg.solve(primal.stiffness - omega**2 * primal.mass, row)
+    assert actual == pytest.approx(dual, rel=1e-9)

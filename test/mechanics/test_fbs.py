@@ -95,20 +95,22 @@ def test_two_oscillators_in_closed_form() -> None:
 def test_compliance_spans_rigid_to_apart() -> None:
     """A compliance of zero joins; a very large one leaves the components as they were."""
     frequencies = np.array([1.0, 3.0])
-    one = component_frf(scalar(2.0), scalar(800.0), scalar(3.0), 1, frequencies)
+    first = component_frf(scalar(2.0), scalar(800.0), scalar(3.0), 1, frequencies)
     joint, pick = np.array([[1.0, -1.0]]), np.array([[1.0, 0.0]])
-    apart = couple_frfs([one, one], joint, pick, pick, np.array([1e12]))
-    np.testing.assert_allclose(apart, one, rtol=1e-12)
-    np.testing.assert_allclose(couple_frfs([one, one], joint, pick, pick), one / 2, rtol=1e-12)
+    apart = couple_frfs([first, first], joint, pick, pick, np.array([1e12]))
+    np.testing.assert_allclose(apart, first, rtol=1e-12)
+    np.testing.assert_allclose(
+        couple_frfs([first, first], joint, pick, pick), first / 2, rtol=1e-12
+    )
 
 
 @pytest.mark.parametrize("alpha3_deg", ANGLES_DEG)
 def test_equals_modal_superposition(model: LinkageModel, alpha3_deg: float) -> None:
     """Drive points and cross FRFs agree with the primal pole-residue sum within 1e-8."""
     solution = model.solve(math.radians(alpha3_deg))
-    found = coupled(model, solution, FREQUENCIES)
+    actual = coupled(model, solution, FREQUENCIES)
     exact = solution.frf(PLACES, PLACES).frf(FREQUENCIES)
-    np.testing.assert_allclose(found, exact, rtol=1e-8)
+    np.testing.assert_allclose(actual, exact, rtol=1e-8)
 
 
 @pytest.mark.parametrize("kind", ["rayleigh", "loss", "mixed"])
@@ -127,8 +129,8 @@ def test_any_damping(mechanism: Mechanism, kind: str, alpha3_deg: float) -> None
     )
     model = LinkageModel(replace(mechanism, links=links))
     solution = model.solve(math.radians(alpha3_deg))
-    found = coupled(model, solution, FREQUENCIES)
-    np.testing.assert_allclose(found, assembled(model, solution, FREQUENCIES), rtol=1e-8)
+    actual = coupled(model, solution, FREQUENCIES)
+    np.testing.assert_allclose(actual, assembled(model, solution, FREQUENCIES), rtol=1e-8)
 
 
 def test_springs_by_compliance(mapping: Any) -> None:
@@ -137,8 +139,8 @@ def test_springs_by_compliance(mapping: Any) -> None:
     model = LinkageModel(mechanism_from_mapping(mapping))
     for angle in np.radians([90.0, 180.0]):
         solution = model.solve(angle)
-        found = coupled(model, solution, FREQUENCIES)
-        np.testing.assert_allclose(found, assembled(model, solution, FREQUENCIES), rtol=1e-8)
+        actual = coupled(model, solution, FREQUENCIES)
+        np.testing.assert_allclose(actual, assembled(model, solution, FREQUENCIES), rtol=1e-8)
 
 
 def test_floating_links_at_low_frequencies(model: LinkageModel) -> None:
@@ -153,8 +155,8 @@ def test_floating_links_at_low_frequencies(model: LinkageModel) -> None:
 
 def test_reciprocity(model: LinkageModel) -> None:
     """Response and force may change places."""
-    found = coupled(model, model.solve(math.radians(120.0)), FREQUENCIES)
-    np.testing.assert_allclose(found.swapaxes(1, 2), found, rtol=1e-8)
+    actual = coupled(model, model.solve(math.radians(120.0)), FREQUENCIES)
+    np.testing.assert_allclose(actual.swapaxes(1, 2), actual, rtol=1e-8)
 
 
 def test_inner_coordinates_and_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -167,9 +169,9 @@ def test_inner_coordinates_and_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
     together = -1 / (4 * m * squared) - 1 / (4 * m) / (squared - 2 * k / m)
     against = 1 / (2 * m) / (k / m - squared)
     monkeypatch.setattr(fbs, "_CHUNK", 7 * mass.size)
-    found = component_frf(mass, stiffness, 0.0 * mass, 2, frequencies)
-    np.testing.assert_allclose(found[:, 0, 0], together + against, rtol=1e-9)
-    np.testing.assert_allclose(found[:, 0, 1], together - against, rtol=1e-9)
+    actual = component_frf(mass, stiffness, 0.0 * mass, 2, frequencies)
+    np.testing.assert_allclose(actual[:, 0, 0], together + against, rtol=1e-9)
+    np.testing.assert_allclose(actual[:, 0, 1], together - against, rtol=1e-9)
 
 
 def test_zero_frequency() -> None:
@@ -205,17 +207,17 @@ def test_rows_that_say_nothing_join_nothing() -> None:
 
 def plain(blocks: Sequence[ComplexArray], b: FloatArray, rows: FloatArray) -> ComplexArray:
     """Return eq. 19 unchanged, solved at each frequency; NaN where that fails."""
-    found = np.full((len(blocks[0]), len(rows), len(rows)), np.nan + 0.0j)
-    for frf, line in zip(found, zip(*blocks, strict=True), strict=True):
+    values = np.full((len(blocks[0]), len(rows), len(rows)), np.nan + 0.0j)
+    for frf, line in zip(values, zip(*blocks, strict=True), strict=True):
         h = block_diag(*line)
         with contextlib.suppress(np.linalg.LinAlgError):
             frf[:] = rows @ (h - h @ b.T @ np.linalg.solve(b @ h @ b.T, b @ h)) @ rows.T
-    return found
+    return values
 
 
-def share(found: ComplexArray, exact: ComplexArray) -> FloatArray:
+def share(actual: ComplexArray, exact: ComplexArray) -> FloatArray:
     """Return the largest difference at each frequency, of the largest FRF there."""
-    return np.asarray(np.abs(found - exact).max(axis=(1, 2)) / np.abs(exact).max(axis=(1, 2)))
+    return np.asarray(np.abs(actual - exact).max(axis=(1, 2)) / np.abs(exact).max(axis=(1, 2)))
 
 
 def frfs_of(model: LinkageModel, frequencies: FloatArray) -> list[ComplexArray]:
@@ -248,8 +250,8 @@ def test_springs_side_by_side_repeat_nothing(model: LinkageModel) -> None:
     pair = np.vstack([b, spring, spring])
     soft = np.zeros(len(pair))
     soft[-2:] = 1e-5
-    one = couple_frfs(blocks, pair[:-1], rows, rows, np.append(soft[:-2], 0.5e-5))
-    assert share(couple_frfs(blocks, pair, rows, rows, soft), one).max() < 1e-8
+    receptances = couple_frfs(blocks, pair[:-1], rows, rows, np.append(soft[:-2], 0.5e-5))
+    assert share(couple_frfs(blocks, pair, rows, rows, soft), receptances).max() < 1e-8
     held = couple_frfs(blocks, pair[:-1], rows[1:], rows[1:])
     soft[-1] = 0.0
     assert share(couple_frfs(blocks, pair, rows[1:], rows[1:], soft), held).max() < 1e-8
@@ -265,15 +267,15 @@ def test_rounding_at_low_frequencies(mechanism: Mechanism, damping: Damping) -> 
         solution = model.solve(angle)
         rows, b = model.rows(PLACES, solution.configuration), solution.joining.compatibility
         exact = assembled_frf(solution.coupled, frequencies, rows, rows)
-        found, error = couple_frfs_with_error(blocks, b, rows, rows)
+        actual, error = couple_frfs_with_error(blocks, b, rows, rows)
         largest = np.abs(exact).max(axis=(1, 2))
-        assert (share(found, exact) < error / largest).all()
-        assert share(found, exact)[0] > 1e-6
+        assert (share(actual, exact) < error / largest).all()
+        assert share(actual, exact)[0] > 1e-6
         assert (error / largest < 1e-6).tolist() == [False, False, True, True, True, True]
         with pytest.raises(FbsError, match=r"At 0\.0001 Hz and 1 other .*free near 0 Hz"):
             couple_frfs(blocks, b, rows, rows, frequencies=frequencies)
         some = [block[2:] for block in blocks]
-        np.testing.assert_array_equal(couple_frfs(some, b, rows, rows), found[2:])
+        np.testing.assert_array_equal(couple_frfs(some, b, rows, rows), actual[2:])
 
 
 @pytest.mark.parametrize("body", ["lower_link", "upper_link", "lift_rod"])
@@ -289,9 +291,9 @@ def test_on_a_components_own_resonance(mechanism: Mechanism, body: str) -> None:
     frequencies = resonance * (1.0 + np.array([1e-3, 1e-6, 1e-14]))
     blocks = frfs_of(model, frequencies)
     exact = assembled_frf(solution.coupled, frequencies, rows, rows)
-    found, error = couple_frfs_with_error(blocks, b, rows, rows)
+    actual, error = couple_frfs_with_error(blocks, b, rows, rows)
     largest = np.abs(exact).max(axis=(1, 2))
-    assert (share(found, exact) < error / largest).all()
+    assert (share(actual, exact) < error / largest).all()
     assert share(plain(blocks, b, rows), exact)[2] > 1e-6
     with pytest.raises(FbsError, match=r"line 2 the components .* undamped resonance of their own"):
         couple_frfs(blocks, b, rows, rows)
@@ -321,9 +323,9 @@ def test_two_identical_links(mechanism: Mechanism) -> None:
     follows[:, start : start + m], follows[:, n:] = np.eye(m), -np.eye(m)
     both = np.vstack([np.pad(b, ((0, 0), (0, m))), follows])
     wide = np.pad(rows, ((0, 0), (0, m)))
-    found = couple_frfs([*blocks, blocks[rod]], both, wide, wide)
+    receptances = couple_frfs([*blocks, blocks[rod]], both, wide, wide)
     exact = assembled_frf(solution.coupled, frequencies, rows, rows)
-    assert (share(found, exact) < 1e-8).all()
+    assert (share(receptances, exact) < 1e-8).all()
 
 
 def test_response_that_vanishes_is_no_loss(model: LinkageModel) -> None:

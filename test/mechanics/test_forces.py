@@ -233,11 +233,11 @@ def test_forces_of_equal_links_are_those_of_one() -> None:
     """Of two equal links each carries half."""
     angle, output = math.radians(30.0), [("bar:P", "force_z")]
     single, double = (model_of(CANTILEVER, "links.bar.count", count) for count in (1, 2))
-    one, half = (
+    first, half = (
         float(model.solve(angle).frf(output, [("E", "z")]).frf(np.array([0.0]))[0, 0, 0].real)
         for model in (single, double)
     )
-    assert half == pytest.approx(one / 2.0, rel=1e-9)
+    assert half == pytest.approx(first / 2.0, rel=1e-9)
     assert double.static_forces(angle) == pytest.approx(single.static_forces(angle), rel=1e-9)
 
 
@@ -294,10 +294,12 @@ def test_places_by_their_names() -> None:
     places = [("E", "z"), ("bar:P", "force_x")]
     for function in (solution.participation, solution.mode_shapes):
         np.testing.assert_array_equal(function(texts), function(places))
-    found = solution.frf(texts, ["E.z"]).frf(lines)
-    np.testing.assert_array_equal(found, solution.frf(places, [("E", "z")]).frf(lines))
-    found = model.coupled_frf(0.5, lines, ["E.x"], ["E.z"])
-    np.testing.assert_array_equal(found, model.coupled_frf(0.5, lines, [("E", "x")], [("E", "z")]))
+    receptances = solution.frf(texts, ["E.z"]).frf(lines)
+    np.testing.assert_array_equal(receptances, solution.frf(places, [("E", "z")]).frf(lines))
+    receptances = model.coupled_frf(0.5, lines, ["E.x"], ["E.z"])
+    np.testing.assert_array_equal(
+        receptances, model.coupled_frf(0.5, lines, [("E", "x")], [("E", "z")])
+    )
     for wrong in ("E.z", ("E", "z"), [".z"], [("E", "x", "z")]):
         with pytest.raises(
             ModelError, match=r'not a place; give a list of places, such as \["E1.z'

@@ -43,17 +43,17 @@ def test_soil_under_mounts_equals_a_direct_solution(mount: str, direction: str) 
         force = into.T @ (joining.stiffness[rows] + s * joining.damping[rows])
         expected.append(left @ np.linalg.solve(matrix, force))
     soil = f"base:{mount}" if mount else "base", direction
-    found = transmissibility(solution, OUTPUTS, soil).frf(LINES)[:, :, 0]
-    np.testing.assert_allclose(found, np.array(expected), rtol=1e-6, atol=1e-8)
+    receptances = transmissibility(solution, OUTPUTS, soil).frf(LINES)[:, :, 0]
+    np.testing.assert_allclose(receptances, np.array(expected), rtol=1e-6, atol=1e-8)
 
 
 @pytest.mark.parametrize("direction", ["x", "z"])
 def test_slow_soil_carries_everything(direction: str) -> None:
     """At 0 Hz every point follows the soil, in its direction only."""
     model = LinkageModel(mechanism_from_mapping(described(base=TRACTOR)))
-    found = transmissibility(model.solve(2.0), OUTPUTS, ("base", direction))
+    transmitted = transmissibility(model.solve(2.0), OUTPUTS, ("base", direction))
     expected = [float(place[1] == direction) for place in OUTPUTS]
-    np.testing.assert_allclose(found.frf(np.array([0.0]))[0, :, 0], expected, atol=1e-7)
+    np.testing.assert_allclose(transmitted.frf(np.array([0.0]))[0, :, 0], expected, atol=1e-7)
 
 
 def test_axles_together_are_the_sum_of_each() -> None:

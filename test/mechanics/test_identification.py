@@ -45,14 +45,14 @@ def noisy(frf: ComplexArray, share: float, seed: int = 0) -> ComplexArray:
     return frf * (1.0 + share * noise / math.sqrt(2.0))
 
 
-def mac(found: FloatArray, shapes: FloatArray) -> FloatArray:
+def mac(actual: FloatArray, shapes: FloatArray) -> FloatArray:
     """Return how alike shapes are, one by one, (n,)."""
-    product = (found * shapes).sum(axis=0) ** 2
-    return np.asarray(product / (found**2).sum(axis=0) / (shapes**2).sum(axis=0))
+    product = (actual * shapes).sum(axis=0) ** 2
+    return np.asarray(product / (actual**2).sum(axis=0) / (shapes**2).sum(axis=0))
 
 
 def check(
-    found: IdentifiedModes,
+    actual: IdentifiedModes,
     natural: FloatArray,
     ratios: FloatArray,
     shapes: FloatArray,
@@ -63,11 +63,11 @@ def check(
     scale: float,
 ) -> None:
     """Assert that these modes were found, all of them and no other, within relative errors."""
-    assert len(found.omega) == len(natural)
-    np.testing.assert_allclose(found.omega / (2.0 * math.pi), natural, rtol=frequency)
-    np.testing.assert_allclose(found.damping_ratios, ratios, rtol=damping)
-    assert mac(found.shapes, shapes).min() > 1.0 - unlike
-    np.testing.assert_allclose(np.abs(found.shapes[0]), np.abs(shapes[0]), rtol=scale)
+    assert len(actual.omega) == len(natural)
+    np.testing.assert_allclose(actual.omega / (2.0 * math.pi), natural, rtol=frequency)
+    np.testing.assert_allclose(actual.damping_ratios, ratios, rtol=damping)
+    assert mac(actual.shapes, shapes).min() > 1.0 - unlike
+    np.testing.assert_allclose(np.abs(actual.shapes[0]), np.abs(shapes[0]), rtol=scale)
 
 
 @pytest.mark.parametrize("alpha3_deg", np.linspace(90.0, 180.0, 10))
@@ -97,10 +97,10 @@ def test_linkage_from_coupled_frfs(model: LinkageModel, alpha3_deg: float) -> No
 def test_cancelling_pairs_are_no_modes(printed: Mechanism, alpha3_deg: float) -> None:
     """Poles that a zero cancels to 1e-9, and that recur from order to order, are not reported."""
     model, alpha3 = LinkageModel(printed), math.radians(alpha3_deg)
-    found = identify(LINES, model.coupled_frf(alpha3, LINES, PLACES, PLACES[:1]), BAND)
+    actual = identify(LINES, model.coupled_frf(alpha3, LINES, PLACES, PLACES[:1]), BAND)
     expected = model.solve(alpha3).modes.omega[:3]
-    assert len(found.omega) == 3
-    np.testing.assert_allclose(found.omega, expected, rtol=1e-8)
+    assert len(actual.omega) == 3
+    np.testing.assert_allclose(actual.omega, expected, rtol=1e-8)
 
 
 @pytest.mark.parametrize("alpha3_deg", [90.0, 140.0, 180.0])
@@ -152,25 +152,25 @@ def test_links_damped_each_in_its_way(mechanism: Mechanism) -> None:
     pairs = zip(mechanism.links, rules, strict=True)
     links = tuple(replace(link, damping=rule) for link, rule in pairs)
     model, alpha3 = LinkageModel(replace(mechanism, links=links)), math.radians(140.0)
-    found = identify(LINES, model.coupled_frf(alpha3, LINES, PLACES, PLACES[:1]), BAND)
+    modes = identify(LINES, model.coupled_frf(alpha3, LINES, PLACES, PLACES[:1]), BAND)
     solution = model.solve(alpha3)
     system = solution.coupled
     inverse = -np.linalg.solve(system.stiffness, np.hstack([system.damping, system.mass]))
     eye = np.eye(len(inverse))
     poles = 1.0 / np.linalg.eigvals(np.vstack([inverse, np.hstack([eye, 0.0 * eye])]))
     upper = poles[poles.imag > 1.0]
-    np.testing.assert_allclose(found.poles, upper[np.argsort(np.abs(upper))][:3], rtol=1e-8)
-    assert mac(found.shapes, solution.participation(PLACES)[:, :3]).min() > 0.999
+    np.testing.assert_allclose(modes.poles, upper[np.argsort(np.abs(upper))][:3], rtol=1e-8)
+    assert mac(modes.shapes, solution.participation(PLACES)[:, :3]).min() > 0.999
 
 
 def test_loss_factor(mechanism: Mechanism) -> None:
     """Structural damping eta shows as zeta = eta / 2."""
     model = LinkageModel(replace(mechanism, damping=LossFactor(0.02)))
     alpha3 = math.radians(140.0)
-    found = identify(LINES, model.coupled_frf(alpha3, LINES, PLACES, PLACES[:1]), BAND)
+    modes = identify(LINES, model.coupled_frf(alpha3, LINES, PLACES, PLACES[:1]), BAND)
     solution = model.solve(alpha3)
     check(
-        found,
+        modes,
         solution.natural_frequencies[:3],
         np.full(3, 0.01),
         solution.participation(PLACES)[:, :3],
@@ -192,8 +192,8 @@ def test_two_close_modes(ratio: float, n_in: int) -> None:
     check(identify(LINES, frf, BAND), natural[:2], ratios[:2], shapes[:, :2], **exact)
     if n_in == 2 and ratio < 0.02:
         rough = {"frequency": 2e-3, "damping": 0.1, "unlike": 0.01, "scale": 0.1}
-        found = identify(LINES, noisy(frf, 0.01), BAND)
-        check(found, natural[:2], ratios[:2], shapes[:, :2], **rough)
+        modes = identify(LINES, noisy(frf, 0.01), BAND)
+        check(modes, natural[:2], ratios[:2], shapes[:, :2], **rough)
 
 
 def test_many_modes() -> None:
@@ -221,9 +221,9 @@ def test_uneven_lines() -> None:
     natural, ratios = np.array([4.0, 95.0, 170.0, 240.0]), np.array([0.02, 0.01, 0.015, 0.02])
     shapes = np.array([[0.9, 0.5, 1.0, 1.0], [-0.4, 0.8, -0.6, 0.5], [0.0, 0.0, 0.0, 0.0]])
     lines = np.geomspace(0.5, 200.0, 700)
-    found = identify(lines, receptances(lines, natural, ratios, shapes), BAND)
+    modes = identify(lines, receptances(lines, natural, ratios, shapes), BAND)
     exact = {"frequency": 1e-8, "damping": 1e-6, "unlike": 1e-9, "scale": 1e-5}
-    check(found, natural[:3], ratios[:3], shapes[:, :3], **exact)
+    check(modes, natural[:3], ratios[:3], shapes[:, :3], **exact)
 
 
 def test_shapes_of_two_inputs() -> None:
@@ -273,9 +273,9 @@ LOW = np.array([0.8, 3.0, 3.5, 7.0, 150.0])
 def test_modes_below_ten_hertz(modes: list[int], share: float) -> None:
     """Modes from 0.8 Hz on come out beside one at 150 Hz, fewer in more noise."""
     frf = receptances(LINES, LOW[modes], np.full(len(modes), 0.02), SHAPES[:, modes])
-    found = identify(LINES, noisy(frf, share), BAND).omega / (2.0 * math.pi)
-    assert len(found) == len(modes)
-    np.testing.assert_allclose(found, LOW[modes], rtol=1e-8 + share)
+    actual = identify(LINES, noisy(frf, share), BAND).omega / (2.0 * math.pi)
+    assert len(actual) == len(modes)
+    np.testing.assert_allclose(actual, LOW[modes], rtol=1e-8 + share)
 
 
 def test_modes_that_noise_hides_are_reported() -> None:

@@ -60,9 +60,9 @@ def places(mechanism: Mechanism, configuration: Configuration) -> dict[str, Floa
 @given(alpha3=st.floats(math.radians(90.0), math.radians(180.0)))
 def test_positions_by_circles(mechanism: Mechanism, alpha3: float) -> None:
     """Over the stroke all points lie where intersecting circles puts them."""
-    found = places(mechanism, kinematics_of(mechanism).at(alpha3))
+    actual = places(mechanism, kinematics_of(mechanism).at(alpha3))
     for point, place in by_circles(mechanism, alpha3).items():
-        np.testing.assert_allclose(found[point], place, atol=1e-13)
+        np.testing.assert_allclose(actual[point], place, atol=1e-13)
 
 
 @pytest.mark.parametrize(
@@ -80,8 +80,8 @@ def test_angles_of_the_default_linkage(
     """Angles and the mast's velocity ratio as an independent prototype found them."""
     configuration = Kinematics(mechanism).at(math.radians(alpha3_deg))
     bodies = ("lower_link", "upper_link", "lift_rod", "implement")
-    found = [math.degrees(configuration.angle(body)) for body in bodies]
-    assert found == pytest.approx(angles, abs=0.006)
+    actual = [math.degrees(configuration.angle(body)) for body in bodies]
+    assert actual == pytest.approx(angles, abs=0.006)
     assert configuration.velocity_ratio("implement") == pytest.approx(ratio, abs=6e-4)
 
 
@@ -297,8 +297,8 @@ def test_branches_end_where_another_crosses(
 ) -> None:
     """With all four bars in line there are two branches, which an angle cannot distinguish."""
     kinematics = Kinematics(four_bar(*sides))
-    found = [math.degrees(angle) for angle in kinematics.closable_range]
-    assert found == pytest.approx(ends, abs=1e-3)
+    actual = [math.degrees(angle) for angle in kinematics.closable_range]
+    assert actual == pytest.approx(ends, abs=1e-3)
     assert kinematics.toggles is not None
     assert [toggle.aligned for toggle in kinematics.toggles] == [("B", "C", "D")] * 2
     with pytest.raises(MechanismError, match=r"range_deg.*B, C and D in line"):

@@ -88,8 +88,10 @@ def test_stephenson_reduced_equals_unreduced(stephenson: Mechanism) -> None:
     """The reduction holds with offset pins, stepped sections, point masses and springs too."""
     reduced, full = LinkageModel(stephenson), LinkageModel(stephenson, reduced=False)
     for alpha3 in np.linspace(*stephenson.stroke, 3):
-        found = reduced.solve(alpha3).natural_frequencies[:3]
-        np.testing.assert_allclose(found, full.solve(alpha3).natural_frequencies[:3], rtol=1e-5)
+        frequencies = reduced.solve(alpha3).natural_frequencies[:3]
+        np.testing.assert_allclose(
+            frequencies, full.solve(alpha3).natural_frequencies[:3], rtol=1e-5
+        )
 
 
 def test_mass_lowers_and_spring_raises(stephenson_mapping: Any) -> None:
@@ -130,9 +132,9 @@ def test_turning_and_moving_the_whole_changes_nothing(
         assembly_angles=tuple((n, a + angle) for n, a in mechanism.assembly_angles),
     )
     alpha3 = math.radians(125.0)
-    one = LinkageModel(mechanism).solve(alpha3).natural_frequencies[:4]
+    frequencies = LinkageModel(mechanism).solve(alpha3).natural_frequencies[:4]
     other = LinkageModel(turned).solve(alpha3 + angle).natural_frequencies[:4]
-    np.testing.assert_allclose(other, one, rtol=1e-8)
+    np.testing.assert_allclose(other, frequencies, rtol=1e-8)
 
 
 def test_the_order_of_bodies_changes_nothing(mapping: Any, model: LinkageModel) -> None:

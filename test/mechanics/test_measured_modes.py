@@ -24,23 +24,23 @@ LINES = np.linspace(0.5, 200.0, 400)
 
 def test_standard_deviations_of_a_few_seeds() -> None:
     """Errors of frequencies and damping ratios are as large as predicted."""
-    found = scatter("upper_link", 1e-2, range(3), LINES)
-    assert found.spurious == 0
-    assert found.answered == 3
-    scores = (found.found - found.exact) / found.deviations
+    actual = scatter("upper_link", 1e-2, range(3), LINES)
+    assert actual.spurious == 0
+    assert actual.answered == 3
+    scores = (actual.identified - actual.exact) / actual.deviations
     assert 0.4 < math.sqrt(float(np.mean(scores**2))) < 1.8
 
 
 def test_modes_of_the_fit_are_left_out(model: LinkageModel) -> None:
     """A strongly damped pole that noise makes of two real poles of a fit is no mode (seed 47)."""
-    found = with_noise(model, "upper_link", 1e-2, 47).identify(ALPHA3)
-    np.testing.assert_allclose(found.natural_frequencies, [4.180, 98.89, 166.1], rtol=1e-2)
+    modes = with_noise(model, "upper_link", 1e-2, 47).identify(ALPHA3)
+    np.testing.assert_allclose(modes.natural_frequencies, [4.180, 98.89, 166.1], rtol=1e-2)
 
 
 def test_poles_that_only_fit_noise_are_left_out(model: LinkageModel) -> None:
     """Noise adds a pole at 184 Hz to those found in a link, whose first is at 259 Hz (seed 12)."""
-    found = with_noise(model, "lower_link", 3e-2, 12).identify(ALPHA3)
-    np.testing.assert_allclose(found.natural_frequencies, [4.180, 98.89, 166.1], rtol=2e-1)
+    modes = with_noise(model, "lower_link", 3e-2, 12).identify(ALPHA3)
+    np.testing.assert_allclose(modes.natural_frequencies, [4.180, 98.89, 166.1], rtol=2e-1)
 
 
 @pytest.mark.parametrize(("share", "damping"), [(0.0, 1.3e5), (1e-2, 1e5)])
@@ -49,10 +49,10 @@ def test_strongly_damped_modes_are_kept(model: LinkageModel, share: float, dampi
     damper = Spring("damper", ("ground", "implement"), ("P2", "E1"), 0.0, damping)
     damped = LinkageModel(replace(model.mechanism, springs=(damper,)))
     exact = damped.solve(ALPHA3)
-    found = with_noise(damped, "upper_link", share, 1).identify(ALPHA3)
+    modes = with_noise(damped, "upper_link", share, 1).identify(ALPHA3)
     assert exact.damping_ratios[0] > 0.7
-    np.testing.assert_allclose(found.damping_ratios[0], exact.damping_ratios[0], rtol=1e-3)
-    np.testing.assert_allclose(found.natural_frequencies[0], exact.natural_frequencies[0], 1e-3)
+    np.testing.assert_allclose(modes.damping_ratios[0], exact.damping_ratios[0], rtol=1e-3)
+    np.testing.assert_allclose(modes.natural_frequencies[0], exact.natural_frequencies[0], 1e-3)
 
 
 def test_a_mode_that_does_not_oscillate_is_refused(model: LinkageModel) -> None:
@@ -73,10 +73,10 @@ def test_intervals_hold(link: str) -> None:
 
     No seed shows a spurious mode.
     """
-    found = scatter(link, 1e-2, range(200))
-    assert found.spurious == 0
-    assert found.answered == 200
-    coverage = found.coverage()
+    actual = scatter(link, 1e-2, range(200))
+    assert actual.spurious == 0
+    assert actual.answered == 200
+    coverage = actual.coverage()
     assert coverage.min() >= 0.9
     assert np.median(coverage) <= 0.99
 
@@ -87,9 +87,9 @@ def test_damping_is_not_biased(model: LinkageModel) -> None:
     Without a viscous term in its residual flexibility, mode 2 would have 13 % too little.
     """
     exact = model.solve(ALPHA3).damping_ratios[1]
-    found = with_noise(model, "upper_link", 1e-3, 0, LINES).identify(ALPHA3)
-    assert found.damping_ratio_stddev[1] < 0.06 * exact
-    assert abs(found.damping_ratios[1] - exact) < 3.0 * found.damping_ratio_stddev[1]
+    modes = with_noise(model, "upper_link", 1e-3, 0, LINES).identify(ALPHA3)
+    assert modes.damping_ratio_stddev[1] < 0.06 * exact
+    assert abs(modes.damping_ratios[1] - exact) < 3.0 * modes.damping_ratio_stddev[1]
 
 
 @pytest.mark.parametrize("gain", [0.95, 1.05])
@@ -109,10 +109,10 @@ def test_an_error_of_gain_is_in_the_deviations(model: LinkageModel, gain: float)
     for mass in (None, weight):
         weighed = replace(links[at], body=replace(body, frf=gain * body.frf, mass=mass))
         mechanism = replace(mixed.mechanism, links=(*links[:at], weighed, *links[at + 1 :]))
-        found = LinkageModel(mechanism, kinematics=model.kinematics).identify(ALPHA3)
-        shift = found.natural_frequencies - exact
+        modes = LinkageModel(mechanism, kinematics=model.kinematics).identify(ALPHA3)
+        shift = modes.natural_frequencies - exact
         assert 0.015 < np.abs(shift / exact).max() < 0.03
-        errors[mass] = np.abs(shift / found.frequency_stddev)
+        errors[mass] = np.abs(shift / modes.frequency_stddev)
     assert errors[None].min() > 1.96
     assert errors[weight].max() < 1.96
     assert errors[weight].min() > 0.5  # the deviations are not much too large
@@ -143,8 +143,8 @@ def test_spurious_modes(model: LinkageModel) -> None:
     pole = 2.0 * math.pi * 4.25 * complex(-0.001, 1.0)
     kept = assembly.confirm(np.array([*true, pole, 1.001 * true[1]]))
     assert kept.tolist() == [True, True, True, False, False]
-    found = [pole for pole, _, _ in assembly.modes]
-    np.testing.assert_allclose(found, true, rtol=1e-9)
+    actual = [pole for pole, _, _ in assembly.modes]
+    np.testing.assert_allclose(actual, true, rtol=1e-9)
 
 
 def test_a_table_has_the_standard_deviations(model: LinkageModel, tmp_path: Path) -> None:
@@ -164,8 +164,10 @@ def test_a_table_has_the_standard_deviations(model: LinkageModel, tmp_path: Path
     np.testing.assert_allclose(moving.frequency_stddevs, both, rtol=1e-12)
     many = predict_many(predictor, angles, np.full(3, stddev))
     for i, angle in enumerate(angles):
-        one = predictor.predict(angle, stddev)
-        np.testing.assert_array_equal(many.frequency_stddevs[i], one.frequency_stddevs)
-        np.testing.assert_array_equal(many.damping_ratio_stddevs[i], one.damping_ratio_stddevs)
+        prediction = predictor.predict(angle, stddev)
+        np.testing.assert_array_equal(many.frequency_stddevs[i], prediction.frequency_stddevs)
+        np.testing.assert_array_equal(
+            many.damping_ratio_stddevs[i], prediction.damping_ratio_stddevs
+        )
     assert not load_table().measured
     assert not Predictor(load_table()).shares(2.0).links.any()

@@ -35,10 +35,10 @@ def test_reduced_equals_unreduced(which: str, request: pytest.FixtureRequest) ->
     reduced, full = LinkageModel(mechanism), LinkageModel(mechanism, reduced=False)
     assert len(full.system.mass) > 3 * len(reduced.system.mass) / 2
     for angle in np.radians(ANGLES_DEG):
-        found = reduced.solve(angle).natural_frequencies[:3]
+        frequencies = reduced.solve(angle).natural_frequencies[:3]
         exact = full.solve(angle).natural_frequencies[:3]
-        np.testing.assert_allclose(found, exact, rtol=1e-5)
-        assert (found >= exact * (1 - 1e-9)).all()
+        np.testing.assert_allclose(frequencies, exact, rtol=1e-5)
+        assert (frequencies >= exact * (1 - 1e-9)).all()
 
 
 def made_of(link: Link, material: Material) -> Link:
@@ -78,16 +78,16 @@ def test_rigid_body_limit(mechanism: Mechanism, alpha3_deg: float, inertia: floa
     give = (across * math.sin(pull) ** 2 + along * math.cos(pull) ** 2) / crank.count
     spring = (length * math.sin(pull)) ** 2 / give
     expected = math.sqrt(spring / generalised) / (2 * math.pi)
-    found = LinkageModel(limit).solve(math.radians(alpha3_deg)).natural_frequencies[0]
-    assert found == pytest.approx(expected, rel=1e-5)
+    frequencies = LinkageModel(limit).solve(math.radians(alpha3_deg)).natural_frequencies[0]
+    assert frequencies == pytest.approx(expected, rel=1e-5)
 
 
 def test_trends_of_the_paper(model: LinkageModel) -> None:
     """Mode 1 rises over the stroke and modes 2 and 3 fall from end to end, as published."""
-    found = np.array([model.solve(a).natural_frequencies[:3] for a in np.radians(ANGLES_DEG)])
-    assert (np.diff(found[:, 0]) > 0.0).all()
-    assert found[-1, 1] < 0.7 * found[0, 1]
-    assert (np.diff(found[:, 2]) < 0.0).all()
+    values = np.array([model.solve(a).natural_frequencies[:3] for a in np.radians(ANGLES_DEG)])
+    assert (np.diff(values[:, 0]) > 0.0).all()
+    assert values[-1, 1] < 0.7 * values[0, 1]
+    assert (np.diff(values[:, 2]) < 0.0).all()
 
 
 def test_published_frequencies_within_11_percent(model: LinkageModel) -> None:
@@ -106,8 +106,8 @@ def test_published_frequencies_within_11_percent(model: LinkageModel) -> None:
         (f180[2], 152.8),
         (f90[2], 191.0),
     ]
-    for found, printed in pairs:
-        assert found == pytest.approx(printed, rel=0.11)
+    for each, printed in pairs:
+        assert each == pytest.approx(printed, rel=0.11)
 
 
 def test_printed_length_cannot_give_the_papers_curve(printed: Mechanism) -> None:
@@ -127,8 +127,8 @@ def test_link_shapes_meet_at_the_pins(model: LinkageModel) -> None:
     np.testing.assert_allclose(lower[0][at], rod[0][-1], atol=1e-12)
     np.testing.assert_allclose(lower[1][at], rod[1][-1], atol=1e-9)
     np.testing.assert_allclose(lower[1][0], 0.0, atol=1e-9)
-    found = solution.participation([("V1", "x"), ("V1", "z")])[:, 1]
-    np.testing.assert_allclose(found, rod[1][-1], rtol=1e-7)
+    actual = solution.participation([("V1", "x"), ("V1", "z")])[:, 1]
+    np.testing.assert_allclose(actual, rod[1][-1], rtol=1e-7)
 
 
 def test_unknown_places_are_reported(model: LinkageModel) -> None:
@@ -146,11 +146,11 @@ def test_coupled_frf_at_and_near_zero(mechanism: Mechanism, damping: Damping | N
     places = [("E1", "z"), ("E2", "x"), ("V1", "z")]
     frequencies = np.array([0.0, 1e-4, 1e-2, 0.3, 50.0])
     for angle in np.radians([90.0, 140.0, 180.0]):
-        found = model.coupled_frf(angle, frequencies, places, places)
+        receptances = model.coupled_frf(angle, frequencies, places, places)
         exact = model.solve(angle).frf(places, places).frf(frequencies)
         size = np.abs(exact).max(axis=(1, 2), keepdims=True)
-        assert (np.abs(found - exact) < 1e-8 * size).all()
-        assert (np.abs((found[1] - found[0]).real) < 1e-8 * size[0]).all()
+        assert (np.abs(receptances - exact) < 1e-8 * size).all()
+        assert (np.abs((receptances[1] - receptances[0]).real) < 1e-8 * size[0]).all()
 
 
 def test_mechanism_has_no_coupled_frf_at_zero(mapping: Any) -> None:
@@ -177,5 +177,5 @@ def test_a_band_keeps_antiresonances_and_the_static_limit(model: LinkageModel) -
     assert wrong[0].max() > 0.5
     static = replace(few, residual=(whole.residues[..., 3:] / whole.stiffness[3:]).sum(axis=-1))
     np.testing.assert_allclose(static.frf(lines[:1]), exact[:1], rtol=1e-12)
-    found = solution.frf(places, places, band=(0.0, 200.0)).frf(lines)
-    np.testing.assert_allclose(found, exact, rtol=1e-4)
+    receptances = solution.frf(places, places, band=(0.0, 200.0)).frf(lines)
+    np.testing.assert_allclose(receptances, exact, rtol=1e-4)

@@ -90,10 +90,10 @@ def test_stiff_spring_tends_to_the_clamp(mapping: Any, model: LinkageModel) -> N
     for stiffness in (1e4, 1e5, 1e6, 1e10):
         mapping["springs"] = {"oil": {"joint": "P3", "stiffness": stiffness}}
         sprung = LinkageModel(mechanism_from_mapping(mapping)).solve(math.radians(120.0))
-        found = sprung.natural_frequencies[:3]
-        assert (found > before).all()
-        assert (found < clamped).all()
-        before = found
+        frequencies = sprung.natural_frequencies[:3]
+        assert (frequencies > before).all()
+        assert (frequencies < clamped).all()
+        before = frequencies
     np.testing.assert_allclose(before, clamped, rtol=1e-4)
 
 
@@ -131,8 +131,8 @@ def test_damped_modes_give_the_direct_response(which: str) -> None:
     damped = damp_modes(coupled, modes.omega, vectors)
     assert (damped.shapes is None) == which.startswith("proportional")
     frequencies = np.linspace(0.0, 40.0, 41)
-    found = pole_residue(damped, vectors, vectors).frf(frequencies)
-    for frequency, matrix in zip(frequencies, found, strict=True):
+    receptances = pole_residue(damped, vectors, vectors).frf(frequencies)
+    for frequency, matrix in zip(frequencies, receptances, strict=True):
         w = 2 * math.pi * frequency
         z = CHAIN - w**2 * mass + 1j * w * coupled.damping + 1j * coupled.loss
         np.testing.assert_allclose(matrix @ z, np.eye(4), atol=1e-9)
@@ -164,9 +164,9 @@ def test_poles_of_a_dashpot_from_zero_to_rigid(dashpot: float) -> None:
 
 def _characteristic(k: FloatArray, c: FloatArray) -> FloatArray:
     """Return det(s^2 I + s C + K) of two masses, highest power first."""
-    one, other = [1.0, c[0, 0], k[0, 0]], [1.0, c[1, 1], k[1, 1]]
+    first, other = [1.0, c[0, 0], k[0, 0]], [1.0, c[1, 1], k[1, 1]]
     off = [c[0, 1], k[0, 1]]
-    return np.polysub(np.polymul(one, other), np.polymul(off, off))
+    return np.polysub(np.polymul(first, other), np.polymul(off, off))
 
 
 def test_real_roots_are_paired_with_their_neighbours() -> None:

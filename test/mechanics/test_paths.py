@@ -29,6 +29,6 @@ def test_numbers_in_data() -> None:
 
 def test_every_number_has_a_path() -> None:
     """Text and truth values have none."""
-    found = list(number_paths(DATA))
+    actual = list(number_paths(DATA))
     offsets = [f"links.bar.offsets.{i}" for i in (0, 1)]
-    assert found == ["links.rod.length", "links.rod.modes", *offsets]
+    assert actual == ["links.rod.length", "links.rod.modes", *offsets]

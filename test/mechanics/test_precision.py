@@ -49,8 +49,8 @@ def test_frfs_in_single_precision(model: LinkageModel) -> None:
     assert abs(plain[0] / exact[0] - 1.0) > 0.2
     at = [component.name for component in model.components].index("input_crank")
     for ours in (model, with_frfs_from_file(model.mechanism, at, lines, single[at])):
-        found = ours.coupled_frf(ALPHA3, lines, DRIVE, DRIVE)[:, 0, 0]
-        np.testing.assert_allclose(found, exact, rtol=1e-6)
+        receptances = ours.coupled_frf(ALPHA3, lines, DRIVE, DRIVE)[:, 0, 0]
+        np.testing.assert_allclose(receptances, exact, rtol=1e-6)
 
 
 def test_matrices_in_single_precision_are_refused(mechanism: Mechanism, tmp_path: Path) -> None:

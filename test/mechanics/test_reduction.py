@@ -19,9 +19,9 @@ FloatArray = NDArray[np.float64]
 def matrices() -> tuple[FloatArray, FloatArray]:
     """Return a beam's mass and stiffness, its four end displacements first."""
     beam = Beam(Material(210e9, 7800.0, 0.3), (Segment(0.8, rectangle(0.02, 0.04, 0.3)),), 12)
-    found = beam_matrices(beam, (("A", (0.0, 0.0)), ("B", (0.8, 0.0))))
-    assert len(found.dofs) == 4
-    return found.mass, found.stiffness
+    actual = beam_matrices(beam, (("A", (0.0, 0.0)), ("B", (0.8, 0.0))))
+    assert len(actual.dofs) == 4
+    return actual.mass, actual.stiffness
 
 
 def held(mass: FloatArray, stiffness: FloatArray) -> FloatArray:
@@ -45,10 +45,10 @@ def test_frequencies_fall_from_above(matrices: tuple[FloatArray, FloatArray]) ->
     previous = np.full(4, np.inf)
     for n_modes in (3, 5, 8, 12, 20, 30):
         reduction = craig_bampton(*matrices, n_interface=4, n_modes=n_modes)
-        found = held(reduction.mass, reduction.stiffness)[:4]
-        assert (found >= full * (1 - 1e-9)).all()
-        assert (found <= previous * (1 + 1e-9)).all()
-        previous = found
+        actual = held(reduction.mass, reduction.stiffness)[:4]
+        assert (actual >= full * (1 - 1e-9)).all()
+        assert (actual <= previous * (1 + 1e-9)).all()
+        previous = actual
     np.testing.assert_allclose(previous, full, rtol=1e-5)
 
 
@@ -85,6 +85,6 @@ def test_a_component_that_is_not_held_is_refused() -> None:
 def test_freedom_that_rounding_hides_is_refused() -> None:
     """A bar held at one pin can swing, though its stiffness factorises by rounding."""
     beam = Beam(Material(210e9, 7800.0, 0.3), (Segment(0.8, rectangle(0.02, 0.04, 0.3)),), 12)
-    found = beam_matrices(beam, (("A", (0.0, 0.0)), ("B", (0.8, 0.0))))
+    actual = beam_matrices(beam, (("A", (0.0, 0.0)), ("B", (0.8, 0.0))))
     with pytest.raises(ReductionError, match="hold more"):
-        craig_bampton(found.mass, found.stiffness, n_interface=2, n_modes=3)
+        craig_bampton(actual.mass, actual.stiffness, n_interface=2, n_modes=3)

@@ -160,12 +160,12 @@ def test_noise_in_a_link(
     assert case.error(case.couple(frf)) > 1.0
     coupled = case.couple(case.regularise(frf).frf)
     assert case.error(coupled) < error
-    found = identify(LINES, coupled, (0.0, 200.0)).omega / (2.0 * math.pi)
+    actual = identify(LINES, coupled, (0.0, 200.0)).omega / (2.0 * math.pi)
     exact = model.solve(math.radians(140.0)).natural_frequencies[:3]
-    assert len(found) == 3
+    assert len(actual) == 3
     assert exact[0] < 10.0
-    assert found[0] == pytest.approx(exact[0], rel=frequency)
-    np.testing.assert_allclose(found, exact, rtol=0.03)
+    assert actual[0] == pytest.approx(exact[0], rel=frequency)
+    np.testing.assert_allclose(actual, exact, rtol=0.03)
 
 
 def test_truncating_the_interface_flexibility_is_no_cure(model: LinkageModel) -> None:
@@ -208,9 +208,9 @@ def test_gain_of_regularised_frfs(model: LinkageModel) -> None:
     spread = np.sqrt((np.abs(coupled - coupled.mean(axis=0)) ** 2).mean(axis=0))
     exact = MeasuredFrfs(case.measured, parts[0].kept, parts[0].leverage)
     gain = noise_gain(case.put(exact), case.compatibility, case.rows, case.rows[:1])
-    found = spread / np.abs(coupled.mean(axis=0)) / noise
+    actual = spread / np.abs(coupled.mean(axis=0)) / noise
     lines = [1, 7, 20, 60]
-    np.testing.assert_allclose(gain[lines, 0], found[lines, 0], rtol=0.35)
+    np.testing.assert_allclose(gain[lines, 0], actual[lines, 0], rtol=0.35)
 
 
 def test_lines_that_show_no_flexibility(model: LinkageModel) -> None:

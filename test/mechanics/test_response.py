@@ -40,9 +40,9 @@ def test_peak_of_one_oscillator(frequency: float, ratio: float, mass: float) -> 
 
 def test_peak_at_the_edges_of_a_band() -> None:
     """Below resonance the band's end is the peak, above it the beginning; 0 Hz counts."""
-    one = oscillators([2 * math.pi * 50.0], [0.01], [1.0])
-    assert one.peak((0.0, 30.0)).frequency == pytest.approx(30.0)
-    assert one.peak((80.0, 200.0)).frequency == pytest.approx(80.0)
+    first = oscillators([2 * math.pi * 50.0], [0.01], [1.0])
+    assert first.peak((0.0, 30.0)).frequency == pytest.approx(30.0)
+    assert first.peak((80.0, 200.0)).frequency == pytest.approx(80.0)
     stiff = oscillators([2 * math.pi * 50.0], [0.9], [1.0])
     assert stiff.peak((0.0, 200.0)).frequency == 0.0
 
@@ -66,32 +66,32 @@ def test_pole_residue_sum_equals_direct_solution(model: LinkageModel, frequency:
     places = [("E1", "z"), ("E2", "x"), ("V1", "z")]
     rows = coupled.restrict(model.rows(places, solution.configuration))
     direct = rows @ np.linalg.solve(z, rows.T)
-    found = solution.frf(places, places).frf(np.array([frequency]))[0]
-    np.testing.assert_allclose(found, direct, rtol=1e-8)
-    np.testing.assert_allclose(found, found.T, rtol=1e-12)
+    receptances = solution.frf(places, places).frf(np.array([frequency]))[0]
+    np.testing.assert_allclose(receptances, direct, rtol=1e-8)
+    np.testing.assert_allclose(receptances, receptances.T, rtol=1e-12)
 
 
 def test_undamped_pole_is_infinite_and_reported() -> None:
     """On an undamped pole the receptance is infinite, without a warning, and so is the peak."""
-    one = oscillators([2 * math.pi * 50.0], [0.0], [1.0])
-    at_pole, beside = one.frf(np.array([50.0, 49.0]))[:, 0, 0]
+    first = oscillators([2 * math.pi * 50.0], [0.0], [1.0])
+    at_pole, beside = first.frf(np.array([50.0, 49.0]))[:, 0, 0]
     assert at_pole == math.inf
     assert beside == pytest.approx(1 / ((100 * math.pi) ** 2 - (98 * math.pi) ** 2))
-    assert one.peak((0.0, 100.0)).magnitude == math.inf
-    assert one.peak((0.0, 100.0)).frequency == pytest.approx(50.0)
+    assert first.peak((0.0, 100.0)).magnitude == math.inf
+    assert first.peak((0.0, 100.0)).frequency == pytest.approx(50.0)
 
 
 def test_local_peaks_are_maxima_of_a_dense_grid() -> None:
     """Of well separated, of overlapping and of hidden resonances each maximum is found."""
     frf = oscillators(2 * math.pi * np.array([10.0, 40.0, 44.0, 90.0]), [0.02] * 4, [1, 2, 1, 1e-3])
-    found, sizes = frf.local_peaks(np.arange(4))
+    actual, sizes = frf.local_peaks(np.arange(4))
     lines = np.linspace(0.0, 120.0, 1_200_001)
     dense = np.abs(frf.frf(lines)[:, 0, 0])
     top = np.flatnonzero((dense[1:-1] > dense[:-2]) & (dense[1:-1] > dense[2:])) + 1
     assert len(top) == 3  # the weak mode at 90 Hz makes none
-    np.testing.assert_allclose(found[:3], lines[top], atol=1e-4)
+    np.testing.assert_allclose(actual[:3], lines[top], atol=1e-4)
     np.testing.assert_allclose(sizes[:3], dense[top], rtol=1e-8)
-    assert np.isnan([found[3], sizes[3]]).all()
+    assert np.isnan([actual[3], sizes[3]]).all()
 
 
 @pytest.mark.parametrize(("n_far", "bound"), [(2, 1e-2), (4, 1e-4), (6, 1e-6)])
@@ -133,8 +133,8 @@ def test_far_poles_with_other_damping(mechanism: Mechanism, rule: Damping) -> No
     places, band = [("E1", "z"), ("V1", "x")], (0.0, 200.0)
     solution, lines = model.solve(2.3), np.linspace(*band, 1001)
     exact = solution.frf(places, places).frf(lines)
-    found = solution.frf(places, places, band).frf(lines)
-    apart = np.linalg.norm(found - exact, axis=0) / np.linalg.norm(exact, axis=0)
+    receptances = solution.frf(places, places, band).frf(lines)
+    apart = np.linalg.norm(receptances - exact, axis=0) / np.linalg.norm(exact, axis=0)
     assert apart.max() < 1e-4
 
 

@@ -42,10 +42,10 @@ def test_thin_tube() -> None:
 @pytest.mark.parametrize("poisson_ratio", [0.0, 0.3])
 def test_i_section_with_a_web_as_wide_as_its_flanges(poisson_ratio: float) -> None:
     """It is a full rectangle."""
-    found = i_section(0.09, 0.04, 0.04, 0.02, poisson_ratio)
+    section = i_section(0.09, 0.04, 0.04, 0.02, poisson_ratio)
     full = rectangle(0.04, 0.09, poisson_ratio)
     for name in ("area", "second_moment", "shear_coefficient"):
-        assert getattr(found, name) == pytest.approx(getattr(full, name), rel=1e-12)
+        assert getattr(section, name) == pytest.approx(getattr(full, name), rel=1e-12)
 
 
 def test_i_section_with_thin_walls() -> None:
@@ -53,10 +53,10 @@ def test_i_section_with_thin_walls() -> None:
     height, width, web, flange = 1.0, 0.6, 1e-4, 2e-4
     m, n = 2.0 * width * flange / (height * web), width / height
     below = 12.0 + 72.0 * m + 150.0 * m**2 + 90.0 * m**3 + 30.0 * n**2 * (m + m**2)
-    found = i_section(height + flange, width, web, flange, 0.0)
+    section = i_section(height + flange, width, web, flange, 0.0)
     expected = 10.0 * (1.0 + 3.0 * m) ** 2 / below
-    assert found.shear_coefficient == pytest.approx(expected, rel=2e-3)
-    assert found.area == pytest.approx(2.0 * width * flange + height * web, rel=1e-3)
+    assert section.shear_coefficient == pytest.approx(expected, rel=2e-3)
+    assert section.area == pytest.approx(2.0 * width * flange + height * web, rel=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -67,11 +67,11 @@ def test_i_section_against_elasticity(
     height: float, width: float, web: float, flange: float
 ) -> None:
     """The section of rolled profiles, by finite elements of Saint-Venant's flexure."""
-    found = i_section(height, width, web, flange, 0.3)
+    section = i_section(height, width, web, flange, 0.3)
     area, second, shear = elastic_section(height, width, web, flange, 0.3)
-    assert found.area == pytest.approx(area, rel=1e-9)
-    assert found.second_moment == pytest.approx(second, rel=1e-9)
-    assert 1.0 <= found.shear_coefficient / shear <= 1.07
+    assert section.area == pytest.approx(area, rel=1e-9)
+    assert section.second_moment == pytest.approx(second, rel=1e-9)
+    assert 1.0 <= section.shear_coefficient / shear <= 1.07
 
 
 def elastic_section(

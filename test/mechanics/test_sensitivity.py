@@ -89,9 +89,9 @@ def test_changes_are_differences(mapping: Any, extra: Any, more: tuple[str, ...]
         ends = [with_numbers(exact, [(number.path, number.value + s)]) for s in (-step, step)]
         low, high = map(values, ends)
         expected = (high - low) / (2.0 * step) * number.deviation
-        found = np.array([changes.log_frequencies[i], changes.ratio_changes[i]])[:, :MODES]
+        actual = np.array([changes.log_frequencies[i], changes.ratio_changes[i]])[:, :MODES]
         room = 3e-4 * np.abs(expected).max(axis=1, keepdims=True) + 1e-9
-        assert (np.abs(found - expected) <= room).all(), number.path
+        assert (np.abs(actual - expected) <= room).all(), number.path
 
 
 def test_correlations_and_shares(mapping: Any) -> None:
@@ -101,8 +101,8 @@ def test_correlations_and_shares(mapping: Any) -> None:
     mapping["uncertainty"]["correlations"] = [pair]
     model = LinkageModel(mechanism_from_mapping(mapping))
     changes = Sensitivity(model).at(model.solve(ALPHA3), 300.0)
-    one, other = changes.log_frequencies
-    expected = np.sqrt(one**2 + other**2 + 2.0 * 0.8 * one * other + changes.mixing[0])
+    first, other = changes.log_frequencies
+    expected = np.sqrt(first**2 + other**2 + 2.0 * 0.8 * first * other + changes.mixing[0])
     np.testing.assert_allclose(changes.stddev[0], expected, rtol=1e-12)
     assert changes.shares(0).sum() == pytest.approx(1.0)
 
@@ -137,10 +137,10 @@ def test_deviation_of_a_toggle(correlation: float) -> None:
         "correlations": [{"between": list(paths), "value": correlation}],
     }
     model = LinkageModel(mechanism_from_mapping(mapping))
-    found = Sensitivity(model).at(model.solve(toggle - 2e-4), 300.0).toggle_stddev
-    one, other = (b + c) / (a * d * math.sin(toggle)) * np.array(deviation)
-    expected = math.sqrt(one**2 + other**2 + 2.0 * correlation * one * other)
-    assert found == pytest.approx(expected, rel=0.005)
+    actual = Sensitivity(model).at(model.solve(toggle - 2e-4), 300.0).toggle_stddev
+    first, other = (b + c) / (a * d * math.sin(toggle)) * np.array(deviation)
+    expected = math.sqrt(first**2 + other**2 + 2.0 * correlation * first * other)
+    assert actual == pytest.approx(expected, rel=0.005)
 
 
 def changes_of(log_frequencies: Any, mixing: Any) -> ModeChanges:
@@ -162,22 +162,22 @@ def changes_of(log_frequencies: Any, mixing: Any) -> ModeChanges:
 def test_mixing_takes_away_nine_tenths_at_most(share: float, left: float) -> None:
     """Variances are a^2 + b^2 + a b at a correlation of 0.5, and what mixing adds or takes away."""
     frequency, ratio = 7e-4, 1e-6 * (1.0 + 9.0 + 3.0)  # with the spread, 1e-3 and 3e-3
-    found = changes_of([0.01, 0.02], [share * frequency, share * ratio])
-    np.testing.assert_allclose(found.stddev[:, 0] ** 2, [left * frequency, left * ratio])
-    np.testing.assert_allclose(found.excess[:, 0], [share, share])
+    changes = changes_of([0.01, 0.02], [share * frequency, share * ratio])
+    np.testing.assert_allclose(changes.stddev[:, 0] ** 2, [left * frequency, left * ratio])
+    np.testing.assert_allclose(changes.excess[:, 0], [share, share])
     # The first number has a^2 + a b / 2 of the variance.
-    np.testing.assert_allclose(found.shares(0), [2.0 / 7.0, 5.0 / 7.0])
+    np.testing.assert_allclose(changes.shares(0), [2.0 / 7.0, 5.0 / 7.0])
 
 
 def test_excess_of_small_deviations() -> None:
     """It is a share of at least 1e-4 of a frequency and of 1e-3 of a damping ratio, squared."""
-    found = changes_of([0.5e-4, 0.0], [1e-9, 1e-9])
-    assert found.excess[0, 0] == pytest.approx(1e-9 / 1e-8)
-    found = changes_of([1.5e-4, 0.0], [1e-9, 1e-9])
-    assert found.excess[0, 0] == pytest.approx(1e-9 / 2.25e-8)
-    small = replace(found, ratio_changes=np.array([[1e-5], [0.0]]))
+    changes = changes_of([0.5e-4, 0.0], [1e-9, 1e-9])
+    assert changes.excess[0, 0] == pytest.approx(1e-9 / 1e-8)
+    changes = changes_of([1.5e-4, 0.0], [1e-9, 1e-9])
+    assert changes.excess[0, 0] == pytest.approx(1e-9 / 2.25e-8)
+    small = replace(changes, ratio_changes=np.array([[1e-5], [0.0]]))
     assert small.excess[1, 0] == pytest.approx(1e-9 / (1e-3 * 0.02) ** 2)
-    large = replace(found, ratio_changes=np.array([[3e-5], [0.0]]))
+    large = replace(changes, ratio_changes=np.array([[3e-5], [0.0]]))
     assert large.excess[1, 0] == pytest.approx(1e-9 / 9e-10)
 
 

@@ -33,10 +33,10 @@ def test_sparse_reduction_is_the_dense_one(shape: tuple[int, int], modes: int) -
     """Both give the same matrices but for the signs of modes: all at once, few, or all of them."""
     mass, stiffness = frame(*shape)
     dense = craig_bampton(mass, stiffness, 6, modes)
-    found = sparse_craig_bampton(sparse.csc_array(mass), sparse.csc_array(stiffness), 6, modes)
-    assert found.mass.shape == dense.mass.shape
-    for one, other in ((found.mass, dense.mass), (found.stiffness, dense.stiffness)):
-        np.testing.assert_allclose(np.abs(one), np.abs(other), atol=1e-9)
+    reduced = sparse_craig_bampton(sparse.csc_array(mass), sparse.csc_array(stiffness), 6, modes)
+    assert reduced.mass.shape == dense.mass.shape
+    for each, other in ((reduced.mass, dense.mass), (reduced.stiffness, dense.stiffness)):
+        np.testing.assert_allclose(np.abs(each), np.abs(other), atol=1e-9)
 
 
 def test_reflection_chooses_modes() -> None:
@@ -50,7 +50,7 @@ def test_reflection_chooses_modes() -> None:
     stiffness[1:, 1:] = np.kron(np.eye(2), chain)
     mirror = np.eye(2 * n + 1)
     mirror[1:, 1:] = np.kron([[0.0, 1.0], [1.0, 0.0]], np.eye(n))  # one chain is the other's image
-    found = sparse_craig_bampton(
+    reduced = sparse_craig_bampton(
         sparse.csc_array(np.eye(2 * n + 1)),
         sparse.csc_array(stiffness),
         1,
@@ -58,8 +58,8 @@ def test_reflection_chooses_modes() -> None:
         sparse.csr_array(mirror),
     )
     expected = 2.0 - 2.0 * np.cos(np.arange(1, 7) * np.pi / (n + 1))
-    np.testing.assert_allclose(np.diag(found.stiffness)[1:], expected, rtol=1e-9)
-    shapes = found.transformation[1:, 1:]
+    np.testing.assert_allclose(np.diag(reduced.stiffness)[1:], expected, rtol=1e-9)
+    shapes = reduced.transformation[1:, 1:]
     np.testing.assert_allclose(shapes[:n], shapes[n:], atol=1e-9)
 
 

@@ -96,15 +96,15 @@ def propped(mass: float, height: float, **cylinder: float) -> LinkageModel:
 
 def thrusts(mass: float, height: float) -> list[tuple[float, float, float]]:
     """Return the thrust of each cylinder, N, with its lever, m, and angle, deg, by moments."""
-    found = []
+    actual = []
     for degrees in np.linspace(-10.0, 10.0, 9).tolist():
         c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
         x, z = BOB["centre_of_gravity"]
         e, foot = np.array(BOB["points"]["E"]) @ [[c, s], [-s, c]], np.array([1.0, height])
         along = (e - foot) / math.dist(e, foot)
         lever = float(e[0] * along[1] - e[1] * along[0])
-        found.append((mass * 9.80665 * (x * c - z * s) / (2.0 * lever), lever, degrees))
-    return found
+        actual.append((mass * 9.80665 * (x * c - z * s) / (2.0 * lever), lever, degrees))
+    return actual
 
 
 def test_a_lever_is_the_distance_of_the_pin_from_the_cylinder() -> None:
@@ -112,15 +112,15 @@ def test_a_lever_is_the_distance_of_the_pin_from_the_cylinder() -> None:
     model = propped(100.0, -2.0)
     for _, lever, degrees in thrusts(100.0, -2.0):
         at = model.kinematics.at(math.radians(degrees))
-        found = length_and_rate(model.mechanism.springs[0], model.mechanism, at)
-        assert found[1] == pytest.approx(lever, rel=1e-9)
+        actual = length_and_rate(model.mechanism.springs[0], model.mechanism, at)
+        assert actual[1] == pytest.approx(lever, rel=1e-9)
 
 
 @pytest.mark.parametrize(("height", "rod"), [(-2.0, None), (2.0, 0.03)])
 def test_a_pressure_that_no_tractor_has_is_doubted(height: float, rod: float | None) -> None:
     """It is doubted above 200 bar on the piston or, where the cylinder pulls, on the ring."""
     area = math.pi * 0.025**2 - math.pi * (0.015**2 if height > 0.0 else 0.0)
-    thrust, lever, degrees = max(thrusts(1.0, height), key=lambda one: abs(one[0]))
+    thrust, lever, degrees = max(thrusts(1.0, height), key=lambda first: abs(first[0]))
     limit = 200e5 * area / abs(thrust)  # kg
     sides = {} if rod is None else {"rod": rod}
     assert propped(0.999 * limit, height, **sides).notice == ""

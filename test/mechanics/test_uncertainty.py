@@ -26,12 +26,12 @@ def test_deviations_are_those_of_the_numbers(mapping: Any, mechanism: Mechanism)
     claims = correlated(0.5, (MASS, INERTIA))
     claims["relative"] = claims["relative"] | {"damping.ratio": 0.0}
     mapping["uncertainty"] = claims
-    found = mechanism_from_mapping(mapping).uncertainty
-    assert found is not None
-    deviations = {number.path: number.deviation for number in found.numbers}
+    actual = mechanism_from_mapping(mapping).uncertainty
+    assert actual is not None
+    deviations = {number.path: number.deviation for number in actual.numbers}
     assert deviations == pytest.approx({MASS: 80.0, HEIGHT: 0.0016, INERTIA: 40.0})
-    assert found.correlation == ((1.0, 0.0, 0.5), (0.0, 1.0, 0.0), (0.5, 0.0, 1.0))
-    low, high = found.numbers[0].sides
+    assert actual.correlation == ((1.0, 0.0, 0.5), (0.0, 1.0, 0.0), (0.5, 0.0, 1.0))
+    low, high = actual.numbers[0].sides
     assert low.rigid_bodies[0].mass < mechanism.rigid_bodies[0].mass < high.rigid_bodies[0].mass
 
 

@@ -114,12 +114,12 @@ def assert_same_resonances(
         predictions, velocity.astype(float), times.astype(np.int64), reported, np.zeros(len(asked))
     )
     stamps = -1 - np.arange(len(asked), dtype=np.int32), (times % SECOND).astype(np.uint32)
-    found: list[list[bytes]] = [[] for _ in asked]
+    actual: list[list[bytes]] = [[] for _ in asked]
     for kind in (RESONANCE, LOAD_STATE):
         for which, rows in encode_columns(kind, resonances, *stamps, "base_link"):
             for i, row in zip(which, rows, strict=True):
-                found[i].append(row.tobytes())
-    assert found == expected
+                actual[i].append(row.tobytes())
+    assert actual == expected
     return resonances.state.tolist()
 
 

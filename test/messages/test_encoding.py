@@ -79,8 +79,8 @@ def test_resonances_are_what_ros_reads(
     assert (message.header.frame_id, message.excitation) == (frame, excitation)
     assert (message.state, message.mode, message.approach) == (Message.STATE_WARNING, mode, -1)
     assert message.excitation_frequency == number or math.isnan(number)
-    found = (message.natural_frequency, message.margin, message.relative_margin)
-    assert found == (2.0, 3.0, 4.0)
+    actual = (message.natural_frequency, message.margin, message.relative_margin)
+    assert actual == (2.0, 3.0, 4.0)
     assert (message.time_to_crossing, message.table_id) == (math.inf, "0123456789ab")
 
 

@@ -58,8 +58,8 @@ def test_sequences_are_bounded(kind: str) -> None:
 
 def test_every_message_has_a_topic_or_a_name() -> None:
     """No message definition is forgotten."""
-    found = {path.stem for path in Path(share_directory()).glob("*_interfaces/msg/*.msg")}
-    assert found == {kind.split("/")[-1] for kind in MESSAGES}
+    actual = {path.stem for path in Path(share_directory()).glob("*_interfaces/msg/*.msg")}
+    assert actual == {kind.split("/")[-1] for kind in MESSAGES}
 
 
 def test_a_message_in_a_response_is_flattened() -> None:

@@ -42,9 +42,9 @@ def test_definitions_without_ros(
     topic = log_topic("/a", kind)
     assert topic.definition != installed.definition
     assert topic.type_hash == installed.type_hash
-    for found in (topic, installed):
+    for each in (topic, installed):
         store = get_typestore(Stores.EMPTY)
-        store.register(get_types_from_msg(found.definition, kind))
+        store.register(get_types_from_msg(each.definition, kind))
         assert store.hash_rihs01(kind) == installed.type_hash
 
 

@@ -73,21 +73,21 @@ def states(store: Any) -> list[Any]:
             STATE,
         )
     )
-    found = []
+    actual = []
     for k, angle in enumerate(ANGLES):
         lifts = [lift("x" * (j + k % 3), np.zeros(k % 2, np.uint8), angle) for j in range(2)]
         names = ["ground", "other"][:: 1 - 2 * (k % 2)]
         speeds = np.array([7.2 if name == "ground" else 0.0 for name in names])
         shafts = np.array([540, 0], np.uint16)
         sent = header(stamp(k, 5), "tractor")
-        found.append(state(sent, names, lifts, 30.0 + k, shafts, speeds))
-    return found
+        actual.append(state(sent, names, lifts, 30.0 + k, shafts, speeds))
+    return actual
 
 
 def write_mcap(path: Path, text: str = TEXT, more: str = "") -> Path:
     """Write the messages to MCAP, with the definition of their type."""
     store = get_typestore(Stores.ROS2_HUMBLE)
-    found = states(store)
+    actual = states(store)
     with path.open("wb") as file:
         writer = Writer(file)
         writer.start("ros2", "test")
@@ -97,7 +97,7 @@ def write_mcap(path: Path, text: str = TEXT, more: str = "") -> Path:
         if more:
             schema = writer.register_schema(STATE, "ros2msg", more.encode())
             channels.append(writer.register_channel("/state", "cdr", schema))
-        for k, message in enumerate(found):
+        for k, message in enumerate(actual):
             data = bytes(store.serialize_cdr(message, STATE))
             writer.add_message(channels[k % len(channels)], START + k * 10**8, data, START)
         writer.finish()
@@ -107,10 +107,10 @@ def write_mcap(path: Path, text: str = TEXT, more: str = "") -> Path:
 def write_folder(path: Path, plugin: StoragePlugin) -> Path:
     """Write the messages to a folder of rosbag2."""
     store = get_typestore(Stores.ROS2_HUMBLE)
-    found = states(store)
+    actual = states(store)
     with Writer2(path, version=9, storage_plugin=plugin) as writer:
         connection = writer.add_connection("/state", STATE, typestore=store)
-        for k, message in enumerate(found):
+        for k, message in enumerate(actual):
             writer.write(connection, START + k * 10**8, store.serialize_cdr(message, STATE))
     return path
 
@@ -129,17 +129,17 @@ def test_types_from_the_bag(write: Callable[[Path], Path], tmp_path: Path) -> No
     log, again = tmp_path / "log.mcap", tmp_path / "again.mcap"
     done = replay([write(tmp_path)], log, SETTINGS)
     assert (done.predictions, done.resonances, done.fault) == (len(ANGLES), len(ANGLES), "")
-    found = [message for _, message in read_messages(log, PREDICTION)]
+    actual = [message for _, message in read_messages(log, PREDICTION)]
     expected = [np.deg2rad(1.0) * np.float32(angle) + np.deg2rad(90.0) for angle in ANGLES]
-    np.testing.assert_allclose([m.crank_angle for m in found], expected, rtol=1e-15)
-    assert [(m.header.stamp.sec, m.header.frame_id) for m in found] == [
+    np.testing.assert_allclose([m.crank_angle for m in actual], expected, rtol=1e-15)
+    assert [(m.header.stamp.sec, m.header.frame_id) for m in actual] == [
         (k, "tractor") for k in range(len(ANGLES))
     ]
     replay([log], again, SETTINGS)
     for topic in (PREDICTION, "/linkage_vibration/resonance", "/state"):
-        one, other = ([str(m) for m in read_messages(bag, topic)] for bag in (log, again))
-        assert one == other
-        assert len(one) == len(ANGLES)
+        first, other = ([str(m) for m in read_messages(bag, topic)] for bag in (log, again))
+        assert first == other
+        assert len(first) == len(ANGLES)
 
 
 def test_byte_of_ros1(tmp_path: Path) -> None:
@@ -150,12 +150,12 @@ def test_byte_of_ros1(tmp_path: Path) -> None:
     with Writer1(bag) as writer:
         connection = writer.add_connection("/old", "farm_msgs/msg/Old", typestore=store)
         for angle in (-100, 100):
-            one = store.types["farm_msgs/msg/Old"](angle)
-            writer.write(connection, START, store.serialize_ros1(one, "farm_msgs/msg/Old"))
+            first = store.types["farm_msgs/msg/Old"](angle)
+            writer.write(connection, START, store.serialize_ros1(first, "farm_msgs/msg/Old"))
     chosen = {"hitch_topic": "old", "hitch_type": "farm_msgs/Old", "hitch_unit": "deg"}
     replay([bag], log, with_values(Parameters(), {**chosen, "hitch_field": "angle"}))
-    found = [math.degrees(m.crank_angle) for _, m in read_messages(log, PREDICTION)]
-    assert found == pytest.approx([-100.0, 100.0])
+    actual = [math.degrees(m.crank_angle) for _, m in read_messages(log, PREDICTION)]
+    assert actual == pytest.approx([-100.0, 100.0])
 
 
 def test_types_of_ros1(tmp_path: Path) -> None:
@@ -168,15 +168,15 @@ def test_types_of_ros1(tmp_path: Path) -> None:
     with Writer1(bag) as writer:
         connection = writer.add_connection("/old", "farm_msgs/msg/Old", typestore=store)
         for k, angle in enumerate(ANGLES):
-            one = store.types["farm_msgs/msg/Old"](1.0 + k, "y" * (k % 4), angle, stamp, header)
-            data = store.serialize_ros1(one, "farm_msgs/msg/Old")
+            first = store.types["farm_msgs/msg/Old"](1.0 + k, "y" * (k % 4), angle, stamp, header)
+            data = store.serialize_ros1(first, "farm_msgs/msg/Old")
             writer.write(connection, START + k * 10**8, data)
     chosen = {"hitch_topic": "old", "hitch_type": "farm_msgs/Old", "hitch_unit": "deg"}
     settings = with_values(Parameters(), {**chosen, "hitch_field": "angle", "offset": 90.0})
     assert replay([bag], log, settings).predictions == len(ANGLES)
-    found = [m for _, m in read_messages(log, PREDICTION)]
-    np.testing.assert_allclose([m.crank_angle for m in found], np.deg2rad(ANGLES) + np.pi / 2)
-    assert found[1].header.stamp.nanosec == 10**8  # the header is not the first field
+    actual = [m for _, m in read_messages(log, PREDICTION)]
+    np.testing.assert_allclose([m.crank_angle for m in actual], np.deg2rad(ANGLES) + np.pi / 2)
+    assert actual[1].header.stamp.nanosec == 10**8  # the header is not the first field
     with pytest.raises(InputError, match=r"hitch_field: .* header.stamp.nanosec"):
         replay([bag], log, with_values(settings, {"hitch_field": "header.seq"}))
 

@@ -73,10 +73,10 @@ def relayed(path: Path, frames: list[BusFrame]) -> Path:
     return write_mcap(path, sorted(messages, key=lambda entry: entry[2]))
 
 
-def assert_same_answers(found: dict[str, Columns], other: dict[str, Columns]) -> None:
+def assert_same_answers(actual: dict[str, Columns], other: dict[str, Columns]) -> None:
     """Fail unless predictions and resonances are the same, whatever the frame of their headers."""
     for topic in (PREDICTION_TOPIC, RESONANCE_TOPIC):
-        for name, column in found[topic].items():
+        for name, column in actual[topic].items():
             if name not in ("header.frame_id", "place"):
                 np.testing.assert_array_equal(column, other[topic][name], err_msg=name)
 
@@ -87,14 +87,14 @@ def test_frames_of_a_tractor_with_a_synthetic_hitch(tmp_path: Path) -> None:
     They contain no hitch position, so a synthetic one is added.
     """
     frames = [*recorded_frames(), *lift()]
-    done, found = replayed(tmp_path, frames)
+    done, actual = replayed(tmp_path, frames)
     assert done.predictions == done.with_numbers == 400
-    assert len(found["/can0"]["id"]) == 400 + 2190 + 241
+    assert len(actual["/can0"]["id"]) == 400 + 2190 + 241
     relay = relayed(tmp_path / "relay.mcap", frames)
     replay(relay, tmp_path / "relayed.mcap", Parameters(input="percent"))
     topics = dict.fromkeys((PREDICTION_TOPIC, RESONANCE_TOPIC))
     types = {t: k for t, k in topic_types(tmp_path / "relayed.mcap").items() if t in topics}
-    assert_same_answers(found, read_columns(tmp_path / "relayed.mcap", types))
+    assert_same_answers(actual, read_columns(tmp_path / "relayed.mcap", types))
     # The excitations of a PTO whose speed is not available are stale, not at rest.
     words = "6 messages have no value: rear_pto_speed is not available (0xFFFF)"
     assert words in replay_summary(done)
@@ -102,11 +102,11 @@ def test_frames_of_a_tractor_with_a_synthetic_hitch(tmp_path: Path) -> None:
 
 def test_replay_of_its_log_is_the_same(tmp_path: Path) -> None:
     """The log of a replay contains the frames that were used, and can be replayed itself."""
-    _, found = replayed(tmp_path, [*lift(), *engine(40)])
+    _, actual = replayed(tmp_path, [*lift(), *engine(40)])
     (tmp_path / "out.mcap").rename(tmp_path / "first.mcap")
     replay(tmp_path / "first.mcap", tmp_path / "second.mcap", ON_CAN)
     types = topic_types(tmp_path / "second.mcap")
-    assert_same_answers(found, read_columns(tmp_path / "second.mcap", types))
+    assert_same_answers(actual, read_columns(tmp_path / "second.mcap", types))
     log = (tmp_path / "first.mcap").read_bytes()
     assert log == (tmp_path / "second.mcap").read_bytes().replace(b"second", b"first") or types
 
@@ -117,9 +117,9 @@ def test_source_address(tmp_path: Path) -> None:
     speeds = {}
     for field in ("", "engine_speed@0", "engine_speed@0x01"):
         settings = with_values(ON_CAN, {"engine_field": field})
-        _, found = replayed(tmp_path, frames, settings)
-        n = len(found["/can0"]["id"])
-        speeds[field] = n, np.unique(found[RESONANCE_TOPIC]["excitation_frequency"])
+        _, actual = replayed(tmp_path, frames, settings)
+        n = len(actual["/can0"]["id"])
+        speeds[field] = n, np.unique(actual[RESONANCE_TOPIC]["excitation_frequency"])
     assert speeds["engine_speed@0"][0] == speeds["engine_speed@0x01"][0] == 40 + 200
     assert speeds[""][0] == 40 + 400
     assert not np.array_equal(speeds["engine_speed@0"][1], speeds["engine_speed@0x01"][1])
@@ -135,10 +135,12 @@ def test_fixed_hitch_position(tmp_path: Path) -> None:
     vehicle = {"ground_field": "vehicle_speed", "ground_unit": "km/h"}
     fixed = with_values(ON_CAN, {"hitch_position": 40.0, **vehicle})
     done, columns = replayed(tmp_path, bus, fixed)
-    found = columns[PREDICTION_TOPIC]
+    actual = columns[PREDICTION_TOPIC]
     assert done.predictions == len(speeds) > 0
-    np.testing.assert_allclose(found["crank_angle"], 3.14159 + 0.4 * (1.5708 - 3.14159), atol=1e-12)
-    stamps = 10**9 * found["header.stamp.sec"].astype(np.int64) + found["header.stamp.nanosec"]
+    np.testing.assert_allclose(
+        actual["crank_angle"], 3.14159 + 0.4 * (1.5708 - 3.14159), atol=1e-12
+    )
+    stamps = 10**9 * actual["header.stamp.sec"].astype(np.int64) + actual["header.stamp.nanosec"]
     assert stamps.tolist() == sorted(frame.time for frame in speeds)
     assert done.resonances > 0
     assert "CAN signal vehicle_speed" not in done.missing
@@ -146,7 +148,7 @@ def test_fixed_hitch_position(tmp_path: Path) -> None:
     named = {"hitch_field": "rear_pto_speed", "ground_speed": 2.0, "engine_speed": 1800.0}
     silent = [BusFrame(EPOCH, identifier(65091), 8 * b"\xff")]
     _, columns = replayed(tmp_path, silent, with_values(fixed, named))
-    assert columns[PREDICTION_TOPIC]["crank_angle"].tolist() == found["crank_angle"][:1].tolist()
+    assert columns[PREDICTION_TOPIC]["crank_angle"].tolist() == actual["crank_angle"][:1].tolist()
 
 
 @pytest.mark.parametrize(("rpm", "percent"), [(1851.0, 50.0), (1849.0, 49.6)])
@@ -161,10 +163,10 @@ def test_senders_that_disagree(tmp_path: Path, rpm: float, percent: float) -> No
         synthetic_hitch(times, [round(percent / 0.4)] * 40, 0x26),
     )
     frames = [*hitches[0], *hitches[1], *engine(rpm=1800.0), *engine(source=1, rpm=rpm)]
-    found = problems(replayed(tmp_path, frames)[0])
-    assert bool(found) == (rpm == 1851.0)
-    if found:
-        of_hitch, of_engine = found
+    actual = problems(replayed(tmp_path, frames)[0])
+    assert bool(actual) == (rpm == 1851.0)
+    if actual:
+        of_hitch, of_engine = actual
         assert "CAN signal rear_hitch_position on /can0 disagree (" in of_hitch
         assert "rear_hitch_position@0x26: " in of_hitch
         assert "(engine_speed@0x00: 1800 rpm, engine_speed@0x01: 1851 rpm); set eng" in of_engine
@@ -184,8 +186,8 @@ def test_hitch_that_is_not_available(tmp_path: Path) -> None:
     """A hitch that sends "error" and "not available" gives predictions without numbers."""
     raw = [125] * 10 + [0xFE] * 10 + [0xFF] * 10 + [126] * 10
     times = [EPOCH + k * SECOND // 10 for k in range(40)]
-    done, found = replayed(tmp_path, synthetic_hitch(times, raw))
-    invalid = np.isnan(found[PREDICTION_TOPIC]["crank_angle"])
+    done, actual = replayed(tmp_path, synthetic_hitch(times, raw))
+    invalid = np.isnan(actual[PREDICTION_TOPIC]["crank_angle"])
     np.testing.assert_array_equal(invalid, np.array(raw) > 0xFA)
     assert "20 messages have no value: rear_hitch_position is an error (0xFE)" in replay_summary(
         done
@@ -204,8 +206,8 @@ def test_dbc_file(tmp_path: Path) -> None:
         for k, deg in enumerate(degrees.tolist())
     ]
     values = {"can_database": str(dbc), "hitch_field": "Arm.Angle", "hitch_unit": "deg"}
-    _, found = replayed(tmp_path, frames, with_values(ON_CAN, values))
-    angles = np.rad2deg(found[PREDICTION_TOPIC]["crank_angle"])
+    _, actual = replayed(tmp_path, frames, with_values(ON_CAN, values))
+    angles = np.rad2deg(actual[PREDICTION_TOPIC]["crank_angle"])
     np.testing.assert_allclose(angles, np.round(degrees, 2), rtol=1e-12)
 
 

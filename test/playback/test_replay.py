@@ -108,14 +108,14 @@ def write_mcap(path: Path, entries: Iterable[Entry]) -> Path:
 
 def swing(count: int, topic: str = "/joint_states", joint: str = JOINT) -> list[Entry]:
     """Return a swing of a joint at 1 kHz, a little beyond the range of the table."""
-    found = []
+    actual = []
     for k in range(count):
         time = START + k * 10**6
         position = 2.35 + 0.8 * np.sin(k / 50)
         names = [joint, "other"] if k % 7 else ["other", joint]
         values = [position, 9.0] if k % 7 else [9.0, position]
-        found.append((topic, JOINT_STATE, time, joint_state(time, names, values, velocity=values)))
-    return found
+        actual.append((topic, JOINT_STATE, time, joint_state(time, names, values, velocity=values)))
+    return actual
 
 
 def data_of(log: Path, topic: str) -> list[tuple[int, bytes]]:
@@ -198,9 +198,9 @@ def test_motion_that_is_estimated(tmp_path: Path) -> None:
         if time // 20_000_000 == period:  # ns, of 50 Hz
             continue
         period = time // 20_000_000
-        found = monitor.assess(prediction, velocity, time, error)
-        directions.add(found.approach)
-        expected.append((time, encode_message(RESONANCE, found, *divmod(time, 10**9), "")))
+        resonance = monitor.assess(prediction, velocity, time, error)
+        directions.add(resonance.approach)
+        expected.append((time, encode_message(RESONANCE, resonance, *divmod(time, 10**9), "")))
     assert data_of(log, RESONANCE_TOPIC) == expected
     assert directions > {0}
 
@@ -241,8 +241,8 @@ def test_clock_that_jumped_back(tmp_path: Path, own: bool) -> None:
             log.write(channel.topic, message.data, message.log_time, message.publish_time)
     done = replay(looped, output)
     with output.open("rb") as file:
-        found = make_reader(file).iter_messages([PREDICTION_TOPIC], log_time_order=False)
-        times = [message.log_time for *_, message in found]
+        actual = make_reader(file).iter_messages([PREDICTION_TOPIC], log_time_order=False)
+        times = [message.log_time for *_, message in actual]
     readings = [m.log_time for _, channel, m in entries if channel.topic == "/joint_states"]
     assert times == (3 * readings if own else sorted(3 * readings))
     assert done.resonances == (150 if own else 50)
@@ -260,9 +260,9 @@ def test_predictions_at_a_rate(tmp_path: Path) -> None:
     for time, message in read_messages(each, PREDICTION_TOPIC):
         period = message.header.stamp.sec, message.header.stamp.nanosec // 10**8
         expected.setdefault(period, (time, message.crank_angle))
-    found = [(time, m.crank_angle) for time, m in read_messages(some, PREDICTION_TOPIC)]
-    assert found == list(expected.values())
-    assert done.predictions == len(found) == len(data_of(each, PREDICTION_TOPIC)) // 10
+    actual = [(time, m.crank_angle) for time, m in read_messages(some, PREDICTION_TOPIC)]
+    assert actual == list(expected.values())
+    assert done.predictions == len(actual) == len(data_of(each, PREDICTION_TOPIC)) // 10
     for topic in (RESONANCE_TOPIC, LOAD_STATE_TOPIC, "/joint_states"):
         assert data_of(some, topic) == data_of(each, topic) != []
     pairs = zip(
@@ -296,12 +296,12 @@ def test_every_kind_of_bag_gives_the_same(tmp_path: Path) -> None:
         for *_, time, message in entries:
             old.write(connection1, time, ros1.serialize_ros1(as_ros1(ros1, message), JOINT_STATE))
     bags.append([tmp_path / "old.bag"])
-    found = []
+    actual = []
     for paths in bags:
         replay(paths, tmp_path / "log.mcap", Parameters())
-        found.append(data_of(tmp_path / "log.mcap", PREDICTION_TOPIC))
-    assert len(found[0]) == 2500
-    assert found[1:] == found[:1] * 3
+        actual.append(data_of(tmp_path / "log.mcap", PREDICTION_TOPIC))
+    assert len(actual[0]) == 2500
+    assert actual[1:] == actual[:1] * 3
 
 
 def test_hitch_percent(tmp_path: Path) -> None:

@@ -81,8 +81,8 @@ class Levels:
     def member_totals(self, alpha3: Any, speeds: Any) -> Any:
         """Return what `LevelTable.member_totals` returns."""
         rows = [
-            [load(a, b, *one) for a, b in zip(alpha3, speeds[GROUND], strict=True)]
-            for one in self.members
+            [load(a, b, *each) for a, b in zip(alpha3, speeds[GROUND], strict=True)]
+            for each in self.members
         ]
         totals = np.array(rows).reshape(len(rows), len(alpha3))
         return totals, 2.0 * totals
@@ -111,8 +111,8 @@ def known(angle: float, speed: float) -> bool:
 def test_the_whole_grid_by_brute_force() -> None:
     """Choices, probabilities and regrets are those of loops over all cells and members."""
     angles, speeds = np.linspace(1.5, 3.0, 91), np.linspace(1.0, 25.0, 17)
-    found = ask(crank_angles=(1.5, 3.0), ground_speeds=(1.0, 25.0))
-    message, present = found.message, (2.7, 8.0)
+    answer = ask(crank_angles=(1.5, 3.0), ground_speeds=(1.0, 25.0))
+    message, present = answer.message, (2.7, 8.0)
     among = {
         HEIGHT: [(a, 8.0) for a in angles],
         SPEED: [(2.7, v) for v in speeds],
@@ -125,19 +125,21 @@ def test_the_whole_grid_by_brute_force() -> None:
         assert at == pytest.approx(best)
         assert message.load_ratios[place] == pytest.approx(load(*best), rel=1e-6)
         assert message.velocities[place] == pytest.approx(2.0 * load(*best), rel=1e-6)
-        quieter = sum(load(*best, *one) < load(*present, *one) for one in MEMBERS)
+        quieter = sum(load(*best, *each) < load(*present, *each) for each in MEMBERS)
         assert message.probabilities[place] == pytest.approx((quieter + 0.5) / 65.0)
         # Members have their best place among each third height and each second speed.
         kept = [c for c in cells if c[0] in (*angles[::3], 2.7) and c[1] in (*speeds[::2], 8.0)]
         kept.append(best)
-        regrets = [load(*best, *one) / min(load(*c, *one) for c in kept) - 1.0 for one in MEMBERS]
-        assert found.regrets[place] == pytest.approx(np.quantile(regrets, 0.95), rel=1e-6)
+        regrets = [
+            load(*best, *each) / min(load(*c, *each) for c in kept) - 1.0 for each in MEMBERS
+        ]
+        assert answer.regrets[place] == pytest.approx(np.quantile(regrets, 0.95), rel=1e-6)
     assert message.load_ratios[NOW] == pytest.approx(load(*present), rel=1e-6)
-    assert np.isnan([message.probabilities[NOW], found.regrets[NOW]]).all()
+    assert np.isnan([message.probabilities[NOW], answer.regrets[NOW]]).all()
     for i, angle in enumerate(angles):
         for j, speed in enumerate(speeds):
-            assert math.isnan(found.load_ratios[i, j]) != known(angle, speed)
-            assert (found.reasons[i, j] == 0) == known(angle, speed)
+            assert math.isnan(answer.load_ratios[i, j]) != known(angle, speed)
+            assert (answer.reasons[i, j] == 0) == known(angle, speed)
 
 
 @pytest.mark.parametrize(("less", "row"), [(9e-7, 3), (1.2e-6, 5)])
@@ -163,13 +165,13 @@ def test_the_last_bit_does_not_choose(less: float, row: int) -> None:
 )
 def test_both_sides_of_each_refusal(angle: float, speed: float, reason: str) -> None:
     """A single permitted cell is refused with its reason, or advised, at any present place."""
-    found = ask(crank_angles=(angle, angle), ground_speeds=(speed, speed))
-    assert found.load_ratios.shape == (1, 1)
-    text = found.reason_texts[found.reasons[0, 0]]
+    answer = ask(crank_angles=(angle, angle), ground_speeds=(speed, speed))
+    assert answer.load_ratios.shape == (1, 1)
+    text = answer.reason_texts[answer.reasons[0, 0]]
     assert reason in text
     assert bool(reason) == bool(text)
-    assert math.isnan(found.message.load_ratios[BOTH]) == bool(reason)
-    assert math.isnan(found.message.crank_angles[BOTH]) == bool(reason)
+    assert math.isnan(answer.message.load_ratios[BOTH]) == bool(reason)
+    assert math.isnan(answer.message.crank_angles[BOTH]) == bool(reason)
 
 
 @pytest.mark.parametrize(
@@ -222,26 +224,26 @@ def test_a_load_that_is_known_only_elsewhere_is_no_quiet_place() -> None:
     levels = LevelTable(served.predictor, served.mechanism, excitations)
     speeds = np.array([1800.0, math.nan, 5.0])
     question = Question(math.radians(165.0), speeds, None, (0.0, 100.0))
-    found = advise(levels, excitations, question, (5, 3), with_regrets=False)
-    assert (found.reasons[:, :2] == 0).all()
-    assert (found.reasons[:, 2] > 0).all()
-    assert "pto_shaft 1" in found.message.not_counted
+    advised = advise(levels, excitations, question, (5, 3), with_regrets=False)
+    assert (advised.reasons[:, :2] == 0).all()
+    assert (advised.reasons[:, 2] > 0).all()
+    assert "pto_shaft 1" in advised.message.not_counted
     # Each cell is what one row of the level table says.
-    for i, angle in enumerate(found.crank_angles.tolist()):
-        for j, speed in enumerate(found.ground_speeds[:2].tolist()):
+    for i, angle in enumerate(advised.crank_angles.tolist()):
+        for j, speed in enumerate(advised.ground_speeds[:2].tolist()):
             row = levels.at(np.array([angle]), np.array([[1800.0], [math.nan], [speed]]))
-            assert found.load_ratios[i, j] == row.total_load_ratio[0]
+            assert advised.load_ratios[i, j] == row.total_load_ratio[0]
 
 
 def test_regrets_of_a_small_map_are_about_all_of_it() -> None:
     """On 31 heights and 9 speeds, a member's best place is among all, as loops find it."""
     levels: Any = Levels()
     question = Question(2.7, np.array([1800.0, 540.0, 8.0]), (1.6, 2.9), (1.0, 9.0))
-    found = advise(levels, EXCITATIONS, question, (31, 9))
-    cells = [(a, v) for a in found.crank_angles for v in found.ground_speeds]
+    advised = advise(levels, EXCITATIONS, question, (31, 9))
+    cells = [(a, v) for a in advised.crank_angles for v in advised.ground_speeds]
     best = min(cells, key=lambda cell: np.float32(load(*cell)))
     regrets = [load(*best, *x) / min(load(*cell, *x) for cell in cells) - 1.0 for x in MEMBERS]
-    assert found.regrets[BOTH] == pytest.approx(np.quantile(regrets, 0.95), rel=1e-6)
+    assert advised.regrets[BOTH] == pytest.approx(np.quantile(regrets, 0.95), rel=1e-6)
 
 
 def test_sentences() -> None:

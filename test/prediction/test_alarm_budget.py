@@ -94,20 +94,20 @@ def test_each_warning_names_what_ends_it(flat: Outcome, tmp_path: Path) -> None:
     excitations = read_excitations(write_excitations(tmp_path / "flat.yaml", FLAT))
     predictor = Predictor(load_table(config_file(DEFAULT_TABLE)))
     levels = LevelTable(predictor, MECHANISM, excitations)
-    sources = {one.name: one.source for one in excitations}
+    sources = {each.name: each.source for each in excitations}
     drive, run = flat.drive, road().run
 
     def states(at: list[tuple[float, dict[Source, float]]]) -> list[int]:
         """Return the last state after 2.5 s at each of some angles and speeds."""
-        monitor, found, time = ResonanceMonitor(excitations, levels=levels), list[int](), 0
+        monitor, actual, time = ResonanceMonitor(excitations, levels=levels), list[int](), 0
         for angle, speeds in at:
             for _ in range(125):  # 50 Hz
                 time += 20_000_000
                 for source, speed in speeds.items():
                     monitor.set_speed(source, speed, time)
                 state = monitor.assess(predictor.predict(angle), 0.0, time).state
-            found.append(int(state))
-        return found
+            actual.append(int(state))
+        return actual
 
     changes = 0
     for row in np.flatnonzero(flat.warns)[::400].tolist():
@@ -136,8 +136,8 @@ def test_limits_that_are_asked_are_met_or_not(flat: Outcome) -> None:
     resonances = flat.drive.resonances.rows(slice(None))
     resonances.state = quiet
     silent = replace(flat, drive=replace(flat.drive, resonances=resonances))
-    found = limits_table({"healthy": flat, FLAT: flat, "bent cardan shaft": silent})
-    healthy, faulty, missed = found.splitlines()[2:]
+    actual = limits_table({"healthy": flat, FLAT: flat, "bent cardan shaft": silent})
+    healthy, faulty, missed = actual.splitlines()[2:]
     assert flat.share(ResonanceState.WARNING) > 0.1
     assert healthy.count("not met") == 1  # warned for more than a tenth of the time
     assert (faulty.count(", met"), faulty.count("not met")) == (2, 0)
@@ -147,26 +147,26 @@ def test_limits_that_are_asked_are_met_or_not(flat: Outcome) -> None:
 @pytest.mark.parametrize("name", ["engine 3", "tines 2", "tyre_lugs 1"])
 def test_integration_reaches_the_steady_forces(name: str) -> None:
     """At rest, the integrated forces are those of the assembly, without modes, at one frequency."""
-    [one] = [e for e in read_excitations(config_file(DEFAULT_EXCITATIONS)) if e.name == name]
-    assert one.load is not None
-    speed = {Source.ENGINE: 1500.0, Source.PTO: 560.0, Source.GROUND: 7.0}[one.source]
+    [first] = [e for e in read_excitations(config_file(DEFAULT_EXCITATIONS)) if e.name == name]
+    assert first.load is not None
+    speed = {Source.ENGINE: 1500.0, Source.PTO: 560.0, Source.GROUND: 7.0}[first.source]
     times = np.arange(30 * RATE + 1) / RATE
     alpha3 = math.radians(165.0)
     still = np.zeros(len(times))
-    speeds = dict.fromkeys(Source, still) | {one.source: still + speed}
+    speeds = dict.fromkeys(Source, still) | {first.source: still + speed}
     model = LinkageModel(MECHANISM)
-    forces = PinForces(model, [one], (alpha3, alpha3 + 0.01))
-    found = running(forces.mean_squares(Run(times, still + alpha3, speeds)), 5.0)[-1]
-    assert found == pytest.approx(steady(model, alpha3, one.name, speed), rel=0.03)
+    forces = PinForces(model, [first], (alpha3, alpha3 + 0.01))
+    actual = running(forces.mean_squares(Run(times, still + alpha3, speeds)), 5.0)[-1]
+    assert actual == pytest.approx(steady(model, alpha3, first.name, speed), rel=0.03)
 
 
 def steady(model: LinkageModel, alpha3: float, name: str, speed: float) -> float:
     """Return the largest load ratio by an excitation, from the places of the model."""
-    [one] = [e for e in read_excitations(config_file(DEFAULT_EXCITATIONS)) if e.name == name]
-    assert one.load is not None
-    hertz = one.ratio * speed
+    [first] = [e for e in read_excitations(config_file(DEFAULT_EXCITATIONS)) if e.name == name]
+    assert first.load is not None
+    hertz = first.ratio * speed
     solution, places = model.solve(alpha3), model.forces.places
-    omega, size = 2.0 * math.pi * hertz, one.load.amplitude / math.sqrt(2.0)
+    omega, size = 2.0 * math.pi * hertz, first.load.amplitude / math.sqrt(2.0)
     if name == "tines 2":
         response = solution.frf(places, [("E1", "x")]).frf(np.array([hertz]))[0, :, 0]
     elif name == "engine 3":  # a pair of forces at the axles, 2.5 m apart

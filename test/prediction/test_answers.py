@@ -184,7 +184,7 @@ def test_rebuilt(served: Served, tmp_path: Path) -> None:
         served.mechanism, served.mechanism_text, Implement("", 1200.0, 300.0, ())
     )
     shipped = read_excitations(config_file("excitations.yaml"))
-    excitations = [one for one in shipped if one.source is Source.PTO]  # they act on the hitch
+    excitations = [each for each in shipped if each.source is Source.PTO]  # they act on the hitch
     predictor, levels = rebuilt(heavy, served.table, excitations, tmp_path)
     table = predictor.table
     assert pickle.loads(pickle.dumps((predictor, levels)))[0].table.table_id == table.table_id

@@ -18,16 +18,16 @@ from linkage_vibration.prediction.excitation import (
 
 def test_orders_of_shafts_and_tyres() -> None:
     """Orders count turns; a rotor turns faster by its ratio; lugs pass at orders * v / (2 pi r)."""
-    found = excitations_from_mapping(
+    actual = excitations_from_mapping(
         {
             "engine": {"speed": "engine", "orders": [0.5, 2]},
             "rotor": {"speed": "pto", "ratio": 3.0, "orders": [1]},
             "lugs": {"speed": "ground", "rolling_radius": 0.8, "orders": [22]},
         }
     )
-    assert [one.name for one in found] == ["engine 0.5", "engine 2", "rotor 1", "lugs 22"]
+    assert [each.name for each in actual] == ["engine 0.5", "engine 2", "rotor 1", "lugs 22"]
     at = {Source.ENGINE: 2100.0, Source.PTO: 540.0, Source.GROUND: 3.0}
-    frequencies = [one.ratio * at[one.source] for one in found]
+    frequencies = [each.ratio * at[each.source] for each in actual]
     assert frequencies == pytest.approx([17.5, 70.0, 27.0, 22 * 3.0 / (2 * math.pi * 0.8)])
 
 
@@ -73,17 +73,17 @@ LOAD = {"speed": "pto", "orders": [1, 2], "force": [3.0, 4.0], "at": "E1.z", "at
 def test_amplitudes_of_each_order() -> None:
     """Every order has its own amplitude, and all share place, speed and growth."""
     given = {**LOAD, "exponent": 2, "amplitude_stddev": 0.5, "no_warning": [2]}
-    one, two = excitations_from_mapping({"rotor": {**given, "frequency_stddev": 0.01}})
-    assert one.load == Load(LoadKind.FORCE, "E1.z", 3.0, 540.0, 2.0, 0.5)
+    first, two = excitations_from_mapping({"rotor": {**given, "frequency_stddev": 0.01}})
+    assert first.load == Load(LoadKind.FORCE, "E1.z", 3.0, 540.0, 2.0, 0.5)
     assert two.load is not None
     assert (two.load.amplitude, two.relative_stddev) == (4.0, 0.01)
-    assert (one.warns, two.warns) == (True, False)
+    assert (first.warns, two.warns) == (True, False)
 
 
 def test_deviations_of_each_order() -> None:
     """A list has one deviation for each order."""
     orders = excitations_from_mapping({"rotor": {**LOAD, "amplitude_stddev": [0.1, 1.0]}})
-    assert [one.load.relative_stddev for one in orders if one.load] == [0.1, 1.0]
+    assert [each.load.relative_stddev for each in orders if each.load] == [0.1, 1.0]
 
 
 @pytest.mark.parametrize(
@@ -139,8 +139,8 @@ def test_limits_of_descriptions(
 
 def test_what_is_not_described() -> None:
     """Without them, a ratio is 1, a load grows with no power, and nothing deviates or is silent."""
-    one, two = excitations_from_mapping({"rotor": SHAFT})
-    assert (one.ratio, two.ratio) == (pytest.approx(1.0 / 60.0), pytest.approx(2.0 / 60.0))
-    assert (one.load, one.relative_stddev, one.warns) == (None, 0.0, True)
+    single, two = excitations_from_mapping({"rotor": SHAFT})
+    assert (single.ratio, two.ratio) == (pytest.approx(1.0 / 60.0), pytest.approx(2.0 / 60.0))
+    assert (single.load, single.relative_stddev, single.warns) == (None, 0.0, True)
     first, _ = excitations_from_mapping({"rotor": LOAD})
     assert first.load == Load(LoadKind.FORCE, "E1.z", 3.0, 540.0, 0.0, 0.0)

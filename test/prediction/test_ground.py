@@ -124,8 +124,8 @@ def test_spectrum_of_a_random_profile_is_that_of_its_terrain(exponent: float) ->
     for i in range(2, int(octave.max()) + 1):
         waves = 0.5 * n[0] * 2.0**i * length  # an octave has as many independent waves
         assert abs(ratio[octave == i].mean() - 1.0) < 3.0 * math.sqrt(1.1 / waves) + 0.01
-    roughness, found = power_law(list(zip(n, density, strict=True)), 0.1)
-    assert found == pytest.approx(exponent, abs=0.05)
+    roughness, actual = power_law(list(zip(n, density, strict=True)), 0.1)
+    assert actual == pytest.approx(exponent, abs=0.05)
     assert roughness == pytest.approx(256e-6, rel=0.1)
 
 
@@ -146,9 +146,9 @@ def test_measured_spectrum_gives_the_level_of_the_terrain() -> None:
         contract(ground_squares(transfer, [1], mounts, terrain, lines), speeds)[0],
         contract(ground_squares(transfer, [1], mounts, measured, lines), speeds, lost=True)[0],
     )
-    found = contract(ground_squares(transfer, [1], mounts, measured, lines), speeds)[0]
-    assert math.sqrt(found[1] / exact[1]) == pytest.approx(1.0, abs=0.05)
-    assert lost[1] < 1e-3 * found[1]
+    actual = contract(ground_squares(transfer, [1], mounts, measured, lines), speeds)[0]
+    assert math.sqrt(actual[1] / exact[1]) == pytest.approx(1.0, abs=0.05)
+    assert lost[1] < 1e-3 * actual[1]
     assert 0.01 * exact[0] < lost[0] < exact[0]
 
 
@@ -180,12 +180,12 @@ def test_three_mounts() -> None:
         Mount(name, (x, 0.0), *third) for name, x in (("a", 4.0), ("b", 0.0), ("c", 1.5))
     )
     terrain, speed = Terrain(256e-6), 6.0
-    lines, one = ground_lines(terrain), heave()
+    lines, first = ground_lines(terrain), heave()
     frf = replace(
-        one,
-        residues=one.residues[:, [0, 0, 0]],
-        rates=one.rates[:, [0, 0, 0]],
-        residual=one.residual[:, [0, 0, 0]],
+        first,
+        residues=first.residues[:, [0, 0, 0]],
+        rates=first.rates[:, [0, 0, 0]],
+        residual=first.residual[:, [0, 0, 0]],
     )
     transfer = ground_transfer(frf, mounts, lines)
     level = contract(ground_squares(transfer, [1], mounts, terrain, lines), np.array([speed]))[0, 0]
@@ -246,8 +246,8 @@ def test_levels_are_those_of_the_unreduced_model(tractor: Tractor) -> None:
     moved, force = full.densities([("E1", "z"), CYLINDERS], degrees, speed)
     w = 2.0 * math.pi * FINE
     exact = [trapezoid(x, FINE) ** 0.5 for x in (moved * w**2, moved * w**4, force)]
-    found = tractor.levels(CLASS_C, degrees, speed)
-    levels = [found.velocity[0], found.acceleration[0], math.sqrt(found.forces2[0, 0])]
+    actual = tractor.levels(CLASS_C, degrees, speed)
+    levels = [actual.velocity[0], actual.acceleration[0], math.sqrt(actual.forces2[0, 0])]
     np.testing.assert_allclose(levels, exact, rtol=1e-3)
 
 
@@ -364,8 +364,8 @@ def static_loads(mechanism: Mechanism, model: LinkageModel, degrees: float) -> F
 def test_loads_of_the_axles_follow_from_the_lever_rule(tractor: Tractor, degrees: float) -> None:
     """They are equal but for the little by which the weight moves the linkage."""
     expected = static_loads(tractor.mechanism, tractor.model, degrees)
-    found = tractor.model.mount_loads(math.radians(degrees))
-    np.testing.assert_allclose(found, expected, rtol=1e-6)
+    actual = tractor.model.mount_loads(math.radians(degrees))
+    np.testing.assert_allclose(actual, expected, rtol=1e-6)
 
 
 def test_share_off_the_ground_refuses_levels_above_a_fifth(tractor: Tractor) -> None:
@@ -382,11 +382,11 @@ def test_share_off_the_ground_refuses_levels_above_a_fifth(tractor: Tractor) -> 
     for share, reason in ((0.198, ""), (0.202, "A tyre is off the ground")):
         # The share of a normal distribution beyond the load; the front axle is the light one.
         factor = load / (-NormalDist().inv_cdf(share) * deviation)
-        found = tractor.levels(Terrain(256e-6 * factor**2), degrees, speed)
-        assert found.off_ground_share[0] == pytest.approx(share, abs=5e-4)
-        assert REASONS[found.reason[0]].startswith(reason)
-        assert math.isnan(found.velocity[0]) == bool(reason)
-        assert np.isnan(found.forces2).all() == bool(reason)
+        actual = tractor.levels(Terrain(256e-6 * factor**2), degrees, speed)
+        assert actual.off_ground_share[0] == pytest.approx(share, abs=5e-4)
+        assert REASONS[actual.reason[0]].startswith(reason)
+        assert math.isnan(actual.velocity[0]) == bool(reason)
+        assert np.isnan(actual.forces2).all() == bool(reason)
 
 
 @pytest.mark.parametrize(("share", "known"), [(0.195, True), (0.205, False)])
@@ -398,13 +398,13 @@ def test_lugs_refuse_levels_of_which_a_fifth_lies_above(
     velocity = tractor.densities([("E1", "z")], degrees, speed)[0] * (2.0 * math.pi * FINE) ** 2
     below = cumulative_trapezoid(velocity * FINE**2, FINE, initial=0.0)
     limit = float(np.interp((1.0 - share) * below[-1], below, FINE))
-    found = tractor.levels(replace(CLASS_C, lug_pitch=speed / (2.0 * limit)), degrees, speed)
-    assert REASONS[found.reason[0]] == ("" if known else REASONS[4])
+    actual = tractor.levels(replace(CLASS_C, lug_pitch=speed / (2.0 * limit)), degrees, speed)
+    assert REASONS[actual.reason[0]] == ("" if known else REASONS[4])
     assert "lugs" in REASONS[4]
-    assert math.isnan(found.velocity[0]) != known
+    assert math.isnan(actual.velocity[0]) != known
     if known:
         kept = np.interp(limit, FINE, cumulative_trapezoid(velocity, FINE, initial=0.0))
-        assert found.velocity[0] == pytest.approx(math.sqrt(kept), rel=1e-3)
+        assert actual.velocity[0] == pytest.approx(math.sqrt(kept), rel=1e-3)
 
 
 @pytest.mark.parametrize(("finest", "known"), [(2.0, True), (0.2, False)])
@@ -412,9 +412,9 @@ def test_a_coarse_profile_refuses_levels(tractor: Tractor, finest: float, known:
     """At 8 m/s, the waves of a profile end at 16 Hz or at 1.6 Hz."""
     n = np.geomspace(0.01, finest, 30)
     spectrum = tuple(zip(n.tolist(), (256e-6 * (n / 0.1) ** -2.0).tolist(), strict=True))
-    found = tractor.levels(replace(CLASS_C, spectrum=spectrum), 140.0, 8.0)
-    assert math.isnan(found.velocity[0]) != known
-    assert ("measured profile" in REASONS[found.reason[0]]) != known
+    actual = tractor.levels(replace(CLASS_C, spectrum=spectrum), 140.0, 8.0)
+    assert math.isnan(actual.velocity[0]) != known
+    assert ("measured profile" in REASONS[actual.reason[0]]) != known
     # Lugs are the reason only where they end the waves before the profile does.
     for pitch, words in ((0.4 / finest, "measured profile"), (6.0, "lugs")):
         both = replace(CLASS_C, spectrum=spectrum, lug_pitch=pitch)
@@ -443,13 +443,13 @@ def test_what_is_not_known_has_a_reason(
     tractor: Tractor, angle: float, speed: float, words: str
 ) -> None:
     """Angles outside the table and unknown speeds have no level; standing still nothing shakes."""
-    found = tractor.levels(replace(CLASS_C, roughness=1e-6), angle, speed)
-    assert words in REASONS[found.reason[0]]
-    assert bool(REASONS[found.reason[0]]) == bool(words)
-    assert math.isnan(found.velocity[0]) == bool(words)
-    assert math.isnan(found.off_ground_share[0]) == bool(words)
+    actual = tractor.levels(replace(CLASS_C, roughness=1e-6), angle, speed)
+    assert words in REASONS[actual.reason[0]]
+    assert bool(REASONS[actual.reason[0]]) == bool(words)
+    assert math.isnan(actual.velocity[0]) == bool(words)
+    assert math.isnan(actual.off_ground_share[0]) == bool(words)
     if speed == 0.0:
-        assert found.velocity[0] == found.forces2[0, 0] == found.off_ground_share[0] == 0.0
+        assert actual.velocity[0] == actual.forces2[0, 0] == actual.off_ground_share[0] == 0.0
 
 
 def test_angles_and_speeds_of_different_numbers(tractor: Tractor) -> None:
@@ -464,20 +464,20 @@ def test_mechanisms_and_terrains_that_have_no_level(tractor: Tractor) -> None:
     """Without a base or with one mount, in the soil, and above the band of the table."""
     mechanism, base = tractor.mechanism, tractor.mechanism.base
     assert base is not None
-    one = replace(mechanism, base=replace(base, mounts=base.mounts[:1]))
+    first = replace(mechanism, base=replace(base, mounts=base.mounts[:1]))
     cases = (
         (replace(mechanism, base=None), CLASS_C, "no base on two or more mounts"),
-        (one, CLASS_C, "no base on two or more mounts"),
+        (first, CLASS_C, "no base on two or more mounts"),
         (mechanism, replace(CLASS_C, raised=False), "in the soil"),
         (mechanism, replace(CLASS_C, band=(0.3, 200.1)), "no FRFs"),
         (mechanism, replace(CLASS_C, band=(0.3, 200.0)), ""),
     )
     for changed, terrain, words in cases:
         lookup = GroundTable(tractor.table, changed, terrain, [CYLINDERS])
-        found = lookup.at(np.array([2.0]), np.array([8.0]))
-        assert words in REASONS[found.reason[0]]
-        assert math.isnan(found.velocity[0]) == bool(words)
-        assert found.forces2.shape == (1, 1)
+        values = lookup.at(np.array([2.0]), np.array([8.0]))
+        assert words in REASONS[values.reason[0]]
+        assert math.isnan(values.velocity[0]) == bool(words)
+        assert values.forces2.shape == (1, 1)
 
 
 @pytest.mark.parametrize(("ratio", "known"), [(0.00155, True), (0.00152, False)])
@@ -487,9 +487,9 @@ def test_resonances_that_4096_lines_do_not_show_have_no_level(
     """Lines are so close that a half-width has 1.5 steps: ln(20 / 0.3) / 4096 is 0.00103."""
     ratios = np.where(np.arange(6) == 2, ratio, tractor.table.damping_ratios)
     changed = replace(tractor, table=replace(tractor.table, damping_ratios=ratios))
-    found = changed.levels(replace(CLASS_C, roughness=1e-6), 120.0, 5.0)
-    assert ("damping ratio" in REASONS[found.reason[0]]) != known
-    assert math.isnan(found.velocity[0]) != known
+    actual = changed.levels(replace(CLASS_C, roughness=1e-6), 120.0, 5.0)
+    assert ("damping ratio" in REASONS[actual.reason[0]]) != known
+    assert math.isnan(actual.velocity[0]) != known
 
 
 def test_lightly_damped_tyres_have_the_level_of_many_lines(tractor: Tractor) -> None:
@@ -507,10 +507,10 @@ def test_lightly_damped_tyres_have_the_level_of_many_lines(tractor: Tractor) -> 
     front *= 600.0e3 + 1j * w * 400.0
     rear *= (700.0e3 + 1j * w * 400.0) * np.exp(-1j * w * 2.5 / speed)
     density = np.abs(w * (front + rear)) ** 2 * 1e-6 * (fine / speed / 0.1) ** -2.0 / speed
-    found = GroundTable(table, mechanism, replace(CLASS_C, roughness=1e-6)).at(
+    values = GroundTable(table, mechanism, replace(CLASS_C, roughness=1e-6)).at(
         np.array([alpha3]), np.array([speed])
     )
-    assert found.velocity[0] == pytest.approx(math.sqrt(trapezoid(density, fine)), rel=1e-3)
+    assert values.velocity[0] == pytest.approx(math.sqrt(trapezoid(density, fine)), rel=1e-3)
 
 
 def test_one_row_equals_many(tractor: Tractor) -> None:
@@ -520,9 +520,11 @@ def test_one_row_equals_many(tractor: Tractor) -> None:
     lookup = GroundTable(tractor.table, tractor.mechanism, CLASS_C, [CYLINDERS])
     many = lookup.at(alpha3, speeds)
     for i in range(200):
-        one = lookup.at(alpha3[i : i + 1], speeds[i : i + 1])
+        values = lookup.at(alpha3[i : i + 1], speeds[i : i + 1])
         for name in ("velocity", "acceleration", "forces2", "off_ground_share", "reason"):
-            np.testing.assert_array_equal(getattr(one, name)[..., 0], getattr(many, name)[..., i])
+            np.testing.assert_array_equal(
+                getattr(values, name)[..., 0], getattr(many, name)[..., i]
+            )
     single = lookup.at(2.3, 5.0)
     assert (single.velocity, single.reason) == (
         lookup.at(np.array([2.3]), np.array([5.0])).velocity,

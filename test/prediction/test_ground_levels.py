@@ -58,16 +58,16 @@ def levels_of(predictor: Predictor, excitations: tuple[Excitation, ...]) -> Leve
 
 def test_class_and_roughness_are_the_same_ground() -> None:
     """Class C of ISO 8608 has 256e-6 m3 at 0.1 1/m, and lugs are a part of the circumference."""
-    _, one = described(lugs=20, rolling_radius=0.8)
+    _, first = described(lugs=20, rolling_radius=0.8)
     _, other = described(terrain={"roughness": 256e-6, "exponent": 2.0, "reference": 0.1})
-    assert (one.name, other.name) == ("field (class C)", "field")
-    assert one.terrain is not None
+    assert (first.name, other.name) == ("field (class C)", "field")
+    assert first.terrain is not None
     assert other.terrain is not None
-    terrains = one.terrain, other.terrain
-    found, expected = (each.psd(np.array([3.0]), np.array(8.0)) for each in terrains)
-    assert found == pytest.approx(expected, rel=1e-12)
-    assert one.terrain.lug_pitch == pytest.approx(math.tau * 0.8 / 20)
-    assert (one.terrain.relative_stddev, other.terrain.relative_stddev) == (0.2, 0.0)
+    terrains = first.terrain, other.terrain
+    actual, expected = (each.psd(np.array([3.0]), np.array(8.0)) for each in terrains)
+    assert actual == pytest.approx(expected, rel=1e-12)
+    assert first.terrain.lug_pitch == pytest.approx(math.tau * 0.8 / 20)
+    assert (first.terrain.relative_stddev, other.terrain.relative_stddev) == (0.2, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -114,14 +114,14 @@ def test_profile(tmp_path: Path) -> None:
     (tmp_path / "road.csv").write_text("\n".join(rows) + "\n")
     path = tmp_path / "mine.yaml"
     path.write_text("field: {speed: ground, terrain: {profile: road.csv}, raised: true}\n")
-    [one] = read_excitations(path)
-    assert one.terrain is not None
-    assert one.name == "field (road.csv)"
+    [first] = read_excitations(path)
+    assert first.terrain is not None
+    assert first.name == "field (road.csv)"
     # The density of a random walk with steps of variance s^2 is 2 s^2 / (step (2 pi n)^2).
     n, expected = 0.5, 2.0 * 1e-6 / (step * (math.tau * 0.5) ** 2)
-    density = one.terrain.psd(np.array([n * SPEED]), np.array(SPEED))[0] * SPEED
+    density = first.terrain.psd(np.array([n * SPEED]), np.array(SPEED))[0] * SPEED
     assert density == pytest.approx(expected, rel=0.15)
-    assert one.terrain.exponent == pytest.approx(2.0, abs=0.1)
+    assert first.terrain.exponent == pytest.approx(2.0, abs=0.1)
     assert set(excitation_files(path)) == {"excitations.yaml", "road.csv"}
 
 
@@ -129,16 +129,16 @@ def test_the_total_is_that_of_orders_and_ground(predictor: Predictor) -> None:
     """Squares add up: of velocities, and of forces in each pin; the ground is that of its sum."""
     both = described()
     speeds = np.array([[0.0], [PTO], [SPEED]])
-    found, shaft, ground = (
+    actual, shaft, ground = (
         levels_of(predictor, part).at(np.array([ALPHA3]), speeds)
         for part in (both, both[:1], both[1:])
     )
     for name in ("total_velocity", "total_acceleration"):
         parts = [float(getattr(part, name)[0]) for part in (shaft, ground)]
-        assert getattr(found, name)[0] == pytest.approx(math.hypot(*parts), rel=1e-5)
-    total, parts = found.total_load_ratio[0], found.load_ratios[0]
+        assert getattr(actual, name)[0] == pytest.approx(math.hypot(*parts), rel=1e-5)
+    total, parts = actual.total_load_ratio[0], actual.load_ratios[0]
     assert parts.max() < total <= math.hypot(*parts) * (1.0 + 1e-6)
-    assert np.isnan(found.amplifications[0, 1])
+    assert np.isnan(actual.amplifications[0, 1])
     assert both[1].terrain is not None
     place = ("E1", "z")
     hertz, density = ground_spectrum(
@@ -150,7 +150,7 @@ def test_the_total_is_that_of_orders_and_ground(predictor: Predictor) -> None:
         SPEED,
     )
     mean = trapezoid(density, hertz)
-    assert found.velocities[0, 1] == pytest.approx(math.sqrt(mean), rel=2e-3)
+    assert actual.velocities[0, 1] == pytest.approx(math.sqrt(mean), rel=2e-3)
 
 
 def assessed(
@@ -182,18 +182,18 @@ def test_levels_over_angles_and_speeds_are_those_of_each_pair(predictor: Predict
 def test_states_of_the_ground(predictor: Predictor) -> None:
     """They follow its load ratio, which doubles from class to class: clear, note and warning."""
     for name, state in (("A", ResonanceState.NOTE), ("C", ResonanceState.WARNING)):
-        found = assessed(predictor, described(terrain={"class": name}), SPEED)
-        assert (found.state, found.excitation) == (state, f"field (class {name})")
-        assert math.isnan(found.excitation_frequency)
-        assert math.isnan(found.natural_frequency)
-        assert math.isnan(found.probability)
-        assert found.excitation_speed == SPEED
-        assert found.ground_unknown == ""
-    assert found.load_ratio > 0.33
-    text = present_sentence(found, described())
-    assert text.startswith(f"field (class C) at 28.8 km/h exerts {found.load_ratio:.2g} of the")
-    assert f"It ends at a ground speed of {3.6 * found.quiet_speed:.3g} km/h" in text
-    slower = assessed(predictor, described(), float(found.quiet_speed))
+        actual = assessed(predictor, described(terrain={"class": name}), SPEED)
+        assert (actual.state, actual.excitation) == (state, f"field (class {name})")
+        assert math.isnan(actual.excitation_frequency)
+        assert math.isnan(actual.natural_frequency)
+        assert math.isnan(actual.probability)
+        assert actual.excitation_speed == SPEED
+        assert actual.ground_unknown == ""
+    assert actual.load_ratio > 0.33
+    text = present_sentence(actual, described())
+    assert text.startswith(f"field (class C) at 28.8 km/h exerts {actual.load_ratio:.2g} of the")
+    assert f"It ends at a ground speed of {3.6 * actual.quiet_speed:.3g} km/h" in text
+    slower = assessed(predictor, described(), float(actual.quiet_speed))
     assert slower.state != ResonanceState.WARNING
     assert assessed(predictor, described(), 0.0).state == ResonanceState.CLEAR
 
@@ -201,27 +201,27 @@ def test_states_of_the_ground(predictor: Predictor) -> None:
 def test_a_tyre_in_the_air_is_a_warning(predictor: Predictor) -> None:
     """The level is not known there, and the total is that of the orders alone, but not calm."""
     rough = described(terrain={"class": "F"})
-    found = assessed(predictor, rough, SPEED)
-    assert found.off_ground_share > AIRBORNE
-    assert math.isnan(found.load_ratio)
-    assert found.total_load_ratio == 0.0
-    assert found.state == ResonanceState.WARNING
-    text = present_sentence(found, rough)
+    actual = assessed(predictor, rough, SPEED)
+    assert actual.off_ground_share > AIRBORNE
+    assert math.isnan(actual.load_ratio)
+    assert actual.total_load_ratio == 0.0
+    assert actual.state == ResonanceState.WARNING
+    text = present_sentence(actual, rough)
     assert "field (class F) at 28.8 km/h lifts a tyre off the ground" in text
     assert "The level of the ground is not known: a tyre is off the ground" in text
-    if not math.isnan(found.quiet_speed):
-        after = assessed(predictor, rough, float(found.quiet_speed))
+    if not math.isnan(actual.quiet_speed):
+        after = assessed(predictor, rough, float(actual.quiet_speed))
         assert after.off_ground_share <= AIRBORNE
 
 
 def test_an_unknown_ground_is_not_clear(predictor: Predictor) -> None:
     """With a tool in the soil there is no level, no total without orders, and a reason."""
     working = excitations_from_mapping({"field": GROUND | {"raised": False}})
-    found = assessed(predictor, working, SPEED)
-    assert found.state == ResonanceState.STALE
-    assert math.isnan(found.total_load_ratio)
-    assert "A tool is in the soil" in found.ground_unknown
-    text = present_sentence(found, working)
+    actual = assessed(predictor, working, SPEED)
+    assert actual.state == ResonanceState.STALE
+    assert math.isnan(actual.total_load_ratio)
+    assert "A tool is in the soil" in actual.ground_unknown
+    text = present_sentence(actual, working)
     assert text.startswith("No load is known. The level of the ground is not known: a tool is in")
     with_shaft = described(raised=False)
     assert assessed(predictor, with_shaft, SPEED).total_load_ratio == 0.0
@@ -240,8 +240,8 @@ def test_a_mechanism_without_wheels(tmp_path: Path) -> None:
     path = tmp_path / "mine.yaml"
     path.write_text("field: {speed: ground, terrain: {class: C}, raised: true}\n")
     mine = read_loads(Parameters(**files, excitation_file=str(path)), served)
-    found = LevelTable(served.predictor, served.mechanism, mine).at(
+    values = LevelTable(served.predictor, served.mechanism, mine).at(
         np.array([ALPHA3]), np.array([[0.0], [0.0], [SPEED]])
     )
-    assert "has no base on two or more mounts" in found.ground_unknown[0]
-    assert np.isnan(found.total_velocity[0])
+    assert "has no base on two or more mounts" in values.ground_unknown[0]
+    assert np.isnan(values.total_velocity[0])

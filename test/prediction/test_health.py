@@ -51,17 +51,17 @@ def judged(
 ) -> list[list[Fault]]:
     """Return the faults of each second of readings, whose stamps have an age (s)."""
     watch = watch or ReadingWatch()
-    found, due = [], 1.0
+    actual, due = [], 1.0
     rates = iter(velocity) if isinstance(velocity, Sequence) else itertools.repeat(velocity)
     for now, angle in zip(times, angles, strict=True):
         while now >= due:
-            found.append(watch.judge(due, 1.0, expected))
+            actual.append(watch.judge(due, 1.0, expected))
             due += 1.0
         received = START + round(1e9 * now)
         stamp = received - round(1e9 * age) if age < math.inf else 0
         known = not math.isfinite(angle) or expected.contains(angle)
         watch.take(now, stamp, received, angle, next(rates), known=known)
-    return [*found, watch.judge(due, 1.0, expected)]
+    return [*actual, watch.judge(due, 1.0, expected)]
 
 
 def seconds(rate: float, duration: float) -> "list[float]":
@@ -222,8 +222,8 @@ def rate_alarms(*parts: tuple[float, float]) -> list[bool]:
     for rate, duration in parts:
         times += [begin + time + 1e-6 for time in seconds(rate, duration)] if rate else []
         begin += duration
-    found = judged(times, [2.0] * len(times))
-    return [any("instead of" in fault.sentence for fault in faults) for faults in found]
+    actual = judged(times, [2.0] * len(times))
+    return [any("instead of" in fault.sentence for fault in faults) for faults in actual]
 
 
 def test_falling_rate() -> None:
@@ -233,9 +233,9 @@ def test_falling_rate() -> None:
         *(5.0 + t for t in seconds(20, 4)),
         *(9.0 + t for t in seconds(90, 3)),
     ]
-    found = judged(times, [2.0] * len(times))
-    assert [bool(faults) for faults in found] == [False] * 6 + [True] * 3 + [False] * 3
-    assert "20.0 Hz instead of 100.0 Hz" in found[7][0].sentence
+    actual = judged(times, [2.0] * len(times))
+    assert [bool(faults) for faults in actual] == [False] * 6 + [True] * 3 + [False] * 3
+    assert "20.0 Hz instead of 100.0 Hz" in actual[7][0].sentence
 
 
 @pytest.mark.parametrize(

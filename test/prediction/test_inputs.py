@@ -71,8 +71,8 @@ def test_position_is_found_by_name() -> None:
 def test_crank_angle_and_velocity() -> None:
     """Angle = sign * scale * position + offset, and the velocity is turned and scaled alike."""
     settings = Parameters(joint_name="b", sign=-1, scale=0.5, offset=2.0, angle_stddev=0.01)
-    found = settings.crank_input(JOINTS).read_one(state(["b"], [0.25], [4.0]), RECEIVED)
-    assert found == (Reading(1.875, -2.0, 0.01), 3, 4, "base", RECEIVED)
+    reading = settings.crank_input(JOINTS).read_one(state(["b"], [0.25], [4.0]), RECEIVED)
+    assert reading == (Reading(1.875, -2.0, 0.01), 3, 4, "base", RECEIVED)
 
 
 @pytest.mark.parametrize("velocities", [[], [1.0], [1.0, 2.0, 3.0]])
@@ -117,8 +117,8 @@ def test_calibration_never_turns_back(data: st.DataObject) -> None:
         st.lists(st.floats(1e-4, 1.0), min_size=len(inner) + 1, max_size=len(inner) + 1)
     )
     hitch = percent_input(percents, 3.1 - np.cumsum([0.0, *steps]))
-    found = [hitch.reading(p).crank_angle for p in np.linspace(0.0, 100.0, 251)]
-    assert (np.diff(found) <= 1e-12).all()
+    actual = [hitch.reading(p).crank_angle for p in np.linspace(0.0, 100.0, 251)]
+    assert (np.diff(actual) <= 1e-12).all()
 
 
 def test_resolution_of_the_bus_is_an_uncertainty() -> None:
@@ -202,10 +202,10 @@ def test_presets(name: str) -> None:
         with_values(chosen, {f"{name}_unit": preset.unit})
     settings = Parameters()
     if name == "hitch":
-        found: Any = settings.crank_input(JOINTS)
+        crank: Any = settings.crank_input(JOINTS)
     else:
-        found = settings.speed_input(Source(name), FLOATS)
-    assert found.describe("/topic").endswith("on /topic")
+        crank = settings.speed_input(Source(name), FLOATS)
+    assert crank.describe("/topic").endswith("on /topic")
 
 
 def test_speeds_in_their_units() -> None:
@@ -236,11 +236,14 @@ def test_fixed_position() -> None:
         settings = with_values(Parameters(), speed | changes)
         assert settings.source("hitch").topic == "a"
         crank = settings.crank_input(JOINTS)
-        found = crank.read_one(data, RECEIVED)
-        assert found is not None
-        assert (found[0].crank_angle, found[0].velocity) == (pytest.approx(angle, abs=1e-12), 0.0)
+        reading = crank.read_one(data, RECEIVED)
+        assert reading is not None
+        assert (reading[0].crank_angle, reading[0].velocity) == (
+            pytest.approx(angle, abs=1e-12),
+            0.0,
+        )
         columns = crank.scale.columns(np.array([math.nan]), np.array([1.0]))
-        assert (columns[0].tolist(), columns[1].tolist()) == ([found[0].crank_angle], [0.0])
+        assert (columns[0].tolist(), columns[1].tolist()) == ([reading[0].crank_angle], [0.0])
         assert crank.describe("/a").startswith(f"hitch position {changes['hitch_position']:g} ")
     # The first speed that is not fixed gives the moments; `hitch_field` names another number.
     later = with_values(Parameters(), {"hitch_position": 2.5, "engine_speed": 1800.0})
@@ -253,9 +256,9 @@ def test_origin_of_the_time() -> None:
     """The stamp is that of the header, or the time of receipt less the delay."""
     data = state(["b"], [2.0])
     later = {"joint_name": "b", "hitch_time": "receipt", "hitch_delay": 0.25}
-    found = with_values(Parameters(), later).crank_input(JOINTS).read_one(data, RECEIVED)
-    assert found is not None
-    assert (found[1], found[2], found[4]) == (
+    reading = with_values(Parameters(), later).crank_input(JOINTS).read_one(data, RECEIVED)
+    assert reading is not None
+    assert (reading[1], reading[2], reading[4]) == (
         *divmod(RECEIVED - 250_000_000, 10**9),
         RECEIVED - 250_000_000,
     )
@@ -377,7 +380,7 @@ def test_ends_of_a_calibration_belong_to_it() -> None:
     reading = moved.reading(0.5, 0.25)  # a position of 100, which falls by 5 in a second
     assert reading.crank_angle == pytest.approx(1.0)
     assert reading.velocity == pytest.approx(0.1)
-    found = moved.columns(np.array([0.5, 5.5]), np.array([0.25, math.nan]))
-    np.testing.assert_allclose(found[0], [1.0, 3.0], atol=1e-12)
-    np.testing.assert_allclose(found[1], [0.1, math.nan])
-    assert found[2].tolist() == [0.0, 0.0]
+    actual = moved.columns(np.array([0.5, 5.5]), np.array([0.25, math.nan]))
+    np.testing.assert_allclose(actual[0], [1.0, 3.0], atol=1e-12)
+    np.testing.assert_allclose(actual[1], [0.1, math.nan])
+    assert actual[2].tolist() == [0.0, 0.0]

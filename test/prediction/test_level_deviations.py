@@ -93,8 +93,8 @@ def drawn_models() -> Iterator[LinkageModel]:
 @pytest.fixture(scope="module")
 def sampled() -> FloatArray:
     """Return velocities and load ratios of models with other numbers, (SAMPLES, 2, n_lines)."""
-    found = np.empty((SAMPLES, 2, len(LINES)))
-    for row, model in zip(found, drawn_models(), strict=True):
+    values = np.empty((SAMPLES, 2, len(LINES)))
+    for row, model in zip(values, drawn_models(), strict=True):
         # By the FRFs of the components, and by the modes of the assembly.
         drive = [("E1", "z")]
         receptance = model.coupled_frf(ALPHA3, LINES, drive, drive)[:, 0, 0]
@@ -104,7 +104,7 @@ def sampled() -> FloatArray:
         first = [names.index(each) for each in dict.fromkeys(names)]
         ratios = np.sqrt(np.add.reduceat(frf, first, axis=1)) / model.reference_forces(ALPHA3)
         row[:] = np.abs(receptance) * math.tau * LINES, ratios.max(axis=1)
-    return found * FORCE / math.sqrt(2.0)
+    return values * FORCE / math.sqrt(2.0)
 
 
 def at_path(mapping: Any, path: str) -> float:
@@ -117,8 +117,8 @@ def at_path(mapping: Any, path: str) -> float:
 def test_factors_and_probabilities_are_those_of_models(sampled: FloatArray) -> None:
     """At, between and above resonances, they agree with the samples."""
     levels = level_table()
-    found = levels.factors(np.full(len(LINES), ALPHA3), speeds(LINES), 0.0)
-    factors = [found[name][:, 0] for name in ("velocity_factors", "load_ratio_factors")]
+    actual = levels.factors(np.full(len(LINES), ALPHA3), speeds(LINES), 0.0)
+    factors = [actual[name][:, 0] for name in ("velocity_factors", "load_ratio_factors")]
     assert within_samples(np.log(factors), np.log(sampled))
     totals = levels.member_totals(np.full(len(LINES), ALPHA3), speeds(LINES))
     assert [total.shape for total in totals] == 2 * [(MEMBERS, len(LINES))]
@@ -217,12 +217,12 @@ def test_factors_are_held_for_a_fifth_of_a_second() -> None:
     angles = np.radians([100.0, 120.0, 140.0, 160.0, 170.0])
     monitor = ResonanceMonitor(excitations(), levels=levels)
     monitor.set_fixed(Source.PTO, 7.0)
-    found = [
+    actual = [
         monitor.assess(predictor.predict(angle), 0.0, time).load_ratio_factor
         for angle, time in zip(angles.tolist(), stamps, strict=True)
     ]
     fresh = levels.factors(angles, speeds(np.full(5, 7.0)), 0.33)["load_ratio_factors"][:, 0]
-    assert found == fresh[[0, 0, 2, 2, 4]].tolist()
+    assert actual == fresh[[0, 0, 2, 2, 4]].tolist()
     assert len(set(fresh.tolist())) == 5
 
 

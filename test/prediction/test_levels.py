@@ -76,10 +76,10 @@ def level_at(levels: LevelTable, alpha3: float, at: tuple[float, ...]) -> Any:
 @pytest.mark.parametrize("name", NAMES)
 def test_levels_are_those_of_the_model(name: str) -> None:
     """Velocity and acceleration are those of the FRF of the model times the load at this speed."""
-    found, mechanism, _ = shipped(name)
+    actual, mechanism, _ = shipped(name)
     model = LinkageModel(mechanism)
     for alpha3 in (1.6, 2.2345, 3.1):
-        level, solution = level_at(found, alpha3, speeds()), model.solve(alpha3)
+        level, solution = level_at(actual, alpha3, speeds()), model.solve(alpha3)
         hertz = 540.0 * 0.45 / 60.0 * np.array([1.0, 2.0])
         frf = solution.frf([("E1", "z")], [("E2", "x")]).frf(hertz)[:, 0, 0]
         force = np.array([150.0, 40.0]) * (540.0 / 1080.0) ** 2
@@ -88,8 +88,8 @@ def test_levels_are_those_of_the_model(name: str) -> None:
         acceleration = 2.0 * math.pi * hertz * velocity
         np.testing.assert_allclose(level.accelerations[3:5], acceleration, rtol=2e-4)
         # A moment does work on the rotation of the implement, whose places turn with it.
-        one, other = (solution.configuration.place("implement", p) for p in ((0, 0), (0.438, 0)))
-        lever, turn = other - one, 9.0
+        first, other = (solution.configuration.place("implement", p) for p in ((0, 0), (0.438, 0)))
+        lever, turn = other - first, 9.0
         across = np.array([-lever[1], lever[0]]) / (lever @ lever)
         receptance = solution.frf(
             [("E1", "z")], [("E1", "x"), ("E1", "z"), ("E2", "x"), ("E2", "z")]
@@ -109,8 +109,8 @@ def test_shaft_at_rest() -> None:
     """A shaft that does not turn exerts nothing, whatever its exponent; an unknown speed is NaN."""
     shaft = {**ORDERS["shaft"], "exponent": -1}  # type: ignore[dict-item]
     orders = {"rotor": ORDERS["rotor"], "shaft": shaft}
-    found, _, _ = shipped("three_point_linkage_on_tractor", orders)
-    still, unknown = (level_at(found, 2.0, speeds(pto=pto)) for pto in (0.0, math.nan))
+    actual, _, _ = shipped("three_point_linkage_on_tractor", orders)
+    still, unknown = (level_at(actual, 2.0, speeds(pto=pto)) for pto in (0.0, math.nan))
     for name in ("velocities", "accelerations", "load_ratios"):
         assert (getattr(still, name) == 0.0).all()
         assert np.isnan(getattr(unknown, name)).all()
@@ -122,10 +122,10 @@ def test_load_ratios_are_those_of_the_model() -> None:
     The total adds squares over the excitations in each pin or cylinder.
     """
     orders = {name: ORDERS[name] for name in ("rotor", "shaft")}
-    found, mechanism, _ = shipped("three_point_linkage_on_tractor", orders)
+    actual, mechanism, _ = shipped("three_point_linkage_on_tractor", orders)
     model = LinkageModel(mechanism, reduced=False)
     for alpha3 in (1.7, 2.4, 3.0):
-        level, solution = level_at(found, alpha3, speeds()), model.solve(alpha3)
+        level, solution = level_at(actual, alpha3, speeds()), model.solve(alpha3)
         static = model.reference_forces(alpha3)
         squares = []
         loads = [(4.05, ("E2", "x"), 37.5), (8.1, ("E2", "x"), 10.0)]
@@ -158,9 +158,9 @@ def test_accelerated_soil() -> None:
         name: {**road, "at": place, "at_speed": 1.0}
         for name, place in (("all", "base.z"), ("rear", "base:rear_axle.x"))
     }
-    found = LevelTable(predictor, mechanism, excitations_from_mapping(orders))
+    levels = LevelTable(predictor, mechanism, excitations_from_mapping(orders))
     hertz = 8.0 / (2.0 * math.pi * 0.8)
-    level = level_at(found, 2.2, speeds(ground=8.0))
+    level = level_at(levels, 2.2, speeds(ground=8.0))
     solution = model.solve(2.2)
     for k, soil in enumerate((("base", "z"), ("base:rear_axle", "x"))):
         moved = transmissibility(solution, [("E1", "z")], soil).frf(np.array([hertz]))[0, 0, 0]
@@ -175,12 +175,12 @@ def test_displaced_soil() -> None:
     """
     tyre = {"speed": "ground", "rolling_radius": 0.8, "orders": [1], "base_displacement": [2e-3]}
     orders = {"tyre": {**tyre, "at": "base:rear_axle.z", "at_speed": 5.0}}
-    found, mechanism, _ = shipped("three_point_linkage_on_tractor", orders)
+    actual, mechanism, _ = shipped("three_point_linkage_on_tractor", orders)
     solution = LinkageModel(mechanism).solve(2.2)
     soil = transmissibility(solution, [("E1", "z")], ("base:rear_axle", "z"))
     for speed in (0.2, 8.0):
         moved = soil.frf(np.array([speed / (2.0 * math.pi * 0.8)]))[0, 0, 0]
-        level = level_at(found, 2.2, speeds(ground=speed))
+        level = level_at(actual, 2.2, speeds(ground=speed))
         w = speed / 0.8
         velocity = w * abs(moved) * 2e-3 / math.sqrt(2.0)
         assert level.velocities[0] == pytest.approx(velocity, rel=2e-4)
@@ -190,25 +190,25 @@ def test_displaced_soil() -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_one_by_one_and_together(name: str) -> None:
     """Levels of one angle and of many are equal to the last bit, also outside the table."""
-    found, _, _ = shipped(name)
+    actual, _, _ = shipped(name)
     rng = np.random.default_rng(1)
     alpha3 = np.concatenate([rng.uniform(1.6, 3.1, 67), [math.nan, 0.0, 2.0]])
     values = np.vstack([rng.uniform(0.0, 4000.0, (2, 70)), rng.uniform(0.0, 10.0, (1, 70))])
     values[:, ::7] = math.nan
     values[1, 3] = 0.0
-    many = found.at(alpha3, values)
+    many = actual.at(alpha3, values)
     for i, angle in enumerate(alpha3.tolist()):
-        one = level_at(found, angle, tuple(values[:, i].tolist()))
+        first = level_at(actual, angle, tuple(values[:, i].tolist()))
         for name, expected in vars(many).items():
-            np.testing.assert_array_equal(getattr(one, name), expected[i], name)
+            np.testing.assert_array_equal(getattr(first, name), expected[i], name)
     assert np.isnan(many.amplifications[[67, 68]]).all()
 
 
 def test_totals_of_nothing() -> None:
     """Amplitudes of zero add up to zero, and the total of what is not known is not known."""
     still = {**ORDERS["rotor"], "force": [0.0, 0.0]}  # type: ignore[dict-item]
-    found, _, _ = shipped("three_point_linkage_on_tractor", {"rotor": still})
-    level, unknown = (level_at(found, 2.0, speeds(pto=pto)) for pto in (540.0, math.nan))
+    actual, _, _ = shipped("three_point_linkage_on_tractor", {"rotor": still})
+    level, unknown = (level_at(actual, 2.0, speeds(pto=pto)) for pto in (540.0, math.nan))
     for name in ("total_velocity", "total_acceleration", "total_load_ratio"):
         assert getattr(level, name) == 0.0
         assert np.isnan(getattr(unknown, name))
@@ -219,16 +219,16 @@ def test_load_without_a_static_response() -> None:
     road: dict[str, Any] = {"speed": "ground", "rolling_radius": 0.8, "orders": [1]}
     road["base_acceleration"] = [1.0]
     orders = {axis: {**road, "at": f"base.{axis}", "at_speed": 5.0} for axis in "xz"}
-    found, _, _ = shipped("three_point_linkage_on_tractor", orders)
-    level = level_at(found, 2.2, speeds(ground=5.0))
+    actual, _, _ = shipped("three_point_linkage_on_tractor", orders)
+    level = level_at(actual, 2.2, speeds(ground=5.0))
     assert np.isnan(level.amplifications).tolist() == [True, False]
     assert (level.velocities > 0.0).all()
 
 
 def test_what_is_not_known() -> None:
     """Above the band, numbers are NaN."""
-    found, _, _ = shipped("three_point_linkage")
-    level = level_at(found, 2.0, speeds(engine=4100.0))
+    actual, _, _ = shipped("three_point_linkage")
+    level = level_at(actual, 2.0, speeds(engine=4100.0))
     assert np.isnan(level.amplifications[2])  # 205 Hz, while the band ends at 200 Hz
     assert not np.isnan(level.amplifications[1])
 

@@ -39,7 +39,7 @@ def test_moment_is_a_pair_of_forces(body: str, alpha3: float) -> None:
     configuration = LinkageModel(MECHANISM).solve(alpha3).configuration
     assert MECHANISM.base is not None
     mounts = {mount.name: mount.at for mount in MECHANISM.base.mounts}
-    [rigid] = [one for one in MECHANISM.rigid_bodies if one.name == "implement"]
+    [rigid] = [each for each in MECHANISM.rigid_bodies if each.name == "implement"]
     points = dict(rigid.points) if body == "implement" else mounts
     force, moment = np.zeros(2), 0.0
     for (point, direction), weight in zip(load.places, weights.tolist(), strict=True):
@@ -65,8 +65,8 @@ def test_motion_of_the_soil_is_a_force_of_the_mounts(kind: str) -> None:
         expected = {n: m for n, m in known.items() if m.stiffness[axis] or m.damping[axis]}
         assert stiffness == {name: mount.stiffness[axis] for name, mount in expected.items()}
         assert damping == {name: mount.damping[axis] for name, mount in expected.items()}
-        one = unit_load(kind, f"base:rear_axle.{direction}")
-        assert one.places == (("rear_axle", direction),)
+        first = unit_load(kind, f"base:rear_axle.{direction}")
+        assert first.places == (("rear_axle", direction),)
 
 
 def test_force_is_one() -> None:

@@ -60,8 +60,8 @@ def test_one_step_is_no_motion() -> None:
     """A sensor that alternates between two steps while the hitch stands still is no motion."""
     step = 0.004 * math.pi / 2.0
     crank = crank_filter()
-    found = [crank.add(i * SECOND // 10, 2.0 + step * (i % 7 == 0), step) for i in range(200)]
-    assert all(abs(one.value) <= one.error for one in found[20:])
+    actual = [crank.add(i * SECOND // 10, 2.0 + step * (i % 7 == 0), step) for i in range(200)]
+    assert all(abs(each.value) <= each.error for each in actual[20:])
 
 
 def test_gaps_and_jumps_of_the_clock() -> None:
@@ -69,15 +69,15 @@ def test_gaps_and_jumps_of_the_clock() -> None:
     for jump in (GAP + 1, -5 * SECOND, 10**17):
         crank, time = crank_filter(), 10**18
         for i in range(40):
-            found = crank.add(time, 2.0 + 0.02 * i)
+            rate = crank.add(time, 2.0 + 0.02 * i)
             time += SECOND // 25
-        assert found.value == pytest.approx(0.5)
+        assert rate.value == pytest.approx(0.5)
         time += jump
         assert math.isnan(crank.add(time, 2.8).error)
         for i in range(1, 10):
-            found = crank.add(time + i * SECOND // 25, 2.8 - 0.02 * i)
-        assert found.value == pytest.approx(-0.5)
-        assert found.error < 0.5
+            rate = crank.add(time + i * SECOND // 25, 2.8 - 0.02 * i)
+        assert rate.value == pytest.approx(-0.5)
+        assert rate.error < 0.5
 
 
 def test_readings_that_give_no_rate() -> None:
@@ -91,9 +91,9 @@ def test_readings_that_give_no_rate() -> None:
 def test_an_exact_ramp_of_a_speed() -> None:
     """A speed that rises by the same amount each time is not taken for steps of its sensor."""
     engine = speed_filter(Source.ENGINE)
-    found = [engine.add(i * SECOND // 10, 1000.0 + 10.0 * i) for i in range(20)][-1]
-    assert found.value == pytest.approx(100.0)
-    assert found.error < 50.0
+    actual = [engine.add(i * SECOND // 10, 1000.0 + 10.0 * i) for i in range(20)][-1]
+    assert actual.value == pytest.approx(100.0)
+    assert actual.error < 50.0
 
 
 def test_resolution_of_percent() -> None:
@@ -137,13 +137,13 @@ def test_error_of_a_quantity_at_rest(
     and by the bend times the time k h / 2 since their middle.
     """
     rest, h = new_filter(), 0.1
-    found = [rest.add(i * SECOND // 10, 5.0) for i in range(30)][-1]
+    actual = [rest.add(i * SECOND // 10, 5.0) for i in range(30)][-1]
     expected = min(step / (k * h) + bend * k * h / 2.0 for k in range(1, 9))
-    assert (found.value, found.error) == (0.0, pytest.approx(expected))
+    assert (actual.value, actual.error) == (0.0, pytest.approx(expected))
     stated = new_filter()
-    found = [stated.add(i * SECOND // 10, 5.0, 2.0 * step) for i in range(30)][-1]
+    actual = [stated.add(i * SECOND // 10, 5.0, 2.0 * step) for i in range(30)][-1]
     expected = min(2.0 * step / (k * h) + bend * k * h / 2.0 for k in range(1, 9))
-    assert found.error == pytest.approx(expected)
+    assert actual.error == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
@@ -165,5 +165,5 @@ def test_a_move_in_a_gap_is_no_rate() -> None:
     for i in range(30):
         crank.add(i * SECOND // 25, 2.0 + 0.001 * i)
     begin = 29 * SECOND // 25 + GAP + 1
-    found = [crank.add(begin + i * SECOND // 25, 2.5 - 0.02 * i) for i in range(6)]
-    assert [one.value for one in found[2:]] == pytest.approx([-0.5] * 4)
+    actual = [crank.add(begin + i * SECOND // 25, 2.5 - 0.02 * i) for i in range(6)]
+    assert [each.value for each in actual[2:]] == pytest.approx([-0.5] * 4)

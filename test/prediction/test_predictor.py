@@ -198,9 +198,9 @@ def test_table_of_nearly_a_turn_does_not_turn(predictor: Predictor) -> None:
     for turn, turns in ((2.0 * math.pi, True), (2.0 * math.pi * (1.0 - 1e-9), False)):
         alpha3 = 1.0 + turn * (table.alpha3 - table.alpha3[0]) / np.ptp(table.alpha3)
         around = Predictor(replace(table, alpha3=alpha3, toggles=None))
-        found = around.angle_in_table(3.0 + 2.0 * math.pi)
-        assert (found is None) != turns
-        assert not turns or found == pytest.approx(3.0)
+        actual = around.angle_in_table(3.0 + 2.0 * math.pi)
+        assert (actual is None) != turns
+        assert not turns or actual == pytest.approx(3.0)
         assert around.angle_in_table(0.5) == (pytest.approx(0.5 + 2.0 * math.pi) if turns else None)
         assert (around.angle_in_table(9.99e5) is None) != turns
         assert around.angle_in_table(1.01e6) is None
@@ -216,10 +216,10 @@ def test_modes_that_are_uncertain(frequency: float, ratio: float, uncertain: boo
     stddevs = np.zeros((2, 3, 2))
     stddevs[0, 1, 1], stddevs[1, 2, 1] = 20.0 * frequency, 0.05 * ratio
     stddevs[:, 0, :] = math.nan  # it is not known there
-    found = uncertain_modes(frequencies, stddevs[0], ratios, stddevs[1])
-    assert len(found) == uncertain
+    actual = uncertain_modes(frequencies, stddevs[0], ratios, stddevs[1])
+    assert len(actual) == uncertain
     percent = f"{100.0 * frequency:.2g} % of its natural frequency and {100.0 * ratio:.2g} %"
-    assert all("Mode 2 is uncertain" in text and percent in text for text in found)
+    assert all("Mode 2 is uncertain" in text and percent in text for text in actual)
 
 
 @pytest.mark.parametrize(
@@ -236,10 +236,10 @@ def test_modes_that_are_uncertain(frequency: float, ratio: float, uncertain: boo
 )
 def test_faults_of_angles(predictor: Predictor, degrees: float, words: str) -> None:
     """A fault names the angle and the range, and a turn that would bring it into the table."""
-    found = fault(predictor.predict(math.radians(degrees)), predictor.table.alpha3_range)
-    assert words in found
-    assert bool(found) == bool(words)
-    assert ("a turn off" in words) == ("a turn off" in found)
+    actual = fault(predictor.predict(math.radians(degrees)), predictor.table.alpha3_range)
+    assert words in actual
+    assert bool(actual) == bool(words)
+    assert ("a turn off" in words) == ("a turn off" in actual)
     far = predictor.predict(math.radians(120.0 + 360.0 * 2778))  # 1.00008e6 deg
     assert "a turn off" not in fault(far, predictor.table.alpha3_range)
     near = predictor.predict(math.radians(120.0 + 360.0 * 2777))
@@ -306,16 +306,16 @@ def test_parts_of_a_deviation(predictor: Predictor) -> None:
     That by the angle is the slope times its deviation, that by the table its bound of the error.
     """
     alpha3, stddev = 2.3, 1e-3
-    one, shares = predictor.predict(alpha3, stddev), predictor.shares(alpha3, stddev)
+    prediction, shares = predictor.predict(alpha3, stddev), predictor.shares(alpha3, stddev)
     step = 1e-5
     ends = [predictor.predict(alpha3 + s) for s in (-step, step)]
     for row, name in enumerate(("natural_frequencies", "damping_ratios")):
         low, high = (getattr(each, name) for each in ends)
         turned = np.abs(high - low) / (2.0 * step) * stddev
         np.testing.assert_allclose(shares.angle[row], turned, rtol=1e-4)
-        missed = one.interpolation_error * getattr(one, name)
+        missed = prediction.interpolation_error * getattr(prediction, name)
         np.testing.assert_allclose(shares.table[row], missed, rtol=1e-12)
-        total = (one.frequency_stddevs, one.damping_ratio_stddevs)[row]
+        total = (prediction.frequency_stddevs, prediction.damping_ratio_stddevs)[row]
         np.testing.assert_allclose(total, np.hypot(turned, missed), rtol=1e-4)
     assert not shares.links.any()
     assert not shares.parameters.any()
@@ -329,9 +329,9 @@ def test_many_predictions_are_single_ones(predictor: Predictor) -> None:
     many = predict_many(predictor, angles, stddevs)
     assert many.status.tolist() == [0, 1, 2, 0, 0, 1, 0, 2]
     for i, (angle, stddev) in enumerate(zip(angles.tolist(), stddevs.tolist(), strict=True)):
-        one = predictor.predict(angle, stddev)
-        for column in fields(one):
-            expected = getattr(one, column.name)
+        prediction = predictor.predict(angle, stddev)
+        for column in fields(prediction):
+            expected = getattr(prediction, column.name)
             if column.name == "table_id":
                 assert many.table_id == expected
             else:

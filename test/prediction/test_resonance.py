@@ -60,13 +60,15 @@ def test_nearest_of_all_pairs(predictor: Predictor, speed: float, alpha3: float)
     watch = ResonanceMonitor([Excitation(f"e {o}", Source.ENGINE, o / 60.0) for o in orders])
     watch.set_speed(Source.ENGINE, speed, 0)
     prediction = predictor.predict(alpha3)
-    found = watch.assess(prediction, 0.0, 0)
+    resonance = watch.assess(prediction, 0.0, 0)
     margins = [
         (o / 60.0 * speed - f) / f for o in orders for f in prediction.natural_frequencies.tolist()
     ]
-    assert found.relative_margin == pytest.approx(min(margins, key=abs), rel=1e-9, abs=1e-12)
-    assert found.margin == pytest.approx(found.excitation_frequency - found.natural_frequency)
-    assert (found.state is NOTE) == (abs(found.relative_margin) < 0.1)  # no load is known
+    assert resonance.relative_margin == pytest.approx(min(margins, key=abs), rel=1e-9, abs=1e-12)
+    assert resonance.margin == pytest.approx(
+        resonance.excitation_frequency - resonance.natural_frequency
+    )
+    assert (resonance.state is NOTE) == (abs(resonance.relative_margin) < 0.1)  # no load is known
 
 
 def ramp(watch: ResonanceMonitor, first: float, rate: float, seconds: float) -> int:
@@ -83,13 +85,13 @@ def test_approach_of_an_engine_that_speeds_up(prediction: Prediction) -> None:
     for first, approach, crossing in ((-6.5, 1, 1.5), (-4.5, -1, math.inf)):
         watch = monitor()
         end = ramp(watch, natural + first, 2.0, 1.9 if approach > 0 else 3.1)
-        found = watch.assess(prediction, 0.0, end)
-        assert found.approach == approach
-        assert found.time_to_crossing == pytest.approx(
+        resonance = watch.assess(prediction, 0.0, end)
+        assert resonance.approach == approach
+        assert resonance.time_to_crossing == pytest.approx(
             crossing - 0.05 if approach > 0 else crossing
         )
-        assert abs(found.approach_rate) == pytest.approx(2.0)
-        assert 0.0 < found.approach_rate_error < 1.0
+        assert abs(resonance.approach_rate) == pytest.approx(2.0)
+        assert 0.0 < resonance.approach_rate_error < 1.0
 
 
 def test_a_direction_that_is_not_known(prediction: Prediction) -> None:
@@ -100,10 +102,10 @@ def test_a_direction_that_is_not_known(prediction: Prediction) -> None:
     end = ramp(watch, natural - 6.0, 2.0, 2.0)
     still = watch.assess(prediction, math.nan, end)  # the motion of the hitch is not known
     within = watch.assess(prediction, 0.0, end, velocity_error=1.0)
-    for found in (first, still, within):
-        assert found.state is not ResonanceState.STALE
-        assert found.approach == 0
-        assert math.isnan(found.time_to_crossing)
+    for each in (first, still, within):
+        assert each.state is not ResonanceState.STALE
+        assert each.approach == 0
+        assert math.isnan(each.time_to_crossing)
     assert within.approach_rate_error > abs(within.approach_rate)
     watch.set_fixed(Source.ENGINE, rpm(natural - 2.0))
     fixed = watch.assess(prediction, 0.0, end)  # nothing moves, so they never meet
@@ -118,10 +120,10 @@ def test_tyres_excite_in_reverse(prediction: Prediction, direction: float) -> No
     for i in range(30):
         speed = direction * (5.0 + 0.1 * i)  # m/s, 1 m/s^2
         watch.set_speed(Source.GROUND, speed, i * SECOND // 10)
-    found = watch.assess(prediction, 0.0, 29 * SECOND // 10)
-    assert found.excitation_frequency == pytest.approx(4.0 * 7.9)
-    assert abs(found.approach_rate) == pytest.approx(4.0)
-    assert found.approach == -1 if found.margin > 0.0 else 1
+    resonance = watch.assess(prediction, 0.0, 29 * SECOND // 10)
+    assert resonance.excitation_frequency == pytest.approx(4.0 * 7.9)
+    assert abs(resonance.approach_rate) == pytest.approx(4.0)
+    assert resonance.approach == -1 if resonance.margin > 0.0 else 1
 
 
 def test_approach_of_a_hitch_that_moves(predictor: Predictor) -> None:
@@ -130,10 +132,10 @@ def test_approach_of_a_hitch_that_moves(predictor: Predictor) -> None:
     before, after = predictor.predict(alpha3), predictor.predict(alpha3 + velocity)  # 1 s on
     target = float(after.natural_frequencies[1])
     watch.set_fixed(Source.ENGINE, rpm(target))
-    found = watch.assess(before, velocity, 0)
-    assert found.mode == 1
-    assert found.approach == 1
-    assert found.time_to_crossing == pytest.approx(1.0, rel=0.1)  # the slope changes on the way
+    resonance = watch.assess(before, velocity, 0)
+    assert resonance.mode == 1
+    assert resonance.approach == 1
+    assert resonance.time_to_crossing == pytest.approx(1.0, rel=0.1)  # the slope changes on the way
     assert watch.assess(before, -velocity, 0).approach == -1
     assert watch.assess(before, 0.0, 0).approach == 0
 
@@ -149,8 +151,8 @@ def test_stale_speeds(predictor: Predictor, prediction: Prediction) -> None:
     assert math.isnan(stale.time_to_crossing)
     watch.set_speed(Source.ENGINE, 2000.0, 5 * SECOND)
     for at, expected in ((5.0, False), (5.99, False), (6.01, True), (3.9, True)):
-        found = watch.assess(prediction, 0.0, round(at * SECOND)).state
-        assert (found is ResonanceState.STALE) == expected
+        actual = watch.assess(prediction, 0.0, round(at * SECOND)).state
+        assert (actual is ResonanceState.STALE) == expected
     outside = predictor.predict(0.0)
     assert watch.assess(outside, 0.0, 5 * SECOND).state is ResonanceState.STALE
     watch.set_fixed(Source.ENGINE, 2000.0)
@@ -225,11 +227,11 @@ def test_burst_makes_no_rate_of_its_own(prediction: Prediction) -> None:
     for i, noise in enumerate(np.random.default_rng(1).normal(0.0, 0.01, 5000)):
         time = i * SECOND // 5000  # the noise changes by some 100 Hz/s from one to the next
         watch.set_speed(Source.ENGINE, rpm(natural - 4.0 + 2e-9 * time + noise), time)
-        found = watch.assess(prediction, 0.0, time)
-        if found.approach_rate == found.approach_rate:
-            assert abs(found.approach_rate - 2.0) < found.approach_rate_error
-    assert found.approach == 1
-    assert found.time_to_crossing == pytest.approx(1.0, rel=0.1)
+        resonance = watch.assess(prediction, 0.0, time)
+        if resonance.approach_rate == resonance.approach_rate:
+            assert abs(resonance.approach_rate - 2.0) < resonance.approach_rate_error
+    assert resonance.approach == 1
+    assert resonance.time_to_crossing == pytest.approx(1.0, rel=0.1)
 
 
 def test_probability_is_that_of_a_sample() -> None:
@@ -251,8 +253,8 @@ def test_a_speed_is_fresh_up_to_its_limit(prediction: Prediction) -> None:
     for age, fresh in ((10**9, True), (-(10**9), True), (10**9 + 1, False), (-(10**9) - 1, False)):
         watch = monitor()
         watch.set_speed(Source.ENGINE, 2000.0, 10**12)
-        found = watch.assess(prediction, 0.0, 10**12 + age)
-        assert (found.state != ResonanceState.STALE) == fresh
+        resonance = watch.assess(prediction, 0.0, 10**12 + age)
+        assert (resonance.state != ResonanceState.STALE) == fresh
 
 
 def test_long_series_are_assessed_as_short_ones(predictor: Predictor) -> None:
@@ -266,9 +268,9 @@ def test_long_series_are_assessed_as_short_ones(predictor: Predictor) -> None:
     for i, angle in enumerate(angles.tolist()):
         if i in reports:
             watch.set_speed(Source.ENGINE, reports[i], int(times[i]))
-        one = watch.assess(predictor.predict(angle), 0.12, int(times[i]))
+        resonance = watch.assess(predictor.predict(angle), 0.12, int(times[i]))
         for name in ("state", "excitation_frequency", "approach_rate"):
-            np.testing.assert_array_equal(getattr(whole, name)[i], getattr(one, name))
+            np.testing.assert_array_equal(getattr(whole, name)[i], getattr(resonance, name))
     assert len(set(whole.state.tolist())) > 1
 
 
@@ -281,8 +283,8 @@ def test_same_calls_give_the_same_answers(predictor: Predictor) -> None:
             time = i * SECOND // 50
             if i % 5 == 0:
                 watch.set_speed(Source.ENGINE, 4000.0 + 700.0 * math.sin(0.03 * i), time)
-            found = watch.assess(predictor.predict(1.6 + 0.005 * i), 0.25, time)
-            answers.append(encode_message(RESONANCE, found, i, 0, ""))
+            resonance = watch.assess(predictor.predict(1.6 + 0.005 * i), 0.25, time)
+            answers.append(encode_message(RESONANCE, resonance, i, 0, ""))
         return answers
 
     assert played() == played()
@@ -306,14 +308,14 @@ def test_real_engine_speeds(predictor: Predictor) -> None:
             # From 0xFB00 on the bus says that there is no number.
             speed = 0.125 * raw if raw < 0xFB00 else math.nan
             watch.set_speed(Source.ENGINE, speed, time)
-            found = watch.assess(prediction, 0.0, time)
+            resonance = watch.assess(prediction, 0.0, time)
             speeds.append(speed)
-            states.append(found.state)
-            if found.state is NOTE:
-                crossings += found.margin * sign < 0.0
-                sign = found.margin
-                assert found.excitation_frequency == pytest.approx(
-                    float(found.excitation.split()[1]) * speed / 60.0
+            states.append(resonance.state)
+            if resonance.state is NOTE:
+                crossings += resonance.margin * sign < 0.0
+                sign = resonance.margin
+                assert resonance.excitation_frequency == pytest.approx(
+                    float(resonance.excitation.split()[1]) * speed / 60.0
                 )
     running = [speed for speed in speeds if speed > 0.0]
     assert len(speeds) > 1000

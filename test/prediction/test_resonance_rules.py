@@ -68,16 +68,16 @@ class Rules:
         The loads are the load ratios, then the total. The last is None if all are stale.
         """
         states, ranked, seconds = [], [], time / SECOND
-        for k, one in enumerate(ORDERS):
-            warns = self._follow(k, loads[k] > WARNING_RATIO and one.warns, seconds)
+        for k, each in enumerate(ORDERS):
+            warns = self._follow(k, loads[k] > WARNING_RATIO and each.warns, seconds)
             modes = [i for i, natural in enumerate(row["f"]) if not math.isnan(natural)]
-            if one.source not in speeds or not modes:
+            if each.source not in speeds or not modes:
                 states.append(STALE)
                 continue
-            frequency = one.ratio * speeds[one.source]
+            frequency = each.ratio * speeds[each.source]
             mode = min(modes, key=lambda i: abs(frequency - row["f"][i]) / row["f"][i])
             natural = row["f"][mode]
-            probability = self._probability(one, frequency, row, mode)
+            probability = self._probability(each, frequency, row, mode)
             apart = abs(frequency - natural) / natural
             known = not math.isnan(loads[k])
             calm = NOTE if (loads[k] > NOTE_RATIO if known else apart < NEAR) else CLEAR
@@ -95,12 +95,12 @@ class Rules:
         overall = ranks[max(best[0], {CLEAR: 0, NOTE: 1, WARNING: 2}[total])]
         return states, overall, best[3:]
 
-    def _probability(self, one: Any, f: float, row: dict[str, Any], mode: int) -> float:
+    def _probability(self, first: Any, f: float, row: dict[str, Any], mode: int) -> float:
         if not self.with_levels:
             return math.nan
         stddev, zeta, natural = row["s"][mode], row["zeta"][mode], row["f"][mode]
         low, high = (
-            below(edge * natural, f, math.hypot(edge * stddev, one.relative_stddev * f))
+            below(edge * natural, f, math.hypot(edge * stddev, first.relative_stddev * f))
             for edge in (1.0 - zeta, 1.0 + zeta)
         )
         return high - low
@@ -135,7 +135,7 @@ def test_every_number_follows_the_rules(with_levels: bool) -> None:
         now = {s: column[k] for s, column in speeds.items() if not math.isnan(column[k])}
         for source in Source:
             monitor.set_fixed(source, now.get(source))
-        found = monitor.assess_many(
+        actual = monitor.assess_many(
             predictions.rows(slice(k, k + 1)),
             velocities[k : k + 1],
             np.array([times[k]]),
@@ -149,27 +149,27 @@ def test_every_number_follows_the_rules(with_levels: bool) -> None:
             "s": predictions.frequency_stddevs[k].tolist(),
             "velocity": float(velocities[k]),
         }
-        loads = [*found.load_ratios.tolist(), float(found.total_load_ratio)]
+        loads = [*actual.load_ratios.tolist(), float(actual.total_load_ratio)]
         states, overall, best = rules.reported(row, now, times[k], loads)
-        assert found.states.tolist() == states, k
-        assert found.state == overall, k
+        assert actual.states.tolist() == states, k
+        assert actual.state == overall, k
         seen |= set(states)
         if best is None:
-            assert (found.excitation, found.mode) == ("", -1)
-            assert math.isnan(found.margin)
+            assert (actual.excitation, actual.mode) == ("", -1)
+            assert math.isnan(actual.margin)
             continue
         place, (mode, frequency, natural, probability, rate) = -best[0], best[1]
-        assert (found.excitation, found.mode) == (ORDERS[place].name, mode), k
+        assert (actual.excitation, actual.mode) == (ORDERS[place].name, mode), k
         margin = frequency - natural
         closing = -rate if margin > 0.0 else rate
         crossing = abs(margin) / closing if closing > 0.0 else math.inf
         expected = [frequency, natural, margin, margin / natural, closing, crossing]
         names = ["excitation_frequency", "natural_frequency", "margin", "relative_margin"]
         names += ["approach_rate", "time_to_crossing"]
-        numbers = [getattr(found, name) for name in names]
+        numbers = [getattr(actual, name) for name in names]
         assert numbers == pytest.approx(expected, rel=1e-9, abs=1e-12), k
-        assert found.probability == pytest.approx(probability, abs=1e-12, nan_ok=True), k
-        assert found.approach == (closing > 0.0) - (closing < 0.0)
+        assert actual.probability == pytest.approx(probability, abs=1e-12, nan_ok=True), k
+        assert actual.approach == (closing > 0.0) - (closing < 0.0)
     assert seen == {CLEAR, STALE, NOTE} | ({WARNING} if with_levels else set())
 
 

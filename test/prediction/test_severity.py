@@ -86,8 +86,8 @@ def test_states_on_both_sides_of_each_limit() -> None:
     known = np.array([True] * 5 + [True, False])
     warns = np.array([False] * 5 + [True, False])
     ratio, apart, known, warns = (v[:, np.newaxis] for v in (ratio, apart, known, warns))
-    found = states(ratio, apart, known, warns, WarningLimits())[:, 0]
-    assert found.tolist() == [CLEAR, NOTE, NOTE, CLEAR, NOTE, WARNING, STALE]
+    actual = states(ratio, apart, known, warns, WarningLimits())[:, 0]
+    assert actual.tolist() == [CLEAR, NOTE, NOTE, CLEAR, NOTE, WARNING, STALE]
 
 
 def shaken(force: float, limits: WarningLimits = WarningLimits()) -> ResonanceMonitor:  # noqa: B008
@@ -116,27 +116,27 @@ def test_the_load_ratio_grows_with_the_force_and_warns_above_its_limit() -> None
     per_newton = float(small.load_ratio) / 100.0
     assert small.load_place in load_table(config_file(DEFAULT_TABLE)).force_places
     for share, state in ((0.329, NOTE), (0.331, WARNING), (0.0999, CLEAR), (0.1001, NOTE)):
-        found = assessed(shaken(share / per_newton), 2.0, 540.0, 1.0)
-        assert found.load_ratio == pytest.approx(share, rel=1e-6)
-        assert found.total_load_ratio == pytest.approx(share, rel=1e-6)
-        assert (found.state, found.states.tolist()) == (state, [state])
-        assert found.load_ratio_factor == pytest.approx(small.load_ratio_factor)
+        actual = assessed(shaken(share / per_newton), 2.0, 540.0, 1.0)
+        assert actual.load_ratio == pytest.approx(share, rel=1e-6)
+        assert actual.total_load_ratio == pytest.approx(share, rel=1e-6)
+        assert (actual.state, actual.states.tolist()) == (state, [state])
+        assert actual.load_ratio_factor == pytest.approx(small.load_ratio_factor)
 
 
 def test_a_warning_names_what_ends_it() -> None:
     """At the named speed, and at the named angle, the warning is gone after the dwell time."""
     monitor = shaken(6000.0)
-    found = assessed(monitor, 2.0, 540.0, 2.0)
-    assert found.state == WARNING
-    sentence = present_sentence(found, monitor.excitations)
-    assert f"{found.quiet_speed:.0f} rpm" in sentence
-    assert assessed(shaken(6000.0), 2.0, float(found.quiet_speed), 2.0).state != WARNING
-    assert not math.isnan(found.quiet_speed)
-    if not math.isnan(found.quiet_angle):
-        assert assessed(shaken(6000.0), float(found.quiet_angle), 540.0, 2.0).state != WARNING
-    speed, angle = found.quiet_speed_direction, found.quiet_angle_direction
-    assert speed == (1 if found.quiet_speed > 540.0 else -1)
-    assert angle == (0 if math.isnan(found.quiet_angle) else 1 if found.quiet_angle > 2.0 else -1)
+    actual = assessed(monitor, 2.0, 540.0, 2.0)
+    assert actual.state == WARNING
+    sentence = present_sentence(actual, monitor.excitations)
+    assert f"{actual.quiet_speed:.0f} rpm" in sentence
+    assert assessed(shaken(6000.0), 2.0, float(actual.quiet_speed), 2.0).state != WARNING
+    assert not math.isnan(actual.quiet_speed)
+    if not math.isnan(actual.quiet_angle):
+        assert assessed(shaken(6000.0), float(actual.quiet_angle), 540.0, 2.0).state != WARNING
+    speed, angle = actual.quiet_speed_direction, actual.quiet_angle_direction
+    assert speed == (1 if actual.quiet_speed > 540.0 else -1)
+    assert angle == (0 if math.isnan(actual.quiet_angle) else 1 if actual.quiet_angle > 2.0 else -1)
     calm = assessed(shaken(1.0), 2.0, 540.0, 2.0)
     assert math.isnan(calm.quiet_speed)
     assert (calm.quiet_speed_direction, calm.quiet_angle_direction) == (0, 0)
@@ -161,8 +161,8 @@ def test_what_ends_a_warning_follows_the_limits_and_the_levels() -> None:
         assert later(monitor, 2.0, 540.0 + 1e-3).quiet_speed == held
         monitor.use(limits, other.levels)
         expected = assessed(other, 2.0, 540.0, 2.0)
-        found = later(monitor, 2.0, 540.0)
-        assert (found.quiet_speed, found.load_ratio_factor) == (
+        actual = later(monitor, 2.0, 540.0)
+        assert (actual.quiet_speed, actual.load_ratio_factor) == (
             expected.quiet_speed,
             expected.load_ratio_factor,
         )
@@ -187,6 +187,6 @@ def test_directions_lead_away_from_a_resonance(factor: float, direction: int) ->
     """Below a mode's frequency a smaller speed ends the warning, and above it a larger one."""
     modes = Predictor(load_table(config_file(DEFAULT_TABLE))).predict(2.0).natural_frequencies
     monitor = shaken(2000.0, WarningLimits(warning=0.13))
-    found = assessed(monitor, 2.0, 60.0 * factor * float(modes[3]), 2.0)  # the rotor's order is 1
-    assert (found.state, found.quiet_speed_direction) == (WARNING, direction)
-    assert (found.excitation_index, found.mode, found.load_ratio_limit) == (0, 3, 0.13)
+    actual = assessed(monitor, 2.0, 60.0 * factor * float(modes[3]), 2.0)  # the rotor's order is 1
+    assert (actual.state, actual.quiet_speed_direction) == (WARNING, direction)
+    assert (actual.excitation_index, actual.mode, actual.load_ratio_limit) == (0, 3, 0.13)

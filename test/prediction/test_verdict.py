@@ -68,9 +68,9 @@ def drive(states: list[int], totals: list[float], step: float = 1.0, **fields: A
     return drive_of(stamps, 0, messages, np.full(n, math.radians(120.0)), names, np.arange(n))
 
 
-def sentence(found: Drive, excitations: tuple[Excitation, ...]) -> str:
+def sentence(actual: Drive, excitations: tuple[Excitation, ...]) -> str:
     """Return the sentence about a drive."""
-    return drive_sentence(found, LIMITS, str, excitations)
+    return drive_sentence(actual, LIMITS, str, excitations)
 
 
 def test_the_largest_load_may_be_too_short_to_warn(excitations: tuple[Excitation, ...]) -> None:
@@ -84,8 +84,8 @@ def test_the_largest_load_may_be_too_short_to_warn(excitations: tuple[Excitation
 def test_the_main_cause_is_the_largest_load(excitations: tuple[Excitation, ...]) -> None:
     """An excitation that never warns may load most, though the message is about another one."""
     ratios = np.array([[0.4, 5.0]], np.float32)
-    found = drive([WARNING], [5.02], load_ratio=np.array([0.4]), load_ratios=ratios)
-    assert "mostly by high 6." in sentence(found, excitations)
+    actual = drive([WARNING], [5.02], load_ratio=np.array([0.4]), load_ratios=ratios)
+    assert "mostly by high 6." in sentence(actual, excitations)
 
 
 def test_what_is_not_counted_is_said(excitations: tuple[Excitation, ...]) -> None:
@@ -97,14 +97,14 @@ def test_what_is_not_counted_is_said(excitations: tuple[Excitation, ...]) -> Non
     )
     speeds = np.array(["", "engine", ""])
     both = np.full((3, 2), 0.1, np.float32)
-    found = drive([CLEAR] * 3, [0.14] * 3, unknown_speeds=speeds, load_ratios=both)
-    assert sentence(found, excitations).endswith("The engine speed was not known for 1.0 s.")
-    found = drive([CLEAR] * 3, [0.14] * 3, unknown_speeds=np.full(3, ""), load_ratios=both)
-    assert sentence(found, excitations).startswith("No load exceeded the limit")
+    actual = drive([CLEAR] * 3, [0.14] * 3, unknown_speeds=speeds, load_ratios=both)
+    assert sentence(actual, excitations).endswith("The engine speed was not known for 1.0 s.")
+    actual = drive([CLEAR] * 3, [0.14] * 3, unknown_speeds=np.full(3, ""), load_ratios=both)
+    assert sentence(actual, excitations).startswith("No load exceeded the limit")
     lost = [0.14, math.nan, 0.14]
-    found = drive([CLEAR, STALE, CLEAR], lost, unknown_speeds=speeds, load_ratios=both)
+    actual = drive([CLEAR, STALE, CLEAR], lost, unknown_speeds=speeds, load_ratios=both)
     missing = "No load is known for 1.0 s. The engine speed was not known for 1.0 s."
-    assert sentence(found, excitations).endswith(missing)
+    assert sentence(actual, excitations).endswith(missing)
 
 
 @pytest.mark.parametrize(("start", "said"), [(0.9, False), (1.1, True)])
@@ -112,8 +112,8 @@ def test_the_time_before_the_first_speed_is_said(
     excitations: tuple[Excitation, ...], start: float, said: bool
 ) -> None:
     """A log begins with predictions; its messages begin when the first speed is known."""
-    found = drive([NOTE] * 3, [0.14] * 3)
-    text = sentence(replace(found, times=found.times + start), excitations)
+    actual = drive([NOTE] * 3, [0.14] * 3)
+    text = sentence(replace(actual, times=actual.times + start), excitations)
     assert ("No load is known for the first 1.1 s, as no speed was known" in text) is said
 
 
@@ -183,8 +183,8 @@ def test_load_ratios_are_short(ratio: float, text: str) -> None:
 
 def test_a_stale_message_says_what_is_missing(excitations: tuple[Excitation, ...]) -> None:
     """It is the speeds if all are missing, and otherwise the prediction."""
-    one = drive([STALE], [math.nan]).resonances.message(0)
-    assert "has no natural frequencies" in present_sentence(one, excitations)
+    first = drive([STALE], [math.nan]).resonances.message(0)
+    assert "has no natural frequencies" in present_sentence(first, excitations)
     speeds = np.array(["engine, pto"])
     both = drive([STALE], [math.nan], unknown_speeds=speeds)
     text = "the engine and PTO speeds are not known or not fresh"
@@ -216,8 +216,10 @@ def test_the_worst_warning_says_what_would_have_ended_it(
     """It is the speed or the angle of the worst message that warned, not of the largest load."""
     quiet = {"quiet_speed": np.full(4, 9.0), "quiet_angle": np.full(4, 9.0)}
     quiet["quiet_speed"][2], quiet["quiet_angle"][2] = speed, angle
-    found = drive([NOTE, WARNING, WARNING, CLEAR], [7.0, 0.4, 0.5, 0.0], **quiet)
-    head, _, tail = sentence(found, excitations).partition(" The worst warning would have ended at")
+    actual = drive([NOTE, WARNING, WARNING, CLEAR], [7.0, 0.4, 0.5, 0.0], **quiet)
+    head, _, tail = sentence(actual, excitations).partition(
+        " The worst warning would have ended at"
+    )
     assert tail.removesuffix(" The loads of high 6 are not known and not counted.") == end
     assert "once, for 2.0 s" in head
     assert "ended" not in sentence(drive([NOTE], [7.0], **quiet), excitations)
@@ -238,8 +240,8 @@ def test_an_unknown_load_is_not_quiet() -> None:
     monitor.set_fixed(Source.PTO, 540.0)
     for speed, state, known in ((2010.0, CLEAR, False), (1990.0, WARNING, True)):
         monitor.set_fixed(Source.ENGINE, speed)
-        found = monitor.assess(predictor.predict(math.radians(120.0)), 0.0, 0)
-        assert (found.state, np.isfinite(found.load_ratios[1])) == (state, known)
-        assert found.load_ratios[0] < LIMITS.note
-    assert found.excitation == "high 6"
-    assert not found.quiet_speed > 1990.0
+        resonance = monitor.assess(predictor.predict(math.radians(120.0)), 0.0, 0)
+        assert (resonance.state, np.isfinite(resonance.load_ratios[1])) == (state, known)
+        assert resonance.load_ratios[0] < LIMITS.note
+    assert resonance.excitation == "high 6"
+    assert not resonance.quiet_speed > 1990.0

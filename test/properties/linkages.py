@@ -191,12 +191,12 @@ def damper(draw: st.DrawFn, mechanism: Mechanism) -> dict[str, Any]:
     joints = sorted({point for point, _, _ in mechanism.joints})
     names = [GROUND, *(body.name for body in mechanism.bodies)]
     pairs = [
-        [one, other]
+        [each, other]
         for i, first in enumerate(names)
         for second in names[i + 1 :]
-        for one in mechanism.local_points(first)
+        for each in mechanism.local_points(first)
         for other in mechanism.local_points(second)
-        if mechanism.owners(one)[:1] != mechanism.owners(other)[:1]
+        if mechanism.owners(each)[:1] != mechanism.owners(other)[:1]
     ]
     if draw(CHOICE):
         return {"joint": _member(draw, joints), **constant}

@@ -120,10 +120,10 @@ def receptance(solution: Solution, frequency: float) -> NDArray[np.complex128]:
     return solution.frf(DRIVE, DRIVE).frf(np.array([frequency]))[0]
 
 
-def assert_same(one: Solution, other: Solution, turned: float) -> None:
+def assert_same(first: Solution, other: Solution, turned: float) -> None:
     """Check that two models have the same frequencies."""
-    difference = np.abs(other.modes.omega**2 - one.modes.omega**2)
-    assert (difference <= rounding(one, turned) + rounding(other, turned)).all()
+    difference = np.abs(other.modes.omega**2 - first.modes.omega**2)
+    assert (difference <= rounding(first, turned) + rounding(other, turned)).all()
 
 
 def assert_no_higher(lower: Solution, upper: Solution) -> None:
@@ -235,15 +235,15 @@ def test_rigid_motion(linkage: Linkage, frequency: float, turn: float, x: float,
     mapping["input"]["range_deg"] = [angle + turn for angle in mapping["input"]["range_deg"]]
     angles = mapping["assembly"]["angles_deg"]
     angles.update({name: angle + turn for name, angle in angles.items()})
-    one, other = linkage.solve(), moved.solve()
+    solution, other = linkage.solve(), moved.solve()
     rounded = turned_by_rounding(abs(x) + abs(z) + 2.0 * math.pi)
-    assert_same(one, other, rounded)
+    assert_same(solution, other, rounded)
     c, s = math.cos(math.radians(turn)), math.sin(math.radians(turn))
     axes = np.array([[c, -s], [s, c]])
     back = axes.T @ receptance(other, frequency) @ axes
     # Turning back mixes the four by two factors up to 1.
-    limit = sum(frf_rounding(found, DRIVE, frequency, rounded).max() for found in (one, other))
-    assert (np.abs(back - receptance(one, frequency)) <= 2.0 * limit).all()
+    limit = sum(frf_rounding(each, DRIVE, frequency, rounded).max() for each in (solution, other))
+    assert (np.abs(back - receptance(solution, frequency)) <= 2.0 * limit).all()
 
 
 @holds_for(linkages(), FREQUENCY, st.data())
@@ -257,11 +257,11 @@ def test_renumbering(linkage: Linkage, frequency: float, data: st.DataObject) ->
         names = data.draw(st.permutations(sorted(mapping[key])))
         mapping[key] = {name: mapping[key][name] for name in names}
     other = Linkage(mapping, mapping["assembly"]["alpha3_deg"])
-    one, two = linkage.solve(), other.solve()
+    solution, two = linkage.solve(), other.solve()
     rounded = turned_by_rounding(2.0 * math.pi)
-    assert_same(one, two, rounded)
-    limit = sum(frf_rounding(found, DRIVE, frequency, rounded) for found in (one, two))
-    difference = receptance(two, frequency) - receptance(one, frequency)
+    assert_same(solution, two, rounded)
+    limit = sum(frf_rounding(each, DRIVE, frequency, rounded) for each in (solution, two))
+    difference = receptance(two, frequency) - receptance(solution, frequency)
     assert (np.abs(difference) <= limit).all()
 
 

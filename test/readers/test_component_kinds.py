@@ -26,9 +26,9 @@ PLACES = [("E1", "z"), ("V1", "x")]
 
 def component(model: LinkageModel, name: str) -> Component:
     """Return a component that has matrices."""
-    found = next(c for c in model.components if c.name == name)
-    assert isinstance(found, Component)
-    return found
+    actual = next(c for c in model.components if c.name == name)
+    assert isinstance(actual, Component)
+    return actual
 
 
 def write(folder: Path, mapping: Any) -> Path:
@@ -135,10 +135,10 @@ def test_all_four_kinds_in_one_linkage(mapping: Any, model: LinkageModel, tmp_pa
     replace_body(mapping, "lift_rod", kind="frfs", path="rod.npz")
     mixed = LinkageModel(read_mechanism(write(tmp_path, mapping)))
     for alpha3 in np.radians([90.0, 140.0, 180.0]):
-        found = mixed.coupled_frf(alpha3, FREQUENCIES, PLACES, PLACES)
+        receptances = mixed.coupled_frf(alpha3, FREQUENCIES, PLACES, PLACES)
         exact = judge.solve(alpha3).frf(PLACES, PLACES).frf(FREQUENCIES)
-        np.testing.assert_allclose(found, exact, rtol=0, atol=1e-8 * np.abs(exact).max())
-        assert np.linalg.norm(found - exact) < 1e-8 * np.linalg.norm(exact)
+        np.testing.assert_allclose(receptances, exact, rtol=0, atol=1e-8 * np.abs(exact).max())
+        assert np.linalg.norm(receptances - exact) < 1e-8 * np.linalg.norm(exact)
     with pytest.raises(ModelError, match="lift_rod is known by its FRFs alone"):
         mixed.solve(2.0)
     with pytest.raises(ModelError, match=r"lift_rod has no FRF at 0\.75 Hz"):
@@ -287,18 +287,18 @@ def test_modes_identified_from_frfs_are_the_assemblys(
     replace_body(mapping, "lift_rod", kind="frfs", path="rod.npz")
     mixed = LinkageModel(read_mechanism(write(tmp_path, mapping)))
     for alpha3 in np.radians([90.0, 140.0, 175.0]):
-        found, exact = mixed.identify(alpha3), model.solve(alpha3)
-        assert len(found.natural_frequencies) == 3
+        actual, exact = mixed.identify(alpha3), model.solve(alpha3)
+        assert len(actual.natural_frequencies) == 3
         np.testing.assert_allclose(
-            found.natural_frequencies, exact.natural_frequencies[:3], rtol=1e-3
+            actual.natural_frequencies, exact.natural_frequencies[:3], rtol=1e-3
         )
-        np.testing.assert_allclose(found.damping_ratios, exact.damping_ratios[:3], rtol=1e-2)
+        np.testing.assert_allclose(actual.damping_ratios, exact.damping_ratios[:3], rtol=1e-2)
         shapes = exact.modes.shapes[: len(model.interface), :3]
         shapes = shapes / np.linalg.norm(shapes, axis=0)
-        assert (np.diag(found.modes.shapes.T @ shapes) ** 2 > 0.999).all()
+        assert (np.diag(actual.modes.shapes.T @ shapes) ** 2 > 0.999).all()
         band = model.mechanism.response.band
-        assert found.peak(band).frequency == pytest.approx(exact.peak(band).frequency, rel=1e-3)
-        assert found.peak(band).magnitude == pytest.approx(exact.peak(band).magnitude, rel=1e-2)
+        assert actual.peak(band).frequency == pytest.approx(exact.peak(band).frequency, rel=1e-3)
+        assert actual.peak(band).magnitude == pytest.approx(exact.peak(band).magnitude, rel=1e-2)
 
 
 def test_a_table_from_frfs(mapping: Any, model: LinkageModel, tmp_path: Path) -> None:
@@ -307,12 +307,12 @@ def test_a_table_from_frfs(mapping: Any, model: LinkageModel, tmp_path: Path) ->
     mapping["input"]["range_deg"] = [120.0, 150.0]
     exact = build_table(LinkageModel(read_mechanism(write(tmp_path, mapping))), 1e-4)
     replace_body(mapping, "lift_rod", kind="frfs", path="rod.npz")
-    found = build_table(LinkageModel(read_mechanism(write(tmp_path, mapping))), 1e-2)
+    table = build_table(LinkageModel(read_mechanism(write(tmp_path, mapping))), 1e-2)
     angles = np.linspace(*exact.alpha3_range, 20)
-    found_values, exact_values = found.evaluate(angles), exact.evaluate(angles)
+    found_values, exact_values = table.evaluate(angles), exact.evaluate(angles)
     np.testing.assert_allclose(found_values[:, :3], exact_values[:, :3], rtol=1e-2)
     np.testing.assert_allclose(found_values[:, -1], exact_values[:, -1], rtol=2e-2)
-    assert found.places == ()
+    assert table.places == ()
 
 
 def save_noisy_frfs(
@@ -342,10 +342,10 @@ def test_noisy_frfs_from_a_file(
     replace_body(mapping, link, kind="frfs", path="link.npz")
     path = write(tmp_path, mapping)
     mixed, alpha3 = LinkageModel(read_mechanism(path)), math.radians(140.0)
-    found, exact = mixed.identify(alpha3), model.solve(alpha3)
-    assert len(found.natural_frequencies) == 3
-    assert found.natural_frequencies[0] == pytest.approx(exact.natural_frequencies[0], rel=0.01)
-    assert found.natural_frequencies == pytest.approx(exact.natural_frequencies[:3], rel=0.04)
+    modes, exact = mixed.identify(alpha3), model.solve(alpha3)
+    assert len(modes.natural_frequencies) == 3
+    assert modes.natural_frequencies[0] == pytest.approx(exact.natural_frequencies[0], rel=0.01)
+    assert modes.natural_frequencies == pytest.approx(exact.natural_frequencies[:3], rel=0.04)
     save_noisy_frfs(tmp_path / "link.npz", model, link, share, np.linspace(0.1, 20.0, 200))
     short = LinkageModel(read_mechanism(path))
     with pytest.raises(ModelError, match=rf"in the FRFs of links\.{link} becomes \d+ % in the"):

@@ -17,9 +17,9 @@ from linkage_vibration.support.resources import PAPER_MECHANISM, PAPER_TABLE, co
 
 def test_shipped_file() -> None:
     """The shipped file has every source, and no order or name twice."""
-    found = read_excitations(config_file("excitations.yaml"))
-    assert {one.source for one in found} == set(Source)
-    assert len({one.name for one in found}) == len(found) == 13
+    actual = read_excitations(config_file("excitations.yaml"))
+    assert {each.source for each in actual} == set(Source)
+    assert len({each.name for each in actual}) == len(actual) == 13
 
 
 @pytest.mark.parametrize(
@@ -46,7 +46,7 @@ def test_places_that_a_mechanism_lacks() -> None:
         mechanism_file=str(config_file(PAPER_MECHANISM)), table_file=str(config_file(PAPER_TABLE))
     )
     served, notices = read_served(settings), list[str]()
-    loads = {one.name: one.load for one in read_loads(settings, served, notices.append)}
+    loads = {each.name: each.load for each in read_loads(settings, served, notices.append)}
     kept = {"pto_shaft 1", "cardan_joint 2", "rotor 1", "tines 2"}
     assert {name for name, load in loads.items() if load is not None} == kept
     assert len(loads) == 13
@@ -60,8 +60,8 @@ def test_places_that_the_tractor_has() -> None:
     """On the shipped tractor nothing is left out."""
     settings, notices = Parameters(), list[str]()
     excitations = read_loads(settings, read_served(settings), notices.append)
-    amplitudes = [one.load or one.terrain for one in excitations]
-    assert all(one is not None and one.relative_stddev > 0.0 for one in amplitudes)
+    amplitudes = [each.load or each.terrain for each in excitations]
+    assert all(each is not None and each.relative_stddev > 0.0 for each in amplitudes)
     assert not notices
 
 

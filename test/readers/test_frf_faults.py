@@ -65,7 +65,7 @@ def weigh(path: Path, link: str, mass: float) -> None:
 
 def beam_mass(model: LinkageModel, link: str) -> float:
     """Return the mass of one of the equal beams of uniform section, kg."""
-    body = next(one.body for one in model.mechanism.links if one.name == link)
+    body = next(each.body for each in model.mechanism.links if each.name == link)
     assert isinstance(body, Beam)
     (segment,) = body.segments
     return body.material.density * segment.section.area * segment.end
@@ -153,7 +153,7 @@ def test_the_mass_of_a_beam_is_not_a_key(mapping: Any, tmp_path: Path) -> None:
 
 def test_mass_from_noisy_lines() -> None:
     """Random links weigh what their FRFs show within 10 %; lines above a resonance show nothing."""
-    found = above = 0
+    actual = above = 0
     for seed in range(10):
         link = measured_link(np.random.default_rng(seed))
         lines = find_mass_lines(link.frfs.frequencies, link.frfs.frf)
@@ -162,14 +162,14 @@ def test_mass_from_noisy_lines() -> None:
             assert lines is None
         if lines is None:
             continue
-        found += 1
+        actual += 1
         shown = shown_mass(link.frfs.dofs, lines, link.points)
         assert shown is not None
         mass, misfit = shown
         assert mass == pytest.approx(link.mass, rel=0.1)
         assert misfit < 0.15
         assert lines.last < link.lowest
-    assert found > 4
+    assert actual > 4
     assert above > 0
 
 
@@ -247,13 +247,13 @@ def test_random_links(seeds: range) -> None:
     assert sound.tried[True] >= 0.5 * len(seeds)
     least = {"magnitudes of accelerances": 0.99, "exp(-i omega t)": 0.8}
     for fault in FAULTS:
-        found = results[fault]
-        assert share(found) >= (least.get(fault, 1.0) if seeds == MANY else 0.4), fault
+        actual = results[fault]
+        assert share(actual) >= (least.get(fault, 1.0) if seeds == MANY else 0.4), fault
 
 
-def share(found: Outcome) -> float:
+def share(actual: Outcome) -> float:
     """Return the share of a fault that is refused where there are lines of the rigid body."""
-    return found.refused[True] / found.tried[True]
+    return actual.refused[True] / actual.tried[True]
 
 
 def test_every_fault_changes_the_measurement() -> None:

@@ -74,12 +74,12 @@ def functions(quantity: int = 12, turned: tuple[str, ...] = ()) -> list[dict[str
     f = FREQUENCIES if power else FREQUENCIES[1:]
     frf = np.zeros((len(f), 5, 5), dtype=complex)
     frf[-50:] = receptance(FREQUENCIES[1:])
-    found = []
+    actual = []
     for i, response in enumerate(NAMES):
         for j, reference in enumerate(NAMES):
             signs = [-1 if name in turned else 1 for name in (response, reference)]
             ends = [name.split() for name in (response, reference)]
-            found.append(
+            actual.append(
                 {
                     "type": 58,
                     "func_type": 4,
@@ -98,7 +98,7 @@ def functions(quantity: int = 12, turned: tuple[str, ...] = ()) -> list[dict[str
                     "orddenom_axis_units_lab": "N",
                 }
             )
-    return found
+    return actual
 
 
 def uff(folder: Path, sets: list[dict[str, Any]], *, double: bool = True) -> Path:
@@ -178,16 +178,16 @@ def test_reciprocity_fills_in(tmp_path: Path, expected: ComplexArray) -> None:
 
 def first(**changes: Any) -> list[dict[str, Any]]:
     """Return all functions, the first one changed: response and force at A x."""
-    found = functions()
-    found[0].update(changes)
-    return found
+    actual = functions()
+    actual[0].update(changes)
+    return actual
 
 
 def short() -> list[dict[str, Any]]:
     """Return all functions, that of response B x to A z over fewer lines."""
-    found = functions()
-    found[16]["x"], found[16]["data"] = found[16]["x"][:40], found[16]["data"][:40]
-    return found
+    actual = functions()
+    actual[16]["x"], actual[16]["data"] = actual[16]["x"][:40], actual[16]["data"][:40]
+    return actual
 
 
 BAD_UFF: dict[str, tuple[Callable[[], list[dict[str, Any]]], str]] = {

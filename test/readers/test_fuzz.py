@@ -32,9 +32,9 @@ def test_damaged_files(tmp_path: Path, reader: Reader) -> None:
     for number in range(INPUTS):
         main, files = damaged(reader, number)
         write_files(tmp_path, files)
-        found, trace = read_outcome(reader, tmp_path / main)
-        assert found in (REFUSED, ACCEPTED), f"input {number}: {trace}"
-        outcomes[found] += 1
+        actual, trace = read_outcome(reader, tmp_path / main)
+        assert actual in (REFUSED, ACCEPTED), f"input {number}: {trace}"
+        outcomes[actual] += 1
     assert outcomes[REFUSED] > INPUTS / 4
 
 

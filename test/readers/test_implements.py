@@ -33,9 +33,9 @@ def written(folder: Path, implements: Any) -> Path:
 def test_implements_are_read(mechanism: Mechanism, tmp_path: Path) -> None:
     """Properties are those of the file, and distances become coordinates."""
     sower = {**PLOUGH, "centre_of_gravity": TAPE, "rigid_body": "implement"}
-    found = read_implements(written(tmp_path, {"plough": PLOUGH, "sower": sower}), mechanism)
-    assert list(found) == ["plough", "sower"]
-    plough = found["plough"]
+    actual = read_implements(written(tmp_path, {"plough": PLOUGH, "sower": sower}), mechanism)
+    assert list(actual) == ["plough", "sower"]
+    plough = actual["plough"]
     assert (plough.name, plough.rigid_body, plough.mass, plough.inertia) == (
         "plough",
         "implement",
@@ -43,7 +43,7 @@ def test_implements_are_read(mechanism: Mechanism, tmp_path: Path) -> None:
         450.0,
     )
     assert plough.centre_of_gravity == (0.2, 1.1)
-    x, z = found["sower"].centre_of_gravity
+    x, z = actual["sower"].centre_of_gravity
     assert (x**2 + z**2) ** 0.5 == pytest.approx(1.0)
     assert z > 0.0
 

@@ -206,9 +206,9 @@ def test_one_pin_cannot_hold_a_bar(tmp_path: Path) -> None:
 def test_free_rotations_at_pins(tmp_path: Path) -> None:
     """A named row that is not wanted stays free: the bar keeps its three rigid motions."""
     body = read_matrices(dense_npz(tmp_path, bar()), PINS)
-    found = frequencies(body)
-    assert (found[:3] < 0.01).all()
-    assert found[3] > 300.0
+    actual = frequencies(body)
+    assert (actual[:3] < 0.01).all()
+    assert actual[3] > 300.0
 
 
 def test_planar_model_holds_y(tmp_path: Path) -> None:

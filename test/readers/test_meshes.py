@@ -74,7 +74,7 @@ def write_bar(
 
     def face(axis: int, layer: int, ranges: tuple[range, range]) -> list[list[int]]:
         """Return triangles on a plane of the grid, cut as the bricks are."""
-        found = []
+        actual = []
         others = [k for k in range(3) if k != axis]
         for i, j in itertools.product(*ranges):
             square = []
@@ -82,8 +82,8 @@ def write_bar(
                 place = np.zeros(3, dtype=int)
                 place[axis], place[others[0]], place[others[1]] = layer, i + a, j + b
                 square.append(order * place)
-            found += [numbered([square[k] for k in corners]) for corners in ((0, 1, 2), (0, 2, 3))]
-        return found
+            actual += [numbered([square[k] for k in corners]) for corners in ((0, 1, 2), (0, 2, 3))]
+        return actual
 
     sides = (range(cells[1]), range(cells[2]))
     surfaces = {"left": face(0, 0, sides), "right": face(0, cells[0], sides)}
@@ -165,8 +165,8 @@ def pinned_beam(width: float, height: float, *, clamped: bool = False) -> FloatA
 def test_bar_is_a_timoshenko_beam(tmp_path: Path) -> None:
     """Five bending and one axial mode agree within 2.5e-3 and 4e-3 (ends that cannot contract)."""
     path = write_bar(tmp_path / "bar.msh", (32, 2, 3))
-    found = held(mesh_matrices(path, STEEL, PINS, POINTS, 6))
-    error = found / pinned_beam(*SIZE[1:])[:6] - 1.0
+    actual = held(mesh_matrices(path, STEEL, PINS, POINTS, 6))
+    error = actual / pinned_beam(*SIZE[1:])[:6] - 1.0
     axial = 4
     assert (error > 0.0).all()
     assert error[0] < 2e-4
@@ -177,16 +177,16 @@ def test_bar_is_a_timoshenko_beam(tmp_path: Path) -> None:
 
 def test_convergence(tmp_path: Path) -> None:
     """Frequencies approach those of the beam as the mesh is refined, faster with 2nd order."""
-    found: dict[int, list[float]] = {1: [], 2: []}
+    actual: dict[int, list[float]] = {1: [], 2: []}
     for cells in [(4, 1, 1), (8, 2, 2), (16, 4, 4)]:
-        for order, frequencies in found.items():
+        for order, frequencies in actual.items():
             path = write_bar(tmp_path / "bar.msh", cells, order=order)
             frequencies.append(held(mesh_matrices(path, STEEL, PINS, POINTS, 1))[0])
-    coarse, fine = -np.diff(found[2])
+    coarse, fine = -np.diff(actual[2])
     assert coarse > 4.0 * fine > 0.0
-    assert (np.diff(found[1]) < 0.0).all()
-    assert found[2][2] == pytest.approx(pinned_beam(*SIZE[1:])[0], rel=1e-3)
-    assert (np.array(found[1]) > 1.1 * np.array(found[2])).all()
+    assert (np.diff(actual[1]) < 0.0).all()
+    assert actual[2][2] == pytest.approx(pinned_beam(*SIZE[1:])[0], rel=1e-3)
+    assert (np.array(actual[1]) > 1.1 * np.array(actual[2])).all()
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -212,14 +212,14 @@ def test_statics_of_a_cantilever(tmp_path: Path) -> None:
     path = write_bar(tmp_path / "bar.msh", (48, 2, 4))
     body = mesh_matrices(path, STEEL, PINS, POINTS, 0, rotations={"A", "B"})
     assert body.mass.shape == (6, 6)
-    found = np.linalg.inv(body.stiffness[3:, 3:])
+    actual = np.linalg.inv(body.stiffness[3:, 3:])
     section, length = rectangle(*SIZE[1:], 0.3), SIZE[0]
     rigidity = STEEL.youngs_modulus * section.second_moment
     shear = length / (section.shear_coefficient * section.area * STEEL.shear_modulus)
     bending = length**3 / (3 * rigidity)
-    assert 0.995 < found[1, 1] / (bending + shear) < 1.0
-    assert 0.995 < found[1, 2] / (length**2 / (2 * rigidity)) < 1.0  # theta turns x towards z
-    assert 0.995 < found[0, 0] / (length / (STEEL.youngs_modulus * section.area)) < 1.0
+    assert 0.995 < actual[1, 1] / (bending + shear) < 1.0
+    assert 0.995 < actual[1, 2] / (length**2 / (2 * rigidity)) < 1.0  # theta turns x towards z
+    assert 0.995 < actual[0, 0] / (length / (STEEL.youngs_modulus * section.area)) < 1.0
 
 
 def test_versions_agree(tmp_path: Path) -> None:

@@ -120,5 +120,5 @@ def drive(write_log: WriteLog, tmp_path_factory: pytest.TempPathFactory) -> Path
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
     """Return the browser of the tests of a file; a page that moves would slow other files down."""
-    with Browser() as found:
-        yield found
+    with Browser() as actual:
+        yield actual

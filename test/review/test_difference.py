@@ -33,12 +33,12 @@ def heavier(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 
 def test_same_log_differs_in_nothing(drive: Path) -> None:
     """A log compared with itself gives zeros, and every number of it is compared."""
-    found = compare(drive, drive)
-    assert [q.largest for q in found.quantities] == [0.0] * len(found.quantities)
-    assert [q.rms for q in found.quantities] == [0.0] * len(found.quantities)
+    comparison = compare(drive, drive)
+    assert [q.largest for q in comparison.quantities] == [0.0] * len(comparison.quantities)
+    assert [q.rms for q in comparison.quantities] == [0.0] * len(comparison.quantities)
     sound = int(np.isfinite(read_log(drive).natural_frequencies[:, 0]).sum())
-    assert np.isfinite(found.quantities[1].change).sum() == sound
-    assert found.status_changes == 0
+    assert np.isfinite(comparison.quantities[1].change).sum() == sound
+    assert comparison.status_changes == 0
 
 
 def test_known_difference(write_log: Any, tmp_path: Path) -> None:
@@ -49,17 +49,17 @@ def test_known_difference(write_log: Any, tmp_path: Path) -> None:
     changed[40] += np.deg2rad(1.0)
     changed[60] = np.nan
     b = write_log(tmp_path / "b.mcap", times[10:100], changed[10:], False)
-    found = compare(a, b)
-    angle, mode = found.quantities[:2]
-    assert len(found.stamps) == 90
-    assert found.times[0] == 0.0
+    comparison = compare(a, b)
+    angle, mode = comparison.quantities[:2]
+    assert len(comparison.stamps) == 90
+    assert comparison.times[0] == 0.0
     assert angle.farthest == mode.farthest == 30
     assert np.rad2deg(angle.largest) == pytest.approx(1.0)
     assert np.rad2deg(angle.rms) == pytest.approx(np.sqrt(1.0 / 89.0))
     assert angle.largest_relative == pytest.approx(np.deg2rad(1.0) / alpha3[40])
     assert np.isfinite(angle.change).sum() == 89
-    assert (angle.one_sided, found.status_changes) == (1, 1)
-    shown = difference_summary(found)
+    assert (angle.one_sided, comparison.status_changes) == (1, 1)
+    shown = difference_summary(comparison)
     assert (
         "90 predictions have the same stamps, 10 are only in A, 0 are only in B; 1 differ" in shown
     )
@@ -117,10 +117,10 @@ def test_equal_stamps(write_log: Any, tmp_path: Path) -> None:
     times, angles = [0.0, 0.01, 0.02, 0.02, 0.03], [2.0, 2.1, 2.2, 2.3, 2.4]
     a = write_log(tmp_path / "a.mcap", times, angles, False)
     b = write_log(tmp_path / "b.mcap", times, [*angles[:3], 2.31, 2.4], False)
-    found = compare(a, b)
-    assert found.rows_a.tolist() == found.rows_b.tolist() == [0, 1, 2, 3, 4]
-    assert found.quantities[0].farthest == 3
-    assert found.quantities[0].largest == pytest.approx(0.01)
+    comparison = compare(a, b)
+    assert comparison.rows_a.tolist() == comparison.rows_b.tolist() == [0, 1, 2, 3, 4]
+    assert comparison.quantities[0].farthest == 3
+    assert comparison.quantities[0].largest == pytest.approx(0.01)
     less = write_log(tmp_path / "c.mcap", times[:3], angles[:3], False)
     assert compare(a, less).rows_a.tolist() == [0, 1, 2]
 
@@ -133,9 +133,9 @@ def test_clock_that_jumps_back(write_log: Any, tmp_path: Path) -> None:
     b = write_log(
         tmp_path / "b.mcap", times, angles + np.where(np.arange(80) == 70, 0.01, 0), False
     )
-    found = compare(a, b)
-    assert (np.diff(found.times) > 0.0).all()
-    assert found.quantities[0].farthest == 70
+    comparison = compare(a, b)
+    assert (np.diff(comparison.times) > 0.0).all()
+    assert comparison.quantities[0].farthest == 70
 
 
 def test_command(heavier: tuple[Path, Path], capsys: pytest.CaptureFixture[str]) -> None:
@@ -175,6 +175,6 @@ def test_folders_of_bags(drive: Path, tmp_path: Path) -> None:
     ]
     text = yaml.safe_dump({"rosbag2_bagfile_information": about})
     (tmp_path / "metadata.yaml").write_text(text)
-    found = compare(tmp_path, drive)
-    assert not problems(found)
-    assert found.a.mechanism_text == found.b.mechanism_text != ""
+    comparison = compare(tmp_path, drive)
+    assert not problems(comparison)
+    assert comparison.a.mechanism_text == comparison.b.mechanism_text != ""

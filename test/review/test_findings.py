@@ -62,9 +62,9 @@ def test_jump_of_the_clock(jumping: Path) -> None:
     assert (np.diff(log.stamps)[[1999]] < 0).all()
     np.testing.assert_array_equal(log.stamps[:1000][:800], log.stamps[2000:2800])
     np.testing.assert_allclose(log.crank_angle[2000:2800] - log.crank_angle[:800], 0.02)
-    found = log.resonances
-    assert found is not None
-    assert (found.natural_frequency[2000:2100] != found.natural_frequency[:100]).all()
+    actual = log.resonances
+    assert actual is not None
+    assert (actual.natural_frequency[2000:2100] != actual.natural_frequency[:100]).all()
     assert "The clock jumped back once." in problems(log)
 
 
@@ -131,8 +131,8 @@ def test_overview_of_logs_with_one_name(write_log: Any, tmp_path: Path) -> None:
 def test_overview_escapes_names(log: Log) -> None:
     """A name of a mode or of a file is text, never a part of the page."""
     text = "<script>alert('1')</script>"
-    found = {**drive_summary(log), "log": text, "sentence": text, "mode_names": [text] * 3}
-    text = overview_html([(found, "a b#.html")], [text])
+    actual = {**drive_summary(log), "log": text, "sentence": text, "mode_names": [text] * 3}
+    text = overview_html([(actual, "a b#.html")], [text])
     assert "<script>" not in text
     assert 'href="a%20b%23.html"' in text
 
@@ -172,9 +172,9 @@ def test_summary_is_json(drive: Path, jumping: Path, capsys: Any, log: Log) -> N
     assert (second["clock_jumps"], second["gaps"]) == (1, 1)
     assert first["mode_names"] == (list(log.table.mode_names) if log.table else [])
     assert log.drive is not None
-    found = episodes(log.drive)
-    assert (first["warnings"], len(first["excitations"])) == (len(found), 6)
-    assert first["in_warning_s"] == pytest.approx(sum(one.duration for one in found), rel=1e-5)
+    warnings = episodes(log.drive)
+    assert (first["warnings"], len(first["excitations"])) == (len(warnings), 6)
+    assert first["in_warning_s"] == pytest.approx(sum(each.duration for each in warnings), rel=1e-5)
     numbers = [first["worst"]["load_ratio"], first["in_warning_s"], first["duration_s"]]
     assert all(len(str(number)) < 9 for number in numbers)
     assert f"<td>{first['worst']['load_ratio']:.2g}</td>" in overview_html([(first, "a.html")], [])
@@ -249,15 +249,15 @@ def test_next_goes_forward_from_the_cursor(page: Any, jumping: Path) -> None:
     """Next and Previous go to the moments beside the cursor, and rows can be sorted."""
     drive = read_log(jumping).drive
     assert drive is not None
-    found = drive.predictions[[one.worst for one in episodes(drive)]].tolist()
+    actual = drive.predictions[[each.worst for each in episodes(drive)]].tolist()
     page.click(page.place("#chart-peak .u-over", 0.01))
-    found = [row for row in found if row > page.evaluate("review.cursor")]
+    actual = [row for row in actual if row > page.evaluate("review.cursor")]
     page.key("n", "n")
-    assert page.evaluate("review.cursor") == found[0]
+    assert page.evaluate("review.cursor") == actual[0]
     page.key("n", "n")
-    assert page.evaluate("review.cursor") == found[1]
+    assert page.evaluate("review.cursor") == actual[1]
     page.key("p", "p")
-    assert page.evaluate("review.cursor") == found[0]
+    assert page.evaluate("review.cursor") == actual[0]
     page.evaluate("document.querySelector('#table-moments').open = true")
     head = "#table-moments th:nth-child(6) button"
     page.evaluate(f"document.querySelector('{head}').click()")
@@ -270,5 +270,5 @@ def test_campbell_plot(page: Any, jumping: Path) -> None:
     """Each source has a plot with its orders and the bands of the modes below them."""
     log = read_log(jumping)
     titles = page.evaluate("[...document.querySelectorAll('#campbell svg')].map(e => e.ariaLabel)")
-    assert len(titles) == len({one.source for one in log.excitations} & set(log.speeds)) == 2
+    assert len(titles) == len({each.source for each in log.excitations} & set(log.speeds)) == 2
     assert all("orders and 3 modes" in title for title in titles)

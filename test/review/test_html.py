@@ -118,9 +118,9 @@ def test_size_is_bounded() -> None:
 def test_packed(kind: str) -> None:
     """Arrays are packed as little-endian numbers, which the page's script expects."""
     values = np.arange(5).astype(f">{kind}" if kind != "u1" else kind)
-    found = packed(values)
-    assert found["type"] == kind
-    shown = np.frombuffer(base64.b64decode(found["base64"]), f"<{kind}")
+    actual = packed(values)
+    assert actual["type"] == kind
+    shown = np.frombuffer(base64.b64decode(actual["base64"]), f"<{kind}")
     np.testing.assert_array_equal(shown, np.arange(5))
 
 

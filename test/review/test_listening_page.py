@@ -51,10 +51,10 @@ def test_kinds_of_work_follow_the_stroke(log: Log, end: int, kind: int) -> None:
     angle = np.full(len(log.times), log.table.alpha3_range[end])
     ground = {Source.GROUND: (log.times, np.full(len(log.times), 2.0))}
     signal = shaken(log, -2.0, 3.0)
-    found = kinds(replace(log, crank_angle=angle, speeds=ground), signal)
+    actual = kinds(replace(log, crank_angle=angle, speeds=ground), signal)
     inside = (signal.times >= 0.0) & (signal.times <= log.times[-1])
-    assert set(found[inside].tolist()) == {kind}
-    assert set(found[~inside].tolist()) == {3}
+    assert set(actual[inside].tolist()) == {kind}
+    assert set(actual[~inside].tolist()) == {3}
     assert set(kinds(replace(log, crank_angle=angle), signal).tolist()) == {3}
 
 
@@ -68,12 +68,12 @@ def test_a_level_is_not_known_where_a_speed_or_the_angle_is_not(log: Log) -> Non
     engine = {Source.ENGINE: (times, known)}
     both = engine | {Source.PTO: (times, np.zeros(len(times)))}
     signal = shaken(log, 0.0, 8.0)
-    found = [hear(replace(log, speeds=each), signal) for each in (engine, both)]
-    assert [Source.PTO.value in each.unknown for each in found] == [True, False]
-    for each in found:
+    actual = [hear(replace(log, speeds=each), signal) for each in (engine, both)]
+    assert [Source.PTO.value in each.unknown for each in actual] == [True, False]
+    for each in actual:
         middle = each.orders.times
         np.testing.assert_array_equal(np.isfinite(each.predicted), middle < 20.0)
-    np.testing.assert_array_equal(found[0].predicted, found[1].predicted)
+    np.testing.assert_array_equal(actual[0].predicted, actual[1].predicted)
 
 
 MODE = DriveMode(2.5, 0, 8.0, 0.08, 0.003, 7.6, 0.038, 0.02, 0.002, (20.0,))
@@ -158,11 +158,11 @@ def test_a_dead_axis_and_sensors_that_hardly_meet(
 
     monkeypatch.setattr(drive_modes, "search_modes", listen)
     signal = shaken(log, 0.0, 0.0)
-    one, dead = (replace(signal, values=signal.values * gain) for gain in ([0, 0, 1], [0, 0, 0]))
-    heard = [hear(log, one), hear(log, dead)]
+    first, dead = (replace(signal, values=signal.values * gain) for gain in ([0, 0, 1], [0, 0, 0]))
+    heard = [hear(log, first), hear(log, dead)]
     assert heard_modes(log, heard) == heard_modes(log, heard[1:]) == ()
     assert places == [[("E1", "z")]]
     assert "No natural frequency was found" in listening_page.listening_page(log, heard, (), ())
     late = replace(signal, times=signal.times + signal.times[-1] - 7.0)
-    heard_modes(log, [hear(log, one), hear(log, late)])
+    heard_modes(log, [hear(log, first), hear(log, late)])
     assert len(places) == 1

@@ -109,8 +109,8 @@ def test_datasets_of_logs(drive: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     np.testing.assert_array_equal(data.frf_peak_magnitude, log.peak_magnitude)
     np.testing.assert_array_equal(data.time.astype(np.int64), log.stamps)
     np.testing.assert_array_equal(data.crank_angle, log.crank_angle)
-    found = {name: data[name].attrs.get("units") for name in ("damping_ratios", "status")}
-    assert found == {"damping_ratios": "1", "status": None}
+    actual = {name: data[name].attrs.get("units") for name in ("damping_ratios", "status")}
+    assert actual == {"damping_ratios": "1", "status": None}
     assert log.drive is not None
     every = log.drive.resonances.to_xarray()
     assert every.load_ratios.dims == ("row", "load_ratios_index")
@@ -172,10 +172,10 @@ def test_latest_resonance_of_each_prediction(tmp_path: Path) -> None:
     for stamp in times[0].tolist():
         earlier = [k for k, time in enumerate(times[1].tolist()) if time <= stamp]
         expected.append(margins[earlier[-1]] if earlier else math.nan)
-    found = read_log(log).resonances
-    assert found is not None
-    np.testing.assert_array_equal(found.margin, expected)
-    assert (found.state[np.isnan(expected)] == 2).all()  # stale
+    actual = read_log(log).resonances
+    assert actual is not None
+    np.testing.assert_array_equal(actual.margin, expected)
+    assert (actual.state[np.isnan(expected)] == 2).all()  # stale
 
 
 def test_a_log_of_an_earlier_version(tmp_path: Path) -> None:

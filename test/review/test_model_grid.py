@@ -29,9 +29,9 @@ Grid = dict[str, Any]
 @pytest.fixture(scope="module")
 def drawn(mechanism: Mechanism) -> Grid:
     """Return the grid of the shipped linkage."""
-    found = linkage_grid(mechanism, load_table(config_file(PAPER_TABLE)))
-    assert found is not None
-    return found
+    grid = linkage_grid(mechanism, load_table(config_file(PAPER_TABLE)))
+    assert grid is not None
+    return grid
 
 
 def test_places_between_angles(drawn: Grid, model: LinkageModel) -> None:
@@ -53,16 +53,16 @@ def test_shapes_do_not_flip(drawn: Grid) -> None:
 def test_terms_between_angles(mechanism: Mechanism) -> None:
     """Halfway between two angles of the grid, interpolated terms give |H| within 1e-3."""
     table = load_table(config_file(PAPER_TABLE))
-    found = receptance_grid(mechanism, table)
-    assert found is not None
-    assert found["place"] == "E1 z"
+    grid = receptance_grid(mechanism, table)
+    assert grid is not None
+    assert grid["place"] == "E1 z"
     frequencies = np.linspace(1.0, 199.0, 397)
     w = 2.0 * np.pi * frequencies[:, np.newaxis]
     for i in (3, 180, 357):
-        kr, ki, c, rr, ri, tr, ti = found["terms"][i : i + 2].mean(axis=0).T
+        kr, ki, c, rr, ri, tr, ti = grid["terms"][i : i + 2].mean(axis=0).T
         terms = (rr + 1j * ri + 1j * w * (tr + 1j * ti)) / (kr + 1j * ki - w**2 + 1j * w * c)
-        mixed = terms.sum(axis=1) + found["residual"][i : i + 2].mean(axis=0) @ [1.0, 1j]
-        halfway = float(found["angles"][i : i + 2].mean())
+        mixed = terms.sum(axis=1) + grid["residual"][i : i + 2].mean(axis=0) @ [1.0, 1j]
+        halfway = float(grid["angles"][i : i + 2].mean())
         exact = table.frf(halfway, [("E1", "z")], [("E1", "z")]).frf(frequencies)[:, 0, 0]
         assert np.linalg.norm(mixed - exact) / np.linalg.norm(exact) < 1e-3
 
@@ -77,19 +77,19 @@ def test_terms_of_a_mode_that_becomes_real() -> None:
     """Each term continues the one at the angle before, also where two poles become real."""
     mechanism = crossing_crank(0.2, 0.8137, 0.01, 3e3)
     table = build_table(LinkageModel(mechanism), 1e-4)
-    found = receptance_grid(mechanism, table)
-    assert found is not None
-    assert np.isnan(found["frequencies"]).any()
-    assert np.isfinite(found["frequencies"]).any()
-    point, direction = found["place"].split()
+    grid = receptance_grid(mechanism, table)
+    assert grid is not None
+    assert np.isnan(grid["frequencies"]).any()
+    assert np.isfinite(grid["frequencies"]).any()
+    point, direction = grid["place"].split()
     frequencies = np.linspace(1.0, 59.0, 117)
     w = 2.0 * np.pi * frequencies[:, np.newaxis]
     off = []
-    for i in range(0, len(found["angles"]) - 1, 5):
-        kr, ki, c, rr, ri, tr, ti = found["terms"][i : i + 2].mean(axis=0).T
+    for i in range(0, len(grid["angles"]) - 1, 5):
+        kr, ki, c, rr, ri, tr, ti = grid["terms"][i : i + 2].mean(axis=0).T
         terms = (rr + 1j * ri + 1j * w * (tr + 1j * ti)) / (kr + 1j * ki - w**2 + 1j * w * c)
-        mixed = terms.sum(axis=1) + found["residual"][i : i + 2].mean(axis=0) @ [1.0, 1j]
-        halfway = float(found["angles"][i : i + 2].mean())
+        mixed = terms.sum(axis=1) + grid["residual"][i : i + 2].mean(axis=0) @ [1.0, 1j]
+        halfway = float(grid["angles"][i : i + 2].mean())
         place = [(point, direction)]
         exact = table.frf(halfway, place, place).frf(frequencies)[:, 0, 0]
         off.append(np.linalg.norm(mixed - exact) / np.linalg.norm(exact))
@@ -110,21 +110,21 @@ def test_tractor_is_drawn_and_moves() -> None:
     """The base is a body of the picture, and bounces in its mode while the linkage follows."""
     own = read_mechanism(config_file(DEFAULT_MECHANISM))
     table = load_table(config_file(DEFAULT_TABLE))
-    found = linkage_grid(own, table)
-    assert found is not None
-    at = found["bodies"].index("ground")
-    start = sum(found["lengths"][:at])
-    points = slice(start, start + found["lengths"][at])
+    grid = linkage_grid(own, table)
+    assert grid is not None
+    at = grid["bodies"].index("ground")
+    start = sum(grid["lengths"][:at])
+    points = slice(start, start + grid["lengths"][at])
     bounce = table.mode_names.index("tractor bounce")
-    moved = found["shapes"][bounce][:, points]  # (n_angles, n_points, 2)
+    moved = grid["shapes"][bounce][:, points]  # (n_angles, n_points, 2)
     assert np.abs(moved[..., 1]).min() > 0.1  # upwards or downwards at every angle
-    places = found["places"][:, points]
+    places = grid["places"][:, points]
     assert np.ptp(places, axis=0).max() < 1e-6  # only modes move the tractor
     # A rigid body moves by a translation and a rotation: u = t + (-theta z, theta x).
     x, z = places[0].T
     rigid = np.zeros((2 * len(x), 3))
     rigid[: len(x), 0] = rigid[len(x) :, 1] = 1.0
     rigid[: len(x), 2], rigid[len(x) :, 2] = -z, x
-    every = found["shapes"][:, :, points].transpose(3, 2, 0, 1).reshape(len(rigid), -1)
+    every = grid["shapes"][:, :, points].transpose(3, 2, 0, 1).reshape(len(rigid), -1)
     fitted = rigid @ np.linalg.lstsq(rigid, every, rcond=None)[0]
     np.testing.assert_allclose(fitted, every, atol=1e-5)

@@ -38,9 +38,9 @@ def test_measured_profile_from_its_file_to_the_page(tmp_path: Path) -> None:
     speeds[Source.GROUND] += SPEED
     write_bag(bag, Run(times, np.full(len(times), ALPHA3), speeds))
     replay(bag, log, Parameters(excitation_file=str(file)))
-    found = read_log(log)
-    assert found.drive is not None
-    level = float(found.drive.resonances.total_velocity[-1])
+    actual = read_log(log)
+    assert actual.drive is not None
+    level = float(actual.drive.resonances.total_velocity[-1])
 
     # Both ends are brought to the same height, as the sum repeats the profile.
     waves = np.fft.rfft(heights - np.linspace(heights[0], heights[-1], len(heights)))
@@ -55,4 +55,4 @@ def test_measured_profile_from_its_file_to_the_page(tmp_path: Path) -> None:
     velocity = s * moved * waves[band] / len(heights)
     expected = math.sqrt(2.0 * float((np.abs(velocity) ** 2).sum()))
     assert abs(level / expected - 1.0) < 0.05
-    assert b"lane.csv" in b"".join(page_parts(review_page(found)))
+    assert b"lane.csv" in b"".join(page_parts(review_page(actual)))

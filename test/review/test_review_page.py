@@ -62,9 +62,9 @@ def test_page_shows_the_drive(page: Any, log: Log) -> None:
     rows = page.evaluate("[...document.querySelectorAll('.chart')].map(e => e.id)")
     shown = ["angle", "waterfall", "f1", "f2", "f3", "peak", "load"]
     assert [row for row in rows if row != "chart-over-angle"] == [f"chart-{name}" for name in shown]
-    found = page.evaluate("document.querySelectorAll('#table-moments tbody tr').length")
+    values = page.evaluate("document.querySelectorAll('#table-moments tbody tr').length")
     assert log.drive is not None
-    assert found == len(episodes(log.drive)) > 4
+    assert values == len(episodes(log.drive)) > 4
     assert log.table_id in page.text("#provenance")
 
 
@@ -143,19 +143,19 @@ def test_moments_are_shown_on_demand(page: Any, log: Log) -> None:
     drive = log.drive
     assert isinstance(drive, Drive)
     warnings = episodes(drive)
-    messages = [one.worst for one in warnings]
-    found = drive.predictions[messages].tolist()
+    messages = [each.worst for each in warnings]
+    actual = drive.predictions[messages].tolist()
     page.evaluate("document.querySelector('#table-moments').open = true")
     page.click(page.place("#table-moments tbody tr:nth-child(4)"))
-    assert page.evaluate("review.cursor") == found[3]
+    assert page.evaluate("review.cursor") == actual[3]
     assert page.evaluate("review.mode") == drive.resonances.mode[messages[3]]
     low, high = view(page)
-    assert low <= log.times[found[3]] <= high
+    assert low <= log.times[actual[3]] <= high
     assert high - low <= max(4.0 * warnings[3].duration, 2.0) + 0.01
     page.key("n", "n")
-    assert page.evaluate("review.cursor") == found[4]
+    assert page.evaluate("review.cursor") == actual[4]
     page.key("p", "p")
-    assert page.evaluate("review.cursor") == found[3]
+    assert page.evaluate("review.cursor") == actual[3]
     assert page.text("#read-excitation") == drive.resonances.excitation[messages[3]]
 
 

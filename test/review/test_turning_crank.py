@@ -78,8 +78,8 @@ def test_waterfall_shows_every_turn(browser: Any, log: Path) -> None:
     browser.resize(1280, 900)
     browser.open(page)
     shares = [(turn + phase) / TURNS for turn in range(TURNS) for phase in PHASES]
-    found = np.array(browser.evaluate(f"({COLOURS})({shares})"), float)
-    columns = found.reshape(TURNS, len(PHASES), -1, 3)
+    values = np.array(browser.evaluate(f"({COLOURS})({shares})"), float)
+    columns = values.reshape(TURNS, len(PHASES), -1, 3)
     assert columns.std(axis=2).min() > 2.0  # 0 where it is blank
     assert np.abs(columns[1:] - columns[0]).mean() < 4.0
     assert np.abs(columns[:, 1:] - columns[:, :-1]).mean() > 8.0

@@ -44,13 +44,13 @@ def test_verdict(drive: tuple[list[Message], Path]) -> None:
     log = read_log(path)
     assert log.drive is not None
     assert log.drive.held == pytest.approx(holding_times(messages), abs=1e-9)
-    found = [
+    actual = [
         (e.start, e.duration, float(log.drive.severity()[e.worst])) for e in episodes(log.drive)
     ]
     expected = warnings_of(messages)
-    assert len(found) == len(expected)
-    for one, other in zip(found, expected, strict=True):
-        assert one == pytest.approx(other, rel=SINGLE, abs=1e-9)
+    assert len(actual) == len(expected)
+    for each, other in zip(actual, expected, strict=True):
+        assert each == pytest.approx(other, rel=SINGLE, abs=1e-9)
     for part, row in zip(contributions(log.drive), rows_of(messages), strict=True):
         assert (part.name, part.warnings) == (row.name, row.warnings)
         numbers = part.load_ratio, part.warning_time, part.note_time
@@ -67,22 +67,22 @@ def test_summary(drive: tuple[list[Message], Path], capsys: Any) -> None:
     """The command `summary` prints the same numbers with six digits."""
     messages, path = drive
     assert main(["summary", str(path)]) == 0
-    [found] = json.loads(capsys.readouterr().out)
+    [actual] = json.loads(capsys.readouterr().out)
     warnings, worst = warnings_of(messages), worst_of(messages)
-    assert found["warnings"] == len(warnings)
-    assert found["in_warning_s"] == pytest.approx(sum(w[1] for w in warnings), rel=1e-5)
+    assert actual["warnings"] == len(warnings)
+    assert actual["in_warning_s"] == pytest.approx(sum(w[1] for w in warnings), rel=1e-5)
     keys = "name", "load_ratio", "in_warning_s", "in_note_s"
-    shown = [tuple(one[key] for key in keys) for one in found["excitations"]]
-    for one, row in zip(shown, rows_of(messages), strict=True):
+    shown = [tuple(each[key] for key in keys) for each in actual["excitations"]]
+    for each, row in zip(shown, rows_of(messages), strict=True):
         largest = None if math.isnan(row.largest) else pytest.approx(row.largest, rel=1e-5)
-        assert one[:2] == (row.name, largest)
-        assert one[2:] == pytest.approx((row.warning, row.note), rel=1e-5, abs=1e-9)
-    assert (found["worst"] is None) == (worst is None)
+        assert each[:2] == (row.name, largest)
+        assert each[2:] == pytest.approx((row.warning, row.note), rel=1e-5, abs=1e-9)
+    assert (actual["worst"] is None) == (worst is None)
     if worst is not None:
-        assert found["worst"]["load_ratio"] == pytest.approx(worst.total, rel=1e-5)
-        assert found["worst"]["excitation"] == worst.excitation
+        assert actual["worst"]["load_ratio"] == pytest.approx(worst.total, rel=1e-5)
+        assert actual["worst"]["excitation"] == worst.excitation
         time = 1e-9 * (worst.stamp - messages[0].stamp)
-        assert found["worst"]["time_s"] == pytest.approx(time, rel=1e-5, abs=1e-9)
+        assert actual["worst"]["time_s"] == pytest.approx(time, rel=1e-5, abs=1e-9)
 
 
 def test_page(drive: tuple[list[Message], Path], tmp_path: Path) -> None:
@@ -107,7 +107,7 @@ def test_page(drive: tuple[list[Message], Path], tmp_path: Path) -> None:
     text = page.read_text()
     assert sentence in html.unescape(text)
     begin = text.index('"tables": ') + len('"tables": ')
-    tables = {one["id"]: one["rows"] for one in json.JSONDecoder().raw_decode(text[begin:])[0]}
+    tables = {each["id"]: each["rows"] for each in json.JSONDecoder().raw_decode(text[begin:])[0]}
     shown = [line["cells"] for line in tables["contributions"]]
     for cells, row in zip(shown, rows_of(messages), strict=True):
         known = "not known" if math.isnan(row.largest) else f"{row.largest:.3f}"

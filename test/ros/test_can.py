@@ -70,7 +70,7 @@ def test_frames_over_dds(with_can: dict[str, str], tmp_path: Path, position: flo
     settings = with_values(Parameters(), chosen)
     replay(bus, tmp_path / "offline.mcap", settings)
     replay(log, tmp_path / "again.mcap", settings)
-    found, offline, again = (
+    actual, offline, again = (
         read_columns(path, {name: topic_types(path)[name] for name in topics})
         for path, topics in (
             (log, (PREDICTION_TOPIC, RESONANCE_TOPIC)),
@@ -81,12 +81,12 @@ def test_frames_over_dds(with_can: dict[str, str], tmp_path: Path, position: flo
     for topic, columns in again.items():
         for name, column in columns.items():
             if name != "place":
-                np.testing.assert_array_equal(column, found[topic][name], err_msg=name)
+                np.testing.assert_array_equal(column, actual[topic][name], err_msg=name)
     for name in ("crank_angle", "natural_frequencies", "header.stamp.nanosec", "status"):
-        column = found[PREDICTION_TOPIC][name]
+        column = actual[PREDICTION_TOPIC][name]
         np.testing.assert_array_equal(column, offline[PREDICTION_TOPIC][name], err_msg=name)
     if fixed:
-        assert set(found[PREDICTION_TOPIC]["crank_angle"]) == {2.6}  # at 40 % in the calibration
+        assert set(actual[PREDICTION_TOPIC]["crank_angle"]) == {2.6}  # at 40 % in the calibration
         assert "hitch position 40 percent at each CAN signal engine_speed" in node.printed
     else:
         assert node.printed.count("rear_hitch_position is not available (0xFF)") == 1

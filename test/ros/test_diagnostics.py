@@ -136,9 +136,9 @@ def healthy(**changes: Any) -> Health:
 def test_most_serious_problem_first(changes: dict[str, Any], level: bytes, words: str) -> None:
     """Each problem has a level and a sentence; of two problems the more serious one is reported."""
     statistics = Statistics(qos_mismatches=Counter({"/prediction": 2}))
-    found = statuses("a", healthy(**changes), statistics)[0]
-    assert found.level == level
-    assert re.search(words, found.message)
+    actual = statuses("a", healthy(**changes), statistics)[0]
+    assert actual.level == level
+    assert re.search(words, actual.message)
 
 
 @pytest.mark.parametrize(
@@ -211,8 +211,8 @@ def test_each_part_has_a_status(
     part: str, changes: dict[str, Any], level: bytes, words: str
 ) -> None:
     """Inputs, resonance and log have statuses of their own, beside that of the predictions."""
-    found = statuses("a", healthy(**changes), Statistics(gaps=Counter({"/a": 2})))
-    [own] = [one for one in found if one.name == f"a: {part}"]
+    actual = statuses("a", healthy(**changes), Statistics(gaps=Counter({"/a": 2})))
+    [own] = [each for each in actual if each.name == f"a: {part}"]
     assert own.level == level
     assert re.search(words, own.message)
 

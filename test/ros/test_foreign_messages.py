@@ -71,8 +71,8 @@ def begin(with_isobus: dict[str, str], tmp_path: Path) -> Iterator[Callable[...,
 def messages(log: Path, *topics: str) -> list[tuple[str, int, bytes]]:
     """Return topic, log time and bytes of each message of some topics."""
     with log.open("rb") as file:
-        found = make_reader(file).iter_messages(topics)
-        return [(channel.topic, message.log_time, message.data) for _, channel, message in found]
+        actual = make_reader(file).iter_messages(topics)
+        return [(channel.topic, message.log_time, message.data) for _, channel, message in actual]
 
 
 def test_isobus_over_dds_and_in_a_bag(
@@ -145,7 +145,7 @@ def test_isobus_over_dds_and_in_a_bag(
 
 def has_all_speeds(resonance: Any) -> bool:
     """Return whether every speed is known, and the excitation follows the published one."""
-    published = any(math.isclose(resonance.excitation_speed, one) for one in (1800.0, 540.0, 2.5))
+    published = any(math.isclose(resonance.excitation_speed, each) for each in (1800.0, 540.0, 2.5))
     return published and not resonance.unknown_speeds
 
 

@@ -30,12 +30,12 @@ def overrides() -> dict[str, str]:
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "OVERRIDES"
     ]
     assert isinstance(table, ast.Dict)
-    found = {}
+    actual = {}
     for name, value in zip(table.keys, table.values, strict=True):
         assert isinstance(name, ast.Constant)
         assert isinstance(value, ast.Tuple)
-        found[name.value] = ast.unparse(value.elts[0])
-    return found  # type: ignore[return-value]
+        actual[name.value] = ast.unparse(value.elts[0])
+    return actual  # type: ignore[return-value]
 
 
 def launched() -> Any:
@@ -69,10 +69,10 @@ def context() -> Any:
     pytest.importorskip("launch_ros", reason="launch_ros comes with a ROS 2 install only")
     from launch import LaunchContext  # type: ignore[attr-defined]
 
-    found = LaunchContext(argv=[])
+    actual = LaunchContext(argv=[])
     names = [*overrides(), "params_file", "namespace", "enclave"]
-    found.launch_configurations.update({**dict.fromkeys(names, ""), "log_level": "warn"})
-    return found
+    actual.launch_configurations.update({**dict.fromkeys(names, ""), "log_level": "warn"})
+    return actual
 
 
 def test_python_file_describes_a_launch(context: Any) -> None:
@@ -112,8 +112,8 @@ def test_arguments_that_were_not_given(context: Any) -> None:
     """Only arguments that were given become parameters."""
     assert launched().given(context) == {}
     context.launch_configurations.update({"record": "false", "joint_name": "5"})
-    found = {name: value.evaluate(context) for name, value in launched().given(context).items()}
-    assert found == {"joint_name": "5", "record": False}
+    actual = {name: value.evaluate(context) for name, value in launched().given(context).items()}
+    assert actual == {"joint_name": "5", "record": False}
 
 
 def test_launched_node(environment: dict[str, str]) -> None:

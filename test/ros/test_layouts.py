@@ -61,9 +61,9 @@ def test_every_topic_and_field_is_there() -> None:
 
 def is_field(topic: str, path: str) -> bool:
     """Return whether a path such as ``natural_frequencies[0]`` is a number of a topic's type."""
-    found = re.fullmatch(r"(\w+)(\[\d+\])?", path)
+    match = re.fullmatch(r"(\w+)(\[\d+\])?", path)
     kinds = FIELDS[topic]
-    return found is not None and kinds[found[1]].startswith("sequence<") == (found[2] is not None)
+    return match is not None and kinds[match[1]].startswith("sequence<") == (match[2] is not None)
 
 
 def test_curves_of_plotjuggler() -> None:

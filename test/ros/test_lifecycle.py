@@ -84,7 +84,7 @@ def resident() -> int:
 def own_objects() -> Counter[str]:
     """Return how many objects of this package exist, by class."""
     gc.collect()
-    kinds = (type(one) for one in gc.get_objects())
+    kinds = (type(each) for each in gc.get_objects())
     return Counter(
         kind.__qualname__ for kind in kinds if str(kind.__module__).startswith("linkage_vibration.")
     )
@@ -94,7 +94,7 @@ def entities(node: Any) -> dict[str, int]:
     """Return how many entities of each kind a node has, with those of its readings' node."""
     kinds = ("publishers", "subscriptions", "services", "clients", "timers", "guards", "waitables")
     both = node, node._listener._node
-    return {kind: sum(len(list(getattr(one, kind))) for one in both) for kind in kinds}
+    return {kind: sum(len(list(getattr(each, kind))) for each in both) for kind in kinds}
 
 
 @pytest.mark.parametrize("count", [20, pytest.param(60, marks=pytest.mark.nightly)])

@@ -19,7 +19,7 @@ PACKAGES = ("sensor_msgs", "std_msgs", "geometry_msgs", "diagnostic_msgs", "rcl_
 
 def plain(fields: tuple[SchemaField, ...]) -> list[tuple[str, str, int | None]]:
     """Return fields with one name for each kind of number."""
-    return [(one.name, NUMBERS.get(one.type, one.type), one.length) for one in fields]
+    return [(each.name, NUMBERS.get(each.type, each.type), each.length) for each in fields]
 
 
 @pytest.mark.parametrize("package", PACKAGES)
@@ -30,9 +30,9 @@ def test_installed_types(package: str) -> None:
     for name in names:
         type_name = f"{package}/msg/{name}"
         expected = schema_of_text(message_definition(type_name), type_name)
-        found = installed_schema(type_name)
-        assert found.keys() == expected.keys()
-        for each, fields in found.items():
+        actual = installed_schema(type_name)
+        assert actual.keys() == expected.keys()
+        for each, fields in actual.items():
             if "wstring" not in str(fields):  # rosbags takes it for a message
                 assert plain(fields) == plain(expected[each])
 

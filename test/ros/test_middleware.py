@@ -56,7 +56,7 @@ def test_qos_can_be_overridden(peer: Peer, node: RunningNode) -> None:
     """The graph shows the QoS of the parameters, and the defaults of other topics."""
 
     def qos(infos: list[Any]) -> Any:
-        [info] = [one for one in infos if one.node_name.startswith("middle")]
+        [info] = [each for each in infos if each.node_name.startswith("middle")]
         return info.qos_profile
 
     engine, joints = (
@@ -149,8 +149,8 @@ def test_publishers_exist_while_the_node_is_configured(
     managed.wait_for("Waiting for a lifecycle manager")
 
     def published() -> set[str]:
-        found = peer.node.get_topic_names_and_types()
-        return {name for name, _ in found if name.startswith("/quiet/")}
+        actual = peer.node.get_topic_names_and_types()
+        return {name for name, _ in actual if name.startswith("/quiet/")}
 
     peer.spin(lambda: "/quiet/transition_event" in published(), "its publishers")
     assert published() == {"/quiet/transition_event"}

@@ -68,13 +68,13 @@ def recorded(
         name="heavy", record=True, log_directory=folder, engine_speed=speed, **files, **RATE
     )
     peer = meet("heavy")
-    found = [peer.ask(positions=(angle,)) for angle in ANGLES.tolist()]
+    actual = [peer.ask(positions=(angle,)) for angle in ANGLES.tolist()]
     answer = peer.call(ANGLES.tolist())
     client = peer.node.create_client(GetModeShapes, "heavy/get_mode_shapes")
     shapes = peer.request(client, GetModeShapes.Request(crank_angle=ANGLES[-1]))
     assert node.stop() == 0
     [log] = folder.glob("*.mcap")
-    return log, found, answer, shapes, node.printed
+    return log, actual, answer, shapes, node.printed
 
 
 @pytest.fixture(scope="module")
@@ -83,32 +83,32 @@ def files(
 ) -> dict[str, Path]:
     """Return a replay of the node's log, and what `review` and `diff` write of it, by suffixes."""
     folder = tmp_path_factory.mktemp("files")
-    found = {kind: folder / f"heavy.{kind}" for kind in ("mcap", "html", "csv", "png")}
-    replay(recorded[0], found["mcap"], hitch)
-    log = str(found["mcap"])
+    actual = {kind: folder / f"heavy.{kind}" for kind in ("mcap", "html", "csv", "png")}
+    replay(recorded[0], actual["mcap"], hitch)
+    log = str(actual["mcap"])
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        options = ["--csv", str(found["csv"]), "--png", str(found["png"])]
+        options = ["--csv", str(actual["csv"]), "--png", str(actual["png"])]
         assert main(["review", log, *options]) == 0
-    return found
+    return actual
 
 
 def test_node(recorded: Any) -> None:
     """Only the numbers of the overdamped mode are NaN; the status is OK, and nothing warns."""
-    _, found, answer, shapes, printed = recorded
+    _, actual, answer, shapes, printed = recorded
     assert answer.success
-    for message in found, answer.predictions:
+    for message in actual, answer.predictions:
         for name in (
             "natural_frequencies",
             "damping_ratios",
             "frequency_stddevs",
             "damping_ratio_stddevs",
         ):
-            values = np.array([getattr(one, name) for one in message])
+            values = np.array([getattr(each, name) for each in message])
             np.testing.assert_array_equal(np.isnan(values[:, 0]), OVERDAMPED)
             assert np.isfinite(values[:, 1:]).all()
-        assert all(one.status == one.STATUS_OK for one in message)
-        assert np.isfinite([one.frf_peak_magnitude for one in message]).all()
+        assert all(each.status == each.STATUS_OK for each in message)
+        assert np.isfinite([each.frf_peak_magnitude for each in message]).all()
     assert shapes.success
     assert min(shapes.natural_frequencies) > 80.0  # mode 1, of 5 Hz, is left out
     for line in printed.splitlines():  # the peer begins with an angle that is out of range
@@ -165,11 +165,11 @@ def test_page_in_a_browser(files: dict[str, Path]) -> None:
 
 def test_lines(recorded: Any, hitch: Parameters, capsys: Any) -> None:
     """The live line and the command name the overdamped mode, and keep their columns."""
-    found = recorded[1]
+    actual = recorded[1]
     lines = []
-    for one in (found[0], found[-1]):
+    for each in (actual[0], actual[-1]):
         stream = io.StringIO()
-        LiveLine(stream).show(one)
+        LiveLine(stream).show(each)
         lines.append(stream.getvalue())
     assert " overd. " in lines[1]
     assert len(lines[0]) == len(lines[1])

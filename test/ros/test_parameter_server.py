@@ -108,9 +108,9 @@ def test_what_is_unchanged_is_not_set(environment: dict[str, str]) -> None:
         assert new_values(node, dump) == []
         asked = [Parameter("stale_after", value=2), Parameter("scale", value=1)]
         asked += [Parameter("sign", value=True), Parameter("unknown", value=1)]
-        found = {p.name: p.value for p in new_values(node, asked)}
-        assert found == {"stale_after": 2.0, "sign": True, "unknown": 1}
-        assert type(found["stale_after"]) is float
+        actual = {p.name: p.value for p in new_values(node, asked)}
+        assert actual == {"stale_after": 2.0, "sign": True, "unknown": 1}
+        assert type(actual["stale_after"]) is float
     finally:
         node.destroy_node()
         rclpy.shutdown(context=context)

@@ -113,8 +113,8 @@ def test_stamps_in_any_order(peer: Any, predictor: Predictor) -> None:
     for i, stamp in enumerate(stamps):
         stamped(peer, *stamp, 1.7 + 0.1 * i)
         peer.spin(lambda i=i: len(peer.predictions) > i)
-    found = [(p.header.stamp.sec, p.header.stamp.nanosec) for p in peer.predictions]
-    assert found == stamps
+    actual = [(p.header.stamp.sec, p.header.stamp.nanosec) for p in peer.predictions]
+    assert actual == stamps
     for i, message in enumerate(peer.predictions):
         assert message.crank_angle == 1.7 + 0.1 * i
         assert message.status == Status.OK

@@ -54,8 +54,8 @@ SETTINGS = Parameters(
 def messages(log: Path, *topics: str) -> list[tuple[str, int, bytes]]:
     """Return topic, log time and bytes of each message of some topics."""
     with log.open("rb") as file:
-        found = make_reader(file, validate_crcs=True).iter_messages(topics)
-        return [(channel.topic, message.log_time, message.data) for _, channel, message in found]
+        actual = make_reader(file, validate_crcs=True).iter_messages(topics)
+        return [(channel.topic, message.log_time, message.data) for _, channel, message in actual]
 
 
 def test_live_and_offline(
@@ -127,8 +127,10 @@ def test_simulated_clock(
 
     def received() -> int:
         """Return how many readings the node has received, by its last diagnostics."""
-        found = [s for m in diagnostics for s in m.status if s.name == "/simulated: predictions"]
-        return int({v.key: v.value for v in found[-1].values}["messages received"]) if found else 0
+        actual = [s for m in diagnostics for s in m.status if s.name == "/simulated: predictions"]
+        return (
+            int({v.key: v.value for v in actual[-1].values}["messages received"]) if actual else 0
+        )
 
     def read(time: int, pause: float = 1.0) -> None:
         peer.tick(time)
@@ -198,7 +200,7 @@ def test_sensors_beside_predictions(
     peer.spin(lambda: len(heard) >= 2, "what the sensor measures")
     peer.spin(lambda: "hears: sensors" in {name.lstrip("/") for name in status}, "its status")
     assert node.stop() == 0
-    names = [one.name for one in read_excitations(config_file("excitations.yaml"))]
+    names = [each.name for each in read_excitations(config_file("excitations.yaml"))]
     level = heard[0].order_levels[names.index("crankshaft 1")]
     assert level == pytest.approx(0.2 / math.sqrt(2.0), rel=1e-3)
     assert [each.header.stamp.sec - seconds for each in heard] == [5, 6]
@@ -298,8 +300,8 @@ def test_rates_of_a_control_stack(
         if k % 4 == 0:
             peer.spin(lambda k=k: len(states) > k // 4, "a load state")
     assert (len(peer.raw), len(states)) == (10, 50)
-    found = [deserialize_message(each, LoadState) for each in states]
-    assert [each.stamp.nanosec for each in found] == [20_000_000 * k for k in range(50)]
+    actual = [deserialize_message(each, LoadState) for each in states]
+    assert [each.stamp.nanosec for each in actual] == [20_000_000 * k for k in range(50)]
     assert node.stop() == 0
     [log] = tmp_path.glob("linkage_vibration_*.mcap")
     again = tmp_path / "again.mcap"

@@ -28,11 +28,11 @@ def test_policy_is_the_nodes(start: Callable[..., Any], meet: Callable[[str], An
     start()
     peer = meet("linkage_vibration")
 
-    def named(found: list[tuple[str, list[str]]]) -> set[str]:
+    def named(actual: list[tuple[str, list[str]]]) -> set[str]:
         own = "/linkage_vibration/"
         return {
             f"~/{name.removeprefix(own)}" if name.startswith(own) else name.removeprefix("/")
-            for name, _ in found
+            for name, _ in actual
         }
 
     def without_actions(names: set[str]) -> set[str]:

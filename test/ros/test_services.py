@@ -141,9 +141,9 @@ def test_predict(bench: Bench) -> None:
     angles = np.linspace(1.6, 3.1, MAX_REQUEST)
     answer = bench.call("predict", crank_angles=array("d", angles))
     assert answer.success
-    found = [p.natural_frequencies[0] for p in answer.predictions]
+    actual = [p.natural_frequencies[0] for p in answer.predictions]
     expected = [bench.served[0].predictor.predict(a).natural_frequencies[0] for a in angles]
-    assert found == expected
+    assert actual == expected
     many = bench.call("predict", crank_angles=array("d", [2.0] * (MAX_REQUEST + 1)))
     assert (many.success, many.message) == (
         False,
@@ -186,12 +186,12 @@ def test_shares(bench: Bench) -> None:
     answer = bench.call("predict", shares=True, **asked)
     predictor = bench.served[0].predictor
     shares = [predictor.shares(angle, stddev) for angle in angles]
-    parts = np.array([[one.parameters, one.angle, one.links, one.table] for one in shares])
+    parts = np.array([[each.parameters, each.angle, each.links, each.table] for each in shares])
     assert (parts[:, 1:] > 0.0).any(axis=(0, 2, 3)).tolist() == [True, False, True]
     np.testing.assert_array_equal(answer.frequency_shares, parts[:, :, 0].ravel())
     np.testing.assert_array_equal(answer.damping_ratio_shares, parts[:, :, 1].ravel())
-    found = answer.predictions[1].frequency_stddevs
-    assert list(found) == predictor.predict(2.3, stddev).frequency_stddevs.tolist()
+    actual = answer.predictions[1].frequency_stddevs
+    assert list(actual) == predictor.predict(2.3, stddev).frequency_stddevs.tolist()
     assert list(bench.call("predict", **asked).frequency_shares) == []
     asked["crank_angle_stddev"] = -0.1
     assert "crank_angle_stddev is -0.1" in bench.call("predict", **asked).message

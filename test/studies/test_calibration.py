@@ -55,10 +55,10 @@ def measured(mechanism: Mechanism) -> list[Target]:
     """Return the frequencies that a measurement of the linkage would give, meshed as in a fit."""
     asked = [Target(mode, math.radians(a), 1.0, 0.01) for mode in (1, 2, 3) for a in (90, 130, 175)]
     asked += [Target(3, "lowest", 1.0, 0.01), Target(2, "highest", 1.0, 0.01)]
-    found = _natural_frequencies(LinkageModel(coarser(mechanism, 10, 4)), asked)
+    frequencies = _natural_frequencies(LinkageModel(coarser(mechanism, 10, 4)), asked)
     return [
         Target(target.mode, target.at, float(hz), target.deviation)
-        for target, hz in zip(asked, found, strict=True)
+        for target, hz in zip(asked, frequencies, strict=True)
     ]
 
 
@@ -202,12 +202,12 @@ def test_numbers_with_anchors_and_aliases(mapping: Any, tmp_path: Path) -> None:
     text = text.replace("width: 0.050, height: 0.032", "width: &w 0.050, height: 0.032")
     text = text.replace("width: 0.020, height: 0.036", "width: *w, height: 0.036")
     width = "links.lower_link.section.width"
-    one = CalibrationTask(yaml.safe_load(text), text, (Parameter(width, 0.01, 0.1),), ())
-    write_mechanism(one, fitted(one, [0.043]), tmp_path / "mine.yaml")
+    first = CalibrationTask(yaml.safe_load(text), text, (Parameter(width, 0.01, 0.1),), ())
+    write_mechanism(first, fitted(first, [0.043]), tmp_path / "mine.yaml")
     assert "width: &w 0.043, height" in (tmp_path / "mine.yaml").read_text()
     assert read_mechanism(tmp_path / "mine.yaml").name == "three_point_linkage"
     crank = Parameter("links.input_crank.section.width", 0.01, 0.1)
-    two = CalibrationTask(one.mapping, text, (*one.parameters, crank), ())
+    two = CalibrationTask(first.mapping, text, (*first.parameters, crank), ())
     with pytest.raises(CalibrationError, match="one number"):
         write_mechanism(two, fitted(two, [0.043, 0.044]), tmp_path / "other.yaml")
 
@@ -239,8 +239,8 @@ def measured_four_bar(factor: float = 1.0, **options: Any) -> CalibrationTask:
     fit = four_bar(**options)
     exact = {key: value for key, value in fit.mapping.items() if key != "uncertainty"}
     own = with_numbers(exact, [(COUPLER, factor * number_at(exact, COUPLER))])
-    found = _natural_frequencies(LinkageModel(mechanism_from_mapping(own)), fit.targets)
-    pairs = zip(fit.targets, found.tolist(), strict=True)
+    frequencies = _natural_frequencies(LinkageModel(mechanism_from_mapping(own)), fit.targets)
+    pairs = zip(fit.targets, frequencies.tolist(), strict=True)
     return replace(fit, targets=tuple(replace(t, frequency=hz) for t, hz in pairs))
 
 
@@ -263,8 +263,8 @@ def test_the_first_of_equally_good_fits(
     jac = np.eye(7, 3)
     fits = iter([SimpleNamespace(cost=c, x=x, jac=jac) for c, x in zip(costs, ends, strict=True)])
     monkeypatch.setattr(study, "least_squares", lambda *_, **__: next(fits))
-    found = calibrate(four_bar(), starts=2)
-    assert found.values[:2] == pytest.approx(np.exp(ends[chosen][:2]))
+    actual = calibrate(four_bar(), starts=2)
+    assert actual.values[:2] == pytest.approx(np.exp(ends[chosen][:2]))
 
 
 @pytest.mark.parametrize("count", [12, pytest.param(150, marks=pytest.mark.nightly)])
@@ -275,24 +275,24 @@ def test_intervals_hold(count: int) -> None:
     an uncertain number that is no parameter. The written file predicts the natural frequencies of
     the own linkage as well as it says. It needs the correlations, as errors of numbers cancel.
     """
-    found = scores(four_bar(), range(count), math.radians(50.0), 2)
-    assert found.names == (COUPLER, ROCKER, CRANK, "predicted mode 1", "predicted mode 2")
-    stated = np.isfinite(found.stated)
-    assert (found.deviations <= found.stated)[:, stated].all()
-    scatter, room = found.errors.std(axis=0), 4.0 / math.sqrt(2.0 * count)
+    actual = scores(four_bar(), range(count), math.radians(50.0), 2)
+    assert actual.names == (COUPLER, ROCKER, CRANK, "predicted mode 1", "predicted mode 2")
+    stated = np.isfinite(actual.stated)
+    assert (actual.deviations <= actual.stated)[:, stated].all()
+    scatter, room = actual.errors.std(axis=0), 4.0 / math.sqrt(2.0 * count)
     assert (np.abs(scatter - 1.0) < room).all()
-    assert (np.abs(found.coverage - 0.95) < 0.5 * room).all()
+    assert (np.abs(actual.coverage - 0.95) < 0.5 * room).all()
 
 
 def test_the_page_has_the_coverage_of_the_benchmark() -> None:
     """The page about calibration and the results of the benchmark print the same range."""
     root = Path(__file__).parents[2]
     pages = (root / "docs/calibration.md", root / "benchmark/results/calibrations.md")
-    found = [
+    actual = [
         re.findall(r"Coverage is between ([\d.]+) and ([\d.]+) %", p.read_text()) for p in pages
     ]
-    assert found[0] == found[1]
-    assert len(found[0]) == 1
+    assert actual[0] == actual[1]
+    assert len(actual[0]) == 1
 
 
 def test_exact_targets_leave_less_uncertain() -> None:
@@ -454,8 +454,8 @@ def test_directions_that_targets_do_not_determine(slope: float, count: int) -> N
         [own] = _undetermined(np.array([100.0 * across, 0.1 * direction]))
         assert own.tolist() == names
     assert _undetermined(np.zeros((3, 0))) == []
-    [one] = _undetermined(np.array([[100.0, 0.0]]))  # fewer targets than parameters
-    assert one.tolist() == [1]
+    [first] = _undetermined(np.array([[100.0, 0.0]]))  # fewer targets than parameters
+    assert first.tolist() == [1]
 
 
 def test_what_the_report_says() -> None:
@@ -485,10 +485,10 @@ def test_small_correlations_are_not_written() -> None:
     covariance = np.array([[1.0, 0.0009, 0.5], [0.0009, 1.0, 0.0011], [0.5, 0.0011, 1.0]]) * 1e-4
     covariance[2] *= 100.0
     covariance[:, 2] *= 100.0
-    found = posterior_section(["a", "b", "c"], [True, True, False], covariance)
-    assert found["relative"] == {"a": 0.01, "b": 0.01}
-    assert found["absolute"] == {"c": 1.0}
-    assert found["correlations"] == [
+    actual = posterior_section(["a", "b", "c"], [True, True, False], covariance)
+    assert actual["relative"] == {"a": 0.01, "b": 0.01}
+    assert actual["absolute"] == {"c": 1.0}
+    assert actual["correlations"] == [
         {"between": ["a", "c"], "value": 0.5},
         {"between": ["b", "c"], "value": 0.0011},
     ]
@@ -513,10 +513,10 @@ def test_correlations_of_claims_are_renamed() -> None:
         },
     }
     both = "ground.P.0, ground.P.1"
-    found = prior_section(mapping, [both])
-    assert found["relative"] == {both: 0.1}
-    assert found["absolute"] == {"ground.Q.0": 0.3}
-    assert found["correlations"] == [{"between": [both, "ground.Q.0"], "value": 0.5}]
+    actual = prior_section(mapping, [both])
+    assert actual["relative"] == {both: 0.1}
+    assert actual["absolute"] == {"ground.Q.0": 0.3}
+    assert actual["correlations"] == [{"between": [both, "ground.Q.0"], "value": 0.5}]
 
 
 def test_targets_of_a_file(tmp_path: Path) -> None:
@@ -528,9 +528,9 @@ def test_targets_of_a_file(tmp_path: Path) -> None:
         "{mode: 3, over_the_stroke: lowest, hz: 4, deviation: 0.2}]\n"
     )
     (tmp_path / "fit.yaml").write_text(text)
-    found = read_calibration(tmp_path / "fit.yaml")
-    assert found.targets == (Target(2, math.pi / 2.0, 3.5, 0.01), Target(3, "lowest", 4.0, 0.2))
-    assert found.parameters == (Parameter(HEIGHT, 0.02, 0.1),)
+    actual = read_calibration(tmp_path / "fit.yaml")
+    assert actual.targets == (Target(2, math.pi / 2.0, 3.5, 0.01), Target(3, "lowest", 4.0, 0.2))
+    assert actual.parameters == (Parameter(HEIGHT, 0.02, 0.1),)
 
 
 def test_targets_of_blows_and_of_a_drive(tmp_path: Path, mapping: Any) -> None:

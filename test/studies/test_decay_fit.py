@@ -91,8 +91,10 @@ def test_faint_poles_are_left_out(share: float, kept: bool) -> None:
     wave = np.exp((-1.0 + 30.0j) * np.arange(150) / RATE).real[:, np.newaxis] * [1.0, 0.0]
     size = math.sqrt(share * 34.81 / (wave**2).sum()) * 0.05 * 2.2
     louder = [*signals[1:], signals[0] + 10.0 * size * wave * kept]
-    found = without_faint(louder, refined(louder, np.append(POLES, -1.0 + 30.0j), RATE), RATE, 0.01)
-    assert (len(found.poles) == 4) == kept
+    actual = without_faint(
+        louder, refined(louder, np.append(POLES, -1.0 + 30.0j), RATE), RATE, 0.01
+    )
+    assert (len(actual.poles) == 4) == kept
 
 
 def test_growing_and_overdamped_poles_are_left_out() -> None:

@@ -124,8 +124,8 @@ def test_half_an_hour(
     true = read_mechanism(tmp_path / "truth.yaml")
     far, near = [], []
     for angle in (95, 115, 135, 155, 175):  # the second and the fourth were not measured
-        found = [LinkageModel(each).solve(math.radians(angle)) for each in (before, after, true)]
-        first, last, own = (one.natural_frequencies[3] for one in found)  # the implement's heave
+        actual = [LinkageModel(each).solve(math.radians(angle)) for each in (before, after, true)]
+        first, last, own = (each.natural_frequencies[3] for each in actual)  # the implement's heave
         far.append(abs(first / own - 1.0))
         near.append(abs(last / own - 1.0))
     assert max(near) < 0.1 * max(far)

@@ -54,10 +54,10 @@ def test_modes_of_the_model(model: LinkageModel) -> None:
     measured = [
         MeasuredMode(hz, 0.01, math.nan, math.nan, 1) for hz in (0.9 * exact[0], 20.0, exact[1])
     ]
-    found = compare(model, 2.0, measured)
-    assert [each.mode for each in found] == [0, None, 1]
-    assert found[0].predicted == exact[0]
-    assert found[0].deviation > 0.01  # 1 % as it is unknown, and the angle's
+    comparison = compare(model, 2.0, measured)
+    assert [each.mode for each in comparison] == [0, None, 1]
+    assert comparison[0].predicted == exact[0]
+    assert comparison[0].deviation > 0.01  # 1 % as it is unknown, and the angle's
 
 
 def test_what_is_refused(model: LinkageModel) -> None:
@@ -82,12 +82,12 @@ def test_deviations_of_compared_modes(model: LinkageModel) -> None:
             MeasuredMode(float(exact[0]), 0.01, math.nan, math.nan, 1),
             MeasuredMode(float(exact[1]), 0.01, 0.03 * float(exact[1]), 0.001, 5),
         ]
-        found = compare(model, alpha3, measured)
+        comparison = compare(model, alpha3, measured)
         for i, own in enumerate((0.01, 0.03)):
             beside = [model.solve(alpha3 + step).natural_frequencies[i] for step in steps]
             turned = max(abs(math.log(hz / exact[i])) for hz in beside)
-            assert found[i].mode == i
-            assert found[i].deviation == pytest.approx(math.hypot(own, turned), rel=1e-6)
+            assert comparison[i].mode == i
+            assert comparison[i].deviation == pytest.approx(math.hypot(own, turned), rel=1e-6)
 
 
 def test_targets_and_bounds_of_a_calibration(tmp_path: Path) -> None:

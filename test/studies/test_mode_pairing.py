@@ -146,10 +146,10 @@ def lowest_cost(measured: list[float], model: list[float]) -> float:
 @given(FREQUENCIES, FREQUENCIES)
 def test_no_pairing_is_better(measured: list[float], model: list[float]) -> None:
     """Order and permitted distance are kept, and no other pairing that does so costs less."""
-    found = pairs(measured, model)
-    chosen = [j for j in found if j is not None]
+    actual = pairs(measured, model)
+    chosen = [j for j in actual if j is not None]
     assert chosen == sorted(set(chosen))
-    ratios = [(hz, model[j]) for hz, j in zip(measured, found, strict=True) if j is not None]
+    ratios = [(hz, model[j]) for hz, j in zip(measured, actual, strict=True) if j is not None]
     assert all(1.0 / 1.5 - 1e-9 <= hz / other <= 1.5 + 1e-9 for hz, other in ratios)
     spread = math.hypot(math.log(1.5) / 3.0, 0.01)
     cost = sum(abs(math.log(hz / other)) / (3.0 * spread) for hz, other in ratios)

@@ -149,9 +149,9 @@ def test_a_table_of_the_plan_meets_the_tolerance(job: Job) -> None:
 
 def test_a_wider_band_or_a_tighter_tolerance_costs_more(mechanism: Mechanism) -> None:
     """From 40 Hz to 200 Hz, and to a tenth of the tolerance, elements and modes increase."""
-    one = (STROKE[0], STROKE[0])
+    first = (STROKE[0], STROKE[0])
     plans = [
-        plan(Scene(mechanism, band, PLACES, tolerance, one))
+        plan(Scene(mechanism, band, PLACES, tolerance, first))
         for band, tolerance in (((0.0, 40.0), 1e-3), (LOW, 1e-3), (LOW, 1e-4))
     ]
     assert [(p.elements, p.modes) for p in plans] == sorted({(p.elements, p.modes) for p in plans})
@@ -167,8 +167,8 @@ def test_frfs_that_are_not_asked_for(mechanism: Mechanism) -> None:
 def test_links_known_by_matrices_keep_them(mechanism: Mechanism) -> None:
     """A plan chooses their modes, but cannot change their mesh."""
     crank = next(link for link in mechanism.links if link.clamped)
-    one = replace(crank, count=1)
-    part = one.body.component(one, mechanism, reduced=False)
+    first = replace(crank, count=1)
+    part = first.body.component(first, mechanism, reduced=False)
     assert isinstance(part, Component)
     given = replace(crank, body=Matrices(part.dofs, part.mass, part.stiffness))
     links = tuple(given if link is crank else link for link in mechanism.links)

@@ -49,9 +49,9 @@ def test_close_modes() -> None:
     modes = ((2.5, 0.05), (2.9, 0.05), (7.2, 0.02))
     random = np.random.default_rng(0)
     times, signals = recording(random, modes, noise=0.01)
-    found = measure_modes(times, signals)
-    assert [mode.frequency for mode in found] == pytest.approx([2.5, 2.9, 7.2], rel=2e-3)
-    assert [mode.ratio for mode in found] == pytest.approx([0.05, 0.05, 0.02], rel=0.05)
+    measured = measure_modes(times, signals)
+    assert [mode.frequency for mode in measured] == pytest.approx([2.5, 2.9, 7.2], rel=2e-3)
+    assert [mode.ratio for mode in measured] == pytest.approx([0.05, 0.05, 0.02], rel=0.05)
     late = random.random(len(times)) < 0.02  # of the messages are lost
     again = measure_modes(times[~late], signals[~late])
     assert [mode.frequency for mode in again] == pytest.approx([2.5, 2.9, 7.2], rel=5e-3)
@@ -60,9 +60,9 @@ def test_close_modes() -> None:
 def test_a_channel_that_does_not_move_changes_nothing() -> None:
     """Rounding of a constant is not divided by itself; a small motion on a constant is measured."""
     times, signals = recording(np.random.default_rng(3))
-    found = measure_modes(times, signals)
+    measured = measure_modes(times, signals)
     constant = np.full((len(times), 2), [GRAVITY, 0.0])
-    assert measure_modes(times, np.hstack([signals, constant])) == found
+    assert measure_modes(times, np.hstack([signals, constant])) == measured
     small = measure_modes(times, GRAVITY + 1e-6 * signals)
     assert [mode.frequency for mode in small] == pytest.approx([7.0, 19.0], rel=0.01)
 
@@ -71,9 +71,9 @@ def test_deviations_hold() -> None:
     """The intervals of 95 % contain the truth in 90 to 100 % of 20 recordings of five blows."""
     inside = []
     for seed in range(20):
-        found = measure_modes(*recording(np.random.default_rng(seed)))
-        assert len(found) == len(MODES)
-        for mode, (frequency, ratio) in zip(found, MODES, strict=True):
+        measured = measure_modes(*recording(np.random.default_rng(seed)))
+        assert len(measured) == len(MODES)
+        for mode, (frequency, ratio) in zip(measured, MODES, strict=True):
             inside.append(abs(mode.frequency - frequency) < 1.96 * mode.frequency_stddev)
             inside.append(abs(mode.ratio - ratio) < 1.96 * mode.ratio_stddev)
             assert mode.frequency_stddev < 0.01 * frequency
@@ -85,8 +85,8 @@ def test_deviations_hold_near_one_hertz() -> None:
     inside = []
     for seed in range(10):
         modes = ((1.1, 0.07), (1.7, 0.07), (5.3, 0.02))
-        found = measure_modes(*recording(np.random.default_rng(seed), modes, seconds=6.0))
-        for mode in (each for each in found if not each.doubt):
+        measured = measure_modes(*recording(np.random.default_rng(seed), modes, seconds=6.0))
+        for mode in (each for each in measured if not each.doubt):
             frequency, ratio = min(modes, key=lambda each: abs(each[0] - mode.frequency))
             inside.append(abs(mode.frequency - frequency) < 1.96 * mode.frequency_stddev)
             inside.append(abs(mode.ratio - ratio) < 1.96 * mode.ratio_stddev)
@@ -128,12 +128,12 @@ def shaken(height: float, begins: Sequence[int], tau: float = 100.0, n: int = 15
     return (level * (-1.0) ** np.arange(n))[:, np.newaxis]
 
 
-@pytest.mark.parametrize(("height", "found"), [(4.9, False), (5.1, True)])
-def test_a_blow_is_five_times_the_level(height: float, found: bool) -> None:
+@pytest.mark.parametrize(("height", "is_blow"), [(4.9, False), (5.1, True)])
+def test_a_blow_is_five_times_the_level(height: float, is_blow: bool) -> None:
     """Its decay begins 0.04 s after the largest value, and ends below twice the level."""
     decays = find_decays(shaken(height, [500]), RATE)
     last = 500 + math.floor(100.0 * math.log(height / 2.0))
-    assert decays == ([slice(504, last + 1)] if found else [])
+    assert decays == ([slice(504, last + 1)] if is_blow else [])
 
 
 def test_how_far_blows_are_apart() -> None:
@@ -158,8 +158,8 @@ def test_lengths_of_decays(tau: float, length: int | None) -> None:
     signals = shaken(2.0 * math.e, [500], tau=tau)
     signals[1100:] = 1.0
     decays = find_decays(signals, RATE)
-    found = [part.stop - part.start for part in decays]
-    assert found == ([] if length is None else [length])
+    actual = [part.stop - part.start for part in decays]
+    assert actual == ([] if length is None else [length])
 
 
 def decays_of(

@@ -40,15 +40,15 @@ def test_a_starter_has_plausible_frequencies(category: int) -> None:
     """
     path = config_file(f"starters/category_{category}.yaml")
     table = build_table(LinkageModel(read_mechanism(path)), tolerance=1e-2)
-    found = Predictor(table).predict(np.radians([90.0, 135.0, 179.0]))
+    prediction = Predictor(table).predict(np.radians([90.0, 135.0, 179.0]))
     tractor = [i for i, name in enumerate(table.mode_names) if name.startswith("tractor")]
     heave = table.mode_names.index("implement heave")
     assert len(tractor) == 3
-    assert (found.natural_frequencies[:, tractor] > 1.0).all()
-    assert (found.natural_frequencies[:, tractor] < 4.0).all()
-    assert (found.natural_frequencies[:, heave] > 5.0).all()
-    assert (found.natural_frequencies[:, heave] < 15.0).all()
-    deviations = found.frequency_stddevs[:, heave] / found.natural_frequencies[:, heave]
+    assert (prediction.natural_frequencies[:, tractor] > 1.0).all()
+    assert (prediction.natural_frequencies[:, tractor] < 4.0).all()
+    assert (prediction.natural_frequencies[:, heave] > 5.0).all()
+    assert (prediction.natural_frequencies[:, heave] < 15.0).all()
+    deviations = prediction.frequency_stddevs[:, heave] / prediction.natural_frequencies[:, heave]
     assert (deviations > 0.1).all()
     assert (deviations < 0.2).all()
 

@@ -212,5 +212,5 @@ class Browser:
             assert data, "Chromium has ended."
             self._held += data
         message, self._held = self._held.split(b"\0", 1)
-        found: dict[str, Any] = json.loads(message)
-        return found
+        content: dict[str, Any] = json.loads(message)
+        return content

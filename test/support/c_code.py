@@ -151,24 +151,24 @@ class Library:
         compile_c([*command, *sources, "-lm"], folder)
         self._library = ctypes.CDLL(str(folder / "library.so"))
         modes, real = constants.n_modes, constants.starts.dtype
-        several, one = PER_MODE, NUMBERS[len(PER_MODE) :]
+        several, first = PER_MODE, NUMBERS[len(PER_MODE) :]
         self._prediction = np.dtype(
             [
                 ("crank_angle", real),
                 ("status", np.int32),
                 *((name, real, (modes,)) for name in several),
-                *((name, real) for name in one),
+                *((name, real) for name in first),
             ],
             align=True,
         )
 
     def predict(self, angles: Reals, stddevs: Reals) -> NDArray[np.void]:
         """Return the predictions at angles, as a structured array."""
-        found = np.zeros(len(angles), self._prediction)
+        values = np.zeros(len(angles), self._prediction)
         own = [np.ascontiguousarray(x, self.constants.starts.dtype) for x in (angles, stddevs)]
-        pointers = [ctypes.c_void_p(x.ctypes.data) for x in (*own, found)]
-        self._library.predict_many(*pointers[:2], ctypes.c_size_t(len(found)), pointers[2])
-        return found
+        pointers = [ctypes.c_void_p(x.ctypes.data) for x in (*own, values)]
+        self._library.predict_many(*pointers[:2], ctypes.c_size_t(len(values)), pointers[2])
+        return values
 
     def assess(self, predictions: NDArray[np.void], speeds: Reals) -> NDArray[np.void]:
         """Return what excitations do, with speeds of shape (n, 3)."""
@@ -195,11 +195,11 @@ class Library:
             ],
             align=True,
         )
-        found = np.zeros(len(predictions), kind)
+        values = np.zeros(len(predictions), kind)
         own = np.ascontiguousarray(speeds, real)
-        pointers = [ctypes.c_void_p(x.ctypes.data) for x in (predictions, own, found)]
-        self._library.assess_many(*pointers[:2], ctypes.c_size_t(len(found)), pointers[2])
-        return found
+        pointers = [ctypes.c_void_p(x.ctypes.data) for x in (predictions, own, values)]
+        self._library.assess_many(*pointers[:2], ctypes.c_size_t(len(values)), pointers[2])
+        return values
 
     def judge(
         self,
@@ -210,15 +210,15 @@ class Library:
     ) -> NDArray[np.int32]:
         """Return states at times, ns, (n, 2 + n_orders): of all, the worst one, and of each."""
         assert self.constants.orders is not None
-        found = np.zeros((len(times), 2 + len(self.constants.orders.excitations)), np.int32)
+        values = np.zeros((len(times), 2 + len(self.constants.orders.excitations)), np.int32)
         real = self.constants.starts.dtype
         kind = [("warning", real), ("note", real), ("near", real), ("dwell", np.int64)]
         own = limits.warning, limits.note, limits.near, round(1e9 * limits.dwell)
         given = np.array(own, np.dtype(kind, align=True))
-        every = (predictions, resonances, np.ascontiguousarray(times, np.int64), given, found)
+        every = (predictions, resonances, np.ascontiguousarray(times, np.int64), given, values)
         pointers = [ctypes.c_void_p(x.ctypes.data) for x in every]
-        self._library.judge_many(*pointers[:4], ctypes.c_size_t(len(found)), pointers[4])
-        return found
+        self._library.judge_many(*pointers[:4], ctypes.c_size_t(len(values)), pointers[4])
+        return values
 
     def deviate(
         self,
@@ -233,8 +233,8 @@ class Library:
         totals = "total_velocity_factor", "total_load_ratio_factor", "warning_probability"
         several = [(name, real, (n,)) for name in ("velocity_factors", "load_ratio_factors")]
         kind = np.dtype([*several, *((name, real) for name in totals)], align=True)
-        found, given = np.zeros(len(predictions), kind), np.array([limit], real)
-        every = predictions, resonances, np.ascontiguousarray(speeds, real), given, found
+        values, given = np.zeros(len(predictions), kind), np.array([limit], real)
+        every = predictions, resonances, np.ascontiguousarray(speeds, real), given, values
         pointers = [ctypes.c_void_p(x.ctypes.data) for x in every]
-        self._library.deviate_many(*pointers[:4], ctypes.c_size_t(len(found)), pointers[4])
-        return found
+        self._library.deviate_many(*pointers[:4], ctypes.c_size_t(len(values)), pointers[4])
+        return values

@@ -34,7 +34,7 @@ def recorded_frames() -> list[BusFrame]:
     """Return the frames of a real tractor; they contain no hitch position."""
     if not RECORDED.is_file():
         pytest.skip(f"{RECORDED} is missing")
-    found = []
+    actual = []
     with RECORDED.open(newline="") as file:
         for row in csv.DictReader(file):
             group = int(row["pgn"])
@@ -42,8 +42,8 @@ def recorded_frames() -> list[BusFrame]:
                 group |= int(row["destination"])
             number = identifier(group, int(row["source"]), int(row["priority"]))
             time = EPOCH + round(float(row["time"]) * 1e6)
-            found.append(BusFrame(time, number, bytes.fromhex(row["data"])))
-    return found
+            actual.append(BusFrame(time, number, bytes.fromhex(row["data"])))
+    return actual
 
 
 def synthetic_hitch(times: Sequence[int], raw: Sequence[int], source: int = 0xF0) -> list[BusFrame]:

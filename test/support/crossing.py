@@ -91,14 +91,14 @@ def crossing_crank(
 def exact_frequencies(gap: float, at: float, alpha3: FloatArray) -> FloatArray:
     """Return the two natural frequencies, (n, 2), ascending, Hz, from the three equations."""
     tuned, coupling = _tuned(gap, at)
-    found = np.empty((len(alpha3), 2))
-    for row, angle in zip(found, alpha3, strict=True):
+    values = np.empty((len(alpha3), 2))
+    for row, angle in zip(values, alpha3, strict=True):
         matrix = np.zeros((3, 3))
         matrix[:2, :2] = (np.diag([_AXIAL, _BENDING]) + _spring(angle)) / _MASS
         matrix[1, 2] = matrix[2, 1] = coupling / math.sqrt(_MASS)
         matrix[2, 2] = tuned
         row[:] = np.sqrt(np.linalg.eigvalsh(matrix)[:2]) / (2.0 * math.pi)
-    return found
+    return values
 
 
 def exact_poles(
@@ -133,8 +133,8 @@ def meeting_off_axis() -> tuple[float, float]:
     """Return the dashpot (N s/m) and the angle (rad) at which the poles of both modes meet."""
 
     def apart(unknown: NDArray[np.float64]) -> NDArray[np.float64]:
-        one, other = poles_at(100.0 * float(unknown[1]), float(unknown[0]))
-        square = (one - other) ** 2  # smooth, where the difference is not
+        first, other = poles_at(100.0 * float(unknown[1]), float(unknown[0]))
+        square = (first - other) ** 2  # smooth, where the difference is not
         return np.array([square.real, square.imag])
 
     angle, dashpot = root(apart, [AT, 0.95], tol=1e-14).x
@@ -146,8 +146,8 @@ def meeting_on_axis() -> tuple[float, float]:
 
     def square(alpha3: float) -> float:
         poles = exact_poles(GAP, AT, RATIO, HEAVY, alpha3)
-        one, other = sorted(poles, key=lambda pole: abs(pole.imag))[:2]
-        return float(((one - other) ** 2).real)
+        first, other = sorted(poles, key=lambda pole: abs(pole.imag))[:2]
+        return float(((first - other) ** 2).real)
 
     return HEAVY, float(brentq(square, AT, 0.9, xtol=1e-15))
 

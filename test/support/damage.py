@@ -230,10 +230,10 @@ def _token(target: bytearray, others: Sequence[bytes], rng: random.Random) -> No
 
 def _number(target: bytearray, others: Sequence[bytes], rng: random.Random) -> None:
     """Replace the first number after a random place by an unusual or a longer one."""
-    found = _NUMBER.search(target, rng.randrange(len(target) + 1))
-    if found:
-        new = found[0] + b"9" if rng.random() < 0.2 else rng.choice(_NUMBERS)
-        target[found.start() : found.end()] = new
+    match = _NUMBER.search(target, rng.randrange(len(target) + 1))
+    if match:
+        new = match[0] + b"9" if rng.random() < 0.2 else rng.choice(_NUMBERS)
+        target[match.start() : match.end()] = new
 
 
 def _lines(target: bytearray, others: Sequence[bytes], rng: random.Random) -> None:

@@ -70,24 +70,24 @@ def required(
         If a distribution is not installed where the tests run.
     """
     waiting = [(Requirement(text), "") for text in requirements]
-    found = {canonicalize_name(name): distribution for name, distribution in known.items()}
-    given, seen = set(found), set()
+    actual = {canonicalize_name(name): distribution for name, distribution in known.items()}
+    given, seen = set(actual), set()
     while waiting:
         requirement, extra = waiting.pop()
         name = canonicalize_name(requirement.name)
         if requirement.marker and not requirement.marker.evaluate({"extra": extra}):
             continue
-        if name not in found:
+        if name not in actual:
             # ament adds an egg-info, which lists few files, to the interfaces' own metadata.
             installed = importlib.metadata.distributions(name=name)
-            most = max(installed, key=lambda one: len(one.files or []), default=None)
+            most = max(installed, key=lambda first: len(first.files or []), default=None)
             if most is None:
                 raise LookupError(f"{name} is not installed from a wheel")
-            found[name] = most
+            actual[name] = most
         for wanted in {"", *requirement.extras} - {e for n, e in seen if n == name}:
             seen.add((name, wanted))
-            waiting += [(Requirement(text), wanted) for text in found[name].requires or []]
-    return [distribution for name, distribution in found.items() if name not in given]
+            waiting += [(Requirement(text), wanted) for text in actual[name].requires or []]
+    return [distribution for name, distribution in actual.items() if name not in given]
 
 
 def link(distribution: importlib.metadata.Distribution, folder: Path, site: Path) -> None:

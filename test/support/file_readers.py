@@ -108,7 +108,7 @@ def _read_calibration(path: Path) -> None:
 def _read_excitations(path: Path) -> None:
     excitations = read_excitations(path)
     assert excitations
-    assert all(one.terrain or 0.0 < one.ratio < math.inf for one in excitations)
+    assert all(each.terrain or 0.0 < each.ratio < math.inf for each in excitations)
 
 
 def _read_table(path: Path) -> None:

@@ -32,15 +32,15 @@ def simulate(fmu: Path, interface: str, log: Log, step: float, **options: Any) -
     )
 
 
-def differences(found: Any, log: Log, step: float) -> tuple[float, float]:
+def differences(actual: Any, log: Log, step: float) -> tuple[float, float]:
     """Return the largest relative differences of natural frequencies from the node's predictions.
 
     They are compared at the same times, and with those one step before.
     """
     assert log.table is not None
     predictor = Predictor(log.table)
-    times = found["time"]
-    own = np.array([found[f"natural_frequencies[{i + 1}]"] for i in range(log.n_modes)]).T
+    times = actual["time"]
+    own = np.array([actual[f"natural_frequencies[{i + 1}]"] for i in range(log.n_modes)]).T
     off = []
     for lag in (0.0, step):
         angles = np.interp(times - lag, log.times, log.crank_angle)

@@ -62,14 +62,14 @@ def environment_with(environment: Mapping[str, str], prefix: Path) -> dict[str, 
         The environment without it, and where it is installed.
     """
     version = f"python{sys.version_info[0]}.{sys.version_info[1]}"
-    found = dict(environment)
+    actual = dict(environment)
     for variable, folder in (
         ("AMENT_PREFIX_PATH", prefix),
         ("LD_LIBRARY_PATH", prefix / "lib"),
         ("PYTHONPATH", prefix / "lib" / version / "site-packages"),
     ):
-        found[variable] = os.pathsep.join(filter(None, [str(folder), found.get(variable)]))
-    return found
+        actual[variable] = os.pathsep.join(filter(None, [str(folder), actual.get(variable)]))
+    return actual
 
 
 def import_here(prefix: Path) -> None:

@@ -211,16 +211,16 @@ class Outcome:
 
 def outcomes(seeds: Iterable[int]) -> dict[str, Outcome]:
     """Check a sound measurement ("none") and every fault of random links."""
-    found = {name: Outcome() for name in ("none", *FAULTS)}
+    actual = {name: Outcome() for name in ("none", *FAULTS)}
     for seed in seeds:
         link = measured_link(np.random.default_rng(seed))
         known = find_mass_lines(link.frfs.frequencies, link.frfs.frf) is not None
-        for name, outcome in found.items():
+        for name, outcome in actual.items():
             fault = FAULTS.get(name)
             tried = fault(link, np.random.default_rng(seed)) if fault else link
             outcome.tried[known] += 1
             outcome.refused[known] += bool(refusal(tried))
-    return found
+    return actual
 
 
 def refusal(link: MeasuredLink) -> str:

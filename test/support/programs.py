@@ -37,10 +37,10 @@ PACKAGES = {
 
 def require(program: str, *others: str) -> str:
     """Return the path of a program, or of another that does the same; skip the test without one."""
-    found = next(filter(None, map(shutil.which, (program, *others))), None)
-    if found is None:
+    actual = next(filter(None, map(shutil.which, (program, *others))), None)
+    if actual is None:
         pytest.skip(f"{program} is not installed; run apt-get install {PACKAGES[program]}")
-    return found
+    return actual
 
 
 def missing_programs(reasons: Iterable[str]) -> str:

@@ -98,8 +98,8 @@ def _message(
     of_total = int(rng.choice([CLEAR, NOTE, WARNING])) if total == total else STALE
     state = max([*states.tolist(), of_total], key=SEVEREST_LAST.index)
     order = [
-        (SEVEREST_LAST.index(int(one)), -1.0 if math.isnan(ratio) else float(ratio))
-        for one, ratio in zip(states, ratios, strict=True)
+        (SEVEREST_LAST.index(int(each)), -1.0 if math.isnan(ratio) else float(ratio))
+        for each, ratio in zip(states, ratios, strict=True)
     ]
     worst = order.index(max(order))
     return Message(
@@ -163,7 +163,7 @@ def _resonance(message: Message, table_id: str) -> Any:
 
 def holding_times(messages: list[Message]) -> list[float]:
     """Return for how long each message holds, s."""
-    steps = [later.stamp - one.stamp for one, later in itertools.pairwise(messages)]
+    steps = [later.stamp - each.stamp for each, later in itertools.pairwise(messages)]
     usual = [step for step in steps if 0 <= step <= LONGEST]
     median = statistics.median(usual) if usual else 0
     held = [step if 0 <= step <= LONGEST else median for step in steps]
@@ -172,7 +172,7 @@ def holding_times(messages: list[Message]) -> list[float]:
 
 def warnings_of(messages: list[Message]) -> list[tuple[float, float, float]]:
     """Return start, s, duration, s, and largest total of each warning of the whole."""
-    found: list[list[float]] = []
+    actual: list[list[float]] = []
     held, inside, last = holding_times(messages), False, START
     for message, time in zip(messages, held, strict=True):
         broken = not 0 <= message.stamp - last <= LONGEST
@@ -181,12 +181,12 @@ def warnings_of(messages: list[Message]) -> list[tuple[float, float, float]]:
             inside = False
             continue
         if broken or not inside:
-            found.append([1e-9 * (message.stamp - messages[0].stamp), 0.0, 0.0])
+            actual.append([1e-9 * (message.stamp - messages[0].stamp), 0.0, 0.0])
         inside = True
-        found[-1][1] += time
-        if message.total > found[-1][2]:
-            found[-1][2] = message.total
-    return [(a, b, c) for a, b, c in found]
+        actual[-1][1] += time
+        if message.total > actual[-1][2]:
+            actual[-1][2] = message.total
+    return [(a, b, c) for a, b, c in actual]
 
 
 def rows_of(messages: list[Message]) -> list[Row]:

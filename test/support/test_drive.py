@@ -132,16 +132,16 @@ def replayed() -> list[tuple[float, MessageColumns]]:
 
 def test_drive_crosses_resonances() -> None:
     """On the road the engine passes two modes, which the monitor predicts and notes."""
-    road = [(time, found) for time, found in replayed() if 11.0 < time < 13.0]
+    road = [(time, each) for time, each in replayed() if 11.0 < time < 13.0]
     assert road[0][1].state is ResonanceState.CLEAR
     for excitation, mode in (("engine 6", 2), ("engine 3", 1)):
         pair = [(t, r) for t, r in road if (r.excitation, r.mode) == (excitation, mode)]
         crossing = next(t for t, r in pair if r.margin > 0.0)
-        for time, found in pair:
-            if found.state is ResonanceState.NOTE and found.margin < 0.0:
+        for time, each in pair:
+            if each.state is ResonanceState.NOTE and each.margin < 0.0:
                 # Speeds are at most 0.1 s old, and rise more slowly towards the second mode.
-                assert found.approach == 1
-                assert time + found.time_to_crossing == pytest.approx(crossing, abs=0.1)
+                assert each.approach == 1
+                assert time + each.time_to_crossing == pytest.approx(crossing, abs=0.1)
         passed = next(r for _, r in pair if r.margin > 0.0)
         assert passed.state is ResonanceState.NOTE  # it has no amplitude on fixed ground
         assert (passed.approach, passed.time_to_crossing) == (-1, np.inf)
@@ -150,6 +150,6 @@ def test_drive_crosses_resonances() -> None:
 def test_replay_repeats_itself() -> None:
     """Played twice, a bag gives the same resonances to the last bit."""
     first, second = (
-        [encode_message(RESONANCE, found, 0, 0, "") for _, found in replayed()] for _ in range(2)
+        [encode_message(RESONANCE, each, 0, 0, "") for _, each in replayed()] for _ in range(2)
     )
     assert first == second

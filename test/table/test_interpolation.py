@@ -25,8 +25,8 @@ def test_polynomials_are_reproduced() -> None:
     points = leja(12)
     at = np.linspace(-1.0, 1.0, 101)
     for degree in range(12):
-        found = interpolation_matrix(points, at) @ points**degree
-        np.testing.assert_allclose(found, at**degree, atol=1e-13)
+        matrix = interpolation_matrix(points, at) @ points**degree
+        np.testing.assert_allclose(matrix, at**degree, atol=1e-13)
     np.testing.assert_array_equal(interpolation_matrix(points, points), np.eye(12))
 
 
@@ -38,8 +38,8 @@ def test_convergence_is_geometric() -> None:
     errors = []
     for count in (17, 33):
         points = leja(count)
-        found = interpolation_matrix(points, at) @ (1.0 / (points**2 + a**2))
-        errors.append(np.abs(found - exact).max())
+        matrix = interpolation_matrix(points, at) @ (1.0 / (points**2 + a**2))
+        errors.append(np.abs(matrix - exact).max())
     rate = math.log(errors[0] / errors[1]) / 16
     assert rate == pytest.approx(math.log(a + math.sqrt(1 + a**2)), rel=0.1)
 
@@ -52,8 +52,8 @@ def test_next_points_tell_the_error() -> None:
             points = leja(count + 3)
 
             def error(x: np.ndarray, fitted: np.ndarray = points[:count], a: float = pole) -> float:
-                found = interpolation_matrix(fitted, x) @ (1.0 / (fitted**2 + a**2))
-                return float(np.abs(found - 1.0 / (x**2 + a**2)).max())
+                matrix = interpolation_matrix(fitted, x) @ (1.0 / (fitted**2 + a**2))
+                return float(np.abs(matrix - 1.0 / (x**2 + a**2)).max())
 
             assert error(points[count:]) >= error(at) / 2.0
 
@@ -70,8 +70,8 @@ def test_stroke_variable_removes_the_root_at_a_toggle() -> None:
         ends = x(np.array([0.0, 1.0]))
         points = ends.mean() + (ends[1] - ends[0]) / 2.0 * leja(count)
         values = np.sqrt(np.maximum(1.0 - stroke_angle(points, toggles if smooth else None), 0.0))
-        found = interpolation_matrix(points, x(alphas)) @ values
-        return float(np.abs(found - np.sqrt(1.0 - alphas)).max())
+        matrix = interpolation_matrix(points, x(alphas)) @ values
+        return float(np.abs(matrix - np.sqrt(1.0 - alphas)).max())
 
     assert error(12, smooth=True) < 1e-10
     assert error(50, smooth=False) > 1e-3

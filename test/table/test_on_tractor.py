@@ -79,9 +79,9 @@ def test_oil_and_tractor_change_the_modes_as_measured(model: LinkageModel) -> No
     clamped = LinkageModel(read_mechanism(config_file(PAPER_MECHANISM)))
     for alpha3_deg in (90.0, 135.0, 180.0):
         alpha3 = math.radians(alpha3_deg)
-        found = model.solve(alpha3).natural_frequencies
-        assert found[2] < 3.0 < found[3]
-        assert 1.1 < found[3] / clamped.solve(alpha3).natural_frequencies[0] < 1.9
+        frequencies = model.solve(alpha3).natural_frequencies
+        assert frequencies[2] < 3.0 < frequencies[3]
+        assert 1.1 < frequencies[3] / clamped.solve(alpha3).natural_frequencies[0] < 1.9
 
 
 def test_table_can_be_sent_to_another_process() -> None:

@@ -66,8 +66,8 @@ def test_frf_is_the_models(model: LinkageModel, mechanism: Mechanism) -> None:
     lines = np.linspace(*table.band, 2001)
     for alpha3 in (math.pi / 2, 1.8, 2.3, 2.9, math.pi):
         exact = model.solve(alpha3).frf(table.places, table.places).frf(lines)
-        found = table.frf(alpha3, table.places, table.places).frf(lines)
-        apart = np.linalg.norm(found - exact, axis=0) / np.linalg.norm(exact, axis=0)
+        receptances = table.frf(alpha3, table.places, table.places).frf(lines)
+        apart = np.linalg.norm(receptances - exact, axis=0) / np.linalg.norm(exact, axis=0)
         assert apart.max() < 1e-4
 
 

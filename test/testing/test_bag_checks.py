@@ -75,19 +75,19 @@ def test_a_drive_within_its_limits(log: Path) -> None:
 
 def test_load_ratio_is_that_of_the_resonances(log: Path) -> None:
     """The reported moment is that of the largest load ratio in the log."""
-    found = [
+    actual = [
         (message.total_load_ratio, time, message.excitation)
         for time, message in read_messages(log, RESONANCE_TOPIC)
         if not math.isnan(message.total_load_ratio)
     ]
-    largest, time, excitation = max(found)
+    largest, time, excitation = max(actual)
     assert check_bag(log, Limits(load_ratio=1.01 * largest)).passed
     [failure] = check_bag(log, Limits(load_ratio=0.99 * largest)).failures
     assert (failure.limit, failure.time) == ("load_ratio", time)
     assert failure.seconds == pytest.approx(1e-9 * (time - START), abs=1e-9)
     assert excitation in failure.words
     half = 0.5 * largest
-    exceeded = sum(ratio > half for ratio, *_ in found)
+    exceeded = sum(ratio > half for ratio, *_ in actual)
     assert check_bag(log, Limits(load_ratio=half)).failures[0].count == exceeded > 1
 
 

@@ -33,9 +33,9 @@ def test_what_was_asked_for(which: str, request: pytest.FixtureRequest) -> None:
     assert len(calls) <= 47
     assert len(table_bytes(table)) <= 250_000
     angles = np.random.default_rng(7).uniform(*table.alpha3_range, 300)
-    found = table.evaluate(angles)
+    values = table.evaluate(angles)
     worst = np.zeros(3)
-    for angle, row in zip(angles, found, strict=True):
+    for angle, row in zip(angles, values, strict=True):
         solution = model.solve(float(angle))
         peak = solution.peak(table.peak_band)
         exact = [solution.natural_frequencies[:3], peak.frequency, peak.magnitude]
@@ -88,8 +88,8 @@ def test_stroke_up_to_a_toggle() -> None:
     table = build_table(model)
     for angle in np.radians([184.9279, 184.92, 184.8, 184.0, 180.0]):
         exact = model.solve(float(angle)).natural_frequencies[:3]
-        found = np.sort(table.interpolate(float(angle))[0][:3])
-        np.testing.assert_allclose(found, exact, rtol=2e-6)
+        ordered = np.sort(table.interpolate(float(angle))[0][:3])
+        np.testing.assert_allclose(ordered, exact, rtol=2e-6)
 
 
 def test_crank_that_turns_all_the_way() -> None:

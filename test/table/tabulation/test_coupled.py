@@ -67,11 +67,11 @@ def test_two_poles_that_meet_off_the_real_axis(meeting: float) -> None:
     dashpot = meeting * exact_dashpot
     table = build_table(LinkageModel(crossing_crank(GAP, AT, RATIO, dashpot)), 1e-5)
     assert len(table.reduced) == 1
-    found = table.evaluate(angles(at))
-    assert np.isfinite(found).all()
+    values = table.evaluate(angles(at))
+    assert np.isfinite(values).all()
     shares = [
         worst_pole_error(table, angle, row, exact_poles(GAP, AT, RATIO, dashpot, float(angle)))
-        for angle, row in zip(angles(at), found, strict=True)
+        for angle, row in zip(angles(at), values, strict=True)
     ]
     assert max(shares) <= 2.0
     assert np.mean(np.array(shares) > 1.0) <= 0.01
@@ -145,9 +145,9 @@ def test_hitch_with_a_damper(hitch: tuple[LinkageModel, Table]) -> None:
         peak = exact.frequency, exact.magnitude
         assert row[-2:] == pytest.approx(peak, rel=2.0 * table.peak_error)
     exact_frf = solution.frf(table.places, table.places).frf(lines)
-    found = table.frf(angle, table.places, table.places).frf(lines)
-    np.testing.assert_allclose(found, found.swapaxes(1, 2), rtol=1e-11)  # reciprocity
-    apart = np.linalg.norm(found - exact_frf, axis=0) / np.linalg.norm(exact_frf, axis=0)
+    receptances = table.frf(angle, table.places, table.places).frf(lines)
+    np.testing.assert_allclose(receptances, receptances.swapaxes(1, 2), rtol=1e-11)  # reciprocity
+    apart = np.linalg.norm(receptances - exact_frf, axis=0) / np.linalg.norm(exact_frf, axis=0)
     assert apart.max() <= 2.0 * table.frf_error
 
 
@@ -182,8 +182,8 @@ def test_slopes_and_lookups(hitch: tuple[LinkageModel, Table]) -> None:
     values, slopes = table.evaluate(at), table.evaluate_slopes(at)
     ahead, behind = table.evaluate(at + 1e-6), table.evaluate(at - 1e-6)
     for i, angle in enumerate(at.tolist()):
-        one, frequency, magnitude, _ = table.interpolate(angle)
-        assert [*one, frequency, magnitude] == values[i].tolist()
+        first, frequency, magnitude, _ = table.interpolate(angle)
+        assert [*first, frequency, magnitude] == values[i].tolist()
         assert table.slopes(angle) == slopes[i].tolist()
     n = table.n_modes
     np.testing.assert_allclose((ahead - behind)[:, :n] / 2e-6, slopes[:, :n], rtol=1e-4, atol=1e-4)
@@ -198,8 +198,8 @@ def test_round_trip(hitch: tuple[LinkageModel, Table], tmp_path: Path) -> None:
     np.testing.assert_array_equal(loaded.evaluate(table.alpha3), table.evaluate(table.alpha3))
     place = [table.places[1]]
     lines = np.array([1.0, 50.0])
-    found = (each.frf(2.0, place, place).frf(lines) for each in (table, loaded))
-    np.testing.assert_array_equal(*found)
+    actual = (each.frf(2.0, place, place).frf(lines) for each in (table, loaded))
+    np.testing.assert_array_equal(*actual)
 
 
 def test_structural_damping_that_couples(mapping: Any) -> None:

@@ -50,9 +50,9 @@ def test_makima_by_hand() -> None:
     of the chords to the right, and the right chord has the weight of those to the left, which is 0.
     """
     points, values = np.arange(6.0), np.array([0.0, 0.0, 0.0, 0.0, 1.0, 2.0])
-    found = makima(points, np.array([0.5, 2.5, 3.5, 4.5]), values)
+    actual = makima(points, np.array([0.5, 2.5, 3.5, 4.5]), values)
     # Half-way a cubic is the mean of its ends and an eighth of the difference of their slopes.
-    assert found == pytest.approx([0.0, 0.0, 0.5 - 1.0 / 8.0, 1.5], abs=1e-15)
+    assert actual == pytest.approx([0.0, 0.0, 0.5 - 1.0 / 8.0, 1.5], abs=1e-15)
 
 
 def test_makima_is_that_of_scipy() -> None:
@@ -90,11 +90,13 @@ def test_between_points_they_are_those_of_the_model(
     many = predict_many(predictor, angles, np.full(8, stddev))
     for i, angle in enumerate(angles.tolist()):
         exact = sensitivity.at(model.solve(angle), 300.0).stddev[:, :3]
-        shares, one = predictor.shares(angle, stddev), predictor.predict(angle, stddev)
-        exact[0] *= one.natural_frequencies
+        shares, prediction = predictor.shares(angle, stddev), predictor.predict(angle, stddev)
+        exact[0] *= prediction.natural_frequencies
         np.testing.assert_allclose(shares.parameters, exact, rtol=0.03)
-        assert (shares.table[0] == one.interpolation_error * one.natural_frequencies).all()
-        both = one.frequency_stddevs, one.damping_ratio_stddevs
+        assert (
+            shares.table[0] == prediction.interpolation_error * prediction.natural_frequencies
+        ).all()
+        both = prediction.frequency_stddevs, prediction.damping_ratio_stddevs
         np.testing.assert_allclose(both, shares.total, rtol=1e-12)
         np.testing.assert_array_equal(
             (many.frequency_stddevs[i], many.damping_ratio_stddevs[i]), both
@@ -215,6 +217,6 @@ def test_near_a_toggle_they_hold_or_are_unknown() -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_monte_carlo(name: str) -> None:
     """Of whole models with random numbers, both kinds of deviations agree within a tenth."""
-    found = scatter(described(name), 2000, 11)
-    assert found.worst.max() < LIMIT
-    assert np.isfinite(found.predicted).mean() > 0.9
+    actual = scatter(described(name), 2000, 11)
+    assert actual.worst.max() < LIMIT
+    assert np.isfinite(actual.predicted).mean() > 0.9

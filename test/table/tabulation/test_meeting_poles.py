@@ -51,9 +51,11 @@ def test_only_sum_and_product_are_smooth(meeting: Meeting) -> None:
     gaps = []
     for distance in (1e-6, 1e-4):
         poles = poles_at(dashpot, alpha3 - distance)
-        one = min(poles, key=lambda pole: abs(pole.imag))
-        other = one.conj() if meeting is meeting_on_axis else max(poles, key=lambda p: abs(p.imag))
-        gaps.append(abs(one - other))
+        first = min(poles, key=lambda pole: abs(pole.imag))
+        other = (
+            first.conj() if meeting is meeting_on_axis else max(poles, key=lambda p: abs(p.imag))
+        )
+        gaps.append(abs(first - other))
     assert gaps[1] / gaps[0] == pytest.approx(10.0, rel=1e-2)
 
 

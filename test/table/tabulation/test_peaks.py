@@ -29,9 +29,9 @@ def test_jump_from_one_mode_to_the_other() -> None:
     clear = np.abs(size[:, 0] / size[:, 1] - 1.0) > 2.0 * table.peak_error
     assert clear.mean() > 0.99
     rows = np.arange(len(angles))
-    found = table.evaluate(angles)
-    np.testing.assert_allclose(found[clear, -2], at[rows, high][clear], rtol=1e-4)
-    np.testing.assert_allclose(found[:, -1], size.max(axis=1), rtol=1e-4)
+    values = table.evaluate(angles)
+    np.testing.assert_allclose(values[clear, -2], at[rows, high][clear], rtol=1e-4)
+    np.testing.assert_allclose(values[:, -1], size.max(axis=1), rtol=1e-4)
 
 
 @pytest.mark.parametrize("tolerance", [2e-4, 1e-6])
@@ -87,9 +87,9 @@ def test_sharp_peaks_are_not_missed(mechanism: Mechanism) -> None:
 
 def test_which_maxima_tell_the_highest() -> None:
     """Two that swap both count, a low one and one beyond the band do not; the band's end stays."""
-    x, one = np.linspace(-1.0, 1.0, 9), np.ones(9)
-    at = np.column_stack([10.0 * one, 20.0 * one, 30.0 * one, 90.0 * one, 50.0 * one])
-    sizes = np.column_stack([2.0 + x, 2.0 - x, 0.1 * one, 9.0 * one, 0.2 * one])
+    x, first = np.linspace(-1.0, 1.0, 9), np.ones(9)
+    at = np.column_stack([10.0 * first, 20.0 * first, 30.0 * first, 90.0 * first, 50.0 * first])
+    sizes = np.column_stack([2.0 + x, 2.0 - x, 0.1 * first, 9.0 * first, 0.2 * first])
     chosen = notable(at, sizes, (0.0, 50.0), 1e-4, strict=True)
     assert chosen is not None
     assert chosen.tolist() == [True, True, False, False, False]

@@ -32,8 +32,8 @@ def angles() -> NDArray[np.float64]:
 def test_every_gap_is_met_to_the_tolerance(gap: float, tolerance: float) -> None:
     """From a crossing to a wide veering both frequencies meet the tolerance and their error."""
     table = build_table(LinkageModel(crossing_crank(gap, AT)), tolerance)
-    found = np.sort(table.evaluate(angles())[:, :2], axis=1)
-    error = np.abs(found / exact_frequencies(gap, AT, angles()) - 1.0).max()
+    ordered = np.sort(table.evaluate(angles())[:, :2], axis=1)
+    error = np.abs(ordered / exact_frequencies(gap, AT, angles()) - 1.0).max()
     assert error <= tolerance
     assert error <= 3.0 * table.interpolation_error.max() + 1e-12
 
