@@ -13,26 +13,14 @@ Integers = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Block:
-    """Messages of several topics as columns.
+    """Messages of several topics as columns."""
 
-    Attributes
-    ----------
-    buffer : ndarray of uint8
-        Contains the bytes of the messages.
-    starts, sizes : ndarray, (n,)
-        Position and number of each message's bytes in it.
-    topics : ndarray, (n,)
-        Index of each message's topic in the requested names.
-    log_times, publish_times : ndarray, (n,)
-        Times of receiving and of sending, ns; they are equal except in MCAP.
-    """
-
-    buffer: Bytes
-    starts: Integers
-    sizes: Integers
-    topics: Integers
-    log_times: Integers
-    publish_times: Integers
+    buffer: Bytes  # holds the bytes of the messages
+    starts: Integers  # (n,), in the buffer
+    sizes: Integers  # (n,), in bytes
+    topics: Integers  # (n,), indices in the requested names
+    log_times: Integers  # (n,), of receiving, ns
+    publish_times: Integers  # (n,), of sending, ns; as received except in MCAP
 
     def __len__(self) -> int:
         """Return the number of messages."""

@@ -87,19 +87,10 @@ def can_log_suffix(path: Path) -> str:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CanLog:
-    """A log of a CAN bus that was read.
+    """A log of a CAN bus that was read."""
 
-    Attributes
-    ----------
-    connections : list of Connection
-        One for each channel, as rosbags describes topics; its identifier is the index of the
-        channel.
-    frames : ndarray of `_FRAME`, (n,)
-        In the order of their times.
-    """
-
-    connections: "list[Connection]"
-    frames: NDArray[Any]
+    connections: "list[Connection]"  # one for each channel, whose index is the identifier
+    frames: NDArray[Any]  # (n,) of `_FRAME`, by time
 
     def messages(
         self, connections: "Collection[Connection]"

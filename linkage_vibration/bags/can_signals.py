@@ -23,22 +23,11 @@ _LAST_VALUE = 0xFA  # of the highest byte; above are specific, reserved, "error"
 
 @dataclass(frozen=True, slots=True)
 class Bits:
-    """An integer or a floating-point number in the data of a frame.
+    """An integer or a floating-point number in the data of a frame."""
 
-    Attributes
-    ----------
-    first, length : int
-        Number of the lowest bit, counted from the lowest bit of the first byte if the number is
-        little-endian, else from the lowest bit of the eighth byte; and number of bits.
-    n_bytes : int
-        How many bytes a frame needs to contain it.
-    big_endian, signed, real : bool
-        How the bits make a number.
-    """
-
-    first: int
-    length: int
-    n_bytes: int
+    first: int  # lowest bit, from the lowest of byte 1, or of byte 8 if big-endian
+    length: int  # in bits
+    n_bytes: int  # that a frame needs to contain it
     big_endian: bool = False
     signed: bool = False
     real: bool = False
@@ -66,34 +55,20 @@ class Bits:
 class CanSignal:
     """A signal: value = scale * number + offset.
 
-    Attributes
-    ----------
-    name, unit : str
-        What messages call it, and the unit of its values.
-    key, mask : int
-        A frame contains the signal if the bits of its key under the mask are these; see
-        `linkage_vibration.bags.can_frames`.
-    bits : Bits
-        The number.
-    scale, offset : float
-    reserved : bool
-        Whether the highest byte means "error", "not available" and the like above 0xFA.
-    range : tuple of float, (2,)
-        The least and the greatest value.
-    selectors : tuple of (Bits, tuple of int)
-        Multiplexers, and their values with which a frame contains the signal.
+    A frame contains it if the bits of its key under the mask are these (`can_frames`), and if each
+    multiplexer has one of its values.
     """
 
     name: str
-    unit: str
+    unit: str  # of the values
     key: int
     mask: int
     bits: Bits
     scale: float = 1.0
     offset: float = 0.0
-    reserved: bool = False
-    range: tuple[float, float] = (-np.inf, np.inf)
-    selectors: tuple[tuple[Bits, tuple[int, ...]], ...] = ()
+    reserved: bool = False  # the highest byte above 0xFA means "error" and the like
+    range: tuple[float, float] = (-np.inf, np.inf)  # least and greatest value
+    selectors: tuple[tuple[Bits, tuple[int, ...]], ...] = ()  # multiplexers
 
     def matches(self, key: int) -> bool:
         """Return whether a frame with this key may contain the signal."""

@@ -24,23 +24,13 @@ from linkage_vibration.bags.writing import Attachment, Topic
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Messages:
-    """Messages of one topic of the log and one size.
-
-    Attributes
-    ----------
-    data : ndarray of uint8, (n, n_bytes)
-        In CDR, with encapsulation headers.
-    place : ndarray, (n,)
-        Position of each message among those of the chunk.
-    log_times, publish_times : ndarray, (n,)
-        Times of receiving and of sending, ns, not negative.
-    """
+    """Messages of one topic of the log and one size."""
 
     topic: str
-    data: Bytes
-    place: Integers
-    log_times: Integers
-    publish_times: Integers
+    data: Bytes  # (n, n_bytes): CDR with encapsulation headers
+    place: Integers  # (n,), among those of the chunk
+    log_times: Integers  # (n,), of receiving, ns, not negative
+    publish_times: Integers  # (n,), of sending, likewise
 
 
 class ChunkLog(LogWriter):

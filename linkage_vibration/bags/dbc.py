@@ -31,9 +31,8 @@ class DbcError(FieldError):
 def dbc_signal(path: Path, name: str) -> CanSignal:
     """Return a signal that a DBC file describes, such as "RearHitch.Position".
 
-    A frame of J1939 is recognised by its parameter group. The message is of J1939 if its attribute
-    ``VFrameFormat`` says so, or if its source address is 254. Other identifiers must be equal. A
-    `DbcError` is raised if a frame of 8 bytes cannot contain the signal.
+    A message of J1939, by its attribute ``VFrameFormat`` or its source address 254, is recognised
+    by its parameter group. A `DbcError` is raised if a frame of 8 bytes cannot contain the signal.
     """
     message_name, _, signal_name = name.partition(".")
     if not signal_name:

@@ -45,10 +45,8 @@ class _Places:
 class FieldReader(NumberReader):
     """Reads a number of messages of any type, by a path; see `find_path`.
 
-    The rate of an element that has a name is read from the list ``rates`` beside its own, which
-    contains float64. It is unknown unless there is one rate for each name. A `FieldError` is raised
-    for a path to no number. Messages in which the size of a field before it is not known, such as
-    that of a ``wstring``, are unreadable.
+    The rate of a named element is read from the list ``rates`` beside its own, if that has one for
+    each name. A `FieldError` is raised for a path to no number.
     """
 
     def __init__(self, schema: Schema, type_name: str, path: str, rates: str = "") -> None:

@@ -37,23 +37,10 @@ Log = TypeVar("Log", bound="LogWriter")
 
 
 class LogWriter:
-    """An MCAP log that is being written.
+    """An MCAP log that is being written, in chunks of 64 KiB; not thread-safe.
 
-    Messages are gathered in chunks of 64 KiB. zstd compresses joint states and predictions to a
-    third, in 0.4 ms for each chunk, and every reader of MCAP supports it. The owner of the log
-    calls `flush` once a second, so that a killed process loses one second of messages or less. Any
-    method raises a `LogError` if the file cannot be written; then only `abandon` may follow. Not
-    thread-safe.
-
-    Attributes
-    ----------
-    written : int
-        Number of messages that the operating system has received.
-
-    Raises
-    ------
-    LogError
-        If the file exists or cannot be created.
+    Its owner calls `flush` once a second, so that a killed process loses no more. Each method, and
+    a file that exists, raises a `LogError`; then only `abandon` may follow.
     """
 
     def __init__(

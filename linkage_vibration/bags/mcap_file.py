@@ -42,19 +42,8 @@ def message_heads(content: bytes, begins: Integers) -> NDArray[np.void]:
 class McapFile:
     """An MCAP file that is being written; `close` completes it, and its stream remains open.
 
-    The stream is empty at the beginning; a profile is such as "ros2".
-
-    Attributes
-    ----------
-    profile : str
-    channels : dict of str to int
-        The channels of the topics that `add_topics` added.
-    counts : Counter of int
-        Numbers of messages by the ids of their channels.
-    metadata : set of str
-        Names of the metadata records.
-    first, last : int
-        Least and greatest log time, ns; 0 if there are no messages.
+    The stream is empty at the beginning. ``channels`` are by topic, ``counts`` of messages by
+    channel, and ``first`` and ``last`` the least and greatest log time, ns, 0 without messages.
     """
 
     def __init__(self, stream: BinaryIO, profile: str, compression: str = "zstd") -> None:

@@ -36,12 +36,9 @@ def read_columns(
 ) -> dict[str, Columns]:
     """Read topics of a log into memory; ``types`` are those that `topic_types` returns.
 
-    The columns of a topic are its fields by name, such as ``data`` or ``header.stamp.sec``: ndarray
-    (n,), or (n, longest) of an array or a sequence, with NaN after a shorter one. Texts are
-    objects, so that equal ones are in memory once. Two more columns are ``log_time``, ns, and
-    ``place``, the place of each message among those of all topics. Messages are in the order of log
-    times or, if ``as_written``, in the order of an MCAP file. Fields that are ``unused`` are left
-    out.
+    Columns are fields such as ``header.stamp.sec``, (n,) or (n, longest) with NaN behind, and
+    ``log_time``, ns, and ``place`` among all messages. Messages are in the order of log times, or
+    ``as_written``.
     """
     names, done = list(types), 0
     with open_bags([path]) as bags:

@@ -43,81 +43,37 @@ class MessageNumber(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Numbers:
-    """The numbers of messages whose headers have the same frame, by columns.
+    """The numbers of messages whose headers have the same frame, by columns."""
 
-    Attributes
-    ----------
-    rows : ndarray, (n,)
-        Which messages of the block they are.
-    value, rate : ndarray, (n,)
-        As those of `MessageNumber`.
-    sec, nanosec : ndarray, (n,)
-        Stamps of their headers, s and ns; 0 for messages without a header.
-    frame_id : str
-        Frame of their headers; empty for messages without a header.
-    senders : ndarray, (n,), optional
-        Their source addresses on a CAN bus, if the signal may come from any.
-    """
-
-    rows: Integers
-    value: FloatArray
-    rate: FloatArray
-    sec: NDArray[np.int32]
-    nanosec: NDArray[np.uint32]
-    frame_id: str
-    senders: NDArray[np.uint32] | None = None
+    rows: Integers  # (n,), of the block
+    value: FloatArray  # (n,), as in `MessageNumber`
+    rate: FloatArray  # (n,), likewise
+    sec: NDArray[np.int32]  # (n,), s; 0 without a header
+    nanosec: NDArray[np.uint32]  # (n,), ns
+    frame_id: str  # empty without a header
+    senders: NDArray[np.uint32] | None = None  # (n,), on a CAN bus
 
 
 @dataclass(slots=True)
 class LeftOut:
-    """How many messages of a bag were left out, and why.
+    """How many messages of a bag were left out, and why."""
 
-    Attributes
-    ----------
-    others, unreadable, refused : int
-        Messages that do not contain the number, such as joint states of other joints; that are not
-        valid CDR; and whose number is not reliable.
-    fault : str
-        Why the first unreadable or refused message was left out.
-    names : set of str
-        What some of the other messages contain instead, such as joints.
-    unavailable : dict of str to int
-        What was not available, with the reason, and in how many messages.
-    """
-
-    others: int = 0
-    unreadable: int = 0
-    refused: int = 0
-    fault: str = ""
+    others: int = 0  # do not contain the number
+    unreadable: int = 0  # are not valid CDR
+    refused: int = 0  # have no reliable number
+    fault: str = ""  # of the first unreadable or refused one
     names: set[str] = field(default_factory=set)
-    unavailable: dict[str, int] = field(default_factory=dict)
+    unavailable: dict[str, int] = field(default_factory=dict)  # reasons, and how many messages
 
 
 class NumberReader(ABC):
-    """Reads one number from each message of a type.
+    """Reads one number from each message of a type."""
 
-    Attributes
-    ----------
-    what : str
-        What is read, in words, such as "joint boom".
-    kind : str
-        What messages contain instead, such as "joint"; empty if they do not say it.
-    remedy : str
-        What to do if messages contain others of this kind only.
-    has_header : bool
-        Whether the messages begin with a header.
-    note : str
-        Why the last number, or the first of many, is NaN; empty if the message does not say it.
-    sender : str
-        The field that reads the sender of the last number alone, such as ``engine_speed@0x00``;
-        empty if the messages do not name their sender, or the field has chosen one.
-    """
-
-    what: str
-    kind: str = ""
+    what: str  # in words, such as "joint boom"
+    kind: str = ""  # of what messages contain instead, such as "joint"
     remedy: str = "Choose one of them."
     has_header: bool = False
-    note: str = ""
+    note: str = ""  # why the last number, or the first of many, is NaN
     sender: str = ""
 
     @abstractmethod

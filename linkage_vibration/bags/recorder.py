@@ -48,40 +48,23 @@ _NAME = re.compile(r"linkage_vibration_\d{8}-\d{6}(_\d+)?\.mcap")
 
 @dataclass(frozen=True, slots=True)
 class LogLimits:
-    """Limits of the size of logs.
+    """Limits of the size of logs; 0 is no limit.
 
-    Attributes
-    ----------
-    split_size : int
-        Bytes of a file after which the next one begins; 0 for no limit.
-    split_duration : float
-        Time after which the next file begins, s; 0 for no limit.
-    disk_limit : int
-        Bytes of all logs in the folder at which recording ends; 0 for no limit.
-    delete_oldest : bool
-        Whether the oldest logs of the folder are deleted instead. A file then has a quarter of
-        ``disk_limit`` or less.
+    Beyond the limit of the disk, recording ends, or the oldest logs of the folder are deleted; a
+    file then has at most a quarter of that limit.
     """
 
-    split_size: int = 0
-    split_duration: float = 0.0
-    disk_limit: int = 0
+    split_size: int = 0  # bytes of a file
+    split_duration: float = 0.0  # s of a file
+    disk_limit: int = 0  # bytes of all logs in the folder
     delete_oldest: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class Provenance:
-    """The origin of the messages of a log, which is stored in each file.
+    """The origin of the messages of a log, which is stored in each file."""
 
-    Attributes
-    ----------
-    attachments : tuple of Attachment
-        Files such as the mechanism, the table and the parameters.
-    metadata : mapping of str to str
-        Facts such as `package_versions`, for the metadata record `PROVENANCE_METADATA`.
-    """
-
-    attachments: tuple[Attachment, ...] = ()
+    attachments: tuple[Attachment, ...] = ()  # the mechanism, the table and the like
     metadata: Mapping[str, str] = field(default_factory=dict)
 
 
@@ -98,26 +81,9 @@ class _LimitError(LogError):
 class Recorder:
     """Logs messages to files in a folder, from `start` to `stop`, on a thread of its own.
 
-    Messages wait in a bounded queue; those that do not fit are counted. Twice a second, the thread
-    hands the messages to the operating system and waits until the disk has them. After a failure,
-    the file is closed as it is, and the thread tries every few seconds to begin a new one. Every
-    file is complete in itself. Its metadata records `RECORDING_METADATA`, and the same with .2, .3
-    and so on, give the number of messages dropped since `start`: at the beginning, after each
-    change, and at the end. `add_topic` adds topics, and `change_provenance` replaces the
-    provenance.
-
-    Attributes
-    ----------
-    path : Path or None
-        The current file, or else the last one.
-    active : bool
-        Whether messages are accepted: from `start` until `stop` or ``disk_limit``.
-    recording : bool
-        Whether a file is being written; after a failure, it is not until the next one begins.
-    written : int
-        Number of messages that the operating system has received since `start`.
-    error : LogError or None
-        The first failure since `start`.
+    Messages that do not fit into its queue are counted, and records `RECORDING_METADATA` in each
+    file say so. Twice a second the disk has all; after a failure the thread begins a new file every
+    few seconds.
     """
 
     def __init__(

@@ -67,22 +67,12 @@ class RecoveryError(LinkageVibrationError):
 
 @dataclass(frozen=True, slots=True)
 class Recovery:
-    """The saved and the lost part of a file.
+    """The saved and the lost part of a file."""
 
-    Attributes
-    ----------
-    path : Path
-        The new file.
-    saved, lost : dict of str to int
-        Number of its messages for each topic; known number of lost messages, if any.
-    damages : tuple of str
-        Damaged places, in the order of the file.
-    """
-
-    path: Path
-    saved: dict[str, int]
-    lost: dict[str, int]
-    damages: tuple[str, ...]
+    path: Path  # the new file
+    saved: dict[str, int]  # messages of each topic
+    lost: dict[str, int]  # known number of lost messages
+    damages: tuple[str, ...]  # places, in the order of the file
 
 
 def recover(
@@ -90,10 +80,9 @@ def recover(
 ) -> Recovery:
     """Write the readable part of an MCAP file to a new and complete one, which must not exist.
 
-    Messages keep their times and their order; schemas, channels, attachments and metadata are kept
-    too. A chunk with a wrong CRC is lost. Of a chunk that the end of the file cuts off, everything
-    that can be decompressed is kept. ``progress`` is called with the number of bytes that were read
-    since its last call. A `RecoveryError` is raised if there is nothing to save or no place for it.
+    A chunk with a wrong CRC is lost; one that the end cuts off is kept as far as it can be
+    decompressed. ``progress`` gets numbers of bytes. A `RecoveryError` says that there is nothing
+    to save or no place.
     """
     try:
         file = source.open("rb")

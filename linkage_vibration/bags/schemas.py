@@ -29,19 +29,11 @@ class FieldError(LinkageVibrationError):
 
 @dataclass(frozen=True, slots=True)
 class SchemaField:
-    """A field of a message.
-
-    Attributes
-    ----------
-    name, type : str
-        Its name, and the type of one element: "float64", "bool", "string" or "package/msg/Name".
-    length : int, optional
-        Number of elements of an array; 0 of a sequence, whose messages say it; None for one value.
-    """
+    """A field of a message."""
 
     name: str
-    type: str
-    length: int | None = None
+    type: str  # of one element: "float64", "bool", "string" or "package/msg/Name"
+    length: int | None = None  # 0: a sequence; None: one value
 
 
 Schema: TypeAlias = Mapping[str, tuple[SchemaField, ...]]
@@ -53,22 +45,12 @@ EMPTY = (SchemaField("structure_needs_at_least_one_member", "uint8"),)
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """A step of a path: a field, and which of its elements.
-
-    Attributes
-    ----------
-    field : SchemaField
-    index : int, optional
-        Place of the element, from 0; None for a field of one value.
-    names, name : str
-        The list of names beside the field, and the name in it that has the place of the element;
-        empty if the place is given.
-    """
+    """A step of a path: a field, and which of its elements."""
 
     field: SchemaField
-    index: int | None = None
-    names: str = ""
-    name: str = ""
+    index: int | None = None  # place, from 0; None for one value
+    names: str = ""  # the list of names beside the field
+    name: str = ""  # in that list, instead of a place
 
 
 def schema_of_store(store: Any, type_name: str) -> Schema:
@@ -114,9 +96,8 @@ def has_header(schema: Schema, type_name: str) -> bool:
 def find_path(schema: Schema, type_name: str, path: str) -> tuple[Step, ...]:
     """Return the steps of a path to a number, such as "twist.linear.x" or "position[boom]".
 
-    An element of a list has its place, from 0, or its name in the only list of names beside it; a
-    name that is a number is in double quotes. If the type has no such number, a `FieldError` lists
-    those that it has.
+    An element has its place, or its name in the only list of names beside it; a name that is a
+    number is in double quotes. A `FieldError` lists the numbers of the type.
     """
     steps: list[Step] = []
     at, inside = 0, type_name

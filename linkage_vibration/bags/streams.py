@@ -66,19 +66,11 @@ class _Part:
 
 @dataclass(frozen=True, slots=True)
 class BagTopic:
-    """A topic of a bag.
-
-    Attributes
-    ----------
-    name, type : str
-        Such as ``/joint_states`` and ``sensor_msgs/msg/JointState``.
-    count : int
-        Number of its messages.
-    """
+    """A topic of a bag."""
 
     name: str
-    type: str
-    count: int
+    type: str  # such as ``sensor_msgs/msg/JointState``
+    count: int  # of its messages
 
 
 class Bags:

@@ -24,23 +24,13 @@ class LogError(LinkageVibrationError):
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """A topic of a log.
-
-    Attributes
-    ----------
-    name, type : str
-        Its absolute name, and the full name of its message type, such as ``std_msgs/msg/Float64``.
-    definition : str
-        The ``ros2msg`` text of the type with its dependencies, see `message_definition`.
-    type_hash, offered_qos_profiles : str
-        Hash of the type and QoS of the publishers, see the functions of these names.
-    """
+    """A topic of a log."""
 
     name: str
-    type: str
-    definition: str
-    type_hash: str
-    offered_qos_profiles: str
+    type: str  # full name, such as ``std_msgs/msg/Float64``
+    definition: str  # see `message_definition`
+    type_hash: str  # see the function of this name
+    offered_qos_profiles: str  # see the function of this name
 
     def metadata(self) -> dict[str, str]:
         """Return what rosbag2 stores with the channel."""
@@ -50,18 +40,10 @@ class Topic:
 
 @dataclass(frozen=True, slots=True)
 class Attachment:
-    """A file that is stored in a log.
-
-    Attributes
-    ----------
-    name, media_type : str
-        Name and media type of the file, such as ``application/yaml``.
-    data : bytes
-        Its content.
-    """
+    """A file that is stored in a log."""
 
     name: str
-    media_type: str
+    media_type: str  # such as ``application/yaml``
     data: bytes
 
 

@@ -44,11 +44,9 @@ class DemoError(LinkageVibrationError):
 def run_demo(bag: Path | None, joint: str | None, output: Path) -> int:
     """Play a drive to the node, print what it predicts, and draw its log into a folder.
 
-    Return 0 if each joint state was answered by one prediction, 1 if not. Without a bag, the
-    shipped drive is played; in any other bag the joint's range of motion is mapped onto the table's
-    range. Unless the user has set them, the variables ``ROS_AUTOMATIC_DISCOVERY_RANGE`` and
-    ``ROS_DOMAIN_ID`` are set for this process and the node, so that they find only each other. A
-    `DemoError` is raised if ROS 2, the joint or the folder cannot be used, or if the node fails.
+    Return 0 if each joint state had one prediction, 1 if not. The joint's range in a bag is mapped
+    onto the table's. A `DemoError` is raised if ROS 2, the joint or the folder cannot be used, or
+    the node fails.
     """
     drive, followed = bag or config_file(DRIVE), joint or Parameters().joint_name
     parameters: dict[str, object] = {"joint_name": followed, "record": True}

@@ -28,15 +28,7 @@ class PlotError(LinkageVibrationError):
 
 
 def require_matplotlib() -> None:
-    """Import matplotlib before anything long begins.
-
-    Raises
-    ------
-    PlotError
-        If it is missing.
-    OldLibraryError
-        If it is too old.
-    """
+    """Import matplotlib before anything long begins; raise a PlotError or an OldLibraryError."""
     check_versions("matplotlib")
     try:
         import matplotlib.figure  # noqa: F401

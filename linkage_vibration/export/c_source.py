@@ -46,8 +46,6 @@ def filled(template: str, values: Mapping[str, str]) -> str:
 def literal(value: float, suffix: str = "") -> str:
     """Return a number in C, as a hexadecimal float that is exact, with the suffix of its type.
 
-    Examples
-    --------
     >>> literal(0.1), literal(-2.0, "f"), literal(float("nan")), literal(-3)
     ('0x1.999999999999ap-4', '-0x1p+1f', '(double)NAN', '-3')
     """
@@ -63,8 +61,6 @@ def literal(value: float, suffix: str = "") -> str:
 def comment(text: str) -> str:
     """Return a text that cannot end a comment in C, nor disturb its line.
 
-    Examples
-    --------
     >>> comment("crank */ int main(void)")
     'crank * / int main(void)'
     """
@@ -81,8 +77,6 @@ def _texts(texts: Iterable[str]) -> str:
 def existing_table(header: str) -> str:
     """Return the identifier of the table that a header was exported from; empty if there is none.
 
-    Examples
-    --------
     >>> existing_table('#define HITCH_TABLE_ID "0123456789abcdef"')
     '0123456789abcdef'
     """

@@ -36,52 +36,24 @@ class ExportError(LinkageVibrationError):
 
 @dataclass(frozen=True, eq=False)
 class Constants:
-    """The numbers of an export, which have the precision of the cells in C.
-
-    Attributes
-    ----------
-    n_modes, n_peaks : int
-    alpha3_range, sound_range : tuple of float
-        rad; the second is at least one degree away from the toggles.
-    peak_band : tuple of float
-        Where the peak is sought, Hz.
-    turns : bool
-        Whether the crank turns all the way, so that whole turns are removed.
-    farthest : float
-        Up to which angle they are removed, rad.
-    starts, cubics : ndarray, (n_cells,) and (n_cells, 4, 2 n_modes + 2 n_peaks)
-        As `table.cells.Cells` takes them.
-    piece_starts, piece_errors : ndarray, (n_pieces,)
-        Where the pieces of the table begin, rad, and the bounds of their relative errors.
-    parameters : ndarray, (n_rows, 2 n_modes)
-        Standard deviations by uncertain numbers, as `Table.parameter_deviations` interpolates
-        them; no rows without such numbers.
-    parameter_step : float
-        Angle between two rows, rad.
-    noise_angles, noise : ndarray, (n,) and (n, 2 n_modes)
-        Standard deviations by the noise of measured links, and their angles, rad.
-    gaps : tuple of (float, float)
-        Angles (rad) between which numbers are NaN that a table finds by eigenproblems.
-    orders : OrderConstants, optional
-        None without excitations.
-    """
+    """The numbers of an export, which have the precision of the cells in C."""
 
     n_modes: int
     n_peaks: int
-    alpha3_range: tuple[float, float]
-    sound_range: tuple[float, float]
-    peak_band: tuple[float, float]
-    turns: bool
-    farthest: float
-    starts: Reals
-    cubics: Reals
-    piece_starts: Reals
-    piece_errors: Reals
-    parameters: Reals
-    parameter_step: float
-    noise_angles: Reals
-    noise: Reals
-    gaps: tuple[tuple[float, float], ...] = ()
+    alpha3_range: tuple[float, float]  # rad
+    sound_range: tuple[float, float]  # rad; at least one degree away from the toggles
+    peak_band: tuple[float, float]  # where the peak is sought, Hz
+    turns: bool  # whole turns are removed
+    farthest: float  # rad, up to which they are
+    starts: Reals  # (n_cells,), as `table.cells.Cells` takes them
+    cubics: Reals  # (n_cells, 4, 2 n_modes + 2 n_peaks)
+    piece_starts: Reals  # (n_pieces,), rad
+    piece_errors: Reals  # (n_pieces,), bounds, relative
+    parameters: Reals  # (n_rows, 2 n_modes), deviations by uncertain numbers, if any
+    parameter_step: float  # rad between two rows
+    noise_angles: Reals  # (n,), rad
+    noise: Reals  # (n, 2 n_modes), deviations by the noise of links
+    gaps: tuple[tuple[float, float], ...] = ()  # rad, between which numbers are NaN
     orders: OrderConstants | None = None
 
     @property
@@ -116,13 +88,8 @@ class Constants:
 def constants_of(table: Table, orders: OrderConstants | None = None) -> Constants:
     """Return the numbers of a table, which give the same bits as the table.
 
-    Where a lookup of the table solves an eigenproblem, in tiny cells around angles at which two
-    poles meet or the highest peak changes, they give NaN.
-
-    Raises
-    ------
-    ExportError
-        If these cells are not tiny.
+    They are NaN in tiny cells, where a lookup of the table solves an eigenproblem as poles meet or
+    the highest peak changes. An ExportError says that these cells are not tiny.
     """
     starts, cubics = table.cells.arrays
     without = np.isposinf(cubics[:, 3])
@@ -182,19 +149,10 @@ def _rounded(holder: Holder) -> Holder:
 
 
 def fewer_cells(constants: Constants, tolerance: float) -> Constants:
-    """Return constants with as few cells as a tolerance needs.
+    """Return constants with as few cells as a tolerance up to 1e-3 needs, or raise ExportError.
 
-    Neighbouring cells are joined into one that has their values and slopes at its ends, as long as
-    it agrees with all of them. The tolerance bounds the relative error of natural frequencies and
-    damping ratios against the table; that of the peak is
-    `PEAK_TOLERANCE` times as large, as is about that of responses. Of the
-    rows of standard deviations by uncertain numbers every second is left out, repeatedly, as long
-    as no deviation changes by more than 1 %.
-
-    Raises
-    ------
-    ExportError
-        If the tolerance is not greater than 0 and at most 1e-3.
+    It bounds relative errors of frequencies and damping ratios; peak and responses may have
+    `PEAK_TOLERANCE` times as much. Rows of deviations are left out that change none by 1 %.
     """
     if not 0.0 < tolerance <= _LARGEST_TOLERANCE:
         raise ExportError(f"The tolerance {tolerance:g} is not between 0 and 1e-3; give 1e-6.")

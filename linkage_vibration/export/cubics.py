@@ -67,16 +67,10 @@ def _value(cubics: Reals, t: Reals) -> FloatArray:
 
 
 def joined_cells(ends: Reals, cubics: Reals, limits: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the starts and the cubics of as few cells as limits allow.
+    """Return the starts and the cubics of as few cells as limits, (n_cells, k), allow.
 
-    Neighbouring cells are joined into one that has their values and slopes at its ends.
-
-    Parameters
-    ----------
-    ends : ndarray, (n_cells + 1,)
-        Where cells begin, and where the last one ends, rad.
-    cubics, limits : ndarray, (n_cells, 4, k) and (n_cells, k)
-        How far a joined cell may be from each cell.
+    Neighbours are joined into a cell with their values and slopes at its ends. The ends are
+    (n_cells + 1,), rad, and the cubics (n_cells, 4, k).
     """
     joiner, starts, kept, first = _Joiner(ends, cubics, limits), [], [], 0
     while first < len(cubics):

@@ -24,26 +24,13 @@ _ROUNDINGS = 8  # of the evaluation of a cubic
 
 @dataclass(frozen=True)
 class ExportErrors:
-    """Bounds of the differences between the numbers of an export and those of its table.
+    """Bounds of the differences between the numbers of an export and those of its table."""
 
-    Attributes
-    ----------
-    frequency, damping_ratio : float
-        Relative.
-    slope : float
-        Of the slopes of natural frequencies, over the largest slope of each.
-    peak : float
-        Relative, of frequency and magnitude of each candidate for the highest peak.
-    response : float
-        Of velocities, accelerations and amplifications by excitations, over the sum of the
-        magnitudes of the terms of the response.
-    """
-
-    frequency: float = 0.0
-    damping_ratio: float = 0.0
-    slope: float = 0.0
-    peak: float = 0.0
-    response: float = 0.0
+    frequency: float = 0.0  # relative
+    damping_ratio: float = 0.0  # relative
+    slope: float = 0.0  # of a natural frequency, over its largest slope
+    peak: float = 0.0  # relative, of frequency and magnitude
+    response: float = 0.0  # over the sum of the magnitudes of its terms
 
     @property
     def text(self) -> str:
@@ -66,8 +53,6 @@ class ExportErrors:
 def upwards(error: float) -> str:
     """Return an error with two digits, rounded up.
 
-    Examples
-    --------
     >>> upwards(9.71e-7), upwards(2e-8), upwards(0.0)
     ('9.8e-07', '2.0e-08', '0')
     """
@@ -134,14 +119,8 @@ def _apart(
 ) -> tuple[FloatArray, FloatArray]:
     """Return bounds of errors of values in cells, (n_cells, k), and of their slopes.
 
-    Parameters
-    ----------
-    ends : ndarray, (n_cells + 1,)
-        Of the exact cells, rad.
-    unit, turned : float
-        The relative rounding of a number, and the rounding of an angle, rad.
-    starts, exact, near : ndarray
-        Starts of approximate cells, rad, the exact cubics and the approximate ones.
+    The ends, (n_cells + 1,), rad, are those of the exact cells; a number has the relative rounding
+    ``unit``, and an angle is rounded by ``turned``, rad.
     """
     widths, starts = np.diff(ends), starts.astype(float)
     other = np.searchsorted(starts, 0.5 * (ends[1:] + ends[:-1]), side="right") - 1

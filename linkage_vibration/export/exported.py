@@ -27,26 +27,13 @@ _LOAD_RATIOS = (
 
 @dataclass(frozen=True, eq=False)
 class Export:
-    """A table to export.
+    """A table to export."""
 
-    Attributes
-    ----------
-    name : str
-        How the names of files and of everything in C begin.
-    table : Table
-    constants : Constants
-        The numbers in the files.
-    errors : ExportErrors
-        How far they are from those of the table.
-    levels : LevelTable, optional
-        The node's levels by the same excitations, with which the generated test compares.
-    """
-
-    name: str
+    name: str  # begins the names of files and of everything in C
     table: Table
     constants: Constants
-    errors: ExportErrors
-    levels: LevelTable | None = None
+    errors: ExportErrors  # of the constants, against the table
+    levels: LevelTable | None = None  # the node's, for the generated test
 
     @property
     def mode_labels(self) -> list[str]:
@@ -71,13 +58,8 @@ def export_of(
 ) -> Export:
     """Return what to export of a table, and of excitations of its mechanism.
 
-    The tolerance is that of `fewer_cells`; without one, all cells are kept.
-
-    Raises
-    ------
-    ExportError
-        If the name cannot begin names in C that differ in their first 31 characters, or as
-        `constants_of` and `fewer_cells` say.
+    Without a tolerance, see `fewer_cells`, all cells are kept. An ExportError is also raised for a
+    name that cannot begin names in C that differ in their first 31 characters.
     """
     if not _VALID_NAME.fullmatch(name):
         raise ExportError(

@@ -65,14 +65,8 @@ def _forces_of(
 ) -> "ForceConstants":
     """Return forces with few cells: each number may differ by 1 % of its largest value.
 
-    Parameters
-    ----------
-    components : tuple of int
-        Of each pin and cylinder.
-    ends : ndarray, (n_cells + 1,)
-        Of the cells, rad.
-    residues, others : ndarray, (n_cells, 4, 3, k) and (n_cells, 4, n)
-        Cubics of both parts and the rates, and what follows them.
+    The components are those of each pin and cylinder, the ends (n_cells + 1,), rad, and the cubics
+    of residues (n_cells, 4, 3, k), and of what follows them (n_cells, 4, n).
     """
     is_complex, n = bool(residues[:, :, 1].any()), len(residues)
     parts = residues if is_complex else residues[:, :, ::2]
@@ -118,89 +112,50 @@ def _members_of(
 
 @dataclass(frozen=True, eq=False)
 class ForceConstants:
-    """Responses of forces in pins and cylinders, and their static forces.
+    """Responses of forces in pins and cylinders, and their static forces, N, last.
 
-    The starts, (n_cells,), rad, are numbers of single precision, and the cubics, (n_cells, 4,
-    n_values), are in single precision; these have residues and residuals of
-    all components, as `prediction.levels` arranges them, and then the static forces, N. Without
-    imaginary parts of residues these are left out.
+    The numbers have single precision, and the arrangement of `prediction.levels`; imaginary parts
+    of residues are left out if all are zero.
     """
 
     components: tuple[int, ...]  # of each pin and cylinder, 1 or 2
     is_complex: bool
-    starts: Reals
-    cubics: Reals
+    starts: Reals  # (n_cells,), rad
+    cubics: Reals  # (n_cells, 4, n_values)
 
 
 @dataclass(frozen=True, eq=False)
 class MemberConstants:
-    """The members of a table's ensemble, by which levels are uncertain.
-
-    Attributes
-    ----------
-    n_modes, n_outputs : int
-    stroke_middle, stroke_half : float
-        Of the stroke variable, rad; the half is 0 if it is the angle itself.
-    least_share, reference : float
-        The share of the largest static force that forces are compared with at least; and what they
-        are compared with, N, or 0.
-    nodes : ndarray, (n_nodes,)
-        Where members are known, in the stroke variable.
-    places : ndarray, (n_values,)
-        Which numbers of `prediction.ensemble.Members` the values are.
-    nominal, steps : ndarray, (n_nodes, n_values)
-        Values of the mechanism itself, and the steps of the differences.
-    values : ndarray of int, (n_nodes, n_values, n_members)
-        How many steps members differ from it.
-    amplitudes, frequencies : ndarray, (n_members, n_orders)
-        Their factors of loads and frequencies.
-    """
+    """The members of a table's ensemble, by which levels are uncertain."""
 
     n_modes: int
     n_outputs: int
-    stroke_middle: float
-    stroke_half: float
-    least_share: float
-    reference: float
-    nodes: Reals
-    places: NDArray[np.integer]
-    nominal: Reals
-    steps: Reals
-    values: NDArray[np.integer]
-    amplitudes: Reals
-    frequencies: Reals
+    stroke_middle: float  # of the stroke variable, rad
+    stroke_half: float  # rad; 0 if it is the angle itself
+    least_share: float  # of the largest static force, that any counts at least
+    reference: float  # N, for all forces, or 0
+    nodes: Reals  # (n_nodes,), of the stroke variable
+    places: NDArray[np.integer]  # (n_values,), in `prediction.ensemble.Members`
+    nominal: Reals  # (n_nodes, n_values), of the mechanism itself
+    steps: Reals  # (n_nodes, n_values)
+    values: NDArray[np.integer]  # (n_nodes, n_values, n_members), in steps from it
+    amplitudes: Reals  # (n_members, n_orders), factors
+    frequencies: Reals  # (n_members, n_orders), factors
 
 
 @dataclass(frozen=True, eq=False)
 class OrderConstants:
-    """Excitations, and the responses of the response point to them.
-
-    Attributes
-    ----------
-    excitations : tuple of Excitation
-    inputs : tuple of int, (n_orders,)
-        Which of the inputs of the responses each excitation has.
-    n_terms, n_inputs : int
-        Numbers of terms and of inputs of the responses; 0 terms if the table has no FRFs.
-    starts, cubics : ndarray, (n_cells,) and (n_cells, 4, n_values)
-        Cells of poles and residues, as `prediction.levels` arranges them.
-    highest_frequency : float
-        Up to which responses are known, Hz.
-    forces : ForceConstants, optional
-        None without load ratios.
-    members : MemberConstants, optional
-        None without standard deviations of levels.
-    """
+    """Excitations, and the responses of the response point to them."""
 
     excitations: tuple[Excitation, ...]
-    inputs: tuple[int, ...]
-    n_terms: int
+    inputs: tuple[int, ...]  # (n_orders,), which input each has
+    n_terms: int  # 0 without FRFs
     n_inputs: int
-    starts: Reals
-    cubics: Reals
-    highest_frequency: float
-    forces: ForceConstants | None = None
-    members: MemberConstants | None = None
+    starts: Reals  # (n_cells,), rad
+    cubics: Reals  # (n_cells, 4, n_values), as `prediction.levels` has them
+    highest_frequency: float  # Hz, up to which responses are known
+    forces: ForceConstants | None = None  # None without load ratios
+    members: MemberConstants | None = None  # None without deviations of levels
 
     def scales(self, widths: FloatArray) -> FloatArray:
         """Return what errors of the values in cells of widths are relative to, (n_cells, n_values).

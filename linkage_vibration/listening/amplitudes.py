@@ -25,32 +25,17 @@ _LEAST = 1e-300
 
 @dataclass(frozen=True, slots=True)
 class MeasuredOrder:
-    """An order over a drive; numbers that are not known are NaN.
-
-    Attributes
-    ----------
-    excitation : Excitation
-    windows : int
-        In how many windows it stands alone.
-    measured, measured_stddev : float
-        Root mean square over these windows, m/s^2 or N; the largest possible if it is not detected.
-    predicted, predicted_factor : float
-        The same as predicted, and exp of the standard deviation of its logarithm.
-    amplitude, relative_stddev : float
-        Amplitude of the excitation at its reference speed, SI, and its relative standard deviation.
-    is_detected : bool
-        Whether it stands out of the noise.
-    """
+    """An order over a drive; numbers that are not known are NaN."""
 
     excitation: Excitation
-    windows: int
-    measured: float
+    windows: int  # in which it stands alone
+    measured: float  # rms, m/s^2 or N; the largest possible if not detected
     measured_stddev: float
-    predicted: float
-    predicted_factor: float
-    amplitude: float
-    relative_stddev: float
-    is_detected: bool
+    predicted: float  # likewise
+    predicted_factor: float  # exp of the standard deviation of its logarithm
+    amplitude: float  # of the excitation at its reference speed, SI
+    relative_stddev: float  # of the amplitude
+    is_detected: bool  # it stands out of the noise
 
     @property
     def difference(self) -> float:

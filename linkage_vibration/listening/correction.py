@@ -34,10 +34,7 @@ class CorrectionError(LinkageVibrationError):
 class Correction:
     """What measured frequencies say about those of a table; a `CorrectionError` says why not.
 
-    Attributes
-    ----------
-    table_id : str
-        Of the table to which it belongs.
+    It belongs to the table ``table_id``.
     """
 
     def __init__(self, table: Table, targets: Sequence[Target]) -> None:
@@ -87,9 +84,8 @@ def read_correction(path: Path | None, table: Table) -> Correction | None:
 def _most_probable(rates: FloatArray, apart: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return standard normal numbers, (m,), from differences, (n,), and their covariance.
 
-    Rates, (n, m), and differences are over the deviations of the measured frequencies. A difference
-    that is far from its prediction counts less. It is refused if twice what the logarithm of the
-    probability loses is above the quantile of chi-square: no such numbers explain the frequencies.
+    Rates, (n, m), and differences are over measured deviations; one far from its prediction counts
+    less. It is refused if twice the lost log-probability is above the quantile of chi-square.
     """
     numbers: FloatArray = np.zeros(rates.shape[1])
     gain: FloatArray = np.zeros(rates.T.shape)

@@ -87,22 +87,9 @@ def search_modes(
 ) -> Steps[tuple[DriveMode, ...]]:
     """Return the modes at each height of a drive; it yields between parts of some milliseconds.
 
-    Parameters
-    ----------
-    table, mechanism : Table and Mechanism
-        The prediction.
-    times, signals : ndarray, (n,) and (n, n_channels)
-        s, even; accelerations, without gaps.
-    places : sequence of (point, direction)
-        Of the table, one for each channel.
-    crank_angle : ndarray, (n,)
-        rad; NaN where it is not known.
-    speeds : mapping of Source to ndarray, (n,)
-        rpm and m/s; NaN where they are not known. Wheels need the speed over ground.
-    excitations
-        Orders that hide modes, and the terrain. Without one, wheels roll on a usual one.
-    damped : bool
-        Whether modes are sought that are doubted anyway, as they are too damped.
+    Times, (n,), are even; accelerations, (n, n_channels), have no gaps. Angles, rad, and speeds,
+    rpm and m/s, are NaN where not known. Without a terrain, wheels roll on a usual one; ``damped``
+    modes are doubted.
     """
     low, high = table.alpha3_range
     angle = np.where((crank_angle >= low) & (crank_angle <= high), crank_angle, np.nan)

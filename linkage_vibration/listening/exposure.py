@@ -32,19 +32,12 @@ _RAISED = 0.75  # of the stroke; above it, the hitch is raised
 class Exposure:
     """What a person felt.
 
-    Attributes
-    ----------
-    weighted : tuple of float, (3,)
-        Frequency-weighted accelerations along x, y and z with their factors, rms, m/s^2.
-    seconds : float
-        How long was measured, without gaps.
-    shares : dict of str to (float, float, float)
-        For each kind of work: its share of the time, and the shares of it in which the running rms
-        of the worst axis exceeds the action and the limit value.
+    The shares are, for each kind of work, of the time, and of it above the action and the limit
+    value.
     """
 
-    weighted: tuple[float, float, float]
-    seconds: float
+    weighted: tuple[float, float, float]  # along x, y and z with their factors, rms, m/s^2
+    seconds: float  # without gaps
     shares: dict[str, tuple[float, float, float]]
 
     @property

@@ -76,9 +76,8 @@ def wheelbase_lines(
 ) -> Steps[FloatArray]:
     """Return frequencies, Hz, of maxima of the predicted spectrum that no mode makes.
 
-    The spectrum is the mean of those of the acceleration at speeds in m/s, as a line that follows
-    a changing speed is none. The angle is in rad. Fewer than two mounts make no line. It is NaN if
-    the table has no FRFs at the mounts.
+    It is the mean of the acceleration's at speeds, m/s, as a line that follows a changing speed is
+    none. One mount makes no line; NaN: the table has no FRFs at the mounts.
     """
     mounts = vertical_mounts(mechanism)
     if len(mounts) < 2 or not {(mount.name, "z") for mount in mounts} <= {*table.places}:
@@ -139,16 +138,9 @@ def tone_doubt(
 ) -> Steps[str]:
     """Return which tone that no excitation describes dominates a band, Hz; else nothing.
 
-    Random forces make squares of amplitudes exponentially distributed: the mean of their logarithms
-    is 0.58 below the logarithm of their mean. Those of a tone are equal; beside random vibration of
-    1 / q of its power, the difference is 1 / q (after Jacobsen, Andersen and Brincker 2007).
-
-    Parameters
-    ----------
-    windows, rate
-        Signals, (n, n_channels) each, and their rate, Hz.
-    band, orders
-        Hz; the frequencies of the described orders in each window, of which none is a tone.
+    ln(mean) - mean(ln) of squares of amplitudes is 0.58 for random forces, and 1 / q for a tone of
+    q times the random power (Jacobsen, Andersen and Brincker 2007). The orders, Hz, of each window
+    are no tones.
     """
     difference, count, tones = 0.0, 0, list[float]()
     for window, described in zip(windows, orders, strict=True):

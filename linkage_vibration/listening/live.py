@@ -70,18 +70,8 @@ class _Channel:
 class SensorMonitor:
     """Compares the latest samples of sensors with the table, at the speeds and angles of the time.
 
-    A `SignalError` is raised for a place at which the table has no response.
-
-    Attributes
-    ----------
-    fixed : dict of Source to float
-        Speeds that do not change, rpm or m/s.
-    stale_after : float
-        A speed or an angle is known for so long, s.
-    latest : dict of str to MessageColumns
-        The last message of each sensor.
-    modes : LiveModes
-        Identifies modes in the last minutes.
+    Speeds, rpm or m/s, are ``fixed`` or known for ``stale_after`` s. ``latest`` are the messages of
+    the sensors. A `SignalError` names a place at which the table has no response.
     """
 
     def __init__(

@@ -20,24 +20,13 @@ _BESIDE = np.array([-5.0, -4.0, -3.0, 3.0, 4.0, 5.0]) / SECONDS  # Hz, where onl
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Orders:
-    """Orders in m windows of a signal.
+    """Orders in m windows of a signal; squares are NaN where orders are not told apart."""
 
-    Attributes
-    ----------
-    times : ndarray, (m,)
-        Middles of the windows, s.
-    speeds, frequencies : ndarray, (m, n_excitations)
-        Mean speeds, rpm or m/s, and mean frequencies, Hz; NaN where they are not known.
-    squares, noise : ndarray, (m, n_excitations)
-        Squares of amplitudes, the sums over the axes, and the part of them that noise makes,
-        (m/s^2)^2 or N^2; NaN where the order cannot be told from another.
-    """
-
-    times: FloatArray
-    speeds: FloatArray
-    frequencies: FloatArray
-    squares: FloatArray
-    noise: FloatArray
+    times: FloatArray  # (m,), middles, s
+    speeds: FloatArray  # (m, n_excitations), means, rpm or m/s; NaN if not known
+    frequencies: FloatArray  # likewise, Hz
+    squares: FloatArray  # likewise, of amplitudes, sums over axes, (m/s^2)^2 or N^2
+    noise: FloatArray  # the part of them that noise makes
 
 
 def track_orders(

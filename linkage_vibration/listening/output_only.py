@@ -61,14 +61,8 @@ def covariances(
 ) -> tuple[FloatArray, FloatArray]:
     """Return sums of products of signals over blocks, and the number of products in each.
 
-    The sums are (n_blocks, 2 `_ROWS`, n_channels, n_channels), for lags from `first_lag` on.
-
-    Parameters
-    ----------
-    windows : sequence of ndarray, (n, n_channels)
-        Signals without a mean, at one rate.
-    first_lag, block : int
-        Samples; a window is divided into blocks of at least this length, the last one longer.
+    The sums are (n_blocks, 2 `_ROWS`, n_channels, n_channels), for lags from `first_lag` samples
+    on; windows, (n, n_channels), have no mean; a block has at least so many samples.
     """
     sums, counts = [], []
     for window in windows:
@@ -88,12 +82,8 @@ def poles_and_shapes(
 ) -> list[tuple[ComplexArray, ComplexArray]]:
     """Return the oscillating poles, rad/s, (n,), and shapes, (n_channels, n), of each order.
 
-    Parameters
-    ----------
-    covariance : ndarray, (2 `_ROWS`, n_channels, n_channels)
-        At lags one sample apart.
-    rate, orders
-        Hz; numbers of poles.
+    The covariances, (2 `_ROWS`, n_channels, n_channels), are one sample apart, at a rate in Hz; an
+    order is a number of poles.
     """
     n = covariance.shape[1]
     at = np.add.outer(np.arange(_ROWS), np.arange(_ROWS))
@@ -119,18 +109,9 @@ def identify(
 ) -> Steps[list[Candidate]]:
     """Return the stable modes within a band, ascending, with deviations of a jackknife.
 
-    It yields between parts of some milliseconds.
-
-    Parameters
-    ----------
-    windows : sequence of ndarray, (n, n_channels)
-        Signals of one state of the system, each without a gap.
-    rate, band
-        Hz; frequencies that are reported, Hz.
-    first_lag : int
-        Samples; noise that comes again within them does not bias the modes.
-    block_seconds : float
-        Length of the blocks, each of which is left out once; longer than the decays.
+    It yields between parts of some milliseconds. Windows, (n, n_channels), have no gap. Noise that
+    recurs within ``first_lag`` samples does not bias; blocks, each left out once, are longer than
+    the decays.
     """
     scale = np.sqrt(np.mean([(window**2).mean(axis=0) for window in windows], axis=0))
     if not scale.all():  # A channel that shows nothing has no shape.

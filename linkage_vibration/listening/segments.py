@@ -24,10 +24,7 @@ _ROOM = 3.0  # Frequencies of a mode up to half of the rate to which signals are
 def find_segments(times: FloatArray, crank_angle: FloatArray) -> list[list[slice]]:
     """Return the segments of each height; a height is a group of segments at similar angles.
 
-    Parameters
-    ----------
-    times, crank_angle : ndarray, (n,)
-        s, even; rad, NaN where it is not known.
+    Times, (n,), s, are even; crank angles, (n,), rad, are NaN where they are not known.
     """
     if times[-1] - times[0] < SHORTEST:
         return []
@@ -66,15 +63,9 @@ def phase_rate(mean: float, given: float) -> float:
 def over_phase(signals: FloatArray, predicted: FloatArray, mean: float, given: float) -> FloatArray:
     """Return the signals of a segment over the phase of a predicted frequency, (m, n_channels).
 
-    A mode whose frequency is a constant multiple of the predicted one is then at a constant
-    frequency: that multiple of the mean. The rate is that of `phase_rate`.
-
-    Parameters
-    ----------
-    signals, predicted : ndarray, (n, n_channels) and (n,)
-        At even times; Hz.
-    mean, given : float
-        Mean of the predicted frequency over all segments, and the rate of the signals, Hz.
+    A constant multiple of the predicted frequency, (n,), Hz, is then that multiple of its mean over
+    all segments. The signals, (n, n_channels), have the rate ``given``; the result that of
+    `phase_rate`.
     """
     rate, values = phase_rate(mean, given), signals - signals.mean(axis=0)
     filters = [butter(2, 0.25 * mean, "highpass", fs=given, output="sos")]

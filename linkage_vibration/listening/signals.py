@@ -37,26 +37,13 @@ class SignalError(LinkageVibrationError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Signal:
-    """What a sensor measured.
-
-    Attributes
-    ----------
-    sensor : Sensor
-    times : ndarray, (n,)
-        s since the first prediction, even between gaps.
-    values : ndarray, (n, 3) or (n, 1)
-        m/s^2 along x, y and z of the tractor, or N; single missing samples are interpolated.
-    rate : float
-        Samples per second, Hz.
-    doubts : tuple of str
-        A sentence for each thing that may be wrong.
-    """
+    """What a sensor measured."""
 
     sensor: Sensor
-    times: FloatArray
-    values: FloatArray
-    rate: float
-    doubts: tuple[str, ...]
+    times: FloatArray  # (n,), s since the first prediction, even between gaps
+    values: FloatArray  # (n, 3) or (n, 1): m/s^2 along x, y, z of the tractor, or N
+    rate: float  # Hz
+    doubts: tuple[str, ...]  # sentences about what may be wrong
 
     def stretches(self) -> list[FloatArray]:
         """Return the even times, s, (n,), of each stretch without gaps."""
@@ -115,9 +102,8 @@ def measured_signal(
 def _even_clock(sensor: Sensor, times: FloatArray) -> tuple[FloatArray, BoolArray, float, float]:
     """Return even times of samples, which of them are missing, the step, and how stamps vary, s.
 
-    A sensor samples evenly, and its stamps are late by various delays, whose slow part is kept. So
-    the samples are placed one after the other, and a longer step is a number of missing samples
-    unless the step before or after it is shorter by the same time.
+    Stamps are late by various delays, whose slow part is kept. A longer step is a number of missing
+    samples unless the step beside it is shorter by the same time.
     """
     steps, gaps = np.diff(times), gap_starts(times)
     step = float(np.median(steps))

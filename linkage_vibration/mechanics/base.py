@@ -46,9 +46,8 @@ def read_mounts(keys: Keys, taken: set[str]) -> tuple[Mount, ...]:
 def tyre_stiffness(keys: Keys) -> float:
     """Return the vertical stiffness of rolling tyres, N/m, by their size, age and pressure.
 
-    It is k = 172 - 1.77 D + 5.6 A + 0.34 W D p for one tyre, in kN/m, with the diameter D of the
-    rim and the width W in inches, the age A in years and the pressure p in bar (Lines and Murphy,
-    Journal of Terramechanics 28, 1991; quoted from memory). `factor` corrects it for a tyre.
+    One has 172 - 1.77 D + 5.6 A + 0.34 W D p kN/m: rim D and width W in inches, age A in years, p
+    in bar (Lines and Murphy, J. Terramechanics 28, 1991; quoted from memory); `factor` corrects it.
     """
     inches = "give inches, as on the tyre: 16.9R38 has a width of 16.9 and a rim of 38"
     width = keys.number("width_in", least=4.0, most=50.0, hint=inches)

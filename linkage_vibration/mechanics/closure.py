@@ -34,11 +34,10 @@ _REST = 0.02  # largest ratio of the gaps of the other pins to that of the opene
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pins:
-    """The gap between the two ends of every pin, with scaled lengths.
+    """The gap between the two ends of every pin, with scaled lengths, (n_rows,).
 
-    It is linear in the positions, cosines and sines of a pose (x, z and angle of each body), with
-    matrices that are the same in every pose. There are two rows for each pin, and a
-    last one that is free for another condition.
+    It is linear in positions, cosines and sines of a pose, with the same matrices in every pose:
+    two rows for each pin, and a last one that is free for another condition.
     """
 
     positions: FloatArray  # (n_rows, 3 n_bodies): d(gap)/d(pose); zero for the angles
@@ -73,9 +72,8 @@ class Pins:
 def closed_angles(pins: Pins, guess: FloatArray, free: BoolArray) -> FloatArray:
     """Return the angles of every closed pose that is found, (n_poses, n_bodies), rad.
 
-    The search turns the free bodies, (n_bodies,), from a guess, (n_bodies,). The first pose is the
-    nearest: that with the smallest root mean square of turns, each of less than half a turn. Of two
-    equally near ones, such as mirrored poses, that with the lower angle of the first body is first.
+    The free bodies, (n_bodies,), turn from a guess. The first pose has the smallest root mean
+    square of turns; of two that are equally near, the lower angle of the first body.
     """
     angles, gaps = _descend(pins, np.ones(len(pins.ground) // 2), guess, free)
     angles = angles[gaps < _CLOSED]

@@ -46,14 +46,10 @@ class Joining:
 
 
 def row_space(compatibility: FloatArray, labels: Sequence[str]) -> tuple[FloatArray, FloatArray]:
-    """Separate the independent constraints in the rows of B, (n_constraints, n), from repetitions.
+    """Return orthonormal bases, (rank, n) of what the rows of B span, and (n, n - rank) of motions.
 
-    Orthonormal bases are returned: (rank, n) of what the rows of B span, and (n, n - rank) of the
-    motions that open no joint.
-
-    Joints that are closed twice, or that join a rigid body to itself, repeat other rows or have
-    rows of zeros. Rows that nearly repeat others are refused: keeping them would magnify rounding,
-    and leaving them out would free a joint.
+    Joints that are closed twice repeat rows, which are left out. Rows that nearly repeat others are
+    refused: keeping them would magnify rounding, and leaving them out would free a joint.
     """
     left, values, right = np.linalg.svd(compatibility)
     rank = int((values > _ZERO * values.max(initial=0.0)).sum())

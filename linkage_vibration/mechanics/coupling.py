@@ -97,10 +97,8 @@ def assembled_frf(
 ) -> ComplexArray:
     """Return receptances, (n_freq, n_out, n_in), m/N, by solving the assembly line by line (Hz).
 
-    It solves (K + i (D + w C) - w^2 M) q = f, so it also works at 0 Hz and at an undamped resonance
-    of a component, where components have no receptances. A receptance that is infinite, or so
-    nearly that rounding leaves less than 6 digits, is an error. Outputs and inputs are rows on the
-    interface DoFs, (n_out, n_interface) and (n_in, n_interface).
+    (K + i (D + w C) - w^2 M) q = f also holds at 0 Hz and at resonances of components. A receptance
+    with less than 6 digits is an error. Outputs and inputs are rows on the interface DoFs.
     """
     frequencies = np.asarray(frequencies, dtype=float)
     left, right = system.restrict(outputs), system.restrict(inputs)

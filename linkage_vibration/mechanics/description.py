@@ -461,10 +461,8 @@ def rayleigh_damping(ratio: float, low: float, high: float) -> Rayleigh:
 
     They solve zeta = a / (2 w) + b w / 2 at both; between them the ratio is lower, outside higher.
 
-    >>> damping = rayleigh_damping(0.02, 4.0, 180.0)
-    >>> omega = 2 * np.pi * 180.0
-    >>> ratio = damping.mass_coefficient / (2 * omega) + damping.stiffness_coefficient * omega / 2
-    >>> round(ratio, 12)
+    >>> damping, omega = rayleigh_damping(0.02, 4.0, 180.0), 2.0 * np.pi * 180.0
+    >>> round(damping.mass_coefficient / omega / 2 + damping.stiffness_coefficient * omega / 2, 12)
     0.02
     """
     w1, w2 = 2.0 * np.pi * low, 2.0 * np.pi * high

@@ -9,11 +9,10 @@ DIRECTIONS = ("x", "y", "z", "theta")
 
 @dataclass(frozen=True, slots=True, order=True)
 class InterfaceDof:
-    """One physical DoF of a component: how one of its points moves.
+    """One physical DoF of a component, in its own axes: how one of its points moves.
 
-    x, y and z are displacements (m) along the component's own axes: x along a link from its first
-    point, z across it in the plane of motion, y out of that plane. theta is the rotation (rad)
-    about the joint axis, from x towards z.
+    x (m) is along a link from its first point, z across it in the plane, y out of the plane; theta
+    (rad) is the rotation about the joint axis, from x towards z.
     """
 
     point: str

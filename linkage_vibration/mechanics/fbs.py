@@ -48,9 +48,8 @@ def component_frf(
 ) -> ComplexArray:
     """Return receptances of a component, (K (1 + i eta) - w^2 M + i w C)^-1, on its first DoFs.
 
-    The result, (n_freq, n_dofs, n_dofs), m/N, is symmetric. Below 1 Hz a free body moves so much
-    more than a coupled one that the rounding of its FRFs alone leaves errors in those of an
-    assembly: with the paper's linkage 4e-9 of the largest at 0.1 Hz, 1e-7 at 0.01 Hz.
+    They are (n_freq, n_dofs, n_dofs), m/N, symmetric. Below 1 Hz a free body's rounding leaves
+    errors in an assembly: 4e-9 of the paper linkage's largest FRF at 0.1 Hz, 1e-7 at 0.01 Hz.
     """
     omega = np.multiply(frequencies, 2.0 * math.pi)
     if (omega == 0.0).any() and _is_floating(stiffness):
@@ -128,12 +127,9 @@ def couple_frfs(
 ) -> ComplexArray:
     """Couple components: H_c = H - H B^T (B H B^T + S)^-1 B H, (n_freq, n_out, n_in), m/N.
 
-    `blocks` are the receptances of the components, (n_freq, n_r, n_r); their DoFs one after the
-    other are the n DoFs. `compatibility`, `outputs` and `inputs` are rows on these, (..., n). The
-    compliance is the diagonal of S, (n_constraints,) or (n_freq, n_constraints): 0 is rigid, 1/k
-    makes B u the elongation of a spring, and 1/(k + i w c) puts a damper beside it. Rigid rows that
-    repeat others are left out, as in `row_space`. FRFs whose rounding leaves an error above 1e-6 of
-    the assembly's largest are refused; `frequencies`, Hz, are for this error.
+    Blocks are (n_freq, n_r, n_r), and rows (..., n). The diagonal of S is 0 (rigid), 1 / k or 1 /
+    (k + i w c). Repeated rows are left out, and FRFs refused whose rounding exceeds 1e-6 of the
+    largest.
     """
     frf, error = couple_frfs_with_error(blocks, compatibility, outputs, inputs, compliance)
     poor = ~(error <= _ROUNDING_LIMIT * np.abs(frf).max(axis=(1, 2), initial=0.0))
@@ -161,10 +157,8 @@ def couple_frfs_with_error(
 ) -> tuple[ComplexArray, FloatArray]:
     """Couple components as `couple_frfs` does, and estimate the error by rounding, (n_freq,), m/N.
 
-    A relative change of B H B^T + S by eps, which double precision cannot avoid, changes H_c by f^T
-    dZ g, with the interface forces f and g of the outputs and the inputs; so the error is up to eps
-    abs(f)^T abs(Z) abs(g). For f, the components are assumed to be reciprocal. Where the matrix is
-    singular, the FRF is NaN and the error is infinite.
+    A change of B H B^T + S by eps changes H_c by up to eps abs(f)^T abs(Z) abs(g), with the
+    interface forces f and g of reciprocal outputs and inputs. A singular matrix has the FRF NaN.
     """
     compatibility, compliance = independent_rows(compatibility, compliance)
     n_rows = len(compatibility)

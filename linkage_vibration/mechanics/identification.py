@@ -82,14 +82,8 @@ def identify(
 ) -> IdentifiedModes:
     """Identify the modes in a band (Hz) from receptances, (n_freq, n_out, n_in), m/N.
 
-    Shapes come from the column of the drive point d, where R_d = phi_d^2 / (2 i w_d) for a mode of
-    unit modal mass (w_d = imag p): phi_o = 2 i w_d R_o / sqrt(2 i w_d R_d), turned in the complex
-    plane to be as real as possible, and its real part is kept. If damping is proportional, these
-    are the shapes of the undamped modes. Their scale is as accurate as R_d, which is poor for a
-    mode that hardly moves the drive point.
-
-    The first output and the first input are the drive point. `confirm` says which of some poles,
-    (n,), rad/s, are modes; the others are spurious and left out.
+    The first output and input are the drive point d: phi_o = 2 i w_d R_o / sqrt(2 i w_d R_d), w_d =
+    imag p, turned to be as real as possible. `confirm` says which poles, (n,), rad/s, are modes.
     """
     frequencies, frf = _in_band(frequencies, frf, band)
     omega = 2.0 * math.pi * frequencies
@@ -318,9 +312,8 @@ def _residues(
 ) -> tuple[ComplexArray, ComplexArray]:
     """Fit the residues of poles, (n, n_out, n_in), and return the fitted FRFs, too (LSFD).
 
-    There is one weight for each line. Residual terms are L / s^2 for modes below the lines, and U +
-    V s^2 for those above. Poles that are not modes of the band take part, so that their share does
-    not go to its modes.
+    Each line has a weight. Residual terms are L / s^2 and U + V s^2. Poles that are no modes take
+    part, so that their share does not go to the modes.
     """
     scale = omega[-1]
     s = 1j * omega[:, np.newaxis] / scale

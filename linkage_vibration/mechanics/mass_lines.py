@@ -41,9 +41,8 @@ class MassLines:
 def find_mass_lines(frequencies: FloatArray, frf: ComplexArray) -> MassLines | None:
     """Find the lines in which a body moves almost as a rigid one, or None.
 
-    They end below its first resonance, and begin above those of its suspension, if it has any.
-    Those are chosen that show A best. Receptances are (n_freq, n, n); frequencies ascend from above
-    0 Hz.
+    They lie between the resonances of its suspension and its own first one, and show A best.
+    Receptances are (n_freq, n, n); frequencies ascend from above 0 Hz.
     """
     omega = 2.0 * math.pi * frequencies
     drive = -(omega[:, np.newaxis] ** 2) * np.einsum("kii->ki", frf)

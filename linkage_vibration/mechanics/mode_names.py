@@ -93,9 +93,8 @@ def _along(component: Component, shapes: FloatArray) -> FloatArray:
 def name_modes(energy: KineticEnergy, given: Sequence[str] = ()) -> tuple[str, ...]:
     """Return a name for each mode; no two are the same.
 
-    The motions of a rigid body are assigned to its modes so that the assigned shares of energy have
-    the largest sum; a mode for which no motion is left is numbered. Of bodies or motions with equal
-    energy the first is taken. Names in `given` replace those of the first modes, unless empty.
+    Motions of a rigid body are assigned so that their shares of energy have the largest sum, equal
+    ones in order; other modes are numbered. Names in `given` replace the first, unless empty.
     """
     bodies = list(dict.fromkeys(body for body, _ in energy.motions))
     owners = np.array([body for body, _ in energy.motions])

@@ -50,13 +50,10 @@ class Modes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DampedModes:
-    """The damped modes, as terms of the frequency response.
+    """The damped modes: H = sum over r of (a_oir + i w b_oir) / (k_r - w^2 + i w c_r).
 
-    Between outputs o and inputs i, both as rows on the undamped modes,
-    H(w) = sum over r of (a_oir + i w b_oir) / (k_r - w^2 + i w c_r); `response.pole_residue` finds
-    a and b. Where damping does not couple the modes, term r is undamped mode r. Where it does, a
-    term is a pair of conjugate poles, or two real roots that are neighbours in magnitude, and the
-    terms ascend by abs(k).
+    `response.pole_residue` finds a and b. Where damping does not couple the modes, term r is
+    undamped mode r; else it is a pair of conjugate poles or two real roots, ascending by abs(k).
     """
 
     stiffness: ComplexArray  # (n_modes,): k, (rad/s)^2; its imaginary part is structural damping
@@ -128,12 +125,10 @@ def paired(poles: ComplexArray) -> tuple[IntArray, IntArray]:
 
 
 def solve_modes(system: CoupledSystem) -> tuple[Modes, FloatArray]:
-    """Solve K phi = omega^2 M phi for every mode, ascending.
+    """Return all modes of K phi = omega^2 M phi, ascending, and shapes on coordinates, (m, m).
 
-    It is solved as M phi = mu (K + s M) phi with mu = 1 / (omega^2 + s), which gives the lowest
-    frequencies to full relative precision: in the original form, rounding of the highest (about
-    100 kHz) would leave an error of 1e-7 in the first. The small shift s allows a mechanism mode.
-    Also returned are the same shapes on the generalised coordinates, (m, m).
+    M phi = mu (K + s M) phi with mu = 1 / (omega^2 + s) gives the lowest frequencies to full
+    precision, where the highest leave 1e-7; the small shift s allows a mechanism mode.
     """
     mu, vectors = eigh(system.mass, system.stiffness + _SHIFT * system.mass)
     # If mu is only rounding, its limit keeps the compliance phi^2 / omega^2 of the mode right.
@@ -146,9 +141,8 @@ def solve_modes(system: CoupledSystem) -> tuple[Modes, FloatArray]:
 def damp_modes(system: CoupledSystem, omega: FloatArray, vectors: FloatArray) -> DampedModes:
     """Find the damped modes of a system from its undamped ones, (m,) and (m, m).
 
-    Proportional damping leaves the shapes as they are; other viscous damping makes complex modes by
-    the symmetric first-order form, other structural damping by K (1 + i eta). Both together are
-    refused if they couple the modes.
+    Viscous damping that is not proportional makes complex modes by the symmetric first-order form,
+    structural by K (1 + i eta); both together are refused if they couple the modes.
     """
     viscous = vectors.T @ system.damping @ vectors
     loss = vectors.T @ system.loss @ vectors if system.loss.any() else np.zeros_like(viscous)
@@ -175,11 +169,8 @@ def track(
 ) -> tuple[IntArray, FloatArray, FloatArray]:
     """Find the modes whose shapes, (n, k), continue those of a neighbouring configuration.
 
-    They are paired by the mass-weighted modal assurance criterion, (phi_i^T M phi_j)^2. Shapes from
-    two configurations compare because M is that of the uncoupled components, in their own axes. The
-    result is the indices of the k modes, 1 or -1 to align their shapes, and the criterion of each
-    pair. It adds up to no more than 1 over all modes, so a pair above one half has no rival; at or
-    below it the step was too long to decide.
+    Returned are their indices, signs, and (phi_i^T M phi_j)^2 with M of the uncoupled components.
+    Those add up to at most 1 over all modes, so a pair above one half has no rival.
     """
     product = previous.T @ mass @ modes.shapes
     criterion = product**2
@@ -196,13 +187,11 @@ def align(
     signs: FloatArray,
     coupling: float = _COINCIDENT,
 ) -> Modes:
-    """Turn the shapes of modes that coincide, or cross, so that they continue a neighbour's.
+    """Turn shapes of modes that coincide, or cross, in their plane to be nearest to a neighbour's.
 
-    Modes of one frequency have no unique shapes, and modes that cross with negligible coupling mix
-    near the crossing. Two such shapes are rotated in their plane to be nearest to the neighbour's
-    (orthogonal Procrustes problem), unless that would leave out more than `coupling`: the gap
-    between two modes where they would cross without it, relative to their frequency. The same
-    object is returned if no shape had to be rotated.
+    This orthogonal Procrustes problem is solved unless it leaves out more than `coupling`, the gap
+    between modes that would cross without it, over their frequency. Without a turn, the same object
+    returns.
     """
     omega = modes.omega
     if not (np.diff(omega) < _CLOSE * omega[1:]).any():

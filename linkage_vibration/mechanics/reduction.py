@@ -33,8 +33,8 @@ def craig_bampton(
     """Reduce (n, n) matrices, interface DoFs first, to these and fixed-interface modes (1968).
 
     T = [[I, 0], [-K_ii^-1 K_ib, Phi]], with K_ii Phi = M_ii Phi Omega^2 and Phi^T M_ii Phi = I.
-    Statics on the interface stay exact; natural frequencies are approached from above. All modes
-    are kept if there are fewer than `n_modes`.
+    Statics stay exact; natural frequencies come from above. Fewer modes than `n_modes` are all
+    kept.
     """
     b, i = slice(0, n_interface), slice(n_interface, None)
     n_interior = len(mass) - n_interface

@@ -95,10 +95,8 @@ def regularise(
 ) -> RegularisedFrfs:
     """Fit the elastic part of the receptances, (n_freq, n, n), of a free body by `fit_link`.
 
-    Lines are weighted by the inverse of their size, as for relative noise. Computed FRFs are
-    unchanged within rounding as long as poles and terms suffice. `motions` are the `rigid_motions`
-    of the DoFs, (n, k). FRFs that depart from every such fit by more than noise and more than 3 %
-    are refused.
+    Lines are weighted by the inverse of their size; computed FRFs stay within rounding. `motions`,
+    (n, k), are `rigid_motions`. FRFs that depart by more than noise and 3 % are refused.
     """
     omega = 2.0 * math.pi * np.asarray(frequencies, dtype=float)
     if len(omega) < _LEAST_LINES:
@@ -146,13 +144,10 @@ def noise_gain(
     inputs: FloatArray,
     compliance: FloatArray | ComplexArray | float = 0.0,
 ) -> FloatArray:
-    """Return the relative error of coupled FRFs per unit of relative error in the measured ones.
+    """Return the relative error of coupled FRFs, (n_freq, n_out, n_in), per that of measured ones.
 
-    In first order H_c changes by T dH U with T = O - O H B^T Z B, U = I^T - B^T Z B H I^T and Z =
-    (B H B^T + S)^-1. Errors dH of measured FRFs are independent, complex, and of standard deviation
-    e abs(H_kl); the gain, (n_freq, n_out, n_in), is the standard deviation of H_c over e abs(H_c).
-    Where gain times noise comes near 1, the coupled FRF is noise. The poles of a fit are taken as
-    exact, and so are blocks that are arrays.
+    H_c changes by T dH U, T = O - O H B^T Z B, U = I^T - B^T Z B H I^T, Z = (B H B^T + S)^-1.
+    Errors dH are independent with e abs(H_kl); poles of a fit and blocks that are arrays are exact.
     """
     frfs = receptances(blocks)
     frf = np.array([block_diag(*lines) for lines in zip(*frfs, strict=True)])

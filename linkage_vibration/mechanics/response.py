@@ -356,10 +356,9 @@ def find_maxima(
 class FarPoles:
     """Poles above a band, fixed beforehand, whose sum represents that of all modes there.
 
-    However many modes lie above the band, and however they veer from one configuration to the
-    next, their sum within the band is smooth. It is a static flexibility plus the sum over j of
-    (a_j + i w b_j) / (k_j - w^2 + i w c_j) to a good approximation, where 1 / k_j are the Chebyshev
-    nodes between 0 and 1 / k of the lowest of those modes; each divides the error by about ten.
+    That sum is smooth: a flexibility plus terms (a_j + i w b_j) / (k_j - w^2 + i w c_j), where 1 /
+    k_j are Chebyshev nodes between 0 and 1 / k of the lowest mode; each divides the error by about
+    ten.
     """
 
     stiffness: ComplexArray  # (n_far,): k, (rad/s)^2

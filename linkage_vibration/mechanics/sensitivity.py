@@ -203,9 +203,8 @@ class Sensitivity:
     ) -> tuple[FloatArray, FloatArray]:
         """Return what mixing adds to the variances of ln(pole), (2, k), and `approach`.
 
-        With u, the change of ln(pole) of mode i, y, the mixed change with mode j, and the gap g
-        between them, the second order of mode i is y^2 / g and the third is y^2 (u_j - u_i) / g^2.
-        Real parts belong to the frequency, and imaginary ones to the damping ratio.
+        With the changes u of ln(pole), y mixed with mode j, and the gap g, mode i has y^2 / g in
+        the second order and y^2 (u_j - u_i) / g^2 in the third; real parts are the frequency's.
         """
         independent = np.tensordot(self._root.T, (forms + forms.swapaxes(1, 2)) / 2.0, 1)
         relative = independent / (power * np.sqrt(np.outer(values, values)))

@@ -49,9 +49,8 @@ def solid_matrices(
 ) -> Matrices:
     """Tie a free solid rigidly to its pins, and reduce it to them, without damping.
 
-    The sparse matrices, (3 n_nodes, 3 n_nodes), have the displacements x, y, z of each node at
-    (n_nodes, 3), m. The interface DoFs are x, z and, for the points in `rotations`, theta, point by
-    point in the order of the pins; the fixed-interface modes follow.
+    The matrices, (3 n_nodes, 3 n_nodes), have x, y, z of each node, m. Interface DoFs are x, z and,
+    for the points in `rotations`, theta of each pin; the fixed-interface modes follow.
     """
     ties, dofs = rigid_ties(nodes, pins, rotations)
     mass, stiffness = ((ties.T @ matrix @ ties).tocsc() for matrix in (mass, stiffness))
@@ -70,9 +69,8 @@ def rigid_ties(
 ) -> tuple[sparse.csc_array, tuple[InterfaceDof, ...]]:
     """Move the nodes of each pin as a rigid body: u = T q for small displacements in the plane.
 
-    The rows of T, (3 n_nodes, 3 n_pins + 3 n_free), are x, y, z node by node. The columns are x, z
-    and, for the points in `rotations`, theta of each pin, which are the interface DoFs that are
-    returned, too; then theta of the others, and x, y, z of each node that is in no pin.
+    Rows of T are x, y, z node by node; columns are the interface DoFs, which are returned, too,
+    then theta of the other pins, and x, y, z of each node that is in no pin.
     """
     tied = np.concatenate([pin.nodes for pin in pins])
     if len(np.unique(tied)) != len(tied):
@@ -165,9 +163,8 @@ def _symmetric(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the modes, of those given, that equal their mirror image.
 
-    Modes that nearly share a frequency are mixed, and are separated together. Mixing others too
-    would spoil the low ones if the mesh is not quite symmetric, since the high ones are much
-    stiffer.
+    Only modes that nearly share a frequency are separated together, as much stiffer ones would
+    spoil the low ones if the mesh is not quite symmetric.
     """
     images = symmetric(shapes.T @ (mass @ (mirror @ shapes)))
     gaps = np.flatnonzero(np.diff(squares) > _SAME_FREQUENCY * squares[1:]) + 1

@@ -55,11 +55,10 @@ def member_coordinates(n: int) -> FloatArray:
 def read_uncertainty(
     keys: Keys, mapping: dict[str, Any], parse: Callable[[dict[str, Any]], Mechanism]
 ) -> Uncertainty:
-    """Read standard deviations and correlations of numbers.
+    """Read ``relative`` and ``absolute`` standard deviations of numbers, and ``correlations``.
 
-    The keys are ``relative`` and ``absolute`` standard deviations by the paths of numbers, and
-    ``correlations``, a list of ``between`` (two paths) and ``value``. The mapping is the
-    description without them, and ``parse`` returns the mechanism of a changed description.
+    Deviations are by the paths of numbers; correlations are a list of ``between`` (two paths) and
+    ``value``. ``parse`` returns the mechanism of a changed mapping.
     """
     numbers: dict[str, UncertainNumber] = {}
     for kind in ("relative", "absolute"):

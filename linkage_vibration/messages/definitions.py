@@ -27,15 +27,10 @@ class DefinitionError(LinkageVibrationError):
 
 
 def message_definition(type_name: str) -> str:
-    """Return a message type such as ``sensor_msgs/msg/JointState`` as the text of an MCAP schema.
+    """Return a type such as ``sensor_msgs/msg/JointState`` as the text of an MCAP schema.
 
-    The ``ros2msg`` text is the type's own ``.msg``, then that of each type that it contains, once,
-    after a line of 80 ``=`` and a line ``MSG: package/Type``.
-
-    Raises
-    ------
-    DefinitionError
-        If the type, or one that it contains, is not installed.
+    The ``ros2msg`` text is its own ``.msg``, then that of each type that it contains, after a line
+    of 80 ``=`` and one ``MSG: package/Type``. A DefinitionError names a type that is not installed.
     """
     texts = {type_name: message_text(type_name)}
     waiting = [type_name]
@@ -54,10 +49,7 @@ def message_definition(type_name: str) -> str:
 def message_text(type_name: str) -> str:
     """Return the ``.msg`` text of a message type, or of a part of a service or an action.
 
-    Raises
-    ------
-    DefinitionError
-        If the type is not installed, and rosbags does not know it either.
+    A DefinitionError says that the type is not installed, and unknown to rosbags.
     """
     package, kind, name = type_name.split("/")
     if kind in _PARTS and (part := _PART.fullmatch(name)) is not None:
@@ -84,13 +76,8 @@ def message_text(type_name: str) -> str:
 def type_hash(type_name: str) -> str:
     """Return the RIHS01 hash of a message type (REP 2016).
 
-    It is empty where the type is installed by a ROS 2 before Iron, which introduced the hashes, or
-    where neither ROS 2 nor rosbags has it.
-
-    Raises
-    ------
-    DefinitionError
-        If a type that it contains is not installed.
+    It is empty where neither rosbags nor a ROS 2 since Iron has the type. A DefinitionError names a
+    type that it contains and that is not installed.
     """
     installed = _installed(type_name)
     # Another version of our interface package may be installed.

@@ -34,13 +34,8 @@ _HEADER = {
 def encode_message(type_name: str, message: object, sec: int, nanosec: int, frame_id: str) -> bytes:
     """Encode one message with its encapsulation header, as DDS carries it and MCAP stores it.
 
-    Parameters
-    ----------
-    type_name, message : str and object
-        The type, and an object with its fields except the header. A sequence of 8-byte numbers is
-        not empty, as CDR pads an empty one differently.
-    sec, nanosec, frame_id : int, int and str
-        Stamp (s and ns) and frame of the header.
+    The object has the fields but for the header, whose stamp (s and ns) and frame are given.
+    Sequences of 8-byte numbers are not empty, as CDR pads an empty one differently.
     """
     return _encoder(type_name)(message, sec, nanosec, frame_id)
 

@@ -23,23 +23,10 @@ _NESTED["builtin_interfaces/Time"] = "int32 sec\nuint32 nanosec"
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """A number, a text, or a sequence of them.
+    """A number, a text, or a sequence of them."""
 
-    Attributes
-    ----------
-    name : str
-        Such as ``header.stamp.sec`` for a field of a nested message.
-    type : str
-        ``string``, or the name of a number type such as ``float64``.
-    is_sequence : bool
-    limit : int
-        Largest length of a sequence; 0 if it has no limit.
-    comment : str
-        What the definition says: the unit of a number, a comma, and its meaning.
-    """
-
-    name: str
-    type: str
+    name: str  # such as ``header.stamp.sec``
+    type: str  # ``string``, or such as ``float64``
     is_sequence: bool
     limit: int = field(default=0, compare=False)
     comment: str = field(default="", compare=False)

@@ -22,23 +22,13 @@ LOAD_STATE_TOPIC = "/linkage_vibration/load_state"
 
 @dataclass(frozen=True, slots=True)
 class NodeTopic:
-    """A topic that the node subscribes to or publishes.
+    """A topic that the node subscribes to or publishes."""
 
-    Attributes
-    ----------
-    name : str
-        ``~/`` stands for the name of the node.
-    type, qos, meaning : str
-        Type of its messages, its quality of service, and a sentence for the manual.
-    logged : bool
-        Whether the node logs it.
-    """
-
-    name: str
+    name: str  # ``~/`` stands for the name of the node
     type: str
     qos: str
-    meaning: str
-    logged: bool = True
+    meaning: str  # a sentence for the manual
+    logged: bool = True  # by the node
 
     @property
     def latched(self) -> bool:
@@ -112,19 +102,9 @@ OUTPUT_TOPICS = (
 
 
 def log_topic(name: str, type_name: str, *, latched: bool = False) -> Topic:
-    """Return what a log stores about a topic.
+    """Return what a log stores about a topic; ``latched`` ones give late subscribers old messages.
 
-    Parameters
-    ----------
-    name, type_name : str
-        Full names of the topic and of its type, such as ``std_msgs/msg/Float64``.
-    latched : bool
-        Whether later subscribers of the topic receive what was published before.
-
-    Raises
-    ------
-    DefinitionError
-        If the type is not installed, and rosbags does not know it either.
+    A DefinitionError says that the type is not installed, and unknown to rosbags.
     """
     # `ros2 bag play` then publishes as reliable, which reaches subscribers of both kinds.
     qos = offered_qos_profiles(latched=latched)

@@ -22,15 +22,8 @@ class ReplayError(LinkageVibrationError):
 
 
 def remappings(words: Sequence[str]) -> dict[str, str]:
-    """Return the topics that ``NAME:=TOPIC`` words give to names.
+    """Return the topics of ``NAME:=TOPIC`` words by names, or raise a ReplayError.
 
-    Raises
-    ------
-    ReplayError
-        If a word has another form.
-
-    Examples
-    --------
     >>> remappings(["joint_states:=/arm/joint_states"])
     {'joint_states': '/arm/joint_states'}
     """

@@ -54,53 +54,29 @@ class AdviceError(LinkageVibrationError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Question:
-    """What is permitted, and how it is now.
+    """What is permitted, and how it is now; NaN where it is not known.
 
-    Attributes
-    ----------
-    crank_angle : float
-        At present, rad; NaN if not known.
-    speeds : ndarray, (n_sources,)
-        At present, rpm or m/s of each `Source`; NaN where not known. All but that of the ground
-        stay as they are.
-    crank_angles, ground_speeds : tuple of float, optional
-        The lowest and the highest that is permitted, rad and m/s; None permits all angles of the
-        table, and the present speed alone.
+    Only the speed over ground may change.
     """
 
-    crank_angle: float
-    speeds: FloatArray
-    crank_angles: tuple[float, float] | None = None
-    ground_speeds: tuple[float, float] | None = None
+    crank_angle: float  # rad
+    speeds: FloatArray  # (n_sources,), rpm or m/s of each `Source`
+    crank_angles: tuple[float, float] | None = None  # rad; None: all of the table
+    ground_speeds: tuple[float, float] | None = None  # m/s; None: the present one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Advice:
-    """The answer.
+    """The answer."""
 
-    Attributes
-    ----------
-    message : MessageColumns
-        The fields of ``Advice.msg`` but for the header and the table.
-    regrets : ndarray, (4,)
-        By how much the load ratio at each place of the message may be above the smallest that is
-        permitted, 1, at most with a probability of 95 %; NaN if not known.
-    crank_angles, ground_speeds : ndarray, (n_angles,) and (n_speeds,)
-        Rows and columns of the map, rad and m/s.
-    load_ratios, velocities : ndarray, (n_angles, n_speeds)
-        1, and m/s rms at the response point; NaN where they are refused.
-    reasons, reason_texts : ndarray of int, (n_angles, n_speeds), and tuple of str
-        Which text says why; the first one is empty.
-    """
-
-    message: MessageColumns
-    regrets: FloatArray
-    crank_angles: FloatArray
-    ground_speeds: FloatArray
-    load_ratios: FloatArray
-    velocities: FloatArray
-    reasons: NDArray[np.uint8]
-    reason_texts: tuple[str, ...]
+    message: MessageColumns  # the fields of ``Advice.msg`` but for header and table
+    regrets: FloatArray  # (4,): by how much places may be above the best (95 %); NaN if not known
+    crank_angles: FloatArray  # (n_angles,), rad: rows of the map
+    ground_speeds: FloatArray  # (n_speeds,), m/s: columns
+    load_ratios: FloatArray  # (n_angles, n_speeds); NaN where refused
+    velocities: FloatArray  # likewise, m/s rms at the response point
+    reasons: NDArray[np.uint8]  # likewise, which text says why
+    reason_texts: tuple[str, ...]  # the first is empty
 
 
 def advise(

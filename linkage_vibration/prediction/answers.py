@@ -146,9 +146,9 @@ def answer_frf(
 ) -> FrfAnswer:
     """Return receptances at an angle (rad) from the table, or from the model if ``exact`` is true.
 
-    Places are named as in "E1.z", and forces, which can only be outputs, as in
-    "lower_link:E1.force_x"; without any, the answer is about the drive point. Without frequencies
-    (Hz), there are 401 in the band of the table. Invalid requests raise `ServingError`.
+    Places are such as "E1.z", outputs also forces such as "lower_link:E1.force_x"; without any, it
+    is the drive point. Without frequencies (Hz), there are 401 in the band. A `ServingError` is
+    raised.
     """
     table = served.table
     _check_angle(alpha3)
@@ -351,9 +351,8 @@ def rebuilt(
 ) -> tuple[Predictor, LevelTable]:
     """Build the tables of a changed mechanism, with the places and the accuracy of the old table.
 
-    The measured error of the old table is the tolerance, if that exceeds the default. When another
-    process removes the folder ``wanted``, building stops with a `ServingError`. The finished
-    fraction is in a file beside it; see `progress_file`.
+    If another process removes the folder ``wanted``, building stops with a `ServingError`. The
+    finished fraction is in a file beside it; see `progress_file`.
     """
 
     def check(finished: float) -> None:

@@ -42,9 +42,8 @@ _N_ANGLES, _N_SPEEDS = 25, 128
 def draws(excitations: Sequence[Excitation], n_members: int) -> tuple[FloatArray, FloatArray]:
     """Return factors of amplitudes and of frequencies of the members, (n_excitations, n_members).
 
-    Logarithms of amplitudes are normal, and frequencies are normal. Members of opposite signs, in
-    the first and the second half, have the same draws, so that these do not correlate with the
-    numbers of the mechanism.
+    ln(amplitude) and frequency are normal. Members of opposite signs, in both halves, have the same
+    draws, so that these do not correlate with the numbers of the mechanism.
     """
     n, half = len(excitations), n_members // 2
     generator, parts = np.random.default_rng(0), []
@@ -79,12 +78,7 @@ class _Modes(NamedTuple):
     def responses(self, omega: FloatArray, loads: IntArray) -> Singles:
         """Return responses to unit loads, (..., 2, n_excitations, n_outputs): both parts.
 
-        Parameters
-        ----------
-        omega : ndarray, (..., n_excitations)
-            rad/s.
-        loads : ndarray, (n_excitations,)
-            The load of each excitation, by its index.
+        Frequencies are (..., n_excitations), rad/s, and loads (n_excitations,), indices.
         """
         n_shapes = self.outputs.shape[-2]
         w = omega.astype(np.float32)[..., np.newaxis].repeat(n_shapes, axis=-1)
@@ -107,17 +101,9 @@ class _Modes(NamedTuple):
 class Members:
     """Finds responses of the members to unit loads, as `levels.LevelTable` needs them.
 
-    Parameters
-    ----------
-    table : Table
-        With an ensemble.
-    loads : sequence of UnitLoad
-    outputs : sequence of Place
-    n_forces : int
-        Pins and cylinders whose reference forces are needed.
-    table_responses : callable
-        Returns the table's responses, (n, 2, n_excitations, n_outputs), at nodes of the ensemble,
-        (n,), and rad/s of the excitations, (n, n_excitations).
+    ``table_responses`` returns the table's, (n, 2, n_excitations, n_outputs), at nodes of the
+    ensemble, (n,), and rad/s, (n, n_excitations). Reference forces are those of ``n_forces`` pins
+    and cylinders.
     """
 
     def __init__(
@@ -162,14 +148,8 @@ class Members:
     ) -> Singles:
         """Return responses to unit loads, (n, n_members, 2, n_excitations, n_outputs): both parts.
 
-        Parameters
-        ----------
-        alpha3, modes : ndarray, (n,), and _Modes
-            rad, within the range of the table, and what is `at` them.
-        omega : ndarray, (n, n_members, n_excitations)
-            rad/s.
-        loads : ndarray, (n_excitations,)
-            The load of each excitation, by its index.
+        Angles, (n,), rad, are within the table, whose modes are `at` them; frequencies are (n,
+        n_members, n_excitations), rad/s, and loads (n_excitations,), indices.
         """
         assert self._table_responses is not None
         nodes = self._table.ensemble_alpha3
@@ -253,15 +233,8 @@ class Members:
 class GroundMembers:
     """Finds how the levels by the ground differ between the members and the mechanism itself.
 
-    Parameters
-    ----------
-    table, mechanism : Table and Mechanism
-        The table, with an ensemble, and its mechanism.
-    terrain : Terrain
-    outputs : sequence of Place
-        The response point, then forces.
-    n_lines : int
-        Frequencies over which the levels of the mechanism itself are summed.
+    The outputs are the response point, then forces; ``n_lines`` frequencies are summed for the
+    mechanism itself.
     """
 
     def __init__(
@@ -310,10 +283,7 @@ class GroundMembers:
     def shares(self, alpha3: FloatArray, speed: FloatArray) -> FloatArray:
         """Return mean squares of members over those of the mechanism, (n, n_members, n_outputs).
 
-        Parameters
-        ----------
-        alpha3, speed : ndarray, (n,)
-            rad and m/s.
+        Angles and speeds are (n,), rad and m/s.
         """
         log_speed = np.log(np.clip(speed, _SLOWEST, _FASTEST))
         rows, columns = _between(self._angles, alpha3), _between(self._speeds, log_speed)

@@ -67,61 +67,27 @@ class LoadKind(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Load:
-    """The amplitude of an excitation, and where it acts.
-
-    Attributes
-    ----------
-    kind : LoadKind
-    place : str
-        A point and a direction such as "E1.z" for a force, a rigid body for a moment, and a motion
-        of the soil such as "base.z" or "base:rear_axle.z" for its acceleration or displacement.
-    amplitude : float
-        Half of peak to peak, N, N m, m/s^2 or m.
-    speed : float
-        The speed at which it has this amplitude, rpm or m/s.
-    exponent : float
-        The amplitude grows with this power of the speed.
-    relative_stddev : float
-        Standard deviation of the amplitude over the amplitude, 1; 0 if it is taken as exact.
-    """
+    """The amplitude of an excitation, and where it acts."""
 
     kind: LoadKind
-    place: str
-    amplitude: float
-    speed: float
-    exponent: float
-    relative_stddev: float
+    place: str  # a point and direction, a rigid body (moment), or soil such as "base:rear_axle.z"
+    amplitude: float  # half of peak to peak, N, N m, m/s^2 or m
+    speed: float  # at which it has this amplitude, rpm or m/s
+    exponent: float  # the amplitude grows with this power of the speed
+    relative_stddev: float  # of the amplitude
 
 
 @dataclass(frozen=True, slots=True)
 class Excitation:
-    """A frequency that follows a speed.
+    """A frequency that follows a speed."""
 
-    Attributes
-    ----------
-    name : str
-        Such as "engine 1.5".
-    source : Source
-        The speed.
-    ratio : float
-        Frequency per speed, Hz/rpm or Hz/(m/s); NaN for a terrain, which has no frequency.
-    load : Load, optional
-        None if the amplitude is not known.
-    relative_stddev : float
-        Standard deviation of the frequency over the frequency, 1.
-    warns : bool
-        Whether it may warn.
-    terrain : Terrain, optional
-        What the wheels roll on, if that is the excitation.
-    """
-
-    name: str
+    name: str  # such as "engine 1.5"
     source: Source
-    ratio: float
-    load: Load | None = None
-    relative_stddev: float = 0.0
+    ratio: float  # Hz/rpm or Hz/(m/s); NaN for a terrain
+    load: Load | None = None  # None if the amplitude is not known
+    relative_stddev: float = 0.0  # of the frequency
     warns: bool = True
-    terrain: Terrain | None = None
+    terrain: Terrain | None = None  # what wheels roll on, if that excites
 
 
 def no_profile(name: str) -> Spectrum:
@@ -132,32 +98,11 @@ def no_profile(name: str) -> Spectrum:
 def excitations_from_mapping(
     mapping: object, where: str = "excitations", read_profile: ReadProfile = no_profile
 ) -> tuple[Excitation, ...]:
-    """Return the excitations that a mapping describes.
+    """Return the excitations that a mapping describes; docs/excitation.md describes its keys.
 
-    Parameters
-    ----------
-    mapping : mapping
-        For each name ``speed`` (engine, pto or ground) and ``orders``, turns of the excitation per
-        turn of that shaft. ``ratio`` is the speed of the excited shaft per speed of that shaft. For
-        ``ground``, ``rolling_radius`` (m) converts metres to turns. ``frequency_stddev`` is the
-        relative standard deviation of the frequencies, ``no_warning`` lists orders that never warn.
-        ``force``, ``moment``, ``base_acceleration`` or ``base_displacement`` list the amplitude of
-        each order ``at`` a place and ``at_speed``; they grow with the power ``exponent`` of the
-        speed, and have the relative standard deviation ``amplitude_stddev``, one for all or a list
-        with one for each. Instead of orders, ``ground`` may have a ``terrain``; docs/excitation.md
-        describes its keys.
-    where : str
-        Path of the mapping in errors.
-    read_profile : callable
-        Returns the spectrum of the measured profile in a file that a terrain names.
+    ``where`` begins the errors, and ``read_profile`` returns the spectrum of a profile in a file.
+    An ExcitationError names a key that is missing, unknown or invalid.
 
-    Raises
-    ------
-    ExcitationError
-        If a key is missing, unknown, or has an invalid value.
-
-    Examples
-    --------
     >>> excitations = excitations_from_mapping({"shaft": {"speed": "pto", "orders": [1, 2]}})
     >>> [(each.name, round(540 * each.ratio, 6)) for each in excitations]
     [('shaft 1', 9.0), ('shaft 2', 18.0)]

@@ -69,32 +69,18 @@ class GroundError(LinkageVibrationError):
 class Terrain:
     """The ground as a random profile, the same under both wheels of an axle.
 
-    Attributes
-    ----------
-    roughness, exponent, reference : float
-        The one-sided power spectral density is roughness (n / reference)^-exponent, m3, of the
-        wavenumber n, 1/m; ISO 8608 has the exponent 2 and the reference 0.1 1/m.
-    band : (float, float)
-        The frequencies that count, Hz.
-    lug_pitch : float or None
-        Distance of the lugs on the tyre's circumference, m; None for tyres without lugs.
-    raised : bool
-        Whether no tool is in the soil.
-    relative_stddev : float
-        Standard deviation of the logarithm of an amplitude, 1.
-    spectrum : tuple of (float, float), optional
-        Wavenumbers, 1/m, ascending, and densities, m3, of a measured profile; beyond them the power
-        law continues from the last one.
+    Its one-sided density over wavenumbers n, 1/m, is roughness (n / reference)^-exponent, m3 (ISO
+    8608: exponent 2, reference 0.1 1/m).
     """
 
     roughness: float
     exponent: float = 2.0
     reference: float = 0.1
-    band: tuple[float, float] = (0.3, 20.0)
-    lug_pitch: float | None = None
-    raised: bool = True
-    relative_stddev: float = 0.0
-    spectrum: tuple[tuple[float, float], ...] | None = None
+    band: tuple[float, float] = (0.3, 20.0)  # that counts, Hz
+    lug_pitch: float | None = None  # m, on the circumference; None without lugs
+    raised: bool = True  # no tool is in the soil
+    relative_stddev: float = 0.0  # of ln(amplitude)
+    spectrum: tuple[tuple[float, float], ...] | None = None  # measured: 1/m, ascending, m3
 
     def psd(self, frequency: FloatArray, speed: FloatArray) -> FloatArray:
         """Return the density of the height over frequencies in Hz, m2/Hz, at speeds in m/s."""
@@ -116,13 +102,8 @@ class Terrain:
 def profile_spectrum(distance: FloatArray, height: FloatArray) -> tuple[tuple[float, float], ...]:
     """Return wavenumbers, 1/m, and power spectral densities, m3, of a profile by Welch's method.
 
-    They are means over a sixth of an octave, up to half of what the spacing could show, as shorter
-    waves may be folded back from beyond it.
-
-    Parameters
-    ----------
-    distance, height : ndarray, (n,)
-        m; the distances ascend.
+    They are means over a sixth of an octave, up to half of what the spacing shows, as shorter waves
+    may be folded. Distances, (n,), m, ascend.
     """
     spacing = float(np.median(np.diff(distance)))
     even = np.arange(distance[0], distance[-1], spacing)
@@ -212,14 +193,8 @@ def ground_squares(
 ) -> GroundSquares:
     """Return the coefficients of mean squares of responses.
 
-    Parameters
-    ----------
-    transfer : complex ndarray, (n_out, n_mounts, n_f)
-        As `ground_transfer` returns it.
-    orders : sequence of int, (n_out,)
-        How often each response is differentiated: 1 for a velocity, 2 for an acceleration.
-    mounts, terrain, frequencies
-        The mounts of the columns, the terrain and its `ground_lines`.
+    `ground_transfer` returns (n_out, n_mounts, n_f) at `ground_lines`; the orders, (n_out,), say
+    how often each response is differentiated: 1 for a velocity, 2 for an acceleration.
     """
     transfer = transfer * (2.0 * math.pi * frequencies) ** np.reshape(orders, (-1, 1, 1))
     pairs = list(combinations(range(len(mounts)), 2))
@@ -266,22 +241,10 @@ def ground_spectrum(
     alpha3: float,
     speed: float,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return frequencies, (LINES,), Hz, and the power spectral density of the ground's vibration.
+    """Return frequencies, (LINES,), Hz, and the density of a velocity, m2/s2/Hz, or a force, N2/Hz.
 
-    It is that of the velocity of a place, m2/s2/Hz, or that of a force, N2/Hz; NaN at waves that
-    the terrain does not know.
-
-    Parameters
-    ----------
-    source, mechanism : Table or LinkageModel, and Mechanism
-        What has the FRFs to the mounts of the mechanism's base.
-    terrain, place, alpha3, speed
-        The ground; the place; rad and m/s above 0.
-
-    Raises
-    ------
-    GroundError
-        If the mechanism has no base on two mounts, a tool is in the soil, or the speed is invalid.
+    It is NaN at waves that the terrain does not know. A GroundError is raised if the mechanism has
+    no base on two mounts, a tool is in the soil, or the speed, m/s, is not above 0.
     """
     mounts, f = vertical_mounts(mechanism), ground_lines(terrain)
     if refused := _refusal(mounts, terrain) or (0 if 0.0 < speed < math.inf else _SPEED):
@@ -306,15 +269,8 @@ def ground_spectrum(
 class GroundTable:
     """Levels of vibration by the ground at any angle of a table and any speed.
 
-    Parameters
-    ----------
-    table, mechanism : Table and Mechanism
-        The table, and its mechanism.
-    terrain : Terrain
-    outputs : sequence of (name, direction)
-        The forces of the table whose mean squares are wanted.
-    point : (name, direction), optional
-        The place of the table that moves; the response point by default.
+    The outputs are forces of the table whose mean squares are wanted; the ``point`` that moves is
+    the response point by default.
     """
 
     def __init__(
@@ -396,13 +352,7 @@ class GroundTable:
         return np.asarray(np.exp(np.interp(steps, columns, np.log(fine))))
 
     def at(self, alpha3: FloatArray, speed: FloatArray) -> GroundLevels:
-        """Return the levels at n angles and speeds.
-
-        Parameters
-        ----------
-        alpha3, speed : ndarray, (n,), or float
-            rad and m/s; NaN where they are not known.
-        """
+        """Return the levels at n angles and speeds, rad and m/s; NaN where they are not known."""
         alpha3, speed = np.atleast_1d(alpha3), np.atleast_1d(speed)
         if 1 not in (len(alpha3), len(speed)) and len(alpha3) != len(speed):
             problem = f"{len(alpha3)} angles do not belong to {len(speed)} speeds"

@@ -118,14 +118,9 @@ class Expected:
 class ReadingWatch:
     """Watches the readings of the crank angle; a crank that turns all the way may be fast.
 
-    Attributes
-    ----------
-    last : float
-        When the last reading arrived that `judge` has looked at, steady clock, s; NaN without any.
-    stamp_age : float
-        Age of its stamp at its arrival, s; negative in the future.
-    stamps_back : int
-        Number of readings with an earlier stamp than the reading before.
+    ``last`` is when the last one that `judge` has seen arrived (steady clock, s; NaN without any),
+    ``stamp_age`` how old its stamp was, s, and ``stamps_back`` how many were earlier than the one
+    before.
     """
 
     def __init__(self, turns: bool = False, stamps_back: int = 0) -> None:
@@ -151,9 +146,9 @@ class ReadingWatch:
     ) -> None:
         """Take a reading, which is looked at when `judge` is called, so that this is quick.
 
-        It arrived at ``now`` (steady clock, s) and ``received`` (clock of the stamps, ns). It has a
-        stamp (ns), an angle and a velocity (rad and rad/s, NaN if unknown). ``known`` says whether
-        the table has the angle, and ``sender`` is as in `NumberReader`.
+        It arrived at ``now`` (steady clock, s) and ``received`` (clock of the stamps, ns), with an
+        angle and a velocity, rad and rad/s; ``known``: the table has the angle; ``sender``: as in
+        `NumberReader`.
         """
         self._waiting.append((now, stamp, received, angle, velocity, known, sender))
 

@@ -68,10 +68,9 @@ _CHUNK = 16  # angles that are evaluated together, so that their terms stay in t
 class _Layout:
     """How interpolated numbers are arranged.
 
-    First come k (real and imaginary part) and c of the terms; then, for each term, output and
-    input, a (both parts) and b; then, for each output and input, the residual (both parts) and its
-    rate; then, for each input, the size of the static response of the first output; and last, the
-    reference force of each pin and cylinder.
+    k (both parts) and c of the terms; for each term, output and input a (both parts) and b; for
+    each output and input the residual (both parts) and its rate; for each input the static
+    response; reference forces.
     """
 
     n_terms: int
@@ -128,18 +127,9 @@ class _Forcing(NamedTuple):
 
 
 class LevelTable:
-    """Levels of vibration at any angle of a table.
+    """Levels of vibration by excitations at any angle of a predictor's table.
 
-    Parameters
-    ----------
-    predictor, mechanism : Predictor and Mechanism
-        What looks up the table, and the mechanism of that table.
-    excitations : sequence of Excitation
-
-    Raises
-    ------
-    ExcitationError
-        If a load acts where the table has no FRF.
+    An ExcitationError names a load that acts where the table has no FRF.
     """
 
     def __init__(
@@ -251,17 +241,9 @@ class LevelTable:
     ) -> MessageColumns:
         """Return the levels at n angles, which are the float32 fields of ``Resonance.msg``.
 
-        Outside the table they are not known. Other columns are the ``warning_probability`` and
-        ``ground_unknown``, (n,), and beside those of the message ``load_places``, (n,
-        n_excitations), and ``total_load_places``, (n,), the indices of the pins and cylinders where
-        the load ratios are largest.
-
-        Parameters
-        ----------
-        alpha3, speeds : ndarray, (n,) and (n_sources, n)
-            rad, and rpm or m/s of each `Source`; NaN where it is not known.
-        factors : ndarray, (n, n_factors), optional
-            What `factor_rows` returns for n angles; otherwise their columns are NaN.
+        They are NaN outside the table. Speeds are (n_sources, n), and factors, (n, n_factors),
+        those of `factor_rows`. ``load_places``, (n, n_excitations), are indices of pins and
+        cylinders.
         """
         angles, forcing = angles_in_table(alpha3, self.alpha3_range), self._forcing(speeds)
         parts = []
@@ -274,12 +256,7 @@ class LevelTable:
     def over(self, alpha3: FloatArray, speeds: FloatArray) -> MessageColumns:
         """Return the levels `at` each of n angles with each of k speeds, (n k), angle by angle.
 
-        What does not change with the speeds is computed once for each angle.
-
-        Parameters
-        ----------
-        alpha3, speeds : ndarray, (n,) and (n_sources, k)
-            As those of `at`.
+        What does not change with the speeds, (n_sources, k), is computed once for each angle, (n,).
         """
         n, k = len(alpha3), speeds.shape[1]
         angles, forcing = angles_in_table(alpha3, self.alpha3_range), self._forcing_at(speeds)
@@ -335,14 +312,9 @@ class LevelTable:
         return _level_columns(numbers, places, reasons)
 
     def members(self, alpha3: FloatArray, speeds: FloatArray) -> FloatArray:
-        """Return all levels of each member of the ensemble, (n, n_members, n_levels).
+        """Return all levels of each member of the ensemble, (n, n_members, n_levels), as `at` does.
 
         Without an ensemble there is no member.
-
-        Parameters
-        ----------
-        alpha3, speeds : ndarray, (n,) and (n_sources, n)
-            As those of `at`.
         """
         members, angles = self._members, angles_in_table(alpha3, self.alpha3_range)
         width = _unknown(0, len(self._inputs))[0].shape[1]
@@ -386,13 +358,7 @@ class LevelTable:
     def member_totals(
         self, alpha3: FloatArray, speeds: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the total load ratio and total velocity of each member, (n_members, n).
-
-        Parameters
-        ----------
-        alpha3, speeds : ndarray, (n,) and (n_sources, n)
-            As those of `at`.
-        """
+        """Return the total load ratio and velocity of each member, (n_members, n), as `at` does."""
         numbers, at = self.members(alpha3, speeds), _columns(len(self._inputs))
         return numbers[..., at["total_load_ratio"]].T, numbers[..., at["total_velocity"]].T
 
@@ -404,14 +370,8 @@ class LevelTable:
     def factor_rows(self, alpha3: FloatArray, speeds: FloatArray, limit: float) -> FloatArray:
         """Return the `FACTORS` of levels at n angles, (n, n_factors), in the order of the names.
 
-        They are NaN where fewer than 95 % of the members are known.
-
-        Parameters
-        ----------
-        alpha3, speeds : ndarray, (n,) and (n_sources, n)
-            As those of `at`.
-        limit : float
-            Of the total load ratio, above which a warning begins.
+        They are NaN where fewer than 95 % of the members are known. Above the limit of the total
+        load ratio a warning begins; angles and speeds are those of `at`.
         """
         _, of_levels = _factor_columns(len(self._inputs))
         if not self.n_members or not len(alpha3):
@@ -496,14 +456,9 @@ class LevelTable:
     ) -> None:
         """Compute the rows of levels at n angles, and where load ratios are largest, in place.
 
-        Parameters
-        ----------
-        numbers, places : ndarray
-            All levels, (n, n_levels), and the places, (n, n_excitations + 1), of each excitation
-            and of the total, if they are needed.
-        squares, reference : ndarray, (n, n_excitations, n_outputs) and (n, n_forces)
-            Squares of responses to unit loads; what forces are compared with, N.
-        forcing : _Forcing
+        They are (n, n_levels), and the places (n, n_excitations + 1), the total last, if needed.
+        Squares, (n, n_excitations, n_outputs), are of responses to unit loads; references, (n,
+        n_forces), in N.
         """
         if not self._loaded:
             return
@@ -668,12 +623,8 @@ def _spline(at: FloatArray, values: FloatArray) -> CubicSpline:
 def _cubics(at: FloatArray, values: FloatArray, lost: BoolArray) -> FloatArray:
     """Return the cubics between angles, (n_cells, 4, n_values); NaN where they are not known.
 
-    Parameters
-    ----------
-    at, values : ndarray, (n_cells + 1,) and (n_cells + 1, n_values)
-        rad, and the values there, NaN where they are not known.
-    lost : ndarray of bool, (n_cells,)
-        Where a cubic is not accurate.
+    Angles are (n_cells + 1,), rad, with values there, NaN where not known; cubics in ``lost`` cells
+    are not accurate.
     """
     unknown = np.isnan(values)
     unknown = unknown[:-1] | unknown[1:] | lost[:, np.newaxis]

@@ -38,16 +38,7 @@ class UnitLoad:
 def load_input(excitation: Excitation, table: Table, mechanism: Mechanism) -> UnitLoad:
     """Return the input of an excitation; without a load, a force at the response point.
 
-    Parameters
-    ----------
-    excitation : Excitation
-    table, mechanism : Table and Mechanism
-        The table that has the FRFs, and the mechanism of that table.
-
-    Raises
-    ------
-    ExcitationError
-        If the mechanism has no such place, or the table no FRF there.
+    An ExcitationError says that the mechanism has no such place, or its table no FRF there.
     """
     load, response = excitation.load, mechanism.response
     if load is None:

@@ -88,15 +88,8 @@ def uncertain_modes(
 ) -> list[str]:
     """Return a sentence about each mode whose standard deviations are large.
 
-    They are large above 1 % of the natural frequency, or above 20 % of the damping ratio.
-
-    Parameters
-    ----------
-    frequencies, frequency_stddevs, ratios, ratio_stddevs : ndarray, (..., n_modes)
-        Natural frequencies, damping ratios and their standard deviations, Hz and 1, of one
-        prediction or of many, of which the worst counts.
-    label : callable
-        Returns how a mode, counted from 0, is called, as `Table.mode_label` does.
+    That is above 1 % of the natural frequency, Hz, or 20 % of the damping ratio, in any prediction,
+    (..., n_modes). ``label`` returns how a mode, counted from 0, is called.
     """
     pairs = (frequencies, frequency_stddevs), (ratios, ratio_stddevs)
     worst = [largest_deviations(*pair) for pair in pairs]
@@ -120,27 +113,15 @@ def largest_deviations(values: FloatArray, stddev: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shares:
-    """Where the standard deviations of a prediction come from; they add as squares.
+    """Where standard deviations of a prediction come from; they add as squares.
 
     Each is (2, n_modes): of natural frequencies, Hz, and of damping ratios, 1.
-
-    Attributes
-    ----------
-    parameters : ndarray
-        Numbers of the mechanism, as far as its ``uncertainty`` lists them; NaN where the first
-        order is not enough, near a veering of modes or a toggle.
-    angle : ndarray
-        The crank angle.
-    links : ndarray
-        Noise of measured links.
-    table : ndarray
-        Interpolation in the table: the measured bound of its error.
     """
 
-    parameters: FloatArray
-    angle: FloatArray
-    links: FloatArray
-    table: FloatArray
+    parameters: FloatArray  # numbers of the mechanism; NaN near a veering or a toggle
+    angle: FloatArray  # the crank angle
+    links: FloatArray  # noise of measured links
+    table: FloatArray  # interpolation: the bound of its error
 
     @property
     def total(self) -> FloatArray:
@@ -150,13 +131,9 @@ class Shares:
 
 
 def fault(prediction: Prediction, alpha3_range: tuple[float, float]) -> str:
-    """Return why a prediction has no numbers, or doubtful numbers; empty if its status is OK.
+    """Return why a prediction has no numbers, or doubtful ones; empty if its status is OK.
 
-    Parameters
-    ----------
-    prediction : Prediction
-    alpha3_range : (float, float)
-        First and last angle of the table, rad.
+    The range is that of the table, rad.
     """
     angle = math.degrees(prediction.crank_angle)
     if prediction.status is Status.INVALID_ANGLE:
@@ -355,15 +332,9 @@ def _numbers(value: object, name: str) -> FloatArray:
 def predict_many(predictor: Predictor, alpha3: FloatArray, stddev: FloatArray) -> MessageColumns:
     """Predict at many angles as `Predictor` does at one, with the same results to the last bit.
 
-    The formula is written twice: for one angle, arrays of one row would take 15 times as long as
-    the floats of `Predictor.predict`, and the node predicts at each reading. The columns have the
-    names of the attributes of `Prediction`.
-
-    Parameters
-    ----------
-    predictor : Predictor
-    alpha3, stddev : ndarray, (n,)
-        Angles and their standard deviations, rad.
+    The formula is written twice: one row of arrays would take 15 times as long as floats, and the
+    node predicts at each reading. Angles and deviations are (n,), rad; columns have the names of
+    `Prediction`.
     """
     table, n = predictor.table, len(alpha3)
     modes = table.n_modes

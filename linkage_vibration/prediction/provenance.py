@@ -26,14 +26,8 @@ def attachments(
 ) -> tuple[Attachment, ...]:
     """Return what made the messages of a log, as files.
 
-    Parameters
-    ----------
-    served : Served
-        The mechanism and its table; the table's file is named by its ``table_id``.
-    settings, node_name : Parameters and str
-        Those of the node, or of the replay; the name has its namespace.
-    excitations : mapping of str to bytes
-        The files of the excitations and of the sensors by their names, as far as they are used.
+    The table's file is named by its ``table_id``; the node's name has its namespace. Files of
+    excitations and sensors are given by their names, as far as they are used.
     """
     if settings.implement_file:  # the one in use, which is not always that of the start
         settings = replace(settings, implement=implement_facts(served).get("implement", ""))

@@ -46,17 +46,9 @@ _PLACE_BITS = 2 ** np.arange(len(Source))
 
 @dataclass(frozen=True, slots=True)
 class ReportedSpeed:
-    """A speed that is reported among predictions.
+    """A speed that is reported among predictions, as by `ResonanceMonitor.set_speed`."""
 
-    Attributes
-    ----------
-    before : int
-        How many predictions precede it.
-    source, value, time : Source, float and int
-        As those of `ResonanceMonitor.set_speed`.
-    """
-
-    before: int
+    before: int  # predictions that precede it
     source: Source
     value: float
     time: int
@@ -86,15 +78,8 @@ def half_power_probability(
 ) -> FloatArray:
     """Return the probability that excitations lie within the half-power bands of modes.
 
-    The band of a natural frequency f is f (1 - zeta) to f (1 + zeta). Both frequencies are normal
-    and independent. All arrays have the same shape.
-
-    Parameters
-    ----------
-    frequency, frequency_stddev : ndarray
-        Of the excitations, Hz.
-    natural, natural_stddev, zeta : ndarray
-        Natural frequencies, their standard deviations, Hz, and damping ratios, 1.
+    The band of f is f (1 - zeta) to f (1 + zeta). Both frequencies, Hz, are normal and independent.
+    All arrays have the same shape.
     """
     ends = np.array([1.0 - zeta, 1.0 + zeta])
     stddev = np.sqrt(frequency_stddev * frequency_stddev + (ends * natural_stddev) ** 2)
@@ -105,18 +90,8 @@ def half_power_probability(
 class ResonanceMonitor:
     """Compares excitation frequencies with natural frequencies, and load ratios with limits.
 
-    It has no clock, so the same calls give the same answers, live or offline.
-
-    Parameters
-    ----------
-    excitations : sequence of Excitation
-    limits : WarningLimits
-    stale_after : float
-        Older speeds are not used, s.
-    levels : LevelTable, optional
-        Levels of the excitations. Without it, levels and probabilities are not known.
-    rate : float
-        How often at most predictions are assessed, Hz; 0 for each.
+    It has no clock, so the same calls give the same answers, live or offline. Speeds are used for
+    ``stale_after`` s; predictions are assessed at a rate, Hz, at most, 0 for each.
     """
 
     def __init__(
@@ -164,16 +139,10 @@ class ResonanceMonitor:
         self._factors_time, self._factors = _NO_PERIOD, np.empty((1, 0))
 
     def set_speed(self, source: Source, value: float, time: int) -> None:
-        """Use a reported speed; its rate is estimated as `RateFilter` describes.
+        """Use a reported speed, rpm or m/s; its rate is estimated as `RateFilter` describes.
 
-        Parameters
-        ----------
-        source : Source
-        value : float
-            rpm or m/s; if it is infinite or NaN, or if that of a shaft is negative, the speed
-            becomes unknown. A ground speed is negative in reverse; its magnitude counts.
-        time : int
-            When it was reported, ns.
+        If it is not finite, or if that of a shaft is negative, the speed becomes unknown. A ground
+        speed is negative in reverse; its magnitude counts. The time is in ns.
         """
         self._report(source, [float(value)], [time])
 
@@ -190,13 +159,7 @@ class ResonanceMonitor:
         return numbers
 
     def set_fixed(self, source: Source, value: float | None) -> None:
-        """Fix a speed (rpm or m/s); with None, a fixed speed becomes unknown.
-
-        Parameters
-        ----------
-        source : Source
-        value : float, optional
-        """
+        """Fix a speed (rpm or m/s); with None, a fixed speed becomes unknown."""
         if value is not None:
             self.any_speed_reported = True
             self._set(source, np.array([value, 0.0, 0.0]), 0, True)
@@ -212,15 +175,8 @@ class ResonanceMonitor:
     ) -> MessageColumns:
         """Return one ``Resonance`` with its ``LoadState``: the worst excitation, and all levels.
 
-        Parameters
-        ----------
-        prediction : Prediction
-        velocity : float
-            Of the crank, rad/s; NaN if it is not known.
-        time : int
-            When the prediction was made, by the clock of the speeds, ns.
-        velocity_error : float
-            Bound of the error of the velocity, rad/s.
+        The crank's velocity, NaN if not known, and the bound of its error are in rad/s; the time,
+        ns, is by the clock of the speeds.
         """
         velocities, errors = np.array([[velocity], [velocity_error]])
         row = one_row(prediction)
@@ -236,22 +192,11 @@ class ResonanceMonitor:
         speeds: Sequence[ReportedSpeed],
         velocity_error: FloatArray,
     ) -> MessageColumns:
-        """Return the ``Resonance`` and the ``LoadState`` of each prediction.
+        """Return the ``Resonance`` and the ``LoadState`` of each of n predictions.
 
-        Speeds are reported among the predictions.
-
-        Their states are those of `severity.states`.
-
-        Parameters
-        ----------
-        predictions : MessageColumns
-            n of them, with their ``frequency_slopes``.
-        velocity, velocity_error : ndarray, (n,)
-            Of the crank, and bounds of its errors, rad/s; NaN where it is unknown.
-        time : ndarray, (n,)
-            When the predictions were made, by the clock of the speeds, ns.
-        speeds : sequence of ReportedSpeed
-            In the order in which they were reported.
+        They have ``frequency_slopes``. Velocities of the crank and bounds of their errors, (n,),
+        are in rad/s, NaN if not known; times, (n,), ns, by the clock of the speeds, which are in
+        the order of their reports.
         """
         reported, n = self._speeds_at(time, speeds), len(time)
         crank = np.array([velocity, velocity_error])

@@ -45,24 +45,12 @@ CLEAR, WARNING, STALE, NOTE = np.arange(4, dtype=np.uint8)
 
 @dataclass(frozen=True, slots=True)
 class WarningLimits:
-    """When excitations warn.
+    """When excitations warn."""
 
-    Attributes
-    ----------
-    warning, note : float
-        Load ratios from which there is a warning and a note, 1.
-    dwell : float
-        A warning begins when its limit has been exceeded for so long, s, and ends when the load
-        ratio has been below it for so long.
-    near : float
-        Relative margin to the nearest mode below which there is a note if the load ratio is not
-        known, 1.
-    """
-
-    warning: float = 0.33
-    note: float = 0.1
-    dwell: float = 1.0
-    near: float = 0.1
+    warning: float = 0.33  # load ratio, 1
+    note: float = 0.1  # load ratio, 1
+    dwell: float = 1.0  # s, for which a limit is exceeded before, or is not after
+    near: float = 0.1  # relative margin of a note if no load ratio is known
 
 
 DEFAULT_LIMITS = WarningLimits()
@@ -82,17 +70,7 @@ class WarningTimer:
         self._last = 0  # ns
 
     def follow(self, exceeds: BoolArray, time: Integers, dwell: float) -> BoolArray:
-        """Return which of n_limits warn at n times, (n_limits, n).
-
-        Parameters
-        ----------
-        exceeds : ndarray of bool, (n_limits, n)
-            Which limits are exceeded.
-        time : ndarray of int, (n,)
-            ns.
-        dwell : float
-            The dwell time, s.
-        """
+        """Return which of n_limits warn at n times, (n_limits, n), ns, after a dwell time, s."""
         warns = np.zeros(exceeds.shape, np.bool_)
         least = round(1e9 * dwell)
         for row, now in enumerate(time.tolist()):
@@ -117,13 +95,8 @@ def states(
 ) -> NDArray[np.uint8]:
     """Return the states of excitations, all arrays (n_excitations, n).
 
-    Parameters
-    ----------
-    load_ratio, apart : ndarray
-        Load ratios, NaN if not known, and magnitudes of the relative margins to the nearest modes.
-    known, warns : ndarray of bool
-        Whether the speed is known, and what `WarningTimer` says.
-    limits : WarningLimits
+    Load ratios are NaN if not known; ``apart`` are magnitudes of the relative margins to the
+    nearest modes; ``known``: the speed is; ``warns``: what `WarningTimer` says.
     """
     notable = np.where(np.isnan(load_ratio), apart < limits.near, load_ratio > limits.note)
     calm = np.where(notable, NOTE, CLEAR)

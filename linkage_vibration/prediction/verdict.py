@@ -39,31 +39,15 @@ _LATE = 1.0  # s without a message at the start of a log that are worth one
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drive:
-    """The messages on ``~/resonance`` of a drive, in the order in which they were written.
+    """The messages on ``~/resonance`` of a drive, in the order in which they were written."""
 
-    Attributes
-    ----------
-    times, held : ndarray, (n,)
-        When each was made, s since the start of the log, and for how long it holds, s.
-    broken : ndarray of bool, (n,)
-        Whether a gap or a jump of the clock precedes a message.
-    resonances : MessageColumns
-        The messages.
-    angles : ndarray, (n,)
-        Crank angles, rad.
-    names : tuple of str
-        Names of the excitations in the order of the sequences in the messages.
-    predictions : ndarray of int, (n,)
-        The prediction of the log to which each message belongs.
-    """
-
-    times: FloatArray
-    held: FloatArray
-    broken: BoolArray
+    times: FloatArray  # (n,), s since the start of the log
+    held: FloatArray  # (n,), s for which each holds
+    broken: BoolArray  # (n,): a gap or a jump of the clock precedes
     resonances: MessageColumns
-    angles: FloatArray
-    names: tuple[str, ...]
-    predictions: NDArray[np.int64]
+    angles: FloatArray  # (n,), rad
+    names: tuple[str, ...]  # of the excitations, in the order of the sequences
+    predictions: NDArray[np.int64]  # (n,), of the log
 
     @property
     def passes(self) -> NDArray[np.int64]:
@@ -202,14 +186,8 @@ def drive_sentence(
 ) -> str:
     """Return what a drive did to the linkage, how bad and how sure that is, and what to do.
 
-    Parameters
-    ----------
-    drive : Drive
-    limits : WarningLimits
-    mode_label : callable
-        Returns how a mode, counted from 0, is called.
-    excitations : sequence of Excitation
-        What was monitored.
+    ``mode_label`` returns how a mode, counted from 0, is called; the excitations are those
+    monitored.
     """
     resonances = drive.resonances
     if (resonances.state == ResonanceState.STALE).all():

@@ -77,9 +77,9 @@ def read_frfs(
 ) -> Frfs:
     """Read and check the receptances of a component from ``.npz``, ``.uff`` or ``.unv``.
 
-    The interface DoFs are in the order given (by default all of the file); others are free.
-    ``nodes`` has the point of each node of a UFF file. The points (m) and the mass (kg) of one of
-    the equal links are compared with the FRFs. A ComponentFileError names the file and the fix.
+    DoFs that are not given are free. ``nodes`` are the points of a UFF file's nodes. The FRFs are
+    compared with the points, m, and the mass, kg, of one of the equal links. A ComponentFileError
+    names the fix.
     """
     kind = path.suffix.lower()
     if kind not in (".npz", ".uff", ".unv"):

@@ -50,43 +50,22 @@ class SensorError(LinkageVibrationError):
 class Sensor:
     """What a sensor measures, where, and how it is read.
 
-    Attributes
-    ----------
-    name : str
-    at : str
-        A point of the mechanism, ``seat``, or a force of the table such as "lift_cylinders.force".
-    accelerates : bool
-        Whether it measures an acceleration along three axes, or else one force.
-    scale : float
-        m/s^2 or N per unit.
-    axes : ndarray, (3, 3) or (1, 1)
-        Turns readings into the axes of the tractor, of which z points up.
-    limit : float
-        The largest reading, in its unit; infinity if it is not known.
-    file : Path, optional
-        A bag or a CSV file; None for the log itself.
-    topic, type, fields, columns
-        Where the numbers are in a bag, or in a CSV file, whose first column is the time. The type
-        is that of the messages of a running node; a bag has its own.
-    starts_at : float
-        Time of the first sample of a CSV file since the first prediction, s.
-    filtered : bool
-        Whether it has an anti-aliasing filter.
+    A bag has topic, type and fields; a CSV file has columns, of which the first is the time.
     """
 
     name: str
-    at: str
-    accelerates: bool
-    scale: float
-    axes: FloatArray
-    limit: float
-    file: Path | None
+    at: str  # a point, ``seat``, or a force such as "lift_cylinders.force"
+    accelerates: bool  # along three axes; or else one force
+    scale: float  # m/s^2 or N per unit
+    axes: FloatArray  # (3, 3) or (1, 1): from readings to the tractor's axes, z up
+    limit: float  # largest reading, in its unit, or infinity
+    file: Path | None  # a bag or a CSV file; None for the log
     topic: str
     type: str
     fields: tuple[str, ...]
     columns: tuple[int, ...]
-    starts_at: float
-    filtered: bool
+    starts_at: float  # s since the first prediction, of a CSV file
+    filtered: bool  # against aliasing
 
 
 def read_sensors(path: Path) -> list[Sensor]:

@@ -80,9 +80,9 @@ def read_loads(
 ) -> tuple[Excitation, ...]:
     """Return the excitations that the parameters name, as far as the mechanism can bear them.
 
-    The default file describes a tractor with a hitch. Where a mechanism or its table lacks a place
-    of it, the excitation has no amplitude, and `report` is called with a sentence. A file that the
-    user named is returned as it is.
+    Where a mechanism lacks a place of the default file, which describes a tractor with a hitch, the
+    excitation has no amplitude, and `report` gets a sentence. A file that the user named stays as
+    it is.
     """
     path = settings.excitation_path()
     excitations = read_excitations(path)

@@ -18,12 +18,10 @@ _BEYOND = 1.15  # of the highest speed of the drive
 
 
 def advice_map(log: Log) -> dict[str, Any] | None:
-    """Return what the page draws; None if no ground speed, or no level, is known.
+    """Return the map of loads over angles, deg, and speeds, km/h; None if none is known.
 
-    It has ``angles``, deg, and ``speeds``, km/h, of the rows and columns of ``loads`` and
-    ``reasons``; the ``texts`` of the reasons; the ``limit`` of a warning; places in the map, as
-    speed and angle, of the ``drive`` (None where it is interrupted), of its worst moment, ``now``,
-    and of the quietest height then, ``best``; and a ``note``.
+    Beside ``loads``, ``reasons`` and their ``texts`` it has the places, speed and angle, of the
+    ``drive``, of its worst moment, ``now``, and of the quietest height then, ``best``.
     """
     speeds = {} if log.drive is None else speeds_at_drive(log)
     fastest = float(np.nanmax(speeds.get(Source.GROUND, [0.0]), initial=0.0))

@@ -15,13 +15,10 @@ _NAMES = {Source.ENGINE: "engine", Source.PTO: "PTO", Source.GROUND: "ground"}
 
 
 def campbell(log: Log, warnings: list[int]) -> list[dict[str, Any]]:
-    """Return a plot for each source of excitations whose speed is known, with warnings as dots.
+    """Return a plot for each source whose speed is known; warnings are resonances, drawn as dots.
 
-    Warnings are given by the resonance at which each is worst.
-
-    It has ``title``; ``unit`` of the speed; ``speeds``, the lowest and the highest; ``orders``,
-    names with Hz per unit of speed; ``bands``, colours with the lowest and the highest frequency of
-    each mode in the drive; ``dots``, speed and Hz of each warning.
+    It has ``orders``, names with Hz per ``unit`` of speed; ``speeds``, the lowest and the highest;
+    ``bands``, colours with the ends of each mode in the drive; ``dots``, speed and Hz.
     """
     bands = []
     for values, colour in zip(

@@ -32,12 +32,7 @@ _SCRIPTS = (
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """What a page shows.
-
-    The content is all that the scripts in ``page`` read besides: ``charts``, ``overview``,
-    ``readings``, ``tables``, ``summary``, ``provenance``, ``shades``, and where
-    they are known ``excitations``, ``frf`` and ``linkage``. Arrays in it are packed.
-    """
+    """What a page shows; its scripts read the content, whose arrays are packed."""
 
     title: str
     subtitle: str

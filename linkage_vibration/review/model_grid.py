@@ -19,14 +19,11 @@ FRF_ANGLES = 361  # of the receptance
 
 
 def linkage_grid(mechanism: Mechanism, table: Table) -> dict[str, Any] | None:
-    """Return the linkage and its modes over the range of a table, as the page draws them.
+    """Return the linkage and its modes over the range of a table; None without shapes.
 
-    It is None if the model has no shapes, as with links that are known by FRFs alone. ``bodies``,
-    ``rigid``, ``lengths``: the name of each body, whether it is rigid, and the number of points of
-    its curve. ``size``: m. ``angles``: (n_angles,), rad. ``places``: (n_angles, n_points, 2), the
-    points of all curves along x and z, m. ``shapes``: (n_modes, n_angles, n_points, 2), their
-    displacements, of which the largest is 1; all are 0 for an overdamped mode. ``joints``,
-    ``centres``: (n_angles, n, 2), and ``ground``: (n, 2), as in the scene.
+    ``places``, (n_angles, n_points, 2), m, and ``shapes``, (n_modes, n_angles, n_points, 2), are of
+    all curves, whose numbers of points are ``lengths``; ``joints`` and ``centres`` are (n_angles,
+    n, 2), m.
     """
     angles = np.linspace(*table.alpha3_range, DRAWN_ANGLES)
     try:
@@ -66,13 +63,11 @@ def linkage_grid(mechanism: Mechanism, table: Table) -> dict[str, Any] | None:
 
 
 def receptance_grid(mechanism: Mechanism, table: Table) -> dict[str, Any] | None:
-    """Return the receptance at the drive point over the range of a table, as the page sums it.
+    """Return the drive point's receptance over the range of a table; None if it has none.
 
-    It is None if the table does not hold this receptance. ``place``: point and direction, as in "E1
-    z". ``band``: Hz. ``n_terms``. ``angles``: (n_angles,), rad. ``terms``: (n_angles, n_terms, 7),
-    stiffness (real, imaginary), decay, residue (real, imaginary) and rate (real, imaginary), see
-    `PoleResidue`. ``residual``: (n_angles, 2), real and imaginary part. ``frequencies``: (n_angles,
-    n_modes), Hz.
+    ``terms``, (n_angles, n_terms, 7), are stiffness, decay, residue and rate of `PoleResidue`, of
+    which all but the decay are complex; ``residual``, (n_angles, 2), and ``frequencies``, Hz,
+    follow.
     """
     place = (mechanism.response.point, mechanism.response.direction)
     if place not in table.places:
@@ -101,9 +96,8 @@ def receptance_grid(mechanism: Mechanism, table: Table) -> dict[str, Any] | None
 def _continued(terms: list[FloatArray]) -> list[FloatArray]:
     """Order the terms of each angle, (n_terms, 7), so that each continues the one before.
 
-    Where damping couples the modes, the terms of a table have no order, and poles that become real
-    may change their number. A term without a counterpart gets one with the same poles that does not
-    respond.
+    A term without a counterpart, as where poles become real, gets one with the same poles that does
+    not respond.
     """
     paired = [terms[0]]
     for here in terms[1:]:

@@ -26,10 +26,7 @@ _BAG_FILE = "metadata.yaml"  # a folder with this file is one bag
 def logs_of(paths: Sequence[Path]) -> list[Path]:
     """Return the logs among files and folders; a folder that is no bag stands for its MCAP files.
 
-    Raises
-    ------
-    ReviewError
-        If a folder holds no MCAP file.
+    A ReviewError says that a folder holds no MCAP file.
     """
     logs: list[Path] = []
     for path in paths:

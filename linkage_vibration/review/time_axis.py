@@ -15,24 +15,12 @@ _LEAST, _SHARE, _WIDTH = 5.0, 0.1, 0.03  # s; and shares of the time with predic
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TimeAxis:
-    """Corresponding times at the knots of the axis, between which all are linear, (n_knots,), s.
+    """Corresponding times at the knots of the axis, between which all are linear, (n_knots,), s."""
 
-    Attributes
-    ----------
-    times : ndarray
-        As in `Log.times`.
-    shown : ndarray
-        Places on the axis of the page.
-    real : ndarray
-        Stamps since the first one.
-    shortened : tuple of (float, float)
-        Start and end of each shortened gap, as in `Log.times`.
-    """
-
-    times: FloatArray
-    shown: FloatArray
-    real: FloatArray
-    shortened: tuple[tuple[float, float], ...]
+    times: FloatArray  # as in `Log.times`
+    shown: FloatArray  # on the axis of the page
+    real: FloatArray  # stamps since the first one
+    shortened: tuple[tuple[float, float], ...]  # ends of shortened gaps, as in `Log.times`
 
     def place(self, times: FloatArray) -> FloatArray:
         """Return the places of times on the axis, s."""

@@ -43,10 +43,9 @@ def play_bag(
 ) -> int:
     """Publish the crank angles and speeds of a bag at their recorded times; return how many.
 
-    It begins when a subscriber of the crank angle is there. The stamps stay as recorded. Without
-    settings, the presets are those of the topics in the bag; ``remaps`` has the bag's names of the
-    node's topics. ``report`` is called with sentences for the user, ``show`` with each prediction,
-    and ``check`` repeatedly; each may raise to stop.
+    It waits for a subscriber of the crank angle. Without settings, the bag's topics choose the
+    presets; ``remaps`` has the bag's names. ``report`` gets sentences, ``show`` predictions;
+    ``check`` may raise to stop.
     """
 
     def wait(due: float) -> None:

@@ -83,9 +83,9 @@ def subscribe(
 ) -> Any:
     """Return a subscription, which matches publishers of every QoS and waits for no lost message.
 
-    ``on_message`` is called with the bytes of a message and its `MessageInfo`. A latched
-    subscription, to latched publishers alone, receives what they have published before. That of an
-    input keeps so many messages, and parameters of the node can override its QoS.
+    ``on_message`` gets the bytes and the `MessageInfo`. A latched one receives what latched
+    publishers sent before. That of an input keeps so many messages, and parameters can override its
+    QoS.
     """
 
     @wraps(on_message)

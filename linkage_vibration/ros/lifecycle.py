@@ -71,9 +71,8 @@ FULFILLED = {"configure": ("inactive", "active"), "activate": ("active",)}
 class LinkageVibrationNode(LifecycleNode):
     """Predicts how a linkage vibrates from each reading of its crank angle.
 
-    While it is configured, it has its table and offers its services; while it is active, it
-    subscribes and predicts. Long operations call ``stop_asked``, which returns whether a signal has
-    arrived. The attribute `problem` says why the last transition failed; it is empty if none did.
+    It has its table and services while configured, and predicts while active. Long operations ask
+    ``stop_asked``; `problem` says why the last transition failed, if it did.
     """
 
     def __init__(self, stop_asked: Callable[[], bool] = lambda: False) -> None:
@@ -190,9 +189,8 @@ class LinkageVibrationNode(LifecycleNode):
     def serve(self, executor: Executor) -> None:
         """Handle what is not a reading, for one turn of an executor, and rest after it.
 
-        The log is watched and reported every second of the wall clock, as simulated time may stop.
-        A timer of rclpy for that would let the executor look at all services four times a second,
-        which takes more processor time than ten readings.
+        The log is watched every second of the wall clock, as simulated time may stop; a timer of
+        rclpy for that would take more processor time than ten readings.
         """
         began = time.thread_time()
         executor.spin_once(max(self._next_second - time.monotonic(), 0.0))

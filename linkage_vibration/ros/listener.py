@@ -23,11 +23,10 @@ WAKE_PERIOD = 1.0  # s; without a limit, the events executor blocks the other th
 
 
 class Listener:
-    """Subscriptions on a node of their own, which has no services and a thread of its own.
+    """Subscriptions on a node of their own, without services, and a thread of its own.
 
-    Only this thread calls back. An executor of rclpy looks at all services for each message, or
-    takes requests and messages in the order of their arrival; both would delay the readings. The
-    node has the namespace of its owner, and its name with ``_readings`` added.
+    An executor of rclpy looks at all services for each message, or takes both in the order of
+    arrival, which would delay readings. The node is named as its owner, with ``_readings`` added.
     """
 
     def __init__(self, owner: Node) -> None:

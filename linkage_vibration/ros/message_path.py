@@ -85,16 +85,11 @@ def output_topics(node: Node) -> list[Topic]:
 
 
 class Predicting:
-    """Answers readings of the crank angle with predictions on ``~/prediction``.
+    """Answers readings with predictions and, once a speed is known, resonances and advice.
 
-    Once a speed is known, resonances follow on ``~/resonance`` and ``~/load_state``, at a limited
-    rate, and advice on ``~/advice`` while the load exceeds its limit. What sensors measure follows
-    on ``~/measured``. The node's publishers are given by their types of messages. ``record`` is
-    called with the topic, the bytes, the time of receipt (ns) and the `MessageInfo` of every
-    message that is used, and with the topics and bytes of its answers.
-
-    The attributes hold the last `prediction` and `resonance`, the `age` of the last reading and
-    from when on it is too old (s), and the faults that `judge` has found.
+    Publishers are given by the types of their messages. ``record`` gets each message that is used,
+    with its time, ns, and its answers. Attributes hold the last answers, ages, s, and the faults of
+    `judge`.
     """
 
     def __init__(

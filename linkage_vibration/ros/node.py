@@ -40,9 +40,8 @@ def main(args: list[str] | None = None) -> int:
 def _handle_signals() -> Callable[[], bool]:
     """Only note that a signal has arrived; return a function that says whether one has.
 
-    Python's KeyboardInterrupt could interrupt a write to the log, and a second signal could kill a
-    process that is ending. Signal masks do not help, because a signal to the process goes to any
-    thread that does not block it, and libraries start threads while they are imported.
+    KeyboardInterrupt could interrupt a write to the log, and a second signal kill a process that is
+    ending. Masks do not help, as libraries start threads while they are imported.
     """
     arrived = False
 

@@ -74,10 +74,8 @@ class ServiceError(LinkageVibrationError):
 class Services:
     """Answers requests while the listener's thread predicts.
 
-    Models are solved in a thread, which rests afterwards, and tables are built in a process.
-    Meanwhile the callback, a coroutine in a reentrant callback group, waits. ``served`` returns the
-    current mechanism and table, whose levels are given; ``swap`` is called in the executor's thread
-    with a new one and its levels.
+    Models are solved in a thread, which rests afterwards, and tables are built in a process, while
+    the callback waits. ``swap`` is called in the executor's thread with a new table and its levels.
     """
 
     def __init__(

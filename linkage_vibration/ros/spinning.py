@@ -30,9 +30,8 @@ SWITCH_INTERVAL = 2e-4  # s
 def run(args: list[str] | None, stop_asked: Callable[[], bool]) -> int:
     """Run the node until a signal arrives, which is seen within a second; return the exit code.
 
-    The arguments are those of the process by default. ``stop_asked`` returns whether a signal has
-    arrived: rclpy, which does not handle signals here, would end the context while a callback is
-    about to publish.
+    ``stop_asked`` says whether a signal has arrived: rclpy, which handles none here, would end the
+    context while a callback is about to publish.
     """
     sys.setswitchinterval(SWITCH_INTERVAL)
     arguments = sys.argv if args is None else args

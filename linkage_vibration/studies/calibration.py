@@ -192,9 +192,8 @@ def calibrate(
 ) -> CalibrationResult:
     """Fit the uncertain numbers to the targets, from the description and random parameters.
 
-    The random points are the same each time, and within the bounds. Of equally good fits, that from
-    the first point is taken. `finished` is called after each start with the lowest cost so far:
-    half the sum of squares.
+    The points are the same each time; of equal fits the first is taken. `finished` gets the lowest
+    cost so far, half the sum of squares, after each start.
     """
     unknowns = _unknowns(calibration)
     n = len(calibration.parameters)

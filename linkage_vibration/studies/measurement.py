@@ -155,10 +155,9 @@ def pair_modes(
 ) -> list[tuple[int | None, ...]]:
     """Return the mode of the model (from 0) of each measured mode, None if it has none.
 
-    If a pair is doubtful, the mode follows to which the measured mode belongs otherwise.
-    Frequencies are in Hz, ascending, and the deviations relative ones of each possible pair,
-    (n_measured, n_modes). Of equally good pairings the one with most pairs is taken, and of these
-    the one whose first pairs have the lowest modes.
+    In a doubtful pair, the mode follows to which the measured one belongs otherwise. Frequencies,
+    Hz, ascend; deviations, (n_measured, n_modes), are relative. Of equal pairings, more pairs and
+    lower modes win.
     """
     hz, ratios, spreads = np.array(
         [(mode.frequency, mode.ratio, mode.ratio_stddev / mode.ratio) for mode in measured]

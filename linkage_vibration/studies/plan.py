@@ -47,9 +47,9 @@ class PlanError(LinkageVibrationError):
 class Scene:
     """The results that are needed, and their tolerance.
 
-    The tolerance is the relative error allowed for every natural frequency in the band. A hundred
-    times as much is allowed for the highest peak's magnitude (at the mechanism's own drive point)
-    and for each FRF (L2 norm over the band). The errors of these three are arrays, (3,).
+    That is the relative error of natural frequencies in the band; the highest peak's magnitude and
+    each FRF (L2 norm over the band) may have a hundred times as much. Errors of these three are
+    arrays, (3,).
     """
 
     mechanism: Mechanism

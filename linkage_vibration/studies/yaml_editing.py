@@ -19,9 +19,8 @@ def edit_text(
 ) -> str:
     """Replace numbers in the text of a YAML file, and keep its comments and its layout.
 
-    Each entry has the keys that lead to a number or to a list of numbers, and the new words. If the
-    file lacks the last key, it is added before the first key beside it. The error is raised if an
-    alias ties together two numbers that are to differ.
+    Each entry has the keys of a number or a list, and the new words; a last key that is missing is
+    added before the first one beside it. The error says that an alias ties two such numbers.
     """
     root = yaml.compose(text, yaml.SafeLoader)
     edits = {  # an alias leads to the place of its anchor, so two paths may yield the same edit

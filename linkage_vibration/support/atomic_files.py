@@ -33,9 +33,8 @@ def check_output(path: Path | None, suffix: str, inputs: Sequence[Path]) -> None
 def check_outputs(outputs: Sequence[Path], inputs: Sequence[Path]) -> None:
     """Refuse outputs that cannot be written, before the work begins whose result goes there.
 
-    An output must be a file in a folder, with permission to write it. By its name or by a link it
-    must not be an input or another output. The files of a folder are inputs, too, and so are the
-    files that a YAML file names.
+    By name or by link, an output must not be an input or another output; the files of a folder, and
+    those that a YAML file names, are inputs, too.
     """
     read: dict[Path, None] = {}
     for path in inputs:
@@ -117,9 +116,9 @@ def replacement(
 ) -> Iterator[Path]:
     """Give the path of a new file, whose content goes to another path when the context ends.
 
-    A file is replaced at once and keeps its mode, and links are followed; a device or a pipe is
-    refused, and with ``new_only`` any file. If the context fails, nothing is left behind; a failure
-    to write raises this kind of error.
+    A file is replaced at once and keeps its mode; links are followed; a device, a pipe and, with
+    ``new_only``, any file is refused. Nothing is left behind, and a failure to write raises the
+    error.
     """
     with _new_file(path, error, new_only) as (new, target):
         yield new

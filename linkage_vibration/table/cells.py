@@ -29,10 +29,8 @@ def spline_cells(pieces: Iterable[tuple[FloatArray, FloatArray]]) -> "Cells":
 class Cells:
     """Values and slopes of k quantities at any angle, by a cubic polynomial in each cell.
 
-    Cells begin at ``starts``, (n_cells,), rad; ``cubics``, (n_cells, 4, k), are coefficients of
-    powers of the angle from there, highest first. An infinite constant marks a quantity without a
-    cubic, for which the finder is asked. Numbers for one angle and for many are equal to the last
-    bit.
+    Cells begin at ``starts``, (n_cells,), rad, from which ``cubics``, (n_cells, 4, k), count,
+    highest power first; where the constant is infinite, the finder is asked.
     """
 
     def __init__(

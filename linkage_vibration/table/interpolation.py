@@ -17,11 +17,10 @@ _GRID = 1001  # The next point is chosen among so many in its interval.
 
 
 def leja_points(points: Sequence[float], low: float, high: float, count: int) -> list[float]:
-    """Return the points that continue a Leja sequence in an interval.
+    """Return the points that continue a Leja sequence in an interval (Leja 1957).
 
-    Each is where the product of the distances to all previous points is largest (Leja 1957): this
-    is the factor of the error of polynomial interpolation that depends on the points. So the next
-    points measure the error of the previous ones, and join them if it is too large.
+    Each has the largest product of distances to all before, which the error of interpolation has,
+    too. So the next points measure the error of the previous ones.
 
     >>> leja_points([-1.0, 1.0], -1.0, 1.0, 1)
     [0.0]
@@ -40,8 +39,8 @@ def leja_points(points: Sequence[float], low: float, high: float, count: int) ->
 def interpolation_matrix(points: FloatArray, at: FloatArray) -> FloatArray:
     """Return the matrix, (n, n_points), that turns values at points into those of a polynomial.
 
-    It is the barycentric formula of the second kind (Berrut and Trefethen 2004), stable for points
-    that are denser towards the ends of their interval, such as Leja's and Chebyshev's.
+    The second barycentric formula (Berrut and Trefethen 2004) is stable for points that are denser
+    towards the ends.
 
     >>> interpolation_matrix(np.array([0.0, 1.0]), np.array([0.25, 1.0]))
     array([[0.75, 0.25],
@@ -60,9 +59,7 @@ def interpolation_matrix(points: FloatArray, at: FloatArray) -> FloatArray:
 
 
 def interpolate_positive(matrix: FloatArray, values: FloatArray) -> FloatArray:
-    """Interpolate positive values, (n_points, ...), by logarithms, so that they stay positive.
-
-    A polynomial that exceeds the range of floats is limited.
+    """Interpolate positive values, (n_points, ...), by logarithms, limited to the range of floats.
 
     >>> matrix = interpolation_matrix(np.array([0.0, 1.0]), np.array([0.5]))
     >>> np.round(interpolate_positive(matrix, np.array([1.0, 100.0])), 9)
@@ -74,9 +71,8 @@ def interpolate_positive(matrix: FloatArray, values: FloatArray) -> FloatArray:
 def stroke_variable(alpha3: FloatArray, toggles: tuple[float, float] | None) -> FloatArray:
     """Turn input angles (rad) into the variable in which the mechanism moves smoothly.
 
-    Near a toggle every quantity depends on the square root of the distance, which no polynomial in
-    the angle follows. With alpha3 = m - h cos(x) between two toggles m - h and m + h it is a smooth
-    function of x. Without toggles x is the angle itself.
+    Near a toggle everything depends on the square root of the distance, so it is x in alpha3 = m -
+    h cos(x) between toggles m - h and m + h; without toggles, the angle itself.
     """
     if toggles is None:
         return alpha3

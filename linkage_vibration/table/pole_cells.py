@@ -66,9 +66,8 @@ def values_of(poles: ComplexArray) -> FloatArray:
 def nearest(poles: ComplexArray, other: ComplexArray) -> dict[int, int]:
     """Pair poles, (n,) and (m,), rad/s: index here to index there.
 
-    The sum of squares of the distances is least. That of the distances themselves would be equal in
-    either order where two poles move by more than their distance. If the numbers differ, the
-    farthest remain without a partner.
+    The sum of squares of the distances is least, as that of distances can be equal in either order.
+    If the numbers differ, the farthest remain without a partner.
     """
     pairs = linear_sum_assignment(np.abs(poles[:, np.newaxis] - other) ** 2)
     return dict(zip(pairs[0].tolist(), pairs[1].tolist(), strict=True))

@@ -147,12 +147,8 @@ def beam_matrices(
 ) -> Matrices:
     """Put a beam on its points, of which no two have the same x, and draw it by its nodes.
 
-    The axis is z = 0. The beam begins at x = 0, or at a point before that, and ends where its last
-    segment ends. Each point and each end of a segment is a node; `beam.elements` are distributed
-    over the spans between them by length, rounded, at least one each. A point beside the axis is on
-    a rigid, massless arm from its node, so that u = u_point + z theta.
-
-    `rotations` are points whose theta is an interface DoF; `masses` are point masses, kg.
+    Each point and each end of a segment is a node of the axis z = 0; `beam.elements` are
+    distributed between them by length. Points beside the axis are on massless arms; masses in kg.
 
     >>> from linkage_vibration.mechanics.sections.rectangle import rectangle
     >>> steel = Material(210e9, 7800.0, 0.3)
@@ -160,8 +156,6 @@ def beam_matrices(
     >>> matrices = beam_matrices(beam, [("A", (0.0, 0.0)), ("B", (0.5, 0.03))], rotations={"A"})
     >>> [str(dof) for dof in matrices.dofs]
     ['A x', 'A z', 'A theta', 'B x', 'B z']
-    >>> matrices.mass.shape, matrices.drawing.places[:, 0]
-    ((15, 15), array([0.   , 0.125, 0.25 , 0.375, 0.5  ]))
     """
     nodes, sections = _mesh(beam, [x for _, (x, _) in points])
     start = {name: 3 * node for name, node in _nodes_of(points, nodes).items()}
@@ -266,10 +260,8 @@ def _bending_element(
 ) -> tuple[FloatArray, FloatArray]:
     """Bending by E I, kappa G A, rho A and rho I, on w and theta = dw/dx of both nodes.
 
-    With s = x / L the static field is w = a0 + a1 s + a2 s^2 + a3 s^3 and
-    theta = (a1 + phi a3 / 2 + 2 a2 s + 3 a3 s^2) / L, where phi = 12 E I / (kappa G A L^2) is shear
-    over bending flexibility. The values at s = 0 and 1 give the coefficients. Integrals of
-    s^i s^j over the element are the entries of a Hilbert matrix.
+    w = a0 + a1 s + a2 s^2 + a3 s^3 and theta L = a1 + phi a3 / 2 + 2 a2 s + 3 a3 s^2 with s = x / L
+    and phi = 12 E I / (kappa G A L^2); integrals of s^i s^j are entries of a Hilbert matrix.
     """
     phi = 12.0 * rigidity / (shear_rigidity * length**2)
     # Bending by equal and opposite end moments, and by end forces.

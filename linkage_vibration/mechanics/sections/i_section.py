@@ -12,13 +12,9 @@ def i_section(
 ) -> Section:
     """Return an I-section from its dimensions, m, and Poisson's ratio, 1.
 
-    The shear coefficient in the plane follows from the energy of the shear flow (Jourawski's
-    formula in the web, linear flow along the flanges), times the effect that Poisson's ratio has on
-    a rectangle (Cowper, J. Appl. Mech. 33, 1966, 335-340). It is exact for a web as wide as the
-    flanges. For rolled profiles (IPE, HEA, HEB) it is 1 to 7 % above the elastic solution, and
-    Cowper's thin-walled formula 3 to 9 % below; wide flanges and thick webs make it up to 23 %.
-
-    An IPE 100 has 83 mm of clear web, and 10.0 cm2 of area without its fillets:
+    The shear coefficient follows from the energy of the shear flow, times Poisson's effect on a
+    rectangle (Cowper 1966): 1 to 7 % above the elastic solution for IPE, HEA and HEB, up to 23 %
+    for wide flanges.
 
     >>> round(i_section(0.1, 0.055, 0.0041, 0.0057, 0.3).area * 1e4, 1)
     9.9

@@ -126,9 +126,8 @@ class HitchCurve:
 class HitchScale:
     """How a number becomes a crank angle: position = sign * scale * number + offset, in its unit.
 
-    An angle is the crank angle. Other positions are looked up in the calibration; outside of it
-    the crank angle is NaN, also for the values by which the ISO 11783 bus says "error" and "not
-    available" (101.6 and 102 %).
+    Positions that are no angle are looked up in the calibration; outside of it the crank angle is
+    NaN, also for what the ISO 11783 bus sends as error or not available (101.6 and 102 %).
     """
 
     unit: str  # "rad", "deg", "percent" (0 is down), "m" (of a cylinder), or "any" (such as V)

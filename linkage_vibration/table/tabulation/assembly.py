@@ -185,9 +185,8 @@ def _frf_error(
 ) -> tuple[float, float]:
     """Return the largest relative L2 error over the band of an FRF in a piece, and a part of it.
 
-    Finer polynomials differ from the model by the far poles, and from the table by the
-    interpolation of terms. The first part, which is also returned, is measured at points of the
-    finer ones; the sum of both is evaluated where the second is largest.
+    That part is the finer polynomials' difference from the model, measured at their points; the sum
+    with the table's difference from them is evaluated where the latter is largest.
     """
     places = (*table.places, *table.forces), table.places
     far, worst, worst_far = np.zeros([len(each) for each in places]), 0.0, 0.0
@@ -218,10 +217,9 @@ def _term_change(
 ) -> FloatArray:
     """Return roughly how much finer polynomials change FRFs in a band (Hz) at n angles, (2, n).
 
-    The first row is of displacements, the second of displacements and forces.
-
-    A pole that moves by d changes its term by abs(d) / (sqrt(2) w) in the L2 norm, with its
-    half-power half-width w. The first so many rows of the shapes are inputs, too.
+    The rows are displacements, then also forces. A pole that moves by d changes its term of
+    half-power half-width w by abs(d) / (sqrt(2) w) in the L2 norm; the first shapes are inputs,
+    too.
     """
     (k, c, shapes), (coarse_k, coarse_c, coarse_shapes) = finer, terms
     omega = np.sqrt(k)

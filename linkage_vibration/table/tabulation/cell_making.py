@@ -111,9 +111,8 @@ def _cell(start: float, end: float, poles: Sequence[ComplexArray], peaks: FloatA
 def follow_branches(pieces: Sequence[list[Cell]]) -> tuple[list[float], dict[int, float]]:
     """Follow the poles through the cells of all pieces, and note the branches in each cell.
 
-    A branch ends where its pole becomes real, and continues where a pole oscillates again. It
-    returns the frequency at which each begins, rad/s, and the angles (rad) at which branches leave
-    a piece.
+    A branch ends where its pole becomes real, and continues where one oscillates again. Returned
+    are rad/s at which each begins, and the angles (rad) at which branches leave a piece.
     """
     begins: list[float] = []
     left: dict[int, float] = {}

@@ -32,9 +32,8 @@ def row_errors(
 ) -> FloatArray:
     """Return the largest relative errors of values and of the highest peak, (2,).
 
-    Rows are natural frequencies, damping ratios, and frequencies and heights of maxima, of which
-    the exact rows may have more; ``least`` is an error of the highest peak that is known. The
-    difference in Hz counts where the exact frequency of a peak is 0 Hz.
+    Rows are frequencies, damping ratios, and Hz and heights of maxima, of which exact rows may have
+    more; ``least`` is a known error of the peak. At 0 Hz, the difference in Hz counts.
     """
     n = 2 * n_modes
     (at, sizes), (places, exact_sizes) = (np.hsplit(each[:, n:], 2) for each in (rows, exact))
@@ -53,13 +52,10 @@ def row_errors(
 def notable(
     at: FloatArray, sizes: FloatArray, band: tuple[float, float], equal: float, strict: bool
 ) -> BoolArray | None:
-    """Return which maxima, (n_peaks,), give the highest peak over n points of the stroke.
+    """Return which maxima, (n_peaks,), give the highest peak; None if they do not suffice.
 
-    A maximum can be used if it exists at every point; the arrays, (n, n_peaks), are NaN where it
-    does not. As few as possible are chosen, so that each point has its highest peak among them, and
-    other maxima that are nearly as high. Returns None if the maxima that exist at every point do
-    not suffice. If ``strict``, none is left out that is nearly the highest at a point, and may be
-    between points.
+    The arrays, (n, n_peaks), are NaN where one does not exist. As few as possible are chosen; if
+    ``strict``, none is left out that may be the highest between points.
     """
     level, size = 1.0 - equal, heights(at, sizes, band)
     highest = size.max(axis=1, keepdims=True)

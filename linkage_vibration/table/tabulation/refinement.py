@@ -122,11 +122,10 @@ def halves(solved: Iterable[float], low: float, high: float) -> list[list[float]
 
 
 def refine(tracker: Tracker, fitted: list[float], accuracy: Accuracy) -> Piece | None:
-    """Add points until natural frequencies and peaks meet the tolerance.
+    """Add points until natural frequencies and peaks meet the tolerance; None to halve the piece.
 
-    The checks are, in this order: maxima that exist at every point suffice for the highest peak,
-    polynomials meet the tolerance, shapes identify the modes, modes that seem to cross do cross. It
-    returns None if the piece needs too many points, or points elsewhere, so that it must be halved.
+    Checked are: maxima that exist at every point suffice for the highest peak, polynomials meet the
+    tolerance, shapes identify the modes, modes that seem to cross do cross.
     """
     sampler, tolerance = tracker.sampler, accuracy.frequency
     response = sampler.response

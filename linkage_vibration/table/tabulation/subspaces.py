@@ -227,10 +227,8 @@ def _totals(
 def continue_set(here: Subspace, there: PoleSample, count: int) -> tuple[IntArray, bool, IntArray]:
     """Find the poles of another angle that continue a set of a given number.
 
-    A pole continues the set if the projection onto its subspace leaves its state as it is, and does
-    not if the projection removes it. It returns the indices of the poles; whether they are clear,
-    which they are not if the step is too long or a pole of the set is close to another; and the
-    pole that almost continues the set too, with its conjugate.
+    The projection onto its subspace leaves their states as they are. Returned are their indices;
+    whether they are clear; and the pole that almost continues the set too, with its conjugate.
     """
     states = there.vectors
     inside = here.states @ (here.left @ states)
