@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from benchmark.latency.driver import SPEED_RATE, Driver, Run, named, running
+from benchmark.paper.figures import add_legend
 from benchmark.report import RESULTS, machine, publish, table
 from linkage_vibration.support.resources import config_file
 
@@ -274,8 +275,7 @@ def draw(runs: Runs, picture: Path) -> None:
             ax.set(xlabel="latency [ms]", title=f"{rate:g} Hz, {kind} machine")
             ax.grid(color="#dddddd", linewidth=0.6)
         line[0].set(ylabel="share of messages that take longer")
-    handles, labels = axes[0][0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False)
+    add_legend(figure, axes[0][0], 4)
     figure.savefig(picture, dpi=110)
 
 
