@@ -113,7 +113,7 @@ def damping_doubt(ratio: float) -> str:
     On simulated drives, too few of the intervals of tractor modes on tyres held. Those of modes
     below the limit hold, see `benchmark/results/listening.md`.
     """
-    if ratio <= MOST_DAMPED:  # NaN, of an overdamped mode, is not.
+    if ratio <= MOST_DAMPED:  # false for NaN, which overdamped modes have
         return ""
     return f"its damping ratio of {100.0 * ratio:.1f} % leaves its standard deviation unknown"
 
@@ -168,7 +168,7 @@ def _strongest_line(
     """Return the frequency of the strongest line of a window in a band, Hz, and its channel."""
     size = window.std(axis=0)
     values = (window - window.mean(axis=0)) / np.where(size > 0.0, size, np.inf)
-    n = 4 * len(values)  # Frequencies are closer than lines are wide.
+    n = 4 * len(values)  # so that frequencies are closer than a line is wide
     hertz = np.fft.rfftfreq(n, 1.0 / rate)
     power = np.abs(np.fft.rfft(values * np.hanning(len(values))[:, np.newaxis], n, axis=0)) ** 2
     power[(hertz < band[0]) | (hertz > band[1])] = -1.0

@@ -18,7 +18,7 @@ ACROSS = math.radians(8.0)
 
 _FASTEST = math.radians(1.0)  # rad/s; a crank that moves faster drives what it moves
 _LOOKS = 10.0  # Hz at which the angle is looked at
-_ROOM = 3.0  # Frequencies of a mode up to half of the rate to which signals are resampled.
+_ROOM = 3.0  # half of the rate of resampled signals, over the frequency of the mode
 
 
 def find_segments(times: FloatArray, crank_angle: FloatArray) -> list[list[slice]]:

@@ -191,7 +191,7 @@ class Predicting:
         self.clock_missing = self._subscribed and self._now() <= 0
         self._throttle.report("clock", NO_CLOCK if self.clock_missing else "")
         if self.clock_missing:
-            self._began = self._judged = now  # what the clock holds up is not missing itself
+            self._began = self._judged = now  # without a clock, nothing else is missing
             self.reading_faults = self.speed_faults = [Fault(Level.STALE, NO_CLOCK)]
         else:
             self.reading_faults = self._judge_readings(now) if self._subscribed else []
