@@ -13,6 +13,7 @@ from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
+from zipfile import is_zipfile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -671,6 +672,5 @@ def _read(path: Path) -> Table:
         raise TableError(f"{path}: cannot be read ({error.strerror or error}); {rebuild}") from None
     # A damaged archive raises errors of zipfile, zlib, struct, tokenize, json and NumPy.
     except Exception as error:
-        raise TableError(
-            f"{path}: is damaged or not a table ({type(error).__name__}: {error}); {rebuild}"
-        ) from None
+        why = f"{type(error).__name__}: {error}" if is_zipfile(path) else "it is no .npz archive"
+        raise TableError(f"{path}: is damaged or not a table ({why}); {rebuild}") from None

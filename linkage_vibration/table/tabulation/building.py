@@ -70,7 +70,7 @@ def build_table(
         has too few modes, or hardly any response; if a mode cannot be tracked.
     """
     if not _FINEST <= tolerance < _COARSEST:
-        hint = f"give one from {_FINEST:g} to {_COARSEST:g}"
+        hint = f"give one from {_FINEST:g} to less than {_COARSEST:g}"
         raise TableError(f"A tolerance of {tolerance:g} is invalid or cannot be met; {hint}.")
     share = _SHARE if model.mechanism.uncertainty else 1.0
     sampler = Sampler(model, points, lambda finished: progress(share * finished))
