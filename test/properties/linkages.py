@@ -188,7 +188,8 @@ def damper(draw: st.DrawFn, mechanism: Mechanism) -> dict[str, Any]:
     constant = {"damping": 10.0 ** within(draw, -2.0, 5.0)}  # N m s/rad, or N s/m
     if draw(CHOICE):
         constant["stiffness"] = 10.0 ** within(draw, -6.0, 6.0)
-    joints = sorted({point for point, _, _ in mechanism.joints})
+    clamped = {link.clamped for link in mechanism.links}  # where a damper could not move
+    joints = sorted({point for point, _, _ in mechanism.joints} - clamped)
     names = [GROUND, *(body.name for body in mechanism.bodies)]
     pairs = [
         [each, other]
