@@ -12,11 +12,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from linkage_vibration.bags.blocks import Block
+from linkage_vibration.bags.blocks import Block, Integers
 from linkage_vibration.errors import LinkageVibrationError
 
 FloatArray = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 LISTED_NAMES, MAX_NAMES = 20, 1000
 """What messages contain instead is listed up to so many names, and kept up to so many."""

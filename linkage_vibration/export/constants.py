@@ -7,15 +7,14 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.export.cubics import FloatArray, Reals, joined_cells, moved, smallest_sizes
 from linkage_vibration.export.orders import OrderConstants
+from linkage_vibration.mechanics.arrays import BoolArray
 from linkage_vibration.prediction.predictor import covers_a_turn
 from linkage_vibration.table.table import Table, widened
 
-BoolArray = NDArray[np.bool_]
 Holder = TypeVar("Holder", "Constants", "OrderConstants")
 
 PEAK_TOLERANCE = 100.0

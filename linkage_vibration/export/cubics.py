@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from linkage_vibration.mechanics.arrays import FloatArray
+
 Reals = NDArray[Any]
 """Numbers in single or double precision."""
 

@@ -25,8 +25,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 from linkage_vibration.mechanics.bodies.frfs import Frfs
 from linkage_vibration.mechanics.description import Point
 from linkage_vibration.mechanics.dofs import InterfaceDof
@@ -40,9 +40,6 @@ from linkage_vibration.readers.component_files import (
     parse_dofs,
 )
 from linkage_vibration.readers.frf_faults import check_faults, name_frf
-
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 _FRF = 4  # function type
 _DIRECTIONS = {1: ("x", 1.0), 2: ("y", 1.0), 3: ("z", 1.0), 5: ("theta", -1.0)}

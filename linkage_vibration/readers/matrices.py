@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.linalg.lapack import dpotrf
 
+from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.bodies.matrices import Matrices
 from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.readers.component_files import (
@@ -32,8 +33,6 @@ from linkage_vibration.readers.component_files import (
     load_npz,
     parse_dofs,
 )
-
-FloatArray = NDArray[np.float64]
 
 MAX_ROWS = 3000
 """The most rows of a component."""

@@ -16,15 +16,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkage_vibration.mechanics.arrays import FloatArray, IntArray
 from linkage_vibration.mechanics.bodies.matrices import Matrices
 from linkage_vibration.mechanics.description import Material
 from linkage_vibration.mechanics.solids import Pin, solid_matrices
 from linkage_vibration.readers.component_files import FileError, check_file, file_errors
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
 
 _VOLUMES = ("tetra", "tetra10")
 _SURFACES = ("triangle", "triangle6")

@@ -12,11 +12,12 @@ from numbers import Real
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkage_vibration.bags.blocks import Integers
 from linkage_vibration.bags.message_columns import first_topic, topic_types
 from linkage_vibration.bags.streams import open_bags
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.messages.topics import PREDICTION
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.inputs.presets import HITCH, PRESETS
@@ -24,9 +25,6 @@ from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.review.log import Log, read_log
 from linkage_vibration.review.picture import plot
-
-FloatArray = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 class TestKitError(LinkageVibrationError):
@@ -229,7 +227,7 @@ def _failures(bag: Path, log: Log, latency: FloatArray, limits: Limits) -> list[
         place, cause = of.total_load_place, of.excitation
         return f"the load ratio in {place} is {of.total_load_ratio:.2g}, mostly by {cause}"
 
-    def add(limit: str, stamps: Integers, exceeded: NDArray[np.bool_], at: int, words: str) -> None:
+    def add(limit: str, stamps: Integers, exceeded: BoolArray, at: int, words: str) -> None:
         time = int(stamps[at])
         then = int(np.searchsorted(load_stamps, time, "right")) - 1
         if limit != "load_ratio" and then >= 0 and np.isfinite(loads[then]):
