@@ -143,10 +143,7 @@ def slopes_of_poles(solution: Solution) -> FloatArray:
         The model at one angle.
     """
     if solution.damped.shapes is None:
-        elastic, undamped = ~solution.modes.mechanism, undamped_slopes(solution)
-        # A loss factor raises a natural frequency by one factor at all angles.
-        raised = np.sqrt(np.abs(solution.damped.stiffness[elastic])) / solution.modes.omega[elastic]
-        return np.asarray(raised * undamped[elastic])
+        return undamped_slopes(solution)[~solution.modes.mechanism]
     terms = oscillating_indices(solution.damped._upper_poles)
     poles, joining, system = solution.damped.oscillating, solution.joining, solution.model.system
     psi = solution.modes.shapes @ solution.damped.shapes[0][:, terms]
