@@ -239,16 +239,18 @@ def test_random_links(seeds: range) -> None:
     """No sound link is refused; most faults are, and nearly all below the first resonance.
 
     There the rest is exp(-i omega t) where no line is near a resonance, so that an error of phase
-    explains it, and magnitudes whose lines only fall.
+    explains it, magnitudes whose lines only fall, and a unit beside errors of gain and much noise,
+    in 1 of 591 links (`benchmark/results/measured_faults.md`).
     """
     results = outcomes(seeds)
     sound = results["none"]
     assert sound.refused == {True: 0, False: 0}
     assert sound.tried[True] >= 0.5 * len(seeds)
-    least = {"magnitudes of accelerances": 0.99, "exp(-i omega t)": 0.8}
+    certain = "all signs reversed", "one sensor reversed"
+    least = {"exp(-i omega t)": 0.8} | dict.fromkeys(certain, 1.0)
     for fault in FAULTS:
         actual = results[fault]
-        assert share(actual) >= (least.get(fault, 1.0) if seeds == MANY else 0.4), fault
+        assert share(actual) >= (least.get(fault, 0.99) if seeds == MANY else 0.4), fault
 
 
 def share(actual: Outcome) -> float:
