@@ -88,3 +88,32 @@ def test_docstrings_are_complete(name: str) -> None:
     """Each function with two or more arguments names them all, and each error that it raises."""
     path = PACKAGE.parent / f"{lv._HOMES[name].replace('.', '/')}.py"
     assert list(missing(path, name)) == []
+
+
+def test_other_docstrings_have_three_lines() -> None:
+    """What is not public has one to three lines of text, and perhaps an example."""
+    public = set(re.findall(r"\w+", (PACKAGE.parent / "docs" / "api.md").read_text()))
+    longer = [
+        f"{path.relative_to(PACKAGE)}: {name}"
+        for path in sorted(PACKAGE.rglob("*.py"))
+        for name, text in private_docstrings(ast.parse(path.read_text()), public)
+        if len([line for line in text.split(">>>")[0].splitlines() if line.strip()]) > 3
+    ]
+    assert longer == []
+
+
+def private_docstrings(
+    tree: ast.AST, public: set[str], owner: str = ""
+) -> Iterator[tuple[str, str]]:
+    """Yield the names and docstrings of functions and classes that are not in the manual."""
+    for node in ast.iter_child_nodes(tree):
+        if not isinstance(node, Function | ast.ClassDef):
+            yield from private_docstrings(node, public, owner)
+            continue
+        is_method = bool(owner) and not isinstance(node, ast.ClassDef)
+        listed = owner in public and node.name[0] != "_" if is_method else node.name in public
+        if not listed:
+            yield node.name, ast.get_docstring(node) or ""
+        yield from private_docstrings(
+            node, public, node.name if isinstance(node, ast.ClassDef) else owner
+        )

@@ -36,9 +36,8 @@ def read_columns(
 ) -> dict[str, Columns]:
     """Read topics of a log into memory; ``types`` are those that `topic_types` returns.
 
-    Columns are fields such as ``header.stamp.sec``, (n,) or (n, longest) with NaN behind, and
-    ``log_time``, ns, and ``place`` among all messages. Messages are in the order of log times, or
-    ``as_written``.
+    Columns are fields such as ``header.stamp.sec``, (n,) or (n, longest) with NaN behind,
+    ``log_time``, ns, and ``place`` among all messages, by log times or ``as_written``.
     """
     names, done = list(types), 0
     with open_bags([path]) as bags:

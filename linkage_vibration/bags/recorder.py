@@ -81,9 +81,8 @@ class _LimitError(LogError):
 class Recorder:
     """Logs messages to files in a folder, from `start` to `stop`, on a thread of its own.
 
-    Messages that do not fit into its queue are counted, and records `RECORDING_METADATA` in each
-    file say so. Twice a second the disk has all; after a failure the thread begins a new file every
-    few seconds.
+    Messages that do not fit into its queue are counted in records `RECORDING_METADATA`. Twice a
+    second the disk has all; after a failure a new file begins.
     """
 
     def __init__(

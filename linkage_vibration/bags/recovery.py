@@ -81,8 +81,7 @@ def recover(
     """Write the readable part of an MCAP file to a new and complete one, which must not exist.
 
     A chunk with a wrong CRC is lost; one that the end cuts off is kept as far as it can be
-    decompressed. ``progress`` gets numbers of bytes. A `RecoveryError` says that there is nothing
-    to save or no place.
+    decompressed. ``progress`` gets bytes. A `RecoveryError` says that nothing can be saved.
     """
     try:
         file = source.open("rb")

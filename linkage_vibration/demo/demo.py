@@ -44,9 +44,8 @@ class DemoError(LinkageVibrationError):
 def run_demo(bag: Path | None, joint: str | None, output: Path) -> int:
     """Play a drive to the node, print what it predicts, and draw its log into a folder.
 
-    Return 0 if each joint state had one prediction, 1 if not. The joint's range in a bag is mapped
-    onto the table's. A `DemoError` is raised if ROS 2, the joint or the folder cannot be used, or
-    the node fails.
+    Return 0 if each joint state had one prediction. The joint's range in a bag is mapped onto the
+    table's. A `DemoError` names what cannot be used, or that the node fails.
     """
     drive, followed = bag or config_file(DRIVE), joint or Parameters().joint_name
     parameters: dict[str, object] = {"joint_name": followed, "record": True}

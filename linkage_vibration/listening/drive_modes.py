@@ -87,9 +87,8 @@ def search_modes(
 ) -> Steps[tuple[DriveMode, ...]]:
     """Return the modes at each height of a drive; it yields between parts of some milliseconds.
 
-    Times, (n,), are even; accelerations, (n, n_channels), have no gaps. Angles, rad, and speeds,
-    rpm and m/s, are NaN where not known. Without a terrain, wheels roll on a usual one; ``damped``
-    modes are doubted.
+    Times, (n,), are even; accelerations, (n, n_channels), have no gaps; angles, rad, and speeds,
+    rpm and m/s, may be NaN. Without a terrain, wheels roll on a usual one.
     """
     low, high = table.alpha3_range
     angle = np.where((crank_angle >= low) & (crank_angle <= high), crank_angle, np.nan)

@@ -138,9 +138,8 @@ def tone_doubt(
 ) -> Steps[str]:
     """Return which tone that no excitation describes dominates a band, Hz; else nothing.
 
-    ln(mean) - mean(ln) of squares of amplitudes is 0.58 for random forces, and 1 / q for a tone of
-    q times the random power (Jacobsen, Andersen and Brincker 2007). The orders, Hz, of each window
-    are no tones.
+    Of squares of amplitudes, ln(mean) - mean(ln) is 0.58 for random forces, and 1 / q for a tone of
+    q times their power (Jacobsen, Andersen and Brincker 2007). Orders, Hz, are no tones.
     """
     difference, count, tones = 0.0, 0, list[float]()
     for window, described in zip(windows, orders, strict=True):

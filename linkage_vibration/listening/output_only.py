@@ -109,9 +109,8 @@ def identify(
 ) -> Steps[list[Candidate]]:
     """Return the stable modes within a band, ascending, with deviations of a jackknife.
 
-    It yields between parts of some milliseconds. Windows, (n, n_channels), have no gap. Noise that
-    recurs within ``first_lag`` samples does not bias; blocks, each left out once, are longer than
-    the decays.
+    It yields between parts. Windows, (n, n_channels), have no gap; noise that recurs within
+    ``first_lag`` samples does not bias; blocks, each left out once, outlast the decays.
     """
     scale = np.sqrt(np.mean([(window**2).mean(axis=0) for window in windows], axis=0))
     if not scale.all():  # A channel that shows nothing has no shape.

@@ -63,9 +63,8 @@ def phase_rate(mean: float, given: float) -> float:
 def over_phase(signals: FloatArray, predicted: FloatArray, mean: float, given: float) -> FloatArray:
     """Return the signals of a segment over the phase of a predicted frequency, (m, n_channels).
 
-    A constant multiple of the predicted frequency, (n,), Hz, is then that multiple of its mean over
-    all segments. The signals, (n, n_channels), have the rate ``given``; the result that of
-    `phase_rate`.
+    A multiple of that frequency, (n,), Hz, is then the multiple of its mean over all segments. The
+    signals, (n, n_channels), have the rate ``given``, the result that of `phase_rate`.
     """
     rate, values = phase_rate(mean, given), signals - signals.mean(axis=0)
     filters = [butter(2, 0.25 * mean, "highpass", fs=given, output="sos")]

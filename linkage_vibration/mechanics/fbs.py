@@ -127,9 +127,8 @@ def couple_frfs(
 ) -> ComplexArray:
     """Couple components: H_c = H - H B^T (B H B^T + S)^-1 B H, (n_freq, n_out, n_in), m/N.
 
-    Blocks are (n_freq, n_r, n_r), and rows (..., n). The diagonal of S is 0 (rigid), 1 / k or 1 /
-    (k + i w c). Repeated rows are left out, and FRFs refused whose rounding exceeds 1e-6 of the
-    largest.
+    Blocks are (n_freq, n_r, n_r), rows (..., n), and diagonal entries of S 0, 1 / k or 1 / (k + i w
+    c). Repeated rows are left out; FRFs whose rounding exceeds 1e-6 of the largest are refused.
     """
     frf, error = couple_frfs_with_error(blocks, compatibility, outputs, inputs, compliance)
     poor = ~(error <= _ROUNDING_LIMIT * np.abs(frf).max(axis=(1, 2), initial=0.0))

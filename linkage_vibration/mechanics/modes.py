@@ -189,9 +189,8 @@ def align(
 ) -> Modes:
     """Turn shapes of modes that coincide, or cross, in their plane to be nearest to a neighbour's.
 
-    This orthogonal Procrustes problem is solved unless it leaves out more than `coupling`, the gap
-    between modes that would cross without it, over their frequency. Without a turn, the same object
-    returns.
+    This orthogonal Procrustes problem is solved unless it leaves out more than `coupling`: the gap
+    between modes that would cross without it, over their frequency.
     """
     omega = modes.omega
     if not (np.diff(omega) < _CLOSE * omega[1:]).any():

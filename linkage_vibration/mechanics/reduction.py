@@ -33,8 +33,7 @@ def craig_bampton(
     """Reduce (n, n) matrices, interface DoFs first, to these and fixed-interface modes (1968).
 
     T = [[I, 0], [-K_ii^-1 K_ib, Phi]], with K_ii Phi = M_ii Phi Omega^2 and Phi^T M_ii Phi = I.
-    Statics stay exact; natural frequencies come from above. Fewer modes than `n_modes` are all
-    kept.
+    Statics stay exact; natural frequencies come from above. At most all modes are kept.
     """
     b, i = slice(0, n_interface), slice(n_interface, None)
     n_interior = len(mass) - n_interface

@@ -356,9 +356,8 @@ def find_maxima(
 class FarPoles:
     """Poles above a band, fixed beforehand, whose sum represents that of all modes there.
 
-    That sum is smooth: a flexibility plus terms (a_j + i w b_j) / (k_j - w^2 + i w c_j), where 1 /
-    k_j are Chebyshev nodes between 0 and 1 / k of the lowest mode; each divides the error by about
-    ten.
+    That smooth sum is a flexibility plus terms (a_j + i w b_j) / (k_j - w^2 + i w c_j), where 1 /
+    k_j are Chebyshev nodes from 0 to 1 / k of the lowest mode; each divides the error by ten.
     """
 
     stiffness: ComplexArray  # (n_far,): k, (rad/s)^2

@@ -147,8 +147,7 @@ def answer_frf(
     """Return receptances at an angle (rad) from the table, or from the model if ``exact`` is true.
 
     Places are such as "E1.z", outputs also forces such as "lower_link:E1.force_x"; without any, it
-    is the drive point. Without frequencies (Hz), there are 401 in the band. A `ServingError` is
-    raised.
+    is the drive point, and without frequencies (Hz), 401 in the band.
     """
     table = served.table
     _check_angle(alpha3)

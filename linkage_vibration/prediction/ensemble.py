@@ -101,9 +101,8 @@ class _Modes(NamedTuple):
 class Members:
     """Finds responses of the members to unit loads, as `levels.LevelTable` needs them.
 
-    ``table_responses`` returns the table's, (n, 2, n_excitations, n_outputs), at nodes of the
-    ensemble, (n,), and rad/s, (n, n_excitations). Reference forces are those of ``n_forces`` pins
-    and cylinders.
+    ``table_responses`` returns the table's, (n, 2, n_excitations, n_outputs), at nodes, (n,), and
+    rad/s, (n, n_excitations). ``n_forces`` pins and cylinders have reference forces.
     """
 
     def __init__(

@@ -118,9 +118,8 @@ class Expected:
 class ReadingWatch:
     """Watches the readings of the crank angle; a crank that turns all the way may be fast.
 
-    ``last`` is when the last one that `judge` has seen arrived (steady clock, s; NaN without any),
-    ``stamp_age`` how old its stamp was, s, and ``stamps_back`` how many were earlier than the one
-    before.
+    ``last`` is when the last judged one arrived (steady clock, s; NaN: none), ``stamp_age`` the age
+    of its stamp, s, ``stamps_back`` how many were earlier than the one before.
     """
 
     def __init__(self, turns: bool = False, stamps_back: int = 0) -> None:
@@ -146,9 +145,8 @@ class ReadingWatch:
     ) -> None:
         """Take a reading, which is looked at when `judge` is called, so that this is quick.
 
-        It arrived at ``now`` (steady clock, s) and ``received`` (clock of the stamps, ns), with an
-        angle and a velocity, rad and rad/s; ``known``: the table has the angle; ``sender``: as in
-        `NumberReader`.
+        It arrived at ``now`` (steady clock, s) and ``received`` (clock of the stamps, ns), with rad
+        and rad/s; ``known``: the table has the angle; ``sender``: as in `NumberReader`.
         """
         self._waiting.append((now, stamp, received, angle, velocity, known, sender))
 

@@ -68,9 +68,8 @@ _CHUNK = 16  # angles that are evaluated together, so that their terms stay in t
 class _Layout:
     """How interpolated numbers are arranged.
 
-    k (both parts) and c of the terms; for each term, output and input a (both parts) and b; for
-    each output and input the residual (both parts) and its rate; for each input the static
-    response; reference forces.
+    k (both parts) and c of terms; of each term, output and input a (both parts) and b; of each
+    output and input the residual (both parts) and its rate; static responses; reference forces.
     """
 
     n_terms: int
@@ -241,9 +240,8 @@ class LevelTable:
     ) -> MessageColumns:
         """Return the levels at n angles, which are the float32 fields of ``Resonance.msg``.
 
-        They are NaN outside the table. Speeds are (n_sources, n), and factors, (n, n_factors),
-        those of `factor_rows`. ``load_places``, (n, n_excitations), are indices of pins and
-        cylinders.
+        They are NaN outside the table. Speeds are (n_sources, n), and factors those of
+        `factor_rows`. ``load_places``, (n, n_excitations), are indices of pins and cylinders.
         """
         angles, forcing = angles_in_table(alpha3, self.alpha3_range), self._forcing(speeds)
         parts = []
@@ -456,9 +454,8 @@ class LevelTable:
     ) -> None:
         """Compute the rows of levels at n angles, and where load ratios are largest, in place.
 
-        They are (n, n_levels), and the places (n, n_excitations + 1), the total last, if needed.
-        Squares, (n, n_excitations, n_outputs), are of responses to unit loads; references, (n,
-        n_forces), in N.
+        They are (n, n_levels), and places (n, n_excitations + 1), the total last. Squares, (n,
+        n_excitations, n_outputs), are of unit loads; references, (n, n_forces), are in N.
         """
         if not self._loaded:
             return

@@ -332,9 +332,8 @@ def _numbers(value: object, name: str) -> FloatArray:
 def predict_many(predictor: Predictor, alpha3: FloatArray, stddev: FloatArray) -> MessageColumns:
     """Predict at many angles as `Predictor` does at one, with the same results to the last bit.
 
-    The formula is written twice: one row of arrays would take 15 times as long as floats, and the
-    node predicts at each reading. Angles and deviations are (n,), rad; columns have the names of
-    `Prediction`.
+    The formula is written twice: one row of arrays takes 15 times as long as floats, and the node
+    predicts at each reading. Angles and deviations are (n,), rad.
     """
     table, n = predictor.table, len(alpha3)
     modes = table.n_modes

@@ -195,8 +195,7 @@ class ResonanceMonitor:
         """Return the ``Resonance`` and the ``LoadState`` of each of n predictions.
 
         They have ``frequency_slopes``. Velocities of the crank and bounds of their errors, (n,),
-        are in rad/s, NaN if not known; times, (n,), ns, by the clock of the speeds, which are in
-        the order of their reports.
+        are in rad/s, NaN if not known; times, (n,), ns, are by the clock of the speeds.
         """
         reported, n = self._speeds_at(time, speeds), len(time)
         crank = np.array([velocity, velocity_error])

@@ -74,9 +74,8 @@ def read_frfs(
 ) -> Frfs:
     """Read and check the receptances of a component from ``.npz``, ``.uff`` or ``.unv``.
 
-    DoFs that are not given are free. ``nodes`` are the points of a UFF file's nodes. The FRFs are
-    compared with the points, m, and the mass, kg, of one of the equal links. A ComponentFileError
-    names the fix.
+    DoFs that are not given are free; ``nodes`` are the points of a UFF file's nodes. A
+    ComponentFileError says how FRFs contradict the points, m, or the mass, kg, of one equal link.
     """
     kind = path.suffix.lower()
     if kind not in (".npz", ".uff", ".unv"):

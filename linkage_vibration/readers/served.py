@@ -81,8 +81,7 @@ def read_loads(
     """Return the excitations that the parameters name, as far as the mechanism can bear them.
 
     Where a mechanism lacks a place of the default file, which describes a tractor with a hitch, the
-    excitation has no amplitude, and `report` gets a sentence. A file that the user named stays as
-    it is.
+    excitation has no amplitude, and `report` gets a sentence.
     """
     path = settings.excitation_path()
     excitations = read_excitations(path)

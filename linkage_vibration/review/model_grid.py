@@ -22,8 +22,7 @@ def linkage_grid(mechanism: Mechanism, table: Table) -> dict[str, Any] | None:
     """Return the linkage and its modes over the range of a table; None without shapes.
 
     ``places``, (n_angles, n_points, 2), m, and ``shapes``, (n_modes, n_angles, n_points, 2), are of
-    all curves, whose numbers of points are ``lengths``; ``joints`` and ``centres`` are (n_angles,
-    n, 2), m.
+    all curves with so many points as ``lengths``; ``joints`` and ``centres`` are (n_angles, n, 2).
     """
     angles = np.linspace(*table.alpha3_range, DRAWN_ANGLES)
     try:
@@ -65,9 +64,8 @@ def linkage_grid(mechanism: Mechanism, table: Table) -> dict[str, Any] | None:
 def receptance_grid(mechanism: Mechanism, table: Table) -> dict[str, Any] | None:
     """Return the drive point's receptance over the range of a table; None if it has none.
 
-    ``terms``, (n_angles, n_terms, 7), are stiffness, decay, residue and rate of `PoleResidue`, of
-    which all but the decay are complex; ``residual``, (n_angles, 2), and ``frequencies``, Hz,
-    follow.
+    ``terms``, (n_angles, n_terms, 7), are stiffness, decay, residue and rate of `PoleResidue`,
+    complex but for the decay; ``residual``, (n_angles, 2), follows.
     """
     place = (mechanism.response.point, mechanism.response.direction)
     if place not in table.places:

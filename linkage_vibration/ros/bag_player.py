@@ -43,9 +43,8 @@ def play_bag(
 ) -> int:
     """Publish the crank angles and speeds of a bag at their recorded times; return how many.
 
-    It waits for a subscriber of the crank angle. Without settings, the bag's topics choose the
-    presets; ``remaps`` has the bag's names. ``report`` gets sentences, ``show`` predictions;
-    ``check`` may raise to stop.
+    It waits for a subscriber. Without settings, the bag's topics choose the presets; ``remaps`` has
+    their names. ``report`` gets sentences, ``show`` predictions; ``check`` may raise to stop.
     """
 
     def wait(due: float) -> None:

@@ -83,9 +83,8 @@ def subscribe(
 ) -> Any:
     """Return a subscription, which matches publishers of every QoS and waits for no lost message.
 
-    ``on_message`` gets the bytes and the `MessageInfo`. A latched one receives what latched
-    publishers sent before. That of an input keeps so many messages, and parameters can override its
-    QoS.
+    ``on_message`` gets the bytes and the `MessageInfo`. A latched one receives what was sent
+    before. That of an input keeps so many messages, and parameters can override its QoS.
     """
 
     @wraps(on_message)

@@ -87,9 +87,8 @@ def output_topics(node: Node) -> list[Topic]:
 class Predicting:
     """Answers readings with predictions and, once a speed is known, resonances and advice.
 
-    Publishers are given by the types of their messages. ``record`` gets each message that is used,
-    with its time, ns, and its answers. Attributes hold the last answers, ages, s, and the faults of
-    `judge`.
+    Publishers are given by their messages' types. ``record`` gets each used message, its time, ns,
+    and its answers. Attributes hold the last answers, ages, s, and the faults of `judge`.
     """
 
     def __init__(

@@ -156,8 +156,7 @@ def pair_modes(
     """Return the mode of the model (from 0) of each measured mode, None if it has none.
 
     In a doubtful pair, the mode follows to which the measured one belongs otherwise. Frequencies,
-    Hz, ascend; deviations, (n_measured, n_modes), are relative. Of equal pairings, more pairs and
-    lower modes win.
+    Hz, ascend; deviations, (n_measured, n_modes), are relative; more pairs and lower modes win.
     """
     hz, ratios, spreads = np.array(
         [(mode.frequency, mode.ratio, mode.ratio_stddev / mode.ratio) for mode in measured]

@@ -47,9 +47,8 @@ class PlanError(LinkageVibrationError):
 class Scene:
     """The results that are needed, and their tolerance.
 
-    That is the relative error of natural frequencies in the band; the highest peak's magnitude and
-    each FRF (L2 norm over the band) may have a hundred times as much. Errors of these three are
-    arrays, (3,).
+    That is the relative error of natural frequencies in the band; the highest peak and each FRF (L2
+    norm over the band) may have a hundred times as much. Errors of the three are (3,).
     """
 
     mechanism: Mechanism

@@ -116,9 +116,8 @@ def replacement(
 ) -> Iterator[Path]:
     """Give the path of a new file, whose content goes to another path when the context ends.
 
-    A file is replaced at once and keeps its mode; links are followed; a device, a pipe and, with
-    ``new_only``, any file is refused. Nothing is left behind, and a failure to write raises the
-    error.
+    A file is replaced at once and keeps its mode; links are followed; a device, a pipe and, if
+    ``new_only``, any file is refused. A failure leaves nothing behind.
     """
     with _new_file(path, error, new_only) as (new, target):
         yield new

@@ -12,9 +12,8 @@ def i_section(
 ) -> Section:
     """Return an I-section from its dimensions, m, and Poisson's ratio, 1.
 
-    The shear coefficient follows from the energy of the shear flow, times Poisson's effect on a
-    rectangle (Cowper 1966): 1 to 7 % above the elastic solution for IPE, HEA and HEB, up to 23 %
-    for wide flanges.
+    Its shear coefficient by the energy of the shear flow and Poisson's effect on a rectangle
+    (Cowper 1966) is 1 to 7 % above the elastic solution for IPE, HEA, HEB, 23 % for wide flanges.
 
     >>> round(i_section(0.1, 0.055, 0.0041, 0.0057, 0.3).area * 1e4, 1)
     9.9

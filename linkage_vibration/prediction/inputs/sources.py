@@ -200,9 +200,8 @@ class CrankInput(InputReader):
     def read_block(self, block: Block, rows: Integers, left_out: LeftOut) -> MessageColumns:
         """Return what `read_one` returns for many messages of a bag, in the order of arrival.
 
-        Columns are those of `Reading`, the stamps as ``sec``, ``nanosec`` and ``stamp``, ns,
-        ``time``, ns, ``frame_id``, one text if all are equal, and ``in_block``, indices of the
-        messages.
+        Columns are those of `Reading`, stamps as ``sec``, ``nanosec`` and ``stamp``, ns, ``time``,
+        ns, ``frame_id``, one text if all are equal, and ``in_block``, their indices.
         """
         groups, parts = [*self.numbers(block, rows, left_out)] or [_NO_NUMBERS], []
         one_frame = len({numbers.frame_id for numbers in groups}) == 1

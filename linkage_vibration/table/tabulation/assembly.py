@@ -218,8 +218,7 @@ def _term_change(
     """Return roughly how much finer polynomials change FRFs in a band (Hz) at n angles, (2, n).
 
     The rows are displacements, then also forces. A pole that moves by d changes its term of
-    half-power half-width w by abs(d) / (sqrt(2) w) in the L2 norm; the first shapes are inputs,
-    too.
+    half-power half-width w by abs(d) / (sqrt(2) w) in the L2 norm; inputs come first.
     """
     (k, c, shapes), (coarse_k, coarse_c, coarse_shapes) = finer, terms
     omega = np.sqrt(k)
