@@ -51,7 +51,6 @@ _NARROW = 64  # A step below this part of a piece is not halved to distinguish p
 _END = 1.0 / 200.0  # In this share of the band, at its end, far poles are least accurate.
 _FAR_ANGLES = 33  # The error by far poles is evaluated at so many angles of a piece.
 _BETWEEN = 24  # If poles need more points to be followed, the piece is halved.
-_FRF_ANGLES = 8  # FRFs are compared at so many angles of a piece.
 _NEARLY_REAL = 1e-3  # A pole with a smaller share of imaginary part is nearly real.
 _EPS = 4.0 * float(np.finfo(float).eps)  # Eigenvalues are rounded by this share of the matrix.
 _CELL_SLOPE = 32.0  # The slope of a cubic is wrong by so many errors in its middle, over its width.
@@ -355,8 +354,10 @@ def compare(
     values = max(*off, _worst(errors))
     compared_band = searched(response.band, free=after.models.free)
     peak, frf = _peak_error(before, after, response.peak_band), far_error
-    even = np.linspace(0, len(angles) - 1, _FRF_ANGLES).astype(int).tolist()
-    for row in {int(np.argmax(off)), *even} if not after.models.free else ():
+    # Fewer points leave the largest errors between them.
+    between = stroke_angle((coarse.variables[1:] + coarse.variables[:-1]) / 2.0, coarse.toggles)
+    rows = np.searchsorted(angles[:-1], between).tolist()
+    for row in {int(np.argmax(off)), *rows} if not after.models.free else ():
         approximate, exact = (each.frf(row, EVERY, EVERY) for each in (before, after))
         norms = frf_norms(approximate, exact, compared_band)
         frf = max(frf, far_error + worst_share(*norms))
