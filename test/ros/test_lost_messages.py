@@ -22,12 +22,13 @@ def test_lost_messages(
     node = start(name="flooded", record=True, log_directory=tmp_path)
     tractor = Tractor(meet("flooded"), tmp_path, "flooded")
 
-    def counts() -> tuple[int, int, int]:
+    def counts() -> tuple[int, ...]:
         tractor.received.clear()
         tractor.peer.spin(lambda: [s for s in tractor.received if s.values], "diagnostics")
         [values] = [{v.key: v.value for v in s.values} for s in tractor.received if s.values]
         lost = values["messages lost"].removeprefix("/joint_states ")
-        return int(values["messages received"]), int(lost), int(values["predictions"])
+        names = "predictions", "messages left out"
+        return int(values["messages received"]), int(lost), *(int(values[n]) for n in names)
 
     def publish(_: int = 0) -> None:
         nonlocal published
@@ -49,11 +50,12 @@ def test_lost_messages(
         return sum(counts()[:2]) == before + published
 
     until(all_counted, "the count of every message")
-    received, lost, predicted = counts()
+    received, lost, predicted, left_out = counts()
     assert lost > 0
     assert node.stop() == 0
     [log] = tmp_path.glob("*.mcap")
     again = tmp_path / "again.mcap"
-    assert replay(log, again).predictions == predicted == received
+    # On a busy machine, old readings are left out for newer ones.
+    assert replay(log, again).predictions == predicted == received - left_out
     answers = messages(log, "/flooded/prediction"), messages(again, PREDICTION)
     assert [each[1:] for each in answers[0]] == [each[1:] for each in answers[1]]
