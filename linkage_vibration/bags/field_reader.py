@@ -28,6 +28,7 @@ from linkage_vibration.bags.schemas import NUMBERS, Schema, SchemaField, Step, f
 
 _STRUCT = {"f8": "d", "f4": "f", "i1": "b", "i2": "h", "i4": "i", "i8": "q"}
 _STRUCT |= {"u1": "B", "u2": "H", "u4": "I", "u8": "Q"}
+_NOT_VALID = "Its publisher says that it is not valid."
 _SIZES = {name: int(code[1]) for name, code in NUMBERS.items()} | {"bool": 1}
 
 
@@ -46,10 +47,14 @@ class FieldReader(NumberReader):
     """Reads a number of messages of any type, by a path; see `find_path`.
 
     The rate of a named element is read from the list ``rates`` beside its own, if that has one for
-    each name. A `FieldError` is raised for a path to no number.
+    each name. If ``flagged``, a flag follows the number, which is NaN where that is false. A
+    `FieldError` is raised for a path to no number.
     """
 
-    def __init__(self, schema: Schema, type_name: str, path: str, rates: str = "") -> None:
+    def __init__(
+        self, schema: Schema, type_name: str, path: str, rates: str = "", flagged: bool = False
+    ) -> None:
+        self._flagged = flagged
         self.has_header = has_header(schema, type_name)
         self._schema, self._type, self._path = schema, type_name, path
         self.what = f"field {path}"
@@ -70,6 +75,9 @@ class FieldReader(NumberReader):
         if places.value < 0:
             return None
         [value] = struct.unpack_from(order + _STRUCT[self._code], data, places.value)
+        if self._flagged:
+            self.note = "" if data[places.value + int(self._code[1])] else _NOT_VALID
+            value = math.nan if self.note else value
         rate = math.nan
         if places.rate >= 0:
             [rate] = struct.unpack_from(f"{order}d", data, places.rate)
@@ -91,6 +99,10 @@ class FieldReader(NumberReader):
                 left_out.names.update(places.names)
                 continue
             value = layout.column(messages, places.value, self._code)[:, 0].astype(np.float64)
+            if self._flagged:
+                flags = layout.column(messages, places.value + int(self._code[1]), "u1")[:, 0]
+                value[flags == 0] = math.nan
+                self.note = "" if flags.all() else _NOT_VALID
             rate = np.full(n, math.nan)
             if places.rate >= 0:
                 rate = layout.column(messages, places.rate, "f8")[:, 0]
@@ -111,6 +123,8 @@ class FieldReader(NumberReader):
             message.skip(STAMP)
             frame_id = message.text()
         value, names, fault = self._place(message, self._steps)
+        if self._flagged:
+            message.skip(1)
         rate = -1
         if self._rate_steps and value >= 0:
             rate, _, _ = self._place(message, self._rate_steps)

@@ -86,6 +86,10 @@ def _flat(path: Path, schema: Schema, type_name: str, prefix: str = "") -> Itera
         if field.type in schema and field.length is None:
             yield from _flat(path, schema, field.type, f"{prefix}{field.name}.")
             continue
+        if field.type in schema and field.length:
+            for i in range(field.length):
+                yield from _flat(path, schema, field.type, f"{prefix}{field.name}[{i}].")
+            continue
         if field.type not in _CODES and (field.type != _TEXT or field.length is not None):
             raise BagError(
                 f"{path}: field {prefix}{field.name} of {type_name} is not a number, text or list "

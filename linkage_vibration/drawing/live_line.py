@@ -20,10 +20,10 @@ class LiveLine:
         self._stream, self._in_place, self._due = stream, stream.isatty(), 0.0
         self._load = ""
 
-    def take(self, resonance: Any) -> None:
-        """Show the load ratio and the state of a resonance with the next predictions."""
-        state = ResonanceState(resonance.state).name.lower()
-        ratio = resonance.total_load_ratio
+    def take(self, load: Any) -> None:
+        """Show the load ratio and the state of a ``LoadState`` with the next predictions."""
+        state = ResonanceState(load.state).name.lower()
+        ratio = load.total_load_ratio
         text = "unknown" if math.isnan(ratio) else f"{ratio:.2f}"
         self._load = f"load {text:>7} {state:<7} | "
 

@@ -16,9 +16,9 @@ from linkage_vibration.export.expected import Comparison, expected_levels, expec
 from linkage_vibration.export.exported import Export
 from linkage_vibration.export.orders import ForceConstants, MemberConstants, OrderConstants
 from linkage_vibration.messages.fields import message_constants, message_fields
-from linkage_vibration.messages.topics import LOAD_STATE, PREDICTION, RESONANCE
+from linkage_vibration.messages.topics import LEVELS, LOAD_STATE, PREDICTION, RESONANCE
 from linkage_vibration.prediction.excitation import LoadKind, Source
-from linkage_vibration.prediction.severity import DEFAULT_LIMITS, GAP, RANKS
+from linkage_vibration.prediction.severity import DEFAULT_LIMITS, GAP
 from linkage_vibration.support.version import VERSION
 
 _TEMPLATES = Path(__file__).with_name("templates")
@@ -99,7 +99,7 @@ def _values(export: Export) -> dict[str, str]:
     prefix, orders, table = export.name, constants.orders, export.table
     low, high = (math.degrees(angle) for angle in constants.alpha3_range)
     turns = ", of any turn" if constants.turns else ""
-    fields = (*message_fields(RESONANCE), *message_fields(PREDICTION))
+    fields = [f for kind in (RESONANCE, LEVELS, PREDICTION) for f in message_fields(kind)]
     values = {
         **{field.name: comment(field.comment) for field in fields},
         **_numbers(constants, f),
@@ -140,9 +140,10 @@ def _values(export: Export) -> dict[str, str]:
 
 
 def _macros(prefix: str, kind: str) -> str:
-    """Return the constants of a message as macros."""
+    """Return the statuses or the states of a message as macros."""
     constants = message_constants(kind).items()
-    return "\n".join(f"#define {prefix.upper()}_{name} {value}" for name, value in constants)
+    lines = (f"#define {prefix.upper()}_{n} {v}" for n, v in constants if n.startswith("STAT"))
+    return "\n".join(lines)
 
 
 def _numbers(
@@ -224,7 +225,6 @@ def _order_values(orders: OrderConstants, f: str) -> dict[str, str]:
         "n_components": str(sum(components)),
         "components": ", ".join(f"{count}u" for count in components),
         "limits": f"{_literals([limits.warning, limits.note, limits.near], f)}, {dwell}",
-        "ranks": ", ".join(map(str, RANKS.tolist())),
         "gap": gap,
         "tiny": literal(1e-37 if f else 1e-300, f),
         "highest_omega": _literals([2.0 * math.pi * orders.highest_frequency], f),

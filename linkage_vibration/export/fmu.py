@@ -22,7 +22,7 @@ from linkage_vibration.export.constants import ExportError
 from linkage_vibration.export.expected import NUMBERS, PER_MODE
 from linkage_vibration.export.exported import Export
 from linkage_vibration.messages.fields import message_constants, message_fields
-from linkage_vibration.messages.topics import PREDICTION, RESONANCE
+from linkage_vibration.messages.topics import LEVELS, PREDICTION, RESONANCE
 from linkage_vibration.support.version import VERSION
 
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden")
@@ -147,17 +147,17 @@ def _variables(export: Export) -> tuple[list[_Variable], list[_Variable]]:
     orders = constants.orders
     if orders is not None:
         reals += [_Variable(f"{s}_speed", "input", _SPEEDS[s], 0.0) for s in _SPEEDS]
-    reals += _outputs(PREDICTION, PER_MODE, labels)
-    reals += _outputs(PREDICTION, NUMBERS[len(PER_MODE) :])
+    reals += _outputs(PER_MODE, labels)
+    reals += _outputs(NUMBERS[len(PER_MODE) :])
     statuses = message_constants(PREDICTION)
     text = "1, " + ", ".join(f"{value} {name}" for name, value in statuses.items())
     ends = float(min(statuses.values())), float(max(statuses.values()))
     integers = [_Variable("status", "output", text, None, ends, is_integer=True)]
     if orders is not None:
         names = [excitation.name for excitation in orders.excitations]
-        reals += _outputs(RESONANCE, _PER_ORDER, names) + _outputs(RESONANCE, _TOTALS)
-        reals += _outputs(RESONANCE, ["load_ratios"], names)
-        reals += _outputs(RESONANCE, ["total_load_ratio"])
+        reals += _outputs(_PER_ORDER, names) + _outputs(_TOTALS)
+        reals += _outputs(["load_ratios"], names)
+        reals += _outputs(["total_load_ratio"])
         text = "1, mode that is nearest to the excitation, from 1; 0 if it is not known"
         ends = 0.0, float(constants.n_modes)
         for i, name in enumerate(names, 1):
@@ -166,13 +166,16 @@ def _variables(export: Export) -> tuple[list[_Variable], list[_Variable]]:
     return reals, integers
 
 
-def _outputs(kind: str, names: Sequence[str], labels: Sequence[str] = ()) -> list[_Variable]:
-    """Return outputs with the descriptions of the fields of a message.
+def _outputs(names: Sequence[str], labels: Sequence[str] = ()) -> list[_Variable]:
+    """Return outputs with the descriptions of the fields of messages.
 
     The labels name what the elements of each field belong to.
     """
-    comments = {field.name: field.comment for field in message_fields(kind)}
+    kinds = PREDICTION, RESONANCE, LEVELS
+    comments = {field.name: field.comment for kind in kinds for field in message_fields(kind)}
     comments["frequency_slopes"] = "Hz/rad, change of the natural frequencies with crank_angle"
+    comments["margin"] = "Hz, excitation_frequency - natural_frequency"
+    comments["relative_margin"] = "1, margin / natural_frequency"
     variables = []
     for name in names:
         text, limits = comments[name], (None, None) if name in _SIGNED else (0.0, None)

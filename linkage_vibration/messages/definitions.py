@@ -124,12 +124,15 @@ def _dependencies(text: str, package: str) -> list[str]:
     return names
 
 
-def own_parts() -> list[str]:
-    """Return the full names of the parts of our services and actions, such as ``.../A_Request``."""
+def own_types() -> list[str]:
+    """Return the full names of our messages, and of the parts of services and actions.
+
+    Such a part is for example ``linkage_vibration_interfaces/srv/Advise_Request``.
+    """
     folder = share_directory() / OWN_PACKAGE
     return [
-        f"{OWN_PACKAGE}/{kind}/{path.stem}_{part}"
-        for kind, parts in _PARTS.items()
+        f"{OWN_PACKAGE}/{kind}/{path.stem}{part and '_'}{part}"
+        for kind, parts in {"msg": ("",), **_PARTS}.items()
         for path in sorted((folder / kind).glob(f"*.{kind}"))
         for part in parts
     ]

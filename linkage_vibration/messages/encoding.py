@@ -21,6 +21,9 @@ from linkage_vibration.messages.fields import CODES, message_fields
 
 # The encapsulation header of plain CDR (OMG DDS-RTPS, 10.2) names the byte order that follows.
 _ENCAPSULATION = b"\x00\x01\x00\x00" if sys.byteorder == "little" else b"\x00\x00\x00\x00"
+_WIDEST = {1: "B", 2: "H", 4: "I", 8: "d"}
+"""Characters of `struct` by the alignment that they have."""
+
 # The arguments of an encoder that fill the header.
 _HEADER = {
     "header.stamp.sec": "sec",
@@ -80,7 +83,7 @@ def _encoder(type_name: str) -> Callable[[object, int, int, str], bytes]:
     lines, formats, arguments = [], [], []
     scope: dict[str, Any] = {"encapsulation": _ENCAPSULATION, "pack": struct.pack}
     for i, field in enumerate(message_fields(type_name)):
-        value, kind = _HEADER.get(field.name, f"message.{field.name}"), np.dtype(CODES[field.type])
+        value, kind = _HEADER.get(field.name, f"message.{field.name}"), field.dtype
         if field.type == "string":
             lines.append(f"v{i} = {value}.encode() + b'\\0'")  # CDR ends a text with a zero
             formats.append(f"I{{len(v{i})}}s")
@@ -90,6 +93,11 @@ def _encoder(type_name: str) -> Callable[[object, int, int, str], bytes]:
             lines.append(f"v{i} = array({value}, kind{i}).tobytes()")
             formats.append(f"I0{kind.char}{{len(v{i})}}s")
             arguments += [f"len(v{i}) // {kind.itemsize}", f"v{i}"]
+        elif field.count:
+            scope |= {"array": np.asarray, f"kind{i}": kind}
+            lines.append(f"v{i} = array({value}, kind{i}).tobytes()")
+            formats.append(f"0{_WIDEST[kind.alignment]}{field.count * kind.itemsize}s")
+            arguments.append(f"v{i}")
         else:
             formats.append(kind.char)
             arguments.append(value)
@@ -110,7 +118,7 @@ def _layout(type_name: str, *lengths: int) -> np.dtype[np.void]:
             columns.append((f"{field.name} length", "u4"))
             columns.append((field.name, CODES[field.type], (next(remaining),)))
         else:
-            columns.append((field.name, CODES[field.type]))
+            columns.append((field.name, field.dtype, (field.count,) if field.count else ()))
     # CDR aligns every number to its own size, as NumPy does, but has no padding at the end.
     aligned: Any = np.dtype(columns, align=True)
     names = list(aligned.names)

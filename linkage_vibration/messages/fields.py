@@ -10,6 +10,8 @@ import re
 from dataclasses import dataclass, field
 from functools import cache
 
+import numpy as np
+
 from linkage_vibration.messages.definitions import OWN_PACKAGE, message_text
 
 CODES = {"bool": "u1", "float32": "f4", "float64": "f8", "string": "u1"}
@@ -29,7 +31,15 @@ class Field:
     type: str  # ``string``, or such as ``float64``
     is_sequence: bool
     limit: int = field(default=0, compare=False)
+    count: int = 0  # of the elements of an array whose length never changes; 0: there is none
     comment: str = field(default="", compare=False)
+
+    @property
+    def dtype(self) -> "np.dtype[np.generic]":
+        """The type of a number or, of an array of one of our messages, that of an element."""
+        if self.type in CODES:
+            return np.dtype(CODES[self.type])
+        return np.dtype([(f.name, CODES[f.type]) for f in message_fields(self.type)], align=True)
 
     @property
     def unit(self) -> str:
@@ -65,6 +75,9 @@ def _parse(text: str, prefix: str) -> list[Field]:
         elif kind not in CODES and not bracket:
             fields += _parse(message_text(f"{OWN_PACKAGE}/msg/{kind}"), f"{name}.")
         else:
-            largest = int(limit.strip("<=]") or 0)
-            fields.append(Field(name, kind, bool(bracket), largest, comment.strip()))
+            size, comment = int(limit.strip("<=]") or 0), comment.strip()
+            if limit[:1].isdecimal():
+                fields.append(Field(name, f"{OWN_PACKAGE}/msg/{kind}", False, 0, size, comment))
+            else:
+                fields.append(Field(name, kind, bool(bracket), size, 0, comment))
     return fields

@@ -9,14 +9,20 @@ from linkage_vibration.messages.definitions import OWN_PACKAGE, message_definiti
 
 PREDICTION = f"{OWN_PACKAGE}/msg/VibrationPrediction"
 RESONANCE = f"{OWN_PACKAGE}/msg/Resonance"
+LEVELS = f"{OWN_PACKAGE}/msg/Levels"
 LOAD_STATE = f"{OWN_PACKAGE}/msg/LoadState"
+ASSESSED = RESONANCE, LEVELS, LOAD_STATE
+"""The types of the messages about an assessed reading, in their order in a log."""
 ADVICE = f"{OWN_PACKAGE}/msg/Advice"
 MEASURED = f"{OWN_PACKAGE}/msg/MeasuredVibration"
 TABLE_INFO = f"{OWN_PACKAGE}/msg/TableInfo"
+MEASUREMENT = f"{OWN_PACKAGE}/msg/Measurement"
+"""The type of our own messages for inputs."""
 
 PREDICTION_TOPIC = "/linkage_vibration/prediction"
 """Topic of the predictions in a replay, and of a node that has its default name."""
 RESONANCE_TOPIC = "/linkage_vibration/resonance"
+LEVELS_TOPIC = "/linkage_vibration/levels"
 LOAD_STATE_TOPIC = "/linkage_vibration/load_state"
 
 
@@ -51,16 +57,24 @@ OUTPUT_TOPICS = (
         "~/resonance",
         RESONANCE,
         _OUTPUT_QOS,
-        "With predictions at `resonance_rate`, once a speed is known: the excitation that loads "
-        "the linkage most, whether that is a warning, what ends it, and how strongly each loads "
-        "pins and cylinders and shakes the response point ([excitation](excitation.md)).",
+        "With predictions at `resonance_rate`, once a speed is known: where the excitation that "
+        "loads the linkage most stands beside the nearest natural frequency "
+        "([excitation](excitation.md)).",
+    ),
+    NodeTopic(
+        "~/levels",
+        LEVELS,
+        _OUTPUT_QOS,
+        "With each resonance: how strongly each excitation loads pins and cylinders and shakes the "
+        "response point, and all together.",
     ),
     NodeTopic(
         "~/load_state",
         LOAD_STATE,
         _OUTPUT_QOS,
-        "With each resonance, in a fixed size, for controllers: the state, the total load ratio "
-        "with its limit, and in which direction a speed or the crank angle ends a warning.",
+        "With each resonance, and once a second while no reading arrives, for controllers: the "
+        "state, which sources are not known, the total load ratio with its limit, and which speed "
+        "or crank angle ends a warning.",
     ),
     NodeTopic(
         "~/advice",
@@ -80,14 +94,7 @@ OUTPUT_TOPICS = (
         "~/table_info",
         TABLE_INFO,
         _LATCHED,
-        "The table in use; published again when the table changes.",
-        logged=False,
-    ),
-    NodeTopic(
-        "~/mechanism",
-        "std_msgs/msg/String",
-        _LATCHED,
-        "The mechanism in use, as YAML; published again when it changes.",
+        "The table in use and its mechanism, as YAML; published again when the table changes.",
         logged=False,
     ),
     NodeTopic(

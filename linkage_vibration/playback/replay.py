@@ -26,11 +26,10 @@ from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.messages.encoding import encode_columns, encode_message
 from linkage_vibration.messages.topics import (
     ADVICE,
-    LOAD_STATE,
+    ASSESSED,
     MEASURED,
     OUTPUT_TOPICS,
     PREDICTION,
-    RESONANCE,
     log_topic,
 )
 from linkage_vibration.playback.remapping import (
@@ -48,7 +47,7 @@ from linkage_vibration.prediction.inputs.presets import HITCH
 from linkage_vibration.prediction.inputs.sources import CrankInput
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.motion import crank_filter, crank_resolution
-from linkage_vibration.prediction.periods import Periods
+from linkage_vibration.prediction.periods import Periods, Stamps
 from linkage_vibration.prediction.predictor import Predictor, Status, predict_many
 from linkage_vibration.prediction.provenance import attachments, implement_facts
 from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor
@@ -62,7 +61,7 @@ from linkage_vibration.table.tabulation import build_table
 REPLAY_METADATA = "linkage_vibration.replay"
 _SpeedRow: TypeAlias = tuple[int, Source, float, int]  # row, speed, value, time (ns)
 _NAMES = {topic.type: full_name(topic.name) for topic in OUTPUT_TOPICS}
-_ANSWERS = MEASURED, PREDICTION, RESONANCE, LOAD_STATE, ADVICE
+_ANSWERS = MEASURED, PREDICTION, *ASSESSED, ADVICE
 """The types of the answers to a reading, in their order in the log."""
 _PLACES = {kind: place for place, kind in enumerate(["", *_ANSWERS])}  # "" is that of the reading
 
@@ -233,7 +232,7 @@ def _outputs(run: "_Replay", settings: Parameters) -> tuple[list[Topic], dict[st
     """Return the topics that a replay writes, and files that it has read for them, by names."""
     kinds, files = {PREDICTION}, dict[str, bytes]()
     if run.monitor is not None:
-        kinds |= {RESONANCE, LOAD_STATE, ADVICE}
+        kinds |= {*ASSESSED, ADVICE}
         files |= excitation_files(settings.excitation_path())
     if run.sensors.monitor is not None:
         kinds.add(MEASURED)
@@ -269,6 +268,7 @@ class _Replay:
         self.monitor = _monitor(settings, topics, served, notices.append)
         self._adviser: Adviser | None = None
         self._predictor, self._periods = served.predictor, Periods(settings.prediction_rate)
+        self._stamps = Stamps()
         self._motion = crank_filter()
         missing = {each.reader.what for each in self.speeds.values()} | self.sensors.missing
         self.done = Replayed(topic=topics[HITCH].name, missing=missing, notice=" ".join(notices))
@@ -282,6 +282,7 @@ class _Replay:
         messages = [*self.sensors.messages(block, self._names, readings, speeds, used, self.done)]
         if len(readings):
             predictions = predict_many(self._predictor, readings.crank_angle, readings.stddev)
+            readings.due_at, readings.by_receipt = self._stamps.times(readings.stamp, readings.time)
             messages += self._predictions(block, readings, predictions)
             if self.monitor is not None:
                 messages += self._resonances(self.monitor, block, readings, predictions, speeds)
@@ -294,7 +295,7 @@ class _Replay:
         self, block: Block, readings: MessageColumns, predictions: MessageColumns
     ) -> Iterator[Messages]:
         """Yield the predictions that are published, and count their statuses."""
-        published = np.flatnonzero(self._periods.due(readings.stamp))
+        published = np.flatnonzero(self._periods.due(readings.due_at))
         predictions = predictions.rows(published)
         counts = np.bincount(predictions.status, minlength=len(Status))
         self.done.statuses = (self.done.statuses + counts).tolist()
@@ -340,7 +341,7 @@ class _Replay:
         # There is nothing to assess before the first speed.
         first = 0 if monitor.any_speed_reported else min([len(readings), *before.tolist()])
         due = np.zeros(len(readings), np.bool_)
-        due[first:] = monitor.periods.due(readings.stamp[first:])
+        due[first:] = monitor.periods.due(readings.due_at[first:])
         velocity, error = self._velocities(readings, due)
         earlier = np.searchsorted(np.flatnonzero(due), before).tolist()
         assessed = readings.rows(due)
@@ -351,10 +352,11 @@ class _Replay:
             [ReportedSpeed(n, *speed[1:]) for n, speed in zip(earlier, speeds, strict=True)],
             error,
         )
+        resonances.timed_by_receipt = assessed.by_receipt
         self.done.resonances += len(assessed)
-        for kind in (RESONANCE, LOAD_STATE):
+        for kind in ASSESSED:
             yield from _encoded(kind, resonances, block, assessed)
-        ratios_at = resonances.total_load_ratio.tolist(), assessed.stamp.tolist()
+        ratios_at = resonances.total_load_ratio.tolist(), assessed.due_at.tolist()
         for i, ratio_at in enumerate(zip(*ratios_at, strict=True)):
             if self._adviser.is_due(*ratio_at):
                 advice, reading = self._adviser.answer(resonances.message(i)), assessed.message(i)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray, IntArray
 from linkage_vibration.messages.columns import MessageColumns
-from linkage_vibration.messages.fields import message_constants
+from linkage_vibration.messages.fields import message_constants, message_fields
 from linkage_vibration.messages.topics import ADVICE
 from linkage_vibration.prediction.excitation import KMH, Excitation, Source
 from linkage_vibration.prediction.levels import LevelTable
@@ -69,7 +69,8 @@ class Question:
 class Advice:
     """The answer."""
 
-    message: MessageColumns  # the fields of ``Advice.msg`` but for header and table
+    # The fields of ``Advice.msg`` but for header and table; beside its places, their columns, (4,).
+    message: MessageColumns
     regrets: FloatArray  # (4,): by how much places may be above the best (95 %); NaN if not known
     crank_angles: FloatArray  # (n_angles,), rad: rows of the map
     ground_speeds: FloatArray  # (n_speeds,), m/s: columns
@@ -129,11 +130,20 @@ def advise(
         velocity_factors=np.where(unknown, math.nan, factors["total_velocity_factor"]),
         probabilities=_probabilities(members[:, chosen]),
     )
+    message.places = _places(message, regrets)
     why = texts[reasons[chosen[NOW]]]
     message.sentence = advice_sentence(message) or _nothing_better(message.load_ratios[NOW], why)
     shown = cells[:-1, :-1]
     maps = load[shown], velocity[shown], reasons[shown]
     return Advice(message, regrets, angles[:-1], speeds[:-1], *maps, texts)
+
+
+def _places(columns: MessageColumns, regrets: FloatArray) -> NDArray[np.void]:
+    """Return the places as the message has them, (4,)."""
+    [kind] = [field.dtype for field in message_fields(ADVICE) if field.count]
+    numbers = [columns.crank_angles, columns.ground_speeds, columns.load_ratios]
+    numbers += [columns.load_ratio_factors, columns.velocities, columns.velocity_factors]
+    return np.rec.fromarrays([*numbers, columns.probabilities, regrets], dtype=kind)
 
 
 def _sparse(cells: IntArray) -> IntArray:
@@ -154,8 +164,16 @@ def _axes(
         if speed < 0.0 and source is not Source.GROUND:
             hint = "give one of at least 0, or NaN if it is not known"
             raise AdviceError(f"The {source.value} speed is {speed:g} rpm; {hint}.")
-    ends = question.crank_angles or levels.alpha3_range
+        if math.isinf(speed):
+            raise AdviceError(f"The {source.value} speed is infinite; give NaN if it is not known.")
+    ends, stroke = question.crank_angles or levels.alpha3_range, levels.alpha3_range
     angles = _steps("angles", ends, shape[0], -math.inf, ("rad", math.degrees(1.0), "deg"))
+    if not np.isfinite(angles_in_table(np.array(ends), stroke)).all():
+        first, last = np.degrees(stroke)
+        raise AdviceError(
+            f"The permitted angles are {math.degrees(ends[0]):g} to {math.degrees(ends[1]):g} deg, "
+            f"but the table has {first:g} to {last:g} deg; give a part of that."
+        )
     speeds = np.array([present])
     if question.ground_speeds is not None:
         speeds = _steps(

@@ -225,6 +225,8 @@ def answer_ground(
     if len(outputs) > MAX_GROUND_PLACES:
         raise ServingError(f"outputs has {len(outputs)} places; name at most {MAX_GROUND_PLACES}.")
     _check_angle(alpha3)
+    if not math.isfinite(speed):
+        raise ServingError(f"ground_speed is {speed}; give a finite speed in m/s.")
     table, mechanism = served.table, served.mechanism
     drive = mechanism.response
     valid = (*table.places, *table.forces) if table.places else ()

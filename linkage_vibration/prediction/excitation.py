@@ -55,6 +55,11 @@ class Source(enum.Enum):
         """Unit of the speed."""
         return "m/s" if self is Source.GROUND else "rpm"
 
+    @property
+    def si(self) -> float:
+        """The speed 1 in SI units, rad/s or m/s, in which messages have it."""
+        return 1.0 if self is Source.GROUND else 2.0 * math.pi * RPM
+
 
 class LoadKind(enum.Enum):
     """What an excitation does to the mechanism; the values are keys of its description."""

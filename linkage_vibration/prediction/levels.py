@@ -24,7 +24,7 @@ from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import Place
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.messages.fields import message_fields
-from linkage_vibration.messages.topics import RESONANCE
+from linkage_vibration.messages.topics import LEVELS
 from linkage_vibration.prediction.ensemble import GroundMembers, Members, draws
 from linkage_vibration.prediction.excitation import Excitation, ExcitationError, LoadKind, Source
 from linkage_vibration.prediction.ground import REASONS, GroundLevels, GroundTable
@@ -238,7 +238,7 @@ class LevelTable:
     def at(
         self, alpha3: FloatArray, speeds: FloatArray, factors: FloatArray | None = None
     ) -> MessageColumns:
-        """Return the levels at n angles, which are the float32 fields of ``Resonance.msg``.
+        """Return the levels at n angles, which are the float32 fields of ``Levels.msg``.
 
         They are NaN outside the table. Speeds are (n_sources, n), and factors those of
         `factor_rows`. ``load_places``, (n, n_excitations), are indices of pins and cylinders.
@@ -537,8 +537,8 @@ def _columns(m: int) -> dict[str, slice | int]:
     """
     columns: dict[str, slice | int] = {}
     end = 0
-    for field in message_fields(RESONANCE):
-        if field.type == "float32" or field.name in FACTORS:
+    for field in message_fields(LEVELS):
+        if field.type == "float32":
             columns[field.name] = slice(end, end + m) if field.is_sequence else end
             end += m if field.is_sequence else 1
     return columns

@@ -1,33 +1,61 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which messages an output at a limited rate has, decided by stamps alone, live and offline."""
+"""Which messages an output at a limited rate has, decided by their times, live and offline."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 
-class Periods:
-    """Chooses messages for an output at a limited rate: the first in each period of their stamps.
+class Stamps:
+    """Finds the time of each reading: its stamp, or its receipt if the stamps do not move.
 
-    Periods are counted from a stamp of 0. A message is the first also where the clock jumps back,
-    and of those with the same stamp only one is. The attribute ``rate``, Hz, is 0 for each message.
+    Stamps of 0 do not move, nor does one that is that of the reading before. The stamps count again
+    as soon as two in turn have moved. The same readings have the same times, one by one or many.
+    """
+
+    def __init__(self) -> None:
+        self._stamp, self._moved = -(2**63), True
+
+    def time(self, stamp: int, receipt: int) -> tuple[int, bool]:
+        """Return the time of a reading, ns, from its stamp and its receipt; whether it is that."""
+        moved_before, self._moved = self._moved, stamp not in (0, self._stamp)
+        self._stamp = stamp
+        return (stamp, False) if moved_before and self._moved else (receipt, True)
+
+    def times(
+        self, stamps: NDArray[np.int64], receipts: NDArray[np.int64]
+    ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """Return the times of readings, (n,), and at which of them they are those of receipt."""
+        before = np.append(np.int64(self._stamp), stamps[:-1])
+        moved = (stamps != before) & (stamps != 0)
+        received = ~(moved & np.append(self._moved, moved[:-1]))
+        if len(stamps):
+            self._stamp, self._moved = int(stamps[-1]), bool(moved[-1])
+        return np.where(received, receipts, stamps), received
+
+
+class Periods:
+    """Chooses messages for an output at a limited rate: the first in each period of their times.
+
+    Periods are counted from a time of 0. A message is the first also where the clock jumps back,
+    and of those at the same time only one is. The attribute ``rate``, Hz, is 0 for each message.
     """
 
     def __init__(self, rate: float = 0.0) -> None:
         self.rate = rate
         self._last = -(2**63)
 
-    def is_due(self, stamp: int) -> bool:
-        """Return whether the next message is due, from its stamp, ns."""
+    def is_due(self, time: int) -> bool:
+        """Return whether the next message is due, from its time, ns."""
         if not self.rate:
             return True
-        before, self._last = self._last, stamp // round(1e9 / self.rate)
+        before, self._last = self._last, time // round(1e9 / self.rate)
         return self._last != before
 
-    def due(self, stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return which messages are due, (n,), from their stamps, ns, in the order of arrival."""
+    def due(self, times: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Return which messages are due, (n,), from their times, ns, in the order of arrival."""
         if not self.rate:
-            return np.ones(len(stamps), np.bool_)
-        periods = np.concatenate([[self._last], stamps // round(1e9 / self.rate)])
+            return np.ones(len(times), np.bool_)
+        periods = np.concatenate([[self._last], times // round(1e9 / self.rate)])
         self._last = int(periods[-1])
         return np.asarray(periods[1:] != periods[:-1])

@@ -23,9 +23,11 @@ from linkage_vibration.prediction.severity import (
     CLEAR,
     DEFAULT_LIMITS,
     NOTE,
-    RANKS,
+    SPEED_BITS,
+    UNKNOWN,
     WARNING,
     ResonanceState,
+    Unknown,
     WarningLimits,
     WarningTimer,
     severities,
@@ -41,7 +43,9 @@ _PRESENT = int(np.abs(_SPEEDS - 1.0).argmin())
 _ANGLES = 91  # of the table, likewise
 _QUIET_FOR = 1.0  # s, for which the answer is used again
 _FACTORS_FOR = 0.2  # s, for which the factors of levels are used again
-_PLACE_BITS = 2 ** np.arange(len(Source))
+_SPEED_BITS = np.array([SPEED_BITS[source] for source in Source])
+_SI = np.array([source.si for source in Source])
+_GROUND = Source.GROUND.place
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +91,36 @@ def half_power_probability(
     return np.asarray(above - below)
 
 
+def described(of: MessageColumns) -> MessageColumns:
+    """Return assessments with what follows from their fields, one of them or n.
+
+    These are the margin, Hz, the relative margin, 1, the direction of approach (1, -1, or 0 if it
+    is not known), the time to the crossing, s (infinite if both part), and the load ratio of the
+    most severe excitation with its factor.
+    """
+    margin, closing = of.excitation_frequency - of.natural_frequency, of.approach_rate
+    index = np.asarray(of.excitation_index)
+
+    def of_worst(levels: FloatArray) -> FloatArray:
+        chosen = np.take_along_axis(levels, np.maximum(index, 0)[..., np.newaxis], -1)[..., 0]
+        return np.where(index < 0, math.nan, chosen)
+
+    with np.errstate(all="ignore"):
+        nears, parts = closing > of.approach_rate_error, closing < -of.approach_rate_error
+        never = parts | ((closing == 0.0) & (of.approach_rate_error == 0.0))
+        crossing = np.where(nears, np.abs(margin) / closing, np.where(never, math.inf, math.nan))
+        relative = margin / of.natural_frequency
+    return MessageColumns(
+        **vars(of),
+        margin=margin,
+        relative_margin=relative,
+        approach=np.asarray(nears).astype(np.int8) - parts,
+        time_to_crossing=crossing,
+        load_ratio=of_worst(of.load_ratios),
+        load_ratio_factor=of_worst(of.load_ratio_factors),
+    )
+
+
 class ResonanceMonitor:
     """Compares excitation frequencies with natural frequencies, and load ratios with limits.
 
@@ -115,12 +149,8 @@ class ResonanceMonitor:
         names = [excitation.name for excitation in self.excitations]
         self._names = np.array([*names, ""])  # -1: none
         used = {excitation.source for excitation in self.excitations}
-        self._unknown = np.array(
-            [
-                ", ".join(s.value for i, s in enumerate(Source) if s in used and code >> i & 1)
-                for code in range(2 ** len(Source))
-            ]
-        )
+        self._used = np.array([source in used for source in Source])
+        self._count = 0
         self._filters = {source: speed_filter(source) for source in Source}
         n = len(self._filters)
         # The last speeds: values, rates and bounds of their errors; when they were reported, ns.
@@ -173,7 +203,7 @@ class ResonanceMonitor:
     def assess(
         self, prediction: Prediction, velocity: float, time: int, velocity_error: float = 0.0
     ) -> MessageColumns:
-        """Return one ``Resonance`` with its ``LoadState``: the worst excitation, and all levels.
+        """Return one ``Resonance`` with its ``Levels`` and its ``LoadState``.
 
         The crank's velocity, NaN if not known, and the bound of its error are in rad/s; the time,
         ns, is by the clock of the speeds.
@@ -192,7 +222,7 @@ class ResonanceMonitor:
         speeds: Sequence[ReportedSpeed],
         velocity_error: FloatArray,
     ) -> MessageColumns:
-        """Return the ``Resonance`` and the ``LoadState`` of each of n predictions.
+        """Return ``Resonance``, ``Levels`` and ``LoadState`` of each of n predictions.
 
         They have ``frequency_slopes``. Velocities of the crank and bounds of their errors, (n,),
         are in rad/s, NaN if not known; times, (n,), ns, are by the clock of the speeds.
@@ -224,34 +254,51 @@ class ResonanceMonitor:
         # No level is known while a tyre is in the air, but that is no reason to be calm.
         airborne = self._rolling & (levels.off_ground_share > AIRBORNE)
         ratio[:-1][airborne] = math.inf
+        unknown = self._unknown_sources(predictions, speeds[0], ratio)
         exceeds = ratio > self.limits.warning
         exceeds[:-1] &= self._warns
-        warns = self._timer.follow(exceeds, time, self.limits.dwell)
+        known = ~np.isnan(ratio)
+        # Without a source, the total is a part of it: it may exceed the limit, too.
+        known[-1] &= (unknown == 0) | exceeds[-1]
+        warns = self._timer.follow(exceeds, known, time, self.limits.dwell) & known
         # The ground is near no mode, so only a load ratio says something about it.
-        assessable = np.where(self._rolling, ~np.isnan(ratio[:-1]), pairs.apart < math.inf)
+        assessable = np.where(self._rolling, known[:-1], pairs.apart < math.inf)
         state = states(ratio[:-1], pairs.apart, assessable, warns[:-1], self.limits)
-        rank, severity = RANKS.take(state), severities(ratio[:-1], pairs.apart, self.limits)
-        highest = np.maximum.reduce(rank)
-        worst = np.where(rank == highest, severity, -1.0).argmax(axis=0)
-        columns = self._columns(predictions, pairs, levels, worst, highest < 0)
+        severity = severities(ratio[:-1], pairs.apart, self.limits)
+        highest = np.maximum.reduce(state)
+        worst = np.where(state == highest, severity, -1.0).argmax(axis=0)
+        columns = self._columns(predictions, pairs, levels, worst, highest == UNKNOWN)
         of_total = np.where(warns[-1], WARNING, np.where(ratio[-1] > self.limits.note, NOTE, CLEAR))
-        of_worst = state.take(worst * len(time) + np.arange(len(time)))
-        above = (highest >= 0) & (RANKS.take(of_total) > highest)
-        columns.state = np.where(above, of_total, of_worst)
+        whole = np.where(highest > UNKNOWN, np.maximum(highest, of_total), UNKNOWN)
+        columns.state = np.where((whole == CLEAR) & (unknown != 0), UNKNOWN, whole)
         columns.states = state.T
-        columns.unknown_speeds = self._unknown.take(_PLACE_BITS @ np.isnan(speeds[0]))
+        columns.unknown_sources = unknown
+        shares = np.isfinite(levels.load_ratios).mean(axis=1)
+        columns.known_share = shares.astype(np.float32)
+        columns.count = (self._count + 1 + np.arange(len(time))).astype(np.uint32)
+        self._count += len(time)
         columns.quiet_speed, columns.quiet_angle = self._quieter(
             columns.state, worst, predictions.crank_angle, speeds[0], time
         )
-        # A direction is 0 where nothing is known to end a warning.
-        ends = np.array([columns.quiet_speed, columns.quiet_angle])
-        now = np.array([columns.excitation_speed, predictions.crank_angle])
-        directions = (ends > now).astype(np.int8) - (ends < now)
-        columns.quiet_speed_direction, columns.quiet_angle_direction = directions
+        columns.quiet_speed *= _SI.take(self._sources.take(worst))
         columns.load_ratio_limit = np.full(len(time), self.limits.warning)
         columns.crank_velocity, columns.crank_velocity_error = crank
         columns.crank_angle, columns.speeds = predictions.crank_angle, speeds[0].T  # for advice
         return columns
+
+    def _unknown_sources(
+        self, predictions: MessageColumns, speeds: FloatArray, ratio: FloatArray
+    ) -> NDArray[np.uint8]:
+        """Return the bits of ``LoadState`` that say what is not known, (n,).
+
+        The speeds are (n_sources, n), and the load ratios (n_excitations + 1, n).
+        """
+        lost = np.isnan(speeds) & self._used[:, np.newaxis]
+        nowhere = np.isnan(predictions.natural_frequencies).all(axis=1)
+        # A tractor that stands is not shaken by the ground, whatever is known of that.
+        unlevel = (self._rolling & np.isnan(ratio[:-1])).any(axis=0) & (speeds[_GROUND] > 0.0)
+        bits = _SPEED_BITS @ lost + Unknown.CRANK_ANGLE * nowhere
+        return np.asarray(bits + Unknown.GROUND_LEVEL * (unlevel & ~nowhere), np.uint8)
 
     def _pairs(self, predictions: MessageColumns, crank: FloatArray, speeds: FloatArray) -> _Pairs:
         """Return each excitation with its nearest mode."""
@@ -291,52 +338,28 @@ class ResonanceMonitor:
     ) -> MessageColumns:
         """Return the columns that are about the most severe excitation, and all levels."""
         at = worst * len(worst) + np.arange(len(worst))
-        loads = levels.load_ratios.T, levels.load_ratio_factors.T
-        velocities = levels.velocities.T, levels.velocity_factors.T
-        chosen = np.array(
-            [
-                pairs.frequency,
-                pairs.speed,
-                pairs.natural,
-                pairs.rate,
-                pairs.error,
-                pairs.probability,
-                *velocities,
-                *loads,
-            ]
-        )
-        chosen = chosen.reshape(len(chosen), -1).take(at, axis=1)
+        numbers = pairs.frequency, pairs.speed, pairs.natural, pairs.probability
+        chosen = np.array([*numbers, pairs.rate, pairs.error]).reshape(6, -1).take(at, axis=1)
         chosen[:, stale] = math.nan
         chosen[2, np.isnan(chosen[0])] = math.nan  # The ground has no nearest mode.
-        frequency, speed, natural, rate, error, probability, *of_levels = chosen
-        velocity, velocity_factor, load_ratio, load_ratio_factor = of_levels
-        place = levels.load_places.T.take(at)
-        margin = frequency - natural
-        closing = np.where(margin > 0.0, -rate, rate)
-        nears, parts = closing > error, closing < -error
-        never = parts | ((closing == 0.0) & (error == 0.0))
-        crossing = np.where(nears, np.abs(margin) / closing, np.where(never, math.inf, math.nan))
+        frequency, speed, natural, probability, rate, error = chosen
+        source = self._sources.take(worst)
+        load_ratio = np.where(stale, math.nan, levels.load_ratios.T.take(at))
         return MessageColumns(
             excitation=self._names.take(np.where(stale, len(self._names) - 1, worst)),
             excitation_frequency=frequency,
-            excitation_speed=speed,
+            excitation_speed=speed * _SI.take(source),
             excitation_index=np.where(stale, -1, worst),
+            speed_source=np.where(stale, 0, source + 1),
             mode=np.where(np.isnan(natural), -1, pairs.mode.take(at)),
             natural_frequency=natural,
-            margin=margin,
-            relative_margin=margin / natural,
-            approach=nears.astype(np.int8) - parts,
-            time_to_crossing=crossing,
             table_id=predictions.table_id,
             probability=probability,
-            velocity=velocity,
-            velocity_factor=velocity_factor,
-            load_ratio=load_ratio,
-            load_ratio_factor=load_ratio_factor,
-            load_place=self._place_names(place, load_ratio),
+            load_place=self._place_names(levels.load_places.T.take(at), load_ratio),
             total_load_place=self._place_names(levels.total_load_places, levels.total_load_ratio),
-            approach_rate=closing,
+            approach_rate=np.where(frequency > natural, -rate, rate),
             approach_rate_error=error,
+            timed_by_receipt=np.zeros(len(at), np.uint8),
             **vars(levels),
         )
 

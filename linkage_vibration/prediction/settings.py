@@ -188,7 +188,10 @@ def _speed(source: Source) -> dict[str, Any]:
     """Return the fields of a speed, which may be fixed, by their names."""
     name = source.value
     speed = f"{_LABELS[name]} speed"
-    fixed = f"Fixed {speed}. If negative, the speed is read as `{name}_input` says."
+    fixed = (
+        f"Fixed {speed}. If negative, the speed is read as `{name}_input` says. 0 declares that "
+        "nothing follows this speed on the tractor, so that it is not missed."
+    )
     gain = f"{name}_unit per unit of the number"
     return {
         f"{name}_speed": _finite(-1.0, source.unit).means(fixed),

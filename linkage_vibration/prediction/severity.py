@@ -29,18 +29,34 @@ _NEVER = 2**62  # ns; a time that has not come
 
 
 class ResonanceState(enum.IntEnum):
-    """How bad an excitation is; the constants of the message."""
+    """How bad an excitation is, in ascending order; the constants of ``LoadState``."""
 
-    CLEAR = 0
-    WARNING = 1
-    STALE = 2
-    NOTE = 3
+    UNKNOWN = 0
+    CLEAR = 1
+    NOTE = 2
+    WARNING = 3
 
 
-RANKS = np.array([0, 2, -1, 1])
-"""Order of the states by their numbers; the highest is reported."""
+UNKNOWN, CLEAR, NOTE, WARNING = np.arange(4, dtype=np.uint8)
 
-CLEAR, WARNING, STALE, NOTE = np.arange(4, dtype=np.uint8)
+
+class Unknown(enum.IntFlag):
+    """What is not known of the sources of loads; the bits of ``LoadState``."""
+
+    CRANK_ANGLE = 1
+    ENGINE_SPEED = 2
+    PTO_SPEED = 4
+    GROUND_SPEED = 8
+    GROUND_LEVEL = 16
+
+
+SPEED_BITS = {Source.ENGINE: 2, Source.PTO: 4, Source.GROUND: 8}
+"""The bit that says that a speed is not known."""
+
+
+def unknown_speeds(unknown: int) -> list[Source]:
+    """Return the speeds that are not known, from the bits of a ``LoadState``."""
+    return [source for source, bit in SPEED_BITS.items() if unknown & bit]
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,26 +76,36 @@ DEFAULT_LIMITS = WarningLimits()
 class WarningTimer:
     """Turns exceeded limits into warnings, which begin and end only after the dwell time.
 
-    Times come from the readings. A gap of more than 3 s, and a clock that jumps back, end all
-    warnings.
+    Times come from the readings. A reading at which it is not known whether a limit is exceeded
+    changes nothing. More than 3 s of such readings or without one, and a clock that jumps back, end
+    a warning.
     """
 
     def __init__(self, n: int) -> None:
         self._warns = np.zeros(n, np.bool_)
         self._since = np.full(n, _NEVER)  # ns, from when on the limit says otherwise than a warning
+        self._known = np.zeros(n, np.int64)  # ns, when it was last known
         self._last = 0  # ns
 
-    def follow(self, exceeds: BoolArray, time: Integers, dwell: float) -> BoolArray:
-        """Return which of n_limits warn at n times, (n_limits, n), ns, after a dwell time, s."""
+    def follow(
+        self, exceeds: BoolArray, known: BoolArray, time: Integers, dwell: float
+    ) -> BoolArray:
+        """Return which of n_limits warn at n times, ns, after a dwell time, s.
+
+        All arrays are (n_limits, n), but for the times, (n,). ``known``: the limit is exceeded as
+        ``exceeds`` says, or it is not.
+        """
         warns = np.zeros(exceeds.shape, np.bool_)
         least = round(1e9 * dwell)
         for row, now in enumerate(time.tolist()):
-            if not 0 <= now - self._last <= 1e9 * GAP:
-                self._warns[:], self._since[:] = False, _NEVER
-            self._last = now
+            ended = (now - self._known > 1e9 * GAP) | (now < self._last)
+            self._warns[ended], self._since[ended] = False, _NEVER
+            self._last, here = now, known[:, row]
+            self._known[here | ended] = now
             differs = exceeds[:, row] != self._warns
-            self._since = np.where(differs, np.minimum(self._since, now), _NEVER)
-            changes = differs & (now - self._since >= least)
+            since = np.where(differs, np.minimum(self._since, now), _NEVER)
+            self._since = np.where(here, since, self._since)
+            changes = here & differs & (now - self._since >= least)
             self._warns ^= changes
             self._since[changes] = _NEVER
             warns[:, row] = self._warns
@@ -100,7 +126,7 @@ def states(
     """
     notable = np.where(np.isnan(load_ratio), apart < limits.near, load_ratio > limits.note)
     calm = np.where(notable, NOTE, CLEAR)
-    return np.asarray(np.where(known, np.where(warns, WARNING, calm), STALE))
+    return np.asarray(np.where(known, np.where(warns, WARNING, calm), UNKNOWN))
 
 
 def severities(load_ratio: FloatArray, apart: FloatArray, limits: WarningLimits) -> FloatArray:
@@ -113,7 +139,8 @@ def severities(load_ratio: FloatArray, apart: FloatArray, limits: WarningLimits)
 
 
 def speed_words(source: Source, value: float) -> str:
-    """Return a speed with the unit that people use: "1850 rpm" or "15.1 km/h"."""
+    """Return a speed, rad/s or m/s, in the unit that people use: "1850 rpm" or "15.1 km/h"."""
+    value /= source.si
     if source is Source.GROUND:
         return f"{KMH * value:.3g} km/h"
     return f"{value:{'.0f' if value < 1e6 else '.3g'}} {source.unit}"
@@ -124,9 +151,9 @@ def listing(words: Sequence[str]) -> str:
     return " and ".join(filter(None, [", ".join(words[:-1]), words[-1]]))
 
 
-def unknown_speed_words(names: str, verbs: tuple[str, str] = ("is", "are")) -> str:
-    """Return the subject and verb of a sentence about speeds, named as in the message."""
-    words = [Source(name).label for name in names.split(", ")]
+def unknown_speed_words(speeds: Sequence[Source], verbs: tuple[str, str] = ("is", "are")) -> str:
+    """Return the subject and verb of a sentence about speeds."""
+    words = [source.label for source in speeds]
     end = f"speed {verbs[0]}" if len(words) == 1 else f"speeds {verbs[1]}"
     return f"the {listing(words)} {end}"
 
@@ -138,7 +165,7 @@ def no_load_words(resonance: MessageColumns, excitations: Sequence[Excitation]) 
     """
     if math.isfinite(resonance.total_velocity):
         return ", as no static force is known to compare with"
-    working = at_work(resonance.unknown_speeds, excitations)
+    working = at_work(resonance.unknown_sources, excitations)
     if any(excitation.load for excitation in working):
         return ", as the excitations with an amplitude are beyond the frequencies of the table"
     if resonance.ground_unknown and all(excitation.terrain for excitation in working):
@@ -147,10 +174,9 @@ def no_load_words(resonance: MessageColumns, excitations: Sequence[Excitation]) 
     return f", as no {what} at work has an amplitude"
 
 
-def at_work(unknown_speeds: str, excitations: Sequence[Excitation]) -> list[Excitation]:
-    """Return the excitations whose speed is known; unknown ones are named as in the message."""
-    unknown = unknown_speeds.split(", ")
-    return [each for each in excitations if each.source.value not in unknown]
+def at_work(unknown: int, excitations: Sequence[Excitation]) -> list[Excitation]:
+    """Return the excitations whose speed is known, from the bits of a ``LoadState``."""
+    return [each for each in excitations if not unknown & SPEED_BITS[each.source]]
 
 
 def ratio_words(ratio: float) -> str:
@@ -180,20 +206,19 @@ def unknown_ground(why: str) -> str:
 
 
 def present_sentence(resonance: MessageColumns, excitations: Sequence[Excitation]) -> str:
-    """Return what one ``Resonance`` says: the load, and what ends a warning.
+    """Return what one assessment says: the load, and what ends a warning.
 
-    The excitations are those that were monitored.
+    The message is that of `described`, and the excitations are those that were monitored.
     """
-    speeds = resonance.unknown_speeds
+    speeds = unknown_speeds(resonance.unknown_sources)
     unknown = f"{unknown_speed_words(speeds)} not known or not fresh" if speeds else ""
-    working = at_work(speeds, excitations)
+    working = at_work(resonance.unknown_sources, excitations)
     alone = bool(working) and all(excitation.terrain for excitation in working)
-    if resonance.state == ResonanceState.STALE and not alone:
+    if resonance.excitation_index < 0 and not alone:
         lost = "the prediction for this crank angle has no natural frequencies"
         return f"No load is known, as {lost if working else unknown}."
     tail = f" {unknown[0].upper()}{unknown[1:]}." if unknown else ""
-    rolls = resonance.ground_unknown and Source.GROUND.value not in speeds.split(", ")
-    if rolls:
+    if resonance.ground_unknown and Source.GROUND not in speeds:
         tail += f" {unknown_ground(resonance.ground_unknown)}"
     unknown_load = math.isnan(resonance.total_load_ratio)
     airborne = resonance.off_ground_share > AIRBORNE
@@ -201,7 +226,7 @@ def present_sentence(resonance: MessageColumns, excitations: Sequence[Excitation
         return f"{_warning(resonance, excitations)}{tail}"
     if unknown_load:
         return f"No load is known{no_load_words(resonance, excitations)}.{tail}"
-    qualifier = "known " if rolls else ""
+    qualifier = "known " if resonance.unknown_sources else ""
     total = ratio_words(resonance.total_load_ratio)
     return f"All {qualifier}loads are {total} of the static forces.{tail}"
 

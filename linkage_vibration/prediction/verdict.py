@@ -19,6 +19,7 @@ from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.ground import AIRBORNE
 from linkage_vibration.prediction.severity import (
     GAP,
+    SPEED_BITS,
     ResonanceState,
     WarningLimits,
     at_work,
@@ -30,6 +31,7 @@ from linkage_vibration.prediction.severity import (
     ratio_words,
     unknown_ground,
     unknown_speed_words,
+    unknown_speeds,
 )
 
 _MOST_NAMES = 3  # in a list
@@ -39,7 +41,7 @@ _LATE = 1.0  # s without a message at the start of a log that are worth one
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drive:
-    """The messages on ``~/resonance`` of a drive, in the order in which they were written."""
+    """The assessments of a drive, as of `described`, in the order in which they were written."""
 
     times: FloatArray  # (n,), s since the start of the log
     held: FloatArray  # (n,), s for which each holds
@@ -190,9 +192,9 @@ def drive_sentence(
     monitored.
     """
     resonances = drive.resonances
-    if (resonances.state == ResonanceState.STALE).all():
-        speeds = max(resonances.unknown_speeds, key=len)
-        working = at_work(speeds, excitations)
+    if (resonances.excitation_index < 0).all():
+        unknown = max(resonances.unknown_sources.tolist(), key=int.bit_count)
+        speeds, working = unknown_speeds(unknown), at_work(unknown, excitations)
         blind = bool(speeds) and not working
         why = "no crank angle was valid"
         if blind:
@@ -267,8 +269,7 @@ def _not_counted(drive: Drive) -> str:
 
 def _without(drive: Drive, source: Source) -> BoolArray:
     """Return when a speed was not known, (n,)."""
-    unknown = drive.resonances.unknown_speeds
-    return np.array([source.value in str(speeds).split(", ") for speeds in unknown])
+    return np.asarray(drive.resonances.unknown_sources & SPEED_BITS[source] != 0)
 
 
 def _no_ground(drive: Drive) -> str:

@@ -13,7 +13,7 @@ from linkage_vibration.prediction.advice import Advice, Question, advice_sentenc
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor
-from linkage_vibration.prediction.severity import WarningLimits
+from linkage_vibration.prediction.severity import SPEED_BITS, WarningLimits
 from linkage_vibration.prediction.verdict import drive_sentence, worst_message
 from linkage_vibration.review.log import Log
 
@@ -87,7 +87,7 @@ def all_speeds(log: Log) -> dict[Source, tuple[FloatArray, FloatArray]]:
 def speeds_at_drive(log: Log) -> dict[Source, FloatArray]:
     """Return the magnitude of each speed at each resonance, (n,), rpm or m/s; NaN if not known."""
     assert log.drive is not None
-    unknown = np.char.split(log.drive.resonances.unknown_speeds.astype(str), ", ").tolist()
+    unknown = log.drive.resonances.unknown_sources
     speeds = {}
     for source, (times, values) in all_speeds(log).items():
         rows = np.searchsorted(times, log.times[log.drive.predictions], side="right") - 1
@@ -95,7 +95,7 @@ def speeds_at_drive(log: Log) -> dict[Source, FloatArray]:
         if source is Source.GROUND:  # negative in reverse
             latest = np.abs(latest)
         used = (rows >= 0) & (latest >= 0.0) & (latest < np.inf)
-        used &= np.array([source.value not in names for names in unknown])
+        used &= unknown & SPEED_BITS[source] == 0
         speeds[source] = np.where(used, latest, np.nan)
     return speeds
 

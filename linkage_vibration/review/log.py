@@ -37,11 +37,11 @@ from linkage_vibration.mechanics.arrays import FloatArray, IntArray
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.messages.fields import Field, message_fields
-from linkage_vibration.messages.topics import PREDICTION, RESONANCE
+from linkage_vibration.messages.topics import ASSESSED, PREDICTION
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.predictor import Status, angles_in_table, covers_a_turn
 from linkage_vibration.prediction.provenance import EXCITATIONS, PARAMETERS
-from linkage_vibration.prediction.severity import ResonanceState
+from linkage_vibration.prediction.resonance import described
 from linkage_vibration.prediction.verdict import Drive, drive_of
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
@@ -49,8 +49,19 @@ from linkage_vibration.support.commands import command
 from linkage_vibration.table.table import Table, TableError, load_table
 
 _EACH = "states", "load_ratios"  # what a log keeps of each excitation
+_READ = *_EACH, "load_ratio_factors"  # what is read of each excitation
+_DERIVED = (
+    Field("margin", "float64", False, comment="Hz"),
+    Field("relative_margin", "float64", False, comment="1"),
+    Field("approach", "int8", False),
+    Field("time_to_crossing", "float64", False, comment="s"),
+    Field("load_ratio", "float32", False, comment="1"),
+    Field("load_ratio_factor", "float32", False, comment="1"),
+)
+"""What `described` adds to the fields of messages."""
 _FILE_NAME = re.compile(r"(?!\.\.?$)[^\0]{1,80}")
-_MISSING: dict[str, Any] = {"f": np.nan, "O": "", "i": 0}
+_MISSING: dict[str, Any] = {"f": np.nan, "O": "", "i": 0, "u": 0, "b": False}
+_INDICES = "excitation_index", "mode"
 
 
 class ReviewError(LinkageVibrationError):
@@ -81,12 +92,13 @@ class Log:
     interpolation_error : ndarray, (n,)
         Bound of the relative errors of natural frequencies and damping ratios, 1.
     drive : Drive or None
-        All resonances, with the states and the load ratios of each excitation; None if the log
+        All assessments, with the states and the load ratios of each excitation; None if the log
         holds none.
     resonances : MessageColumns or None
-        The latest ``Resonance`` at each prediction, without header, ``table_id`` and sequences.
-        Before the first one, the state is stale, and other fields are NaN, 0 or "". None if the log
-        holds no resonance.
+        The latest ``LoadState`` at each prediction with its ``Resonance`` and ``Levels``, without
+        headers, ``table_id`` and sequences, and beside them margin, relative margin, direction of
+        approach, time to crossing, and load ratio of the most severe excitation. Before the first
+        one, the state is unknown, and other fields are NaN, 0, -1 or "". None if there is none.
     speeds : dict of Source to (times, values)
         Speeds on topics: s since the first stamp, and rpm or m/s. Speeds have no stamps; their
         times are those of their receipt, less the median delay of the predictions.
@@ -241,7 +253,8 @@ def read_log(path: str | Path) -> Log:
 def _read_messages(path: Path) -> tuple[Columns, Columns, dict[Source, Columns]]:
     """Return the columns of predictions, resonances and speeds, in the order of the file."""
     types = topic_types(path)
-    topics = [first_topic(types, kind) for kind in (PREDICTION, RESONANCE)]
+    kinds = PREDICTION, *ASSESSED
+    topics = [first_topic(types, kind) for kind in kinds]
     speeds = {
         source: topic
         for source in Source
@@ -249,23 +262,48 @@ def _read_messages(path: Path) -> tuple[Columns, Columns, dict[Source, Columns]]
         if topic.endswith(f"/{source.value}_speed") and kind == FLOAT64
     }
     wanted = {topic: types[topic] for topic in [*topics, *speeds.values()] if topic}
-    sequences = {field.name for field in message_fields(RESONANCE) if field.is_sequence}
-    unused = ["header.frame_id", *(sequences - {*_EACH})]
+    fields = [field for kind in ASSESSED for field in message_fields(kind)]
+    sequences = {field.name for field in fields if field.is_sequence}
+    unused = ["header.frame_id", *(sequences - {*_READ})]
     columns = read_columns(path, wanted, as_written=True, unused=unused)
-    predictions, resonances = (columns.get(topic, {}) for topic in topics)
+    predictions, *assessed = (columns.get(topic, {}) for topic in topics)
     if not len(predictions.get("status", ())):
         raise ReviewError(
             f"{path} holds no prediction; predict for a bag with `{command('replay')}` first, and "
             "look in a log of the node for the joint, which may never have been published."
         )
-    for kind, read in ((PREDICTION, predictions), (RESONANCE, resonances)):
+    for kind, read in zip(kinds, (predictions, *assessed), strict=True):
         lacking = {f.name for f in message_fields(kind)} - {*unused, *read}
         if read and lacking:
             raise ReviewError(
                 f"{path} was written by another version, whose {kind.split('/')[-1]} has no "
                 f"{', '.join(sorted(lacking))}; replay the log with this one."
             )
-    return predictions, resonances, {source: columns[topic] for source, topic in speeds.items()}
+    speed_columns = {source: columns[topic] for source, topic in speeds.items()}
+    return predictions, _together(assessed), speed_columns
+
+
+def _together(assessed: Sequence[Columns]) -> Columns:
+    """Return the columns of the messages about assessed readings, as far as each has all of them.
+
+    Those that belong together have the same stamp; a recorder may have missed one of them.
+    """
+    if not all(len(columns.get(PLACE, ())) for columns in assessed):
+        return {}
+    stamps, rows = [header_stamps(columns) for columns in assessed], []
+    if len({each.tobytes() for each in stamps}) > 1:
+        shared = stamps[0]
+        for each in stamps[1:]:
+            shared = np.intersect1d(shared, each)
+        for each in stamps:
+            _, first = np.unique(each, return_index=True)
+            first = first[np.isin(each[first], shared)]
+            rows.append(np.sort(first))
+        assessed = [
+            {name: column[which] for name, column in columns.items()}
+            for columns, which in zip(assessed, rows, strict=True)
+        ]
+    return {name: column for columns in reversed(assessed) for name, column in columns.items()}
 
 
 def gaps(log: Log) -> list[tuple[float, float]]:
@@ -391,28 +429,37 @@ def _resonances(
             there[low:high] = at >= 0
             first = low + np.searchsorted(stamps[low:high], taken[mine])
             predicted[mine] = np.minimum(first, high - 1)
-    fields = [*resonance_fields(), *(f for f in message_fields(RESONANCE) if f.name in _EACH)]
-    every = {field.name: columns[field.name] for field in fields}
-    for name, column in every.items():
-        if column.dtype.kind in "iu":
-            every[name] = column.astype(np.int64)  # They may be negative.
-    messages = MessageColumns(**every).rows(order)
+    numbers = {
+        name: column.astype(np.int64) if column.dtype.kind in "iu" else column  # may be negative
+        for name, column in columns.items()
+    }
+    every = vars(described(MessageColumns(**numbers)))
+    shown = resonance_fields()
+    kept = {*_EACH, *(field.name for field in shown)}
+    messages = MessageColumns(**{n: c for n, c in every.items() if n in kept}).rows(order)
     angles, start = predictions["crank_angle"][predicted[order]], int(stamps[0])
     drive = drive_of(taken[order], start, messages, angles, names, predicted[order])
     values: dict[str, Any] = {}
-    for field in resonance_fields():
+    for field in shown:
         column = every[field.name][rows]
-        other: Any = ResonanceState.STALE if field.name == "state" else _MISSING[column.dtype.kind]
+        other: Any = -1 if field.name in _INDICES else _MISSING[column.dtype.kind]
         values[field.name] = np.where(there, column, other)
     return drive, MessageColumns(**values)
 
 
 def resonance_fields() -> list[Field]:
-    """Return the fields of a resonance that a log shows for each prediction, in their order."""
+    """Return the fields that a log shows of an assessment for each prediction, in their order.
+
+    They are the numbers and texts of the messages, and what follows from them.
+    """
+    fields = {f.name: f for kind in reversed(ASSESSED) for f in message_fields(kind)}
     return [
-        field
-        for field in message_fields(RESONANCE)
-        if not (field.is_sequence or field.name.startswith("header.") or field.name == "table_id")
+        *(
+            field
+            for name, field in fields.items()
+            if not (field.is_sequence or name.startswith("header.") or name == "table_id")
+        ),
+        *_DERIVED,
     ]
 
 

@@ -13,7 +13,6 @@ from urllib.parse import quote
 import numpy as np
 
 from linkage_vibration.prediction.predictor import Status
-from linkage_vibration.prediction.severity import ResonanceState
 from linkage_vibration.prediction.verdict import contributions, episodes, worst_message
 from linkage_vibration.review.findings import first_sentence
 from linkage_vibration.review.html import plain_html, table_tag
@@ -48,7 +47,7 @@ def drive_summary(log: Log) -> dict[str, Any]:
     drive = log.drive
     warnings = [] if drive is None else episodes(drive)
     parts = [] if drive is None else contributions(drive)
-    judged = drive is not None and bool((drive.resonances.state != ResonanceState.STALE).any())
+    judged = drive is not None and bool((drive.resonances.excitation_index >= 0).any())
     worst = None
     if drive is not None and np.isfinite(drive.resonances.total_load_ratio).any():
         row = worst_message(drive)

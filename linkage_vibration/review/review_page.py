@@ -390,7 +390,7 @@ def _load_cards(log: Log, warnings: Sequence[Episode]) -> list[tuple[str, str, b
         return [("Warnings", "not known", True)]
     drive, resonances = log.drive, log.drive.resonances
     total = drive.time_in(np.ones(len(drive.held), np.bool_)) or 1.0
-    stale = drive.time_in(resonances.state == ResonanceState.STALE) / total
+    stale = drive.time_in(resonances.state == ResonanceState.UNKNOWN) / total
     share = 100.0 * sum(episode.duration for episode in warnings) / total
     text = f"{len(warnings)}, {share:.1f} % of the time"
     if stale:

@@ -19,13 +19,14 @@ from rclpy.signals import SignalHandlerOptions
 from linkage_vibration.bags.message_types import FLOAT64
 from linkage_vibration.bags.streams import Bags, open_bags
 from linkage_vibration.bags.writing import QUEUE_DEPTH
+from linkage_vibration.messages.topics import MEASUREMENT
 from linkage_vibration.playback.remapping import choose_topics
 from linkage_vibration.prediction.inputs.presets import HITCH, PRESETS
 from linkage_vibration.prediction.settings import NODE_NAME, Parameters, with_values
 from linkage_vibration.ros.command_line import start_errors
 from linkage_vibration.ros.endpoints import message_class
 from linkage_vibration.support.commands import command
-from linkage_vibration_interfaces.msg import Resonance, TableInfo, VibrationPrediction
+from linkage_vibration_interfaces.msg import LoadState, TableInfo, VibrationPrediction
 
 SETTLING = 1.0  # s; a subscriber finds a publisher somewhat later than the publisher finds it
 HINT_AFTER = 5.0  # s without what is waited for
@@ -91,7 +92,7 @@ def play_bag(
 def _settings(bags: Bags, remaps: Mapping[str, str]) -> Parameters:
     """Return parameters whose presets are those of the topics in bags."""
     topics = {(topic.name, topic.type) for topic in bags.topics if topic.count}
-    types = {kind for _, kind in topics if kind != FLOAT64}
+    types = {kind for _, kind in topics if kind not in (FLOAT64, MEASUREMENT)}
     chosen: dict[str, object] = {}
     for name, presets in PRESETS.items():
         for key, preset in sorted(presets.items(), key=lambda each: each[1].topic not in remaps):
@@ -109,7 +110,7 @@ def watch(
 ) -> None:
     """Receive the predictions of a node, named with its namespace, until an exception ends it.
 
-    ``show`` is called with each prediction, ``take`` with each resonance, and ``report`` with the
+    ``show`` is called with each prediction, ``take`` with each load state, and ``report`` with the
     names of the modes, and with a sentence if no prediction arrives at the beginning.
     """
     with temporary_node("linkage_vibration_watch") as (node, executor):
@@ -126,7 +127,7 @@ def watch(
         last = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         with start_errors():
             node.create_subscription(VibrationPrediction, topic, on_prediction, QUEUE_DEPTH)
-            node.create_subscription(Resonance, f"{node_name}/resonance", take, QUEUE_DEPTH)
+            node.create_subscription(LoadState, f"{node_name}/load_state", take, QUEUE_DEPTH)
             node.create_subscription(TableInfo, f"{node_name}/table_info", on_table, last)
         while True:
             executor.spin_once(0.2)

@@ -16,6 +16,7 @@ from linkage_vibration.prediction.answers import Served
 from linkage_vibration.prediction.excitation import Excitation
 from linkage_vibration.prediction.health import Fault, Level, ReadingWatch, overall
 from linkage_vibration.prediction.predictor import Prediction, uncertain_modes
+from linkage_vibration.prediction.resonance import described
 from linkage_vibration.prediction.severity import ResonanceState, present_sentence
 from linkage_vibration.ros.log_control import Recording
 from linkage_vibration.ros.message_path import LONGEST_WAIT, NO_CLOCK, Predicting
@@ -72,7 +73,7 @@ def _warning(health: Health, statistics: Statistics) -> str:
     return " ".join(_uncertain(last, health.served))
 
 
-_RESONANCE_LEVELS = {ResonanceState.WARNING: Level.WARN, ResonanceState.STALE: Level.STALE}
+_RESONANCE_LEVELS = {ResonanceState.WARNING: Level.WARN, ResonanceState.UNKNOWN: Level.STALE}
 
 
 def _resonance(predicting: Predicting) -> tuple[Level, str]:
@@ -83,7 +84,7 @@ def _resonance(predicting: Predicting) -> tuple[Level, str]:
     if near is None:
         return Level.STALE, "No resonance is assessed, as no speed has arrived."
     return _RESONANCE_LEVELS.get(near.state, Level.OK), present_sentence(
-        near, predicting.excitations
+        described(near), predicting.excitations
     )
 
 
@@ -196,7 +197,8 @@ def _values(health: Health, statistics: Statistics) -> dict[str, str]:
         "table id": "" if served is None else served.table.table_id,
         "table error": f"{served.table.interpolation_error.max() if served else math.nan:.1e}",
     }
-    if predicting is not None and (near := predicting.resonance) is not None:
+    if predicting is not None and predicting.resonance is not None:
+        near = described(predicting.resonance)
         values["resonance"] = near.state.name.lower()
         values["margin [%]"] = f"{100.0 * near.relative_margin:.1f}"
         values["probability"] = f"{near.probability:.2g}"

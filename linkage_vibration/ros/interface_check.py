@@ -6,9 +6,8 @@ from collections.abc import Iterator
 
 from linkage_vibration.bags.schemas import EMPTY, Schema
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.messages.definitions import OWN_PACKAGE, own_parts
+from linkage_vibration.messages.definitions import OWN_PACKAGE, own_types
 from linkage_vibration.messages.fields import message_fields
-from linkage_vibration.ros.endpoints import OUTPUTS
 from linkage_vibration.ros.live_inputs import installed_schema
 from linkage_vibration.support.version import VERSION
 
@@ -19,10 +18,11 @@ class InterfaceError(LinkageVibrationError):
 
 def check_interfaces() -> None:
     """Raise an `InterfaceError` if installed messages, services or actions are not ours."""
-    messages = [output.type for output in OUTPUTS if output.type.startswith(OWN_PACKAGE)]
-    for name in (*messages, *own_parts()):
-        fields = message_fields(name)
-        expected = [(f.name, f.type.rpartition("/")[2], f.is_sequence) for f in fields]
+    for name in own_types():
+        expected = [
+            (field.name, field.type.rpartition("/")[2], field.is_sequence or field.count > 0)
+            for field in message_fields(name)
+        ]
         installed = list(_flat(installed_schema(name), name))
         if installed != expected:
             names = sorted({field for field, *_ in {*installed} ^ {*expected}})

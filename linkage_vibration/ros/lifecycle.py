@@ -18,9 +18,7 @@ from rclpy.duration import Duration
 from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
-from std_msgs.msg import String
 
-from linkage_vibration.bags.message_types import STRING
 from linkage_vibration.bags.recorder import (
     LogLimits,
     Provenance,
@@ -375,7 +373,6 @@ class LinkageVibrationNode(LifecycleNode):
     def _publish_model(self, served: Served) -> None:
         now = self.get_clock().now().to_msg()
         self._outputs[TABLE_INFO].publish(_table_info(served, self._monitored, now))
-        self._outputs[STRING].publish(String(data=served.mechanism_text))
 
     def _provenance(self, served: Served) -> Provenance:
         """Return the model and the parameters that a log attaches."""
@@ -459,6 +456,7 @@ def _table_info(served: Served, excitations: Sequence[Excitation], stamp: Time) 
         places=[place_name(place) for place in table.places],
         excitations=[excitation.name for excitation in excitations],
         response_place=place_name((response.point, response.direction)),
+        mechanism=served.mechanism_text,
         **{name: getattr(table, name) for name in same.split()},
     )
     info.crank_angle_first, info.crank_angle_last = low, high

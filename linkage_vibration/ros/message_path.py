@@ -20,11 +20,11 @@ from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.messages.encoding import encode_message
 from linkage_vibration.messages.topics import (
     ADVICE,
+    ASSESSED,
     LOAD_STATE,
     MEASURED,
     OUTPUT_TOPICS,
     PREDICTION,
-    RESONANCE,
     log_topic,
 )
 from linkage_vibration.prediction.advice import Adviser
@@ -49,10 +49,11 @@ from linkage_vibration.prediction.inputs.topics import INPUT_DEPTH
 from linkage_vibration.prediction.inputs.units import ANGLES, Reading
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.motion import Rate, crank_filter, crank_resolution
-from linkage_vibration.prediction.periods import Periods
+from linkage_vibration.prediction.periods import Periods, Stamps
 from linkage_vibration.prediction.predictor import Prediction, Predictor, Status, fault
 from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.prediction.settings import Parameters
+from linkage_vibration.prediction.severity import ResonanceState, Unknown
 from linkage_vibration.ros.endpoints import MessageInfo, Throttle, message_class
 from linkage_vibration.ros.listener import Listener
 from linkage_vibration.ros.live_inputs import LiveTopic
@@ -115,6 +116,7 @@ class Predicting:
         self.sensors = sensors
         self._node, self._clock, self._listener = node, node.get_clock(), listener
         self._monitor, self._adviser, self._periods = monitor, Adviser(monitor), Periods()
+        self._stamps = Stamps()
         self._record, self._statistics, self._throttle = record, statistics, throttle
         self._outputs = {kind: (each.publish, each.topic_name) for kind, each in publishers.items()}
         self._topics: dict[str, LiveTopic] = {}
@@ -196,7 +198,27 @@ class Predicting:
             self.reading_faults = self._judge_readings(now) if self._subscribed else []
             self.speed_faults = self._judge_speeds(now) if self._subscribed else []
         self.age = now - self.readings.last
+        if self.resonance is not None and not self.age <= self.stale_after:
+            self._publish_unknown(self.resonance)
         self._statistics.reported |= self._listener.lost()
+
+    def _publish_unknown(self, last: MessageColumns) -> None:
+        """Publish that the load is not known while no reading arrives; no log has this message."""
+        publish, _ = self._outputs[LOAD_STATE]
+        message = MessageColumns(
+            count=last.count,
+            state=ResonanceState.UNKNOWN,
+            unknown_sources=int(last.unknown_sources) | Unknown.CRANK_ANGLE,
+            speed_source=0,
+            timed_by_receipt=last.timed_by_receipt,
+            excitation_index=-1,
+            total_load_ratio=math.nan,
+            load_ratio_limit=last.load_ratio_limit,
+            known_share=0.0,
+            quiet_speed=math.nan,
+            quiet_angle=math.nan,
+        )
+        publish(encode_message(LOAD_STATE, message, *divmod(self._now(), 10**9), ""))
 
     def _judge_readings(self, now: float) -> list[Fault]:
         """Return what was wrong with the readings; if the joint is missing, also warn."""
@@ -377,16 +399,18 @@ class Predicting:
         stamp, needed = 10**9 * sec + nanosec, self._monitor.any_speed_reported
         if self.sensors is not None:
             self.sensors.set_angle(reading.crank_angle, stamp)
-        if self._periods.is_due(stamp):
+        due_at, by_receipt = self._stamps.time(stamp, at)
+        if self._periods.is_due(due_at):
             self._publish(PREDICTION, prediction, *header, answers)
             counts.latencies.append(time.monotonic() - began)
-        needed = needed and self._monitor.periods.is_due(stamp)
+        needed = needed and self._monitor.periods.is_due(due_at)
         velocity, error = self._velocity(reading, stamp, needed)
         if needed:
             self.resonance = self._monitor.assess(prediction, velocity, at, error)
-            self._publish(RESONANCE, self.resonance, *header, answers)
-            self._publish(LOAD_STATE, self.resonance, *header, answers)
-            if self._adviser.is_due(float(self.resonance.total_load_ratio), stamp):
+            self.resonance.timed_by_receipt = by_receipt
+            for kind in ASSESSED:
+                self._publish(kind, self.resonance, *header, answers)
+            if self._adviser.is_due(float(self.resonance.total_load_ratio), due_at):
                 self._publish(ADVICE, self._adviser.answer(self.resonance), *header, answers)
         self._record(*source, *answers)
         self.readings.take(

@@ -34,7 +34,7 @@ from linkage_vibration.messages.topics import ADVICE, PREDICTION
 from linkage_vibration.prediction import answers
 from linkage_vibration.prediction.advice import Question, advise
 from linkage_vibration.prediction.answers import Served, place_name
-from linkage_vibration.prediction.excitation import Excitation
+from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.inputs.topics import HITCHED_TOPIC
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor, fault
@@ -42,7 +42,7 @@ from linkage_vibration.ros.endpoints import subscribe
 from linkage_vibration.ros.precedence import rest
 from linkage_vibration.support.own_process import call_in_process
 from linkage_vibration.table.table import Table, table_bytes
-from linkage_vibration_interfaces.action import SetImplement as SetImplementAction
+from linkage_vibration_interfaces.action import SetImplement
 from linkage_vibration_interfaces.msg import Advice, VibrationPrediction
 from linkage_vibration_interfaces.srv import (
     Advise,
@@ -51,7 +51,6 @@ from linkage_vibration_interfaces.srv import (
     GetModeShapes,
     GetTable,
     PredictVibration,
-    SetImplement,
 )
 
 P = ParamSpec("P")
@@ -65,6 +64,8 @@ LATCHED = DurabilityPolicy.TRANSIENT_LOCAL
 # Between so many predictions, less than a millisecond of work, the readings have the processor.
 SLICE = 10
 FEEDBACK_PERIOD = 0.25  # s
+_CODES = {"sequence<double>": "d", "sequence<float>": "f", "sequence<uint8>": "B"}
+"""The codes of arrays, by the types of fields."""
 
 
 class ServiceError(LinkageVibrationError):
@@ -101,13 +102,12 @@ class Services:
             offer(GetFrf, "~/get_frf", _reporting(self._get_frf)),
             offer(GetGroundLevels, "~/get_ground_levels", _reporting(self._get_ground_levels)),
             offer(GetModeShapes, "~/get_mode_shapes", _reporting(self._get_mode_shapes)),
-            offer(GetTable, "~/get_table", self._get_table),
+            offer(GetTable, "~/get_table", _reporting(self._get_table)),
             offer(Advise, "~/advise", _reporting(self._advise)),
-            offer(SetImplement, "~/set_implement", _reporting(self._set_implement)),
         ]
         action = ActionServer(
             node,
-            SetImplementAction,
+            SetImplement,
             "~/set_implement",
             self._on_goal,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
@@ -208,22 +208,17 @@ class Services:
         answer = await self._away(answers.answer_mode_shapes, served, request.crank_angle)
         _fill(response, served, answer)
 
-    async def _get_table(self, _: object, response: GetTable.Response) -> GetTable.Response:
-        try:
-            served = self._served()
-            data = await self._away(table_bytes, served.table)
-        except LinkageVibrationError as error:
-            self._node.get_logger().warning(f"The table was not sent: {error}")
-            return response
+    async def _get_table(self, _: object, response: GetTable.Response) -> None:
+        served = self._served()
+        response.table = array("B", await self._away(table_bytes, served.table))
         response.table_id = served.table.table_id
-        response.table = array("B", data)
         response.mechanism = served.mechanism_text
-        return response
 
     async def _advise(self, request: Advise.Request, response: Advise.Response) -> None:
         angles = request.crank_angle_min, request.crank_angle_max
         speeds = request.ground_speed_min, request.ground_speed_max
-        present = request.engine_speed, request.pto_speed, abs(request.ground_speed)
+        present = [request.engine_speed, request.pto_speed, abs(request.ground_speed)]
+        present = [speed / source.si for source, speed in zip(Source, present, strict=True)]
         question = Question(
             request.crank_angle,
             np.array(present),
@@ -240,7 +235,7 @@ class Services:
         _fill(response, served, advised)
 
     async def _set_implement(
-        self, request: SetImplement.Request, response: SetImplement.Response
+        self, request: SetImplement.Goal, response: SetImplement.Result
     ) -> None:
         centre = tuple(request.centre_of_gravity)
         implement = answers.Implement(request.rigid_body, request.mass, request.inertia, centre)
@@ -255,9 +250,9 @@ class Services:
         if self._pending and self._node.executor is not None:
             self._node.executor.create_task(self._follow)
 
-    async def _on_goal(self, goal: Any) -> SetImplementAction.Result:
-        """Use another implement as the service does, with progress; a client may cancel it."""
-        clock, result = Clock(clock_type=ClockType.STEADY_TIME), SetImplementAction.Result()
+    async def _on_goal(self, goal: Any) -> SetImplement.Result:
+        """Use another implement, with progress; a client may cancel it."""
+        clock, result = Clock(clock_type=ClockType.STEADY_TIME), SetImplement.Result()
         timer = self._node.create_timer(FEEDBACK_PERIOD, lambda: self._report(goal), clock=clock)
         try:
             await self._set_implement(goal.request, result)
@@ -279,7 +274,7 @@ class Services:
         elif self._wanted is not None:
             with suppress(OSError, ValueError):  # nothing is written yet
                 finished = float(answers.progress_file(self._wanted).read_text())
-                feedback = SetImplementAction.Feedback(progress=finished, step="building the table")
+                feedback = SetImplement.Feedback(progress=finished, step="building the table")
                 goal.publish_feedback(feedback)
 
     def _on_hitched(self, data: bytes, _: object) -> None:
@@ -423,10 +418,10 @@ def _rebuild(
 
 def _fill(response: Any, served: Served, answer: object) -> None:
     """Give a response the id of the table, and what of an answer has the names of its fields."""
-    for name in response.get_fields_and_field_types():
+    for name, kind in response.get_fields_and_field_types().items():
         match getattr(answer, name, None):
             case np.ndarray() as numbers:
-                setattr(response, name, _numbers(numbers))
+                setattr(response, name, _numbers(numbers, _CODES[kind]))
             case tuple() as texts:
                 names = [place_name(each) if isinstance(each, tuple) else each for each in texts]
                 setattr(response, name, names)
@@ -436,6 +431,6 @@ def _fill(response: Any, served: Served, answer: object) -> None:
         response.table_id = served.table.table_id
 
 
-def _numbers(values: "NDArray[np.float64 | np.uint8]") -> "array[Any]":
+def _numbers(values: "NDArray[np.float64 | np.uint8]", code: str = "d") -> "array[Any]":
     """Return numbers row by row in an array, which messages accept without checking each."""
-    return array("B" if values.dtype == np.uint8 else "d", np.ascontiguousarray(values).tobytes())
+    return array(code, np.ascontiguousarray(values, code).tobytes())

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.messages.encoding import encode_columns, encode_message
-from linkage_vibration.messages.topics import LOAD_STATE, PREDICTION, RESONANCE
+from linkage_vibration.messages.topics import ASSESSED, PREDICTION
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.predictor import Predictor, predict_many
 from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor
@@ -106,8 +106,7 @@ def assert_same_resonances(
             asked.append(event)
             resonance = monitors[0].assess(predictor.predict(first), value, time)
             header = -len(asked), time % SECOND, "base_link"
-            kinds = RESONANCE, LOAD_STATE
-            expected.append([encode_message(kind, resonance, *header) for kind in kinds])
+            expected.append([encode_message(kind, resonance, *header) for kind in ASSESSED])
     angle, velocity, times = np.array(asked, object).reshape(-1, 3).T
     predictions = predict_many(predictor, angle.astype(float), np.zeros(len(asked)))
     resonances = monitors[1].assess_many(
@@ -115,7 +114,7 @@ def assert_same_resonances(
     )
     stamps = -1 - np.arange(len(asked), dtype=np.int32), (times % SECOND).astype(np.uint32)
     actual: list[list[bytes]] = [[] for _ in asked]
-    for kind in (RESONANCE, LOAD_STATE):
+    for kind in ASSESSED:
         for which, rows in encode_columns(kind, resonances, *stamps, "base_link"):
             for i, row in zip(which, rows, strict=True):
                 actual[i].append(row.tobytes())

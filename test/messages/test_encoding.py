@@ -3,16 +3,18 @@
 """The bytes of predictions and resonances, and the descriptions of faults."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.messages.encoding import encode_message
-from linkage_vibration.messages.topics import LOAD_STATE, PREDICTION, RESONANCE
+from linkage_vibration.messages.fields import message_fields
+from linkage_vibration.messages.topics import ADVICE, LOAD_STATE, PREDICTION, RESONANCE
 from linkage_vibration.prediction.predictor import Prediction, Status, fault
-from linkage_vibration.prediction.resonance import ResonanceState
 from test.support.messages import resonance
 
 TEXT = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=20)
@@ -69,56 +71,77 @@ def test_resonances_are_what_ros_reads(
 
     from linkage_vibration_interfaces.msg import Resonance as Message
 
-    state = ResonanceState.WARNING
-    values = {"natural_frequency": 2.0, "margin": 3.0, "relative_margin": 4.0, "approach": -1}
-    values |= {"state": state, "excitation_frequency": number, "mode": mode}
+    values = {"natural_frequency": 2.0, "approach_rate": -4.0, "probability": 0.5}
+    values |= {"excitation_frequency": number, "mode": mode}
     texts = {"excitation": excitation, "table_id": "0123456789ab"}
-    known = resonance(**values, **texts, time_to_crossing=math.inf)
+    known = resonance(**values, **texts)
     message = deserialize_message(encode_message(RESONANCE, known, 5, 7, frame), Message)
     assert (message.header.stamp.sec, message.header.stamp.nanosec) == (5, 7)
     assert (message.header.frame_id, message.excitation) == (frame, excitation)
-    assert (message.state, message.mode, message.approach) == (Message.STATE_WARNING, mode, -1)
     assert message.excitation_frequency == number or math.isnan(number)
-    actual = (message.natural_frequency, message.margin, message.relative_margin)
-    assert actual == (2.0, 3.0, 4.0)
-    assert (message.time_to_crossing, message.table_id) == (math.inf, "0123456789ab")
+    actual = (message.natural_frequency, message.approach_rate, message.probability, message.mode)
+    assert actual == (2.0, -4.0, 0.5, mode)
+    assert message.table_id == "0123456789ab"
 
 
 @given(
-    margin=st.floats(),
-    ratio=st.floats(width=32),
-    limit=st.floats(2.0**-20, 2.0**20, width=32),
-    numbers=st.tuples(*[st.integers(-1, 2**15 - 1)] * 2),
-    directions=st.tuples(*[st.integers(-1, 1)] * 2),
+    numbers=st.tuples(st.floats(), st.floats()),
+    ratios=st.tuples(*[st.floats(width=32)] * 3),
+    small=st.tuples(*[st.integers(0, 255)] * 3),
+    index=st.integers(-1, 2**15 - 1),
+    count=st.integers(0, 2**32 - 1),
+    by_receipt=st.booleans(),
     frame=TEXT,
 )
-def test_load_states_have_a_fixed_size(
-    margin: float,
-    ratio: float,
-    limit: float,
-    numbers: tuple[int, int],
-    directions: tuple[int, int],
+def test_load_states_are_what_ros_reads(
+    numbers: tuple[float, float],
+    ratios: tuple[float, float, float],
+    small: tuple[int, int, int],
+    index: int,
+    count: int,
+    by_receipt: bool,
     frame: str,
 ) -> None:
-    """A ROS 2 reader reads every field, and any values have 35 bytes with those of the header.
+    """A ROS 2 reader reads every field; but for the frame, the message has a fixed size.
 
-    These are 4 of the encapsulation, 8 of the stamp, 8 + 4 + 4 of the numbers, 2 + 2 of the
-    indices, and 3 of the state and the directions.
+    With an empty frame these are 4 bytes of the encapsulation, 16 of the header, 4 of the counter,
+    4 of small numbers, 2 of the index and 2 to align, 12 of the ratios, and 16 of what is quiet.
     """
     from rclpy.serialization import deserialize_message
 
     from linkage_vibration_interfaces.msg import LoadState
 
-    names = "relative_margin", "total_load_ratio", "load_ratio_limit", "excitation_index", "mode"
-    values = dict(zip(names, (margin, ratio, limit, *numbers), strict=True))
-    values |= {"state": 1, "quiet_speed_direction": directions[0]}
-    values |= {"quiet_angle_direction": directions[1]}
-    encoded = encode_message(LOAD_STATE, resonance(**values), -5, 7, frame)
-    assert len(encoded) == 4 + 8 + 8 + 4 + 4 + 2 + 2 + 3
-    message = deserialize_message(encoded, LoadState)
-    assert (message.stamp.sec, message.stamp.nanosec) == (-5, 7)
+    values: dict[str, Any] = dict(zip(("quiet_speed", "quiet_angle"), numbers, strict=True))
+    names = "total_load_ratio", "load_ratio_limit", "known_share"
+    values |= dict(zip(names, ratios, strict=True))
+    values |= dict(zip(("state", "unknown_sources", "speed_source"), small, strict=True))
+    values |= {"excitation_index": index, "count": count, "timed_by_receipt": by_receipt}
+    known = resonance(**values)
+    assert len(encode_message(LOAD_STATE, known, -5, 7, "")) == 60
+    message = deserialize_message(encode_message(LOAD_STATE, known, -5, 7, frame), LoadState)
+    assert (message.header.stamp.sec, message.header.stamp.nanosec) == (-5, 7)
+    assert message.header.frame_id == frame
     for name, value in values.items():
-        np.testing.assert_equal(getattr(message, name), value)
+        assert getattr(message, name) == value or math.isnan(value)
+
+
+@given(st.lists(st.lists(st.floats(width=32), min_size=8, max_size=8), min_size=4, max_size=4))
+def test_places_of_advice_are_what_ros_reads(numbers: list[list[float]]) -> None:
+    """A ROS 2 reader finds each number of each place in its field."""
+    from rclpy.serialization import deserialize_message
+
+    from linkage_vibration_interfaces.msg import Advice
+
+    [kind] = [field.dtype for field in message_fields(ADVICE) if field.count]
+    places = np.array([tuple(row) for row in numbers], kind)
+    for texts in (("", "", ""), ("a", "bc", "def"), ("abcd", "efgh", "ijkl")):
+        names = dict(zip(("table_id", "sentence", "not_counted"), texts, strict=True))
+        advice = MessageColumns(**names, places=places)
+        message = deserialize_message(encode_message(ADVICE, advice, 5, 7, "f"), Advice)
+        assert (message.table_id, message.sentence, message.not_counted) == texts
+        for place, row in zip(message.places, numbers, strict=True):
+            values = [getattr(place, name) for name in place.get_fields_and_field_types()]
+            np.testing.assert_array_equal(values, row)
 
 
 @pytest.mark.parametrize(

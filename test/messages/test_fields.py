@@ -6,9 +6,11 @@ from pathlib import Path
 
 import pytest
 
+from linkage_vibration.messages.definitions import OWN_PACKAGE
 from linkage_vibration.messages.fields import Field, message_fields
 from linkage_vibration.messages.topics import (
     ADVICE,
+    LEVELS,
     LOAD_STATE,
     MEASURED,
     PREDICTION,
@@ -17,7 +19,9 @@ from linkage_vibration.messages.topics import (
 )
 from linkage_vibration.support.resources import share_directory
 
-MESSAGES = [PREDICTION, RESONANCE, LOAD_STATE, ADVICE, MEASURED, TABLE_INFO]
+PLACE, MEASUREMENT = (f"{OWN_PACKAGE}/msg/{name}" for name in ("AdvisedPlace", "Measurement"))
+MESSAGES = [PREDICTION, RESONANCE, LEVELS, LOAD_STATE, ADVICE, PLACE, MEASURED, TABLE_INFO]
+MESSAGES.append(MEASUREMENT)
 
 
 @pytest.mark.parametrize("kind", MESSAGES)
@@ -53,7 +57,7 @@ def test_sequences_are_bounded(kind: str) -> None:
     }
     fields = [field for field in message_fields(kind) if field.is_sequence]
     assert {field.name: field.limit for field in fields} == limits
-    assert (limits == {}) == (kind == LOAD_STATE)
+    assert (limits == {}) == (kind in (RESONANCE, LOAD_STATE, ADVICE, PLACE, MEASUREMENT))
 
 
 def test_every_message_has_a_topic_or_a_name() -> None:
@@ -66,4 +70,4 @@ def test_a_message_in_a_response_is_flattened() -> None:
     """The answer to a question for advice has the fields of the message in their place."""
     fields = message_fields("linkage_vibration_interfaces/srv/Advise_Response")
     assert [field.name for field in fields][:3] == ["success", "message", "advice.header.stamp.sec"]
-    assert Field("advice.load_ratios", "float64", True) in fields
+    assert Field("advice.places", PLACE, False, count=4) in fields

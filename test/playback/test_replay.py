@@ -27,6 +27,7 @@ from linkage_vibration.cli.main import main
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.messages.encoding import encode_message
 from linkage_vibration.messages.topics import (
+    LEVELS_TOPIC,
     LOAD_STATE_TOPIC,
     PREDICTION,
     PREDICTION_TOPIC,
@@ -42,7 +43,7 @@ from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.motion import crank_filter, crank_resolution
 from linkage_vibration.prediction.parameter_files import read_parameters
 from linkage_vibration.prediction.predictor import Predictor, Status
-from linkage_vibration.prediction.resonance import ResonanceMonitor
+from linkage_vibration.prediction.resonance import ResonanceMonitor, described
 from linkage_vibration.prediction.settings import ParameterError, Parameters
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
@@ -199,7 +200,7 @@ def test_motion_that_is_estimated(tmp_path: Path) -> None:
             continue
         period = time // 20_000_000
         resonance = monitor.assess(prediction, velocity, time, error)
-        directions.add(resonance.approach)
+        directions.add(int(described(resonance).approach))
         expected.append((time, encode_message(RESONANCE, resonance, *divmod(time, 10**9), "")))
     assert data_of(log, RESONANCE_TOPIC) == expected
     assert directions > {0}
@@ -251,7 +252,7 @@ def test_clock_that_jumped_back(tmp_path: Path, own: bool) -> None:
 def test_predictions_at_a_rate(tmp_path: Path) -> None:
     """At 10 Hz the log has the first prediction in each tenth of a second, and all else as before.
 
-    Each load state has the state, the total and the mode of its resonance.
+    Each load state belongs to a resonance, and has the total of its levels.
     """
     each, some = tmp_path / "each.mcap", tmp_path / "some.mcap"
     replay([DRIVE], each, Parameters())
@@ -265,14 +266,14 @@ def test_predictions_at_a_rate(tmp_path: Path) -> None:
     assert done.predictions == len(actual) == len(data_of(each, PREDICTION_TOPIC)) // 10
     for topic in (RESONANCE_TOPIC, LOAD_STATE_TOPIC, "/joint_states"):
         assert data_of(some, topic) == data_of(each, topic) != []
-    pairs = zip(
-        read_messages(each, RESONANCE_TOPIC), read_messages(each, LOAD_STATE_TOPIC), strict=True
-    )
-    for (_, resonance), (_, state) in pairs:
-        stamps = [(at.sec, at.nanosec) for at in (resonance.header.stamp, state.stamp)]
-        assert stamps[0] == stamps[1]
-        assert (resonance.state, resonance.mode) == (state.state, state.mode)
-        np.testing.assert_equal(resonance.total_load_ratio, state.total_load_ratio)
+    topics = RESONANCE_TOPIC, LEVELS_TOPIC, LOAD_STATE_TOPIC
+    columns = zip(*(read_messages(each, topic) for topic in topics), strict=True)
+    for count, ((_, resonance), (_, levels), (_, state)) in enumerate(columns, 1):
+        stamps = {(m.header.stamp.sec, m.header.stamp.nanosec) for m in (resonance, levels, state)}
+        assert len(stamps) == 1
+        assert state.count == count
+        assert state.state == 0 or state.state >= max(levels.states)
+        np.testing.assert_equal(levels.total_load_ratio, state.total_load_ratio)
 
 
 def test_every_kind_of_bag_gives_the_same(tmp_path: Path) -> None:

@@ -21,6 +21,7 @@ from linkage_vibration.prediction.ground import AIRBORNE, ground_spectrum
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.resonance import ResonanceMonitor
+from linkage_vibration.prediction.resonance import described as with_derived
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.prediction.severity import ResonanceState, present_sentence
 from linkage_vibration.readers.excitations import excitation_files, read_excitations
@@ -164,7 +165,7 @@ def assessed(
         monitor.set_speed(Source.PTO, 0.0, time)
         monitor.set_speed(Source.GROUND, speed, time)
         message = monitor.assess(prediction, 0.0, time)
-    return message
+    return with_derived(message)
 
 
 def test_levels_over_angles_and_speeds_are_those_of_each_pair(predictor: Predictor) -> None:
@@ -218,7 +219,7 @@ def test_an_unknown_ground_is_not_clear(predictor: Predictor) -> None:
     """With a tool in the soil there is no level, no total without orders, and a reason."""
     working = excitations_from_mapping({"field": GROUND | {"raised": False}})
     actual = assessed(predictor, working, SPEED)
-    assert actual.state == ResonanceState.STALE
+    assert actual.state == ResonanceState.UNKNOWN
     assert math.isnan(actual.total_load_ratio)
     assert "A tool is in the soil" in actual.ground_unknown
     text = present_sentence(actual, working)
@@ -226,7 +227,7 @@ def test_an_unknown_ground_is_not_clear(predictor: Predictor) -> None:
     with_shaft = described(raised=False)
     assert assessed(predictor, with_shaft, SPEED).total_load_ratio == 0.0
     blind = assessed(predictor, described(), math.nan)
-    assert blind.states[1] == ResonanceState.STALE
+    assert blind.states[1] == ResonanceState.UNKNOWN
     assert present_sentence(blind, described()).endswith(
         "The ground speed is not known or not fresh."
     )

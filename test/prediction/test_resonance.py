@@ -20,8 +20,10 @@ from linkage_vibration.prediction.resonance import (
     ReportedSpeed,
     ResonanceMonitor,
     ResonanceState,
+    described,
     half_power_probability,
 )
+from linkage_vibration.prediction.severity import Unknown
 from linkage_vibration.support.resources import PAPER_TABLE, config_file
 from linkage_vibration.table.table import load_table
 
@@ -48,6 +50,11 @@ def monitor(stale_after: float = 1.0) -> ResonanceMonitor:
     return ResonanceMonitor(engine, stale_after=stale_after)
 
 
+def assessed(watch: ResonanceMonitor, *args: Any, **options: float) -> Any:
+    """Return an assessment with what follows from its fields."""
+    return described(watch.assess(*args, **options))
+
+
 def rpm(frequency: float) -> float:
     """Return the engine speed whose first order has a frequency in Hz."""
     return 60.0 * frequency
@@ -60,7 +67,7 @@ def test_nearest_of_all_pairs(predictor: Predictor, speed: float, alpha3: float)
     watch = ResonanceMonitor([Excitation(f"e {o}", Source.ENGINE, o / 60.0) for o in orders])
     watch.set_speed(Source.ENGINE, speed, 0)
     prediction = predictor.predict(alpha3)
-    resonance = watch.assess(prediction, 0.0, 0)
+    resonance = assessed(watch, prediction, 0.0, 0)
     margins = [
         (o / 60.0 * speed - f) / f for o in orders for f in prediction.natural_frequencies.tolist()
     ]
@@ -85,7 +92,7 @@ def test_approach_of_an_engine_that_speeds_up(prediction: Prediction) -> None:
     for first, approach, crossing in ((-6.5, 1, 1.5), (-4.5, -1, math.inf)):
         watch = monitor()
         end = ramp(watch, natural + first, 2.0, 1.9 if approach > 0 else 3.1)
-        resonance = watch.assess(prediction, 0.0, end)
+        resonance = assessed(watch, prediction, 0.0, end)
         assert resonance.approach == approach
         assert resonance.time_to_crossing == pytest.approx(
             crossing - 0.05 if approach > 0 else crossing
@@ -98,17 +105,17 @@ def test_a_direction_that_is_not_known(prediction: Prediction) -> None:
     """Without rates, and with rates below their errors, no direction and no time is reported."""
     natural, watch = float(prediction.natural_frequencies[1]), monitor()
     watch.set_speed(Source.ENGINE, rpm(natural - 2.0), 0)
-    first = watch.assess(prediction, 0.0, 0)  # one speed has no rate
+    first = assessed(watch, prediction, 0.0, 0)  # one speed has no rate
     end = ramp(watch, natural - 6.0, 2.0, 2.0)
-    still = watch.assess(prediction, math.nan, end)  # the motion of the hitch is not known
-    within = watch.assess(prediction, 0.0, end, velocity_error=1.0)
+    still = assessed(watch, prediction, math.nan, end)  # the motion of the hitch is not known
+    within = assessed(watch, prediction, 0.0, end, velocity_error=1.0)
     for each in (first, still, within):
-        assert each.state is not ResonanceState.STALE
+        assert each.state is not ResonanceState.UNKNOWN
         assert each.approach == 0
         assert math.isnan(each.time_to_crossing)
     assert within.approach_rate_error > abs(within.approach_rate)
     watch.set_fixed(Source.ENGINE, rpm(natural - 2.0))
-    fixed = watch.assess(prediction, 0.0, end)  # nothing moves, so they never meet
+    fixed = assessed(watch, prediction, 0.0, end)  # nothing moves, so they never meet
     assert (fixed.approach, fixed.time_to_crossing) == (0, math.inf)
 
 
@@ -120,7 +127,7 @@ def test_tyres_excite_in_reverse(prediction: Prediction, direction: float) -> No
     for i in range(30):
         speed = direction * (5.0 + 0.1 * i)  # m/s, 1 m/s^2
         watch.set_speed(Source.GROUND, speed, i * SECOND // 10)
-    resonance = watch.assess(prediction, 0.0, 29 * SECOND // 10)
+    resonance = assessed(watch, prediction, 0.0, 29 * SECOND // 10)
     assert resonance.excitation_frequency == pytest.approx(4.0 * 7.9)
     assert abs(resonance.approach_rate) == pytest.approx(4.0)
     assert resonance.approach == -1 if resonance.margin > 0.0 else 1
@@ -132,31 +139,31 @@ def test_approach_of_a_hitch_that_moves(predictor: Predictor) -> None:
     before, after = predictor.predict(alpha3), predictor.predict(alpha3 + velocity)  # 1 s on
     target = float(after.natural_frequencies[1])
     watch.set_fixed(Source.ENGINE, rpm(target))
-    resonance = watch.assess(before, velocity, 0)
+    resonance = assessed(watch, before, velocity, 0)
     assert resonance.mode == 1
     assert resonance.approach == 1
     assert resonance.time_to_crossing == pytest.approx(1.0, rel=0.1)  # the slope changes on the way
-    assert watch.assess(before, -velocity, 0).approach == -1
-    assert watch.assess(before, 0.0, 0).approach == 0
+    assert assessed(watch, before, -velocity, 0).approach == -1
+    assert assessed(watch, before, 0.0, 0).approach == 0
 
 
 def test_stale_speeds(predictor: Predictor, prediction: Prediction) -> None:
-    """Without a fresh speed or a prediction the state is stale, and recovers at once."""
+    """Without a fresh speed or a prediction the state is unknown, and recovers at once."""
     watch = monitor(stale_after=1.0)
-    stale = watch.assess(prediction, 0.0, 0)
-    assert stale.state is ResonanceState.STALE
+    stale = assessed(watch, prediction, 0.0, 0)
+    assert stale.state is ResonanceState.UNKNOWN
     assert (stale.excitation, stale.mode, stale.approach) == ("", -1, 0)
     assert stale.excitation_index == -1
     assert math.isnan(stale.margin)
     assert math.isnan(stale.time_to_crossing)
     watch.set_speed(Source.ENGINE, 2000.0, 5 * SECOND)
     for at, expected in ((5.0, False), (5.99, False), (6.01, True), (3.9, True)):
-        actual = watch.assess(prediction, 0.0, round(at * SECOND)).state
-        assert (actual is ResonanceState.STALE) == expected
+        actual = assessed(watch, prediction, 0.0, round(at * SECOND)).state
+        assert (actual is ResonanceState.UNKNOWN) == expected
     outside = predictor.predict(0.0)
-    assert watch.assess(outside, 0.0, 5 * SECOND).state is ResonanceState.STALE
+    assert assessed(watch, outside, 0.0, 5 * SECOND).state is ResonanceState.UNKNOWN
     watch.set_fixed(Source.ENGINE, 2000.0)
-    assert watch.assess(prediction, 0.0, 10**18).state is not ResonanceState.STALE
+    assert assessed(watch, prediction, 0.0, 10**18).state is not ResonanceState.UNKNOWN
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -1.0])
@@ -165,7 +172,7 @@ def test_invalid_speed(prediction: Prediction, value: float) -> None:
     watch = monitor()
     watch.set_speed(Source.ENGINE, 2000.0, 0)
     watch.set_speed(Source.ENGINE, value, SECOND // 10)
-    assert watch.assess(prediction, 0.0, SECOND // 10).state is ResonanceState.STALE
+    assert assessed(watch, prediction, 0.0, SECOND // 10).state is ResonanceState.UNKNOWN
 
 
 def test_any_speed_reported() -> None:
@@ -184,7 +191,7 @@ def test_fixed_speeds(prediction: Prediction) -> None:
     watch = monitor()
 
     def is_stale(at: int) -> bool:
-        return watch.assess(prediction, 0.0, at).state is ResonanceState.STALE
+        return assessed(watch, prediction, 0.0, at).state is ResonanceState.UNKNOWN
 
     watch.set_fixed(Source.ENGINE, None)
     assert not watch.any_speed_reported
@@ -204,11 +211,11 @@ def test_shaft_at_rest_is_clear(prediction: Prediction) -> None:
     """An engine at rest is known to excite nothing, while a speed that is not known is named."""
     watch = monitor()
     watch.set_speed(Source.ENGINE, 0.0, 0)
-    still = watch.assess(prediction, 0.0, 0)
-    assert (still.state, still.unknown_speeds) == (ResonanceState.CLEAR, "")
+    still = assessed(watch, prediction, 0.0, 0)
+    assert (still.state, still.unknown_sources) == (ResonanceState.CLEAR, 0)
     watch.set_speed(Source.ENGINE, math.nan, SECOND)
-    lost = watch.assess(prediction, 0.0, SECOND)
-    assert (lost.state, lost.unknown_speeds) == (ResonanceState.STALE, "engine")
+    lost = assessed(watch, prediction, 0.0, SECOND)
+    assert (lost.state, lost.unknown_sources) == (ResonanceState.UNKNOWN, Unknown.ENGINE_SPEED)
 
 
 def test_clock_that_jumps_back(prediction: Prediction) -> None:
@@ -216,9 +223,9 @@ def test_clock_that_jumps_back(prediction: Prediction) -> None:
     natural, watch = float(prediction.natural_frequencies[1]), monitor(stale_after=10.0)
     end = ramp(watch, natural - 8.0, 2.0, 2.0)
     watch.set_speed(Source.ENGINE, rpm(natural - 8.0 + 2.0 * 1.9), end)
-    assert watch.assess(prediction, 0.0, end).approach == 1
+    assert assessed(watch, prediction, 0.0, end).approach == 1
     watch.set_speed(Source.ENGINE, rpm(natural - 5.0), end - SECOND)
-    assert watch.assess(prediction, 0.0, end - SECOND).approach == 0
+    assert assessed(watch, prediction, 0.0, end - SECOND).approach == 0
 
 
 def test_burst_makes_no_rate_of_its_own(prediction: Prediction) -> None:
@@ -227,7 +234,7 @@ def test_burst_makes_no_rate_of_its_own(prediction: Prediction) -> None:
     for i, noise in enumerate(np.random.default_rng(1).normal(0.0, 0.01, 5000)):
         time = i * SECOND // 5000  # the noise changes by some 100 Hz/s from one to the next
         watch.set_speed(Source.ENGINE, rpm(natural - 4.0 + 2e-9 * time + noise), time)
-        resonance = watch.assess(prediction, 0.0, time)
+        resonance = assessed(watch, prediction, 0.0, time)
         if resonance.approach_rate == resonance.approach_rate:
             assert abs(resonance.approach_rate - 2.0) < resonance.approach_rate_error
     assert resonance.approach == 1
@@ -253,8 +260,8 @@ def test_a_speed_is_fresh_up_to_its_limit(prediction: Prediction) -> None:
     for age, fresh in ((10**9, True), (-(10**9), True), (10**9 + 1, False), (-(10**9) - 1, False)):
         watch = monitor()
         watch.set_speed(Source.ENGINE, 2000.0, 10**12)
-        resonance = watch.assess(prediction, 0.0, 10**12 + age)
-        assert (resonance.state != ResonanceState.STALE) == fresh
+        resonance = assessed(watch, prediction, 0.0, 10**12 + age)
+        assert (resonance.state != ResonanceState.UNKNOWN) == fresh
 
 
 def test_long_series_are_assessed_as_short_ones(predictor: Predictor) -> None:
@@ -268,7 +275,7 @@ def test_long_series_are_assessed_as_short_ones(predictor: Predictor) -> None:
     for i, angle in enumerate(angles.tolist()):
         if i in reports:
             watch.set_speed(Source.ENGINE, reports[i], int(times[i]))
-        resonance = watch.assess(predictor.predict(angle), 0.12, int(times[i]))
+        resonance = assessed(watch, predictor.predict(angle), 0.12, int(times[i]))
         for name in ("state", "excitation_frequency", "approach_rate"):
             np.testing.assert_array_equal(getattr(whole, name)[i], getattr(resonance, name))
     assert len(set(whole.state.tolist())) > 1
@@ -283,7 +290,7 @@ def test_same_calls_give_the_same_answers(predictor: Predictor) -> None:
             time = i * SECOND // 50
             if i % 5 == 0:
                 watch.set_speed(Source.ENGINE, 4000.0 + 700.0 * math.sin(0.03 * i), time)
-            resonance = watch.assess(predictor.predict(1.6 + 0.005 * i), 0.25, time)
+            resonance = assessed(watch, predictor.predict(1.6 + 0.005 * i), 0.25, time)
             answers.append(encode_message(RESONANCE, resonance, i, 0, ""))
         return answers
 
@@ -308,7 +315,7 @@ def test_real_engine_speeds(predictor: Predictor) -> None:
             # From 0xFB00 on the bus says that there is no number.
             speed = 0.125 * raw if raw < 0xFB00 else math.nan
             watch.set_speed(Source.ENGINE, speed, time)
-            resonance = watch.assess(prediction, 0.0, time)
+            resonance = assessed(watch, prediction, 0.0, time)
             speeds.append(speed)
             states.append(resonance.state)
             if resonance.state is NOTE:
@@ -323,4 +330,4 @@ def test_real_engine_speeds(predictor: Predictor) -> None:
     assert {ResonanceState.CLEAR, NOTE} <= set(states)
     assert crossings > 0
     for speed, state in zip(speeds, states, strict=True):
-        assert (state is ResonanceState.STALE) == math.isnan(speed)
+        assert (state is ResonanceState.UNKNOWN) == math.isnan(speed)

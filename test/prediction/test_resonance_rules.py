@@ -11,14 +11,14 @@ import pytest
 from linkage_vibration.prediction.excitation import Source, excitations_from_mapping
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor, predict_many
-from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor
+from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor, described
 from linkage_vibration.prediction.severity import WarningLimits
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import DEFAULT_MECHANISM, DEFAULT_TABLE, config_file
 from linkage_vibration.table.table import load_table
 
 SECOND, N = 10**9, 1500
-CLEAR, WARNING, STALE, NOTE = range(4)
+UNKNOWN, CLEAR, NOTE, WARNING = range(4)
 WARNING_RATIO, NOTE_RATIO, NEAR, DWELL = 0.008, 0.002, 0.1, 0.5
 ORDERS = excitations_from_mapping(
     {
@@ -49,9 +49,15 @@ class Rules:
         self.with_levels = with_levels
         n = len(ORDERS) + 1
         self.warns, self.since = [False] * n, [math.inf] * n
+        self.seen = [-math.inf] * n
 
-    def _follow(self, k: int, exceeds: bool, time: float) -> bool:
+    def _follow(self, k: int, exceeds: bool, known: bool, time: float) -> bool:
         """Return whether a limit warns: it changes once it has said otherwise for long enough."""
+        if time - self.seen[k] > 3.0:
+            self.warns[k], self.since[k], self.seen[k] = False, math.inf, time
+        if not known:
+            return False
+        self.seen[k] = time
         if exceeds == self.warns[k]:
             self.since[k] = math.inf
         else:
@@ -69,10 +75,11 @@ class Rules:
         """
         states, ranked, seconds = [], [], time / SECOND
         for k, each in enumerate(ORDERS):
-            warns = self._follow(k, loads[k] > WARNING_RATIO and each.warns, seconds)
+            exceeds = loads[k] > WARNING_RATIO and each.warns
+            warns = self._follow(k, exceeds, not math.isnan(loads[k]), seconds)
             modes = [i for i, natural in enumerate(row["f"]) if not math.isnan(natural)]
             if each.source not in speeds or not modes:
-                states.append(STALE)
+                states.append(UNKNOWN)
                 continue
             frequency = each.ratio * speeds[each.source]
             mode = min(modes, key=lambda i: abs(frequency - row["f"][i]) / row["f"][i])
@@ -86,13 +93,18 @@ class Rules:
             rank = {CLEAR: 0, NOTE: 1, WARNING: 2}[states[-1]]
             order = (rank, known, loads[k] if known else -apart, -k)
             ranked.append((*order, (mode, frequency, natural, probability, rate)))
-        total = WARNING if self._follow(-1, loads[-1] > WARNING_RATIO, seconds) else CLEAR
+        whole = len(speeds) == len(Source) and not all(math.isnan(f) for f in row["f"])
+        high = loads[-1] > WARNING_RATIO
+        known = high or (whole and not math.isnan(loads[-1]))
+        total = WARNING if self._follow(-1, high, known, seconds) else CLEAR
         total = NOTE if total == CLEAR and loads[-1] > NOTE_RATIO else total
         if not ranked:
-            return states, STALE, None
+            return states, UNKNOWN, None
         best = max(ranked)
         ranks = {0: CLEAR, 1: NOTE, 2: WARNING}
         overall = ranks[max(best[0], {CLEAR: 0, NOTE: 1, WARNING: 2}[total])]
+        if overall == CLEAR and not whole:
+            overall = UNKNOWN
         return states, overall, best[3:]
 
     def _probability(self, first: Any, f: float, row: dict[str, Any], mode: int) -> float:
@@ -135,13 +147,14 @@ def test_every_number_follows_the_rules(with_levels: bool) -> None:
         now = {s: column[k] for s, column in speeds.items() if not math.isnan(column[k])}
         for source in Source:
             monitor.set_fixed(source, now.get(source))
-        actual = monitor.assess_many(
+        assessed = monitor.assess_many(
             predictions.rows(slice(k, k + 1)),
             velocities[k : k + 1],
             np.array([times[k]]),
             (),
             np.zeros(1),
-        ).message(0)
+        )
+        actual = described(assessed).message(0)
         row = {
             "f": predictions.natural_frequencies[k].tolist(),
             "zeta": predictions.damping_ratios[k].tolist(),
@@ -153,7 +166,12 @@ def test_every_number_follows_the_rules(with_levels: bool) -> None:
         states, overall, best = rules.reported(row, now, times[k], loads)
         assert actual.states.tolist() == states, k
         assert actual.state == overall, k
-        seen |= set(states)
+        seen |= {*states, overall}
+        lost = {s: bit for s, bit in zip(Source, (2, 4, 8), strict=True) if s not in now}
+        nowhere = all(math.isnan(natural) for natural in row["f"])
+        assert actual.unknown_sources == sum(lost.values()) + nowhere, k
+        assert actual.known_share == np.float32(np.mean(np.isfinite(loads[:-1])))
+        assert actual.count == k + 1
         if best is None:
             assert (actual.excitation, actual.mode) == ("", -1)
             assert math.isnan(actual.margin)
@@ -170,7 +188,7 @@ def test_every_number_follows_the_rules(with_levels: bool) -> None:
         assert numbers == pytest.approx(expected, rel=1e-9, abs=1e-12), k
         assert actual.probability == pytest.approx(probability, abs=1e-12, nan_ok=True), k
         assert actual.approach == (closing > 0.0) - (closing < 0.0)
-    assert seen == {CLEAR, STALE, NOTE} | ({WARNING} if with_levels else set())
+    assert seen == {CLEAR, UNKNOWN, NOTE} | ({WARNING} if with_levels else set())
 
 
 def test_blocks_are_readings_one_after_the_other() -> None:

@@ -26,7 +26,9 @@ from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import DEFAULT_MECHANISM, DEFAULT_TABLE, config_file
 from linkage_vibration.table.table import load_table
 
-CLEAR, WARNING, STALE, NOTE = range(4)
+UNKNOWN, CLEAR, NOTE, WARNING = range(4)
+ENGINE_SPEED, PTO_SPEED = 2, 4  # bits of unknown_sources
+PER_RPM = math.pi / 30.0  # rad/s
 LIMITS = WarningLimits()
 RAISED = {"raised": True}
 GROWING = {"exponent": 4}
@@ -45,7 +47,7 @@ def drive(states: list[int], totals: list[float], step: float = 1.0, **fields: A
     n, total = len(states), np.array(totals, np.float32)
     columns: dict[str, Any] = {
         "state": np.array(states),
-        "states": np.stack([np.array(states), np.full(n, STALE)], axis=1),
+        "states": np.stack([np.array(states), np.full(n, UNKNOWN)], axis=1),
         "excitation": np.full(n, "shaker 1"),
         "excitation_frequency": np.full(n, 9.0),
         "mode": np.zeros(n, int),
@@ -56,7 +58,8 @@ def drive(states: list[int], totals: list[float], step: float = 1.0, **fields: A
         "total_load_ratio": total,
         "total_load_ratio_factor": np.full(n, np.nan, np.float32),
         "total_load_place": np.full(n, "lower_link:V1"),
-        "unknown_speeds": np.full(n, "engine"),
+        "unknown_sources": np.full(n, ENGINE_SPEED),
+        "excitation_index": np.where(np.array(states) == UNKNOWN, -1, 0),
         "ground_unknown": np.full(n, ""),
         "off_ground_share": np.full(n, math.nan),
         "quiet_speed": np.full(n, math.nan),
@@ -90,19 +93,19 @@ def test_the_main_cause_is_the_largest_load(excitations: tuple[Excitation, ...])
 
 def test_what_is_not_counted_is_said(excitations: tuple[Excitation, ...]) -> None:
     """Loads that were never known, and times without a load, are named."""
-    text = sentence(drive([CLEAR, STALE, CLEAR], [0.0, math.nan, 0.0]), excitations)
+    text = sentence(drive([CLEAR, UNKNOWN, CLEAR], [0.0, math.nan, 0.0]), excitations)
     assert text == (
         "No known load exceeded the limit of 0.33 of the static force. All loads were zero. The "
         "loads of high 6 are not known and not counted. No load is known for 1.0 s."
     )
-    speeds = np.array(["", "engine", ""])
+    speeds = np.array([0, ENGINE_SPEED, 0])
     both = np.full((3, 2), 0.1, np.float32)
-    actual = drive([CLEAR] * 3, [0.14] * 3, unknown_speeds=speeds, load_ratios=both)
+    actual = drive([CLEAR] * 3, [0.14] * 3, unknown_sources=speeds, load_ratios=both)
     assert sentence(actual, excitations).endswith("The engine speed was not known for 1.0 s.")
-    actual = drive([CLEAR] * 3, [0.14] * 3, unknown_speeds=np.full(3, ""), load_ratios=both)
+    actual = drive([CLEAR] * 3, [0.14] * 3, unknown_sources=np.zeros(3, int), load_ratios=both)
     assert sentence(actual, excitations).startswith("No load exceeded the limit")
     lost = [0.14, math.nan, 0.14]
-    actual = drive([CLEAR, STALE, CLEAR], lost, unknown_speeds=speeds, load_ratios=both)
+    actual = drive([CLEAR, UNKNOWN, CLEAR], lost, unknown_sources=speeds, load_ratios=both)
     missing = "No load is known for 1.0 s. The engine speed was not known for 1.0 s."
     assert sentence(actual, excitations).endswith(missing)
 
@@ -123,7 +126,7 @@ def test_a_tyre_off_the_ground_is_no_load_that_is_known() -> None:
     off = "A tyre is off the ground for more than a fifth of the time."
     hops: dict[str, Any] = {"load_ratios": np.full((4, 2), np.nan, np.float32)}
     hops |= {"excitation": np.full(4, "g (class C)")}
-    hops |= {"unknown_speeds": np.full(4, ""), "relative_margin": np.full(4, math.nan)}
+    hops |= {"unknown_sources": np.zeros(4, int), "relative_margin": np.full(4, math.nan)}
     hops |= {"excitation_frequency": np.full(4, math.nan), "excitation_speed": np.full(4, 50.0)}
     hops |= {"load_ratio_factor": np.full(4, math.nan), "load_place": np.full(4, "")}
     share = np.array([0.1, 0.1, 0.3, 0.3])
@@ -183,21 +186,21 @@ def test_load_ratios_are_short(ratio: float, text: str) -> None:
 
 def test_a_stale_message_says_what_is_missing(excitations: tuple[Excitation, ...]) -> None:
     """It is the speeds if all are missing, and otherwise the prediction."""
-    first = drive([STALE], [math.nan]).resonances.message(0)
+    first = drive([UNKNOWN], [math.nan]).resonances.message(0)
     assert "has no natural frequencies" in present_sentence(first, excitations)
-    speeds = np.array(["engine, pto"])
-    both = drive([STALE], [math.nan], unknown_speeds=speeds)
+    speeds = np.array([ENGINE_SPEED | PTO_SPEED])
+    both = drive([UNKNOWN], [math.nan], unknown_sources=speeds)
     text = "the engine and PTO speeds are not known or not fresh"
     assert text in present_sentence(both.resonances.message(0), excitations)
     assert "the engine and PTO speeds were never known" in sentence(both, excitations)
-    assert "no crank angle was valid" in sentence(drive([STALE], [math.nan]), excitations)
+    assert "no crank angle was valid" in sentence(drive([UNKNOWN], [math.nan]), excitations)
 
 
 @pytest.mark.parametrize("value", [1e6, 1e300])
 def test_numbers_are_short(value: float) -> None:
     """No speed has more than seven digits."""
-    assert len(speed_words(Source.ENGINE, value)) < 14
-    assert speed_words(Source.PTO, 540.2) == "540 rpm"
+    assert len(speed_words(Source.ENGINE, value * PER_RPM)) < 14
+    assert speed_words(Source.PTO, 540.2 * PER_RPM) == "540 rpm"
     assert speed_words(Source.GROUND, 12.34) == "44.4 km/h"
 
 
@@ -215,7 +218,7 @@ def test_the_worst_warning_says_what_would_have_ended_it(
 ) -> None:
     """It is the speed or the angle of the worst message that warned, not of the largest load."""
     quiet = {"quiet_speed": np.full(4, 9.0), "quiet_angle": np.full(4, 9.0)}
-    quiet["quiet_speed"][2], quiet["quiet_angle"][2] = speed, angle
+    quiet["quiet_speed"][2], quiet["quiet_angle"][2] = speed * PER_RPM, angle
     actual = drive([NOTE, WARNING, WARNING, CLEAR], [7.0, 0.4, 0.5, 0.0], **quiet)
     head, _, tail = sentence(actual, excitations).partition(
         " The worst warning would have ended at"
@@ -244,4 +247,4 @@ def test_an_unknown_load_is_not_quiet() -> None:
         assert (resonance.state, np.isfinite(resonance.load_ratios[1])) == (state, known)
         assert resonance.load_ratios[0] < LIMITS.note
     assert resonance.excitation == "high 6"
-    assert not resonance.quiet_speed > 1990.0
+    assert not resonance.quiet_speed > 1990.0 * PER_RPM

@@ -14,7 +14,7 @@ from linkage_vibration.bags.log_writer import LogWriter
 from linkage_vibration.bags.writing import Attachment, Topic, offered_qos_profiles
 from linkage_vibration.messages.definitions import message_definition, type_hash
 from linkage_vibration.messages.encoding import encode_message
-from linkage_vibration.messages.topics import PREDICTION, RESONANCE
+from linkage_vibration.messages.topics import ASSESSED, PREDICTION
 from linkage_vibration.prediction.excitation import Source, excitations_from_mapping
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor
@@ -30,6 +30,8 @@ START = 1_767_225_600 * 10**9  # ns
 TOPICS = {
     "/linkage_vibration/prediction": "linkage_vibration_interfaces/msg/VibrationPrediction",
     "/linkage_vibration/resonance": "linkage_vibration_interfaces/msg/Resonance",
+    "/linkage_vibration/levels": "linkage_vibration_interfaces/msg/Levels",
+    "/linkage_vibration/load_state": "linkage_vibration_interfaces/msg/LoadState",
     "/engine_speed": "std_msgs/msg/Float64",
     "/pto_speed": "std_msgs/msg/Float64",
 }
@@ -78,7 +80,7 @@ def write_log() -> WriteLog:
             "parameters.yaml": PARAMETERS,
         }
         attachments = [Attachment(name, "application/yaml", data) for name, data in files.items()]
-        predictions, resonances, *_ = TOPICS
+        predictions, *assessed = list(TOPICS)[:4]
         speeds_left = list(zip(*engine_and_pto_speed(), strict=True)) if speeds else []
         path.unlink(missing_ok=True)
         with LogWriter(path, topics, attachments if provenance else ()) as log:
@@ -98,9 +100,8 @@ def write_log() -> WriteLog:
                 )
                 if speeds:
                     resonance = monitor.assess(prediction, np.nan, stamp)
-                    log.write(
-                        resonances, encode_message(RESONANCE, resonance, *header), stamp, stamp
-                    )
+                    for name, kind in zip(assessed, ASSESSED, strict=True):
+                        log.write(name, encode_message(kind, resonance, *header), stamp, stamp)
         return path
 
     return write

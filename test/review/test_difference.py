@@ -76,7 +76,7 @@ def test_load_ratios_are_compared(heavier: tuple[Path, Path]) -> None:
     """The largest load ratios in the sentence are those of the messages of both logs."""
     largest = []
     for path in heavier:
-        messages = read_messages(path, "/linkage_vibration/resonance")
+        messages = read_messages(path, "/linkage_vibration/levels")
         largest.append(max(message.total_load_ratio for _, message in messages))
     a, b = largest
     expected = f"; the largest load ratio is {a:.2g} in A and {b:.2g} in B."
@@ -88,7 +88,7 @@ def test_a_log_without_loads_differs(write_log: Any, tmp_path: Path) -> None:
     times, alpha3 = hitch_duty_cycle()
     a = write_log(tmp_path / "a.mcap", times[:100], alpha3[:100], False)
     b = write_log(tmp_path / "b.mcap", times[:100], alpha3[:100])
-    messages = read_messages(b, "/linkage_vibration/resonance")
+    messages = read_messages(b, "/linkage_vibration/levels")
     largest = max(message.total_load_ratio for _, message in messages)
     text = sentence(compare(a, b))
     assert text.startswith("The natural frequencies are equal; the logs differ")

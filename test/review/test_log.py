@@ -17,7 +17,7 @@ from linkage_vibration.bags.log_writer import LogWriter
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.messages.encoding import encode_message
 from linkage_vibration.messages.fields import message_fields
-from linkage_vibration.messages.topics import PREDICTION, RESONANCE, log_topic
+from linkage_vibration.messages.topics import ASSESSED, PREDICTION, log_topic
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.predictor import Predictor
@@ -46,16 +46,24 @@ def test_every_number_is_the_message_s(drive: Path) -> None:
     stamps = [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for m in messages]
     np.testing.assert_array_equal(log.stamps, stamps)
     assert log.resonances is not None
-    others = [message for _, message in read_messages(drive, "/linkage_vibration/resonance")]
-    for name in ("state", "excitation", "excitation_frequency", "mode", "relative_margin"):
-        expected = [getattr(m, name) for m in others]
-        np.testing.assert_array_equal(getattr(log.resonances, name), expected, name)
+    for topic, names in (
+        ("resonance", ("excitation", "excitation_frequency", "mode", "approach_rate")),
+        ("levels", ("total_velocity", "total_load_place")),
+        ("load_state", ("state", "unknown_sources", "excitation_index", "quiet_speed")),
+    ):
+        others = [message for _, message in read_messages(drive, f"/linkage_vibration/{topic}")]
+        for name in names:
+            expected = [getattr(m, name) for m in others]
+            np.testing.assert_array_equal(getattr(log.resonances, name), expected, name)
 
 
 def test_resonances_are_the_message_s_fields(drive: Path) -> None:
-    """Every number of a resonance message is a column, except its header and its table."""
-    names = [field.name for field in message_fields(RESONANCE) if not field.is_sequence]
+    """Every number of the messages is a column, except headers and tables, and what follows."""
+    fields = [field for kind in ASSESSED for field in message_fields(kind)]
+    names = [field.name for field in fields if not field.is_sequence]
     expected = {name for name in names if not name.startswith("header.")} - {"table_id"}
+    expected |= {"margin", "relative_margin", "approach", "time_to_crossing"}
+    expected |= {"load_ratio", "load_ratio_factor"}
     assert set(vars(read_log(drive).resonances)) == expected
 
 
@@ -167,7 +175,8 @@ def test_latest_resonance_of_each_prediction(tmp_path: Path) -> None:
         )
     ]
     assert 15 * len(times[1]) < len(times[0])  # 5 of 100 Hz
-    margins = [m.margin for _, m in read_messages(log, "/linkage_vibration/resonance")]
+    messages = read_messages(log, "/linkage_vibration/resonance")
+    margins = [m.excitation_frequency - m.natural_frequency for _, m in messages]
     expected = []
     for stamp in times[0].tolist():
         earlier = [k for k, time in enumerate(times[1].tolist()) if time <= stamp]
@@ -175,7 +184,7 @@ def test_latest_resonance_of_each_prediction(tmp_path: Path) -> None:
     actual = read_log(log).resonances
     assert actual is not None
     np.testing.assert_array_equal(actual.margin, expected)
-    assert (actual.state[np.isnan(expected)] == 2).all()  # stale
+    assert (actual.state[np.isnan(expected)] == 0).all()  # unknown
 
 
 def test_a_log_of_an_earlier_version(tmp_path: Path) -> None:

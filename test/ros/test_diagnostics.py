@@ -169,7 +169,7 @@ def test_most_serious_problem_first(changes: dict[str, Any], level: bytes, words
         ("resonance", {"age": math.nan}, STALE, "as no reading arrives"),
         (
             "resonance",
-            {"resonance": changed(NEAR, state=ResonanceState.STALE, unknown_speeds="engine")},
+            {"resonance": changed(NEAR, state=ResonanceState.UNKNOWN, unknown_speeds="engine")},
             STALE,
             "No load is known",
         ),

@@ -10,15 +10,15 @@ import numpy as np
 from mcap.reader import make_reader
 
 from linkage_vibration.messages.columns import MessageColumns
-from linkage_vibration.messages.fields import CODES, message_fields
-from linkage_vibration.messages.topics import RESONANCE
+from linkage_vibration.messages.fields import message_fields
+from linkage_vibration.messages.topics import ASSESSED
 
 
 def resonance(**values: Any) -> MessageColumns:
-    """Return a resonance with these values, and one excitation; nothing else is known."""
+    """Return an assessment with these values, and one excitation; nothing else is known."""
     fields: dict[str, Any] = {}
-    for field in message_fields(RESONANCE):
-        kind = np.dtype(CODES[field.type])
+    for field in (field for kind in ASSESSED for field in message_fields(kind)):
+        kind = field.dtype
         unknown = np.nan if kind.kind == "f" else 0
         number = np.full(1, unknown, kind) if field.is_sequence else unknown
         fields[field.name] = "" if field.type == "string" else number

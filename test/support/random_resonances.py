@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Logs of random Resonance messages, and what they say, by loops over the messages alone.
+"""Logs of random assessments, and what they say, by loops over the messages alone.
 
 Nothing here calls the verdict of the package, which is compared with it. A message holds until the
 next one; if that is more than 3 s later, or earlier, it holds for the median of all other steps.
@@ -23,14 +23,14 @@ from linkage_vibration.bags.writing import Attachment, Topic, offered_qos_profil
 from linkage_vibration.messages.definitions import message_definition, type_hash
 from linkage_vibration.messages.encoding import encode_message
 from linkage_vibration.messages.fields import message_fields
-from linkage_vibration.messages.topics import PREDICTION, RESONANCE
+from linkage_vibration.messages.topics import ASSESSED, PREDICTION
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.support.resources import PAPER_MECHANISM, PAPER_TABLE, config_file
 from linkage_vibration.table.table import load_table, table_bytes
 
 START = 1_767_225_600 * 10**9  # ns
-CLEAR, WARNING, STALE, NOTE = range(4)  # as in Resonance.msg
-SEVEREST_LAST = STALE, CLEAR, NOTE, WARNING
+UNKNOWN, CLEAR, NOTE, WARNING = range(4)  # as in LoadState.msg
+SEVEREST_LAST = UNKNOWN, CLEAR, NOTE, WARNING
 LONGEST = 3_000_000_000  # ns, a step that is no gap
 NAMES = "engine 1", "engine 3", "engine 6", "rotor 1"
 EXCITATIONS = b"""
@@ -40,6 +40,8 @@ rotor: {speed: pto, ratio: 0.45, orders: [1]}
 TOPICS = {
     "/linkage_vibration/prediction": "linkage_vibration_interfaces/msg/VibrationPrediction",
     "/linkage_vibration/resonance": "linkage_vibration_interfaces/msg/Resonance",
+    "/linkage_vibration/levels": "linkage_vibration_interfaces/msg/Levels",
+    "/linkage_vibration/load_state": "linkage_vibration_interfaces/msg/LoadState",
 }
 
 
@@ -75,7 +77,7 @@ def random_drive(seed: int) -> list[Message]:
     for _ in range(int(rng.integers(2, 7))):
         step = round(1e9 / rng.choice([1.0, 10.0, 50.0]))
         for _ in range(int(rng.integers(1, 5))):
-            states = rng.choice([CLEAR, NOTE, WARNING, STALE], len(NAMES), p=[0.4, 0.3, 0.2, 0.1])
+            states = rng.choice([CLEAR, NOTE, WARNING, UNKNOWN], len(NAMES), p=[0.4, 0.3, 0.2, 0.1])
             for _ in range(int(rng.integers(1, 40))):
                 messages.append(_message(rng, now, states, known))
                 now += step + int(rng.integers(-step // 20, step // 20 + 1))
@@ -92,10 +94,10 @@ def _message(
 ) -> Message:
     """Return a message whose excitations have these states."""
     drawn = np.float32(rng.lognormal(-1.5, 1.0, len(states)))
-    moving = states != STALE
+    moving = states != UNKNOWN
     ratios = np.where(known & moving, drawn, np.float32(np.nan)).astype(np.float32)
     total = float(np.float32(np.sqrt(np.nansum(ratios**2)))) if (known & moving).any() else math.nan
-    of_total = int(rng.choice([CLEAR, NOTE, WARNING])) if total == total else STALE
+    of_total = int(rng.choice([CLEAR, NOTE, WARNING])) if total == total else UNKNOWN
     state = max([*states.tolist(), of_total], key=SEVEREST_LAST.index)
     order = [
         (SEVEREST_LAST.index(int(each)), -1.0 if math.isnan(ratio) else float(ratio))
@@ -109,7 +111,7 @@ def _message(
         tuple(map(int, states)),
         tuple(map(float, ratios)),
         total,
-        "" if state == STALE else NAMES[worst],
+        "" if state == UNKNOWN else NAMES[worst],
     )
 
 
@@ -131,29 +133,30 @@ def write_drive(path: Path, messages: list[Message]) -> Path:
             prediction = predictor.predict(message.angle)
             data = encode_message(PREDICTION, prediction, *header)
             log.write("/linkage_vibration/prediction", data, message.stamp, message.stamp)
-            data = encode_message(RESONANCE, _resonance(message, table.table_id), *header)
-            log.write("/linkage_vibration/resonance", data, message.stamp, message.stamp)
+            assessed = _assessed(message, table.table_id)
+            for topic, kind in zip(list(TOPICS)[1:], ASSESSED, strict=True):
+                data = encode_message(kind, assessed, *header)
+                log.write(topic, data, message.stamp, message.stamp)
     return path
 
 
-def _resonance(message: Message, table_id: str) -> Any:
-    """Return all fields of a message; those that no verdict uses are not known."""
+def _assessed(message: Message, table_id: str) -> Any:
+    """Return all fields of the messages; those that no verdict uses are not known."""
     values: dict[str, Any] = {}
-    for field in message_fields(RESONANCE):
+    for field in (field for kind in ASSESSED for field in message_fields(kind)):
         if field.is_sequence:
             values[field.name] = np.full(len(NAMES), np.nan, np.float32)
         else:
             values[field.name] = "" if field.type == "string" else 0
             if field.type.startswith("float"):
                 values[field.name] = math.nan
-    worst = NAMES.index(message.excitation) if message.excitation else 0
     values |= {
         "state": message.state,
         "excitation": message.excitation,
-        "excitation_frequency": 10.0,
-        "relative_margin": 0.3,
+        "excitation_index": NAMES.index(message.excitation) if message.excitation else -1,
+        "excitation_frequency": 13.0,
+        "natural_frequency": 10.0,
         "table_id": table_id,
-        "load_ratio": message.ratios[worst] if message.excitation else math.nan,
         "states": np.array(message.states, np.uint8),
         "load_ratios": np.array(message.ratios, np.float32),
         "total_load_ratio": np.float32(message.total),

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 from linkage_vibration.bags.message_types import CAN_FRAME, FLOAT64, ISOBUS_FRAME, JOINT_STATE
+from linkage_vibration.messages.topics import MEASUREMENT
 
 HITCH, ENGINE, PTO, GROUND = ("hitch", "engine", "pto", "ground")
 """The inputs, of which the last three are the values of `Source`."""
@@ -29,6 +30,11 @@ class Preset:
 
 def _number(name: str, unit: str) -> Preset:
     return Preset(f"{name}_speed", FLOAT64, "data", unit, f"Speed in {unit}.")
+
+
+def _measured(what: str, unit: str) -> Preset:
+    meaning = f"The {what.replace('_', ' ')} in {unit}, with a stamp and a flag that it is valid."
+    return Preset(f"measured_{what}", MEASUREMENT, "value", unit, meaning)
 
 
 def _can(signal: str, unit: str) -> Preset:
@@ -65,6 +71,7 @@ PRESETS: dict[str, dict[str, Preset]] = {
             100.0,
         ),
         "can": _can("rear_hitch_position", "percent"),
+        "measurement": _measured("hitch_angle", "rad"),
     },
     ENGINE: {
         "float64": _number("engine", "rpm"),
@@ -76,6 +83,7 @@ PRESETS: dict[str, dict[str, Preset]] = {
             "Frames of the CAN bus that ROS2ISOBUS receives, by which the engine speed comes.",
         ),
         "can": _can("engine_speed", "rpm"),
+        "measurement": _measured("engine_speed", "rad/s"),
     },
     PTO: {
         "float64": _number("pto", "rpm"),
@@ -89,6 +97,7 @@ PRESETS: dict[str, dict[str, Preset]] = {
             _HIGHEST_RPM,
         ),
         "can": _can("rear_pto_speed", "rpm"),
+        "measurement": _measured("pto_speed", "rad/s"),
     },
     GROUND: {
         "float64": _number("ground", "m/s"),
@@ -102,6 +111,7 @@ PRESETS: dict[str, dict[str, Preset]] = {
             _HIGHEST_SPEED,
         ),
         "can": _can("wheel_based_speed", "m/s"),
+        "measurement": _measured("ground_speed", "m/s"),
     },
 }
 """The presets of each input, of which the first is the default."""

@@ -18,6 +18,7 @@ from linkage_vibration.bags.numbers import Integers, LeftOut, MessageNumber, Num
 from linkage_vibration.bags.schemas import FieldError, Schema, find_path
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.messages.columns import MessageColumns, joined
+from linkage_vibration.messages.topics import MEASUREMENT
 from linkage_vibration.prediction.health import AGREEMENT, senders_disagree
 from linkage_vibration.prediction.inputs.units import HitchScale, InputError, Reading, wrong_unit
 
@@ -101,8 +102,14 @@ def _can_reader(schema: Schema, source: SourceSettings) -> NumberReader:
     return CanReader(signal, source.type)
 
 
+def _measurement_reader(schema: Schema, source: SourceSettings) -> NumberReader:
+    """Return the reader of our own message, whose publisher may say that it is not valid."""
+    return FieldReader(schema, source.type, source.field, flagged=source.field == "value")
+
+
 READERS: dict[str, Callable[[Schema, SourceSettings], NumberReader]] = {
     JOINT_STATE: _joint_reader,
+    MEASUREMENT: _measurement_reader,
     **dict.fromkeys(FRAME_TYPES, _can_reader),
 }
 """The readers of types that `FieldReader` does not read, or reads more slowly."""
