@@ -5,7 +5,9 @@
 import math
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from inspect import iscoroutinefunction
+from threading import Thread
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -15,7 +17,9 @@ from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import JumpThreshold
 from rclpy.duration import Duration
+from rclpy.exceptions import InvalidHandle
 from rclpy.executors import Executor, ExternalShutdownException
+from rclpy.guard_condition import GuardCondition
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 
@@ -97,7 +101,6 @@ class LinkageVibrationNode(LifecycleNode):
         self._settings = declare_parameters(self)
         self._listener = Listener(self)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self._next_second = time.monotonic() + 1.0
         # A simulated clock that runs fast goes forward by less from message to message.
         limits = Duration(seconds=CLOCK_LEAP), Duration(nanoseconds=-1)
         self._jumps = self.get_clock().create_jump_callback(
@@ -105,6 +108,8 @@ class LinkageVibrationNode(LifecycleNode):
             pre_callback=self._before_jump,
             post_callback=self._on_jump,
         )
+        second = self.create_guard_condition(self._on_second)
+        Thread(target=_trigger_every_second, args=[second], daemon=True).start()
 
     def start(self) -> None:
         """Configure and activate the node as a lifecycle manager does, or raise an error."""
@@ -187,18 +192,13 @@ class LinkageVibrationNode(LifecycleNode):
     def serve(self, executor: Executor) -> None:
         """Handle what is not a reading, for one turn of an executor, and rest after it.
 
-        The log is watched every second of the wall clock, as simulated time may stop; a timer of
-        rclpy for that would take more processor time than ten readings.
+        For another timeout rclpy starts again, with the request that waits, and so never gets
+        further. Without a timeout, the guard condition of every second ends a turn.
         """
         began = time.thread_time()
-        executor.spin_once(max(self._next_second - time.monotonic(), 0.0))
-        worked = time.thread_time() - began
-        if time.monotonic() >= self._next_second:
-            self._next_second = time.monotonic() + 1.0
-            self._on_second()
-        self._listener.check()
+        executor.spin_once()
         if self._listener.active:
-            rest(worked)
+            rest(time.thread_time() - began)
 
     def create_service(self, kind: Any, name: str, callback: Any, **options: Any) -> Any:
         """Offer a service, as rclpy does, whose errors do not end the process."""
@@ -408,6 +408,7 @@ class LinkageVibrationNode(LifecycleNode):
         return topics
 
     def _on_second(self) -> None:
+        self._listener.check()
         now, counts = time.monotonic(), self._statistics
         counts.watch_wall_clock(time.time(), now)
         for part in (self._recording, self._offered):
@@ -434,6 +435,18 @@ class LinkageVibrationNode(LifecycleNode):
 
     def _on_jump(self, _: Any) -> None:
         self._statistics.clock_jumps += self._before > 0  # a simulated clock begins at zero
+
+
+def _trigger_every_second(guard: GuardCondition) -> None:
+    """Trigger a guard condition every second of the steady clock, until it is destroyed.
+
+    The waits of the middleware are by the wall clock, so they last an hour longer if that is set
+    back by an hour; a timer of rclpy would not end them.
+    """
+    with suppress(InvalidHandle):
+        while True:
+            time.sleep(1.0)
+            guard.trigger()
 
 
 def _with_name(served: Served) -> str:

@@ -1,0 +1,103 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The node's process answers while it builds a table, and ends by a signal within a second."""
+
+import signal
+import time
+from array import array
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Any
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.srv import GetState
+from rcl_interfaces.srv import GetParameters
+from rclpy.action import ActionClient
+
+from linkage_vibration.ros.node import STOP_SIGNALS
+from linkage_vibration_interfaces.action import SetImplement
+from linkage_vibration_interfaces.srv import GetTable, PredictVibration
+from test.support.ros_process import Peer, until
+
+SOON = 1.0  # s, within which everything is answered and every signal ends the node
+CANCELED = 5  # of action_msgs/msg/GoalStatus
+HEAVY = SetImplement.Goal(mass=1600.0, inertia=400.0)  # its table takes over 10 s to build
+REQUESTS = {
+    "get_table": (GetTable, GetTable.Request()),
+    "predict": (PredictVibration, PredictVibration.Request(crank_angles=array("d", [2.0]))),
+    "get_parameters": (GetParameters, GetParameters.Request(names=["joint_name"])),
+    "get_state": (GetState, GetState.Request()),
+}
+
+
+def timed(peer: Peer, future: Any) -> tuple[Any, float]:
+    """Return the result of a future, and how many seconds it took."""
+    began = time.monotonic()
+    until(future.done, "an answer", lambda: peer.executor.spin_once(SOON))
+    return future.result(), time.monotonic() - began
+
+
+def times_of_answers(peer: Peer, node: str) -> dict[str, float]:
+    """Return how many seconds each of the requests takes."""
+    seconds = {}
+    for name, (kind, request) in REQUESTS.items():
+        client = peer.node.create_client(kind, f"{node}/{name}")
+        peer.request(client, request)  # both sides have found each other
+        seconds[name] = timed(peer, client.call_async(request))[1]
+        peer.node.destroy_client(client)
+    return seconds
+
+
+def test_answers_during_a_goal(start: Callable[..., Any], meet: Callable[..., Peer]) -> None:
+    """While a table is built, feedback, diagnostics, services and the cancel are on time."""
+    start(name="building")
+    peer = meet("building")
+    feedback, diagnostics = list[float](), list[float]()
+
+    def on_diagnostics(message: DiagnosticArray) -> None:
+        if message.status[0].name.startswith("/building"):
+            diagnostics.append(time.monotonic())
+
+    peer.node.create_subscription(DiagnosticArray, "/diagnostics", on_diagnostics, 10)
+    client: Any = ActionClient(peer.node, SetImplement, "building/set_implement")
+    peer.spin(client.server_is_ready, "the action")
+    goal, accepted = timed(
+        peer, client.send_goal_async(HEAVY, lambda _: feedback.append(time.monotonic()))
+    )
+    assert goal.accepted
+    peer.spin(lambda: feedback, "feedback")
+    first = time.monotonic()
+    seconds = {"goal": accepted, **times_of_answers(peer, "building")}
+    other, _ = timed(peer, client.send_goal_async(HEAVY))
+    refused, seconds["second goal"] = timed(peer, other.get_result_async())
+    assert "is being built" in refused.result.message
+    peer.pause(3.0)
+    cancelled, seconds["cancel"] = timed(peer, goal.cancel_goal_async())
+    # This ends once the building process has seen it, between two solutions of the model.
+    ended = timed(peer, goal.get_result_async())[0]
+    lasted = time.monotonic() - first
+    assert len(cancelled.goals_canceling) == 1
+    assert ended.status == CANCELED
+    print(f"\nfor {lasted:.1f} s: {len(feedback)} x feedback, {len(diagnostics)} x diagnostics")
+    print({name: round(value, 3) for name, value in seconds.items()})
+    assert max(seconds.values()) < SOON, seconds
+    assert len(feedback) > lasted  # it comes four times a second
+    steps = [b - a for a, b in pairwise(diagnostics)]
+    assert len(steps) >= 2
+    assert max(steps) < 1.0 + SOON
+
+
+@pytest.mark.parametrize("by", STOP_SIGNALS)
+def test_signals_end_an_idle_node(
+    start: Callable[..., Any], meet: Callable[..., Peer], by: signal.Signals
+) -> None:
+    """A node without any reading ends by each signal within about a second, cleanly."""
+    node = start(name=f"ending_{by}")
+    node.wait_for("Predicting for")
+    time.sleep(1.0)
+    began = time.monotonic()
+    assert node.stop(by) == 0
+    print(f"\n{by.name}: {time.monotonic() - began:.2f} s")
+    assert time.monotonic() - began < 1.0 + SOON
+    assert "messages received" in node.printed
