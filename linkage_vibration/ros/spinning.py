@@ -2,13 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Spins the node until a signal arrives, and returns its exit code."""
 
+import os
+import signal
 import sys
-from collections.abc import Callable
-from contextlib import closing
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from threading import Thread
 from warnings import catch_warnings, simplefilter
 
 import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.logging import get_logger
 from rclpy.signals import SignalHandlerOptions
 
@@ -28,7 +31,7 @@ SWITCH_INTERVAL = 2e-4  # s
 
 
 def run(args: list[str] | None, stop_asked: Callable[[], bool]) -> int:
-    """Run the node until a signal arrives, which is seen within a second; return the exit code.
+    """Run the node until a signal arrives, which ends it at once; return the exit code.
 
     ``stop_asked`` says whether a signal has arrived: rclpy, which handles none here, would end the
     context while a callback is about to publish.
@@ -68,8 +71,31 @@ def _spin(node: LinkageVibrationNode, stop_asked: Callable[[], bool]) -> None:
         )
     node.executor = executor = SingleThreadedExecutor()
     try:
-        while rclpy.ok() and not stop_asked():
-            node.serve(executor)
+        with _woken_by_signals(executor):
+            while rclpy.ok() and not stop_asked():
+                node.serve(executor)
     finally:
         executor.shutdown()  # before the node's entities are destroyed
         node.executor = None  # no waiting request can be answered any more
+
+
+@contextmanager
+def _woken_by_signals(executor: Executor) -> Iterator[None]:
+    """Let a signal end a turn of the executor, as Python calls its handlers between turns only."""
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+
+    def wake() -> None:
+        if os.read(reader, 1):
+            executor.create_task(lambda: None)
+
+    waking = Thread(target=wake, name="linkage_vibration_signals")
+    waking.start()
+    signal.set_wakeup_fd(writer)
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(-1)
+        os.close(writer)  # this ends the thread
+        waking.join()
+        os.close(reader)

@@ -18,9 +18,9 @@ from rclpy.action import ActionClient
 from linkage_vibration.ros.node import STOP_SIGNALS
 from linkage_vibration_interfaces.action import SetImplement
 from linkage_vibration_interfaces.srv import GetTable, PredictVibration
-from test.support.ros_process import Peer, until
+from test.support.ros_process import Peer, slowness, until
 
-SOON = 1.0  # s, within which everything is answered and every signal ends the node
+SOON = 1.0  # s, within which an idle machine answers everything, and ends by each signal
 CANCELED = 5  # of action_msgs/msg/GoalStatus
 HEAVY = SetImplement.Goal(mass=1600.0, inertia=400.0)  # its table takes over 10 s to build
 REQUESTS = {
@@ -81,23 +81,24 @@ def test_answers_during_a_goal(start: Callable[..., Any], meet: Callable[..., Pe
     assert ended.status == CANCELED
     print(f"\nfor {lasted:.1f} s: {len(feedback)} x feedback, {len(diagnostics)} x diagnostics")
     print({name: round(value, 3) for name, value in seconds.items()})
-    assert max(seconds.values()) < SOON, seconds
+    assert max(seconds.values()) < SOON * slowness(), seconds
     assert len(feedback) > lasted  # it comes four times a second
     steps = [b - a for a, b in pairwise(diagnostics)]
     assert len(steps) >= 2
-    assert max(steps) < 1.0 + SOON
+    assert max(steps) < 1.0 + SOON * slowness()
 
 
 @pytest.mark.parametrize("by", STOP_SIGNALS)
 def test_signals_end_an_idle_node(
     start: Callable[..., Any], meet: Callable[..., Peer], by: signal.Signals
 ) -> None:
-    """A node without any reading ends by each signal within about a second, cleanly."""
+    """A node without any reading, which nothing else wakes, ends by each signal, cleanly."""
     node = start(name=f"ending_{by}")
     node.wait_for("Predicting for")
     time.sleep(1.0)
     began = time.monotonic()
     assert node.stop(by) == 0
-    print(f"\n{by.name}: {time.monotonic() - began:.2f} s")
-    assert time.monotonic() - began < 1.0 + SOON
+    lasted = time.monotonic() - began
+    print(f"\n{by.name}: {lasted:.2f} s at {slowness():.1f}")
+    assert lasted < SOON * slowness()
     assert "messages received" in node.printed

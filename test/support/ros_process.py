@@ -6,6 +6,7 @@ Every wait ends with an event. Its limit only ends a test that has failed, so it
 machine with busy cores is many times slower than an idle one.
 """
 
+import os
 import re
 import signal
 import subprocess
@@ -58,6 +59,11 @@ def until(
             time.sleep(0.02)
         else:
             wait()
+
+
+def slowness() -> float:
+    """Return how many times slower than an idle machine this one is, by its load; at least 1."""
+    return max(os.getloadavg()[0] / (os.cpu_count() or 1), 1.0)
 
 
 def documented(page: str, word: str) -> dict[str, Any]:
