@@ -146,7 +146,7 @@ def folder(tmp_path: Path) -> Path:
     cut = drive.read_bytes()[: drive.stat().st_size // 2]
     times = [EPOCH + k * 10**8 for k in range(100)]
     write_candump(tmp_path / "bus.log", synthetic_hitch(times, [100 + k for k in range(100)]))
-    (tmp_path / "linkage_vibration_20260712-141503.mcap").write_bytes(cut)
+    (tmp_path / "linkage_vibration_000017_20260712-141503.mcap").write_bytes(cut)
     shutil.copy(ROOT / "config" / "three_point_linkage.yaml", tmp_path / "my_linkage.yaml")
     return tmp_path
 

@@ -3,6 +3,7 @@
 """Writes messages one by one to an MCAP log."""
 
 import contextlib
+import fcntl
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -18,6 +19,7 @@ from linkage_vibration.bags.writing import (
     ROSBAG2_METADATA,
     Attachment,
     LogError,
+    LogExistsError,
     Topic,
     rosbag2_metadata,
 )
@@ -62,13 +64,16 @@ class LogWriter:
         try:
             self._stream = path.open("xb")
         except FileExistsError:
-            raise LogError(
+            raise LogExistsError(
                 f"{path} exists already; choose another name, as a log never replaces a file."
             ) from None
         except OSError as error:
             raise LogError(
                 f"{path} cannot be created: {error.strerror}; choose a writable folder."
             ) from None
+        # Other recorders see by this that they must not delete the file; some disks have no locks.
+        with contextlib.suppress(OSError):
+            fcntl.flock(self._stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
         self._file = McapFile(self._stream, "ros2", compression)
         try:
             with self._failures():

@@ -3,7 +3,9 @@
 """Records messages to logs on a thread of its own, so that the caller never waits."""
 
 import contextlib
+import fcntl
 import math
+import os
 import platform
 import re
 import shutil
@@ -16,7 +18,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
-from linkage_vibration.bags.writing import Attachment, LogError, Topic
+from linkage_vibration.bags.writing import Attachment, LogError, LogExistsError, Topic
 from linkage_vibration.support.commands import command
 from linkage_vibration.support.missing_library import missing_library
 
@@ -42,8 +44,8 @@ RECORDING_METADATA = "linkage_vibration.recording"
 _ROOM_TO_RESUME = 2**20
 _MARGIN = 512  # bytes that a message may add to a log beyond its size
 _SHARES = 4  # files within disk_limit; one is deleted at a time
-_SUFFIX = ".mcap"
-_NAME = re.compile(r"linkage_vibration_\d{8}-\d{6}(_\d+)?\.mcap")
+# A running number and the time; earlier versions had no number, but counted within a second.
+_NAME = re.compile(r"linkage_vibration_((\d{6,})_\d{8}-\d{6}|\d{8}-\d{6}(_\d+)?)\.mcap", re.ASCII)
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +74,8 @@ UNLIMITED = LogLimits()
 
 # A message: topic, data, log time, publish time.
 _Entry: TypeAlias = tuple[Topic, bytes, int, int] | Provenance
+# A log in the folder: running number (0: none), time of the last change, path, size in bytes.
+_Found: TypeAlias = tuple[int, int, Path, int]
 
 
 class _LimitError(LogError):
@@ -82,7 +86,8 @@ class Recorder:
     """Logs messages to files in a folder, from `start` to `stop`, on a thread of its own.
 
     Messages that do not fit into its queue are counted in records `RECORDING_METADATA`. Twice a
-    second the disk has all; after a failure a new file begins.
+    second the disk has all; after a failure a new file begins. `error` is the failure that lasts,
+    and `news` has failures and sentences about deleted logs, which the caller may take out.
     """
 
     def __init__(
@@ -95,8 +100,9 @@ class Recorder:
     ) -> None:
         self.path: Path | None = None
         self.active = self.recording = False
-        self.written = 0
+        self.written = self.deleted = 0
         self.error: LogError | None = None
+        self.news: deque[LogError | str] = deque()
         self._folder = folder
         self._topics = {topic.name: topic for topic in topics}
         self._provenance = provenance
@@ -112,6 +118,7 @@ class Recorder:
         self._batch: deque[_Entry] = deque()
         self._log: LogWriter | None = None
         self._lost = self._reported = self._reports = self._written_before = 0
+        self._number = 0  # of the last file
         self._room = math.inf
         self._begun = self._flushed = self._split_at = self._deadline = 0.0
         self._failed = False
@@ -132,12 +139,17 @@ class Recorder:
             raise LogError(f"{self.path} is being recorded already; stop that first.")
         self._wake.clear()
         self.error = None
-        self.written = self._written_before = 0
+        self.written = self._written_before = self.deleted = 0
         self._queued = self._queued_bytes = self._overflowed = self._lost = 0
         self._deadline = math.inf
         self._failed = False
-        self._begin_file()
-        self.active = True
+        try:
+            self._begin_file()
+        except LogError as error:
+            self.error = error  # the caller knows it, so it is no news
+            self._end_file(error)
+            raise
+        self.active = self.recording = True
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._thread.start()
 
@@ -248,12 +260,9 @@ class Recorder:
         self._batch.popleft()
         if too_large:
             self._lost += 1
-            self._keep(
-                LogError(
-                    f"A message of {len(data)} bytes on {topic.name} is too large for a log; "
-                    "raise split_size or disk_limit."
-                )
-            )
+            if self.error is None:
+                problem = f"A message of {len(data)} bytes on {topic.name} is too large for a log"
+                self._keep(LogError(f"{problem}; raise split_size or disk_limit."))
             return
         log.write(topic.name, data, log_time, publish_time)
 
@@ -267,6 +276,8 @@ class Recorder:
         self.written = self._written_before + log.written
         log.sync()
         self._flushed = time.monotonic()
+        if not self.recording:  # after a failure, which has ended now
+            self.recording, self.error = True, None
 
     def _report_dropped(self, log: "LogWriter") -> None:
         """Store in the file how many messages were dropped so far."""
@@ -277,45 +288,52 @@ class Recorder:
 
     def _begin_file(self) -> None:
         """Begin the next file; raise `LogError` if that fails."""
-        self._room = self._make_room()
-        self._log = log = log_writer()(
-            _unused_path(self._folder),
-            list(self._topics.values()),
-            self._provenance.attachments,
-            self._compression,
-        )
+        self._begun = self._flushed = time.monotonic()
+        self._split_at = self._begun + (self._limits.split_duration or math.inf)
+        logs = _logs(self._folder)
+        self._number = max([self._number, *(number for number, *_ in logs)])
+        self._room = self._make_room(logs)
+        self._log = log = self._unused_file()
         log.add_metadata(PROVENANCE_METADATA, self._provenance.metadata)
         self._reports = 0
         self._report_dropped(log)
         log.flush()
         self.path = log.path
-        self.recording = True
-        self._begun = self._flushed = time.monotonic()
-        self._split_at = self._begun + (self._limits.split_duration or math.inf)
+
+    def _unused_file(self) -> "LogWriter":
+        """Create a file whose number exceeds all others, whatever time the clock has."""
+        topics, files = list(self._topics.values()), self._provenance.attachments
+        while True:
+            self._number += 1
+            name = f"linkage_vibration_{self._number:06}_{time.strftime('%Y%m%d-%H%M%S')}.mcap"
+            with contextlib.suppress(LogExistsError):  # another recorder was faster
+                return log_writer()(self._folder / name, topics, files, self._compression)
 
     def _end_file(self, error: LogError | None = None) -> None:
-        """Complete the current file, if there is one; after a failure, only close it."""
+        """Complete the current file, if there is one.
+
+        After an error, only close it; nothing is recorded then until another file works.
+        """
         log, self._log = self._log, None
-        if log is None:
-            return
-        if error is None:
-            try:
-                self._report_dropped(log)
-                log.close()
-            except LogError as failure:
-                error = failure
-        self._written_before += log.written
-        self.written = self._written_before
+        if log is not None:
+            if error is None:
+                try:
+                    self._report_dropped(log)
+                    log.close()
+                except LogError as failure:
+                    error = failure
+            self._written_before += log.written
+            self.written = self._written_before
+            if error is not None:
+                log.abandon()
+                self._lost += log.held
+                if not log.written:
+                    with contextlib.suppress(OSError):
+                        log.path.unlink()
         if error is not None:
-            log.abandon()
-            self._lost += log.held
             self._keep(error)
-            self.recording = False
-            self._failed = True
+            self.recording, self._failed = False, True
             self._next_try = self._begun + RETRY_PERIOD
-            if not log.written:
-                with contextlib.suppress(OSError):
-                    log.path.unlink()
 
     def _resume(self) -> bool:
         """Begin the next file if that is possible; return whether it was."""
@@ -327,14 +345,10 @@ class Recorder:
                 return False
         try:
             self._begin_file()
-        except _LimitError as reached:
-            self._keep(reached)
-            self.recording = self.active = False
-            return False
         except LogError as error:
-            self._keep(error)
-            self.recording, self._failed = False, True
-            self._next_try = time.monotonic() + RETRY_PERIOD
+            if isinstance(error, _LimitError):  # it ends the recording, so it replaces others
+                self.active, self.error = False, None
+            self._end_file(error)
             return False
         self._failed = False
         return True
@@ -346,38 +360,56 @@ class Recorder:
             return False
         return free > self._empty_size() + _ROOM_TO_RESUME
 
-    def _make_room(self) -> float:
+    def _make_room(self, logs: Sequence[_Found]) -> float:
         """Return the greatest size of the next file; delete old files if `delete_oldest` is set.
 
         A `LogError` is raised if a limit leaves no room for a file.
         """
         limits = self._limits
         least = 2 * self._empty_size()
+        shares = _SHARES if limits.delete_oldest else 1
+        for name, needed in (("split_size", least), ("disk_limit", shares * least)):
+            if 0 < (limit := getattr(limits, name)) < needed:
+                raise _LimitError(
+                    f"{name} is {limit} bytes, but a log without messages already has "
+                    f"{least // 2}; set it to {needed} or more."
+                )
         largest = limits.split_size or math.inf
-        if largest < least:
-            raise _LimitError(
-                f"split_size is {limits.split_size} bytes, but a log without messages already has "
-                f"{least // 2}; set it to {least} or more."
-            )
         if not limits.disk_limit:
             return largest
-        logs = _logs(self._folder)
-        taken = sum(size for _, size in logs)
+        taken = sum(size for *_, size in logs)
         if limits.delete_oldest:
             largest = min(largest, limits.disk_limit // _SHARES)
-            for path, size in logs:
+            for *_, path, size in logs:
                 if taken + largest <= limits.disk_limit:
                     break
-                _delete(path)
-                taken -= size
+                taken -= self._delete(path) * size
         largest = min(largest, limits.disk_limit - taken)
         if largest < least:
             fix = "" if limits.delete_oldest else "delete logs, set delete_oldest, or "
             raise _LimitError(
                 f"Recording ended, as the logs in {self._folder} have reached disk_limit, "
-                f"{limits.disk_limit} bytes; {fix}raise it, and start again."
+                f"{limits.disk_limit} bytes; {fix}raise it to {taken + least} or more, and start "
+                "again."
             )
         return largest
+
+    def _delete(self, path: Path) -> bool:
+        """Delete and report a log, and return true, unless another recorder has it open."""
+        try:
+            with path.open("rb") as log:
+                fcntl.flock(log, fcntl.LOCK_SH | fcntl.LOCK_NB)
+                path.unlink()
+        except FileNotFoundError:
+            return True
+        except BlockingIOError:
+            return False
+        except OSError as error:
+            problem = f"The oldest log, {path}, cannot be deleted: {error.strerror}"
+            raise LogError(f"{problem}; delete it.") from None
+        self.deleted += 1
+        self.news.append(f"{path}, the oldest log, was deleted, as disk_limit has been reached.")
+        return True
 
     def _empty_size(self) -> int:
         """Return the approximate size of a log without messages, bytes."""
@@ -386,9 +418,10 @@ class Recorder:
         return attachments + 4 * definitions + 8192
 
     def _keep(self, error: LogError) -> None:
-        """Keep the first error."""
-        if self.error is None:
+        """Keep and report an error, unless nothing is recorded since an earlier one."""
+        if self.recording or self.error is None:
             self.error = error
+            self.news.append(error)
 
 
 def package_versions() -> dict[str, str]:
@@ -410,36 +443,18 @@ def log_writer() -> "type[LogWriter]":
     return LogWriter
 
 
-def _unused_path(folder: Path) -> Path:
-    """Return the path of a log that begins now."""
-    stem = time.strftime("linkage_vibration_%Y%m%d-%H%M%S")
-    path = folder / f"{stem}{_SUFFIX}"
-    number = 1
-    while path.exists():
-        number += 1
-        path = folder / f"{stem}_{number}{_SUFFIX}"
-    return path
+def _logs(folder: Path) -> list[_Found]:
+    """Return the logs in a folder, the oldest first: those without a number, then by number.
 
-
-def _logs(folder: Path) -> list[tuple[Path, int]]:
-    """Return the logs in a folder with their sizes in bytes, the oldest first.
-
-    If the folder cannot be read, there are none, and writing to it gives the error.
+    Links are none. If the folder cannot be read, there are none, and writing to it gives the error.
     """
     logs = []
     with contextlib.suppress(OSError):
-        for path in folder.iterdir():
-            if _NAME.fullmatch(path.name):
+        for entry in os.scandir(folder):
+            match = _NAME.fullmatch(entry.name)
+            if match and entry.is_file(follow_symlinks=False):
                 with contextlib.suppress(FileNotFoundError):
-                    status = path.stat()
-                    logs.append((status.st_mtime_ns, len(path.name), path, status.st_size))
-    return [(path, size) for _, _, path, size in sorted(logs)]
-
-
-def _delete(path: Path) -> None:
-    try:
-        path.unlink(missing_ok=True)
-    except OSError as error:
-        raise LogError(
-            f"The oldest log, {path}, cannot be deleted: {error.strerror}; delete it."
-        ) from None
+                    status = entry.stat(follow_symlinks=False)
+                    order = int(match[2] or 0), status.st_mtime_ns
+                    logs.append((*order, folder / entry.name, status.st_size))
+    return sorted(logs)

@@ -22,6 +22,10 @@ class LogError(LinkageVibrationError):
     """A log cannot be created or written."""
 
 
+class LogExistsError(LogError):
+    """A file has the name of a new log already."""
+
+
 @dataclass(frozen=True, slots=True)
 class Topic:
     """A topic of a log."""

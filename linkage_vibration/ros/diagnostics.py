@@ -119,11 +119,12 @@ def _traffic(second: Second, statistics: Statistics) -> list[Fault]:
 def _log(recording: Recording) -> tuple[Level, str]:
     """Return the level and the sentence about the log."""
     log = recording.recorder
-    if log.error is not None or recording.problem:
-        return Level.ERROR, str(log.error or recording.problem)
-    if log.dropped:
-        return Level.WARN, f"{log.dropped} messages are missing in the log."
-    return Level.OK, f"Recording to {log.path}." if log.recording else "No log is recorded."
+    works = log.active and log.recording
+    if log.error and not works:
+        return Level.ERROR, str(log.error)
+    if works and log.dropped:
+        return Level.WARN, f"{log.dropped} messages are missing in the log. {log.error or ''}"
+    return Level.OK, f"Recording to {log.path}." if works else "No log is recorded."
 
 
 def statuses(name: str, health: Health, statistics: Statistics) -> list[DiagnosticStatus]:
@@ -210,5 +211,6 @@ def _values(health: Health, statistics: Statistics) -> dict[str, str]:
         values["log"] = str(log.path or "")
         values["log messages written"] = str(log.written)
         values["log messages dropped"] = str(log.dropped)
+        values["log files deleted"] = str(log.deleted)
         values["log error"] = str(log.error or "")
     return values

@@ -27,16 +27,11 @@ def log_folder(settings: Parameters) -> Path:
 
 
 class Recording:
-    """Offers ``~/start_recording`` and ``~/stop_recording``; the recorder is not started yet.
-
-    The attribute `problem` says why the last request could not start a log; it is empty if it
-    could.
-    """
+    """Offers ``~/start_recording`` and ``~/stop_recording``; the recorder is not started yet."""
 
     def __init__(self, node: Node, recorder: Recorder) -> None:
         self.recorder, self._node = recorder, node
-        self._active = self._error_reported = False
-        self.problem = ""
+        self._active = self._stopped = False
         self._services = [
             node.create_service(Trigger, "~/start_recording", self._on_start),
             node.create_service(Trigger, "~/stop_recording", self._on_stop),
@@ -51,7 +46,7 @@ class Recording:
     def deactivate(self) -> None:
         """Complete the log, if there is one, and allow no other."""
         self._active = False
-        self.recorder.stop()
+        self._stop()
 
     def close(self) -> None:
         """Destroy the services."""
@@ -76,15 +71,28 @@ class Recording:
             self._node.get_logger().info(f"Log: {self.recorder.path}")
 
     def watch(self) -> None:
-        """Log a failure of the recorder that was not reported yet; once a second."""
-        if self.recorder.error is not None and not self._error_reported:
-            self._error_reported = True
-            self._node.get_logger().error(f"{self.recorder.error} The node predicts without a log.")
+        """Log what the recorder reports, once a second; its fault ends when it has stopped."""
+        while self.recorder.news:
+            item = self.recorder.news.popleft()
+            if isinstance(item, LogError):
+                self._node.get_logger().error(f"{item} The predictions continue.")
+            else:
+                self._node.get_logger().info(item)
+        if self._stopped and not self.recorder.recording:
+            self.recorder.error = None
 
     def _start(self) -> None:
-        self._error_reported = False
         self.recorder.start()
+        self._stopped = False
         self._node.get_logger().info(f"Recording to {self.recorder.path}")
+
+    def _stop(self) -> LogError | None:
+        """Complete the log, if there is one; return the error if that fails."""
+        before = self.recorder.error
+        self.recorder.stop()
+        self._stopped, error = True, self.recorder.error
+        self.watch()
+        return None if error is before else error
 
     def _on_start(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if not self._active:
@@ -92,18 +100,16 @@ class Recording:
             return response
         try:
             self._start()
+            response.success, response.message = True, str(self.recorder.path)
         except LogError as error:
-            self.problem = response.message = str(error)
-            return response
-        self.problem = ""
-        response.success, response.message = True, str(self.recorder.path)
+            response.message = str(error)
         return response
 
     def _on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        if not self.recorder.active:
+        if not (self.recorder.active or self.recorder.error):
             response.message = "Nothing is being recorded; call start_recording first."
             return response
-        self.recorder.stop()
-        response.success, response.message = True, str(self.recorder.path)
+        error = self._stop()
+        response.success, response.message = error is None, str(error or self.recorder.path or "")
         self._node.get_logger().info(f"Log: {self.recorder.path}")
         return response

@@ -62,8 +62,11 @@ def write(log: Recorder, numbers: range, size: int = 12) -> None:
 
 
 def logs(folder: Path) -> list[Path]:
-    """Return the logs in a folder in the order of their beginning."""
-    return sorted(folder.glob("*.mcap"), key=lambda path: (path.name[:33], len(path.name), path))
+    """Return the logs in a folder in the order of their beginning, and then other files."""
+    numbered = re.compile(r"linkage_vibration_(\d+)_\d{8}-\d{6}\.mcap")
+    found = [(numbered.fullmatch(path.name), path) for path in folder.glob("*.mcap")]
+    ours = sorted((int(match[1]), path) for match, path in found if match)
+    return [path for _, path in ours] + sorted(path for match, path in found if not match)
 
 
 def numbers(path: Path) -> list[int]:
@@ -301,9 +304,9 @@ def test_disk_limit_ends_the_recording(tmp_path: Path) -> None:
     assert "reached disk_limit, 500000 bytes; delete logs, set delete_oldest" in str(log.error)
     log.stop()
     assert log.written + log.dropped == 20_000
-    ours = logs(tmp_path)[:-1]
-    assert 400_000 < sum(path.stat().st_size for path in ours) <= 500_000
-    assert [number for path in ours[1:] for number in numbers(path)] == list(range(log.written))
+    *ours, old, _ = logs(tmp_path)
+    assert 400_000 < sum(path.stat().st_size for path in [*ours, old]) <= 500_000
+    assert [number for path in ours for number in numbers(path)] == list(range(log.written))
     with pytest.raises(LogError, match="reached disk_limit"):
         log.start()
 
@@ -325,8 +328,7 @@ def test_oldest_are_deleted_if_asked(tmp_path: Path) -> None:
     assert (log.written, log.dropped, log.error) == (20_000, 0, None)
     assert not old.exists()
     (tmp_path / "other.mcap").unlink()
-    # The name of a deleted log may be used again within the same second.
-    kept = sorted([number for path in logs(tmp_path) for number in numbers(path)])
+    kept = [number for path in logs(tmp_path) for number in numbers(path)]
     assert 2000 < len(kept) < 10_000
     # A file has a quarter of the limit, but for the last one.
     sizes = sorted(path.stat().st_size for path in logs(tmp_path))
@@ -428,8 +430,8 @@ def test_stops_and_starts(tmp_path: Path) -> None:
     ("limits", "words"),
     [
         (LogLimits(split_size=1000), "split_size is 1000 bytes.*set it to [0-9]+ or more"),
-        (LogLimits(disk_limit=1000), "reached disk_limit, 1000 bytes"),
-        (LogLimits(disk_limit=1000, delete_oldest=True), "1000 bytes; raise it"),
+        (LogLimits(disk_limit=1000), "disk_limit is 1000 bytes.*set it to [0-9]+ or more"),
+        (LogLimits(disk_limit=1000, delete_oldest=True), "disk_limit is 1000.*set it to [0-9]+"),
     ],
 )
 def test_start_reports_errors(tmp_path: Path, limits: LogLimits, words: str) -> None:
@@ -439,6 +441,235 @@ def test_start_reports_errors(tmp_path: Path, limits: LogLimits, words: str) -> 
         log.start()
     assert (log.active, log.recording) == (False, False)
     assert not logs(tmp_path)
+
+
+@pytest.mark.parametrize("delete_oldest", [False, True])
+def test_least_disk_limit_that_is_stated_works(tmp_path: Path, delete_oldest: bool) -> None:
+    """The value that an error states is enough to record; one byte less is refused."""
+    with pytest.raises(LogError, match="disk_limit is 1000 bytes") as error:
+        recorder(tmp_path, LogLimits(disk_limit=1000, delete_oldest=delete_oldest)).start()
+    [least] = map(int, re.findall(r"set it to (\d+) or more", str(error.value)))
+    with pytest.raises(LogError, match=f"disk_limit is {least - 1} bytes.*set it to {least} or"):
+        recorder(tmp_path, LogLimits(disk_limit=least - 1, delete_oldest=delete_oldest)).start()
+    log = recorder(tmp_path, LogLimits(disk_limit=least, delete_oldest=delete_oldest), "none")
+    log.start()
+    write(log, range(10))
+    log.stop()
+    assert (log.written, log.dropped, log.error) == (10, 0, None)
+    [path] = logs(tmp_path)
+    assert numbers(path) == list(range(10))
+    assert path.stat().st_size <= least
+
+
+def test_least_disk_limit_beside_other_logs(tmp_path: Path) -> None:
+    """Where logs take up the room, the stated value is enough beside them, and no byte less."""
+    (tmp_path / "linkage_vibration_20200101-000000.mcap").write_bytes(bytes(100_000))
+    with pytest.raises(LogError, match="reached disk_limit") as error:
+        recorder(tmp_path, LogLimits(disk_limit=100_000)).start()
+    [least] = map(int, re.findall(r"raise it to (\d+) or more", str(error.value)))
+    with pytest.raises(LogError, match=f"raise it to {least} or more"):
+        recorder(tmp_path, LogLimits(disk_limit=least - 1)).start()
+    log = recorder(tmp_path, LogLimits(disk_limit=least))
+    log.start()
+    write(log, range(10))
+    log.stop()
+    assert numbers(logs(tmp_path)[0]) == list(range(10))
+
+
+def fill(log: Recorder, count: int, size: int = 100) -> None:
+    """Record so many messages; none may be dropped."""
+    log.start()
+    for k in range(0, count, 500):
+        write(log, range(k, k + 500), size)
+        wait(lambda k=k: log.written == k + 500)
+    log.stop()
+    assert (log.written, log.dropped, log.error) == (count, 0, None)
+
+
+OLD_NAMES = [f"linkage_vibration_20991231-00000{k}.mcap" for k in range(4)]
+
+
+@pytest.mark.parametrize("days", [4, -4])
+@pytest.mark.parametrize(
+    "names",
+    [OLD_NAMES, [f"linkage_vibration_00000{k + 1}_20991231-000000.mcap" for k in range(4)]],
+    ids=["without_number", "numbered"],
+)
+@pytest.mark.usefixtures("quick")
+def test_clock_does_not_decide_what_is_deleted(tmp_path: Path, names: list[str], days: int) -> None:
+    """Logs of earlier sessions are deleted before those of this one, whatever their times are."""
+    at = time.time() + 86_400 * days
+    for name in names:
+        (tmp_path / name).write_bytes(bytes(190_000))
+        os.utime(tmp_path / name, (at, at))
+    log = recorder(tmp_path, LogLimits(disk_limit=800_000, delete_oldest=True), "none")
+    fill(log, 2000)
+    # 2,000 messages of about 150 bytes fill two files of at most 200,000 bytes.
+    left = [name for name in names if (tmp_path / name).exists()]
+    assert left == names[-len(left) :] != names
+    own = [path for path in logs(tmp_path) if path.name not in names]
+    assert [number for path in own for number in numbers(path)] == list(range(2000))
+    deleted = [str(line).split(", the oldest log, was deleted")[0] for line in log.news]
+    assert deleted == [str(tmp_path / name) for name in names[: len(names) - len(left)]]
+    assert log.deleted == len(deleted) > 0
+
+
+@pytest.mark.usefixtures("quick")
+def test_only_our_logs_are_deleted(tmp_path: Path) -> None:
+    """Renamed and recovered logs, links and folders stay, and do not count."""
+    (tmp_path / "elsewhere").write_bytes(bytes(10**6))
+    others = [
+        "linkage_vibration_000001_20260712-141503_recovered.mcap",
+        "linkage_vibration_000001_20260712-141503_2.mcap",
+        "linkage_vibration_00001_20260712-141503.mcap",
+        "linkage_vibration_00000\u0661_20260712-141503.mcap",
+        "linkage_vibration_field.mcap",
+    ]
+    for name in others:
+        (tmp_path / name).write_bytes(bytes(10**6))
+    link = tmp_path / "linkage_vibration_000001_20260712-141503.mcap"
+    link.symlink_to(tmp_path / "elsewhere")
+    broken = tmp_path / "linkage_vibration_20260712-141503.mcap"
+    broken.symlink_to(tmp_path / "nowhere")
+    (tmp_path / "linkage_vibration_20260712-141504.mcap").mkdir()
+    before = set(tmp_path.iterdir())
+    log = recorder(tmp_path, LogLimits(disk_limit=800_000, delete_oldest=True), "none")
+    fill(log, 10_000)
+    assert before < set(tmp_path.iterdir())
+    assert link.is_symlink()
+    assert broken.is_symlink()
+    assert log.deleted > 0
+    own = [path for path in logs(tmp_path) if path not in before]
+    kept = [number for path in own for number in numbers(path)]
+    assert kept == list(range(10_000 - len(kept), 10_000))
+
+
+def test_numbers_exceed_their_width(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Behind 999999 comes 1000000, which is newer, and a clock before 1980 is no problem."""
+    monkeypatch.setattr(time, "strftime", lambda _: "19700101-000000")
+    (tmp_path / "linkage_vibration_999998_20260712-141503.mcap").write_bytes(bytes(10))
+    log = recorder(tmp_path)
+    for _ in range(3):
+        fill(log, 500)
+    names = [f"linkage_vibration_{number}_19700101-000000.mcap" for number in (999999, 10**6)]
+    assert [path.name for path in logs(tmp_path)][1:3] == names
+    found = module._logs(tmp_path)
+    assert [number for number, *_ in found] == [999_998, 999_999, 1_000_000, 1_000_001]
+
+
+@pytest.mark.usefixtures("quick")
+def test_clock_that_jumps_during_a_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No name repeats and no message is lost, also where the clock shows one second for ever."""
+    seconds = iter([1e9, 0.0, 3e9, 0.0, 0.0, 0.0, *[5e8] * 1000])
+    real = time.strftime
+    monkeypatch.setattr(time, "strftime", lambda form: real(form, time.gmtime(next(seconds))))
+    log = recorder(tmp_path, LogLimits(split_size=50_000), "none")
+    fill(log, 4000)
+    paths = logs(tmp_path)
+    assert len(paths) > 8
+    assert [number for path in paths for number in numbers(path)] == list(range(4000))
+    path = log.path
+    for each in paths:
+        each.unlink()
+    fill(log, 500)  # in the emptied folder, at the same second
+    assert logs(tmp_path)[0].name > path.name  # type: ignore[union-attr]
+
+
+@pytest.mark.usefixtures("quick")
+def test_two_recorders_in_one_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither deletes the file that the other records, and no name is taken twice."""
+    monkeypatch.setattr(time, "strftime", lambda _: "20260712-141503")
+    limits = LogLimits(disk_limit=800_000, delete_oldest=True)
+    slow, quick = recorder(tmp_path, limits, "none"), recorder(tmp_path, limits, "none")
+    slow.start()
+    write(slow, range(10))
+    fill(quick, 10_000)
+    assert quick.deleted > 0
+    write(slow, range(10, 20))
+    slow.stop()
+    assert (slow.written, slow.dropped, slow.error) == (20, 0, None)
+    first, *others = logs(tmp_path)
+    assert first == slow.path
+    assert numbers(first) == list(range(20))
+    kept = [number for path in others for number in numbers(path)]
+    assert kept == list(range(10_000 - len(kept), 10_000))
+    fill(quick, 10_000)  # which deletes the complete file of the other one
+    assert not first.exists()
+
+
+def test_name_that_another_recorder_takes_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The next number is used, and the file of the other one stays as it is."""
+    monkeypatch.setattr(time, "strftime", lambda _: "20260712-141503")
+    monkeypatch.setattr(module, "_logs", lambda _: [])  # as before the other file was there
+    taken = tmp_path / "linkage_vibration_000001_20260712-141503.mcap"
+    taken.write_bytes(b"of another recorder")
+    log = recorder(tmp_path)
+    fill(log, 500)
+    assert taken.read_bytes() == b"of another recorder"
+    assert log.path == tmp_path / "linkage_vibration_000002_20260712-141503.mcap"
+
+
+def test_log_that_is_being_read_can_be_deleted(tmp_path: Path) -> None:
+    """A reader of the oldest log keeps what it has opened, and delays nothing."""
+    old = tmp_path / OLD_NAMES[0]
+    old.write_bytes(bytes(700_000))
+    log = recorder(tmp_path, LogLimits(disk_limit=800_000, delete_oldest=True), "none")
+    with old.open("rb") as reader:
+        fill(log, 500)
+        assert not old.exists()
+        assert len(reader.read()) == 700_000
+    assert log.deleted == 1
+
+
+def test_folder_with_ten_thousand_logs(tmp_path: Path) -> None:
+    """Beginning a file and deleting 4,750 logs takes less than 2 s of processor time."""
+    for k in range(10_000):
+        (tmp_path / f"linkage_vibration_{k:06}_20260712-141503.mcap").write_bytes(bytes(100))
+    limits = LogLimits(disk_limit=700_000, delete_oldest=True)
+    # Of 1,000,000 bytes, 525,000 may stay, so that a file of 175,000 bytes has room.
+    log = recorder(tmp_path, limits, "none")
+    began = time.thread_time()
+    log.start()
+    assert time.thread_time() - began < 2.0
+    log.stop()
+    assert log.deleted == 4750
+    assert logs(tmp_path)[0].name == "linkage_vibration_004750_20260712-141503.mcap"
+
+
+@pytest.mark.usefixtures("quick")
+def test_failing_header_leaves_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """If a file fails while its head is written, it is removed, and a later one loses nothing."""
+    fails = True
+    add_metadata = McapFile.add_metadata
+
+    def full(file: McapFile, name: str, data: dict[str, str]) -> None:
+        if fails and name == PROVENANCE_METADATA:
+            raise OSError(28, "No space left on device")
+        add_metadata(file, name, data)
+
+    monkeypatch.setattr(McapFile, "add_metadata", full)
+    log = recorder(tmp_path)
+    with pytest.raises(LogError, match="No space left"):
+        log.start()
+    assert not logs(tmp_path)
+    fails = False
+    log.start()
+    write(log, range(5))
+    fails = True
+    log.change_provenance(PROVENANCE)
+    write(log, range(5, 10))
+    wait(lambda: log.error)
+    assert len(logs(tmp_path)) == 1
+    fails = False
+    wait(lambda: log.recording)
+    assert log.error is None
+    log.stop()
+    assert (log.written, log.dropped) == (10, 0)
+    assert [numbers(path) for path in logs(tmp_path)] == [[*range(5)], [*range(5, 10)]]
 
 
 @pytest.mark.parametrize(("split_size", "refused"), [(1_900_000, True), (2_100_000, False)])

@@ -61,8 +61,8 @@ UNCERTAIN = replace(
 
 def recorder(**changes: Any) -> Any:
     """Return a recorder as far as a status reads it."""
-    state = {"recording": True, "path": Path("/logs/a.mcap"), "written": 10}
-    return SimpleNamespace(**{**state, "dropped": 0, "error": None, **changes})
+    state = {"active": True, "recording": True, "path": Path("/logs/a.mcap"), "written": 10}
+    return SimpleNamespace(**{**state, "dropped": 0, "deleted": 0, "error": None, **changes})
 
 
 QUIET = Second(rate=100.0, without_numbers=0.0, received=100)
@@ -93,8 +93,7 @@ def heard(difference: float, doubts: str = "", modes: str = "") -> SimpleNamespa
 def healthy(**changes: Any) -> Health:
     """Return a sound state, except for changes of it, of what predicts, or of what records."""
     of_input = {name: changes.pop(name) for name in PREDICTING.keys() & changes}
-    recording = {"recorder": recorder(), "problem": changes.pop("log_problem", "")}
-    recording |= {name: changes.pop(name) for name in {"recorder"} & changes.keys()}
+    recording = {"recorder": changes.pop("recorder", recorder())}
     sound: dict[str, Any] = {
         "state": "active",
         "problem": "",
@@ -129,7 +128,11 @@ def healthy(**changes: Any) -> Health:
             WARN,
             r"Mode 2 \(implement pitch\) is uncertain: .* 1.4 % of .* and 30 % of its damping",
         ),
-        ({"resonance": NEAR, "recorder": recorder(error="disk full")}, OK, "Predicting at 100 Hz"),
+        (
+            {"resonance": NEAR, "recorder": recorder(recording=False, error="disk full")},
+            OK,
+            "Predicting at 100 Hz",
+        ),
         ({"resonance": NEAR, "second": replace(QUIET, without_numbers=0.5)}, WARN, "50 %"),
     ],
 )
@@ -177,8 +180,15 @@ def test_most_serious_problem_first(changes: dict[str, Any], level: bytes, words
         ("log", {}, OK, "Recording to /logs/a.mcap"),
         ("log", {"recorder": recorder(recording=False)}, OK, "No log is recorded"),
         ("log", {"recorder": recorder(dropped=3)}, WARN, "3 messages are missing in the log"),
-        ("log", {"recorder": recorder(error="disk full")}, ERROR, "disk full"),
-        ("log", {"log_problem": "no such folder"}, ERROR, "no such folder"),
+        (
+            "log",
+            {"recorder": recorder(dropped=3, error="Too large.")},
+            WARN,
+            "3 messages are missing in the log. Too large.",
+        ),
+        ("log", {"recorder": recorder(recording=False, dropped=3)}, OK, "No log is recorded"),
+        ("log", {"recorder": recorder(recording=False, error="disk full")}, ERROR, "disk full"),
+        ("log", {"recorder": recorder(active=False, error="disk hangs")}, ERROR, "disk hangs"),
         ("input", {}, OK, "No fault is known of joint hitch"),
         ("input", {"reading_faults": [Fault(Level.ERROR, "Degrees.")]}, ERROR, "Degrees."),
         ("input", {"second": replace(QUIET, lost=1)}, OK, "No fault is known of joint hitch"),
@@ -227,7 +237,7 @@ def test_numbers() -> None:
     names = ("messages received", "predictions", "clock jumps", "table id", "table error", "log")
     log = "/logs/a.mcap"
     assert [values[name] for name in names] == ["7", "6", "2", TABLE.table_id, "4.6e-07", log]
-    assert values["recording"] == "true"
+    assert (values["recording"], values["log files deleted"]) == ("true", "0")
 
 
 def test_statistics_are_bounded_and_count() -> None:
