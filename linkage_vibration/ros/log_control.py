@@ -82,8 +82,8 @@ class Recording:
             self.recorder.error = None
 
     def _start(self) -> None:
+        self._stopped &= self.recorder.recording  # a disk that hangs keeps the log from its end
         self.recorder.start()
-        self._stopped = False
         self._node.get_logger().info(f"Recording to {self.recorder.path}")
 
     def _stop(self) -> LogError | None:

@@ -1,0 +1,254 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a running node says about its log: faults that last and end, and logs that it deletes."""
+
+import os
+import re
+import resource
+import shutil
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from mcap.reader import make_reader
+from std_srvs.srv import Trigger
+
+from test.support.messages import read_messages
+from test.support.ros_process import JOINT, Peer, RunningNode, peer_of, until
+
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+
+
+@dataclass
+class Watched:
+    """A node with a log, and what it says about it."""
+
+    process: RunningNode
+    peer: Peer
+    name: str
+    status: dict[str, Any] = field(default_factory=dict)  # the last one of each part
+    count: int = 0  # of the diagnostics received
+
+    def __post_init__(self) -> None:
+        """Subscribe to the diagnostics."""
+        self.clients = {
+            word: self.peer.node.create_client(Trigger, f"{self.name}/{word}_recording")
+            for word in ("start", "stop")
+        }
+        self.peer.node.create_subscription(DiagnosticArray, "/diagnostics", self._keep, 10)
+
+    def _keep(self, message: Any) -> None:
+        own = {s.name: s for s in message.status if s.name.startswith(f"/{self.name}: ")}
+        self.status |= {name.split(": ")[1]: status for name, status in own.items()}
+        self.count += bool(own)
+
+    def call(self, word: str) -> Any:
+        """Start or stop the recording."""
+        return self.peer.request(self.clients[word], Trigger.Request())
+
+    def speak(self) -> None:
+        """Publish readings for a moment."""
+        for _ in range(4):
+            self.peer.publish([JOINT], [2.0])
+            self.peer.pause(0.02)
+
+    def wait_for(self, level: bytes, words: str) -> None:
+        """Wait for a status of the log that was made after this call."""
+        after = self.count + 1  # the next one may be under way already
+
+        def arrives() -> bool:
+            own = self.status.get("log")
+            new = self.count > after
+            return bool(new and own and own.level == level and re.search(words, own.message))
+
+        until(arrives, f"the status {words!r} of the log; last: {self.status}", self.speak)
+
+    def stays(self, level: bytes, seconds: int = 4) -> None:
+        """Check the level of the log's status in each of some seconds."""
+        for _ in range(seconds):
+            before = self.count
+            until(lambda: self.count > before, "diagnostics", self.speak)  # noqa: B023
+            assert self.status["log"].level == level, self.status["log"]
+
+    def value(self, key: str) -> str:
+        """Return one of the values about the log."""
+        values: list[Any] = self.status["predictions"].values
+        return next(str(value.value) for value in values if value.key == key)
+
+
+@pytest.fixture
+def watch(start: Callable[..., Any], domain: int) -> Iterator[Callable[..., Any]]:
+    """Return a function that starts a node with parameters; it ends the one before, if any."""
+    with ExitStack() as stack:
+
+        def begin(name: str, **parameters: Any) -> Watched:
+            stack.close()
+            process = start(name=name, **parameters)
+            stack.callback(process.stop)
+            return Watched(process, stack.enter_context(peer_of(name, domain)), name)
+
+        yield begin
+
+
+def count(path: Path) -> int:
+    """Return the number of messages of a complete log, by the library mcap."""
+    with path.open("rb") as file:
+        return sum(1 for _ in make_reader(file, validate_crcs=True).iter_messages())
+
+
+def test_fault_lasts_as_long_as_its_cause(watch: Callable[..., Watched], tmp_path: Path) -> None:
+    """A lost folder is an ERROR until it is there again; what is missing is a WARN until a stop."""
+    folder = tmp_path / "logs"
+    folder.mkdir()
+    node = watch("lost", record=True, log_directory=folder)
+    node.wait_for(OK, f"Recording to {folder}")
+    shutil.rmtree(folder)
+    node.wait_for(ERROR, "was removed during the recording")
+    node.stays(ERROR)
+    assert node.process.printed.count("was removed during the recording") == 1
+    folder.mkdir()
+    node.wait_for(WARN, "[0-9]+ messages are missing in the log")
+    node.stays(WARN, 2)
+    dropped = int(node.value("log messages dropped"))
+    assert dropped > 0
+    ended = node.call("stop")
+    assert ended.success
+    node.wait_for(OK, "No log is recorded")
+    assert count(Path(ended.message)) > 0
+    assert node.call("start").success
+    node.wait_for(OK, "Recording to")
+
+
+def test_stopping_ends_a_fault(watch: Callable[..., Watched], tmp_path: Path) -> None:
+    """While the folder is lost, a stop ends the fault, a start that fails begins one again."""
+    folder = tmp_path / "logs"
+    folder.mkdir()
+    node = watch("given_up", record=True, log_directory=folder)
+    shutil.rmtree(folder)
+    node.wait_for(ERROR, "was removed during the recording")
+    assert node.call("stop").success
+    node.wait_for(OK, "No log is recorded")
+    node.stays(OK)
+    refused = node.call("stop")
+    assert not refused.success
+    assert "Nothing is being recorded" in refused.message
+    assert not node.call("start").success
+    node.wait_for(ERROR, "cannot be created: No such file")
+    node.stays(ERROR)
+    assert node.call("stop").success
+    node.wait_for(OK, "No log is recorded")
+    assert not node.call("start").success
+    node.wait_for(ERROR, "cannot be created: No such file")
+    folder.mkdir()
+    begun = node.call("start")
+    assert begun.success
+    node.wait_for(OK, f"Recording to {begun.message}")
+    again = node.call("start")
+    assert "recorded already" in again.message
+    node.stays(OK, 3)
+    ended = node.call("stop")
+    assert (ended.success, ended.message) == (True, begun.message)
+    assert count(Path(ended.message)) > 0
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """Mount a disk of 4 MiB."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=4m", "tmpfs", str(folder)]
+    try:
+        subprocess.run(mount, check=True, capture_output=True)
+    except (OSError, subprocess.CalledProcessError):
+        pytest.skip("no small disk: mounting a tmpfs is not allowed here")
+    yield folder
+    subprocess.run(["umount", "-l", str(folder)], check=True)
+
+
+def test_full_disk_is_a_fault_until_it_has_room(
+    watch: Callable[..., Watched], small_disk: Path
+) -> None:
+    """A full disk is an ERROR for as long as it is full, and no longer."""
+    node = watch("filled", record=True, log_directory=small_disk)
+    node.wait_for(OK, "Recording to")
+    filler = small_disk / "filler"
+    with pytest.raises(OSError, match="No space left"), filler.open("wb", buffering=0) as file:
+        while True:
+            file.write(bytes(4096))
+    node.wait_for(ERROR, "No space left on device")
+    node.stays(ERROR, 6)
+    filler.unlink()
+    node.wait_for(WARN, "messages are missing in the log")
+    node.stays(WARN, 4)
+    ended = node.call("stop")
+    assert ended.success
+    assert count(Path(ended.message)) > 0
+
+
+def test_file_that_never_grows_is_a_lasting_fault(
+    watch: Callable[..., Watched], tmp_path: Path
+) -> None:
+    """While every new file fails, the status stays, and the node logs one failure."""
+    node = watch("no_growth", record=True, log_directory=tmp_path)
+    size = next(tmp_path.iterdir()).stat().st_size
+    limits = resource.prlimit(node.process.process.pid, resource.RLIMIT_FSIZE)
+    resource.prlimit(node.process.process.pid, resource.RLIMIT_FSIZE, (size, limits[1]))
+    node.wait_for(ERROR, "could not be written any further")
+    node.stays(ERROR, 7)
+    assert node.process.printed.count("could not be written any further") == 1
+    resource.prlimit(node.process.process.pid, resource.RLIMIT_FSIZE, limits)
+    node.wait_for(WARN, "messages are missing in the log")
+
+
+def test_reached_limit_is_a_fault_until_recording_is_stopped(
+    watch: Callable[..., Watched], tmp_path: Path
+) -> None:
+    """A limit that leaves no room states the least value; with that value the node records."""
+    node = watch("limited", log_directory=tmp_path, disk_limit=1000, delete_oldest=True)
+    refused = node.call("start")
+    assert not refused.success
+    [least] = map(int, re.findall(r"disk_limit is 1000 bytes.*set it to (\d+) or", refused.message))
+    node.wait_for(ERROR, "disk_limit is 1000 bytes")
+    node.stays(ERROR, 2)
+    assert node.call("stop").success
+    node.wait_for(OK, "No log is recorded")
+    assert not list(tmp_path.iterdir())
+    node = watch("enough", log_directory=tmp_path, disk_limit=least, delete_oldest=True)
+    assert node.call("start").success
+    node.wait_for(OK, "Recording to")
+    for _ in range(5):
+        node.speak()
+    ended = node.call("stop")
+    assert ended.success
+    node.wait_for(OK, "No log is recorded")
+    assert node.value("log messages dropped") == "0"
+    answers = list(read_messages(Path(ended.message), "/enough/prediction"))
+    assert len(answers) >= 10
+
+
+def test_deleted_logs_are_reported(watch: Callable[..., Watched], tmp_path: Path) -> None:
+    """Logs that a clock has dated four days later go first; each is logged, and all are counted."""
+    late = time.time() + 4 * 86_400
+    old = [tmp_path / f"linkage_vibration_20991231-00000{k}.mcap" for k in range(4)]
+    for path in old:
+        path.write_bytes(bytes(4_000_000))
+        os.utime(path, (late, late))
+    limits = {"disk_limit": 8_000_000, "delete_oldest": True, "compression": "none"}
+    node = watch("tidy", record=True, log_directory=tmp_path, **limits)
+    node.wait_for(OK, "Recording to")
+    for path in old:
+        expected = f"{path}, the oldest log, was deleted, as disk_limit has been reached."
+        assert (expected in node.process.printed) != path.exists()
+    gone = [path for path in old if not path.exists()]
+    # 16 MB are there, and a file of 2 MB needs room: three of 4 MB go.
+    assert gone == old[:3]
+    assert node.value("log files deleted") == "3"
+    own = Path(node.call("stop").message)
+    assert re.fullmatch(r"linkage_vibration_000001_\d{8}-\d{6}\.mcap", own.name)
+    assert count(own) > 0
