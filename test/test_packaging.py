@@ -65,6 +65,15 @@ def test_every_required_wheel_is_pinned() -> None:
     assert "ros-rclpy" in pinned["jazzy"] & pinned["kilted"]
 
 
+def test_every_interface_file_is_built() -> None:
+    """CMake generates code from each interface file of the package, and from no other."""
+    listed = re.findall(r'^  "(\w+/\w+\.\w+)"$', (INTERFACES / "CMakeLists.txt").read_text(), re.M)
+    kinds = [f"{INTERFACES.name}/{kind}" for kind in ("msg", "srv", "action")]
+    assert sorted(f"{INTERFACES.name}/{file}" for file in listed) == sorted(
+        file for kind in kinds for file in files_below(kind)
+    )
+
+
 def test_ros_finds_the_package() -> None:
     """`ros2 launch` and `ros2 run` find the launch files and the executables, however installed."""
     prefixes = os.environ.get("AMENT_PREFIX_PATH", sys.prefix).split(os.pathsep)

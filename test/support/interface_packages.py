@@ -8,6 +8,7 @@ They are kept in the folder ``build`` between runs of the tests.
 import ctypes
 import hashlib
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -40,8 +41,11 @@ def built_package(name: str, messages: Mapping[str, str]) -> Path:
     with tempfile.TemporaryDirectory(dir=prefix.parent) as folder:
         source, target = Path(folder) / "source", Path(folder) / "prefix"
         (source / "msg").mkdir(parents=True)
-        for file in ("CMakeLists.txt", "package.xml", "pyproject.toml"):
+        listed = "".join(f'  "msg/{message}.msg"\n' for message in messages)
+        for file in ("CMakeLists.txt", "package.xml", "pip.cmake", "pyproject.toml"):
             text = (INTERFACES / file).read_text().replace(INTERFACES.name, name)
+            text = re.sub(r'(?:  "msg/.*\n)+', listed, text)
+            text = re.sub(r'  "(?:srv|action)/.*\n', "", text)
             (source / file).write_text(text)
         for message, definition in messages.items():
             (source / "msg" / f"{message}.msg").write_text(definition)
