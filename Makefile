@@ -13,8 +13,8 @@
 #   make bench ONLY=latency          one of them
 #
 # Each target first sets an environment up if that is not done yet. PYTHON names the Python to use.
-# If no ROS 2 is sourced, its wheels come from PyPI. ROS_DISTRO=kilted uses Kilted instead of Jazzy,
-# which is the default because it is the long-term release, supported until May 2029.
+# If no ROS 2 is sourced, its wheels come from PyPI. Jazzy is the default, because PyPI has no wheels of
+# Lyrical, the current long-term release; ROS_DISTRO=kilted uses Kilted.
 
 PYTHON ?= python3
 ifndef AMENT_PREFIX_PATH

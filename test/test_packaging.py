@@ -171,7 +171,15 @@ def test_wheel_holds_every_file(wheel: Path) -> None:
     }
 
 
-def setup_on(tmp_path: Path, tools: set[str], **environment: str) -> subprocess.CompletedProcess:
+def make_program(path: Path, commands: str) -> None:
+    """Write a program that stands for one of the machine."""
+    path.write_text(f"#!/bin/sh\n{commands}\n")
+    path.chmod(0o755)
+
+
+def setup_on(
+    tmp_path: Path, tools: set[str], *arguments: str, **environment: str
+) -> subprocess.CompletedProcess:
     """Run the set-up where only some tools are on the path and nothing else is set."""
     for tool in tools:
         where = shutil.which(tool, path="/usr/local/bin:/usr/bin:/bin")
@@ -179,7 +187,7 @@ def setup_on(tmp_path: Path, tools: set[str], **environment: str) -> subprocess.
         (tmp_path / tool).symlink_to(where)
     python = Path(sys.base_prefix, "bin", "python3")
     return subprocess.run(
-        ["/bin/sh", ROOT / "tools" / "setup.sh"],
+        ["/bin/sh", ROOT / "tools" / "setup.sh", *arguments],
         env={"PATH": str(tmp_path), "PYTHON": str(python), **environment},
         capture_output=True,
         text=True,
@@ -196,6 +204,10 @@ def setup_on(tmp_path: Path, tools: set[str], **environment: str) -> subprocess.
             r"cannot import its rclpy; run: make PYTHON=/usr/bin/python3",
         ),
         ({"ROS_DISTRO": "humble"}, r"ROS_DISTRO=humble cannot be used; run: make ROS_DISTRO=jazzy"),
+        (
+            {"ROS_DISTRO": "lyrical"},
+            r"no wheels of ROS 2 Lyrical yet; source an installed Lyrical \(.*\), or run: make ROS",
+        ),
         ({"VERSIONS": "ubuntu-22.04"}, r"cannot be used; run: make test VERSIONS=ubuntu-24\.04"),
     ],
 )
@@ -203,8 +215,65 @@ def test_setup_names_what_the_machine_lacks(
     tmp_path: Path, environment: dict[str, str], words: str
 ) -> None:
     """Without a compiler, Python or a sourced rclpy, one line says what to run."""
-    run = setup_on(tmp_path, {"dirname", "id"}, **environment)
+    run = setup_on(tmp_path, {"dirname", "grep", "id"}, **environment)
     assert run.returncode == 1
     assert run.stdout == ""
     (line,) = run.stderr.splitlines()
     assert re.search(words, line), line
+
+
+@pytest.mark.parametrize(
+    ("distro", "minor", "machine", "words"),
+    [
+        ("jazzy", 13, "x86_64", r"packages are missing: g\+\+"),
+        (
+            "kilted",
+            14,
+            "x86_64",
+            r"is Python 3\.14 on x86_64, but .* of ROS 2 kilted are for Python",
+        ),
+        (
+            "jazzy",
+            13,
+            "aarch64",
+            r"3\.13 on aarch64, but .* 3\.12 and 3\.13 on x86_64; source a ROS 2",
+        ),
+        ("lyrical", 14, "x86_64", r"PyPI has no wheels of ROS 2 Lyrical yet"),
+    ],
+)
+def test_setup_names_the_python_of_the_wheels(
+    tmp_path: Path, distro: str, minor: int, machine: str, words: str
+) -> None:
+    """The files in ``tools`` say for which Python and processor a distribution has wheels."""
+    facts = f"minor={minor}\\nbase=/\\nmachine={machine}\\npip=1\\nheaders=1\\nrclpy=\\n"
+    make_program(tmp_path / "python", f"printf '{facts}'")
+    tools = {"dirname", "grep", "id", "sed"}
+    run = setup_on(tmp_path, tools, PYTHON="python", ROS_DISTRO=distro)
+    (line,) = run.stderr.splitlines()
+    assert re.search(words, line), line
+
+
+def test_a_sourced_lyrical_is_used(tmp_path: Path) -> None:
+    """Wheels are needed only where no ROS 2 is sourced: the interfaces are built for that one."""
+    (tmp_path / "ros" / "rclpy").mkdir(parents=True)
+    (tmp_path / "ros" / "rclpy" / "__init__.py").touch()
+    make_program(tmp_path / "c++", "exit 1")
+    make_program(tmp_path / "cmake", "echo $CMAKE_PREFIX_PATH $*; exit 1")
+    make_program(
+        tmp_path / "python",
+        f'[ "$2" = venv ] && exec mkdir -p "$4/bin"; exec {sys.base_prefix}/bin/python3 "$@"',
+    )
+    run = setup_on(
+        tmp_path,
+        {"cat", "cksum", "dirname", "find", "id", "mkdir", "rm", "sort", "xargs"},
+        os.path.relpath(tmp_path / "environment", ROOT),
+        PYTHON="python",
+        ROS_DISTRO="lyrical",
+        AMENT_PREFIX_PATH="/opt/ros/lyrical",
+        PYTHONPATH=str(tmp_path / "ros"),
+    )
+    assert f"for the sourced ROS 2 ({tmp_path / 'ros'})" in run.stdout
+    (line,) = run.stderr.splitlines()
+    assert "the build of linkage_vibration_interfaces failed; see " in line
+    log = (tmp_path / "environment" / "interfaces.log").read_text()
+    assert log.startswith("/opt/ros/lyrical: -S linkage_vibration_interfaces ")

@@ -5,7 +5,7 @@
 # Usage: setup.sh [ENVIRONMENT [EXTRAS]]
 # Make a virtual environment (.venv) and install the package with extras (bags,plots,test,docs) into it;
 # return at once if that is already done. ROS 2 is the sourced one, or else the wheels on PyPI of
-# ROS_DISTRO (jazzy or kilted). The other libraries are the newest, or those of tools/VERSIONS.txt.
+# ROS_DISTRO, for which there has to be a file tools/ROS_DISTRO.txt. The other libraries are the newest, or those of tools/VERSIONS.txt.
 set -eu
 cd "$(dirname "$0")/.."
 python=${PYTHON:-python3}
@@ -53,11 +53,16 @@ if [ -n "${AMENT_PREFIX_PATH:-}" ]; then
     command -v cmake > /dev/null || missing="$missing cmake"
     [ -n "$rclpy" ] ||
         fail "a ROS 2 is sourced, but $python cannot import its rclpy; run: make PYTHON=/usr/bin/python3"
-elif [ "$machine" != x86_64 ] || [ "$minor" -gt 13 ]; then
-    fail "ROS 2 wheels exist for Python 3.10 to 3.13 on x86_64, but this is 3.$minor on $machine;" \
-        "source a ROS 2 first, or name another Python: make PYTHON=python3.12"
+    wheels=
+elif [ ! -f "$wheels" ] && [ "$distro" = lyrical ]; then
+    fail "PyPI has no wheels of ROS 2 Lyrical yet; source an installed Lyrical" \
+        "(. /opt/ros/lyrical/setup.sh), or run: make ROS_DISTRO=jazzy (or kilted)"
 elif [ ! -f "$wheels" ]; then
     fail "the wheels of ROS_DISTRO=$distro cannot be used; run: make ROS_DISTRO=jazzy (or kilted)"
+elif ! grep -q "^# For .*3\.$minor.* on $machine\.$" "$wheels"; then
+    fail "this is Python 3.$minor on $machine, but the wheels of ROS 2 $distro are" \
+        "$(sed -n 's/^# For \(.*\)\.$/for \1/p' "$wheels");" \
+        "source a ROS 2 first, or name another Python: make PYTHON=python3.12"
 fi
 [ -z "$versions" ] || [ -f "$versions" ] ||
     fail "VERSIONS=$VERSIONS cannot be used; run: make test VERSIONS=ubuntu-24.04"
@@ -66,7 +71,7 @@ fi
 # Compare with what .venv was created for and from. The package itself is installed editable, so its
 # files are always current.
 environment="$venv 3.$minor $base ${rclpy:-$distro} $extras${VERSIONS:+ $VERSIONS}"
-sources=$(find package.xml setup.py tools/setup.sh "$wheels" $versions linkage_vibration_interfaces \
+sources=$(find package.xml setup.py tools/setup.sh $wheels $versions linkage_vibration_interfaces \
     -type f | sort | xargs cksum)
 if [ "$(cat "$venv/environment" 2> /dev/null)" != "$environment" ]; then
     rm -rf "$venv"

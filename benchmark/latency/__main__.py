@@ -86,7 +86,7 @@ def main() -> None:
                         runs[name, kind, rate].append(run)
         flooded = floods(driver, {name: processes[name] for name in ("echo", FLOODED)}, turns // 2)
     driver.close()
-    distro = {"7": "jazzy", "9": "kilted"}[version("rclpy")[0]]
+    distro = {"7": "jazzy", "9": "kilted", "10": "lyrical"}[version("rclpy").split(".")[0]]
     draw(runs, RESULTS / f"latency_{distro}.png")
     publish(
         "latency",
