@@ -125,6 +125,7 @@ class ReadingWatch:
     def __init__(self, turns: bool = False, stamps_back: int = 0) -> None:
         self.last = self.stamp_age = math.nan
         self.stamps_back = stamps_back
+        self.held_up = False  # whether readings waited, so that their rate says nothing about them
         self._fastest = math.inf if turns else _FASTEST
         self._noise, self._window = _Noise(), _Window()
         self._stamp, self._angle = _EARLIEST, math.nan  # of the last reading
@@ -233,7 +234,8 @@ class ReadingWatch:
         return faults + [Fault(Level.WARN, sentence) for sentence in sentences]
 
     def _rate(self, window: _Window, elapsed: float) -> list[Fault]:
-        if not window.received:
+        held_up, self.held_up = self.held_up, False
+        if not window.received or held_up:
             return []
         rate = window.received / elapsed
         self._rates.append(rate)

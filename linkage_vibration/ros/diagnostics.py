@@ -18,8 +18,9 @@ from linkage_vibration.prediction.health import Fault, Level, ReadingWatch, over
 from linkage_vibration.prediction.predictor import Prediction, uncertain_modes
 from linkage_vibration.prediction.resonance import described
 from linkage_vibration.prediction.severity import ResonanceState, present_sentence
+from linkage_vibration.ros.arrivals import LONGEST_WAIT
 from linkage_vibration.ros.log_control import Recording
-from linkage_vibration.ros.message_path import LONGEST_WAIT, NO_CLOCK, Predicting
+from linkage_vibration.ros.message_path import NO_CLOCK, Predicting
 from linkage_vibration.ros.statistics import Second, Statistics
 
 _LOST = 0.01  # share of the messages; a wireless network loses fewer
@@ -110,8 +111,8 @@ def _traffic(second: Second, statistics: Statistics) -> list[Fault]:
         )
     if second.wait > LONGEST_WAIT:
         sentences.append(
-            f"Messages waited up to {second.wait:.1f} s for the node, and {second.dropped} of "
-            f"{second.received} were left out for newer ones; the machine is too slow or too busy."
+            f"Messages waited up to {second.wait:.2g} s for the node, and {second.dropped} were "
+            "left out for newer ones; the machine is too slow or too busy."
         )
     return [Fault(Level.WARN, sentence) for sentence in sentences]
 
@@ -189,7 +190,7 @@ def _values(health: Health, statistics: Statistics) -> dict[str, str]:
         "latency p99 [ms]": f"{late:.3f}",
         "messages received": str(statistics.received),
         "messages lost": _by_topic(statistics.lost),
-        "messages left out": str(statistics.dropped),
+        "messages left out": _by_topic(statistics.dropped),
         "longest wait [s]": f"{health.second.wait:.3f}",
         "predictions": str(statistics.predicted),
         "stamps that went back": str(readings.stamps_back),

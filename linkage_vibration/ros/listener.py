@@ -54,8 +54,8 @@ class Listener:
         """Whether messages are received."""
         return self._spinning is not None
 
-    def subscribe(self, kind: Any, topic: str, on_message: Callable[..., None], depth: int) -> None:
-        """Subscribe to a topic; see `linkage_vibration.ros.endpoints.subscribe`."""
+    def subscribe(self, kind: Any, topic: str, on_message: Callable[..., None], depth: int) -> Any:
+        """Return a subscription to a topic; see `linkage_vibration.ros.endpoints.subscribe`."""
         try:
             subscription = subscribe(self._node, kind, topic, on_message, input_depth=depth)
         except RuntimeError:  # of rcl; DDS has one type for each topic in a process
@@ -68,6 +68,7 @@ class Listener:
         with suppress(UnsupportedEventTypeError), subscription.handle:
             kind = QoSSubscriptionEventType.RCL_SUBSCRIPTION_MESSAGE_LOST
             self._losses[topic] = _rclpy.EventHandle(subscription.handle, kind)
+        return subscription
 
     def lost(self) -> Counter[str]:
         """Return how many messages of each topic the middleware has lost since the subscription."""

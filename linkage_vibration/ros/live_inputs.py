@@ -12,7 +12,12 @@ from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.messages.topics import OUTPUT_TOPICS
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs.presets import HITCH
-from linkage_vibration.prediction.inputs.sources import CrankInput, SourceSettings, SpeedInput
+from linkage_vibration.prediction.inputs.sources import (
+    CrankInput,
+    InputReader,
+    SourceSettings,
+    SpeedInput,
+)
 from linkage_vibration.prediction.settings import ParameterError, Parameters
 from linkage_vibration.readers.sensors import Sensor, SensorReader
 from linkage_vibration.ros.endpoints import message_class
@@ -31,6 +36,12 @@ class LiveTopic:
     crank: CrankInput | None = None
     speeds: list[tuple[Source, SpeedInput]] = field(default_factory=list)
     sensors: list[tuple[int, SensorReader]] = field(default_factory=list)  # by place
+
+    @property
+    def numbers(self) -> set[InputReader]:
+        """The inputs of which the newest number is enough; none beside sensors, which need all."""
+        inputs = self.crank, *(speed for _, speed in self.speeds)
+        return {each for each in inputs if each is not None and not self.sensors}
 
 
 def live_topics(

@@ -54,13 +54,13 @@ from linkage_vibration.prediction.predictor import Prediction, Predictor, Status
 from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.prediction.severity import ResonanceState, Unknown
+from linkage_vibration.ros.arrivals import LONGEST_WAIT, Arrival, arrival, newest, waiting
 from linkage_vibration.ros.endpoints import MessageInfo, Throttle, message_class
 from linkage_vibration.ros.listener import Listener
 from linkage_vibration.ros.live_inputs import LiveTopic
 from linkage_vibration.ros.statistics import SequenceGaps, Statistics
 
 MISSING_AFTER = 5.0  # s without the joint, before a warning says that it is missing
-LONGEST_WAIT = 0.5  # s in the queue, after which newer readings are preferred
 NO_CLOCK = (
     "Nothing is predicted, as use_sim_time is true, but no time arrives on /clock; publish it, or "
     "set the parameter to false."
@@ -124,7 +124,9 @@ class Predicting:
         self._subscribed = False
         self._other_names: set[str] = set()
         self._too_large = 0
-        self._began = self._judged = self._answered = 0.0
+        self._began = self._judged = 0.0
+        self._latest = 0  # ns, the last time of receipt
+        self._queues: dict[str, Any] = {}  # subscriptions by their topics
         self._gaps: defaultdict[str, SequenceGaps] = defaultdict(SequenceGaps)
         self.apply(settings, topics)
 
@@ -177,10 +179,12 @@ class Predicting:
         for topic in self._topics.values():
             on_message = partial(self._on_message, topic.name, topic.type)
             kind, depth = message_class(topic.type), INPUT_DEPTH
-            self._listener.subscribe(kind, topic.name, on_message, depth)
+            queue = self._listener.subscribe(kind, topic.name, on_message, depth)
+            self._queues[topic.name] = queue
 
     def unsubscribe(self) -> None:
         """Answer no more messages, once the listener has stopped."""
+        self._queues.clear()
         self._listener.unsubscribe()
         self._subscribed = False
         self._other_names.clear()
@@ -280,28 +284,46 @@ class Predicting:
         return [each.node_name for each in self._node.get_publishers_info_by_topic(topic)]
 
     def _on_message(self, name: str, kind: str, data: bytes, info: MessageInfo) -> None:
-        began, received = time.monotonic(), self._now()
-        topic, counts = self._topics.get(name), self._statistics
+        """Use a message or, once it has waited for too long, the newest of all that wait."""
+        topic = self._topics.get(name)
         if topic is None or topic.type != kind:
             return  # it arrived before the inputs were changed
-        wait = max(1e-9 * (time.time_ns() - (info["received_timestamp"] or math.inf)), 0.0)
-        counts.wait = max(counts.wait, wait)
-        number = info["publication_sequence_number"]
+        message = arrival(topic, data, info)
+        messages = [message] if self._is_accepted(message) else []
+        if message.wait > LONGEST_WAIT:
+            self.readings.held_up = True
+            for each, subscription in self._queues.items():
+                messages += filter(self._is_accepted, waiting(self._topics[each], subscription))
+            messages.sort(key=lambda each: each.received)
+            # What is left out is not recorded either, so that a replay has the same answers.
+            messages = newest(messages, self._statistics.dropped)
+        for message in messages:
+            self._use(message)
+
+    def _is_accepted(self, message: Arrival) -> bool:
+        """Count a message, and return whether it is small enough."""
+        topic, counts = message.topic, self._statistics
+        counts.wait = max(counts.wait, message.wait)
+        number = message.info["publication_sequence_number"]
         if number is not None:
-            publishers = partial(self._node.count_publishers, name)
-            counts.gaps[name] += self._gaps[name].before(number, publishers)
-        if topic.crank is not None:
-            counts.received += 1
-            # While newer readings wait, an old angle is worthless. What is left out is not
-            # recorded either, so that a replay of the log has the same answers.
-            if wait > LONGEST_WAIT and began < self._answered + LONGEST_WAIT:
-                counts.dropped += 1
-                return
+            publishers = partial(self._node.count_publishers, topic.name)
+            counts.gaps[topic.name] += self._gaps[topic.name].before(number, publishers)
+        counts.received += topic.crank is not None
+        if len(message.data) > MAX_BYTES:
+            self._refuse_large(topic, len(message.data))
+        return len(message.data) <= MAX_BYTES
+
+    def _use(self, arrived: Arrival) -> None:
+        """Answer a message and record it, if it has a number for an input."""
+        topic, data, info, received, wait = arrived
+        began, now, name = time.monotonic(), self._now(), topic.name
+        if self._clock.ros_time_is_active:
+            received = now
+        else:  # several threads of the middleware may receive
+            received, wait = max(received, min(self._latest, now)), 0.0
         if received <= 0:
             return  # before a simulated clock runs; the log has no time for it
-        if len(data) > MAX_BYTES:
-            self._refuse_large(topic, len(data))
-            return
+        self._latest = received
         message, answers = (name, data, received, info), _Answers()
         used = False
         for source, speed in topic.speeds:
@@ -322,7 +344,6 @@ class Predicting:
             reading = self._read(topic.crank.read_one, message, self.readings.refuse)
             if reading is not None:
                 self._other_names.clear()
-                self._answered = began
                 self._answer(reading, message, began, wait, answers)
                 return  # with its answers, the message is recorded
             # Several nodes may share the topic; `judge` warns if none sends the joint.

@@ -37,7 +37,7 @@ class Statistics:
     # By topic, the messages that did not arrive: by sequence numbers, and as DDS reports them.
     gaps: Counter[str] = field(default_factory=Counter)
     reported: Counter[str] = field(default_factory=Counter)
-    dropped: int = 0  # messages that had waited while newer ones arrived
+    dropped: Counter[str] = field(default_factory=Counter)  # by topic, left out for newer ones
     wait: float = 0.0  # s, the longest of a message since the last status
     clock_jumps: int = 0  # how often the clock was set, or a looping bag jumped back
     qos_mismatches: Counter[str] = field(default_factory=Counter)  # by topic
@@ -67,7 +67,7 @@ class Statistics:
         """Return what happened since the last call; ``now`` is by the steady clock, s."""
         wait, self.wait = self.wait, 0.0
         mismatches, lost = sum(self.qos_mismatches.values()), sum(self.lost.values())
-        events = self.clock_jumps, mismatches, self.received, lost, self.dropped
+        events = self.clock_jumps, mismatches, self.received, lost, self.dropped.total()
         counts = self.with_numbers, self.without_numbers, *events
         changes = [n - m for n, m in zip(counts, self._before or counts, strict=True)]
         rate = sum(changes[:2]) / max(now - self._then, 1e-9) if self._before else 0.0

@@ -193,12 +193,12 @@ def test_most_serious_problem_first(changes: dict[str, Any], level: bytes, words
         ("input", {"reading_faults": [Fault(Level.ERROR, "Degrees.")]}, ERROR, "Degrees."),
         ("input", {"second": replace(QUIET, lost=1)}, OK, "No fault is known of joint hitch"),
         ("input", {"second": replace(QUIET, lost=2)}, WARN, "2 messages of /a were lost"),
-        ("input", {"second": replace(QUIET, wait=0.49)}, OK, "No fault is known of joint hitch"),
+        ("input", {"second": replace(QUIET, wait=0.049)}, OK, "No fault is known of joint hitch"),
         (
             "input",
-            {"second": replace(QUIET, wait=0.51, dropped=40)},
+            {"second": replace(QUIET, wait=0.051, dropped=40)},
             WARN,
-            "waited up to 0.5 s for the node, and 40 of 100 were left out for newer ones",
+            "waited up to 0.051 s for the node, and 40 were left out for newer ones",
         ),
         ("speeds", {"speed_faults": [Fault(Level.WARN, "It stopped.")]}, WARN, "It stopped."),
         ("sensors", {"sensors": SimpleNamespace(latest={})}, STALE, "No sensor has sent samples"),
@@ -229,7 +229,8 @@ def test_each_part_has_a_status(
 
 def test_numbers() -> None:
     """Percentiles, counts, table and log have names."""
-    statistics = Statistics(received=7, with_numbers=6, clock_jumps=2)
+    dropped = Counter({"/b": 30, "/a": 10})
+    statistics = Statistics(received=7, with_numbers=6, clock_jumps=2, dropped=dropped)
     statistics.latencies.extend(1e-3 * i for i in range(1, 101))
     values = {v.key: v.value for v in statuses("a", healthy(), statistics)[0].values}
     assert float(values["latency p50 [ms]"]) == pytest.approx(50.5)
@@ -238,6 +239,7 @@ def test_numbers() -> None:
     log = "/logs/a.mcap"
     assert [values[name] for name in names] == ["7", "6", "2", TABLE.table_id, "4.6e-07", log]
     assert (values["recording"], values["log files deleted"]) == ("true", "0")
+    assert values["messages left out"] == "/a 10, /b 30"
 
 
 def test_statistics_are_bounded_and_count() -> None:
@@ -247,7 +249,8 @@ def test_statistics_are_bounded_and_count() -> None:
     statistics.with_numbers, statistics.without_numbers, statistics.clock_jumps = 130, 10, 5
     statistics.qos_mismatches["/prediction"] += 2
     statistics.gaps["/a"], statistics.reported["/a"], statistics.reported["/b"] = 5, 4, 1
-    statistics.received, statistics.dropped = 50, 8
+    statistics.received = 50
+    statistics.dropped["/a"], statistics.dropped["/b"] = 6, 2
     assert statistics.since_last_time(10.5) == Second(80.0, 0.25, 0.0, 1, 2, 50, 6, 8)
     assert statistics.since_last_time(11.5) == Second(0.0, 0.0)
     statistics.latencies.extend([0.0] * 10 * LATENCIES)

@@ -26,9 +26,12 @@ def test_lost_messages(
         tractor.received.clear()
         tractor.peer.spin(lambda: [s for s in tractor.received if s.values], "diagnostics")
         [values] = [{v.key: v.value for v in s.values} for s in tractor.received if s.values]
-        lost = values["messages lost"].removeprefix("/joint_states ")
-        names = "predictions", "messages left out"
-        return int(values["messages received"]), int(lost), *(int(values[n]) for n in names)
+        lost, left_out = (
+            values[name].removeprefix("/joint_states ")
+            for name in ("messages lost", "messages left out")
+        )
+        numbers = values["messages received"], lost, values["predictions"], left_out
+        return tuple(map(int, numbers))
 
     def publish(_: int = 0) -> None:
         nonlocal published

@@ -9,15 +9,16 @@ from typing import Any
 import pytest
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
 
-from linkage_vibration.messages.topics import PREDICTION
+from linkage_vibration.messages.topics import OUTPUT_TOPICS
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.readers.excitations import read_excitations
-from linkage_vibration.ros import message_path
+from linkage_vibration.ros import arrivals, message_path
 from linkage_vibration.ros.live_inputs import live_topics
-from linkage_vibration.ros.message_path import LONGEST_WAIT, Predicting
+from linkage_vibration.ros.message_path import Predicting
 from linkage_vibration.ros.statistics import Statistics
 from linkage_vibration.support.resources import PAPER_TABLE, config_file
 from linkage_vibration.table.table import load_table
@@ -30,13 +31,17 @@ class Bench:
     """A path of messages whose clock is set by hand."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        self.now, self.number = 100.0, 0
-        self.statistics, self.recorded = Statistics(), list[bytes]()
+        self.now, self.numbers = 100.0, Counter[str]()
+        self.statistics, self.recorded, self.times = Statistics(), list[str](), list[int]()
+        self.queues = dict[str, list[tuple[bytes, dict[str, int]]]]()
+        self._callbacks = dict[str, Any]()
         clock = SimpleNamespace(
             monotonic=lambda: self.now, time_ns=lambda: round(1e9 * (START + self.now))
         )
-        monkeypatch.setattr(message_path, "time", clock)
+        for module in (message_path, arrivals):
+            monkeypatch.setattr(module, "time", clock)
         topic = SimpleNamespace(publish=lambda data: None, topic_name="/answer")
+        outputs = {output.type: topic for output in OUTPUT_TOPICS}
         node = SimpleNamespace(
             get_clock=lambda: SimpleNamespace(ros_time_is_active=False),
             get_publishers_info_by_topic=lambda topic: [],
@@ -45,34 +50,60 @@ class Bench:
         listener = SimpleNamespace(subscribe=self._subscribe, lost=Counter)
         throttle = SimpleNamespace(warn=lambda *_: None, report=lambda *_: None)
         self.path = Predicting(
-            *(node, listener, {PREDICTION: topic}, Parameters()),  # type: ignore[arg-type]
+            *(node, listener, outputs, Parameters()),  # type: ignore[arg-type]
             live_topics(Parameters(), lambda name: f"/{name}"),
             Predictor(load_table(config_file(PAPER_TABLE))),
             ResonanceMonitor(read_excitations(Parameters().excitation_path())),
             None,
-            lambda name, data, *_: self.recorded.append(data),
+            self._record,
             self.statistics,
             throttle,  # type: ignore[arg-type]
         )
         self.path.subscribe()
 
-    def _subscribe(self, kind: Any, topic: str, on_message: Any, depth: int) -> None:
-        if kind is JointState:
-            self._on_message = on_message
+    def _subscribe(self, kind: Any, topic: str, on_message: Any, depth: int) -> Any:
+        queue = self.queues[topic] = list[tuple[bytes, dict[str, int]]]()
+        self._callbacks[topic] = on_message
+        take = SimpleNamespace(take_message=lambda *_: queue.pop(0) if queue else None)
+        return SimpleNamespace(handle=take, msg_type=kind)
+
+    def _record(self, topic: str, data: bytes, received: int, *_: Any) -> None:
+        self.recorded.append(topic)
+        self.times.append(received)
+
+    def spin(self) -> None:
+        """Announce the messages that wait, those that arrived first before the others."""
+        order = [(info["received_timestamp"], t) for t, q in self.queues.items() for _, info in q]
+        for _, topic in sorted(order):
+            if self.queues[topic]:  # what has gone is announced, too, but not found
+                self._callbacks[topic](*self.queues[topic].pop(0))
+
+    def put_speed(self, wait: float, value: float = 1500.0, topic: str = "/engine_speed") -> None:
+        """Let a speed wait (s) in its queue."""
+        self._put(topic, Float64(data=value), wait)
 
     def give(self, wait: float, age: float = 0.0, joint: str = JOINT) -> None:
         """Give a reading with an age (s) at its arrival, which waited (s)."""
-        self.number += 1
+        self.put(wait, age, joint)
+        self.spin()
+
+    def put(self, wait: float, age: float = 0.0, joint: str = JOINT) -> None:
+        """Let a reading with an age (s) at its arrival wait (s) in its queue."""
         arrived = round(1e9 * (START + self.now - wait))
         message = JointState(name=[joint], position=[2.0])
         stamp = divmod(arrived - round(1e9 * age), 10**9)
         message.header.stamp.sec, message.header.stamp.nanosec = stamp
+        self._put("/joint_states", message, wait)
+
+    def _put(self, topic: str, message: Any, wait: float) -> None:
+        self.numbers[topic] += 1
+        arrived = round(1e9 * (START + self.now - wait))
         info = {
             "source_timestamp": arrived,
             "received_timestamp": arrived,
-            "publication_sequence_number": self.number,
+            "publication_sequence_number": self.numbers[topic],
         }
-        self._on_message(serialize_message(message), info)
+        self.queues[topic].append((serialize_message(message), info))
 
     def faults(self) -> str:
         """Return the sentences about the readings of the last second."""
@@ -87,25 +118,66 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Bench:
     return Bench(monkeypatch)
 
 
-@pytest.mark.parametrize(("wait", "left_out"), [(LONGEST_WAIT - 0.01, 0), (LONGEST_WAIT + 0.01, 9)])
+@pytest.mark.parametrize(("wait", "left_out"), [(0.04, 0), (0.06, 9)])
 def test_newer_readings_are_preferred(bench: Bench, wait: float, left_out: int) -> None:
-    """Of readings that waited for too long, two a second are answered; others are not recorded."""
-    for _ in range(10):
-        bench.now += 0.01
-        bench.give(wait)
-    assert bench.statistics.dropped == left_out
+    """Once a reading has waited for too long, only the newest one is answered and recorded."""
+    for i in range(10):
+        bench.put(wait - 0.001 * i)
+    bench.spin()
+    assert bench.statistics.received == 10
+    assert bench.statistics.dropped == ({"/joint_states": left_out} if left_out else {})
     assert bench.statistics.predicted == len(bench.recorded) == 10 - left_out
-    bench.give(0.0)  # the newest one
-    assert bench.statistics.predicted == 11 - left_out
     assert bench.statistics.wait == pytest.approx(wait)
+    newest = round(1e9 * (START + bench.now - wait + 0.009))
+    assert bench.times[-1] == pytest.approx(newest, abs=500)
 
 
-def test_a_slow_sensor_is_answered(bench: Bench) -> None:
+def test_speeds_follow_the_same_rule(bench: Bench) -> None:
+    """The newest reading is answered with the newest speeds, and in the order of arrival."""
+    for i in range(5):
+        bench.put(0.2 - 0.04 * i)  # the newest one waited for 0.04 s
+        bench.put_speed(0.19 - 0.04 * i)  # and for 0.03 s
+    bench.put_speed(0.045, topic="/pto_speed")
+    bench.put_speed(0.035, topic="/pto_speed")
+    bench.spin()
+    assert bench.statistics.dropped == {"/joint_states": 4, "/engine_speed": 4}
+    expected = ["/pto_speed", "/joint_states", "/pto_speed", "/engine_speed"]
+    assert bench.recorded == expected
+    now = round(1e9 * (START + bench.now))
+    assert [now - time for time in bench.times] == pytest.approx([45e6, 40e6, 35e6, 30e6], abs=500)
+
+
+def test_times_in_the_log_do_not_go_back(bench: Bench) -> None:
+    """A thread of the middleware may pass on later what another received before."""
+    bench.give(0.01)
+    bench.put_speed(0.02)
+    bench.spin()
+    assert bench.times[0] == bench.times[1]
+    bench.now -= 3600.0  # the clock was set back
+    bench.give(0.01)
+    assert bench.times[2] == round(1e9 * (START + bench.now))
+
+
+@pytest.mark.parametrize("wait", [1.5, 0.5])
+def test_a_slow_sensor_is_answered(bench: Bench, wait: float) -> None:
     """Nothing newer waits if the readings come once in 2 s."""
     for _ in range(3):
         bench.now += 2.0
-        bench.give(1.5)
-    assert (bench.statistics.predicted, bench.statistics.dropped) == (3, 0)
+        bench.give(wait)
+    assert (bench.statistics.predicted, bench.statistics.dropped) == (3, {})
+
+
+@pytest.mark.parametrize(("wait", "named"), [(0.04, True), (0.06, False)])
+def test_a_busy_machine_is_no_fault_of_the_sensor(bench: Bench, wait: float, named: bool) -> None:
+    """The rate of readings is not judged in a second in which the node leaves some out."""
+    for bursts, size in [(50, 1)] * 4 + [(5, 5)] * 2:  # 50 readings a second, and then 25
+        for _ in range(bursts):
+            bench.now += 0.9 / bursts
+            for i in range(size):
+                bench.put(wait - 0.001 * i)
+            bench.spin()
+        faults = bench.faults()
+    assert ("Hz instead of" in faults) == named
 
 
 @pytest.mark.parametrize(("wait", "age"), [(20.0, 0.0), (0.0, 20.0)])
@@ -118,7 +190,8 @@ def test_a_backlog_is_no_fault_of_clocks(bench: Bench, wait: float, age: float) 
 def test_gaps_are_counted(bench: Bench) -> None:
     """Numbers that are missing between messages are counted for their topic."""
     bench.give(0.0)
-    bench.number, bench.now = bench.number + 3, bench.now + 0.1
+    bench.numbers["/joint_states"] += 3
+    bench.now += 0.1
     bench.give(0.0)
     assert bench.statistics.lost == {"/joint_states": 3}
 

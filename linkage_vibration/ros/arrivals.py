@@ -1,0 +1,66 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Messages that wait for the node: when they were received, and which of them are the newest."""
+
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from typing import Any, NamedTuple
+
+from linkage_vibration.bags.numbers import CdrError, ReadingError
+from linkage_vibration.prediction.inputs.sources import InputReader
+from linkage_vibration.ros.endpoints import MessageInfo
+from linkage_vibration.ros.live_inputs import LiveTopic
+
+LONGEST_WAIT = 0.05  # s in the queue, after which only the newest message is used
+_DAY = 86_400 * 10**9  # ns; an earlier time of receipt is by another clock, or before it was set
+
+
+class Arrival(NamedTuple):
+    """A message of an input that has arrived."""
+
+    topic: LiveTopic
+    data: bytes
+    info: MessageInfo
+    received: int  # by the wall clock, ns
+    wait: float  # s, since then
+
+
+def arrival(topic: LiveTopic, data: bytes, info: MessageInfo) -> Arrival:
+    """Return a message with its time of receipt: now, if the middleware's is not plausible."""
+    now, received = time.time_ns(), info["received_timestamp"]
+    if not now - _DAY < received <= now:
+        received = now
+    return Arrival(topic, data, info, received, 1e-9 * (now - received))
+
+
+def waiting(topic: LiveTopic, subscription: Any) -> Iterator[Arrival]:
+    """Take all messages from the queue of a subscription; its executor then finds nothing there."""
+    while (taken := subscription.handle.take_message(subscription.msg_type, True)) is not None:
+        yield arrival(topic, *taken)
+
+
+def newest(messages: Sequence[Arrival], left_out: Counter[str]) -> list[Arrival]:
+    """Return messages, in order of arrival, without those that newer ones replace; count these.
+
+    Where one of a topic has waited for too long, the newest with a number for each input are used.
+    """
+    late = {message.topic.name for message in messages if message.wait > LONGEST_WAIT}
+    found, kept = set[InputReader](), list[Arrival]()
+    for message in reversed(messages):
+        inputs = message.topic.numbers if message.topic.name in late else set()
+        # Once newer messages have all numbers, the older ones are not even read.
+        held = inputs if inputs <= found else {i for i in inputs if _holds(message, i)}
+        if held and held <= found:
+            left_out[message.topic.name] += 1
+        else:
+            found |= held
+            kept.append(message)
+    return kept[::-1]
+
+
+def _holds(message: Arrival, source: InputReader) -> bool:
+    with suppress(CdrError, ReadingError):
+        return source.reader.read_one(message.data) is not None
+    return False
