@@ -137,7 +137,7 @@ class FieldReader(NumberReader):
             count, names = self._enter(message, inside, step)
             index = step.index or 0
             if step.name:
-                if step.name not in names:
+                if step.name not in names and (names or not count):
                     return -1, names, ""
                 if fault := _name_fault(step, names, count):
                     return -1, names, fault

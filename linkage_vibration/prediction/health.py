@@ -10,7 +10,7 @@ import enum
 import math
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from statistics import median_low
 
 from linkage_vibration.prediction.excitation import Source
@@ -19,6 +19,7 @@ from linkage_vibration.prediction.inputs.presets import ENGINE, GROUND, HITCH, P
 _FRESH = 1.0  # s; what is older does not belong to the present motion or speed
 _STAMP_AHEAD = 0.1  # s; the stamps of synchronised clocks are ahead by less
 _KEPT = 100  # at most so many angles outside the table are kept
+LASTING = 10.0  # s; a fault that comes and goes has ended when it has not come for so long
 
 _FASTEST, _LEAST_JUMP = 4.0, 0.06  # rad/s and rad; a hitch is slower, and noise is smaller
 _EARLIEST = -(2**63)  # ns
@@ -32,6 +33,9 @@ _CONTRADICTION = 0.1  # rad in a second; positions and velocities that agree dif
 
 _USUAL = 30  # the usual rate is the median of so many windows, so that it follows a lasting change
 _FALLEN = 0.6  # a rate below this share of the usual one is a fault
+_FEW = 10  # readings; if fewer arrive while others are left out, their rate is not known
+_GAP = 0.15  # s; over longer gaps that the node makes itself, a motion is not known
+_NO_NUMBERS = 0.1  # more than this share of readings that are no number is a fault
 
 _IMPLAUSIBLE_AFTER = 3.0  # s; a starter turns an engine slowly for a shorter time
 _PLAUSIBLE = {
@@ -42,9 +46,13 @@ _PLAUSIBLE = {
 """The range of speeds of an engine, a PTO shaft or a tractor that is not at rest, rpm or m/s."""
 AGREEMENT = {HITCH: (0.03, "rad"), ENGINE: (50.0, "rpm"), PTO: (20.0, "rpm"), GROUND: (0.3, "m/s")}
 """Differences between publishers up to these are noise."""
+_SWING = {Source.ENGINE: 400.0, Source.PTO: 120.0, Source.GROUND: 2.0}
+_SWING_TIME, _SWINGS = 0.4, 3  # s; nothing changes so much to and fro in it, so often in a second
+_RUN_OUT = 10.0  # s; a PTO turns for a shorter time after the engine has stopped
 _OTHER_UNITS = {Source.ENGINE: "rad/s or Hz", Source.PTO: "rad/s or Hz", Source.GROUND: "km/h"}
 
 
+_Nodes = Callable[[], Sequence[str]]
 _Reading = tuple[float, int, int, float, float, bool, str]
 """The arguments of `ReadingWatch.take`, in its order."""
 
@@ -64,6 +72,22 @@ class Fault:
 
     level: Level
     sentence: str
+    event: str = ""  # what comes and goes; empty for a fault that lasts as long as its cause
+
+
+class Recent:
+    """Keeps the faults that come and go until they have not come for `LASTING` s."""
+
+    def __init__(self) -> None:
+        self._last: dict[str, tuple[float, Fault]] = {}  # by event, with its time, s
+
+    def with_earlier(self, now: float, faults: Sequence[Fault]) -> list[Fault]:
+        """Return the faults of the time ``now`` (s), and those that have not ended since."""
+        self._last |= {fault.event: (now, fault) for fault in faults if fault.event}
+        earlier = [(now - at, f) for at, f in self._last.values() if 0.0 < now - at < LASTING]
+        words = "{} This was {:.0f} s ago."
+        kept = [replace(f, sentence=words.format(f.sentence, age)) for age, f in earlier]
+        return [*faults, *kept]
 
 
 def overall(faults: Sequence[Fault], sound: str) -> tuple[Level, str]:
@@ -108,7 +132,8 @@ class Expected:
     offset: float  # rad, the crank angle at the position 0; NaN if the input is no angle
     stale_after: float  # s, the age from which a reading is too old
     since: float  # s, steady clock, from when on it is expected
-    publishers: Callable[[], Sequence[str]]  # returns the node of each publisher
+    publishers: _Nodes  # returns the node of each publisher
+    taken: float = 1.0  # share of the messages that were neither lost nor left out by the node
 
     def contains(self, angle: float) -> bool:
         """Return whether the table has an angle, rad."""
@@ -125,10 +150,11 @@ class ReadingWatch:
     def __init__(self, turns: bool = False, stamps_back: int = 0) -> None:
         self.last = self.stamp_age = math.nan
         self.stamps_back = stamps_back
-        self.held_up = False  # whether readings waited, so that their rate says nothing about them
         self._fastest = math.inf if turns else _FASTEST
         self._noise, self._window = _Noise(), _Window()
+        self._recent = Recent()
         self._stamp, self._angle = _EARLIEST, math.nan  # of the last reading
+        self._received = _EARLIEST
         self._before = math.nan  # rad, the angle before the last one
         self._waiting: deque[_Reading] = deque(maxlen=_WAITING)  # for the next judgement
         self._rates: deque[float] = deque(maxlen=_USUAL)  # Hz, of the last windows with readings
@@ -151,7 +177,7 @@ class ReadingWatch:
         """
         self._waiting.append((now, stamp, received, angle, velocity, known, sender))
 
-    def _look(self, reading: _Reading) -> None:
+    def _look(self, reading: _Reading, taken: float) -> None:
         """Look at a reading; see `take`."""
         now, stamp, received, angle, velocity, in_table, sender = reading
         window = self._window
@@ -170,21 +196,25 @@ class ReadingWatch:
                 window.n_outside += 1
                 if len(window.outside) < _KEPT:
                     window.outside.append(angle)
-            apart = max(now - self.last, 1e-9 * (stamp - self._stamp))
+            # Readings that waited are taken at once, so the time of their receipt counts too.
+            received_apart = max(stamp - self._stamp, received - self._received)
+            apart = max(now - self.last, 1e-9 * received_apart)
+            close = apart < (_FRESH if taken == 1.0 else _GAP)
             size = abs(angle - self._angle)
             if size > _LEAST_JUMP + self._fastest * apart:
                 window.jumps += 1
                 window.largest = max(window.largest, size)
             step = angle - self._angle
-            if step == step and velocity == velocity and apart < _FRESH:  # neither is NaN
+            if step == step and velocity == velocity and close:  # neither is NaN
                 window.moved += step
                 window.turned += velocity * apart
-            window.differing += size > AGREEMENT[HITCH][0] + abs(angle - self._before)
+            least = AGREEMENT[HITCH][0] + abs(angle - self._before)
+            window.differing += size > least and (close or taken == 1.0)
             if sender:
                 window.senders[sender] = angle
             self._noise.take(now, angle)
             self._before, self._angle = self._angle, angle
-        self.last, self._stamp = now, stamp
+        self.last, self._stamp, self._received = now, stamp, received
 
     def refuse(self, sentence: str) -> None:
         """Take a message that has no reliable reading, and why."""
@@ -193,58 +223,59 @@ class ReadingWatch:
     def judge(self, now: float, elapsed: float, expected: Expected) -> list[Fault]:
         """Return what was wrong since the last call, which was ``elapsed`` (s) before ``now``."""
         while self._waiting:
-            self._look(self._waiting.popleft())
+            self._look(self._waiting.popleft(), expected.taken)
         window, self._window = self._window, _Window()
-        return [
+        faults = [
             *self._missing(window, now, expected),
             *_range(window, expected),
             *_stamps(window, expected),
             *self._values(window, expected),
-            *self._rate(window, elapsed),
+            *self._rate(window, elapsed, expected.taken),
         ]
+        return self._recent.with_earlier(now, faults)
 
     def _missing(self, window: _Window, now: float, expected: Expected) -> list[Fault]:
         if window.refusal:
-            return [Fault(Level.ERROR, window.refusal)]
-        age = now - (expected.since if math.isnan(self.last) else self.last)
-        if window.received or age <= expected.stale_after:
+            return [Fault(Level.ERROR, window.refusal, "refusal")]
+        never = math.isnan(self.last)
+        age = now - (expected.since if never else self.last)
+        if window.received or (age <= expected.stale_after and not never):
             return []
         sentence = f"The node has not received {expected.name} for {age:.1f} s. {expected.remedy}"
         return [Fault(Level.ERROR if expected.others else Level.STALE, sentence.rstrip())]
 
     def _values(self, window: _Window, expected: Expected) -> list[Fault]:
-        faults, sentences = _disagreement(window, expected.publishers, expected.name, HITCH), []
+        faults, sentences = _disagreement(window, expected.publishers, expected.name, HITCH), {}
         if not faults and window.jumps:
-            sentences.append(
+            sentences["jumps"] = (
                 f"{window.jumps} of {window.received} readings of {expected.name} jump by up to "
                 f"{window.largest:.3g} rad, which a crank cannot; check the sensor and its cable."
             )
         apart = abs(window.turned - window.moved)
         if apart > max(_CONTRADICTION, 0.5 * max(abs(window.turned), abs(window.moved))):
-            sentences.append(
+            sentences["velocity"] = (
                 f"The velocity of {expected.name} turned the crank by {window.turned:.2g} rad, but "
                 f"the position by {window.moved:.2g} rad; the sensor is frozen, or its velocity is "
                 "wrong. Publish no velocity if it is not known."
             )
         if window.received and self._noise.has_ended:
-            sentences.append(
+            sentences[""] = (
                 f"{expected.name}: The reading has been the same for {self._noise.still:.1f} s, "
                 "although it was never free of noise before; the sensor is frozen."
             )
-        return faults + [Fault(Level.WARN, sentence) for sentence in sentences]
+        return faults + [Fault(Level.WARN, text, event) for event, text in sentences.items()]
 
-    def _rate(self, window: _Window, elapsed: float) -> list[Fault]:
-        held_up, self.held_up = self.held_up, False
-        if not window.received or held_up:
+    def _rate(self, window: _Window, elapsed: float, taken: float) -> list[Fault]:
+        if not window.received or (taken < 1.0 and window.received < _FEW):
             return []
-        rate = window.received / elapsed
+        rate = window.received / taken / elapsed  # at which the sensor sends
         self._rates.append(rate)
         usual = median_low(self._rates)
         if max(list(self._rates)[-2:]) >= _FALLEN * usual:
             return []
         sentence = (
-            f"The readings arrive at {rate:.1f} Hz instead of {usual:.1f} Hz; check the "
-            "sensor's driver, the network and the load of the machine."
+            f"The readings are sent at {rate:.1f} Hz instead of {usual:.1f} Hz; check the "
+            "sensor's driver, and the load of its machine."
         )
         return [Fault(Level.WARN, sentence)]
 
@@ -253,6 +284,17 @@ def _range(window: _Window, expected: Expected) -> list[Fault]:
     if window.invalid and window.invalid == window.received:
         sentence = f"No reading of {expected.name} is a number; check the sensor."
         return [Fault(Level.ERROR, sentence)]
+    faults = []
+    if window.invalid > _NO_NUMBERS * window.received:
+        sentence = (
+            f"{100.0 * window.invalid / window.received:.0f} % of the readings of {expected.name} "
+            "are no numbers; check the sensor and its cable."
+        )
+        faults = [Fault(Level.WARN, sentence, "no numbers")]
+    return faults + _outside(window, expected)
+
+
+def _outside(window: _Window, expected: Expected) -> list[Fault]:
     if not window.n_outside or window.n_outside + window.invalid < window.received:
         return []
     angles, offset = window.outside, expected.offset
@@ -299,9 +341,7 @@ def senders_disagree(senders: Mapping[str, float], what: str, name: str) -> str:
     return f"The senders of {what} disagree ({listing}); set {name}_field to one of them."
 
 
-def _disagreement(
-    window: _Window, publishers: Callable[[], Sequence[str]], what: str, name: str
-) -> list[Fault]:
+def _disagreement(window: _Window, publishers: _Nodes, what: str, name: str) -> list[Fault]:
     """Return the fault that the senders or the publishers of a value disagree, with their names."""
     if window.differing < max(_DIFFERING, _SHARE * window.received):
         return []
@@ -348,25 +388,26 @@ class _Noise:
         return noisy and self.still >= _FROZEN and self._run >= _FROZEN_READINGS
 
 
-def missing_speeds(missing: Mapping[str, bool], age: float, *, any_known: bool) -> list[Fault]:
-    """Return faults for the speeds that have not arrived in the time (s) since they are expected.
+def missing_speeds(missing: Sequence[str], age: float, level: Level) -> list[Fault]:
+    """Return the fault that these speeds have not arrived in the time (s) since the activation."""
+    sentence = (
+        f"The {', '.join(missing)} did not arrive in the {age:.0f} s since the node was activated, "
+        "so loads are not known; check topic and publisher, or fix the speed by its parameter, at "
+        "0 if there is none."
+    )
+    return [Fault(level, sentence)] if missing else []
 
-    ``missing`` has their names, and whether a parameter names the topic, so that it must be right.
-    Without any known speed, nothing is watched; otherwise a tractor may lack the others.
-    """
-    since = f"in the {age:.0f} s since the node was activated"
-    if not any_known:
-        sentence = (
-            f"No speed has arrived {since}, so no resonance is assessed. The node expects "
-            f"{', '.join(missing)}; check these topics, or fix a speed, as by engine_speed."
-        )
-        return [Fault(Level.STALE, sentence)]
-    return [
-        Fault(Level.WARN, f"The {name} has not arrived {since}; check its topic and publisher.")
-        if chosen
-        else Fault(Level.OK, f"The {name} has not arrived {since}.")
-        for name, chosen in missing.items()
-    ]
+
+def turns_without_engine(pto: "SpeedWatch", engine: "SpeedWatch", now: float) -> list[Fault]:
+    """Return the fault that a PTO turns for longer than it runs out after the engine stopped."""
+    age, apart = now - max(pto.since, engine.since), now - min(pto.time, engine.time)
+    if not (pto.turns and engine.turns is False and age > _RUN_OUT and apart <= _FRESH):
+        return []
+    sentence = (
+        f"The {pto.name} is {pto.value:.4g} rpm, although the {engine.name} has been 0 for "
+        f"{age:.0f} s, so one of both is wrong; check their sensors and units."
+    )
+    return [Fault(Level.WARN, sentence)]
 
 
 class SpeedWatch:
@@ -375,10 +416,14 @@ class SpeedWatch:
     def __init__(self, source: Source, topic: str) -> None:
         self._source = source
         self.name = f"{source.label} speed on {topic}"
-        self._window = _Window()
-        self._time = self._since = math.nan  # s, of the last value and of the last plausible one
-        self._before = self._value = math.nan  # the last two values
+        self.value = self.time = math.nan  # the last value, and when it arrived, s
+        self.turns: bool | None = None  # whether it is no noise about 0; None if it is not known
+        self.since = math.nan  # s, since when this is so
+        self._window, self._recent = _Window(), Recent()
+        self._since = self._before = math.nan  # s, of the last plausible value; the one before
         self._passed = False
+        # The value after the last large change, this change, and its time, s.
+        self._level, self._change, self._changed = 0.0, 0.0, math.nan
 
     def take(self, now: float, value: float, sender: str = "") -> None:
         """Take a value (rpm or m/s) that arrived at ``now`` by the steady clock, s."""
@@ -386,34 +431,43 @@ class SpeedWatch:
         # In another unit a shaft of a PTO never reaches 120; in rpm it passes there as it starts.
         self._passed = self._passed or (self._source is Source.PTO and low <= abs(value) <= high)
         low = 0.0 if self._passed else low
-        resumed = not now - self._time <= _FRESH
+        resumed = not now - self.time <= _FRESH
         if resumed or value == 0.0 or low <= abs(value) <= high:
             self._since = now
         self._window.received += 1
         least = AGREEMENT[self._source.value][0] + abs(value - self._before)
-        self._window.differing += abs(value - self._value) > least
+        self._window.differing += abs(value - self.value) > least
         if sender:
             self._window.senders[sender] = value
-        self._time, self._before, self._value = now, self._value, value
+        change = value - self._level
+        if abs(change) >= _SWING[self._source]:
+            to_and_fro = change * self._change < 0.0 and now - self._changed <= _SWING_TIME
+            self._window.jumps += to_and_fro
+            self._window.largest = max(self._window.largest, to_and_fro * abs(change))
+            self._level, self._change, self._changed = value, change, now
+        turns = None if math.isnan(value) else abs(value) > AGREEMENT[self._source.value][0]
+        if turns is not self.turns or not now - self.time <= _RUN_OUT:
+            self.turns, self.since = turns, now
+        self.time, self._before, self.value = now, self.value, value
 
     @property
     def arrived(self) -> bool:
         """Whether the speed has ever arrived."""
-        return not math.isnan(self._time)
+        return not math.isnan(self.time)
 
     def judge(
-        self, now: float, stale_after: float, publishers: Callable[[], Sequence[str]]
+        self, now: float, stale_after: float, publishers: _Nodes, delay: str = ""
     ) -> list[Fault]:
         """Return what was wrong since the last call; nothing if the speed never arrived.
 
         The speed is too old after ``stale_after`` (s); ``publishers`` returns the node of each
-        publisher of its topic.
+        publisher of its topic; ``delay`` why the node itself may not have taken the latest values.
         """
-        source, value, name = self._source, self._value, self.name
+        source, value, name = self._source, self.value, self.name
         window, self._window = self._window, _Window()
-        age, problem = now - self._time, ""
+        age, problem = now - self.time, ""
         if age > stale_after:
-            problem = f"The {name} stopped {age:.1f} s ago; check its publisher."
+            problem = f"The {name} stopped {age:.1f} s ago; {delay or 'check its publisher'}."
         elif self.arrived and not math.isfinite(value):
             problem = f"The {name} is {value}, so that it is not known; check its publisher."
         elif value < 0.0 and source is not Source.GROUND:
@@ -424,4 +478,11 @@ class SpeedWatch:
                 f"{now - self._since:.0f} s; is it in {_OTHER_UNITS[source]}?"
             )
         faults = [Fault(Level.WARN, problem)] if problem else []
-        return faults + _disagreement(window, publishers, f"the {name}", source.value)
+        disagreement = _disagreement(window, publishers, f"the {name}", source.value)
+        if window.jumps >= _SWINGS and not (disagreement or delay):
+            sentence = (
+                f"The {name} changed to and fro by {window.largest:.4g} {source.unit} "
+                f"{window.jumps} times in a second, which it cannot; check the sensor."
+            )
+            faults.append(Fault(Level.WARN, sentence, "swings"))
+        return self._recent.with_earlier(now, faults + disagreement)

@@ -21,7 +21,7 @@ from linkage_vibration.prediction.severity import ResonanceState, present_senten
 from linkage_vibration.ros.arrivals import LONGEST_WAIT
 from linkage_vibration.ros.log_control import Recording
 from linkage_vibration.ros.message_path import NO_CLOCK, Predicting
-from linkage_vibration.ros.statistics import Second, Statistics
+from linkage_vibration.ros.statistics import RECENT, Second, Statistics
 
 _LOST = 0.01  # share of the messages; a wireless network loses fewer
 
@@ -39,7 +39,7 @@ class Health:
     same_name: int = 1  # nodes that have the name of this one, with itself
 
 
-def _predictions(health: Health, statistics: Statistics) -> tuple[Level, str]:
+def _predictions(health: Health) -> tuple[Level, str]:
     """Return the level and the sentence about the most serious problem of the predictions."""
     predicting = health.predicting
     if health.problem:
@@ -51,13 +51,13 @@ def _predictions(health: Health, statistics: Statistics) -> tuple[Level, str]:
     if not predicting.age <= predicting.stale_after:  # the age is NaN before the first reading
         since = "" if math.isnan(predicting.age) else f" for {predicting.age:.1f} s"
         return Level.STALE, f"The node has not received {predicting.input_name}{since}."
-    warning = _warning(health, statistics)
+    warning = _warning(health)
     if warning:
         return Level.WARN, warning
     return Level.OK, f"Predicting at {health.second.rate:.0f} Hz."
 
 
-def _warning(health: Health, statistics: Statistics) -> str:
+def _warning(health: Health) -> str:
     """Return a sentence about the most serious reason for a warning, or an empty one."""
     second = health.second
     if health.same_name > 1:
@@ -65,11 +65,10 @@ def _warning(health: Health, statistics: Statistics) -> str:
     if second.without_numbers > 0.0:
         share = 100.0 * second.without_numbers
         return f"{share:.0f} % of the crank angles have no prediction; see the node's warnings."
-    if second.qos_mismatches:
-        topics = ", ".join(sorted(statistics.qos_mismatches))
-        return f"A subscriber's QoS does not match that of {topics}."
+    if health.predicting is not None and health.predicting.unmatched:
+        return " ".join(health.predicting.unmatched)
     if second.clock_jumps:
-        return "The clock has jumped."
+        return f"The clock has jumped in the last {RECENT} s."
     last = None if health.predicting is None else health.predicting.prediction
     return " ".join(_uncertain(last, health.served))
 
@@ -101,18 +100,18 @@ def _measured(sensors: SensorMonitor, excitations: Sequence[Excitation]) -> tupl
     return Level.OK, "What the sensors measure agrees with the predictions."
 
 
-def _traffic(second: Second, statistics: Statistics) -> list[Fault]:
+def _traffic(second: Second) -> list[Fault]:
     """Return faults for messages that were lost, and that waited before they were answered."""
-    sentences = []
-    if second.lost > _LOST * (second.received + second.lost):
-        sentences.append(
-            f"{second.lost} messages of {', '.join(sorted(statistics.lost))} were lost; check the "
-            "network, and the load of the machine."
-        )
+    sentences = [
+        f"{lost} of {arrived + lost} messages of {topic} were lost in the last {RECENT} s; check "
+        "the network, and the load of the machine."
+        for topic, lost in sorted(second.lost.items())
+        if lost > _LOST * ((arrived := second.arrived[topic]) + lost)
+    ]
     if second.wait > LONGEST_WAIT:
         sentences.append(
-            f"Messages waited up to {second.wait:.2g} s for the node, and {second.dropped} were "
-            "left out for newer ones; the machine is too slow or too busy."
+            f"In the last {RECENT} s, messages waited up to {second.wait:.2g} s for the node, and "
+            f"{second.dropped} were left out for newer ones; the machine is too slow or too busy."
         )
     return [Fault(Level.WARN, sentence) for sentence in sentences]
 
@@ -132,10 +131,10 @@ def statuses(name: str, health: Health, statistics: Statistics) -> list[Diagnost
     """Return the statuses of predictions, inputs, resonance and log of a node with this name."""
     inactive = Level.OK, f"The node is {health.state}."
     parts = dict.fromkeys(("predictions", "input", "speeds", "resonance", "log"), inactive)
-    parts["predictions"] = _predictions(health, statistics)
+    parts["predictions"] = _predictions(health)
     predicting, recording = health.predicting, health.recording
     if health.state == "active" and predicting is not None and recording is not None:
-        faults = [*_traffic(health.second, statistics), *predicting.reading_faults]
+        faults = [*_traffic(health.second), *predicting.reading_faults]
         parts["input"] = overall(faults, f"No fault is known of {predicting.input_name}.")
         parts["speeds"] = overall(predicting.speed_faults, "The speeds have no known fault.")
         parts["resonance"] = _resonance(predicting)
@@ -195,7 +194,7 @@ def _values(health: Health, statistics: Statistics) -> dict[str, str]:
         "predictions": str(statistics.predicted),
         "stamps that went back": str(readings.stamps_back),
         "clock jumps": str(statistics.clock_jumps),
-        "QoS mismatches": _by_topic(statistics.qos_mismatches),
+        "QoS mismatches": str(0 if predicting is None else len(predicting.unmatched)),
         "table id": "" if served is None else served.table.table_id,
         "table error": f"{served.table.interpolation_error.max() if served else math.nan:.1e}",
     }

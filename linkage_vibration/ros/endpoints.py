@@ -3,31 +3,29 @@
 """What the parts of the node share: endpoints with its QoS, and warnings that are not repeated."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import wraps
 from importlib import import_module
 from typing import Any, cast
 
-from rclpy.event_handler import (
-    PublisherEventCallbacks,
-    QoSOfferedIncompatibleQoSInfo,
-    SubscriptionEventCallbacks,
-)
+from rclpy.duration import Infinite
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.node import Node
 from rclpy.qos import (
     DurabilityPolicy,
+    QoSCompatibility,
     QoSPolicyKind,
     QoSProfile,
     ReliabilityPolicy,
-    qos_policy_name_from_kind,
+    qos_check_compatible,
 )
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from linkage_vibration.bags.writing import QUEUE_DEPTH
 from linkage_vibration.errors import printable
 from linkage_vibration.messages.topics import OUTPUT_TOPICS, NodeTopic
-from linkage_vibration.ros.statistics import Statistics
 
 MessageInfo = Mapping[str, Any]  # where a message comes from; rclpy 7 has no name for it
 
@@ -42,28 +40,13 @@ OUTPUTS = tuple(topic for topic in OUTPUT_TOPICS if topic.name.startswith("~"))
 """The topics that exist while the node is configured."""
 
 
-def advertise(node: Node, output: NodeTopic, statistics: Statistics, throttle: "Throttle") -> Any:
-    """Return a reliable publisher that counts and reports subscribers whose QoS does not match.
-
-    Subscriptions have no QoS events, because the events executor of rclpy, which does not spin this
-    node, ends the process if an event comes as one of them is destroyed.
-    """
-    topic = node.resolve_topic_name(output.name)
-
-    def on_mismatch(event: QoSOfferedIncompatibleQoSInfo) -> None:
-        statistics.qos_mismatches[topic] += event.total_count_change
-        throttle.warn(
-            f"subscriber of {topic}",
-            f"A subscriber of {topic} asks for a QoS that this node does not offer "
-            f"({qos_policy_name_from_kind(event.last_policy_kind)}), so it receives nothing. "
-            "Subscribe volatile, and reliable or best effort.",
-        )
-
+def advertise(node: Node, output: NodeTopic) -> Any:
+    """Return a reliable publisher; `unmatched`, and no event, says whose QoS does not match it."""
     return node.create_publisher(
         message_class(output.type),
         output.name,
         _qos(reliable=True, latched=output.latched, depth=1 if output.latched else QUEUE_DEPTH),
-        event_callbacks=PublisherEventCallbacks(incompatible_qos=on_mismatch),
+        event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
         qos_overriding_options=_overrides(),
     )
 
@@ -98,9 +81,29 @@ def subscribe(
         cast(Any, call),  # the type hints of rclpy do not know that `raw` passes bytes
         _qos(reliable=latched, latched=latched, depth=input_depth or QUEUE_DEPTH),
         raw=True,
-        event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),  # see `advertise`
+        # The events executor ends the process if an event comes as its subscription is destroyed.
+        event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
         qos_overriding_options=_overrides() if input_depth else None,
     )
+
+
+def unmatched(own: Any, others: Iterable[TopicEndpointInfo], kind: str) -> list[str]:
+    """Return a sentence about each other endpoint whose QoS does not match our own.
+
+    The kind of the others is ``"publisher"`` or ``"subscriber"``.
+    """
+    sentences = []
+    for other in others:
+        pair = own.qos_profile, other.qos_profile
+        order = 1 if kind == "subscriber" else -1
+        compatibility, reason = qos_check_compatible(*pair[::order])
+        if compatibility is QoSCompatibility.ERROR:
+            sentences.append(
+                f"The {kind} {other.node_name} of {own.topic_name} has a QoS that does not match "
+                f"this node's, so nothing passes ({reason.replace('ERROR: ', '').rstrip(';')}); "
+                "change its QoS, or qos_overrides of this node."
+            )
+    return sentences
 
 
 def message_class(type_name: str) -> Any:
@@ -120,6 +123,8 @@ def _qos(*, reliable: bool, latched: bool, depth: int) -> QoSProfile:
         depth=depth,
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+        deadline=Infinite,  # as the graph says it for the endpoints of others
+        liveliness_lease_duration=Infinite,
     )
 
 

@@ -291,10 +291,7 @@ class LinkageVibrationNode(LifecycleNode):
         limits = LogLimits(*sizes, settings.delete_oldest)
         recorder = Recorder(folder, topics, provenance, limits, settings.compression)
         self._recording = recording = Recording(self, recorder)
-        self._outputs = {
-            output.type: advertise(self, output, self._statistics, self._throttle)
-            for output in OUTPUTS
-        }
+        self._outputs = {output.type: advertise(self, output) for output in OUTPUTS}
         self._predicting = Predicting(
             self,
             self._listener,

@@ -17,7 +17,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from linkage_vibration.prediction.settings import ParameterError
-from linkage_vibration.ros.endpoints import subscribe
+from linkage_vibration.ros.endpoints import subscribe, unmatched
 
 WAKE_PERIOD = 1.0  # s; without a limit, the events executor blocks the other threads
 
@@ -78,6 +78,11 @@ class Listener:
                 status = event.take_event()
             counts[topic] = 0 if status is None else status.total_count
         return counts
+
+    def unmatched(self) -> dict[str, list[str]]:
+        """Return by topic a sentence about each publisher whose QoS does not match."""
+        publishers, own = self._node.get_publishers_info_by_topic, self._node.subscriptions
+        return {s.topic_name: unmatched(s, publishers(s.topic_name), "publisher") for s in own}
 
     def unsubscribe(self) -> None:
         """Destroy all subscriptions, so that their topics can be read as other types."""

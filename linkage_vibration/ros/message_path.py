@@ -36,6 +36,7 @@ from linkage_vibration.prediction.health import (
     ReadingWatch,
     SpeedWatch,
     missing_speeds,
+    turns_without_engine,
 )
 from linkage_vibration.prediction.inputs.presets import HITCH
 from linkage_vibration.prediction.inputs.sources import (
@@ -55,12 +56,14 @@ from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.prediction.severity import ResonanceState, Unknown
 from linkage_vibration.ros.arrivals import LONGEST_WAIT, Arrival, arrival, newest, waiting
-from linkage_vibration.ros.endpoints import MessageInfo, Throttle, message_class
+from linkage_vibration.ros.endpoints import MessageInfo, Throttle, message_class, unmatched
 from linkage_vibration.ros.listener import Listener
 from linkage_vibration.ros.live_inputs import LiveTopic
 from linkage_vibration.ros.statistics import SequenceGaps, Statistics
 
 MISSING_AFTER = 5.0  # s without the joint, before a warning says that it is missing
+_BEHIND = 0.5  # s in the queue, after which it is not known when a speed was last sent
+NAMES_FOR = 3.0  # s, after which the name of a joint or signal is not used if it is not seen again
 NO_CLOCK = (
     "Nothing is predicted, as use_sim_time is true, but no time arrives on /clock; publish it, or "
     "set the parameter to false."
@@ -112,17 +115,22 @@ class Predicting:
         self.readings, self.age = ReadingWatch(), math.nan
         self.reading_faults: list[Fault] = []
         self.speed_faults: list[Fault] = []
+        self.unmatched = list[str]()  # sentences about subscribers whose QoS does not match
         self.clock_missing = False  # whether a simulated clock has not begun
         self.sensors = sensors
         self._node, self._clock, self._listener = node, node.get_clock(), listener
         self._monitor, self._adviser, self._periods = monitor, Adviser(monitor), Periods()
         self._stamps = Stamps()
         self._record, self._statistics, self._throttle = record, statistics, throttle
+        self._sent = self._taken = 0  # messages of the hitch until the last judgement
+        self._own_publishers = [*publishers.values()]
         self._outputs = {kind: (each.publish, each.topic_name) for kind, each in publishers.items()}
         self._topics: dict[str, LiveTopic] = {}
         self._crank: CrankInput
         self._subscribed = False
-        self._other_names: set[str] = set()
+        self._other_names: set[str] = set()  # since the last judgement
+        self._names: dict[str, float] = {}  # of joints or signals, with their times, s
+        self._instant, self._paused = 0, False  # of a simulated clock, ns, and whether it stands
         self._too_large = 0
         self._began = self._judged = 0.0
         self._latest = 0  # ns, the last time of receipt
@@ -145,6 +153,8 @@ class Predicting:
         assert crank is not None
         self._crank = crank
         self._motion = crank_filter()  # another calibration is not a motion
+        self._names.clear()  # the joint may be another one
+        self.readings.last = math.nan
         monitor.use(settings.warning_limits())
         monitor.stale_after, monitor.periods.rate = settings.stale_after, settings.resonance_rate
         self._periods.rate = settings.prediction_rate
@@ -175,7 +185,7 @@ class Predicting:
             for topic in self._topics.values()
             for source, _ in topic.speeds
         }
-        self._received = self._statistics.received
+        self._arrived = -math.inf  # s, when a message of the hitch last arrived
         for topic in self._topics.values():
             on_message = partial(self._on_message, topic.name, topic.type)
             kind, depth = message_class(topic.type), INPUT_DEPTH
@@ -188,12 +198,16 @@ class Predicting:
         self._listener.unsubscribe()
         self._subscribed = False
         self._other_names.clear()
+        self._names.clear()
         self._gaps.clear()
         self.resonance = None
 
     def judge(self, now: float) -> None:
         """Set the faults of the inputs since the last call; ``now`` is by the steady clock, s."""
-        self.clock_missing = self._subscribed and self._now() <= 0
+        self._statistics.reported |= self._listener.lost()
+        before, self._instant = self._instant, self._now()
+        self._paused = self._clock.ros_time_is_active and self._instant == before
+        self.clock_missing = self._subscribed and self._instant <= 0
         self._throttle.report("clock", NO_CLOCK if self.clock_missing else "")
         if self.clock_missing:
             self._began = self._judged = now  # without a clock, nothing else is missing
@@ -204,7 +218,10 @@ class Predicting:
         self.age = now - self.readings.last
         if self.resonance is not None and not self.age <= self.stale_after:
             self._publish_unknown(self.resonance)
-        self._statistics.reported |= self._listener.lost()
+        subscribers, own = self._node.get_subscriptions_info_by_topic, self._own_publishers
+        found = (unmatched(p, subscribers(p.topic_name), "subscriber") for p in own)
+        self.unmatched = sorted({sentence for sentences in found for sentence in sentences})
+        self._throttle.report("QoS", " ".join(self.unmatched))
 
     def _publish_unknown(self, last: MessageColumns) -> None:
         """Publish that the load is not known while no reading arrives; no log has this message."""
@@ -227,57 +244,100 @@ class Predicting:
     def _judge_readings(self, now: float) -> list[Fault]:
         """Return what was wrong with the readings; if the joint is missing, also warn."""
         scale, missing = self._crank.scale, not now - self.readings.last <= self.stale_after
-        remedy = self._explain_missing() if missing else ""
+        taken = self._share_taken(now)
+        mismatches = self._listener.unmatched()
+        remedy = self._explain_missing(now, mismatches) if missing else ""
         first, last = self.predictor.table.alpha3_range
         expected = Expected(
             name=self.input_name,
             remedy=remedy,
-            others=bool(self._other_names),
+            others=bool(self._names),
             first=first,
             last=last,
             offset=scale.offset * ANGLES.get(scale.unit, math.nan),
             stale_after=self.stale_after,
             since=self._began,
             publishers=partial(self._publishers, self._crank_topic),
+            taken=taken,
         )
         elapsed, self._judged = now - self._judged, now
         faults = self.readings.judge(now, elapsed, expected)
+        if now - self.readings.last <= self.stale_after:
+            self._names.clear()
+        sentences = [s for each in mismatches.values() for s in each if s not in remedy]
+        faults += [Fault(Level.WARN, sentence) for sentence in sentences]
         if remedy and now - max(self._began, self.readings.last) > MISSING_AFTER:
             silence = f"No reading for more than {MISSING_AFTER:g} s: "
             self._throttle.warn("missing", silence + remedy)
         return faults
 
-    def _explain_missing(self) -> str:
-        """Return why no reading may have come, and the remedy; empty if that is unknown."""
-        topic, names = self._crank_topic, sorted(self._other_names)
+    def _share_taken(self, now: float) -> float:
+        """Return the share of the messages of the hitch since the last call that were not lost.
+
+        Those that the node left out count as lost. Names of what arrives instead are updated.
+        """
+        counts, names = self._statistics, self._other_names
+        self._other_names = set()
+        self._names = {n: at for n, at in self._names.items() if now - at <= NAMES_FOR}
+        self._names |= dict.fromkeys(names, now)
+        before = self._sent, self._taken
+        self._sent = counts.received + counts.lost[self._crank_topic]
+        self._taken = counts.received - counts.dropped[self._crank_topic]
+        sent, taken = self._sent - before[0], self._taken - before[1]
+        if sent:
+            self._arrived = now
+        return min(max(taken, 1) / max(sent, 1), 1.0)
+
+    def _explain_missing(self, now: float, mismatches: Mapping[str, list[str]]) -> str:
+        """Return why no reading may have come, and the remedy."""
+        topic, reader, names = self._crank_topic, self._crank.reader, sorted(self._names)
+        if self._paused:
+            return "The time on /clock stands still."
         if names:
-            return self._crank.reader.explain_missing(topic, names)
-        nodes = ", ".join(sorted(self._publishers(topic)))
+            before = "" if math.isnan(self.readings.last) else "It came before; check its sender. "
+            return before + reader.explain_missing(topic, names)
+        endpoints = self._node.get_publishers_info_by_topic(topic)
+        nodes = ", ".join(sorted(each.node_name for each in endpoints))
         if not nodes:
             return f"{topic} has no publisher; start it, or set hitch_topic to one that has."
-        if math.isnan(self.readings.last) and self._statistics.received > self._received:
-            return self._crank.reader.explain_missing(topic, names)
-        check = f"check them, their type and their QoS with `ros2 topic info -v {topic}`"
-        return f"Nothing arrives from the publishers of {topic} ({nodes}); {check}."
+        if now - self._arrived <= NAMES_FOR and (explained := reader.explain_missing(topic, [])):
+            return explained
+        kinds, kind = {each.topic_type for each in endpoints}, self._topics[topic].type
+        if kind not in kinds:
+            listing = ", ".join(sorted(kinds))
+            fix = "set hitch_type and hitch_field, or hitch_topic to another topic"
+            return f"The publishers of {topic} ({nodes}) send {listing}, not {kind}; {fix}."
+        if mismatches.get(topic):
+            return " ".join(mismatches[topic])
+        silent = now - max(self._arrived, self._began)
+        return (
+            f"Nothing has arrived from the publishers of {topic} ({nodes}) for {silent:.0f} s, "
+            "although one has the right type and QoS; check it and the network."
+        )
 
     def _judge_speeds(self, now: float) -> list[Fault]:
         """Return what was wrong with the speeds that are not fixed."""
         faults: list[Fault] = []
-        missing = dict[str, bool]()
+        missing, measured = list[str](), dict[Source, SpeedWatch]()
         any_known = any(fixed is not None for fixed in self._fixed.values())
+        needed = {excitation.source for excitation in self.excitations}
+        delay = "messages wait for the node" if self._statistics.wait > _BEHIND else ""
+        delay = "the time on /clock stands still" if self._paused else delay
         for topic in self._topics.values():
             for source, speed in topic.speeds:
                 if self._fixed[source] is None:
-                    watch = self._speeds[source]
+                    measured[source] = watch = self._speeds[source]
                     publishers = partial(self._publishers, topic.name)
-                    faults += watch.judge(now, self.stale_after, publishers)
+                    faults += watch.judge(now, self.stale_after, publishers, delay)
                     any_known = any_known or watch.arrived
-                    if not watch.arrived:
-                        missing[watch.name] = speed.settings.chosen
+                    if not watch.arrived and (speed.settings.chosen or source in needed):
+                        missing.append(watch.name)
+        if {Source.PTO, Source.ENGINE} <= measured.keys():
+            shafts = measured[Source.PTO], measured[Source.ENGINE]
+            faults += turns_without_engine(*shafts, now)
         age = now - self._began
-        if age > self.stale_after:
-            faults += missing_speeds(missing, age, any_known=any_known)
-        return faults
+        waits = age <= self.stale_after or not any_known
+        return faults + missing_speeds(missing, age, Level.STALE if waits else Level.WARN)
 
     def _publishers(self, topic: str) -> list[str]:
         """Return the names of the nodes that publish a topic, one for each publisher."""
@@ -291,7 +351,6 @@ class Predicting:
         message = arrival(topic, data, info)
         messages = [message] if self._is_accepted(message) else []
         if message.wait > LONGEST_WAIT:
-            self.readings.held_up = True
             for each, subscription in self._queues.items():
                 messages += filter(self._is_accepted, waiting(self._topics[each], subscription))
             messages.sort(key=lambda each: each.received)
@@ -308,6 +367,7 @@ class Predicting:
         if number is not None:
             publishers = partial(self._node.count_publishers, topic.name)
             counts.gaps[topic.name] += self._gaps[topic.name].before(number, publishers)
+        counts.arrived[topic.name] += 1
         counts.received += topic.crank is not None
         if len(message.data) > MAX_BYTES:
             self._refuse_large(topic, len(message.data))

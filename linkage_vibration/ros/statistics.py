@@ -11,20 +11,24 @@ LATENCIES = 1_000  # the percentiles are those of this many latest latencies
 CLOCK_LEAP = 10.0  # s; a simulated clock was set if it goes forward by more
 CLOCK_STEP = 0.5  # s; the wall clock was set if it differs by more from the steady clock
 _PUBLISHERS = 16  # on one topic, of which the last numbers are kept
+RECENT = 10  # statuses, one a second, after which losses, waits and jumps have ended
+
+
+_Status = tuple[float, int, int, int, Counter[str], Counter[str]]
 
 
 @dataclass(frozen=True, slots=True)
 class Second:
-    """Events since the last status."""
+    """The predictions since the last status, and events since the last `RECENT` statuses."""
 
     rate: float  # Hz, predictions
     without_numbers: float  # share of the predictions, 0 to 1
     wait: float = 0.0  # s, the longest
     clock_jumps: int = 0
-    qos_mismatches: int = 0
     received: int = 0  # messages of the hitch
-    lost: int = 0  # messages of the inputs
     dropped: int = 0
+    arrived: Counter[str] = field(default_factory=Counter)  # messages, by topics of inputs
+    lost: Counter[str] = field(default_factory=Counter)
 
 
 @dataclass
@@ -34,16 +38,18 @@ class Statistics:
     received: int = 0  # messages of the hitch
     with_numbers: int = 0  # predictions for readings, and those without numbers
     without_numbers: int = 0
+    arrived: Counter[str] = field(default_factory=Counter)  # messages, by topics of inputs
     # By topic, the messages that did not arrive: by sequence numbers, and as DDS reports them.
     gaps: Counter[str] = field(default_factory=Counter)
     reported: Counter[str] = field(default_factory=Counter)
     dropped: Counter[str] = field(default_factory=Counter)  # by topic, left out for newer ones
     wait: float = 0.0  # s, the longest of a message since the last status
     clock_jumps: int = 0  # how often the clock was set, or a looping bag jumped back
-    qos_mismatches: Counter[str] = field(default_factory=Counter)  # by topic
     latencies: "deque[float]" = field(default_factory=lambda: deque(maxlen=LATENCIES))  # s
-    _before: tuple[int, ...] = ()  # counts at the last status
+    _with_numbers = _without_numbers = 0  # at the last status
     _then: float = math.nan  # s, its time
+    # Of the last statuses, the longest wait before, and the counts.
+    _before: "deque[_Status]" = field(default_factory=lambda: deque(maxlen=RECENT + 1))
     _wall: float | None = None
 
     @property
@@ -65,15 +71,25 @@ class Statistics:
 
     def since_last_time(self, now: float) -> Second:
         """Return what happened since the last call; ``now`` is by the steady clock, s."""
-        wait, self.wait = self.wait, 0.0
-        mismatches, lost = sum(self.qos_mismatches.values()), sum(self.lost.values())
-        events = self.clock_jumps, mismatches, self.received, lost, self.dropped.total()
-        counts = self.with_numbers, self.without_numbers, *events
-        changes = [n - m for n, m in zip(counts, self._before or counts, strict=True)]
-        rate = sum(changes[:2]) / max(now - self._then, 1e-9) if self._before else 0.0
-        self._before, self._then = counts, now
-        share = changes[1] / (sum(changes[:2]) or 1)
-        return Second(rate, share, wait, *changes[2:])
+        without = self.without_numbers - self._without_numbers
+        done = self.with_numbers - self._with_numbers + without
+        rate = 0.0 if math.isnan(self._then) else done / max(now - self._then, 1e-9)
+        self._with_numbers, self._without_numbers = self.with_numbers, self.without_numbers
+        left_out = self.dropped.total()
+        counts = self.clock_jumps, self.received, left_out, self.arrived.copy(), self.lost
+        self._before.append((self.wait, *counts))
+        self.wait, self._then = 0.0, now
+        _, jumps, received, dropped, arrived, lost = self._before[0]
+        return Second(
+            rate,
+            without / (done or 1),
+            max(status[0] for status in self._before),
+            self.clock_jumps - jumps,
+            self.received - received,
+            counts[2] - dropped,
+            counts[3] - arrived,
+            counts[4] - lost,
+        )
 
 
 class SequenceGaps:

@@ -20,6 +20,7 @@ from linkage_vibration.prediction.health import (
     SpeedWatch,
     missing_speeds,
     overall,
+    turns_without_engine,
 )
 from test.support.drive import engine_and_pto_speed, hitch_duty_cycle
 from test.support.motions import STROKE
@@ -203,7 +204,7 @@ def test_publishers_that_disagree() -> None:
 def test_missing_readings() -> None:
     """What arrives instead of the joint, and what cannot be read, is an error; silence is stale."""
     watch = ReadingWatch()
-    assert watch.judge(1.0, 1.0, EXPECTED) == []
+    assert [fault.level for fault in watch.judge(0.1, 0.1, EXPECTED)] == [Level.STALE]
     [nothing] = watch.judge(1.1, 0.1, EXPECTED)
     words = f"The node has not received {EXPECTED.name} for 1.1 s. Its topic has no publisher."
     assert nothing == Fault(Level.STALE, words)
@@ -211,9 +212,12 @@ def test_missing_readings() -> None:
     assert (others.level, others.sentence.endswith("It has boom.")) == (Level.ERROR, True)
     watch.refuse("A joint state has 1 names but 0 positions.")
     assert watch.judge(3.0, 1.0, EXPECTED)[0].level is Level.ERROR
-    watch.take(3.5, START, START, 2.0, 0.0, known=True)
-    assert watch.judge(4.0, 1.0, EXPECTED) == []
-    assert "for 2.5 s" in watch.judge(6.0, 1.0, EXPECTED)[0].sentence
+    for now in (12.5, 13.5):
+        watch.take(now, START, START, 2.0, 0.0, known=True)
+    assert "This was 10 s ago" in watch.judge(12.9, 1.0, EXPECTED)[0].sentence
+    assert watch.judge(14.0, 1.0, EXPECTED) == []
+    assert watch.judge(14.4, 1.0, EXPECTED) == []
+    assert "for 2.5 s" in watch.judge(16.0, 1.0, EXPECTED)[0].sentence
 
 
 def rate_alarms(*parts: tuple[float, float]) -> list[bool]:
@@ -290,7 +294,7 @@ def test_senders_on_a_bus(n_senders: int) -> None:
         angle = 2.0 + 0.377 * (i % 2)
         readings.take(0.05 * i, stamp, stamp, angle, math.nan, known=True, sender=sender)
     faults = speeds.judge(1.0, 1.0, lambda: ["can"])
-    assert bool(faults) == (n_senders == 2)
+    assert [fault.level for fault in faults] == [Level.WARN if n_senders == 1 else Level.ERROR]
     [angles] = readings.judge(1.0, 1.0, ALONE)
     if n_senders == 1:
         assert "jump by up to 0.377 rad" in angles.sentence
@@ -304,16 +308,95 @@ def test_senders_on_a_bus(n_senders: int) -> None:
 
 
 def test_speeds_that_never_arrived() -> None:
-    """Nothing is watched without any speed; of several, those that a parameter names must come."""
-    missing = {"engine speed on /enigne_speed": True, "PTO speed on /pto_speed": False}
-    [nothing] = missing_speeds(missing, 12.0, any_known=False)
-    assert nothing.level is Level.STALE
-    words = "No speed has arrived in the 12 s since the node was activated"
-    assert words in nothing.sentence
-    assert all(name in nothing.sentence for name in missing)
-    named, other = missing_speeds(missing, 12.0, any_known=True)
-    assert (named.level, other.level) == (Level.WARN, Level.OK)
-    assert named.sentence.startswith("The engine speed on /enigne_speed has not arrived in the 12")
+    """One sentence names the speeds that did not arrive; without any, there is none."""
+    [fault] = missing_speeds(
+        ["engine speed on /enigne_speed", "PTO speed on /pto"], 12.0, Level.WARN
+    )
+    assert fault.level is Level.WARN
+    words = "The engine speed on /enigne_speed, PTO speed on /pto did not arrive in the 12 s since"
+    assert fault.sentence.startswith(words)
+    assert missing_speeds([], 12.0, Level.STALE) == []
+
+
+def to_and_fro(source: Source, low: float, high: float, period: float, rate: float) -> list[Fault]:
+    """Return the faults of the third second of a speed that changes once in each period (s)."""
+    watch = SpeedWatch(source, "/speed")
+    for i in range(round(3.0 * rate)):
+        now = i / rate
+        watch.take(now, high if int(now / period + 1e-9) % 2 else low)
+        if now == 2.0:
+            watch.judge(now, 1.0, lambda: ["one"])
+    return watch.judge(3.0, 1.0, lambda: ["one"])
+
+
+@pytest.mark.parametrize(
+    ("source", "low", "high", "period", "rate", "faulty"),
+    [
+        (Source.PTO, 0.0, 540.0, 0.1, 10.0, True),
+        (Source.PTO, 0.0, 540.0, 0.1, 100.0, True),
+        (Source.PTO, 0.0, 540.0, 0.3, 10.0, True),
+        (Source.PTO, 0.0, 540.0, 0.5, 10.0, False),  # slow enough for a clutch
+        (Source.PTO, 540.0, 661.0, 0.1, 10.0, True),
+        (Source.PTO, 540.0, 659.0, 0.1, 10.0, False),  # noise
+        (Source.ENGINE, 1000.0, 1401.0, 0.1, 10.0, True),
+        (Source.ENGINE, 1000.0, 1399.0, 0.1, 10.0, False),
+        (Source.GROUND, 2.0, 4.1, 0.1, 10.0, True),
+        (Source.GROUND, 2.0, 3.9, 0.1, 10.0, False),
+    ],
+)
+def test_limits_of_a_speed_that_goes_to_and_fro(
+    source: Source, low: float, high: float, period: float, rate: float, faulty: bool
+) -> None:
+    """Nothing changes by 120 rpm of a PTO, 400 rpm of an engine or 2 m/s and back in 0.8 s."""
+    faults = to_and_fro(source, low, high, period, rate)
+    assert [fault.level for fault in faults] == [Level.WARN] * faulty
+    assert all(f"to and fro by {high - low:.4g} {source.unit}" in f.sentence for f in faults)
+
+
+def test_two_changes_are_not_to_and_fro() -> None:
+    """A PTO that is switched on and off and on at once has three; what waited has none."""
+    for changes, delay, faulty in ((3, "", False), (4, "", True), (4, "messages wait", False)):
+        watch = SpeedWatch(Source.PTO, "/speed")
+        for i in range(10):
+            watch.take(0.1 * i, 540.0 * (min(i, changes) % 2))
+        faults = watch.judge(1.0, 1.0, lambda: ["one"], delay)
+        assert any("to and fro" in fault.sentence for fault in faults) == faulty
+
+
+@pytest.mark.parametrize(
+    ("engine", "pto", "duration", "faulty"),
+    [
+        (0.0, 540.0, 10.2, True),
+        (0.0, 540.0, 9.8, False),  # it runs out
+        (49.0, 540.0, 12.0, True),
+        (51.0, 540.0, 12.0, False),
+        (0.0, 21.0, 12.0, True),
+        (0.0, 19.0, 12.0, False),
+        (math.nan, 540.0, 12.0, False),
+        (0.0, math.nan, 12.0, False),
+    ],
+)
+def test_limits_of_a_pto_without_engine(
+    engine: float, pto: float, duration: float, faulty: bool
+) -> None:
+    """A PTO turns for at most 10 s without the engine; an old engine speed says nothing."""
+    engines, ptos = SpeedWatch(Source.ENGINE, "/engine"), SpeedWatch(Source.PTO, "/pto")
+    assert turns_without_engine(ptos, engines, 0.0) == []
+    for i in range(40):
+        engines.take(0.1 * i, 1800.0)
+        ptos.take(0.1 * i, 540.0)
+    for now in (4.0 + 0.1 * i for i in range(round(10.0 * duration) + 1)):
+        engines.take(now, engine)
+        ptos.take(now, pto)
+    faults = turns_without_engine(ptos, engines, now)
+    assert bool(faults) == faulty
+    if faulty:
+        words = "although the engine speed on /engine has been 0 for 1"
+        assert words in faults[0].sentence
+    for i in range(1, 12):
+        ptos.take(now + 0.1 * i, pto)
+    assert bool(turns_without_engine(ptos, engines, now + 0.95)) == (faulty or duration == 9.8)
+    assert turns_without_engine(ptos, engines, now + 1.05) == []
 
 
 def test_most_serious_first() -> None:
@@ -551,3 +634,61 @@ def test_levels_are_those_of_the_message() -> None:
     constants = {name.strip(): int(number) for name, number in words}
     assert constants == {level.name: level.value for level in Level}
     assert list(constants) == ["OK", "WARN", "ERROR", "STALE"]
+
+
+@pytest.mark.parametrize(("invalid", "faulty"), [(5, False), (6, True), (25, True)])
+def test_limit_of_readings_that_are_no_numbers(invalid: int, faulty: bool) -> None:
+    """More than a tenth of the readings without a number is a fault, which says the share."""
+    angles = ([math.nan] * invalid + [2.0] * 50)[:50]
+    faults = judged(seconds(50, 1), angles)[-1]
+    assert [fault.level for fault in faults] == [Level.WARN] * faulty
+    words = f"{2 * invalid} % of the readings of {EXPECTED.name} are no numbers"
+    assert all(words in fault.sentence for fault in faults)
+
+
+def test_a_spike_is_said_for_ten_seconds() -> None:
+    """A fault that comes and goes ends 10 s after it came last, and says how long ago that was."""
+    angles = [2.0] * 1500
+    angles[10] = 2.5
+    faults = judged(seconds(100, 15), angles, ALONE)
+    assert [bool(each) for each in faults] == [True] * 10 + [False] * 5
+    assert faults[0][0].sentence.endswith("check the sensor and its cable.")
+    assert faults[9][0].sentence.endswith("cable. This was 9 s ago.")
+
+
+@pytest.mark.parametrize(("taken", "faulty"), [(1.0, True), (0.5, False), (0.3, False)])
+def test_what_is_left_out_is_no_fault_of_the_rate(taken: float, faulty: bool) -> None:
+    """The readings that were left out or lost count; a few readings say nothing about the rate."""
+    watch = ReadingWatch()
+    before, after = judged(seconds(100, 5), [2.0] * 500, watch=watch), []
+    for second in range(5, 8):
+        for i in range(30 if taken == 0.3 else 50):
+            watch.take(second + i / 60, START, START, 2.0, math.nan, known=True)
+        expected = replace(EXPECTED, taken=taken)
+        after = watch.judge(second + 1.0, 1.0, expected)
+    assert not any(before)
+    assert bool([fault for fault in after if "instead of" in fault.sentence]) == faulty
+
+
+@pytest.mark.parametrize(("taken", "faulty"), [(1.0, True), (0.1, False)])
+def test_a_motion_that_the_node_left_out_contradicts_nothing(taken: float, faulty: bool) -> None:
+    """Between two readings a second, a hitch may have started; it moves, and publishers agree."""
+    watch = ReadingWatch()
+    for i, angle in enumerate((2.0, 2.0, 2.14, 2.14, 2.0, 2.14, 2.0, 2.14)):
+        rate = 0.28 if i in (1, 4, 6) else 0.0
+        stamp = START + i * SECOND // 2
+        watch.take(0.5 * i, stamp, stamp, angle, rate, known=True)
+    faults = watch.judge(4.0, 4.0, replace(EXPECTED, taken=taken))
+    words = ("disagree", "turned the crank by")
+    assert [any(w in f.sentence for f in faults) for w in words] == [faulty] * 2
+
+
+def test_what_waited_is_taken_at_once() -> None:
+    """Readings whose times of receipt are 0.5 s apart jump by less than a hitch can, at once."""
+    for apart, faulty in ((0.5, False), (0.05, True)):
+        watch = ReadingWatch()
+        for i in range(3):
+            received = START + round(1e9 * apart * i)
+            watch.take(1e-4 * i, 0, received, 2.0 + 0.3 * i, math.nan, known=True)
+        faults = watch.judge(1.0, 1.0, EXPECTED)
+        assert any("jump" in fault.sentence for fault in faults) == faulty

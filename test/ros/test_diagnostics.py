@@ -66,6 +66,13 @@ def recorder(**changes: Any) -> Any:
 
 
 QUIET = Second(rate=100.0, without_numbers=0.0, received=100)
+
+
+def losing(lost: int) -> Second:
+    """Return ten seconds in which 99 messages of each of two topics came, and some of one not."""
+    return replace(QUIET, arrived=Counter({"/a": 99, "/b": 99}), lost=Counter({"/a": lost}))
+
+
 TABLE = replace(load_table(config_file(PAPER_TABLE)), interpolation_error=np.array([1e-9, 4.6e-7]))
 PREDICTING = {
     "input_name": "joint hitch on /joint_states",
@@ -78,6 +85,7 @@ PREDICTING = {
     "reading_faults": [],
     "speed_faults": [],
     "clock_missing": False,
+    "unmatched": [],
     "sensors": None,
 }
 ORDERS = ("order_levels", "order_stddevs", "predicted_levels", "predicted_factors", "differences")
@@ -122,7 +130,7 @@ def healthy(**changes: Any) -> Health:
         ({"second": replace(QUIET, without_numbers=0.25)}, WARN, "25 % of the crank angles"),
         ({"second": replace(QUIET, clock_jumps=1)}, WARN, "clock has jumped"),
         ({"same_name": 2}, WARN, "2 nodes have this name"),
-        ({"second": replace(QUIET, qos_mismatches=1)}, WARN, "that of /prediction"),
+        ({"unmatched": ["The QoS of a.", "The QoS of b."]}, WARN, "The QoS of a. The QoS of b."),
         (
             {"prediction": UNCERTAIN},
             WARN,
@@ -138,8 +146,7 @@ def healthy(**changes: Any) -> Health:
 )
 def test_most_serious_problem_first(changes: dict[str, Any], level: bytes, words: str) -> None:
     """Each problem has a level and a sentence; of two problems the more serious one is reported."""
-    statistics = Statistics(qos_mismatches=Counter({"/prediction": 2}))
-    actual = statuses("a", healthy(**changes), statistics)[0]
+    actual = statuses("a", healthy(**changes), Statistics())[0]
     assert actual.level == level
     assert re.search(words, actual.message)
 
@@ -191,8 +198,8 @@ def test_most_serious_problem_first(changes: dict[str, Any], level: bytes, words
         ("log", {"recorder": recorder(active=False, error="disk hangs")}, ERROR, "disk hangs"),
         ("input", {}, OK, "No fault is known of joint hitch"),
         ("input", {"reading_faults": [Fault(Level.ERROR, "Degrees.")]}, ERROR, "Degrees."),
-        ("input", {"second": replace(QUIET, lost=1)}, OK, "No fault is known of joint hitch"),
-        ("input", {"second": replace(QUIET, lost=2)}, WARN, "2 messages of /a were lost"),
+        ("input", {"second": losing(1)}, OK, "No fault is known of joint hitch"),
+        ("input", {"second": losing(2)}, WARN, "^2 of 101 messages of /a were lost in the last 10"),
         ("input", {"second": replace(QUIET, wait=0.049)}, OK, "No fault is known of joint hitch"),
         (
             "input",
@@ -221,7 +228,7 @@ def test_each_part_has_a_status(
     part: str, changes: dict[str, Any], level: bytes, words: str
 ) -> None:
     """Inputs, resonance and log have statuses of their own, beside that of the predictions."""
-    actual = statuses("a", healthy(**changes), Statistics(gaps=Counter({"/a": 2})))
+    actual = statuses("a", healthy(**changes), Statistics(gaps=Counter({"/a": 2, "/b": 9})))
     [own] = [each for each in actual if each.name == f"a: {part}"]
     assert own.level == level
     assert re.search(words, own.message)
@@ -243,18 +250,30 @@ def test_numbers() -> None:
 
 
 def test_statistics_are_bounded_and_count() -> None:
-    """Rates and shares are those of the last second; the memory for latencies is bounded."""
+    """Rate and share are those of the last second; the memory for latencies is bounded."""
     statistics = Statistics(with_numbers=100, clock_jumps=4, wait=3.0)
     assert statistics.since_last_time(10.0) == Second(0.0, 0.0, wait=3.0)
-    statistics.with_numbers, statistics.without_numbers, statistics.clock_jumps = 130, 10, 5
-    statistics.qos_mismatches["/prediction"] += 2
-    statistics.gaps["/a"], statistics.reported["/a"], statistics.reported["/b"] = 5, 4, 1
-    statistics.received = 50
-    statistics.dropped["/a"], statistics.dropped["/b"] = 6, 2
-    assert statistics.since_last_time(10.5) == Second(80.0, 0.25, 0.0, 1, 2, 50, 6, 8)
-    assert statistics.since_last_time(11.5) == Second(0.0, 0.0)
+    statistics.with_numbers, statistics.without_numbers = 130, 10
+    assert statistics.since_last_time(10.5) == Second(80.0, 0.25, 3.0)
+    assert statistics.since_last_time(11.5) == Second(0.0, 0.0, 3.0)
     statistics.latencies.extend([0.0] * 10 * LATENCIES)
     assert len(statistics.latencies) == LATENCIES
+
+
+def test_events_are_said_for_ten_statuses() -> None:
+    """Losses, waits and jumps of a second are in its status and in the nine after it."""
+    statistics = Statistics()
+    statistics.since_last_time(0.0)
+    statistics.gaps["/a"], statistics.reported["/a"], statistics.reported["/b"] = 5, 4, 1
+    statistics.received, statistics.clock_jumps = 50, 1
+    statistics.dropped["/a"], statistics.dropped["/b"] = 6, 2
+    statistics.arrived["/a"], statistics.wait = 50, 2.0
+    lost, arrived = Counter({"/a": 5, "/b": 1}), Counter({"/a": 50})
+    for i in range(1, 11):
+        expected = Second(0.0, 0.0, 2.0, 1, 50, 8, arrived, lost)
+        assert statistics.since_last_time(float(i)) == expected
+    assert statistics.since_last_time(11.0) == Second(0.0, 0.0, wait=2.0)
+    assert statistics.since_last_time(12.0) == Second(0.0, 0.0)
 
 
 @pytest.mark.parametrize(

@@ -15,10 +15,12 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
+from linkage_vibration_interfaces.msg import VibrationPrediction
 from test.support.ros_process import JOINT, SENSOR, until
 
 OK, WARN, ERROR, STALE = (
@@ -143,6 +145,16 @@ CASES: dict[str, tuple[bytes, str, Callable[[Tractor, int], object]]] = {
         "2 names but 1 elements in position",
         lambda tractor, i: tractor.say(2.0, names=[JOINT, "boom"], positions=[2.0]),
     ),
+    "positions without names": (
+        ERROR,
+        f"0 names but 1 elements in position, so the one of {JOINT} is unknown; publish one",
+        lambda tractor, i: tractor.say(2.0, names=[], positions=[2.0]),
+    ),
+    "half of the readings are no numbers": (
+        WARN,
+        f" % of the readings of joint {JOINT} on /joint_states are no numbers; check the sensor",
+        lambda tractor, i: tractor.say(math.nan if i % 2 else 2.0),
+    ),
     "degrees": (ERROR, "are in degrees (120)", lambda tractor, i: tractor.say(120.0)),
     "wrong sign": (
         ERROR,
@@ -176,7 +188,8 @@ def test_healthy_readings(tractor: Tractor) -> None:
     """Once the faults have ended, every status is OK; a resonance is none of them."""
 
     def publish(i: int) -> None:
-        tractor.speeds["engine"].publish(Float64(data=1500.0))
+        for name, speed in (("engine", 1500.0), ("pto", 540.0), ("ground", 2.0)):
+            tractor.speeds[name].publish(Float64(data=speed))
         tractor.say(2.0 + 1e-4 * (i % 7))
 
     for part in ("input", "predictions", "speeds", "log"):
@@ -215,6 +228,90 @@ def test_fault_of_a_speed(tractor: Tractor, source: str, value: float | None, wo
             tractor.speeds[source].publish(Float64(data=value))
 
     tractor.wait_for("speeds", WARN, words, publish, 50.0)
+
+
+def test_a_pto_that_no_shaft_can_be(tractor: Tractor) -> None:
+    """A PTO that changes between 0 and 540 rpm ten times a second is no shaft."""
+
+    def publish(i: int) -> None:
+        tractor.say(2.0 + 1e-4 * (i % 7))
+        tractor.speeds["pto"].publish(Float64(data=540.0 * (i // 5 % 2)))
+
+    words = "The PTO speed on /pto_speed changed to and fro by 540 rpm "
+    tractor.wait_for("speeds", WARN, words, publish, 50.0)
+
+
+def test_a_pto_that_turns_without_the_engine(tractor: Tractor) -> None:
+    """For 10 s after the engine stopped, the PTO may turn, and then no longer."""
+
+    def publish(i: int) -> None:
+        tractor.say(2.0 + 1e-4 * (i % 7))
+        tractor.speeds["pto"].publish(Float64(data=540.0))
+        tractor.speeds["engine"].publish(Float64(data=0.0))
+
+    words = "The PTO speed on /pto_speed is 540 rpm, although the engine speed on /engine_speed has"
+    tractor.wait_for("speeds", WARN, words, publish, 50.0)
+
+
+@pytest.mark.parametrize("kind", ["subscriber", "publisher"])
+def test_qos_that_does_not_match(tractor: Tractor, start: Callable[..., Any], kind: str) -> None:
+    """A QoS that does not match is said for as long as its endpoint exists, and not after it."""
+    name = f"qos_{kind}"
+    override = "qos_overrides./strict_joints.subscription.reliability:=reliable"
+    node = start("-p", override, name=name, hitch_topic="/strict_joints")
+    watched, peer = Tractor(tractor.peer, tractor.folder, name), tractor.peer.node
+    joints = peer.create_publisher(JointState, "/strict_joints", 100)
+    if kind == "publisher":
+        other = peer.create_publisher(JointState, "/strict_joints", SENSOR)
+        part, end = "input", peer.destroy_publisher
+        words = (
+            "of /strict_joints has a QoS that does not match this node's, so nothing passes (Best"
+        )
+    else:
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        topic = f"/{name}/prediction"
+        other = peer.create_subscription(VibrationPrediction, topic, lambda _: None, latched)
+        part, end = "predictions", peer.destroy_subscription
+        words = f"of {topic} has a QoS that does not match this node's, so nothing passes (Volatile"
+
+    def publish(i: int) -> None:
+        for source, speed in (("engine", 1500.0), ("pto", 540.0), ("ground", 2.0)):
+            tractor.speeds[source].publish(Float64(data=speed))
+        watched.say(2.0 + 1e-4 * (i % 7), publisher=joints)
+
+    def own() -> list[Any]:
+        return [s for s in watched.received if s.name == f"/{name}: {part}"]
+
+    def step() -> None:
+        publish(0)
+        tractor.peer.pause(0.02)
+
+    watched.wait_for(part, WARN, words, publish)
+    watched.received.clear()
+    until(lambda: len(own()) == 5, "five more statuses", step)
+    assert all(status.level == WARN and words in status.message for status in own())
+    end(other)
+    watched.wait_for(part, OK, "", publish)
+    watched.received.clear()
+    until(lambda: len(own()) == 2, "two more statuses", step)
+    assert all(words not in status.message for status in own())
+    if kind == "publisher":
+        peer.destroy_publisher(joints)
+        joints = peer.create_publisher(JointState, "/strict_joints", SENSOR)
+        watched.wait_for("input", STALE, words, publish)
+    peer.destroy_publisher(joints)
+    assert node.stop() == 0
+
+
+def test_publisher_of_another_type(tractor: Tractor, start: Callable[..., Any]) -> None:
+    """A publisher of another type is the cause that is named, with both types."""
+    node = start(name="typed", hitch_topic="/typed_joints")
+    typed = Tractor(tractor.peer, tractor.folder, "typed")
+    other = tractor.peer.node.create_publisher(Float64, "/typed_joints", SENSOR)
+    words = "send std_msgs/msg/Float64, not sensor_msgs/msg/JointState; set hitch_type"
+    typed.wait_for("input", STALE, words)
+    tractor.peer.node.destroy_publisher(other)
+    assert node.stop() == 0
 
 
 def test_reverse_is_no_fault(tractor: Tractor) -> None:
@@ -263,18 +360,18 @@ def test_nothing_is_watched(tractor: Tractor, start: Callable[..., Any]) -> None
     node = start(name="lonely", hitch_topic="/no_joints", engine_topic="/enigne_speed")
     lonely = Tractor(tractor.peer, tractor.folder, "lonely")
     lonely.wait_for("input", STALE, "/no_joints has no publisher; start it, or set hitch_topic")
-    lonely.wait_for("speeds", STALE, "expects engine speed on /enigne_speed, PTO speed on /pto_s")
+    lonely.wait_for("speeds", STALE, "The engine speed on /enigne_speed, PTO speed on /pto_speed, ")
     lonely.wait_for("resonance", STALE, "as no reading arrives")
     node.wait_for("No reading for more than 5 s: /no_joints has no publisher")
     joints = tractor.peer.node.create_publisher(JointState, "/no_joints", SENSOR)
-    lonely.wait_for("input", STALE, "Nothing arrives from the publishers of /no_joints (peer_")
+    lonely.wait_for("input", STALE, "Nothing has arrived from the publishers of /no_joints (p")
     lonely.wait_for(
         "resonance", STALE, "as no speed has arrived", lambda i: lonely.say(2.0, publisher=joints)
     )
     lonely.wait_for(
         "speeds",
         WARN,
-        "The engine speed on /enigne_speed has not arrived in the ",
+        "The engine speed on /enigne_speed, ground speed on /ground_speed did not arrive in the ",
         lambda i: lonely.speeds["pto"].publish(Float64(data=540.0)),
     )
     assert node.stop() == 0

@@ -12,9 +12,11 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
 from linkage_vibration.messages.topics import OUTPUT_TOPICS
+from linkage_vibration.prediction.excitation import Source
+from linkage_vibration.prediction.health import Level
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.resonance import ResonanceMonitor
-from linkage_vibration.prediction.settings import Parameters
+from linkage_vibration.prediction.settings import Parameters, with_values
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.ros import arrivals, message_path
 from linkage_vibration.ros.live_inputs import live_topics
@@ -35,6 +37,7 @@ class Bench:
         self.statistics, self.recorded, self.times = Statistics(), list[str](), list[int]()
         self.queues = dict[str, list[tuple[bytes, dict[str, int]]]]()
         self._callbacks = dict[str, Any]()
+        self.publishers: list[Any] = []
         clock = SimpleNamespace(
             monotonic=lambda: self.now, time_ns=lambda: round(1e9 * (START + self.now))
         )
@@ -44,14 +47,19 @@ class Bench:
         outputs = {output.type: topic for output in OUTPUT_TOPICS}
         node = SimpleNamespace(
             get_clock=lambda: SimpleNamespace(ros_time_is_active=False),
-            get_publishers_info_by_topic=lambda topic: [],
+            get_publishers_info_by_topic=lambda topic: self.publishers,
+            get_subscriptions_info_by_topic=lambda topic: [],
             count_publishers=lambda topic: 1,
         )
-        listener = SimpleNamespace(subscribe=self._subscribe, lost=Counter)
+        self.mismatches: dict[str, list[str]] = {}
+        listener = SimpleNamespace(
+            subscribe=self._subscribe, lost=Counter, unmatched=lambda: self.mismatches
+        )
         throttle = SimpleNamespace(warn=lambda *_: None, report=lambda *_: None)
+        self.topics = live_topics(Parameters(), lambda name: f"/{name}")
         self.path = Predicting(
             *(node, listener, outputs, Parameters()),  # type: ignore[arg-type]
-            live_topics(Parameters(), lambda name: f"/{name}"),
+            self.topics,
             Predictor(load_table(config_file(PAPER_TABLE))),
             ResonanceMonitor(read_excitations(Parameters().excitation_path())),
             None,
@@ -90,7 +98,7 @@ class Bench:
     def put(self, wait: float, age: float = 0.0, joint: str = JOINT) -> None:
         """Let a reading with an age (s) at its arrival wait (s) in its queue."""
         arrived = round(1e9 * (START + self.now - wait))
-        message = JointState(name=[joint], position=[2.0])
+        message = JointState(name=[joint] * bool(joint), position=[2.0])
         stamp = divmod(arrived - round(1e9 * age), 10**9)
         message.header.stamp.sec, message.header.stamp.nanosec = stamp
         self._put("/joint_states", message, wait)
@@ -196,6 +204,11 @@ def test_gaps_are_counted(bench: Bench) -> None:
     assert bench.statistics.lost == {"/joint_states": 3}
 
 
+def publisher(kind: str) -> SimpleNamespace:
+    """Return what the graph says of a publisher."""
+    return SimpleNamespace(node_name="arm", topic_type=kind)
+
+
 def test_readings_that_stop(bench: Bench) -> None:
     """What is said depends on what arrived: nothing, no joint, or readings that have ended."""
     bench.now += 2.0
@@ -206,3 +219,88 @@ def test_readings_that_stop(bench: Bench) -> None:
     assert "not received" not in bench.faults()
     bench.now += 1.3
     assert "for 1.5 s. /joint_states has no publisher" in bench.faults()
+    bench.give(0.0, joint="boom")
+    assert "It came before; check its sender. /joint_states has no joint hitch" in bench.faults()
+
+
+def test_names_expire(bench: Bench) -> None:
+    """The joints of a topic on which nothing arrives any more are not named for more than 3 s."""
+    bench.publishers = [publisher("sensor_msgs/msg/JointState")]
+    bench.now += 2.0
+    bench.give(0.0, joint="boom")
+    assert "it has boom" in bench.faults()
+    bench.now += 2.8
+    assert "it has boom" in bench.faults()
+    bench.now += 0.1
+    words = "Nothing has arrived from the publishers of /joint_states (arm) for 3 s, although"
+    assert words in bench.faults()
+
+
+def test_publishers_that_cannot_be_received(bench: Bench) -> None:
+    """Another type or QoS of the publishers is named as the cause only if it is one."""
+    bench.publishers = [publisher("std_msgs/msg/String")]
+    bench.now += 2.0
+    words = "The publishers of /joint_states (arm) send std_msgs/msg/String, not sensor_msgs/msg/J"
+    assert words in bench.faults()
+    bench.publishers += [publisher("sensor_msgs/msg/JointState")]
+    assert "although one has the right type and QoS" in bench.faults()
+    bench.mismatches = {"/joint_states": ["The QoS of arm."], "/pto_speed": ["That of pto."]}
+    faults = bench.faults()
+    assert faults.count("The QoS of arm.") == faults.count("That of pto.") == 1
+    assert "although" not in faults
+    bench.give(0.0)
+    assert bench.faults() == "The QoS of arm. That of pto."
+
+
+def test_joint_states_without_names(bench: Bench) -> None:
+    """Positions without names are said to have none, also after readings."""
+    bench.give(0.0)
+    bench.faults()
+    bench.now += 2.0
+    bench.give(0.0, joint="")
+    assert "has 0 names but 1 elements in position, so the one of hitch" in bench.faults()
+
+
+def test_readings_that_are_left_out_are_no_fault_of_the_sensor(bench: Bench) -> None:
+    """A sensor at 100 Hz of which the node leaves out all but a few has no fault itself."""
+    for _ in range(5):
+        for _ in range(100):
+            bench.now += 0.009
+            bench.give(0.0)
+        assert bench.faults() == ""
+    for _ in range(5):
+        for _ in range(5):
+            for _ in range(20):
+                bench.now += 0.009
+                bench.put(0.0)
+            bench.spin()
+        assert bench.faults() == ""
+    assert bench.statistics.dropped["/joint_states"] > 400
+    for _ in range(3):
+        for _ in range(50):
+            bench.now += 0.018
+            bench.give(0.0)
+        faults = bench.faults()
+    assert "The readings are sent at 50.0 Hz instead of 100.0 Hz" in faults
+
+
+def test_speeds_that_did_not_arrive(bench: Bench) -> None:
+    """Until a speed that an excitation needs has arrived, `speeds` is not OK."""
+    for pause, level in ((0.1, Level.STALE), (2.0, Level.STALE)):
+        bench.now += pause
+        bench.faults()
+        [fault] = bench.path.speed_faults
+        assert fault.level is level
+        words = "The engine speed on /engine_speed, PTO speed on /pto_speed, ground speed on /grou"
+        assert fault.sentence.startswith(words)
+    values = dict.fromkeys(("engine_speed", "ground_speed"), 0.0)
+    bench.path.apply(with_values(Parameters(), values), bench.topics)
+    bench.faults()
+    [fault] = bench.path.speed_faults
+    assert fault.level is Level.WARN
+    assert fault.sentence.startswith("The PTO speed on /pto_speed did not arrive in the ")
+    bench.path.excitations = tuple(
+        each for each in bench.path.excitations if each.source is not Source.PTO
+    )
+    bench.faults()
+    assert bench.path.speed_faults == []
