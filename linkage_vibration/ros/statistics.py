@@ -80,16 +80,9 @@ class Statistics:
         self._before.append((self.wait, *counts))
         self.wait, self._then = 0.0, now
         _, jumps, received, dropped, arrived, lost = self._before[0]
-        return Second(
-            rate,
-            without / (done or 1),
-            max(status[0] for status in self._before),
-            self.clock_jumps - jumps,
-            self.received - received,
-            counts[2] - dropped,
-            counts[3] - arrived,
-            counts[4] - lost,
-        )
+        events = self.clock_jumps - jumps, self.received - received, left_out - dropped
+        share, wait = without / (done or 1), max(status[0] for status in self._before)
+        return Second(rate, share, wait, *events, counts[3] - arrived, counts[4] - lost)
 
 
 class SequenceGaps:
