@@ -56,6 +56,7 @@ STEPS = (
     "review_page",
     "mutants",
     "overload",
+    "promises",
     "sensors",
     "soak",
 )

@@ -9,6 +9,7 @@ machine with busy cores is many times slower than an idle one.
 import os
 import re
 import signal
+import struct
 import subprocess
 import sys
 import time
@@ -131,12 +132,23 @@ class RunningNode:
         return self.process.wait(LIMIT)
 
 
+def installed_command() -> Path:
+    """Return the command that pip or colcon has installed for the node."""
+    folders = [Path(sys.executable).parent]
+    prefixes = filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))
+    folders += [Path(prefix) / "lib" / "linkage_vibration" for prefix in prefixes]
+    found = [folder / "linkage_vibration_node" for folder in folders]
+    commands = [path for path in found if path.is_file()]
+    assert commands, f"linkage_vibration_node is not installed in {folders}"
+    return commands[0]
+
+
 def start_node(
     output: Path,
     environment: dict[str, str],
     *arguments: str,
     name: str = "linkage_vibration",
-    program: Sequence[str] = ("-m", "linkage_vibration.ros.node"),
+    program: Sequence[str] = (),
     **parameters: Any,
 ) -> RunningNode:
     """Start a node in a process of its own.
@@ -152,11 +164,12 @@ def start_node(
     name : str
         The name of the node.
     program : sequence of str
-        What Python runs.
+        What Python runs instead of the installed command.
     **parameters : object
         The parameters of the node.
     """
-    command = [sys.executable, *program, "--ros-args", "-r", f"__node:={name}", *arguments]
+    command = [sys.executable, *program] if program else [str(installed_command())]
+    command += ["--ros-args", "-r", f"__node:={name}", *arguments]
     for key, value in parameters.items():
         command += ["-p", f"{key}:={str(value).lower() if value in (True, False) else value}"]
     with output.open("wb") as file:
@@ -223,6 +236,8 @@ class Peer:
         The same as bytes.
     second, stamp : int
         Seconds of every stamp, which tell the peers apart, and nanoseconds of the last one.
+    own : bool
+        Whether only predictions for the peer's own joint states are kept.
     """
 
     node: Any
@@ -234,6 +249,7 @@ class Peer:
     predictions: list[Any] = field(default_factory=list)
     raw: list[bytes] = field(default_factory=list)
     stamp: int = 0
+    own: bool = False
 
     def tick(self, time: int) -> None:
         """Set the simulated clock of the nodes that have one, ns."""
@@ -281,6 +297,9 @@ class Peer:
 
     def on_prediction(self, data: bytes) -> None:
         """Keep a prediction."""
+        [second] = struct.unpack_from("<i", data, 4)
+        if self.own and second != self.second:
+            return  # decoding 1,000 a second takes time
         self.raw.append(data)
         self.predictions.append(deserialize_message(data, VibrationPrediction))
 
@@ -306,7 +325,9 @@ class Peer:
 
 
 @contextmanager
-def peer_of(name: str, domain: int, number: int = 0) -> Iterator[Peer]:
+def peer_of(
+    name: str, domain: int, number: int = 0, *, own: bool = False, reads: bool = True
+) -> Iterator[Peer]:
     """Give a peer of the node of a name, once messages pass in both directions.
 
     Parameters
@@ -317,6 +338,10 @@ def peer_of(name: str, domain: int, number: int = 0) -> Iterator[Peer]:
         The ROS domain.
     number : int
         The number of the peer, which no other peer on this domain has.
+    own : bool
+        Whether only predictions for its own joint states are kept.
+    reads : bool
+        Whether the node reads its joint states, and is active.
     """
 
     def publish() -> None:
@@ -331,15 +356,17 @@ def peer_of(name: str, domain: int, number: int = 0) -> Iterator[Peer]:
         publisher = node.create_publisher(JointState, "joint_states", SENSOR)
         client = node.create_client(PredictVibration, f"{name}/predict")
         clock = node.create_publisher(Clock, "/clock", 10)
-        peer = Peer(node, executor, publisher, clock, client, 1_700_000_000 + number)
+        peer = Peer(node, executor, publisher, clock, client, 1_700_000_000 + number, own=own)
         node.create_subscription(
             VibrationPrediction, f"{name}/prediction", peer.on_prediction, 1000, raw=True
         )
         try:
-            peer.spin(client.service_is_ready, f"the node {name}")
-            until(lambda: peer.predictions, "a prediction", publish)
-            # Predictions come in the order of the joint states, so no other follows this one.
-            peer.ask()
+            peer.spin(lambda: name in node.get_node_names(), f"the node {name}")
+            if reads:
+                peer.spin(client.service_is_ready, f"the services of {name}")
+                until(lambda: peer.predictions, "a prediction", publish)
+                # Predictions come in the order of the joint states, so no other follows this one.
+                peer.ask()
             peer.predictions.clear()
             peer.raw.clear()
             yield peer
