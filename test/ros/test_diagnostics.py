@@ -5,7 +5,6 @@
 import math
 import re
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,8 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-import rclpy
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.health import Fault, Level, ReadingWatch
@@ -25,7 +23,6 @@ from linkage_vibration.ros.statistics import LATENCIES, Second, SequenceGaps, St
 from linkage_vibration.support.resources import PAPER_TABLE, config_file
 from linkage_vibration.table.table import load_table
 from test.support.messages import changed, resonance
-from test.support.ros_process import until
 
 OK, WARN, ERROR, STALE = (
     DiagnosticStatus.OK,
@@ -300,34 +297,3 @@ def test_wall_clock_that_was_set() -> None:
     for wall, steady in ((100.0, 1.0), (101.0, 2.0), (98.0, 3.0), (99.0, 4.0)):
         statistics.watch_wall_clock(wall, steady)
     assert statistics.clock_jumps == 1
-
-
-def test_once_a_second_over_dds(start: Callable[..., Any], meet: Callable[[str], Any]) -> None:
-    """The node reports rate, age and latency, a second node of its name, and a missing input."""
-    node = start(name="diagnosed", engine_speed=2000.0)
-    peer = meet("diagnosed")
-    received: list[Any] = []
-    peer.node.create_subscription(DiagnosticArray, "/diagnostics", received.append, 10)
-
-    def own() -> list[Any]:
-        return [s for m in received for s in m.status if s.name == "/diagnosed: predictions"]
-
-    def publish() -> None:
-        peer.publish()
-        peer.pause(0.02)
-
-    until(lambda: len(own()) > 1, "diagnostics", publish)
-    received.clear()
-    until(lambda: len(own()) > 1, "diagnostics", publish)
-    values = {value.key: value.value for value in own()[-1].values}
-    assert own()[-1].level in (OK, WARN)
-    assert own()[-1].hardware_id == "three_point_linkage_on_tractor"
-    assert float(values["input rate [Hz]"]) > 0.0
-    assert 0.0 < float(values["latency p50 [ms]"]) <= float(values["latency p99 [ms]"])
-    assert values["resonance"] in ("clear", "note", "warning")
-    twin = rclpy.create_node("diagnosed", context=peer.node.context)
-    until(lambda: "2 nodes have this name" in own()[-1].message, "a second node", publish)
-    twin.destroy_node()
-    peer.spin(lambda: own()[-1].level == STALE, "level STALE")
-    assert "joint hitch_rockshaft_joint on /joint_states" in own()[-1].message
-    assert node.stop() == 0

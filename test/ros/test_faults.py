@@ -2,23 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Faults of inputs and log over DDS: each has a status, a level and a sentence of its own."""
 
-import math
-import shutil
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rcl_interfaces.srv import SetParameters
-from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
-from std_srvs.srv import Trigger
 
 from linkage_vibration_interfaces.msg import VibrationPrediction
 from test.support.ros_process import JOINT, SENSOR, until
@@ -117,117 +111,28 @@ def tractor(
     assert node.stop() == 0
 
 
-def test_frozen_sensor_and_falling_rate(tractor: Tractor) -> None:
-    """A noisy sensor whose value stays the same is frozen; its rate falls to a quarter."""
-    noise = np.random.default_rng(1).normal(0.0, 1e-3, 250)
-
-    def publish(i: int) -> None:
-        tractor.speeds["engine"].publish(Float64(data=1500.0))  # the engine shakes the sensor
-        tractor.say(2.0 + float(noise[min(i, len(noise) - 1)]))
-
-    tractor.wait_for("input", WARN, "never free of noise before; the sensor is frozen", publish, 80)
-    tractor.wait_for("input", WARN, "Hz instead of", lambda i: tractor.say(2.0), 12.0)
-
-
-CASES: dict[str, tuple[bytes, str, Callable[[Tractor, int], object]]] = {
-    "joint that never arrives": (
-        ERROR,
-        f"has no joint {JOINT}; it has boom, bucket. Set joint_name",
-        lambda tractor, i: tractor.say(2.0, names=["boom", "bucket"]),
-    ),
-    "joint whose name looks like a line of a log": (
-        ERROR,
-        r"boom\n[ERROR] the brakes fail\x1b[2J",
-        lambda tractor, i: tractor.say(2.0, names=["boom\n[ERROR] the brakes fail\x1b[2J"]),
-    ),
-    "arrays of different sizes": (
-        ERROR,
-        "2 names but 1 elements in position",
-        lambda tractor, i: tractor.say(2.0, names=[JOINT, "boom"], positions=[2.0]),
-    ),
-    "positions without names": (
-        ERROR,
-        f"0 names but 1 elements in position, so the one of {JOINT} is unknown; publish one",
-        lambda tractor, i: tractor.say(2.0, names=[], positions=[2.0]),
-    ),
-    "half of the readings are no numbers": (
-        WARN,
-        f" % of the readings of joint {JOINT} on /joint_states are no numbers; check the sensor",
-        lambda tractor, i: tractor.say(math.nan if i % 2 else 2.0),
-    ),
-    "degrees": (ERROR, "are in degrees (120)", lambda tractor, i: tractor.say(120.0)),
-    "wrong sign": (
-        ERROR,
-        "inside with the other sign; change the parameter sign",
-        lambda tractor, i: tractor.say(-2.0),
-    ),
-    "out of range on one side": (ERROR, "are below", lambda tractor, i: tractor.say(0.4)),
-    "stamps of zero": (WARN, "are zero", lambda tractor, i: tractor.say(2.0, stamp=math.nan)),
-    "old stamps": (WARN, "s old", lambda tractor, i: tractor.say(2.0, stamp=-30.0)),
-    "stamps in the future": (
-        WARN,
-        "s in the future",
-        lambda tractor, i: tractor.say(2.0, stamp=5.0),
-    ),
-    "spikes": (
-        WARN,
-        "jump by up to 0.6 rad, which a crank cannot",
-        lambda tractor, i: tractor.say(2.6 if i % 10 == 5 else 2.0),
-    ),
-}
-
-
-@pytest.mark.parametrize("fault", CASES)
-def test_fault_of_the_readings(tractor: Tractor, fault: str) -> None:
-    """Each fault of the readings has a level and a sentence."""
-    level, words, publish = CASES[fault]
-    tractor.wait_for("input", level, words, lambda i: publish(tractor, i), 50.0)
-
-
-def test_healthy_readings(tractor: Tractor) -> None:
-    """Once the faults have ended, every status is OK; a resonance is none of them."""
-
-    def publish(i: int) -> None:
-        for name, speed in (("engine", 1500.0), ("pto", 540.0), ("ground", 2.0)):
-            tractor.speeds[name].publish(Float64(data=speed))
-        tractor.say(2.0 + 1e-4 * (i % 7))
-
-    for part in ("input", "predictions", "speeds", "log"):
-        tractor.wait_for(part, OK, "", publish, 50.0)
-
-
-def test_two_publishers_that_disagree(tractor: Tractor) -> None:
-    """A second publisher with other angles is found, and named by its node."""
-    second = tractor.peer.node.create_publisher(JointState, "joint_states", SENSOR)
-
-    def publish(_: int) -> None:
-        tractor.say(2.0)
-        tractor.say(2.1, publisher=second)
-
-    words = (
-        f"The publishers of joint {JOINT} on /joint_states disagree ({tractor.peer.node.get_name()}"
-    )
-    tractor.wait_for("input", ERROR, words, publish, 50.0)
-    tractor.peer.node.destroy_publisher(second)
-
-
 @pytest.mark.parametrize(
-    ("source", "value", "words"),
+    ("level", "words", "names", "angle"),
     [
-        ("pto", math.nan, "The PTO speed on /pto_speed is nan"),
-        ("engine", 200.0, "engine speed on /engine_speed has been 200 rpm, which is not plausible"),
-        ("engine", None, "The engine speed on /engine_speed stopped"),
+        (ERROR, f"0 names but 1 elements in position, so the one of {JOINT} is unknown", [], 2.0),
+        (
+            WARN,
+            f" % of the readings of joint {JOINT} on /joint_states are no numbers",
+            None,
+            math.nan,
+        ),
     ],
 )
-def test_fault_of_a_speed(tractor: Tractor, source: str, value: float | None, words: str) -> None:
-    """A speed that is NaN, in another unit, or stopped, while the readings are sound."""
+def test_readings_without_names_or_numbers(
+    tractor: Tractor, level: bytes, words: str, names: list[str] | None, angle: float
+) -> None:
+    """Positions without names, and a sensor whose every second reading is NaN, are named."""
 
     def publish(i: int) -> None:
-        tractor.say(2.0 + 1e-4 * (i % 7))
-        if value is not None:
-            tractor.speeds[source].publish(Float64(data=value))
+        named = {} if names is None else {"names": names, "positions": [2.0]}
+        tractor.say(angle if i % 2 else 2.0, **named)
 
-    tractor.wait_for("speeds", WARN, words, publish, 50.0)
+    tractor.wait_for("input", level, words, publish, 50.0)
 
 
 def test_a_pto_that_no_shaft_can_be(tractor: Tractor) -> None:
@@ -325,34 +230,6 @@ def test_reverse_is_no_fault(tractor: Tractor) -> None:
         tractor.speeds["ground"].publish(Float64(data=-2.0))
 
     tractor.wait_for("resonance", OK, "All known loads are ", publish, 50.0)
-
-
-def test_warning_by_loads(tractor: Tractor) -> None:
-    """A load above the limit warns, and no longer once the limit is above all loads."""
-
-    def publish(i: int) -> None:
-        tractor.say(2.0 + 1e-4 * (i % 7))
-        tractor.speeds["engine"].publish(Float64(data=2000.0))
-
-    client = tractor.peer.node.create_client(SetParameters, "faulty/set_parameters")
-    for limit, level, words in (
-        (1e-6, WARN, "of the static force in "),
-        (1e6, OK, "All loads are "),
-    ):
-        value = Parameter("warning_load_ratio", value=limit).to_parameter_msg()
-        answer = tractor.peer.request(client, SetParameters.Request(parameters=[value]))
-        assert answer.results[0].successful
-        tractor.wait_for("resonance", level, words, publish, 50.0)
-    tractor.peer.node.destroy_client(client)
-
-
-def test_log_that_cannot_be_written(tractor: Tractor) -> None:
-    """A log whose folder is gone cannot be started, which the status of the log says."""
-    shutil.rmtree(tractor.folder)
-    client = tractor.peer.node.create_client(Trigger, "faulty/start_recording")
-    answer = tractor.peer.request(client, Trigger.Request())
-    assert not answer.success
-    tractor.wait_for("log", ERROR, str(tractor.folder), lambda i: tractor.say(2.0), 50.0)
 
 
 def test_nothing_is_watched(tractor: Tractor, start: Callable[..., Any]) -> None:

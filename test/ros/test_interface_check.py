@@ -40,7 +40,7 @@ def test_installed_classes_fit() -> None:
 def test_class_with_other_fields(monkeypatch: pytest.MonkeyPatch) -> None:
     """The error names the class, the fields that differ, and the version to install."""
     install(monkeypatch, "linkage_vibration_interfaces/msg/Resonance", without("approach_rate"))
-    match = r"msg/Resonance has other fields \(approach_rate\).* install linkage_vibration_interfaces \d"
+    match = r"msg/Resonance has other fields \(approach_rate\).* linkage_vibration_interfaces \d"
     with pytest.raises(InterfaceError, match=match):
         check_interfaces()
 

@@ -16,17 +16,15 @@ from typing import Any
 
 import pytest
 import rclpy
-from lifecycle_msgs.msg import State, Transition
-from lifecycle_msgs.srv import ChangeState, GetState
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
-from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.support.resources import config_file
-from linkage_vibration_interfaces.msg import VibrationPrediction
 from test.support.ros_process import JOINT, LIMIT, SENSOR, own_context, response, until
 
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
@@ -390,47 +388,3 @@ def test_transitions_while_peers_come_and_go(
         for storm in storms:
             storm.kill()
             storm.wait()
-
-
-def test_manager_over_dds(start: Callable[..., Any], manager: Any) -> None:
-    """A manager changes the node's state by its services; the node predicts only while active."""
-    process = start(name="managed", autostart=False)
-    peer, executor = manager
-    change: Any = peer.create_client(ChangeState, "managed/change_state")
-    ask: Any = peer.create_client(GetState, "managed/get_state")
-    received: list[Any] = []
-    peer.create_subscription(VibrationPrediction, "managed/prediction", received.append, 10)
-    publisher = peer.create_publisher(JointState, "joint_states", SENSOR)
-
-    def call(client: Any, request: Any) -> Any:
-        return response(client, request, executor.spin_once)
-
-    def go(transition: int) -> int:
-        assert call(change, ChangeState.Request(transition=Transition(id=transition))).success
-        return int(call(ask, GetState.Request()).current_state.id)
-
-    def publish(angle: float) -> None:
-        publisher.publish(JointState(name=[JOINT], position=array("d", [angle])))
-        executor.spin_once(0.1)
-
-    def answers(angle: float) -> list[Any]:
-        return [message for message in received if message.crank_angle == angle]
-
-    assert change.wait_for_service(LIMIT)
-    assert ask.wait_for_service(LIMIT)
-    wrong = Transition(id=Transition.TRANSITION_ACTIVATE)
-    assert not call(change, ChangeState.Request(transition=wrong)).success  # as above
-    assert go(Transition.TRANSITION_CONFIGURE) == State.PRIMARY_STATE_INACTIVE
-    for active, inactive in ((2.0, 2.1), (2.2, 2.3)):
-        for _ in range(10):
-            publish(inactive)
-        assert go(Transition.TRANSITION_ACTIVATE) == State.PRIMARY_STATE_ACTIVE
-        until(lambda a=active: answers(a), "a prediction", lambda a=active: publish(a))
-        assert answers(active)[0].status == Status.OK
-        assert go(Transition.TRANSITION_DEACTIVATE) == State.PRIMARY_STATE_INACTIVE
-        for _ in range(10):
-            publish(inactive)
-        assert not answers(inactive)
-    assert go(Transition.TRANSITION_CLEANUP) == State.PRIMARY_STATE_UNCONFIGURED
-    assert not call(change, ChangeState.Request(transition=wrong)).success
-    assert process.stop() == 0

@@ -10,12 +10,9 @@ from typing import Any
 
 import pytest
 import yaml
-from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import ParameterType
 from rclpy.parameter import Parameter, get_parameter_value, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
-from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 
@@ -50,28 +47,6 @@ def done(peer: Peer, future: Any) -> Any:
     """Return the result of a request."""
     peer.spin(future.done, "a response")
     return future.result()
-
-
-def test_qos_can_be_overridden(peer: Peer, node: RunningNode) -> None:
-    """The graph shows the QoS of the parameters, and the defaults of other topics."""
-
-    def qos(infos: list[Any]) -> Any:
-        [info] = [each for each in infos if each.node_name.startswith("middle")]
-        return info.qos_profile
-
-    engine, joints = (
-        qos(peer.node.get_subscriptions_info_by_topic(name))
-        for name in ("/engine_speed", "/joint_states")
-    )
-    assert engine.reliability is ReliabilityPolicy.RELIABLE
-    assert joints.reliability is ReliabilityPolicy.BEST_EFFORT
-    predictions, resonances = (
-        qos(peer.node.get_publishers_info_by_topic(f"/middle/{name}"))
-        for name in ("prediction", "resonance")
-    )
-    assert predictions.durability is DurabilityPolicy.TRANSIENT_LOCAL
-    assert resonances.durability is DurabilityPolicy.VOLATILE
-    assert peer.ask([JOINT], [2.0]).status == Status.OK
 
 
 def test_qos_that_changes_nothing_is_refused(start: Callable[..., Any]) -> None:
@@ -123,41 +98,6 @@ def test_own_parameters_are_loaded_again(peer: Peer, tmp_path: Path) -> None:
     assert "must be none or lz4 or zstd" in set_as_a_shell("compression", "off").reason
     refused = set_as_a_shell(f"qos_overrides.{MIDDLE}.durability", "volatile")
     assert "is read at the start" in refused.reason
-
-
-def test_what_is_done_already_is_fulfilled(peer: Peer, node: RunningNode) -> None:
-    """A manager can configure and activate a node that has started by itself."""
-    client: Any = peer.node.create_client(ChangeState, "middle/change_state")
-    for transition, state in (
-        (Transition.TRANSITION_CONFIGURE, "configure"),
-        (Transition.TRANSITION_ACTIVATE, "activate"),
-    ):
-        request = ChangeState.Request(transition=Transition(id=transition))
-        assert peer.request(client, request).success
-        node.wait_for(f"A request to {state} the node finds it active")
-    wrong = Transition(id=Transition.TRANSITION_CLEANUP)
-    assert not peer.request(client, ChangeState.Request(transition=wrong)).success
-    assert peer.ask([JOINT], [2.0]).status == Status.OK
-
-
-def test_publishers_exist_while_the_node_is_configured(
-    start: Callable[..., Any], peer: Peer
-) -> None:
-    """Before it is configured, a managed node publishes its state only."""
-    managed = start(name="quiet", autostart=False)
-    client: Any = peer.node.create_client(ChangeState, "quiet/change_state")
-    managed.wait_for("Waiting for a lifecycle manager")
-
-    def published() -> set[str]:
-        actual = peer.node.get_topic_names_and_types()
-        return {name for name, _ in actual if name.startswith("/quiet/")}
-
-    peer.spin(lambda: "/quiet/transition_event" in published(), "its publishers")
-    assert published() == {"/quiet/transition_event"}
-    request = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_CONFIGURE))
-    assert peer.request(client, request).success
-    peer.spin(lambda: "/quiet/prediction" in published(), "the publisher of predictions")
-    assert managed.stop() == 0
 
 
 def test_large_messages_are_refused(peer: Peer, node: RunningNode) -> None:

@@ -4,7 +4,6 @@
 
 import math
 import os
-import random
 import resource
 import signal
 import subprocess
@@ -66,56 +65,6 @@ def same(message: Any, prediction: Any) -> bool:
     )
 
 
-def test_predictions_are_the_predictors(peer: Any, predictor: Predictor) -> None:
-    """The prediction is the predictor's, bit for bit, in whatever order the names are."""
-    rng = random.Random(2)
-    for _ in range(50):
-        angle = rng.uniform(math.pi / 2, math.pi)
-        joints = {JOINT: angle, "wheel": 1.0, "steering": 9.0, "pto": math.nan}
-        names = rng.sample(sorted(joints), len(joints))
-        message = peer.ask(names, [joints[name] for name in names], frame_id="tractor")
-        assert same(message, predictor.predict(angle))
-        assert message.status == message.STATUS_OK
-        assert (message.header.stamp.sec, message.header.frame_id) == (peer.second, "tractor")
-
-
-@pytest.mark.parametrize(
-    ("angle", "status"),
-    [
-        (math.nan, Status.INVALID_ANGLE),
-        (math.inf, Status.INVALID_ANGLE),
-        (-math.inf, Status.INVALID_ANGLE),
-        (0.0, Status.OUT_OF_RANGE),
-        (-1e308, Status.OUT_OF_RANGE),
-        (math.nextafter(math.pi, 4.0), Status.OUT_OF_RANGE),
-    ],
-)
-def test_angles_without_a_prediction_have_a_status(
-    peer: Any, node: Any, predictor: Predictor, angle: float, status: Status
-) -> None:
-    """The answer is NaN and a status, and a warning names the angle."""
-    message = peer.ask([JOINT], [angle])
-    assert message.status == status
-    assert same(message, predictor.predict(angle))
-    node.wait_for("crank angle")
-
-
-def test_messages_without_a_reading_are_ignored(peer: Any, node: Any) -> None:
-    """Without the joint, with other sizes or with it twice, there is no prediction."""
-    silent = [
-        peer.publish([], []),
-        peer.publish(["other"], [2.0]),
-        peer.publish([JOINT], []),
-        peer.publish([JOINT, "b"], [2.0]),
-        peer.publish(["b"], [2.0, 2.1]),
-        peer.publish([JOINT, JOINT], [2.0, 2.1]),
-        peer.publish(["", "\t", "naïve"], [1.0, 2.0, 3.0]),
-    ]
-    assert peer.ask().status == Status.OK
-    assert not {p.header.stamp.nanosec for p in peer.predictions} & set(silent)
-    node.wait_for("1 names but 0 elements in position")
-
-
 def test_bytes_that_are_not_a_joint_state(peer: Any, node: Any) -> None:
     """Bytes that no serializer made are reported, and the node continues."""
     for data in (b"", b"\0\1\0\0", b"\0\1\0\0" + b"\xff" * 60):
@@ -157,30 +106,6 @@ def test_missing_joint_is_reported(start: Callable[..., Any], peer: Any) -> None
     assert lonely.stop() == 0
 
 
-def test_service_answers_many_angles(peer: Any, predictor: Predictor) -> None:
-    """There is a prediction for each angle, in their order; success says whether all are good."""
-    angles = [1.6 + 0.001 * i for i in range(1_000)]
-    response = peer.call(angles)
-    assert response.success
-    assert response.message == ""
-    assert len(response.predictions) == 1_000
-    assert all(
-        same(message, predictor.predict(angle))
-        for message, angle in zip(response.predictions, angles, strict=True)
-    )
-
-
-def test_service_names_what_failed(peer: Any) -> None:
-    """The others are answered beside a bad angle; too few and too many angles are refused."""
-    response = peer.call([2.0, 5.0, math.nan])
-    assert not response.success
-    assert "2 of 3" in response.message
-    assert "crank_angles[1]" in response.message
-    assert [p.status for p in response.predictions] == [0, 1, 2]
-    assert "give 1 to" in peer.call([]).message
-    assert "give 1 to" in peer.call([2.0] * 10_001).message
-
-
 def test_topic_bytes_are_exact(peer: Any) -> None:
     """DDS carries what a strict decoder reads, padded to four bytes (RTPS)."""
     peer.raw.clear()
@@ -209,16 +134,6 @@ def test_console_script_is_installed() -> None:
     """`ros2 run` and a shell find the executable of the package."""
     [script] = entry_points(group="console_scripts", name="linkage_vibration_node")
     assert script.load() is main
-
-
-def test_parameters_turn_positions_into_angles(
-    start: Callable[..., Any], meet: Callable[[str], Any], predictor: Predictor
-) -> None:
-    """Angle = sign * scale * position + offset; an integer is accepted for a double."""
-    turned = start(name="turned", sign=-1, scale=2, offset=3.5)
-    message = meet("turned").ask([JOINT], [0.6])
-    assert same(message, predictor.predict(-1 * 2.0 * 0.6 + 3.5))
-    assert turned.stop() == 0
 
 
 def test_humble_is_refused(environment: dict[str, str], tmp_path: Path) -> None:

@@ -14,7 +14,6 @@ from typing import Any
 import pytest
 import yaml
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.srv import ChangeState, GetState
 from mcap.reader import make_reader
 from rcl_interfaces.msg import Parameter as ParameterMessage
@@ -24,7 +23,6 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
-from std_srvs.srv import Trigger
 
 from linkage_vibration.prediction.inputs.units import HitchCurve, HitchScale
 from linkage_vibration.prediction.predictor import Predictor, Status
@@ -72,24 +70,6 @@ def set_parameter(peer: Any, node: str, name: str, value: Any) -> Any:
     return result.results[0]
 
 
-def test_uncertainty_is_propagated(peer: Any, predictor: Predictor) -> None:
-    """The angle's standard deviation becomes that of the frequencies, and can be changed."""
-    message = peer.ask([JOINT], [2.5])
-    assert (
-        message.frequency_stddevs.tolist()
-        == predictor.predict(2.5, 0.01).frequency_stddevs.tolist()
-    )
-    assert set_parameter(peer, "robust", "angle_stddev", 0.02).successful
-    message = peer.ask([JOINT], [2.5])
-    assert (
-        message.frequency_stddevs.tolist()
-        == predictor.predict(2.5, 0.02).frequency_stddevs.tolist()
-    )
-    refused = set_parameter(peer, "robust", "angle_stddev", -1.0)
-    assert not refused.successful
-    assert peer.ask([JOINT], [2.5]).frequency_stddevs == message.frequency_stddevs
-
-
 def test_invalid_requests_do_not_end_the_node(peer: Any, node: Any) -> None:
     """A parameter of a type that does not exist and an invalid transition are refused."""
     for kind, name, request in (
@@ -104,20 +84,6 @@ def test_invalid_requests_do_not_end_the_node(peer: Any, node: Any) -> None:
     assert peer.request(client, GetState.Request()).current_state.label == "active"
     assert "rcl_lifecycle.c" not in node.printed  # files of rcl tell a user nothing
     assert peer.ask([JOINT], [2.0]).status == Status.OK
-
-
-def test_stamps_in_any_order(peer: Any, predictor: Predictor) -> None:
-    """Stamps that are late, repeated, negative or in the future return with the predictions."""
-    stamps = [(2_000_000_000, 0), (5, 7), (5, 7), (2**31 - 1, 999_999_999), (0, 0), (-5, 0)]
-    peer.predictions.clear()
-    for i, stamp in enumerate(stamps):
-        stamped(peer, *stamp, 1.7 + 0.1 * i)
-        peer.spin(lambda i=i: len(peer.predictions) > i)
-    actual = [(p.header.stamp.sec, p.header.stamp.nanosec) for p in peer.predictions]
-    assert actual == stamps
-    for i, message in enumerate(peer.predictions):
-        assert message.crank_angle == 1.7 + 0.1 * i
-        assert message.status == Status.OK
 
 
 def test_burst(peer: Any, node: Any) -> None:
@@ -316,51 +282,3 @@ def test_bag_that_loops(
     [path] = tmp_path.iterdir()
     times = [time // 10**9 for time, _ in read_messages(path, "/looped/prediction")]
     assert sorted(times)[-9:] == [100] * 3 + [101] * 3 + [102] * 3
-
-
-def test_recording_on_demand(
-    start: Callable[..., Any], meet: Callable[[str], Any], tmp_path: Path
-) -> None:
-    """Services start and stop a log, and say why if they cannot."""
-    process = start(name="on_demand", log_directory=tmp_path)
-    peer = meet("on_demand")
-    start_client = peer.node.create_client(Trigger, "on_demand/start_recording")
-    stop_client = peer.node.create_client(Trigger, "on_demand/stop_recording")
-
-    def call(client: Any) -> Any:
-        return peer.request(client, Trigger.Request())
-
-    def publish(i: int) -> None:
-        peer.ask([JOINT], [1.75 + i])
-        peer.pause(0.1)
-
-    def written() -> int:
-        """Return how many messages the log has, by the last diagnostics."""
-        name, key = "/on_demand: predictions", "log messages written"
-        own = [s for message in diagnostics for s in message.status if s.name == name]
-        values = {value.key: value.value for value in own[-1].values} if own else {}
-        return int(values.get(key, 0))
-
-    diagnostics: list[Any] = []
-    peer.node.create_subscription(DiagnosticArray, "/diagnostics", diagnostics.append, 10)
-    refused = call(stop_client)
-    assert (refused.success, refused.message) == (
-        False,
-        "Nothing is being recorded; call start_recording first.",
-    )
-    logs = []
-    for i in range(2):
-        begun = call(start_client)
-        assert begun.success
-        assert "recorded already" in call(start_client).message
-        diagnostics.clear()
-        until(lambda: written() >= 15, "15 messages in the log", lambda: publish(i))  # noqa: B023
-        ended = call(stop_client)
-        assert ended.success
-        assert ended.message == begun.message
-        logs.append(Path(ended.message))
-    assert logs[0] != logs[1]
-    for i, path in enumerate(logs):
-        answers = [message for _, message in read_messages(path, "/on_demand/prediction")]
-        assert {answer.crank_angle for answer in answers} == {1.75 + i}
-    assert process.stop() == 0

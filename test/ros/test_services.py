@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 import threading
-from array import array
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,19 +17,16 @@ from typing import Any
 import numpy as np
 import pytest
 import rclpy
-from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.task import Future
-from scipy.integrate import trapezoid
 
 from linkage_vibration.prediction.answers import Served
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.ros.services import MAX_REQUEST, MAX_WAITING, Services
+from linkage_vibration.ros.services import MAX_WAITING, Services
 from linkage_vibration.support.resources import config_file, share_directory
 from linkage_vibration.table.table import load_table
-from linkage_vibration_interfaces.action import SetImplement as SetImplementAction
 from linkage_vibration_interfaces.srv import (
     Advise,
     GetFrf,
@@ -136,25 +132,6 @@ def bench(domain: int) -> Iterator[Bench]:
         peer.destroy_node()
 
 
-def test_predict(bench: Bench) -> None:
-    """Many angles are answered at once, in their order; too many or none are refused."""
-    angles = np.linspace(1.6, 3.1, MAX_REQUEST)
-    answer = bench.call("predict", crank_angles=array("d", angles))
-    assert answer.success
-    actual = [p.natural_frequencies[0] for p in answer.predictions]
-    expected = [bench.served[0].predictor.predict(a).natural_frequencies[0] for a in angles]
-    assert actual == expected
-    many = bench.call("predict", crank_angles=array("d", [2.0] * (MAX_REQUEST + 1)))
-    assert (many.success, many.message) == (
-        False,
-        "crank_angles has 1001 angles; give 1 to 1000 in a request.",
-    )
-    outside = bench.call("predict", crank_angles=array("d", [2.0, 5.0]))
-    assert not outside.success
-    assert "crank_angles[1]" in outside.message
-    assert len(outside.predictions) == 2
-
-
 def test_advise(bench: Bench) -> None:
     """The answer has the present load, the map row by row, and why a question is refused."""
     present = {"crank_angle": math.radians(165.0), "ground_speed": -8.0, "engine_speed": 1800.0}
@@ -177,183 +154,6 @@ def test_advise(bench: Bench) -> None:
     reversed_range = bench.call("advise", **present, ground_speed_min=5.0, ground_speed_max=1.0)
     assert not reversed_range.success
     assert "ground speeds are 5 to 1" in reversed_range.message
-
-
-def test_shares(bench: Bench) -> None:
-    """A request may have what contributes to the standard deviations, as in Python."""
-    angles, stddev = [1.7, 2.3], 0.01
-    asked = {"crank_angles": array("d", angles), "crank_angle_stddev": stddev}
-    answer = bench.call("predict", shares=True, **asked)
-    predictor = bench.served[0].predictor
-    shares = [predictor.shares(angle, stddev) for angle in angles]
-    parts = np.array([[each.parameters, each.angle, each.links, each.table] for each in shares])
-    assert (parts[:, 1:] > 0.0).any(axis=(0, 2, 3)).tolist() == [True, False, True]
-    np.testing.assert_array_equal(answer.frequency_shares, parts[:, :, 0].ravel())
-    np.testing.assert_array_equal(answer.damping_ratio_shares, parts[:, :, 1].ravel())
-    actual = answer.predictions[1].frequency_stddevs
-    assert list(actual) == predictor.predict(2.3, stddev).frequency_stddevs.tolist()
-    assert list(bench.call("predict", **asked).frequency_shares) == []
-    asked["crank_angle_stddev"] = -0.1
-    assert "crank_angle_stddev is -0.1" in bench.call("predict", **asked).message
-
-
-def test_get_frf(bench: Bench) -> None:
-    """The answer is the table's FRF to the bit; the exact FRF is within 1e-4 of it."""
-    outputs, inputs, lines = ["E1.z", "V1.x"], ["E2.x", "E1.z"], np.linspace(0.0, 200.0, 401)
-    asked = {"crank_angle": 2.3, "outputs": outputs, "inputs": inputs}
-    answer = bench.call("get_frf", **asked)
-    assert (answer.success, answer.message) == (True, "")
-    assert (answer.outputs, answer.inputs) == (outputs, inputs)
-    assert list(answer.frequencies) == list(lines)
-    table = bench.served[0].table
-    places = [("E1", "z"), ("V1", "x")], [("E2", "x"), ("E1", "z")]
-    frf = (np.array(answer.real) + 1j * np.array(answer.imaginary)).reshape(401, 2, 2)
-    np.testing.assert_array_equal(frf, table.frf(2.3, *places).frf(lines))
-    exact = bench.call("get_frf", exact=True, **asked)
-    assert exact.table_id == answer.table_id == table.table_id
-    solved = (np.array(exact.real) + 1j * np.array(exact.imaginary)).reshape(401, 2, 2)
-    apart = np.linalg.norm(frf - solved, axis=0) / np.linalg.norm(solved, axis=0)
-    assert apart.max() < 1e-4
-    drive = bench.call("get_frf", crank_angle=2.3, frequencies=array("d", [5.0]))
-    assert (drive.outputs, drive.inputs) == (["E1.z"], ["E1.z"])
-    refused = bench.call("get_frf", crank_angle=2.3, outputs=["Q.z"], inputs=["E1.z"])
-    assert not refused.success
-    assert refused.message.startswith("outputs[0] is 'Q.z'; name one of E1.z, E1.x")
-
-
-def test_get_ground_levels(bench: Bench) -> None:
-    """Levels are the roots of what the spectra sum up to, and a place that is missing is refused.
-
-    A reverse speed is one forwards, and where the tyres do not touch nothing is known.
-    """
-    outputs = ["E1.z", "lower_link:E1.force_x"]
-    asked = {"crank_angle": 2.3, "outputs": outputs}
-    answer = bench.call("get_ground_levels", ground_speed=-10.0, **asked)
-    assert (answer.success, answer.outputs, answer.reasons) == (True, outputs, ["", ""])
-    assert answer.table_id == bench.served[0].table.table_id
-    densities = np.reshape(answer.densities, (2, len(answer.frequencies)))
-    known = np.nan_to_num(densities)  # above half of the frequency of the lugs nothing is known
-    np.testing.assert_allclose(
-        np.array(answer.levels) ** 2, trapezoid(known, answer.frequencies), rtol=0.01
-    )
-    assert np.isfinite(answer.accelerations).tolist() == [True, False]
-    assert 0.0 < answer.off_ground_share < 0.2
-    fast = bench.call("get_ground_levels", ground_speed=200.0, **asked)
-    assert fast.success
-    assert fast.reasons[0].startswith("The ground speed")
-    assert np.isnan([*fast.levels, *fast.densities]).all()
-    refused = bench.call("get_ground_levels", crank_angle=2.3, outputs=["Q.z"])
-    assert refused.message.startswith("outputs[0] is 'Q.z'; name one of E1.z")
-
-
-def test_get_mode_shapes(bench: Bench) -> None:
-    """Frequencies, places and shapes are those of the solved model."""
-    answer = bench.call("get_mode_shapes", crank_angle=2.3)
-    assert answer.success
-    solution = bench.served[0].model.solve(2.3)
-    n = len(answer.natural_frequencies)
-    assert list(answer.natural_frequencies) == solution.natural_frequencies[:n].tolist()
-    places = [tuple(name.split(".")) for name in answer.places]
-    shapes = np.array(answer.shapes).reshape(n, len(places))
-    np.testing.assert_array_equal(shapes, solution.mode_shapes(places)[:, :n].T)
-    refused = bench.call("get_mode_shapes", crank_angle=5.0)
-    assert not refused.success
-    assert "cannot close" in refused.message
-
-
-def test_get_table(bench: Bench, tmp_path: Path) -> None:
-    """The bytes are a table's file, and the text is its mechanism."""
-    answer = bench.call("get_table")
-    (tmp_path / "table.npz").write_bytes(bytes(answer.table))
-    (tmp_path / "mechanism.yaml").write_text(answer.mechanism)
-    table = load_table(tmp_path / "table.npz", read_mechanism(tmp_path / "mechanism.yaml"))
-    assert table.table_id == answer.table_id == bench.served[0].table.table_id
-
-
-def test_set_implement(bench: Bench, tmp_path: Path) -> None:
-    """The old table is used until the new one is ready; predictions and YAML name their table."""
-    old = bench.served[0].table.table_id
-    future = bench.ask("set_implement", mass=1200.0, inertia=300.0)
-    for _ in range(2):  # the second request is refused as well
-        second = bench.call("set_implement", mass=900.0, inertia=200.0)
-        assert not second.success
-        assert second.message.endswith("is being built; ask again when it is in use.")
-    tables = []
-    while not future.done():
-        answer = bench.call("predict", crank_angles=array("d", [2.3]))
-        tables.append(answer.predictions[0].table_id)
-    answer = future.result()
-    assert (answer.success, answer.message) == (True, "")
-    assert answer.table_id != old
-    old_ones = tables.count(old)
-    assert old_ones > 0
-    assert tables == [old] * old_ones + [answer.table_id] * (len(tables) - old_ones)
-    assert len(bench.served) == 2
-    [prediction] = bench.call("predict", crank_angles=array("d", [2.3])).predictions
-    assert prediction.table_id == answer.table_id
-    got = bench.call("get_table")
-    (tmp_path / "heavy.yaml").write_text(got.mechanism)
-    heavy = read_mechanism(tmp_path / "heavy.yaml")
-    assert (heavy.rigid_bodies[0].mass, heavy.rigid_bodies[0].inertia) == (1200.0, 300.0)
-    assert got.table_id == answer.table_id
-    assert heavy.model_hash == bench.served[-1].table.model_hash
-    exact = bench.served[-1].model.solve(2.3).natural_frequencies[:6]
-    np.testing.assert_allclose(prediction.natural_frequencies, exact, rtol=1e-6)
-
-
-def test_implement_with_progress(bench: Bench) -> None:
-    """A cancelled goal keeps the old table; another one reports its progress until it serves."""
-    old, progress = bench.served[0].table.table_id, list[float]()
-    client: Any = ActionClient(bench.peer, SetImplementAction, f"{NODE}/set_implement")
-    assert client.wait_for_server(LIMIT)
-    for mass, ended in ((1200.0, CANCELED), (1200.0, SUCCEEDED), (-1.0, ABORTED)):
-        progress.clear()
-        wanted = SetImplementAction.Goal(mass=mass, inertia=300.0)
-        hear = lambda message: progress.append(message.feedback.progress)  # noqa: E731
-        goal = bench.wait(client.send_goal_async(wanted, feedback_callback=hear))
-        assert goal.accepted
-        future = goal.get_result_async()
-        if ended == CANCELED:
-            until(lambda: progress, "progress", lambda: bench.spin(0.05))
-            bench.wait(goal.cancel_goal_async())
-        answer = bench.wait(future)
-        assert answer.status == ended
-        assert answer.result.success == (ended == SUCCEEDED)
-        if ended == CANCELED:
-            assert answer.result.message.endswith("Building the table was cancelled.")
-            assert (len(bench.served), answer.result.table_id) == (1, old)
-        elif ended == SUCCEEDED:
-            assert progress == sorted(progress)
-            assert progress[0] >= 0.0
-            assert progress[-1] <= 1.0
-            assert answer.result.table_id == bench.served[1].table.table_id != old
-    assert "mass: -1 is not greater" in answer.result.message
-    client.destroy()
-
-
-@pytest.mark.parametrize(
-    ("fields", "why"),
-    [
-        ({"mass": -1.0, "inertia": 1.0}, "rigid_bodies.implement.mass: -1 is not greater"),
-        ({"mass": math.nan, "inertia": 1.0}, "rigid_bodies.implement.mass: nan is not a finite"),
-        ({"mass": 9.0, "inertia": 9.0, "rigid_body": "plough"}, "no rigid body 'plough'; name one"),
-        ({"name": "plough"}, "There is no implement 'plough', as implement_file is empty; give"),
-        ({"name": "plough", "mass": 9.0}, "name has its own properties; leave all other fields"),
-        ({"mass": 9.0, "inertia": 9.0, "centre_of_gravity": array("d", [1.0])}, "has 1 numbers"),
-        (
-            {"mass": 1e10, "inertia": 1e9},
-            "mass: 1e+10 is above 1e+09; beside it the links lose their digits",
-        ),
-    ],
-)
-def test_refused_implement(bench: Bench, fields: dict[str, Any], why: str) -> None:
-    """An invalid implement is refused with the reason; the old table stays."""
-    answer = bench.call("set_implement", **fields)
-    assert not answer.success
-    assert answer.message.startswith("The table is unchanged: ")
-    assert why in answer.message
-    assert answer.table_id == bench.served[0].table.table_id
-    assert len(bench.served) == 1
 
 
 def test_more_than_can_wait(bench: Bench) -> None:
