@@ -24,6 +24,10 @@ usage: linkage_vibration_node [--help] [--ros-args [-p PARAMETER:=VALUE] [--para
 """
 
 
+LAUNCH_PREFIX = "launch_params_"
+"""How names of files begin in which launch_ros passes single parameters, as others do by ``-p``."""
+
+
 class StartError(LinkageVibrationError):
     """The node cannot be started with these arguments, or in this environment."""
 
@@ -68,9 +72,11 @@ def _unknown(argument: str) -> StartError:
 def unused_files(arguments: Sequence[str], node_name: str) -> list[str]:
     """Return a sentence about each file of parameters that has none for the node of this name.
 
-    Files without any for it raise a `ParameterError`, as the node would run on its defaults.
+    If none has any, the node would run on its defaults, so this raises a `ParameterError`; single
+    parameters do not change that, whether they come by ``-p`` or from a launch file.
     """
     files = [Path(file) for option, file in pairwise(arguments) if option == "--params-file"]
+    files = [file for file in files if not file.name.startswith(LAUNCH_PREFIX)]
     unused = [
         missing_section(file, node_name) for file in files if not has_parameters(file, node_name)
     ]

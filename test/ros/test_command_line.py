@@ -106,6 +106,22 @@ def test_files_without_parameters_for_the_node(
     assert words in capfd.readouterr().err
 
 
+def test_single_parameters_do_not_replace_a_file(
+    environment: dict[str, str], tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """By -p as from a launch file, which writes them to a file, they leave the rule as it is."""
+    other, launched = tmp_path / "other.yaml", tmp_path / "launch_params_ab12"
+    other.write_text("somebody: {ros__parameters: {joint_name: arm}}")
+    launched.write_text("/linkage_vibration: {ros__parameters: {autostart: false}}")
+    alone = ["node", "--ros-args", "-r", "__node:=linkage_vibration"]
+    given = {"by -p": ["-p", "autostart:=false"], "launched": ["--params-file", str(launched)]}
+    for single in given.values():
+        assert run([*alone, "--params-file", str(other), *single], lambda: True) == 1
+        assert f"{other} has no parameters" in capfd.readouterr().err.splitlines()[-1]
+        assert run([*alone, *single], lambda: True) == 0
+        assert "has no parameters" not in capfd.readouterr().err
+
+
 def test_commands_without_security(
     environment: dict[str, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
