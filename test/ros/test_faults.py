@@ -119,7 +119,7 @@ def tractor(
             WARN,
             f" % of the readings of joint {JOINT} on /joint_states are no numbers",
             None,
-            math.nan,
+            float("nan"),
         ),
     ],
 )
