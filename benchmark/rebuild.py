@@ -7,12 +7,13 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from rclpy.action import ActionClient
 from tqdm import tqdm
 
 from benchmark.latency.__main__ import OURS, figures
 from benchmark.latency.driver import Driver, named, running
 from benchmark.report import machine, publish, table
-from linkage_vibration_interfaces.srv import SetImplement
+from linkage_vibration_interfaces.action import SetImplement
 
 RATE, COUNT = 200.0, 800  # Hz, joint states in a run
 ROUNDS = 10
@@ -24,17 +25,17 @@ def main() -> None:
     rounds = int(sys.argv[1]) if len(sys.argv) > 1 else ROUNDS
     quiet, building = [], []
     driver = Driver()
-    client: Any = driver.node.create_client(SetImplement, "ours/set_implement")
+    client: Any = ActionClient(driver.node, SetImplement, "ours/set_implement")
     with running([*OURS, *named("ours")]) as process:
         driver.meet("ours")
         for number in tqdm(range(rounds), unit="round"):
             quiet.append(driver.run("ours", process, RATE, COUNT))
-            request = SetImplement.Request(mass=MASSES[number % 2], inertia=200.0)
+            goal = SetImplement.Goal(mass=MASSES[number % 2], inertia=200.0)
             answers: list[Any] = []
-            ask = partial(asked, client, request, answers)
+            ask = partial(asked, client, goal, answers)
             building.append(driver.run("ours", process, RATE, COUNT, ask))
-            if not (answers[0].done() and answers[0].result().success):
-                raise RuntimeError(f"the table was not built: {answers[0].result()}")
+            if not (answers and answers[-1].done() and answers[-1].result().result.success):
+                raise RuntimeError(f"the table was not built: {answers}")
     driver.close()
     rows = []
     for name, runs in {"no table is built": quiet, "a table is built": building}.items():
@@ -48,7 +49,7 @@ def main() -> None:
         [
             "This page compares the latency of predictions while the node builds the table of "
             f"another implement with the latency at other times. Joint states arrive at {RATE:g} "
-            f"Hz, in {rounds} rounds of {COUNT / RATE:g} s in each case. A call of "
+            f"Hz, in {rounds} rounds of {COUNT / RATE:g} s in each case. A goal of "
             "`~/set_implement` at the beginning of a round makes the node build the table in "
             "another process. Values are medians over the rounds, with the lowest and the highest "
             "in brackets.",
@@ -58,9 +59,10 @@ def main() -> None:
     )
 
 
-def asked(client: Any, request: SetImplement.Request, answers: list[Any]) -> None:
-    """Call the service, and append the future of its response."""
-    answers.append(client.call_async(request))
+def asked(client: Any, goal: SetImplement.Goal, answers: list[Any]) -> None:
+    """Send the goal, and append the future of its result once it is accepted."""
+    sent = client.send_goal_async(goal)
+    sent.add_done_callback(lambda done: answers.append(done.result().get_result_async()))
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.settings import Parameters, with_values
 from linkage_vibration.testing.bag_checks import Limits, check_bag
-from linkage_vibration_interfaces.msg import Resonance, VibrationPrediction
+from linkage_vibration_interfaces.msg import LoadState, VibrationPrediction
 from test.support.interface_packages import built_package, environment_with, import_here
 from test.support.ros_process import JOINT, RunningNode, documented, own_context, start_node, until
 
@@ -81,7 +81,7 @@ def test_isobus_over_dds_and_in_a_bag(
     """Presets read the messages; "not available" is no value; a replay gives the same bytes."""
     node = begin(**ISOBUS, record=True, log_directory=tmp_path)
     node.wait_for("Predicting for field position_percent on /ISOBUS/tecu/rear_hitch_status")
-    predictions, resonances = list[Any](), list[Any]()
+    predictions, states = list[Any](), list[Any]()
     with own_context(domain) as context:
         tractor = rclpy.create_node("tractor", context=context)
         executor = SingleThreadedExecutor(context=context)
@@ -94,7 +94,7 @@ def test_isobus_over_dds_and_in_a_bag(
         tractor.create_subscription(
             VibrationPrediction, "/foreign/prediction", predictions.append, 99
         )
-        tractor.create_subscription(Resonance, "/foreign/resonance", resonances.append, 99)
+        tractor.create_subscription(LoadState, "/foreign/load_state", states.append, 99)
 
         def send(percent: float, rpm: float, speed: float, done: Callable[[], object]) -> None:
             """Publish a moment of the drive until something is done."""
@@ -117,7 +117,7 @@ def test_isobus_over_dds_and_in_a_bag(
             until(done, f"an answer at {percent} % and {rpm} rpm", publish)
 
         send(40.0, 540.0, 2.5, lambda: any(p.crank_angle == 2.6 for p in predictions))
-        send(40.0, 540.0, 2.5, lambda: any(map(has_all_speeds, resonances)))
+        send(40.0, 540.0, 2.5, lambda: any(map(has_all_speeds, states)))
         send(102.0, 540.0, 2.5, lambda: predictions[-1].status == Status.INVALID_ANGLE)
         send(40.0, 8191.875, 2.5, lambda: "has no pto speed now, so it is unknown" in node.printed)
         send(40.0, 540.0, 2.5, lambda: predictions[-1].status == Status.OK)
@@ -143,17 +143,17 @@ def test_isobus_over_dds_and_in_a_bag(
     assert report.predictions == len(messages(log, "/foreign/prediction"))
 
 
-def has_all_speeds(resonance: Any) -> bool:
-    """Return whether every speed is known, and the excitation follows the published one."""
-    published = any(math.isclose(resonance.excitation_speed, each) for each in (1800.0, 540.0, 2.5))
-    return published and not resonance.unknown_speeds
+def has_all_speeds(state: Any) -> bool:
+    """Return whether every speed is known."""
+    speeds = LoadState.UNKNOWN_ENGINE_SPEED | LoadState.UNKNOWN_PTO_SPEED
+    return not state.unknown_sources & (speeds | LoadState.UNKNOWN_GROUND_SPEED)
 
 
 def test_messages_of_ros2_control(begin: Callable[..., RunningNode], domain: int) -> None:
     """A joint state has the hitch and two shafts in rad/s, and a twist has the ground speed."""
     node = begin(**CONTROL)
     node.wait_for("Predicting for joint hitch_rockshaft_joint on /joint_states")
-    predictions, resonances = list[Any](), list[Any]()
+    predictions, states = list[Any](), list[Any]()
     with own_context(domain) as context:
         tractor = rclpy.create_node("tractor", context=context)
         executor = SingleThreadedExecutor(context=context)
@@ -163,7 +163,7 @@ def test_messages_of_ros2_control(begin: Callable[..., RunningNode], domain: int
         tractor.create_subscription(
             VibrationPrediction, "/foreign/prediction", predictions.append, 99
         )
-        tractor.create_subscription(Resonance, "/foreign/resonance", resonances.append, 99)
+        tractor.create_subscription(LoadState, "/foreign/load_state", states.append, 99)
         state = JointState(name=["rear_pto_joint", JOINT, "engine_crankshaft_joint"])
         state.position = array("d", [9.0, 2.25, 9.0])
         state.velocity = array("d", [540.0 * math.pi / 30.0, 0.0, 1800.0 * math.pi / 30.0])
@@ -177,7 +177,7 @@ def test_messages_of_ros2_control(begin: Callable[..., RunningNode], domain: int
             for _ in range(4):
                 executor.spin_once(0.05)
 
-        until(lambda: any(map(has_all_speeds, resonances)), "all speeds", publish)
+        until(lambda: any(map(has_all_speeds, states)), "all speeds", publish)
         assert predictions[-1].crank_angle == 2.25
         executor.shutdown()
         tractor.destroy_node()

@@ -12,7 +12,6 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
 
 from linkage_vibration.bags.recorder import PROVENANCE_METADATA
-from linkage_vibration_interfaces.srv import SetImplement
 from test.support.ros_process import Peer, RunningNode, start_node, until
 
 OWN = {"inertia": 300.0, "centre_of_gravity": [0.2, 1.0]}
@@ -55,8 +54,7 @@ def test_from_start_to_restart(
 
         until(lambda: "with the implement mower from now on" in node.printed, "it", publish)
         light = peer.ask().natural_frequencies[0]
-        client = peer.node.create_client(SetImplement, "hitched/set_implement")
-        answer = peer.request(client, SetImplement.Request(name="plough"))
+        answer = peer.implement("hitched", name="plough")
         assert answer.success, answer.message
         assert peer.ask().natural_frequencies[0] < own < light
         assert node.stop() == 0

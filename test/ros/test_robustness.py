@@ -22,13 +22,13 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64, String
+from std_msgs.msg import Float64
 
 from linkage_vibration.prediction.inputs.units import HitchCurve, HitchScale
 from linkage_vibration.prediction.predictor import Predictor, Status
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import load_table
-from linkage_vibration_interfaces.msg import Resonance, TableInfo, VibrationPrediction
+from linkage_vibration_interfaces.msg import LoadState, Resonance, TableInfo, VibrationPrediction
 from test.support.messages import read_messages
 from test.support.ros_process import JOINT, SENSOR, until
 
@@ -126,22 +126,20 @@ def test_publisher_that_dies_and_returns(peer: Any, environment: dict[str, str])
 
 
 def test_late_subscribers_receive_the_model(peer: Any, predictor: Predictor) -> None:
-    """Table and mechanism are on latched topics."""
+    """Table and mechanism are on a latched topic."""
     received: list[Any] = []
     peer.node.create_subscription(TableInfo, "robust/table_info", received.append, LATCHED)
-    peer.node.create_subscription(String, "robust/mechanism", received.append, LATCHED)
-    peer.spin(lambda: len(received) == 2)
-    info = next(m for m in received if isinstance(m, TableInfo))
+    peer.spin(lambda: received)
+    [info] = received
     assert list(info.mode_names) == list(predictor.table.mode_names)
     assert list(info.mode_body_shares) == predictor.table.mode_shares[:, 1].tolist()
-    text = next(m for m in received if isinstance(m, String))
     assert info.table_id == predictor.table.table_id
     assert (info.n_modes, info.mechanism_name) == (6, "three_point_linkage_on_tractor")
     assert (info.crank_angle_first, info.crank_angle_last) == predictor.table.alpha3_range
     assert (info.band_low, info.band_high) == (0.0, 200.0)
     assert (info.peak_band_low, info.peak_band_high) == (4.7, 200.0)
     assert "E1.z" in info.places
-    assert text.data == config_file("three_point_linkage_on_tractor.yaml").read_text()
+    assert info.mechanism == config_file("three_point_linkage_on_tractor.yaml").read_text()
 
 
 def test_resonance_follows_the_engine(start: Callable[..., Any], peer: Any) -> None:
@@ -155,10 +153,14 @@ def test_resonance_follows_the_engine(start: Callable[..., Any], peer: Any) -> N
         mechanism_file=str(files[0]),
         table_file=str(files[1]),
         resonance_rate=0.0,  # the stamps of the peer lie in one period
+        pto_speed=0.0,
+        ground_speed=0.0,
     )
     node.wait_for("Predicting for")
     received: list[Any] = []
+    states: list[Any] = []
     peer.node.create_subscription(Resonance, "orders/resonance", received.append, 100)
+    peer.node.create_subscription(LoadState, "orders/load_state", states.append, 100)
     engine = peer.node.create_publisher(Float64, "engine_speed", SENSOR)
     mode = float(Predictor(load_table(files[1])).predict(2.0).natural_frequencies[1])
 
@@ -166,7 +168,8 @@ def test_resonance_follows_the_engine(start: Callable[..., Any], peer: Any) -> N
         """Publish until a resonance has a state, which takes the speed a moment."""
 
         def found() -> list[Any]:
-            return [r for r in received if r.state == state]
+            stamps = [load.header.stamp for load in states if load.state == state]
+            return [r for r in received if r.header.stamp in stamps]
 
         def publish() -> None:
             if rpm is not None:
@@ -175,18 +178,19 @@ def test_resonance_follows_the_engine(start: Callable[..., Any], peer: Any) -> N
             peer.pause(0.1)
 
         received.clear()
+        states.clear()
         until(found, f"resonance state {state}", publish)
         return found()[-1]
 
-    on_mode = resonance(20.0 * mode, Resonance.STATE_NOTE)  # the third order
+    on_mode = resonance(20.0 * mode, LoadState.STATE_NOTE)  # the third order
     assert (on_mode.excitation, on_mode.mode) == ("engine 3", 1)
-    assert on_mode.relative_margin == pytest.approx(0.0, abs=1e-9)
+    assert on_mode.excitation_frequency == pytest.approx(mode, rel=1e-9)
     assert on_mode.natural_frequency == mode
-    resonance(20.0 * mode * 1.3, Resonance.STATE_CLEAR)
-    assert math.isnan(resonance(None, Resonance.STATE_STALE).margin)
+    resonance(20.0 * mode * 1.3, LoadState.STATE_CLEAR)
+    assert math.isnan(resonance(None, LoadState.STATE_UNKNOWN).excitation_frequency)
     assert set_parameter(peer, "orders", "engine_speed", 20.0 * mode * 1.05).successful
-    fixed = resonance(500.0, Resonance.STATE_NOTE)
-    assert fixed.relative_margin == pytest.approx(0.05, rel=1e-6)
+    fixed = resonance(500.0, LoadState.STATE_NOTE)
+    assert fixed.excitation_frequency / mode - 1.0 == pytest.approx(0.05, rel=1e-6)
     node.wait_for("field data on /engine_speed is not used, as engine_speed is fixed at")
 
 

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 import rclpy
+from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.task import Future
 
@@ -27,6 +28,7 @@ from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.ros.services import MAX_WAITING, Services
 from linkage_vibration.support.resources import config_file, share_directory
 from linkage_vibration.table.table import load_table
+from linkage_vibration_interfaces.action import SetImplement
 from linkage_vibration_interfaces.srv import (
     Advise,
     GetFrf,
@@ -34,7 +36,6 @@ from linkage_vibration_interfaces.srv import (
     GetModeShapes,
     GetTable,
     PredictVibration,
-    SetImplement,
 )
 from test.support.ros_process import LIMIT, has_loaded, own_context, until
 from test.support.served import shipped
@@ -47,7 +48,6 @@ SERVICES = {
     "get_ground_levels": GetGroundLevels,
     "get_mode_shapes": GetModeShapes,
     "get_table": GetTable,
-    "set_implement": SetImplement,
     "advise": Advise,
 }
 
@@ -67,6 +67,13 @@ class Bench:
     def ask(self, service: str, **fields: Any) -> Any:
         """Send a request and return the future of its answer."""
         return self.clients[service].call_async(SERVICES[service].Request(**fields))
+
+    def goal(self, **fields: Any) -> Any:
+        """Send the goal to use another implement, and return the future of its result."""
+        client: Any = ActionClient(self.peer, SetImplement, f"{NODE}/set_implement")
+        until(client.server_is_ready, "the action", lambda: self.spin(0.05))
+        handle = self.wait(client.send_goal_async(SetImplement.Goal(**fields)))
+        return handle.get_result_async()
 
     def call(self, service: str, **fields: Any) -> Any:
         """Return the answer to a request."""
@@ -218,9 +225,9 @@ def test_signal_while_building(
     try:
         with own_context(domain) as context:
             peer = rclpy.create_node("asking", context=context, start_parameter_services=False)
-            client = peer.create_client(SetImplement, f"{NODE}/set_implement")
-            assert client.wait_for_service(LIMIT)
-            client.call_async(SetImplement.Request(mass=1600.0, inertia=400.0))
+            client: Any = ActionClient(peer, SetImplement, f"{NODE}/set_implement")
+            assert client.wait_for_server(LIMIT)
+            client.send_goal_async(SetImplement.Goal(mass=1600.0, inertia=400.0))
             # Another child, which frees resources, may start before the one that builds.
             until(
                 lambda: any(has_loaded(child, "scipy") for child in every_child(process.pid)),
@@ -247,11 +254,11 @@ def every_child(pid: int) -> list[int]:
 
 def test_close_while_building(bench: Bench) -> None:
     """A waiting caller gets an answer; the building process and the services end."""
-    future = bench.ask("set_implement", mass=1200.0, inertia=300.0)
+    future = bench.goal(mass=1200.0, inertia=300.0)
     while not multiprocessing.active_children() and not future.done():
         bench.spin(0.01)
     bench.run(bench.services.close)
-    answer = bench.wait(future)
+    answer = bench.wait(future).result
     assert not answer.success
     assert answer.message.startswith("The table is unchanged: ")
     assert not multiprocessing.active_children()
@@ -266,7 +273,7 @@ def test_table_that_comes_too_late(bench: Bench, monkeypatch: pytest.MonkeyPatch
         return shipped(), None
 
     monkeypatch.setattr("linkage_vibration.ros.services._rebuild", rebuild)
-    answer = bench.call("set_implement", mass=1200.0, inertia=300.0)
+    answer = bench.wait(bench.goal(mass=1200.0, inertia=300.0)).result
     assert answer.message.endswith("The node was configured again; ask again.")
     assert len(bench.served) == 2
 

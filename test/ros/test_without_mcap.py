@@ -8,7 +8,6 @@ from typing import Any
 from std_srvs.srv import Trigger
 
 from linkage_vibration.prediction.predictor import Status
-from linkage_vibration_interfaces.srv import SetImplement
 from test.support.ros_process import JOINT
 
 BARE_NODE = """
@@ -41,8 +40,7 @@ def test_predicts_without_mcap(start: Callable[..., Any], meet: Callable[[str], 
     client = peer.node.create_client(Trigger, "bare/start_recording")
     answer = peer.request(client, Trigger.Request())
     assert (answer.success, answer.message) == (False, sentence)
-    client = peer.node.create_client(SetImplement, "bare/set_implement")
-    answer = peer.request(client, SetImplement.Request(mass=1200.0, inertia=300.0))
+    answer = peer.implement("bare", mass=1200.0, inertia=300.0)
     assert (answer.success, answer.message) == (True, "")
     assert node.printed.count("mcap'") == node.printed.count(f"{sentence} The node predicts") == 1
     assert node.stop() == 0

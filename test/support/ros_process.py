@@ -23,6 +23,7 @@ from typing import Any
 import rclpy
 import yaml
 from builtin_interfaces.msg import Time
+from rclpy.action import ActionClient
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -31,6 +32,7 @@ from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
+from linkage_vibration_interfaces.action import SetImplement
 from linkage_vibration_interfaces.msg import VibrationPrediction
 from linkage_vibration_interfaces.srv import PredictVibration
 
@@ -317,6 +319,17 @@ class Peer:
         """Return the response of a service to a request, which may be sent again."""
         self.spin(client.service_is_ready, "a service")
         return response(client, request, self.executor.spin_once)
+
+    def implement(self, name: str, **fields: Any) -> Any:
+        """Send a node the goal to use another implement, and return the result."""
+        client: Any = ActionClient(self.node, SetImplement, f"{name}/set_implement")
+        self.spin(client.server_is_ready, "the action")
+        sent = client.send_goal_async(SetImplement.Goal(**fields))
+        self.spin(sent.done, "the answer to a goal")
+        result = sent.result().get_result_async()
+        self.spin(result.done, "the result of a goal")
+        client.destroy()
+        return result.result().result
 
     def call(self, angles: Sequence[float]) -> Any:
         """Call the node's prediction service and return its response."""

@@ -25,12 +25,16 @@ def numbers(prediction: Any) -> list[str]:
 
 def state_is_known(message: LoadState) -> bool:
     """Return whether a load state says how strongly the linkage is loaded."""
-    return bool(message.state != LoadState.STATE_STALE)
+    return bool(message.state != LoadState.STATE_UNKNOWN)
 
 
 def present(**permitted: float) -> dict[str, float]:
     """Return the fields of a question for advice: a hitch at work, and what is permitted."""
-    now = {"crank_angle": math.radians(165.0), "ground_speed": 8.3, "engine_speed": 1800.0}
+    now = {
+        "crank_angle": math.radians(165.0),
+        "ground_speed": 8.3,
+        "engine_speed": math.radians(6 * 1800.0),
+    }
     return {**now, **permitted}
 
 
@@ -38,9 +42,15 @@ def advised_loads(answer: Any) -> dict[str, float]:
     """Return the load ratio at each of the places of an advice."""
     advice = answer.advice
     places = {"now": advice.NOW, "height": advice.HEIGHT, "speed": advice.SPEED}
-    return {name: advice.load_ratios[i] for name, i in {**places, "both": advice.BOTH}.items()}
+    places["both"] = advice.BOTH
+    return {name: advice.places[i].load_ratio for name, i in places.items()}
 
 
-def unknown_speeds(message: Any) -> set[str]:
-    """Return the inputs whose speeds are not known, by a resonance."""
-    return set(filter(None, message.unknown_speeds.split(", ")))
+def unknown_speeds(message: LoadState) -> set[str]:
+    """Return the inputs whose speeds are not known, by a load state."""
+    bits = {
+        "engine": LoadState.UNKNOWN_ENGINE_SPEED,
+        "pto": LoadState.UNKNOWN_PTO_SPEED,
+        "ground": LoadState.UNKNOWN_GROUND_SPEED,
+    }
+    return {name for name, bit in bits.items() if message.unknown_sources & bit}

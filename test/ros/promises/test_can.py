@@ -15,7 +15,7 @@ from rclpy.parameter import Parameter
 
 from linkage_vibration.bags.can_logs import DEFINITION
 from linkage_vibration.prediction.predictor import Status
-from linkage_vibration_interfaces.msg import Resonance, VibrationPrediction
+from linkage_vibration_interfaces.msg import LoadState, VibrationPrediction
 from test.ros.promises.message_fields import unknown_speeds
 from test.support.can_bus import identifier
 from test.support.conditions import ERROR, RATES, SPEED_RATE, Load, Promised, Tractor, promise
@@ -108,10 +108,10 @@ def prediction(node: Promised, fits: Callable[[Any], bool]) -> Any:
     return next(filter(fits, received))
 
 
-def resonance(node: Promised, fits: Callable[[Any], bool]) -> Any:
-    """Return the next resonance that fits."""
-    received = node.listen("resonance", Resonance)
-    node.peer.spin(lambda: any(map(fits, received)), "a resonance")
+def load_state(node: Promised, fits: Callable[[Any], bool]) -> Any:
+    """Return the next load state that fits."""
+    received = node.listen("load_state", LoadState)
+    node.peer.spin(lambda: any(map(fits, received)), "a load state")
     return next(filter(fits, received))
 
 
@@ -129,7 +129,7 @@ def test_speeds(node: Promised) -> None:
     """Speeds of engine, PTO and wheels come from the bus."""
     wheels = frame(WHEELS, [*(2500).to_bytes(2, "little")])
     frames(node.tractor, hitch(40.0), others=(engine(1800.0), pto(540.0), wheels))
-    assert resonance(node, lambda r: unknown_speeds(r) == set())
+    assert load_state(node, lambda s: unknown_speeds(s) == set())
 
 
 @promise("can.md#signals-that-are-built-in")
@@ -159,11 +159,11 @@ def test_position_that_is_not_available(node: Promised) -> None:
 def test_speed_that_is_not_available(node: Promised) -> None:
     """A PTO speed that is not available is unknown, and not a PTO at rest."""
     frames(node.tractor, hitch(40.0), others=(engine(1800.0), pto(540.0)))
-    resonance(node, lambda r: "pto" not in unknown_speeds(r))
+    load_state(node, lambda s: "pto" not in unknown_speeds(s))
     frames(node.tractor, hitch(40.0), others=(engine(1800.0), frame(PTO, ABSENT)))
-    resonance(node, lambda r: "pto" in unknown_speeds(r))
+    load_state(node, lambda s: "pto" in unknown_speeds(s))
     frames(node.tractor, hitch(40.0), others=(engine(1800.0), pto(0.0)))
-    resonance(node, lambda r: "pto" not in unknown_speeds(r))
+    load_state(node, lambda s: "pto" not in unknown_speeds(s))
 
 
 @promise("can.md#signals-that-are-built-in")
@@ -173,7 +173,7 @@ def test_senders_that_disagree(node: Promised) -> None:
     words = "(engine_speed@0x00: 1500 rpm, engine_speed@0x01: 0 rpm); set engine_field to one"
     node.wait_for_status("speeds", ERROR, words)
     set_parameter(node, "engine_field", "engine_speed@0x00")
-    resonance(node, lambda r: "engine" not in unknown_speeds(r))
+    load_state(node, lambda s: "engine" not in unknown_speeds(s))
     status = node.next_status("speeds")
     node.peer.pause(2.0)
     status = node.next_status("speeds")
@@ -208,10 +208,10 @@ def test_remote_and_error_frames(node: Promised) -> None:
 def test_vehicle_speed(node: Promised) -> None:
     """The vehicle speed can be the ground speed, in km/h."""
     frames(node.tractor, hitch(40.0), others=(vehicle(9.0),))
-    resonance(node, lambda r: "ground" in unknown_speeds(r))
+    load_state(node, lambda s: "ground" in unknown_speeds(s))
     for name, value in (("ground_unit", "km/h"), ("ground_field", "vehicle_speed")):
         set_parameter(node, name, value)
-    resonance(node, lambda r: "ground" not in unknown_speeds(r))
+    load_state(node, lambda s: "ground" not in unknown_speeds(s))
     for name in ("ground_field", "ground_unit"):
         set_parameter(node, name, "")
 

@@ -20,13 +20,13 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float32MultiArray, Float64, String
+from std_msgs.msg import Float32MultiArray, Float64
 
 from linkage_vibration.prediction.inputs.sources import MAX_BYTES
 from linkage_vibration.prediction.predictor import Predictor, Status
 from linkage_vibration.support.resources import DEFAULT_MECHANISM, config_file
 from linkage_vibration_interfaces.msg import LoadState, Resonance, TableInfo, VibrationPrediction
-from test.ros.promises.message_fields import numbers, state_is_known
+from test.ros.promises.message_fields import numbers, state_is_known, unknown_speeds
 from test.support.conditions import KILOHERTZ, OK, Promised, promise
 from test.support.ros_process import JOINT, SENSOR, until
 from test.support.served import shipped
@@ -251,9 +251,9 @@ def test_table_info(node: Promised, predictor: Predictor) -> None:
 @promise("node.md#topics")
 def test_mechanism(node: Promised) -> None:
     """A late subscriber receives the mechanism as YAML."""
-    received = node.listen("mechanism", String, LATCHED)
+    received = node.listen("table_info", TableInfo, LATCHED)
     node.peer.spin(lambda: received, "the mechanism")
-    assert received[0].data == config_file(DEFAULT_MECHANISM).read_text()
+    assert received[0].mechanism == config_file(DEFAULT_MECHANISM).read_text()
 
 
 @promise("node.md#topics")
@@ -271,8 +271,8 @@ def test_resonances(node: Promised) -> None:
 
 
 def stamp_of(message: Any) -> tuple[int, int]:
-    """Return the stamp of a message with or without a header."""
-    stamp = message.header.stamp if hasattr(message, "header") else message.stamp
+    """Return the stamp of a message."""
+    stamp = message.header.stamp
     return stamp.sec, stamp.nanosec
 
 
@@ -386,11 +386,11 @@ def test_speed_that_is_not_available(node: Promised) -> None:
     node.tractor.healthy()
     node.tractor.speed(engine=1500.0, ground=math.nan)
     node.peer.spin(lambda: node.node.printed.count(words) > before, words)
-    received = node.listen("resonance", Resonance)
-    node.peer.spin(lambda: any("ground" in each.unknown_speeds for each in received), "a resonance")
+    received = node.listen("load_state", LoadState)
+    node.peer.spin(lambda: any("ground" in unknown_speeds(each) for each in received), "a state")
     assert node.node.printed.count(words) == before + 1
     node.tractor.speed(ground=2.0)
-    node.peer.spin(lambda: "ground" not in received[-1].unknown_speeds, "a known speed")
+    node.peer.spin(lambda: "ground" not in unknown_speeds(received[-1]), "a known speed")
     node.tractor.speed(ground=math.nan)
     node.peer.spin(lambda: node.node.printed.count(words) == before + 2, f"{words}, once more")
 
@@ -457,9 +457,9 @@ def test_fixed_speed(node: Promised) -> None:
     """A fixed speed is used without a topic."""
     set_all(node, engine_speed=1234.0)
     node.tractor.healthy()
-    received = node.listen("resonance", Resonance)
-    node.peer.spin(lambda: received, "a resonance")
-    assert "engine" not in received[-1].unknown_speeds
+    received = node.listen("load_state", LoadState)
+    node.peer.spin(lambda: received, "a load state")
+    assert "engine" not in unknown_speeds(received[-1])
 
 
 @promise("node.md#parameters")

@@ -468,11 +468,8 @@ def test_change_of_the_implement(small: Promised, tmp_path: Path) -> None:
     The description of the table and the mechanism are then published again.
     """
     node, old = small, small.peer.ask().table_id
-    infos, texts = (
-        node.listen("table_info", TableInfo, LATCHED),
-        node.listen("mechanism", String, LATCHED),
-    )
-    node.peer.spin(lambda: infos and texts, "the latched topics")
+    infos = node.listen("table_info", TableInfo, LATCHED)
+    node.peer.spin(lambda: infos, "the latched topic")
     _, future = Goals(node).send(name="plough")
     tables = []
     while not future.done():
@@ -482,10 +479,10 @@ def test_change_of_the_implement(small: Promised, tmp_path: Path) -> None:
     assert tables.count(old) > 2
     assert tables == [old] * tables.count(old) + [result.table_id] * tables.count(result.table_id)
     assert node.peer.ask().table_id == result.table_id != old
-    node.peer.spin(lambda: len(infos) == len(texts) == 2, "the new description")
+    node.peer.spin(lambda: len(infos) == 2, "the new description")
     assert infos[-1].table_id == result.table_id
     answer = node.ask("get_table", GetTable)
-    assert answer.mechanism == texts[-1].data
+    assert answer.mechanism == infos[-1].mechanism
     (tmp_path / "plough.yaml").write_text(answer.mechanism)
     [body] = read_mechanism(tmp_path / "plough.yaml").rigid_bodies
     assert (body.mass, body.inertia) == (1200.0, 300.0)
