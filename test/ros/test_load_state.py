@@ -284,7 +284,7 @@ angle = node.create_publisher(Float32, "hitch/angle_deg", 10)
 engine = node.create_publisher(Float32, "engine/rpm", 10)
 bus = node.create_publisher(Frame, "from_can_bus", 10)
 frame = Frame(id={group}, is_extended=True, dlc=8)
-frame.data[:2] = round(540 / 0.125).to_bytes(2, "little")
+frame.data[:2] = list(round(540 / 0.125).to_bytes(2, "little"))
 for _ in range(2400):
     engine.publish(Float32(data=1800.0))
     bus.publish(frame)
