@@ -14,7 +14,8 @@ from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.settings import Parameters
 
 SECONDS = 20
-TOPICS = [f"/linkage_vibration/{name}" for name in ("prediction", "resonance", "load_state")]
+NAMES = "prediction", "resonance", "levels", "load_state"
+TOPICS = [f"/linkage_vibration/{name}" for name in NAMES]
 RATES = {
     "each reading": (0.0, 0.0),
     "by default": (0.0, 50.0),

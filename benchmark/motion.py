@@ -18,7 +18,7 @@ from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.motion import crank_filter
 from linkage_vibration.prediction.predictor import Predictor
-from linkage_vibration.prediction.resonance import ResonanceMonitor
+from linkage_vibration.prediction.resonance import ResonanceMonitor, described
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.support.resources import DEFAULT_EXCITATIONS, DEFAULT_TABLE, config_file
 from linkage_vibration.table.table import load_table
@@ -101,7 +101,7 @@ def approaches(motion: str, rise: float) -> tuple[Directions, Directions]:
         rpm = float(0.125 * np.rint(speed(np.array(now), rise) / 0.125))
         monitor.set_speed(Source.ENGINE, rpm, stamp)
         velocity, error = crank.add(stamp, value, PERCENT.step)
-        resonance = monitor.assess(predictor.predict(value), velocity, stamp, error)
+        resonance = described(monitor.assess(predictor.predict(value), velocity, stamp, error))
         ratio = ratios[resonance.excitation]
         true = _true_direction(predictor, MOTIONS[motion], ratio, rise, resonance, now)
         rising = math.copysign(1.0, resonance.margin) * (rpm - last)  # as if the hitch stood still

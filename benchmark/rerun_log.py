@@ -20,13 +20,14 @@ from rerun.chunk import RrdReader
 
 from benchmark.report import machine, publish, table
 from linkage_vibration.messages.fields import message_fields
-from linkage_vibration.messages.topics import PREDICTION, RESONANCE
+from linkage_vibration.messages.topics import LOAD_STATE, PREDICTION, RESONANCE
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.support.resources import config_file
 from test.support.messages import plain, read_messages
 
 NODE = "/linkage_vibration"
-TOPICS = {f"{NODE}/prediction": PREDICTION, f"{NODE}/resonance": RESONANCE}
+KINDS = {"prediction": PREDICTION, "resonance": RESONANCE, "load_state": LOAD_STATE}
+TOPICS = {f"{NODE}/{name}": kind for name, kind in KINDS.items()}
 BLUEPRINT = config_file("rerun_blueprint.rbl")
 _MODES = range(2, 6)  # indices; those below are the tractor's own, which hardly change
 
@@ -56,12 +57,12 @@ def line(topic: str, name: str, field: str) -> rrb.Visualizer:
 
 def blueprint() -> rrb.Blueprint:
     """Return views of the natural frequencies beside the excitation, of the load and the angle."""
-    prediction, resonance = TOPICS
+    prediction, resonance, load_state = TOPICS
     modes = [line(prediction, f"mode {i + 1} [Hz]", f"natural_frequencies[{i}]") for i in _MODES]
     severe = line(resonance, "most severe excitation [Hz]", "excitation_frequency")
     loads = [
-        line(resonance, "all excitations", "total_load_ratio"),
-        line(resonance, "the most severe one", "load_ratio"),
+        line(load_state, "all excitations that are known", "total_load_ratio"),
+        line(load_state, "limit of a warning", "load_ratio_limit"),
     ]
     views = [
         rrb.TimeSeriesView(
@@ -71,7 +72,7 @@ def blueprint() -> rrb.Blueprint:
             overrides={prediction: modes, resonance: [severe]},
         ),
         rrb.TimeSeriesView(
-            name="Load ratio", origin="/", contents=[resonance], overrides={resonance: loads}
+            name="Load ratio", origin="/", contents=[load_state], overrides={load_state: loads}
         ),
         rrb.TimeSeriesView(
             name="Crank angle [rad]",
