@@ -97,7 +97,7 @@ def unmatched(own: Any, others: Iterable[TopicEndpointInfo], kind: str) -> list[
         pair = own.qos_profile, other.qos_profile
         order = 1 if kind == "subscriber" else -1
         compatibility, reason = qos_check_compatible(*pair[::order])
-        if compatibility is QoSCompatibility.ERROR:
+        if compatibility == QoSCompatibility.ERROR:
             sentences.append(
                 f"The {kind} {other.node_name} of {own.topic_name} has a QoS that does not match "
                 f"this node's, so nothing passes ({reason.replace('ERROR: ', '').rstrip(';')}); "

@@ -135,6 +135,18 @@ def test_readings_without_names_or_numbers(
     tractor.wait_for("input", level, words, publish, 50.0)
 
 
+def test_joints_that_arrived_instead_are_forgotten(tractor: Tractor) -> None:
+    """When nothing arrives any more, the joints before are not named, but what is silent is."""
+
+    def publish(_: int) -> None:
+        tractor.say(2.0, names=["boom"])
+
+    tractor.wait_for("input", ERROR, f"has no joint {JOINT}; it has boom", publish, 50.0)
+    words = "Nothing has arrived from the publishers of /joint_states (peer_"
+    tractor.wait_for("input", STALE, words)
+    assert "boom" not in tractor.received[-4].message
+
+
 def test_a_pto_that_no_shaft_can_be(tractor: Tractor) -> None:
     """A PTO that changes between 0 and 540 rpm ten times a second is no shaft."""
 
