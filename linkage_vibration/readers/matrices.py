@@ -45,7 +45,9 @@ _ASYMMETRY = 1e-6
 _ACCEPTED = {"stiffness": (2.0 * math.pi * 0.1) ** 2, "damping": 1e-3}
 _ROUNDING = 1e-13
 
-_RESISTS = 1e-4  # A free body resists a translation by less than this share of its stiffness.
+# A free body resists a translation by less than this share of its stiffness, which may be zero, and
+# the stiffness of a mode of 0.1 Hz together.
+_RESISTS = 1e-4
 _FASTEST = 1e30  # 1/s2 or 1/s, greatest plausible ratio to the mass
 
 
@@ -72,7 +74,7 @@ def read_matrices(path: Path, dofs: Sequence[InterfaceDof] | None = None) -> Mat
             matrix = matrix.astype(np.float64)[np.ix_(order, order)]
             _check(labels, name, matrix, matrix if name == "mass" else matrices["mass"])
             matrices[name] = (matrix + matrix.T) / 2.0
-        _check_free(dofs, _condensed(dofs, matrices["mass"], matrices["stiffness"]))
+        _check_free(dofs, *_condensed(dofs, matrices["mass"], matrices["stiffness"]))
     return Matrices(dofs, matrices["mass"], matrices["stiffness"], matrices.get("damping"))
 
 
@@ -170,14 +172,15 @@ def _not_positive(name: str, label: str) -> FileError:
 def _condensed(
     dofs: Sequence[InterfaceDof], mass: FloatArray, stiffness: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the stiffness of the interface DoFs, (n, n), before and after static condensation.
+    """Return what a free component may resist at most, and the condensed (n, n) stiffness.
 
     An error is raised if a component can still move when its interface DoFs are held.
     """
     first, inner = slice(len(dofs)), slice(len(dofs), None)
     held, cross = stiffness[inner, inner], stiffness[inner, first]
+    at_most = (_RESISTS * stiffness + _ACCEPTED["stiffness"] * mass).diagonal()[first]
     if not held.size:
-        return stiffness, stiffness
+        return at_most, stiffness
     try:
         # Rounding may hide that a matrix is singular, so modes below 0.1 Hz count as free.
         cho_factor(held - _accepted("stiffness", held, mass[inner, inner]))
@@ -187,15 +190,14 @@ def _condensed(
             f"can still move when {', '.join(map(str, dofs))} are held; make more rows "
             "interface DoFs, or fix them before you write the matrices."
         ) from None
-    return stiffness[first, first], stiffness[first, first] - cross.T @ inward
+    return at_most, stiffness[first, first] - cross.T @ inward
 
 
-def _check_free(dofs: Sequence[InterfaceDof], stiffnesses: tuple[FloatArray, FloatArray]) -> None:
-    """Raise an error if something holds a component, by its stiffness before and after."""
-    before, after = stiffnesses
+def _check_free(dofs: Sequence[InterfaceDof], at_most: FloatArray, stiffness: FloatArray) -> None:
+    """Raise an error if something holds a component, by its condensed stiffness."""
     for direction in ("x", "z"):
         moved = np.array([float(dof.direction == direction) for dof in dofs])
-        if moved @ after @ moved > _RESISTS * (moved @ before.diagonal()):
+        if moved @ stiffness @ moved > moved @ at_most:
             raise FileError(
                 f"resists a translation along {direction}, as if it were held; write the matrices "
                 "of the free component, without boundary conditions."

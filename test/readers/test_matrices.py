@@ -101,6 +101,25 @@ def test_reduced_matrices_and_short_lists(tmp_path: Path) -> None:
     np.testing.assert_array_equal(body.stiffness, reduction.stiffness)
 
 
+@pytest.mark.parametrize("frequency", [0.0999, 0.1001])
+def test_rounding_where_a_component_has_no_stiffness(tmp_path: Path, frequency: float) -> None:
+    """A bar between pins resists no lateral motion; a spring of less than 0.1 Hz is rounding."""
+    whole = read_matrices(dense_npz(tmp_path, bar()), PINS)
+    reduction = craig_bampton(whole.mass, whole.stiffness, 4, 5)
+    lateral = [1, 3]
+    moved = reduction.mass.diagonal()[lateral].sum()
+    stiffness = reduction.stiffness.copy()
+    stiffness[np.ix_(lateral, lateral)] = 0.0
+    stiffness[1, 1] = (2.0 * np.pi * frequency) ** 2 * moved
+    names = [str(dof) for dof in PINS]
+    path = dense_npz(tmp_path, {"mass": reduction.mass, "stiffness": stiffness, "dofs": names})
+    if frequency < 0.1:
+        assert read_matrices(path).dofs == tuple(PINS)
+    else:
+        with pytest.raises(ComponentFileError, match="resists a translation along z"):
+            read_matrices(path)
+
+
 def change(name: str, to: Callable[[Any], Any]) -> Callable[[dict[str, Any]], dict[str, Any]]:
     """Return a function that changes one of the arrays."""
     return lambda content: {**content, name: to(content[name])}
