@@ -46,9 +46,8 @@ class _Places:
 class FieldReader(NumberReader):
     """Reads a number of messages of any type, by a path; see `find_path`.
 
-    The rate of a named element is read from the list ``rates`` beside its own, if that has one for
-    each name. If ``flagged``, a flag follows the number, which is NaN where that is false. A
-    `FieldError` is raised for a path to no number.
+    The rate of a named element is read from the list ``rates`` beside its own, if that is as long.
+    If ``flagged``, a flag follows the number, which is NaN where that is false.
     """
 
     def __init__(

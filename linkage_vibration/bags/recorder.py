@@ -85,9 +85,8 @@ class _LimitError(LogError):
 class Recorder:
     """Logs messages to files in a folder, from `start` to `stop`, on a thread of its own.
 
-    Messages that do not fit into its queue are counted in records `RECORDING_METADATA`. Twice a
-    second the disk has all; after a failure a new file begins. `error` is the failure that lasts,
-    and `news` has failures and sentences about deleted logs, which the caller may take out.
+    Messages that do not fit into its queue are counted in records `RECORDING_METADATA`. `error` is
+    the failure that lasts; `news` has failures and sentences about deleted logs, to take out.
     """
 
     def __init__(
@@ -370,6 +369,9 @@ class Recorder:
         shares = _SHARES if limits.delete_oldest else 1
         for name, needed in (("split_size", least), ("disk_limit", shares * least)):
             if 0 < (limit := getattr(limits, name)) < needed:
+                # The parameters in the log have more digits with the larger limit.
+                digits = len(str(needed)) - len(str(limit))
+                needed += needed // (least // 2) * digits * self._times_attached(f"{name}: {limit}")
                 raise _LimitError(
                     f"{name} is {limit} bytes, but a log without messages already has "
                     f"{least // 2}; set it to {needed} or more."
@@ -393,6 +395,11 @@ class Recorder:
                 "again."
             )
         return largest
+
+    def _times_attached(self, text: str) -> int:
+        """Return how often a line is in the attachments."""
+        line = f"{text}\n".encode()
+        return sum(attachment.data.count(line) for attachment in self._provenance.attachments)
 
     def _delete(self, path: Path) -> bool:
         """Delete and report a log, and return true, unless another recorder has it open."""

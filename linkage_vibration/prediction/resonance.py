@@ -94,9 +94,8 @@ def half_power_probability(
 def described(of: MessageColumns) -> MessageColumns:
     """Return assessments with what follows from their fields, one of them or n.
 
-    These are the margin, Hz, the relative margin, 1, the direction of approach (1, -1, or 0 if it
-    is not known), the time to the crossing, s (infinite if both part), and the load ratio of the
-    most severe excitation with its factor.
+    These are the margin, Hz, also relative, the direction of approach (1, -1, or 0 if unknown), the
+    time to the crossing, s, and the load ratio of the most severe excitation with its factor.
     """
     margin, closing = of.excitation_frequency - of.natural_frequency, of.approach_rate
     index = np.asarray(of.excitation_index)
@@ -110,15 +109,15 @@ def described(of: MessageColumns) -> MessageColumns:
         never = parts | ((closing == 0.0) & (of.approach_rate_error == 0.0))
         crossing = np.where(nears, np.abs(margin) / closing, np.where(never, math.inf, math.nan))
         relative = margin / of.natural_frequency
-    return MessageColumns(
-        **vars(of),
-        margin=margin,
-        relative_margin=relative,
-        approach=np.asarray(nears).astype(np.int8) - parts,
-        time_to_crossing=crossing,
-        load_ratio=of_worst(of.load_ratios),
-        load_ratio_factor=of_worst(of.load_ratio_factors),
-    )
+    derived = {
+        "margin": margin,
+        "relative_margin": relative,
+        "approach": np.asarray(nears).astype(np.int8) - parts,
+        "time_to_crossing": crossing,
+        "load_ratio": of_worst(of.load_ratios),
+        "load_ratio_factor": of_worst(of.load_ratio_factors),
+    }
+    return MessageColumns(**vars(of) | derived)
 
 
 class ResonanceMonitor:

@@ -76,9 +76,8 @@ DEFAULT_LIMITS = WarningLimits()
 class WarningTimer:
     """Turns exceeded limits into warnings, which begin and end only after the dwell time.
 
-    Times come from the readings. A reading at which it is not known whether a limit is exceeded
-    changes nothing. More than 3 s of such readings or without one, and a clock that jumps back, end
-    a warning.
+    A reading at which it is not known whether a limit is exceeded changes nothing. More than 3 s of
+    such readings or without one, and a clock that jumps back, end a warning.
     """
 
     def __init__(self, n: int) -> None:
@@ -90,10 +89,9 @@ class WarningTimer:
     def follow(
         self, exceeds: BoolArray, known: BoolArray, time: Integers, dwell: float
     ) -> BoolArray:
-        """Return which of n_limits warn at n times, ns, after a dwell time, s.
+        """Return which of n_limits warn at n times, ns, after a dwell time, s, (n_limits, n).
 
-        All arrays are (n_limits, n), but for the times, (n,). ``known``: the limit is exceeded as
-        ``exceeds`` says, or it is not.
+        ``known``, (n_limits, n), says where it is known whether the limit is exceeded.
         """
         warns = np.zeros(exceeds.shape, np.bool_)
         least = round(1e9 * dwell)

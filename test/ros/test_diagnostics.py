@@ -36,13 +36,9 @@ NEAR = resonance(
     excitation_frequency=94.0,
     mode=1,
     natural_frequency=95.0,
-    margin=-1.0,
-    relative_margin=-1.0 / 95.0,
-    approach=1,
-    time_to_crossing=2.0,
     table_id="a table",
-    load_ratio=0.4,
-    load_ratio_factor=1.1,
+    load_ratios=np.array([0.4], np.float32),
+    load_ratio_factors=np.array([1.1], np.float32),
     load_place="pin E3",
     total_load_ratio=0.5,
 )
@@ -159,7 +155,7 @@ def test_most_serious_problem_first(changes: dict[str, Any], level: bytes, words
         ),
         (
             "resonance",
-            {"resonance": changed(NEAR, load_ratio_factor=math.nan)},
+            {"resonance": changed(NEAR, load_ratio_factors=np.full(1, math.nan))},
             WARN,
             r"\(standard deviation not known\), all excitations together 0.5",
         ),
@@ -176,7 +172,11 @@ def test_most_serious_problem_first(changes: dict[str, Any], level: bytes, words
         ("resonance", {"age": math.nan}, STALE, "as no reading arrives"),
         (
             "resonance",
-            {"resonance": changed(NEAR, state=ResonanceState.UNKNOWN, unknown_speeds="engine")},
+            {
+                "resonance": changed(
+                    NEAR, state=ResonanceState.UNKNOWN, unknown_sources=2, excitation_index=-1
+                )
+            },
             STALE,
             "No load is known",
         ),

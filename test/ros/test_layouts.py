@@ -11,15 +11,23 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 
 from linkage_vibration.support.resources import config_file
-from linkage_vibration_interfaces.msg import Resonance, TableInfo, VibrationPrediction
+from linkage_vibration_interfaces.msg import (
+    Levels,
+    LoadState,
+    Resonance,
+    TableInfo,
+    VibrationPrediction,
+)
 
 TOPICS = {
     "/linkage_vibration/prediction": VibrationPrediction,
     "/linkage_vibration/resonance": Resonance,
+    "/linkage_vibration/load_state": LoadState,
     "/linkage_vibration/table_info": TableInfo,
     "/diagnostics": DiagnosticArray,
 }
 FIELDS = {topic: kind.get_fields_and_field_types() for topic, kind in TOPICS.items()}
+FIELDS["/linkage_vibration/levels"] = Levels.get_fields_and_field_types()
 LAYOUT = json.loads(config_file("foxglove_layout.json").read_text())
 
 

@@ -159,10 +159,10 @@ def test_stopping_ends_a_fault(watch: Callable[..., Watched], tmp_path: Path) ->
 
 @pytest.fixture
 def small_disk(tmp_path: Path) -> Iterator[Path]:
-    """Mount a disk of 4 MiB."""
+    """Mount a disk of 16 MiB; a log has 2 MB without messages."""
     folder = tmp_path / "disk"
     folder.mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", "size=4m", "tmpfs", str(folder)]
+    mount = ["mount", "-t", "tmpfs", "-o", "size=16m", "tmpfs", str(folder)]
     try:
         subprocess.run(mount, check=True, capture_output=True)
     except (OSError, subprocess.CalledProcessError):
@@ -237,18 +237,18 @@ def test_deleted_logs_are_reported(watch: Callable[..., Watched], tmp_path: Path
     late = time.time() + 4 * 86_400
     old = [tmp_path / f"linkage_vibration_20991231-00000{k}.mcap" for k in range(4)]
     for path in old:
-        path.write_bytes(bytes(4_000_000))
+        path.write_bytes(bytes(8_000_000))
         os.utime(path, (late, late))
-    limits = {"disk_limit": 8_000_000, "delete_oldest": True, "compression": "none"}
+    limits = {"disk_limit": 24_000_000, "delete_oldest": True, "compression": "none"}
     node = watch("tidy", record=True, log_directory=tmp_path, **limits)
     node.wait_for(OK, "Recording to")
     for path in old:
         expected = f"{path}, the oldest log, was deleted, as disk_limit has been reached."
         assert (expected in node.process.printed) != path.exists()
     gone = [path for path in old if not path.exists()]
-    # 16 MB are there, and a file of 2 MB needs room: three of 4 MB go.
-    assert gone == old[:3]
-    assert node.value("log files deleted") == "3"
+    # 32 MB are there, and a file of 6 MB needs room below 24 MB: two of 8 MB go.
+    assert gone == old[:2]
+    assert node.value("log files deleted") == "2"
     own = Path(node.call("stop").message)
     assert re.fullmatch(r"linkage_vibration_000001_\d{8}-\d{6}\.mcap", own.name)
     assert count(own) > 0

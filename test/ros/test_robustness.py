@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node under bursts, stamps out of order, clocks that jump and peers that die."""
 
-import math
 import subprocess
 import sys
 import time
@@ -187,7 +186,7 @@ def test_resonance_follows_the_engine(start: Callable[..., Any], peer: Any) -> N
     assert on_mode.excitation_frequency == pytest.approx(mode, rel=1e-9)
     assert on_mode.natural_frequency == mode
     resonance(20.0 * mode * 1.3, LoadState.STATE_CLEAR)
-    assert math.isnan(resonance(None, LoadState.STATE_UNKNOWN).excitation_frequency)
+    assert not resonance(None, LoadState.STATE_UNKNOWN).excitation.startswith("engine")
     assert set_parameter(peer, "orders", "engine_speed", 20.0 * mode * 1.05).successful
     fixed = resonance(500.0, LoadState.STATE_NOTE)
     assert fixed.excitation_frequency / mode - 1.0 == pytest.approx(0.05, rel=1e-6)

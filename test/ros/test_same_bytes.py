@@ -301,7 +301,7 @@ def test_rates_of_a_control_stack(
             peer.spin(lambda k=k: len(states) > k // 4, "a load state")
     assert (len(peer.raw), len(states)) == (10, 50)
     actual = [deserialize_message(each, LoadState) for each in states]
-    assert [each.stamp.nanosec for each in actual] == [20_000_000 * k for k in range(50)]
+    assert [each.header.stamp.nanosec for each in actual] == [20_000_000 * k for k in range(50)]
     assert node.stop() == 0
     [log] = tmp_path.glob("linkage_vibration_*.mcap")
     again = tmp_path / "again.mcap"

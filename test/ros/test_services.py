@@ -141,7 +141,8 @@ def bench(domain: int) -> Iterator[Bench]:
 
 def test_advise(bench: Bench) -> None:
     """The answer has the present load, the map row by row, and why a question is refused."""
-    present = {"crank_angle": math.radians(165.0), "ground_speed": -8.0, "engine_speed": 1800.0}
+    present = {"crank_angle": math.radians(165.0), "ground_speed": -8.0}
+    present["engine_speed"] = 1800.0 * math.pi / 30.0
     answer = bench.call("advise", **present, ground_speed_min=2.0, ground_speed_max=10.0)
     assert (answer.success, answer.advice.table_id) == (True, bench.served[0].table.table_id)
     served, excitations = bench.served[0], read_excitations(config_file("excitations.yaml"))
@@ -152,11 +153,11 @@ def test_advise(bench: Bench) -> None:
         return float(levels.at(np.array([angle]), speeds).total_load_ratio[0])
 
     advice, grid = answer.advice, np.reshape(answer.load_ratios, (91, 17))
-    assert advice.load_ratios[advice.NOW] == load(present["crank_angle"], 8.0)
+    assert advice.places[advice.NOW].load_ratio == load(present["crank_angle"], 8.0)
     assert grid[30, 5] == load(answer.crank_angles[30], answer.ground_speeds[5])
-    assert advice.load_ratios[advice.BOTH] == np.nanmin(grid)
-    assert 0.5 < advice.probabilities[advice.BOTH] < 1.0
-    assert answer.regrets[advice.BOTH] > 0.0
+    assert advice.places[advice.BOTH].load_ratio == np.nanmin(grid)
+    assert 0.5 < advice.places[advice.BOTH].quieter_probability < 1.0
+    assert advice.places[advice.BOTH].regret > 0.0
     assert "would be loaded" in advice.sentence
     reversed_range = bench.call("advise", **present, ground_speed_min=5.0, ground_speed_max=1.0)
     assert not reversed_range.success
@@ -218,32 +219,27 @@ def serving_node(
 
 @pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM])
 def test_signal_while_building(
-    environment: dict[str, str], domain: int, tmp_path: Path, by: signal.Signals
+    start: Callable[..., Any], meet: Callable[[str], Any], by: signal.Signals
 ) -> None:
-    """A signal during a rebuild ends the node without a message, and the building process."""
-    process = serving_node(environment, tmp_path)
-    try:
-        with own_context(domain) as context:
-            peer = rclpy.create_node("asking", context=context, start_parameter_services=False)
-            client: Any = ActionClient(peer, SetImplement, f"{NODE}/set_implement")
-            assert client.wait_for_server(LIMIT)
-            client.send_goal_async(SetImplement.Goal(mass=1600.0, inertia=400.0))
-            # Another child, which frees resources, may start before the one that builds.
-            until(
-                lambda: any(has_loaded(child, "scipy") for child in every_child(process.pid)),
-                "the work of the building process",
-            )
-            building = every_child(process.pid)
-            process.send_signal(by)
-            printed = process.communicate(timeout=LIMIT)[0]
-            assert (process.returncode, printed) == (0, "")
-            until(
-                lambda: not any(Path(f"/proc/{child}").exists() for child in building),
-                "the end of the building process",
-            )
-            peer.destroy_node()
-    finally:
-        process.kill()
+    """A signal during a rebuild ends the node without an error, and the building process."""
+    node = start(name=f"ended_by_{by.name.lower()}")
+    peer = meet(f"ended_by_{by.name.lower()}")
+    client: Any = ActionClient(peer.node, SetImplement, f"ended_by_{by.name.lower()}/set_implement")
+    peer.spin(client.server_is_ready, "the action")
+    client.send_goal_async(SetImplement.Goal(mass=1600.0, inertia=400.0))
+    # Another child, which frees resources, may start before the one that builds.
+    until(
+        lambda: any(has_loaded(child, "scipy") for child in every_child(node.process.pid)),
+        "the work of the building process",
+        lambda: peer.pause(0.05),
+    )
+    building = every_child(node.process.pid)
+    assert node.stop(by) == 0
+    assert not {"Traceback", "Exception"} & set(re.findall(r"\w+", node.printed))
+    until(
+        lambda: not any(Path(f"/proc/{child}").exists() for child in building),
+        "the end of the building process",
+    )
 
 
 def every_child(pid: int) -> list[int]:

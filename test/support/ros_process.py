@@ -320,9 +320,9 @@ class Peer:
         self.spin(client.service_is_ready, "a service")
         return response(client, request, self.executor.spin_once)
 
-    def implement(self, name: str, **fields: Any) -> Any:
+    def implement(self, node: str, **fields: Any) -> Any:
         """Send a node the goal to use another implement, and return the result."""
-        client: Any = ActionClient(self.node, SetImplement, f"{name}/set_implement")
+        client: Any = ActionClient(self.node, SetImplement, f"{node}/set_implement")
         self.spin(client.server_is_ready, "the action")
         sent = client.send_goal_async(SetImplement.Goal(**fields))
         self.spin(sent.done, "the answer to a goal")
