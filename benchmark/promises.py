@@ -67,7 +67,7 @@ class Results:
 def main() -> None:
     """Test each promise in each condition, and publish the outcomes."""
     results: Any = Results()
-    status = pytest.main(["-q", str(TESTS)], plugins=[results])
+    status = pytest.main(["-q", "-m", "promise", str(TESTS)], plugins=[results])
     rows = results.rows()
     broken = sum("broken" in row for row in rows)
     reasons = [f"- {reason} ({len(found)})" for reason, found in sorted(results.reasons.items())]

@@ -149,7 +149,7 @@ class ResonanceMonitor:
         self._names = np.array([*names, ""])  # -1: none
         used = {excitation.source for excitation in self.excitations}
         self._used = np.array([source in used for source in Source])
-        self._count = 0
+        self.count = 0  # of assessments
         self._filters = {source: speed_filter(source) for source in Source}
         n = len(self._filters)
         # The last speeds: values, rates and bounds of their errors; when they were reported, ns.
@@ -274,8 +274,8 @@ class ResonanceMonitor:
         columns.unknown_sources = unknown
         shares = np.isfinite(levels.load_ratios).mean(axis=1)
         columns.known_share = shares.astype(np.float32)
-        columns.count = (self._count + 1 + np.arange(len(time))).astype(np.uint32)
-        self._count += len(time)
+        columns.count = (self.count + 1 + np.arange(len(time))).astype(np.uint32)
+        self.count += len(time)
         columns.quiet_speed, columns.quiet_angle = self._quieter(
             columns.state, worst, predictions.crank_angle, speeds[0], time
         )

@@ -290,7 +290,7 @@ class LinkageVibrationNode(LifecycleNode):
         sizes = settings.split_size, settings.split_duration, settings.disk_limit
         limits = LogLimits(*sizes, settings.delete_oldest)
         recorder = Recorder(folder, topics, provenance, limits, settings.compression)
-        self._recording = recording = Recording(self, recorder)
+        self._recording = recording = Recording(self, recorder, self._begin_log)
         self._outputs = {output.type: advertise(self, output) for output in OUTPUTS}
         self._predicting = Predicting(
             self,
@@ -338,6 +338,13 @@ class LinkageVibrationNode(LifecycleNode):
             self._predicting.unsubscribe()
         if self._recording is not None:
             self._recording.deactivate()
+
+    def _begin_log(self, start: Callable[[], None]) -> None:
+        """Start a log whose load states count from 1, as those of its replay do."""
+        with self._listener.paused():
+            start()
+            if self._predicting is not None:
+                self._predicting.restart_count()
 
     def _clean_up(self) -> None:
         for part in (self._offered, self._recording):

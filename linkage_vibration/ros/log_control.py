@@ -4,6 +4,7 @@
 
 import os
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 from rclpy.node import Node
@@ -27,10 +28,15 @@ def log_folder(settings: Parameters) -> Path:
 
 
 class Recording:
-    """Offers ``~/start_recording`` and ``~/stop_recording``; the recorder is not started yet."""
+    """Offers ``~/start_recording`` and ``~/stop_recording``; the recorder is not started yet.
 
-    def __init__(self, node: Node, recorder: Recorder) -> None:
-        self.recorder, self._node = recorder, node
+    ``begin`` calls a function that starts a log while no message is answered.
+    """
+
+    def __init__(
+        self, node: Node, recorder: Recorder, begin: Callable[[Callable[[], None]], None]
+    ) -> None:
+        self.recorder, self._node, self._begin = recorder, node, begin
         self._active = self._stopped = False
         self._services = [
             node.create_service(Trigger, "~/start_recording", self._on_start),
@@ -83,7 +89,7 @@ class Recording:
 
     def _start(self) -> None:
         self._stopped &= self.recorder.recording  # a disk that hangs keeps the log from its end
-        self.recorder.start()
+        self._begin(self.recorder.start)
         self._node.get_logger().info(f"Recording to {self.recorder.path}")
 
     def _stop(self) -> LogError | None:

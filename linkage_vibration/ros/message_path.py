@@ -174,8 +174,13 @@ class Predicting:
         if self.sensors is not None:
             self.sensors.use(predictor, mechanism)
 
+    def restart_count(self) -> None:
+        """Count load states from 1 while the listener is paused."""
+        self._monitor.count = 0
+
     def subscribe(self) -> None:
         """Answer messages as soon as the listener starts."""
+        self.restart_count()
         self._began = self._judged = time.monotonic()
         self._subscribed = True
         first, last = self.predictor.table.alpha3_range

@@ -13,8 +13,11 @@ import pytest
 from test.support.conditions import CONDITIONS, GOAL, KILOHERTZ, RATES, Load, Promised, Tractor
 from test.support.ros_process import peer_of, start_node
 
+# Each condition takes minutes, so that two of them are tested with the nightly set.
+NIGHTLY = [pytest.param(each, marks=pytest.mark.nightly) for each in CONDITIONS[1:]]
 
-@pytest.fixture(scope="module", params=CONDITIONS)
+
+@pytest.fixture(scope="module", params=[CONDITIONS[0], *NIGHTLY])
 def condition(request: pytest.FixtureRequest) -> str:
     """Return what the nodes of a module work beside."""
     return str(request.param)
