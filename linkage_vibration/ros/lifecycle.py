@@ -86,7 +86,7 @@ class LinkageVibrationNode(LifecycleNode):
                 service.callback = self._guarded(service.callback)
         self.problem = ""
         self._stop_asked = stop_asked
-        self._state, self._starting = "unconfigured", False
+        self._state, self._starting, self._untouched = "unconfigured", False, True
         self._statistics = Statistics()
         self._throttle = Throttle(self.get_logger())
         # These exist while the node is configured.
@@ -240,6 +240,7 @@ class LinkageVibrationNode(LifecycleNode):
         self, state: str, do: Callable[[], None], undo: Callable[[], None] = lambda: None
     ) -> TransitionCallbackReturn:
         """Change to a state; if that fails, undo it and report why."""
+        self._untouched = False
         try:
             do()
         except LinkageVibrationError as error:
@@ -412,6 +413,8 @@ class LinkageVibrationNode(LifecycleNode):
         return topics
 
     def _on_second(self) -> None:
+        if self.autostart and self._untouched:  # somebody else made the node, and spins it
+            self.start()
         self._listener.check()
         now, counts = time.monotonic(), self._statistics
         counts.watch_wall_clock(time.time(), now)
