@@ -267,7 +267,7 @@ def test_resonances(node: Promised) -> None:
     common = slice(1, 4)
     first = {stamp_of(each) for each in resonances}
     assert {stamp_of(each) for each in states[common]} <= first
-    assert all(state_is_known(each) for each in states[common])
+    assert all("engine" not in unknown_speeds(each) for each in states[common])
 
 
 def stamp_of(message: Any) -> tuple[int, int]:
@@ -278,8 +278,8 @@ def stamp_of(message: Any) -> tuple[int, int]:
 
 @promise("node.md#what-a-controller-subscribes-to")
 def test_size_of_the_load_state(node: Promised) -> None:
-    """A load state has as many bytes as the page says, and no text and no sequence."""
-    [size] = re.findall(r"in (\d+) bytes that contain no text and no sequence", PAGE)
+    """A load state has as many bytes as the page says, beside its frame."""
+    [size] = re.findall(r"in (\d+) bytes beside the `frame_id`", PAGE)
     node.tractor.healthy()
     node.tractor.speed(engine=1500.0)
     received: list[bytes] = []
@@ -287,7 +287,8 @@ def test_size_of_the_load_state(node: Promised) -> None:
         LoadState, f"{node.name}/load_state", received.append, 10, raw=True
     )
     node.peer.spin(lambda: received, "a load state")
-    assert 0 <= len(received[0]) - int(size) < 4  # RTPS pads to four
+    empty = 4  # bytes of the encapsulation
+    assert 0 <= len(received[0]) - empty - int(size) < 4  # RTPS pads to four
 
 
 @promise("node.md#what-a-controller-subscribes-to")
@@ -302,17 +303,18 @@ def test_resonance_rate(node: Promised) -> None:
 
 
 @promise("node.md#what-a-controller-subscribes-to", kilohertz="the readings stop")
-def test_load_state_stops(node: Promised) -> None:
-    """The load states stop when the readings stop."""
+def test_load_state_without_readings(node: Promised) -> None:
+    """While no reading arrives, a load state comes each second, which is unknown."""
     node.tractor.healthy()
     node.tractor.speed(engine=1500.0)
     received = node.listen("load_state", LoadState)
     node.peer.spin(lambda: len(received) > 3, "load states")
     node.tractor.silence("joint_states")
-    node.peer.pause(1.0)
+    node.peer.pause(2.5)
     received.clear()
-    node.peer.pause(1.0)
-    assert not received
+    node.peer.pause(3.0)
+    assert 1 <= len(received) <= 5
+    assert not any(state_is_known(each) for each in received)
 
 
 @promise("node.md#parameters")
@@ -515,7 +517,9 @@ def test_every_reading_is_accounted_for(node: Promised) -> None:
     node.peer.pause(3.0)
     last = node.values()
     names = ("messages received", "predictions", "messages left out")
-    received, predicted, left_out = (int(last[name]) - int(first[name]) for name in names)
+    # What is left out is counted by topic, such as "/joint_states 10".
+    counted = [[int(v[n].split()[-1]) for n in names] for v in (first, last)]
+    received, predicted, left_out = (b - a for a, b in zip(*counted, strict=True))
     assert received > (900.0 if node.condition == KILOHERTZ else 40.0) * 3.0
     assert abs(received - predicted - left_out) <= 2  # between the two that count
     assert time.monotonic() > begun
