@@ -310,7 +310,7 @@ def test_answer_says_why_a_place_is_not_known(
     assert np.isnan(slow.levels).tolist() == [True, False]
     assert np.isnan(slow.densities).all(axis=1).tolist() == [True, False]
     for speed in (math.nan, math.inf):
-        with pytest.raises(ServingError, match="ground_speed is .*give a finite speed"):
+        with pytest.raises(ServingError, match=r"ground_speed is .*give a finite speed"):
             asking(150.0, speed)
     assert asking(250.0, 8.0).reasons[0].startswith("The crank angle")
     still = asking(150.0, 0.0)
