@@ -17,6 +17,7 @@ from mcap.reader import make_reader
 from linkage_vibration.bags.chunks import ChunkLog, Messages
 from linkage_vibration.bags.message_types import FLOAT64, JOINT_STATE
 from linkage_vibration.messages.topics import (
+    LEVELS_TOPIC,
     PREDICTION,
     PREDICTION_TOPIC,
     RESONANCE_TOPIC,
@@ -75,9 +76,10 @@ def test_a_drive_within_its_limits(log: Path) -> None:
 
 def test_load_ratio_is_that_of_the_resonances(log: Path) -> None:
     """The reported moment is that of the largest load ratio in the log."""
+    resonances = dict(read_messages(log, RESONANCE_TOPIC))
     actual = [
-        (message.total_load_ratio, time, message.excitation)
-        for time, message in read_messages(log, RESONANCE_TOPIC)
+        (message.total_load_ratio, time, resonances[time].excitation)
+        for time, message in read_messages(log, LEVELS_TOPIC)
         if not math.isnan(message.total_load_ratio)
     ]
     largest, time, excitation = max(actual)
@@ -138,11 +140,12 @@ def test_limits_that_cannot_be(limits: Any) -> None:
 
 def test_failures_name_the_load(log: Path) -> None:
     """Load, place and excitation of the moment are in the failure of any limit."""
-    messages = dict(read_messages(log, RESONANCE_TOPIC))
+    messages = dict(read_messages(log, LEVELS_TOPIC))
     [failure] = check_bag(log, Limits(load_ratio=1e-4)).failures
     about = messages[failure.time]
     assert f"in {about.total_load_place} is {about.total_load_ratio:.2g}" in failure.words
-    assert f"mostly by {about.excitation}, more than 0.0001" in failure.words
+    excitation = dict(read_messages(log, RESONANCE_TOPIC))[failure.time].excitation
+    assert f"mostly by {excitation}, more than 0.0001" in failure.words
     failure = check_bag(log, Limits(gap=0.001)).failures[0]
     assert "(the load ratio in " in failure.words
 
