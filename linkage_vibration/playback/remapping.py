@@ -4,14 +4,13 @@
 
 from collections.abc import Mapping, Sequence
 
-from linkage_vibration.bags.message_types import FLOAT64
 from linkage_vibration.bags.schemas import Schema, schema_of_text
 from linkage_vibration.bags.streams import Bags, BagTopic
 from linkage_vibration.bags.writing import Topic, offered_qos_profiles
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.messages.definitions import DefinitionError, message_definition
 from linkage_vibration.messages.topics import log_topic
-from linkage_vibration.prediction.inputs.presets import HITCH
+from linkage_vibration.prediction.inputs.presets import HITCH, PLAIN_TYPES
 from linkage_vibration.prediction.inputs.sources import SourceSettings
 from linkage_vibration.prediction.inputs.topics import INPUT_TOPICS
 from linkage_vibration.prediction.settings import NODE_NAME, Parameters
@@ -71,7 +70,7 @@ def full_name(topic: str) -> str:
 
 def _only_topic(bags: Bags, source: SourceSettings) -> str | None:
     """Return the only topic that has the type of a source, unless a parameter names the topic."""
-    if source.chosen or source.type == FLOAT64:
+    if source.chosen or source.type in PLAIN_TYPES:
         return None
     alike = sorted({each.name for each in bags.topics if each.type == source.type})
     if len(alike) > 1:

@@ -16,12 +16,10 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 
-from linkage_vibration.bags.message_types import FLOAT64
 from linkage_vibration.bags.streams import Bags, open_bags
 from linkage_vibration.bags.writing import QUEUE_DEPTH
-from linkage_vibration.messages.topics import MEASUREMENT
 from linkage_vibration.playback.remapping import choose_topics
-from linkage_vibration.prediction.inputs.presets import HITCH, PRESETS
+from linkage_vibration.prediction.inputs.presets import HITCH, PLAIN_TYPES, PRESETS
 from linkage_vibration.prediction.settings import NODE_NAME, Parameters, with_values
 from linkage_vibration.ros.command_line import start_errors
 from linkage_vibration.ros.endpoints import message_class
@@ -92,7 +90,7 @@ def play_bag(
 def _settings(bags: Bags, remaps: Mapping[str, str]) -> Parameters:
     """Return parameters whose presets are those of the topics in bags."""
     topics = {(topic.name, topic.type) for topic in bags.topics if topic.count}
-    types = {kind for _, kind in topics if kind not in (FLOAT64, MEASUREMENT)}
+    types = {kind for _, kind in topics if kind not in PLAIN_TYPES}
     chosen: dict[str, object] = {}
     for name, presets in PRESETS.items():
         for key, preset in sorted(presets.items(), key=lambda each: each[1].topic not in remaps):

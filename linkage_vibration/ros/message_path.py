@@ -305,7 +305,10 @@ class Predicting:
         nodes = ", ".join(sorted(each.node_name for each in endpoints))
         if not nodes:
             return f"{topic} has no publisher; start it, or set hitch_topic to one that has."
-        if now - self._arrived <= NAMES_FOR and (explained := reader.explain_missing(topic, [])):
+        # Only what has come since the last reading says why there is none.
+        goes_on = not self._arrived - self.readings.last <= self.stale_after
+        arrives = goes_on and now - self._arrived <= NAMES_FOR
+        if arrives and (explained := reader.explain_missing(topic, [])):
             return explained
         kinds, kind = {each.topic_type for each in endpoints}, self._topics[topic].type
         if kind not in kinds:

@@ -252,6 +252,18 @@ def test_publishers_that_cannot_be_received(bench: Bench) -> None:
     assert bench.faults() == "The QoS of arm. That of pto."
 
 
+def test_a_sensor_that_stopped_is_not_one_without_joints(bench: Bench) -> None:
+    """Once nothing arrives any more, nothing is said about what the messages before contained."""
+    bench.publishers = [publisher("sensor_msgs/msg/JointState")]
+    bench.give(0.0)
+    bench.faults()
+    for _ in range(5):
+        bench.now += 1.0
+        faults = bench.faults()
+        assert "at all" not in faults
+    assert "Nothing has arrived from the publishers of /joint_states (arm) for 5 s" in faults
+
+
 def test_joint_states_without_names(bench: Bench) -> None:
     """Positions without names are said to have none, also after readings."""
     bench.give(0.0)

@@ -10,6 +10,8 @@ from linkage_vibration.messages.topics import MEASUREMENT
 
 HITCH, ENGINE, PTO, GROUND = ("hitch", "engine", "pto", "ground")
 """The inputs, of which the last three are the values of `Source`."""
+PLAIN_TYPES = FLOAT64, MEASUREMENT
+"""Types whose messages can be any input, so that only the name of their topic says which."""
 
 _HIGHEST_RPM = 8031.875  # 0xFAFF steps of 0.125 rpm; higher values mean "error" or "not available"
 _HIGHEST_SPEED = 64.255  # m/s, the same in steps of 0.001 m/s
