@@ -15,7 +15,7 @@ from pathlib import Path
 PACKAGE = Path(__file__).parents[1] / "linkage_vibration"
 DOCUMENTED = ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef
 ASSIGNMENTS = ast.Assign, ast.AnnAssign
-LINES, CODE = 37_000, 25_000
+LINES, CODE = 36_500, 25_500
 """The budget of the package."""
 
 

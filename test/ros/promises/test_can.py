@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from rcl_interfaces.srv import SetParameters
+from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
 
 from linkage_vibration.bags.can_logs import DEFINITION
@@ -97,10 +97,11 @@ def node(begin: Callable[..., Promised]) -> Promised:
     return begin("bus", reads=False, **CAN)
 
 
-def set_parameter(node: Promised, name: str, value: Any) -> None:
-    """Set a live parameter."""
-    message = Parameter(name, value=value).to_parameter_msg()
-    [result] = node.ask("set_parameters", SetParameters, parameters=[message]).results
+def set_parameters(node: Promised, **values: Any) -> None:
+    """Set live parameters together."""
+    messages = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+    service = "set_parameters_atomically"
+    result = node.ask(service, SetParametersAtomically, parameters=messages).result
     assert result.successful, result.reason
 
 
@@ -175,13 +176,13 @@ def test_senders_that_disagree(node: Promised) -> None:
     frames(node.tractor, hitch(40.0), others=(engine(1500.0, 0), engine(0.0, 1)))
     words = "(engine_speed@0x00: 1500 rpm, engine_speed@0x01: 0 rpm); set engine_field to one"
     node.wait_for_status("speeds", ERROR, words)
-    set_parameter(node, "engine_field", "engine_speed@0x00")
+    set_parameters(node, engine_field="engine_speed@0x00")
     load_state(node, lambda s: "engine" not in unknown_speeds(s))
     status = node.next_status("speeds")
     node.peer.pause(2.0)
     status = node.next_status("speeds")
     assert "disagree" not in status.message
-    set_parameter(node, "engine_field", "")
+    set_parameters(node, engine_field="")
 
 
 @promise("can.md#signals-that-are-built-in")
@@ -189,12 +190,12 @@ def test_hitches_that_disagree(node: Promised) -> None:
     """If senders of the hitch position disagree, the diagnostics name them."""
     frames(node.tractor, hitch(40.0), hitch(20.0, 0x26))
     node.wait_for_status("input", ERROR, "rear_hitch_position@0x26: ")
-    set_parameter(node, "hitch_field", "rear_hitch_position@0xF0")
+    set_parameters(node, hitch_field="rear_hitch_position@0xF0")
     node.peer.pause(1.0)
     received = node.listen("prediction", VibrationPrediction)
     node.peer.spin(lambda: len(received) > 20, "predictions")
     assert {p.crank_angle for p in received} == {AT_40}
-    set_parameter(node, "hitch_field", "")
+    set_parameters(node, hitch_field="")
 
 
 @promise("can.md#offline")
@@ -212,31 +213,29 @@ def test_vehicle_speed(node: Promised) -> None:
     """The vehicle speed can be the ground speed, in km/h."""
     frames(node.tractor, hitch(40.0), others=(vehicle(9.0),))
     load_state(node, lambda s: "ground" in unknown_speeds(s))
-    for name, value in (("ground_unit", "km/h"), ("ground_field", "vehicle_speed")):
-        set_parameter(node, name, value)
+    set_parameters(node, ground_unit="km/h", ground_field="vehicle_speed")
     load_state(node, lambda s: "ground" not in unknown_speeds(s))
-    for name in ("ground_field", "ground_unit"):
-        set_parameter(node, name, "")
+    set_parameters(node, ground_field="", ground_unit="")
 
 
 @promise("can.md#live", kilohertz="the bus has no hitch position")
 def test_fixed_position(node: Promised) -> None:
     """Without a position on the bus, a fixed one gives a prediction for each engine speed."""
-    set_parameter(node, "hitch_position", 60.0)
+    set_parameters(node, hitch_position=60.0)
     frames(node.tractor, others=(engine(1800.0),))
     received = node.listen("prediction", VibrationPrediction)
     node.peer.spin(lambda: len(received) > 20, "predictions")
     assert {each.status for each in received[5:]} == {Status.OK}
     [angle] = {each.crank_angle for each in received[5:]}
     assert 1.6 < angle < AT_40
-    set_parameter(node, "hitch_position", -1.0)
+    set_parameters(node, hitch_position=-1.0)
 
 
 @promise("can.md#signals-that-are-built-in", kilohertz="the bus has no hitch position")
 def test_bus_without_the_signal(node: Promised) -> None:
     """If no frame contains the hitch, the node warns with the parameter groups of the bus."""
-    set_parameter(node, "hitch_field", "rear_hitch_position@0x77")
+    set_parameters(node, hitch_field="rear_hitch_position@0x77")
     frames(node.tractor, others=(engine(1800.0),))
     node.node.wait_for("No reading for more than 5 s")
-    assert "engine_speed" in node.node.printed
-    set_parameter(node, "hitch_field", "")
+    assert str(ENGINE) in node.node.printed.partition("No reading for more than 5 s")[2]
+    set_parameters(node, hitch_field="")
