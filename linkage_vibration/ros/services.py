@@ -92,6 +92,7 @@ class Services:
         # At most one of them builds a table; the other is free for short requests.
         self._threads = ThreadPoolExecutor(2, "linkage_vibration_services")
         self._waiting = 0
+        self._goals = 0  # whose results are not sent yet
         self._wanted: Path | None = None  # a folder; its removal stops the building of a table
         # Names on the topic: the last one, and one that is still to be used.
         self._hitched, self._pending = "", ""
@@ -150,7 +151,7 @@ class Services:
 
         It may call this first, as rclpy 7 begins with the latest task, so this may call itself.
         """
-        if self._waiting and self._node.executor is not None:
+        if (self._waiting or self._goals) and self._node.executor is not None:
             self._node.executor.create_task(self._destroy)
             return
         for service in self._services:
@@ -247,17 +248,20 @@ class Services:
             response.message = f"The table is unchanged: {error}"
         with suppress(LinkageVibrationError):
             response.table_id = self._served().table.table_id
-        if self._pending and self._node.executor is not None:
-            self._node.executor.create_task(self._follow)
+        if self._pending:
+            self._later(self._follow)
 
     async def _on_goal(self, goal: Any) -> SetImplement.Result:
         """Use another implement, with progress; a client may cancel it."""
         clock, result = Clock(clock_type=ClockType.STEADY_TIME), SetImplement.Result()
+        self._goals += 1
         timer = self._node.create_timer(FEEDBACK_PERIOD, lambda: self._report(goal), clock=clock)
         try:
             await self._set_implement(goal.request, result)
         finally:
             self._node.destroy_timer(timer)
+            # rclpy sends the result in a task of its own, which may follow the first of these.
+            self._later(lambda: self._later(self._sent))
         result.success = not result.message
         if result.success:
             goal.succeed()
@@ -266,6 +270,15 @@ class Services:
         else:
             goal.abort()
         return result
+
+    def _later(self, call: Callable[[], object]) -> None:
+        """Call a function in the executor, if there is one."""
+        if self._node.executor is not None:
+            self._node.executor.create_task(call)
+
+    def _sent(self) -> None:
+        """Note that a result is sent."""
+        self._goals -= 1
 
     def _report(self, goal: Any) -> None:
         """Publish how much of a table is built, or stop if its client has cancelled it."""
@@ -284,9 +297,9 @@ class Services:
         except RuntimeError:  # of rclpy: the bytes are not a text
             self._node.get_logger().warning(f"A message on {HITCHED_TOPIC} is not a text.")
             return
-        if name != self._hitched and self._node.executor is not None:
+        if name != self._hitched:
             self._hitched = self._pending = name
-            self._node.executor.create_task(self._follow)
+            self._later(self._follow)
 
     async def _follow(self) -> None:
         """Use the implement that the topic named last, unless a table is being built."""

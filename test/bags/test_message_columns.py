@@ -17,6 +17,7 @@ from linkage_vibration.support.resources import config_file
 from test.support.messages import read_messages, resonance
 
 RESONANCE = "linkage_vibration_interfaces/msg/Resonance"
+NUMBERS = ("excitation_frequency", "probability", "approach_rate")
 QOS = offered_qos_profiles()
 
 
@@ -33,8 +34,8 @@ def test_strings_of_any_length(tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
     with LogWriter(path, [topic("/r")]) as log:
         for k, name in enumerate(names):
-            numbers = {"state": k % 3, "mode": k, "approach": -(k % 2)}
-            for i, field in enumerate(("margin", "relative_margin", "time_to_crossing")):
+            numbers = {"mode": k}
+            for i, field in enumerate(NUMBERS):
                 numbers[field] = k + i
             message = resonance(excitation=name, table_id="t", **numbers)
             log.write("/r", encode_message(RESONANCE, message, k, 7 * k, "frame"[: k % 5]), k, k)
@@ -42,7 +43,7 @@ def test_strings_of_any_length(tmp_path: Path) -> None:
     messages = [message for _, message in read_messages(path, "/r")]
     assert columns["excitation"].tolist() == names
     np.testing.assert_array_equal(columns[LOG_TIME], np.arange(len(names)))
-    for name in ("state", "mode", "margin", "relative_margin", "approach", "time_to_crossing"):
+    for name in ("mode", *NUMBERS):
         np.testing.assert_array_equal(columns[name], [getattr(m, name) for m in messages], name)
     np.testing.assert_array_equal(columns["header.stamp.nanosec"], 7 * np.arange(len(names)))
     assert columns["header.frame_id"].tolist() == [m.header.frame_id for m in messages]
@@ -62,7 +63,7 @@ def test_empty_topic(tmp_path: Path) -> None:
     with LogWriter(tmp_path / "log.mcap", [topic("/r")]):
         pass
     columns = read_columns(tmp_path / "log.mcap", {"/r": RESONANCE})["/r"]
-    assert columns["margin"].shape == columns[LOG_TIME].shape == (0,)
+    assert columns["natural_frequency"].shape == columns[LOG_TIME].shape == (0,)
 
 
 @pytest.mark.parametrize("data", [b"\0\1\0\0" + bytes(8), b"\0\1\0\0" + b"\xff" * 90])

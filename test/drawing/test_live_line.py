@@ -42,8 +42,8 @@ def test_the_load_comes_first() -> None:
         frf_peak_magnitude=3.1e-5,
     )
     for ratio, state, text in (
-        (0.42, 1, "load    0.42 warning | crank"),
-        (np.nan, 2, "load unknown stale   | crank"),
+        (0.42, 3, "load    0.42 warning | crank"),
+        (np.nan, 0, "load unknown unknown | crank"),
     ):
         live.take(SimpleNamespace(total_load_ratio=ratio, state=state))
         live._due = 0.0

@@ -25,7 +25,7 @@ from linkage_vibration.prediction.ground import Terrain, ground_spectrum
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.loads import UnitLoad
 from linkage_vibration.prediction.predictor import Predictor
-from linkage_vibration.prediction.resonance import ResonanceMonitor
+from linkage_vibration.prediction.resonance import ResonanceMonitor, described
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import (
     DEFAULT_TABLE,
@@ -218,7 +218,7 @@ def test_factors_are_held_for_a_fifth_of_a_second() -> None:
     monitor = ResonanceMonitor(excitations(), levels=levels)
     monitor.set_fixed(Source.PTO, 7.0)
     actual = [
-        monitor.assess(predictor.predict(angle), 0.0, time).load_ratio_factor
+        described(monitor.assess(predictor.predict(angle), 0.0, time)).load_ratio_factor
         for angle, time in zip(angles.tolist(), stamps, strict=True)
     ]
     fresh = levels.factors(angles, speeds(np.full(5, 7.0)), 0.33)["load_ratio_factors"][:, 0]

@@ -58,11 +58,11 @@ def test_policy_is_the_nodes(start: Callable[..., Any], meet: Callable[[str], An
             named(graph.get_service_names_and_types_by_node(*readings)),
         ]
 
+    actions = allowed("linkage_vibration", "action", "execute")
     expected = [
-        allowed("linkage_vibration", "topic", "publish")
-        | allowed("linkage_vibration", "action", "execute"),
+        allowed("linkage_vibration", "topic", "publish") | actions,
         allowed("linkage_vibration", "topic", "subscribe") - {"parameter_events"},
-        allowed("linkage_vibration", "service", "reply"),
+        allowed("linkage_vibration", "service", "reply") | actions,
         allowed("linkage_vibration_readings", "topic", "publish"),
         allowed("linkage_vibration_readings", "topic", "subscribe"),
         set(),

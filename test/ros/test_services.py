@@ -134,6 +134,7 @@ def bench(domain: int) -> Iterator[Bench]:
         thread.join(LIMIT)
         assert not thread.is_alive()
         executor.shutdown()
+        node.executor = None
         services.close()
         node.destroy_node()
         peer.destroy_node()

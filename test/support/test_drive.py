@@ -13,7 +13,7 @@ from linkage_vibration.messages.encoding import encode_message
 from linkage_vibration.messages.topics import RESONANCE
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.predictor import Predictor
-from linkage_vibration.prediction.resonance import ResonanceMonitor, ResonanceState
+from linkage_vibration.prediction.resonance import ResonanceMonitor, ResonanceState, described
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.support.resources import PAPER_TABLE, config_file
 from linkage_vibration.table.table import load_table
@@ -114,6 +114,7 @@ def replayed() -> list[tuple[float, MessageColumns]]:
     """Assess every joint state of the shipped bag as a node does; times are s from its start."""
     predictor = Predictor(load_table(config_file(PAPER_TABLE)))
     monitor = ResonanceMonitor(read_excitations(config_file("excitations.yaml")))
+    monitor.set_fixed(Source.GROUND, 0.0)  # the bag has no ground speed
     sources = {ENGINE_SPEED: Source.ENGINE, PTO_SPEED: Source.PTO}
     resonances = []
     with AnyReader([config_file(SHIPPED)]) as reader:
@@ -126,7 +127,7 @@ def replayed() -> list[tuple[float, MessageColumns]]:
                 angle, velocity = message.position[at], message.velocity[at]  # type: ignore[attr-defined]
                 prediction = predictor.predict(float(angle))
                 resonance = monitor.assess(prediction, float(velocity), time)
-                resonances.append(((time - reader.start_time) * 1e-9, resonance))
+                resonances.append(((time - reader.start_time) * 1e-9, described(resonance)))
     return resonances
 
 
