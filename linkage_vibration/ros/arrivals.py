@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Messages that wait for the node: when they were received, and which of them are the newest."""
+"""Messages that wait for the node: when they were received, and which newer ones replace."""
 
 import time
 from collections import Counter
@@ -13,7 +13,7 @@ from linkage_vibration.prediction.inputs.sources import InputReader
 from linkage_vibration.ros.endpoints import MessageInfo
 from linkage_vibration.ros.live_inputs import LiveTopic
 
-LONGEST_WAIT = 0.05  # s in the queue, after which only the newest message is used
+LONGEST_WAIT = 0.05  # s in the queue, after which a message is left out for newer ones
 _DAY = 86_400 * 10**9  # ns; an earlier time of receipt is by another clock, or before it was set
 
 
@@ -41,23 +41,26 @@ def waiting(topic: LiveTopic, subscription: Any) -> Iterator[Arrival]:
         yield arrival(topic, *taken)
 
 
-def newest(messages: Sequence[Arrival], left_out: Counter[str]) -> list[Arrival]:
-    """Return messages, in order of arrival, without those that newer ones replace; count these.
+def in_time(messages: Sequence[Arrival], left_out: Counter[str]) -> Iterator[Arrival]:
+    """Yield messages, in order of arrival; count those that are left out.
 
-    Where one of a topic has waited for too long, the newest with a number for each input are used.
+    These have waited for too long when their turn comes, and newer ones have all their numbers.
     """
-    late = {message.topic.name for message in messages if message.wait > LONGEST_WAIT}
-    found, kept = set[InputReader](), list[Arrival]()
+    if len(messages) < 2:
+        yield from messages
+        return
+    began, found, replaced = time.monotonic(), set[InputReader](), list[bool]()
     for message in reversed(messages):
-        inputs = message.topic.numbers if message.topic.name in late else set()
+        inputs = message.topic.numbers
         # Once newer messages have all numbers, the older ones are not even read.
         held = inputs if inputs <= found else {i for i in inputs if _holds(message, i)}
-        if held and held <= found:
+        replaced.append(bool(held) and held <= found)
+        found |= held
+    for message, newer in zip(messages, reversed(replaced), strict=True):
+        if newer and message.wait + time.monotonic() - began > LONGEST_WAIT:
             left_out[message.topic.name] += 1
         else:
-            found |= held
-            kept.append(message)
-    return kept[::-1]
+            yield message
 
 
 def _holds(message: Arrival, source: InputReader) -> bool:

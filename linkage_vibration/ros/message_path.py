@@ -55,7 +55,7 @@ from linkage_vibration.prediction.predictor import Prediction, Predictor, Status
 from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.prediction.severity import ResonanceState, Unknown
-from linkage_vibration.ros.arrivals import LONGEST_WAIT, Arrival, arrival, newest, waiting
+from linkage_vibration.ros.arrivals import LONGEST_WAIT, Arrival, arrival, in_time, waiting
 from linkage_vibration.ros.endpoints import MessageInfo, Throttle, message_class, unmatched
 from linkage_vibration.ros.listener import Listener
 from linkage_vibration.ros.live_inputs import LiveTopic
@@ -352,7 +352,7 @@ class Predicting:
         return [each.node_name for each in self._node.get_publishers_info_by_topic(topic)]
 
     def _on_message(self, name: str, kind: str, data: bytes, info: MessageInfo) -> None:
-        """Use a message or, once it has waited for too long, the newest of all that wait."""
+        """Use a message; if it has waited for too long, all that wait, without outdated ones."""
         topic = self._topics.get(name)
         if topic is None or topic.type != kind:
             return  # it arrived before the inputs were changed
@@ -362,9 +362,8 @@ class Predicting:
             for each, subscription in self._queues.items():
                 messages += filter(self._is_accepted, waiting(self._topics[each], subscription))
             messages.sort(key=lambda each: each.received)
-            # What is left out is not recorded either, so that a replay has the same answers.
-            messages = newest(messages, self._statistics.dropped)
-        for message in messages:
+        # What is left out is not recorded either, so that a replay has the same answers.
+        for message in in_time(messages, self._statistics.dropped):
             self._use(message)
 
     def _is_accepted(self, message: Arrival) -> bool:

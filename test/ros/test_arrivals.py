@@ -12,7 +12,7 @@ from sensor_msgs.msg import JointState
 
 from linkage_vibration.prediction.settings import Parameters, with_values
 from linkage_vibration.ros import arrivals
-from linkage_vibration.ros.arrivals import Arrival, arrival, newest, waiting
+from linkage_vibration.ros.arrivals import Arrival, arrival, in_time, waiting
 from linkage_vibration.ros.live_inputs import LiveTopic, live_topics
 from test.support.ros_process import JOINT
 
@@ -64,26 +64,35 @@ def arrived(topic: LiveTopic, data: bytes, wait: float) -> Arrival:
 )
 @pytest.mark.parametrize("wait", [0.06, 20.0])
 def test_newest_of_each_input(given: str, used: str, wait: float) -> None:
-    """Of messages of which the oldest waited for too long, the newest for each input is used."""
-    times = [wait if i == 0 else 0.04 for i in range(len(given))]
-    messages = [
-        arrived(SHARED, CONTENT[kind], each) for kind, each in zip(given, times, strict=True)
-    ]
+    """Of messages that all waited for too long, the newest for each input is used."""
+    messages = [arrived(SHARED, CONTENT[kind], wait) for kind in given]
     left_out = Counter[str]()
     expected = [message for message, kind in zip(messages, used, strict=True) if kind != "_"]
-    assert newest(messages, left_out) == expected
+    assert list(in_time(messages, left_out)) == expected
     assert left_out.total() == left_out["/s"] == used.count("_")
 
 
-@pytest.mark.parametrize(("wait", "left_out"), [(0.049, {}), (0.051, {"/s": 2})])
-def test_limit_of_a_wait(wait: float, left_out: dict[str, int]) -> None:
-    """Nothing is left out before the limit, nor of a topic of which nothing waited for too long."""
-    readings = [arrived(SHARED, CONTENT["b"], wait - 0.01 * i) for i in range(3)]
-    speeds = [arrived(PTO, b"\x00\x01\x00\x00" + bytes(8), 0.03 - 0.01 * i) for i in range(3)]
+@pytest.mark.parametrize(("oldest", "left_out"), [(0.049, 0), (0.051, 1), (0.061, 2), (0.2, 3)])
+def test_limit_of_a_wait(oldest: float, left_out: int) -> None:
+    """What has waited for less is used, and so is the newest number of each input."""
+    messages = [arrived(SHARED, CONTENT["b"], oldest - 0.01 * i) for i in range(4)]
+    messages.append(arrived(PTO, b"\x00\x01\x00\x00" + bytes(8), 0.03))
     counts = Counter[str]()
-    kept = newest([*readings, *speeds], counts)
-    assert counts == left_out
-    assert kept == [*readings[counts.total() :], *speeds]
+    assert list(in_time(messages, counts)) == messages[left_out:]
+    assert counts == ({"/s": left_out} if left_out else {})
+
+
+def test_a_wait_continues_while_others_are_answered(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With 12 ms for each answer, what waits for more than 50 ms by then is left out."""
+    now = [7.0]
+    monkeypatch.setattr(arrivals, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    messages = [arrived(SHARED, CONTENT["b"], 0.049 - 0.001 * i) for i in range(9)]
+    counts, used = Counter[str](), list[Arrival]()
+    for message in in_time(messages, counts):
+        used.append(message)
+        now[0] += 0.012
+    assert used == [messages[0], messages[8]]
+    assert counts == {"/s": 7}
 
 
 @pytest.mark.parametrize(
