@@ -82,9 +82,9 @@ def main() -> None:
     parts = [
         "Joint states are published on a machine that is too busy, beside the speeds of engine, "
         f"PTO and ground at {SPEED_RATE:g} Hz each. The echo answers each one that arrives, in the "
-        "order of arrival and however late. Our node leaves out a message that has waited for "
-        "more than 0.05 s once there is a newer one. Its diagnostics count what is lost, what is "
-        "left out (speeds included), and the longest wait.",
+        "order of arrival and however late. Our node leaves out a message whose answer would come "
+        "more than 0.05 s after its arrival, once there is a newer one. Its diagnostics count what "
+        "is lost, what is left out (speeds included), and the longest wait.",
         f"Both nodes run all the time and take {TURNS} turns of {SECONDS:g} s each. The delay is "
         "the time from just before a joint state is published until its answer is taken, so it "
         "contains how long the driver itself waited for a processor. The median of our node is to "

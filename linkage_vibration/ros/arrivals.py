@@ -13,7 +13,7 @@ from linkage_vibration.prediction.inputs.sources import InputReader
 from linkage_vibration.ros.endpoints import MessageInfo
 from linkage_vibration.ros.live_inputs import LiveTopic
 
-LONGEST_WAIT = 0.05  # s in the queue, after which a message is left out for newer ones
+LONGEST_WAIT = 0.05  # s until its answer, after which a message is left out for newer ones
 _DAY = 86_400 * 10**9  # ns; an earlier time of receipt is by another clock, or before it was set
 
 
@@ -41,10 +41,13 @@ def waiting(topic: LiveTopic, subscription: Any) -> Iterator[Arrival]:
         yield arrival(topic, *taken)
 
 
-def in_time(messages: Sequence[Arrival], left_out: Counter[str]) -> Iterator[Arrival]:
+def in_time(
+    messages: Sequence[Arrival], answering: float, left_out: Counter[str]
+) -> Iterator[Arrival]:
     """Yield messages, in order of arrival; count those that are left out.
 
-    These have waited for too long when their turn comes, and newer ones have all their numbers.
+    These would have waited for too long when their answer is ready, which takes so many seconds,
+    and newer ones have all their numbers.
     """
     if len(messages) < 2:
         yield from messages
@@ -57,7 +60,7 @@ def in_time(messages: Sequence[Arrival], left_out: Counter[str]) -> Iterator[Arr
         replaced.append(bool(held) and held <= found)
         found |= held
     for message, newer in zip(messages, reversed(replaced), strict=True):
-        if newer and message.wait + time.monotonic() - began > LONGEST_WAIT:
+        if newer and message.wait + time.monotonic() - began + answering > LONGEST_WAIT:
             left_out[message.topic.name] += 1
         else:
             yield message

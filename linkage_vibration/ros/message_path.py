@@ -134,6 +134,7 @@ class Predicting:
         self._too_large = 0
         self._began = self._judged = 0.0
         self._latest = 0  # ns, the last time of receipt
+        self._answering = 0.0  # s, for the last message
         self._queues: dict[str, Any] = {}  # subscriptions by their topics
         self._gaps: defaultdict[str, SequenceGaps] = defaultdict(SequenceGaps)
         self.apply(settings, topics)
@@ -363,8 +364,10 @@ class Predicting:
                 messages += filter(self._is_accepted, waiting(self._topics[each], subscription))
             messages.sort(key=lambda each: each.received)
         # What is left out is not recorded either, so that a replay has the same answers.
-        for message in in_time(messages, self._statistics.dropped):
+        for message in in_time(messages, self._answering, self._statistics.dropped):
+            began = time.monotonic()
             self._use(message)
+            self._answering = time.monotonic() - began
 
     def _is_accepted(self, message: Arrival) -> bool:
         """Count a message, and return whether it is small enough."""

@@ -68,17 +68,19 @@ def test_newest_of_each_input(given: str, used: str, wait: float) -> None:
     messages = [arrived(SHARED, CONTENT[kind], wait) for kind in given]
     left_out = Counter[str]()
     expected = [message for message, kind in zip(messages, used, strict=True) if kind != "_"]
-    assert list(in_time(messages, left_out)) == expected
+    assert list(in_time(messages, 0.0, left_out)) == expected
     assert left_out.total() == left_out["/s"] == used.count("_")
 
 
+@pytest.mark.parametrize("answering", [0.0, 0.03])
 @pytest.mark.parametrize(("oldest", "left_out"), [(0.049, 0), (0.051, 1), (0.061, 2), (0.2, 3)])
-def test_limit_of_a_wait(oldest: float, left_out: int) -> None:
-    """What has waited for less is used, and so is the newest number of each input."""
+def test_limit_of_a_wait(oldest: float, left_out: int, answering: float) -> None:
+    """What is answered in time is used, and so is the newest number of each input."""
+    oldest -= answering
     messages = [arrived(SHARED, CONTENT["b"], oldest - 0.01 * i) for i in range(4)]
     messages.append(arrived(PTO, b"\x00\x01\x00\x00" + bytes(8), 0.03))
     counts = Counter[str]()
-    assert list(in_time(messages, counts)) == messages[left_out:]
+    assert list(in_time(messages, answering, counts)) == messages[left_out:]
     assert counts == ({"/s": left_out} if left_out else {})
 
 
@@ -88,7 +90,7 @@ def test_a_wait_continues_while_others_are_answered(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(arrivals, "time", SimpleNamespace(monotonic=lambda: now[0]))
     messages = [arrived(SHARED, CONTENT["b"], 0.049 - 0.001 * i) for i in range(9)]
     counts, used = Counter[str](), list[Arrival]()
-    for message in in_time(messages, counts):
+    for message in in_time(messages, 0.0, counts):
         used.append(message)
         now[0] += 0.012
     assert used == [messages[0], messages[8]]

@@ -274,7 +274,7 @@ def test_joint_states_without_names(bench: Bench) -> None:
 
 
 def test_readings_that_are_left_out_are_no_fault_of_the_sensor(bench: Bench) -> None:
-    """A sensor at 100 Hz of which the node leaves out all but a few has no fault itself."""
+    """A sensor at 100 Hz of which the node leaves out most has no fault itself."""
     for _ in range(5):
         for _ in range(100):
             bench.now += 0.009
@@ -287,7 +287,7 @@ def test_readings_that_are_left_out_are_no_fault_of_the_sensor(bench: Bench) -> 
                 bench.put(0.0)
             bench.spin()
         assert bench.faults() == ""
-    assert bench.statistics.dropped["/joint_states"] > 400
+    assert bench.statistics.dropped["/joint_states"] > 300
     for _ in range(3):
         for _ in range(50):
             bench.now += 0.018

@@ -22,9 +22,6 @@ from test.support.conditions import ERROR, RATES, SPEED_RATE, Load, Promised, Tr
 from test.support.interface_packages import built_package, environment_with
 from test.support.ros_process import documented
 
-# Not all of these pass on a busy machine yet, so they belong to the nightly set.
-pytestmark = pytest.mark.nightly
-
 pytest.importorskip("can", reason="logs of a CAN bus are read by python-can (extra can)")
 CAN = documented("can.md", "engine_input: can")
 BUS, FRAME = "from_can_bus", "can_msgs/msg/Frame"

@@ -21,9 +21,6 @@ from std_srvs.srv import Trigger
 from test.support.conditions import ERROR, OK, STALE, WARN, Promised, Tractor, promise
 from test.support.ros_process import JOINT, SENSOR
 
-# Not all of these pass on a busy machine yet, so they belong to the nightly set.
-pytestmark = pytest.mark.nightly
-
 STOPPED = "readings that stop are none"
 
 
@@ -207,7 +204,7 @@ def test_speed_that_stopped(node: Promised) -> None:
 def test_load_above_its_limit(node: Promised) -> None:
     """A load above its limit is a WARN of the resonance, and no longer when the limit is above."""
     node.tractor.healthy()
-    node.tractor.speed(engine=2000.0)
+    node.tractor.speed(engine=2000.0, pto=540.0, ground=0.0)
     for limit, level, words in (
         (1e-6, WARN, "of the static force in "),
         (1e6, OK, "loads are "),
@@ -240,7 +237,7 @@ def test_log_that_cannot_be_started(node: Promised, logs: Path) -> None:
 def test_faults_have_ended(node: Promised) -> None:
     """After all these faults, healthy readings have no fault, and the process has no traceback."""
     node.tractor.healthy()
-    node.tractor.speed(engine=1500.0, pto=540.0)
+    node.tractor.speed(engine=1500.0, pto=540.0, ground=0.0)
     for part in ("input", "predictions", "speeds"):
         node.wait_for_status(part, OK, "")
     assert "Traceback" not in node.node.printed

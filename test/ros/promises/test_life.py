@@ -20,9 +20,6 @@ from linkage_vibration_interfaces.srv import PredictVibration
 from test.support.conditions import Promised, promise
 from test.support.ros_process import LIMIT, RunningNode, installed_command
 
-# Not all of these pass on a busy machine yet, so they belong to the nightly set.
-pytestmark = pytest.mark.nightly
-
 CONFIGURE, CLEANUP = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_CLEANUP
 ACTIVATE, DEACTIVATE = Transition.TRANSITION_ACTIVATE, Transition.TRANSITION_DEACTIVATE
 NOT_STARTED = "a node that does not start has no services, and reads nothing"
@@ -80,8 +77,8 @@ def test_managed(begin: Callable[..., Promised]) -> None:
     managed = begin("managed", autostart=False, mechanism_file="/none.yaml", reads=False)
 
     def published() -> set[str]:
-        names = [name for name, _ in managed.peer.node.get_topic_names_and_types()]
-        return {name for name in names if name.startswith("/managed/")}
+        by_node = managed.peer.node.get_publisher_names_and_types_by_node("managed", "/")
+        return {name for name, _ in by_node if name.startswith("/managed/")}
 
     assert published() <= {"/managed/transition_event"}
     assert not change(managed, CONFIGURE)
@@ -162,12 +159,13 @@ def test_qos_overrides(begin: Callable[..., Promised]) -> None:
         reads=False,  # the joint states of the tests are best effort
     )
 
-    def profile(infos: list[Any]) -> Any:
-        [own] = [each for each in infos if each.node_name.startswith("tuned")]
-        return own.qos_profile
+    def profile(infos: Callable[[str], list[Any]], topic: str) -> Any:
+        own = lambda: [e for e in infos(topic) if e.node_name.startswith("tuned")]  # noqa: E731
+        node.peer.spin(own, f"the endpoint of {topic}")
+        return own()[0].qos_profile
 
-    inputs = node.peer.node.get_subscriptions_info_by_topic("/joint_states")
-    outputs = node.peer.node.get_publishers_info_by_topic("/tuned/prediction")
-    assert profile(inputs).reliability.name == "RELIABLE"
-    assert profile(outputs).durability.name == "TRANSIENT_LOCAL"
+    inputs = profile(node.peer.node.get_subscriptions_info_by_topic, "/joint_states")
+    outputs = profile(node.peer.node.get_publishers_info_by_topic, "/tuned/prediction")
+    assert inputs.reliability.name == "RELIABLE"
+    assert outputs.durability.name == "TRANSIENT_LOCAL"
     assert node.stop() == 0
