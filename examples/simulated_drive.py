@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""What do IMUs on the implement and on the seat record while a tractor works, drives and works?
+"""What does an IMU on the implement record while a tractor works, drives and works?
 
 It writes simulated_drive.mcap and sensors.yaml: ``python simulated_drive.py FOLDER``. The
 implement is 10 % heavier than its type plate says, and excitations have other amplitudes than those
@@ -18,8 +18,8 @@ import linkage_vibration as lv
 from linkage_vibration.bags.log_writer import LogWriter
 from linkage_vibration.messages.topics import log_topic
 
-SECONDS, RATE, LONG = 180, 200, 4  # s, Hz of the IMUs, and s of a window
-START, GRAVITY, NOISE = 1_767_225_600, 9.81, 0.02  # s, m/s2, and m/s2 of the sensors
+SECONDS, RATE, LONG = 180, 200, 4  # s, Hz of the IMU, and s of a window
+START, GRAVITY, NOISE = 1_767_225_600, 9.81, 0.02  # s, m/s2, and m/s2 of the sensor
 PLACES = [("E1", "x"), ("E1", "z"), ("front_axle", "z"), ("rear_axle", "z")]
 # Speed, turns per turn of it, amplitude (N) at its reference speed (rpm), and place.
 ORDERS = {
@@ -36,12 +36,6 @@ implement:            # an IMU on the implement, upside down
   at: E1
   axes: [x, -y, -z]
   range: 78.5         # m/s2
-  filtered: true
-seat:
-  file: simulated_drive.mcap
-  topic: /seat/imu
-  unit: m/s2
-  at: seat
   filtered: true
 """
 
@@ -75,16 +69,12 @@ for first in range(0, len(times) - n + 1, n // 2):
     response = np.einsum("foi,if->of", frf, spectrum) * -((2.0 * np.pi * frequencies) ** 2)
     moved[:, first : first + padded] += np.fft.irfft(response, padded)
 moved = moved[:, : len(times)] + random.normal(0.0, NOISE, (len(PLACES), len(times)))
-x, z, front, rear = moved
-imus = {
-    "/implement/imu": np.array([x, random.normal(0.0, NOISE, len(times)), -(z + GRAVITY)]),
-    "/seat/imu": np.array([0.2 * x, 0.0 * x, 0.7 * rear + 0.3 * front + GRAVITY]),
-}
+axes = np.array([moved[0], random.normal(0.0, NOISE, len(times)), -(moved[1] + GRAVITY)])
 
 store = get_typestore(Stores.ROS2_HUMBLE)
 kinds = {"/joint_states": "sensor_msgs/msg/JointState"}
 kinds |= {f"/{name}_speed": "std_msgs/msg/Float64" for name in speeds}
-kinds |= dict.fromkeys(imus, "sensor_msgs/msg/Imu")
+kinds["/implement/imu"] = "sensor_msgs/msg/Imu"
 vector, header = store.types["geometry_msgs/msg/Vector3"], store.types["std_msgs/msg/Header"]
 stamp, imu = store.types["builtin_interfaces/msg/Time"], store.types["sensor_msgs/msg/Imu"]
 joint, number = (store.types[kinds[name]] for name in ("/joint_states", "/engine_speed"))
@@ -94,10 +84,8 @@ with LogWriter(bag, [log_topic(*each) for each in kinds.items()]) as log:
     for k in range(len(times)):
         time = START * 10**9 + k * 10**9 // RATE
         head = header(stamp(time // 10**9, time % 10**9), "")
-        messages = {
-            name: imu(head, turn, unknown, still, unknown, vector(*axes[:, k].tolist()), unknown)
-            for name, axes in imus.items()
-        }
+        moving = vector(*axes[:, k].tolist())
+        messages = {"/implement/imu": imu(head, turn, unknown, still, unknown, moving, unknown)}
         if k % 10 == 0:
             reading = [np.array([value]) for value in (np.radians(angle[k]), 0.0, 0.0)]
             messages["/joint_states"] = joint(head, ["hitch_rockshaft_joint"], *reading)

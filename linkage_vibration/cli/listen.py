@@ -39,11 +39,10 @@ def run(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     from linkage_vibration.listening.amplitudes import amplitude_numbers
-    from linkage_vibration.listening.exposure import exposure
     from linkage_vibration.listening.model_check import drive_targets
     from linkage_vibration.listening.signals import measured_signal
     from linkage_vibration.readers.mechanism import read_mechanism
-    from linkage_vibration.readers.sensors import SEAT, read_measured
+    from linkage_vibration.readers.sensors import read_measured
     from linkage_vibration.review import listening_page as page
     from linkage_vibration.review.log import ReviewError, read_log
     from linkage_vibration.studies.yaml_editing import edit_text
@@ -58,19 +57,16 @@ def run(options: argparse.Namespace) -> int:
         text = f"the log has another mechanism than {mechanism}; give its file with --mechanism"
         raise ReviewError(f"{options.log}: {text}.")
     highest = float(np.fmax.reduce(log.natural_frequencies.ravel(), initial=0.0))
-    comparisons, felt = [], []
+    comparisons = []
     with tqdm(disable=None, total=len(sensors) + 2, unit=" steps", delay=2.0) as bar:
         for sensor in sensors:
             times, readings = read_measured(sensor, options.log, int(log.stamps[0]))
             signal = measured_signal(sensor, times, readings, highest)
-            if sensor.at == SEAT:
-                felt.append((signal, exposure(signal, page.kinds(log, signal))))
-            else:
-                comparisons.append(page.hear(log, signal))
+            comparisons.append(page.hear(log, signal))
             bar.update()
         modes = page.heard_modes(log, comparisons)
         bar.update()
-        content = {output: [page.listening_page(log, comparisons, modes, felt).encode()]}
+        content = {output: [page.listening_page(log, comparisons, modes).encode()]}
         bar.update()
     if options.amplitudes:
         rows = [row for each in comparisons for row in each.rows]
@@ -83,20 +79,14 @@ def run(options: argparse.Namespace) -> int:
         text = drive_targets(modes, log.table, mechanism, options.targets)
         content[options.targets] = [text.encode()]
     write_files(content, ReviewError)
-    sentences = (
-        [page.modes_answer(log, modes), *page.answers(comparisons)]
-        if comparisons
-        else [page.NOTHING]
-    )
-    print("\n".join(sentences))
+    print("\n".join([page.modes_answer(log, modes), *page.answers(comparisons)]))
     print(f"Written: {', '.join(map(str, outputs))}")
     return 0
 
 
 def _sensors(options: argparse.Namespace, outputs: Sequence[Path]) -> "list[Sensor]":
     """Return the sensors; refuse outputs, of which the first is the page, that cannot be."""
-    from linkage_vibration.readers.sensors import SEAT, read_sensors
-    from linkage_vibration.review.log import ReviewError
+    from linkage_vibration.readers.sensors import read_sensors
     from linkage_vibration.support.atomic_files import check_outputs, check_suffix
 
     for path in outputs:
@@ -104,7 +94,4 @@ def _sensors(options: argparse.Namespace, outputs: Sequence[Path]) -> "list[Sens
     check_outputs(outputs, [options.log, options.sensors, mechanism_file(options)])
     sensors = read_sensors(options.sensors)
     check_outputs(outputs, [sensor.file for sensor in sensors if sensor.file])
-    if options.amplitudes and all(sensor.at == SEAT for sensor in sensors):
-        text = "all sensors are on a seat, where no amplitude can be measured"
-        raise ReviewError(f"{options.sensors}: {text}; add one on the linkage.")
     return sensors

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from linkage_vibration.drawing.intervals import gap_starts
-from linkage_vibration.listening.exposure import STANDS
 from linkage_vibration.listening.gates import (
     damping_doubt,
     line_doubt,
@@ -37,6 +36,7 @@ _ALIKE = 0.5  # least MAC of a measured shape and that of the model
 _LINE = "a line of the wheelbase"
 _GROUND = Excitation(_LINE, Source.GROUND, math.nan, terrain=Terrain(64e-6))  # class B
 _BESIDE = 0.2  # s on both sides of a gap
+_STANDS = 0.3  # m/s, below which a tractor stands
 _LOWEST, _HIGHEST = 0.5, 0.3  # Hz of a mode, and its share of the sampling rate
 
 
@@ -167,8 +167,8 @@ def _at_height(
     table, rows = drive.table, np.concatenate([np.r_[each] for each in segments])
     alpha3 = float(drive.angle[rows].mean())
     ground = speeds.get(Source.GROUND, np.zeros(len(drive.times)))[rows]
-    rolls = bool((ground > STANDS).any())
-    slowest = float(np.quantile(ground[ground > STANDS], 0.05)) if rolls else math.inf
+    rolls = bool((ground > _STANDS).any())
+    slowest = float(np.quantile(ground[ground > _STANDS], 0.05)) if rolls else math.inf
     shapes = model_shapes(table, alpha3, drive.places)
     means = drive.predicted[rows].mean(axis=0)
     slopes, deviations = table.slopes(alpha3), table.parameter_deviations(alpha3)
@@ -201,7 +201,7 @@ def _at_height(
         doubt = doubt or (yield from _tone_doubt(*of_height))
         doubt = doubt or too_damped
         if not doubt and rolls:
-            rolling = ground[ground > STANDS]
+            rolling = ground[ground > _STANDS]
             doubt = yield from _line_doubt(drive, excitations, rolling, alpha3, best, mean)
         modes.append(
             DriveMode(

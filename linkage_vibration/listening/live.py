@@ -10,7 +10,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from linkage_vibration.listening.amplitudes import measure_orders, predicted_levels, unit_responses
-from linkage_vibration.listening.correction import Correction, CorrectionError, read_correction
 from linkage_vibration.listening.live_modes import NOTED, OFF, LiveModes
 from linkage_vibration.listening.orders import SECONDS, Orders, track_orders
 from linkage_vibration.listening.signals import SignalError, measured_signal
@@ -23,7 +22,7 @@ from linkage_vibration.prediction.answers import Served
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.settings import Parameters
-from linkage_vibration.readers.sensors import LARGEST, SEAT, Sensor
+from linkage_vibration.readers.sensors import LARGEST, Sensor
 
 _SECOND = 10**9  # ns
 _WINDOW = round(SECONDS * _SECOND)
@@ -62,7 +61,7 @@ class _History:
 @dataclass(slots=True)
 class _Channel:
     sensor: Sensor
-    transfer: Transfer | None  # None where the table predicts nothing
+    transfer: Transfer
     samples: _History
     began: int = 0  # stamp of the first sample, ns
 
@@ -82,11 +81,10 @@ class SensorMonitor:
         excitations: Sequence[Excitation],
         fixed: Mapping[Source, float],
         stale_after: float,
-        correction: Correction | None = None,
     ) -> None:
         self.fixed, self.stale_after = dict(fixed), stale_after
         self.latest: dict[str, MessageColumns] = {}
-        self._correction, self.modes = correction, LiveModes(sensors, excitations)
+        self.modes = LiveModes(sensors, excitations)
         self._sensors, self._excitations = tuple(sensors), tuple(excitations)
         self._speeds = {source: _History() for source in Source}
         self._angles = _History()
@@ -99,10 +97,10 @@ class SensorMonitor:
         self._highest = float(np.nanmax(table.evaluate(table.alpha3)[:, : table.n_modes]))
         self.modes.use(table, mechanism, self._highest)
         transfers = [
-            None if sensor.at == SEAT else Transfer(table, mechanism, self._excitations, sensor)
-            for sensor in self._sensors
+            Transfer(table, mechanism, self._excitations, sensor) for sensor in self._sensors
         ]
-        kept = self._channels or [_Channel(sensor, None, _History()) for sensor in self._sensors]
+        pairs = zip(self._sensors, transfers, strict=True)
+        kept = self._channels or [_Channel(*pair, _History()) for pair in pairs]
         self._channels = [
             replace(old, transfer=transfer) for old, transfer in zip(kept, transfers, strict=True)
         ]
@@ -152,7 +150,6 @@ class SensorMonitor:
         noted = _at(*angles, NOTED, self.stale_after)
         self.modes.add(end, noted, speeds, sensor, times, readings)
         self.modes.fill(message, end)
-        self._correct(message)
         try:
             signal = measured_signal(channel.sensor, times[inside], readings[inside], self._highest)
         except SignalError as error:
@@ -181,7 +178,7 @@ class SensorMonitor:
         """Set what orders measure, and what is predicted of them where the crank angle is known."""
         excitations, transfer, units = self._excitations, channel.transfer, np.empty((1, 1, 0))
         angle, loaded = self._predictor.angle_in_table(message.crank_angle), list[int]()
-        if transfer is not None and angle is not None:
+        if angle is not None:
             loaded, units = transfer.loaded, unit_responses(transfer, orders, np.array([angle]))
             levels = predicted_levels(transfer, excitations, orders, units, speeds)
             message.predicted_level = float(levels[0])
@@ -192,17 +189,6 @@ class SensorMonitor:
             numbers = row.measured, row.measured_stddev, row.predicted, row.predicted_factor
             for name, number in zip(_BY_ORDER, (*numbers, row.difference), strict=True):
                 getattr(message, name)[names.index(row.excitation.name)] = number
-
-    def _correct(self, message: MessageColumns) -> None:
-        """Set the natural frequencies that a correction gives, or NaN."""
-        table, correction = self._predictor.table, self._correction
-        message.corrected_frequencies = message.corrected_stddevs = np.full(table.n_modes, math.nan)
-        angle = self._predictor.angle_in_table(message.crank_angle)
-        if angle is not None and correction is not None and correction.table_id == table.table_id:
-            factors, deviations = correction.at(angle)
-            corrected = factors * table.evaluate(np.array([angle]))[0, : table.n_modes]
-            message.corrected_frequencies = corrected
-            message.corrected_stddevs = corrected * deviations
 
     def _known_speeds(self, start: int) -> dict[Source, tuple[FloatArray, FloatArray]]:
         """Return times, s, and speeds, rpm or m/s, of those that are known in a whole window."""
@@ -226,16 +212,12 @@ def sensor_monitor(
     settings: Parameters,
 ) -> SensorMonitor | None:
     """Return the monitor of sensors with the speeds that parameters fix; None without a sensor."""
-    if settings.correction_file and not settings.sensor_file:
-        text = "Parameter correction_file corrects frequencies on `~/measured`, which needs sensors"
-        raise CorrectionError(f"{text}; give them as sensor_file, or leave it out.")
     if not sensors:
         return None
     speeds = {source: settings.fixed_speed(source) for source in Source}
     fixed = {source: speed for source, speed in speeds.items() if speed is not None}
     model = served.predictor, served.mechanism
-    correction = read_correction(settings.correction_path(), served.predictor.table)
-    return SensorMonitor(sensors, *model, excitations, fixed, settings.stale_after, correction)
+    return SensorMonitor(sensors, *model, excitations, fixed, settings.stale_after)
 
 
 def second(stamp: int) -> int:

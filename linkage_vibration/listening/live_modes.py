@@ -21,7 +21,7 @@ from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.paths import split_paths
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.excitation import Excitation, Source
-from linkage_vibration.readers.sensors import SEAT, Sensor
+from linkage_vibration.readers.sensors import Sensor
 from linkage_vibration.table.table import Table
 
 OFF = 2.0
@@ -81,8 +81,7 @@ class LiveModes:
             self._notes.append((end, angles, rows))
         inside = (times >= _SETTLED) & (times < _SETTLED + 1.0)
         described, parts = self._sensors[sensor], self._parts[sensor]
-        is_on_linkage = described.accelerates and described.at != SEAT
-        if is_on_linkage and inside.sum() <= _FASTEST:
+        if described.accelerates and inside.sum() <= _FASTEST:
             parts.append((end, times[inside] - SECONDS, readings[inside]))
         for kept in (self._notes, parts):
             while kept and kept[0][0] <= end - _LONGEST:

@@ -201,7 +201,7 @@ def replay(
     settings = with_values(settings, {name: getattr(settings, name) for name in DECLARED})
     _refuse_repeated(paths)
     models = [settings.mechanism_path(), settings.excitation_path(), settings.table_path()]
-    models += [settings.implement_path(), settings.sensor_path(), settings.correction_path()]
+    models += [settings.implement_path(), settings.sensor_path()]
     check_outputs([output], [*paths, *filter(None, models)])
     with open_bags(paths) as bags:
         topics = choose_topics(bags, settings, remaps)
@@ -236,7 +236,7 @@ def _outputs(run: "_Replay", settings: Parameters) -> tuple[list[Topic], dict[st
         files |= excitation_files(settings.excitation_path())
     if run.sensors.monitor is not None:
         kinds.add(MEASURED)
-        files |= sensor_files(settings.sensor_path(), settings.correction_path())
+        files |= sensor_files(settings.sensor_path())
     topics = [
         log_topic(_NAMES[topic.type], topic.type, latched=topic.latched)
         for topic in OUTPUT_TOPICS

@@ -281,10 +281,6 @@ class Parameters:
         "Sensors whose signals are compared with the predictions, on `~/measured`. If it is empty, "
         "none is read."
     )
-    correction_file: str = _text("the path of a YAML file").means(
-        "Measured natural frequencies, as targets of a calibration, which correct the predicted "
-        "ones on `~/measured` (experimental). If it is empty, nothing is corrected."
-    )
     implement_file: str = _text("the path of a YAML file").means(
         "Implements that can be chosen by name: by the parameter implement, the service "
         "`~/set_implement` or the topic `hitched_implement`."
@@ -457,10 +453,6 @@ class Parameters:
     def sensor_path(self) -> Path | None:
         """Return the file of the sensors, or None if there is none."""
         return _path(self.sensor_file)
-
-    def correction_path(self) -> Path | None:
-        """Return the file of measured frequencies, or None if there is none."""
-        return _path(self.correction_file)
 
     def log_path(self) -> Path:
         """Return the folder of the logs."""

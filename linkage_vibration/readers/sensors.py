@@ -35,10 +35,8 @@ _FORCES = {"%": "full_scale", "Pa": "area", "kPa": "area", "bar": "area"}  # key
 _PATHS = {IMU: "linear_acceleration", "geometry_msgs/msg/AccelStamped": "accel.linear"}
 LARGEST = 1e12
 """A larger number is not a measured one, whatever its unit; its square has no meaning."""
-SENSORS, CORRECTION = "sensors.yaml", "correction.yaml"
-"""The names of the file of sensors, and of that of measured frequencies, in a log."""
-SEAT = "seat"
-"""The place of a sensor that measures the exposure."""
+SENSORS = "sensors.yaml"
+"""The name of the file of sensors in a log."""
 _AXES = {f"{sign}{axis}": i for sign in ("", "-") for i, axis in enumerate("xyz")}
 
 
@@ -54,7 +52,7 @@ class Sensor:
     """
 
     name: str
-    at: str  # a point, ``seat``, or a force such as "lift_cylinders.force"
+    at: str  # a point, or a force such as "lift_cylinders.force"
     accelerates: bool  # along three axes; or else one force
     scale: float  # m/s^2 or N per unit
     axes: FloatArray  # (3, 3) or (1, 1): from readings to the tractor's axes, z up
@@ -81,10 +79,9 @@ def read_sensors(path: Path) -> list[Sensor]:
     return sensors
 
 
-def sensor_files(path: Path | None, correction: Path | None) -> dict[str, bytes]:
-    """Return the files of the sensors and of a correction as a log attaches them."""
-    files = {SENSORS: path, CORRECTION: correction}
-    return {name: file.read_bytes() for name, file in files.items() if file is not None}
+def sensor_files(path: Path | None) -> dict[str, bytes]:
+    """Return the file of the sensors as a log attaches it, if there is one."""
+    return {} if path is None else {SENSORS: path.read_bytes()}
 
 
 def live_sensors(path: Path) -> list[Sensor]:

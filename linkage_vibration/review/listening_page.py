@@ -19,7 +19,6 @@ from linkage_vibration.listening.amplitudes import (
     unit_responses,
 )
 from linkage_vibration.listening.drive_modes import DriveMode, search_signals
-from linkage_vibration.listening.exposure import ACTION, LIMIT, WEIGHTED, Exposure, kinds_of_work
 from linkage_vibration.listening.model_check import (
     WARNING,
     Explanation,
@@ -33,8 +32,7 @@ from linkage_vibration.listening.segments import SHORTEST
 from linkage_vibration.listening.signals import Signal, known_at
 from linkage_vibration.listening.spectra import levels, spectrogram
 from linkage_vibration.listening.transfer import Transfer
-from linkage_vibration.mechanics.arrays import FloatArray, IntArray
-from linkage_vibration.mechanics.kinematics import Kinematics
+from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.prediction.excitation import LoadKind, Source
 from linkage_vibration.review.findings import all_speeds, log_limits
 from linkage_vibration.review.html import COVERAGE, picture_tag, plain_html, table_tag
@@ -44,9 +42,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _SURE = 2.0  # standard deviations within which measured and predicted agree
-_HEIGHTS = 31  # angles of the stroke at which the height is computed
 _LABELLED = 5  # orders with a name in the picture
-NOTHING = "No sensor is on the linkage, so nothing is compared with the prediction."
 _UNITS = {LoadKind.FORCE: "N", LoadKind.MOMENT: "N m"}
 _UNITS |= {LoadKind.BASE_ACCELERATION: "m/s²", LoadKind.BASE_DISPLACEMENT: "m"}
 _CANNOT = (
@@ -94,22 +90,6 @@ def hear(log: Log, signal: Signal) -> Heard:
         inside = (angles >= low) & (angles <= high)
         reference[inside] = log.table.reference_forces(angles[inside])[place]
     return Heard(signal, orders, rows, measured, predicted, unknown, reference)
-
-
-def kinds(log: Log, signal: Signal) -> IntArray:
-    """Return the kind of work at each sample, from the speed over ground and the hitch's height."""
-    at, values = all_speeds(log).get(Source.GROUND, (log.times, np.full(len(log.times), np.nan)))
-    speed = known_at(signal.times, at, values)
-    angle = known_at(signal.times, log.times, log.table_angle)
-    bodies = log.mechanism.rigid_bodies if log.mechanism else ()
-    point = log.mechanism.response.point if log.mechanism else ""
-    owner = next((body for body in bodies if point in dict(body.points)), None)
-    if log.mechanism is None or log.table is None or owner is None:
-        return kinds_of_work(speed, np.full(len(speed), np.nan))
-    kinematics, local = Kinematics(log.mechanism), dict(owner.points)[point]
-    angles = np.linspace(*log.table.alpha3_range, _HEIGHTS)
-    z = np.array([kinematics.at(a).place(owner.name, local)[1] for a in angles.tolist()])
-    return kinds_of_work(speed, np.interp(angle, angles, (z - z.min()) / np.ptp(z)))
 
 
 def heard_modes(log: Log, sensors: Sequence[Heard]) -> tuple[DriveMode, ...]:
@@ -183,22 +163,14 @@ def _load_answer(sensor: Heard) -> str:
     return f" Its load ratio is {words[0]}; that of the predicted orders is {words[1]}."
 
 
-def listening_page(
-    log: Log,
-    sensors: Sequence[Heard],
-    modes: Sequence[DriveMode],
-    felt: Sequence[tuple[Signal, Exposure]],
-) -> str:
+def listening_page(log: Log, sensors: Sequence[Heard], modes: Sequence[DriveMode]) -> str:
     """Return the text of the page."""
-    signals = [*(sensor.signal for sensor in sensors), *(signal for signal, _ in felt)]
+    signals = [sensor.signal for sensor in sensors]
     doubts = [(s.sensor.name, text) for s in signals for text in s.doubts or ("none",)]
     parts = [_modes_table(log, modes)] if modes else []
     parts += [_orders_table(sensor) for sensor in sensors]
-    parts += [_exposure_table(signal, exposure) for signal, exposure in felt]
     parts.append(_table("What is doubtful about the sensors", ["sensor", "doubt"], doubts))
     title, more = "Measured beside predicted", "".join(parts)
-    if not sensors:
-        return plain_html(title, [NOTHING], more, calm=False)
     sentences = [modes_answer(log, modes), *answers(sensors), _CANNOT]
     sure = [mode for mode in modes if not mode.doubt]
     calm = bool(sure) and all(mode.consistent for mode in sure)
@@ -355,23 +327,6 @@ def _deviations(row: MeasuredOrder) -> str:
     if math.isnan(row.difference):
         return ""
     return f"{row.difference:+.1f}" if row.is_detected else f"at most {row.difference:+.1f}"
-
-
-def _exposure_table(signal: Signal, felt: Exposure) -> str:
-    """Return the exposure of a person, from the signal alone."""
-    head = ["kind of work", "share of time", f"above {ACTION:g} m/s²", f"above {LIMIT:g} m/s²"]
-    rows = [[name, *(f"{100.0 * s:.0f} %" for s in shares)] for name, shares in felt.shares.items()]
-    (x, y, z), rate = felt.weighted, signal.rate
-    text = f"Weighted accelerations are {x:.2g} (x), {y:.2g} (y) and {z:.2g} m/s² (z). "
-    text += f"A(8) of a day with these {felt.seconds / 60.0:.1f} min alone is {felt.a8:.3f} m/s²; "
-    hours = felt.hours_until(ACTION)
-    reached = f"{hours:.1f} h of the same reach" if hours < 24.0 else "no day of the same reaches"
-    text += f"{reached} the action value."
-    if rate < 2.0 * WEIGHTED:
-        text += f" At {rate:.3g} Hz, nothing above {rate / 2.0:.3g} Hz was measured, and the "
-        text += f"weighting reaches {WEIGHTED:g} Hz: these accelerations are lower bounds."
-    name = f"Exposure at {signal.sensor.name} (ISO 2631-1, 2002/44/EC), measured alone"
-    return _table(name, head, rows, text)
 
 
 def _table(title: str, head: Sequence[str], rows: Iterable[Sequence[str]], note: str = "") -> str:

@@ -280,7 +280,7 @@ class LinkageVibrationNode(LifecycleNode):
         self._served = served = read_served(settings, self.get_logger().info, self._on_building)
         self._monitored = excitations = read_loads(settings, served, self.get_logger().info)
         files = excitation_files(settings.excitation_path())
-        self._excitations = files | sensor_files(settings.sensor_path(), settings.correction_path())
+        self._excitations = files | sensor_files(settings.sensor_path())
         levels = LevelTable(served.predictor, served.mechanism, excitations)
         path = settings.sensor_path()
         self._sensors = live_sensors(path) if path else []

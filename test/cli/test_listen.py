@@ -69,8 +69,6 @@ def test_listen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert '<p id="answer" class=calm>The implement heave at 104.0 deg' in text
     assert "tyre_lugs 20 was within 5 % of it" in text  # the heave at 166 deg
     assert "Orders at implement" in text
-    assert "Exposure at seat" in text
-    assert [word in text for word in ("standing", "transport", "work")] == [True] * 3
     loads = {each.name: each.load for each in read_excitations(written)}
     for name, true in (("crankshaft 1", 600.0), ("rotor 1", 150.0)):
         load = loads[name]
@@ -80,13 +78,6 @@ def test_listen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     sensors.write_text(f"imu: {{{text}}}")
     assert main(command) == 1
     assert "The table has no response at P9" in capsys.readouterr().err
-    sensors.write_text(
-        "driver: {file: simulated_drive.mcap, topic: /seat/imu, unit: m/s2, at: seat}"
-    )
-    assert main(command) == 0
-    assert "nothing is compared" in capsys.readouterr().out
-    assert main([*command, "--amplitudes", str(written)]) == 1
-    assert "all sensors are on a seat" in capsys.readouterr().err
     (tmp_path / "phone.csv").write_text("\n".join(f"{k / 200},0,0,9.8" for k in range(2000)))
     for starts_at, problem in ((-10.0, "from -10 to -0.005 s"), (180.0, "from 180 to 189.995 s")):
         text = f"file: phone.csv, unit: m/s2, at: E1, starts_at: {starts_at}"

@@ -180,10 +180,7 @@ def test_a_clock_that_goes_back_begins_again() -> None:
         assert repr(vars(first)) == repr(vars(other))
 
 
-def test_a_seat_is_measured_alone_and_another_place_is_refused() -> None:
-    """Nothing is predicted on the seat; a point that the table lacks has no response."""
-    [*_, (_, message)] = drive(monitor(at="seat"), 7.0)
-    assert message.order_levels[CRANKSHAFT] > 0.0
-    assert np.isnan(message.predicted_levels).all()
+def test_another_place_is_refused() -> None:
+    """A point that the table lacks has no response."""
     with pytest.raises(SignalError, match="no response at X9"):
         monitor(at="X9")
