@@ -69,8 +69,8 @@ class _Channel:
 class SensorMonitor:
     """Compares the latest samples of sensors with the table, at the speeds and angles of the time.
 
-    Speeds, rpm or m/s, are ``fixed`` or known for ``stale_after`` s. ``latest`` are the messages of
-    the sensors. A `SignalError` names a place at which the table has no response.
+    Speeds, rpm or m/s, are ``fixed`` or known for ``stale_after`` s. A `SignalError` names a place
+    at which the table has no response.
     """
 
     def __init__(
@@ -83,13 +83,17 @@ class SensorMonitor:
         stale_after: float,
     ) -> None:
         self.fixed, self.stale_after = dict(fixed), stale_after
-        self.latest: dict[str, MessageColumns] = {}
         self.modes = LiveModes(sensors, excitations)
         self._sensors, self._excitations = tuple(sensors), tuple(excitations)
         self._speeds = {source: _History() for source in Source}
         self._angles = _History()
         self._channels: list[_Channel] = []
         self.use(predictor, mechanism)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the sensors."""
+        return tuple(sensor.name for sensor in self._sensors)
 
     def use(self, predictor: Predictor, mechanism: Mechanism) -> None:
         """Predict from another table from now on; samples are kept."""
@@ -126,7 +130,6 @@ class SensorMonitor:
                 channel.began = stamp
             elif end > second(last) and end - _WINDOW - _LEAD >= channel.began:
                 message = self._compare(sensor, end)
-                self.latest[channel.sensor.name] = message
         else:
             channel.began = stamp
         samples.add(stamp, values)

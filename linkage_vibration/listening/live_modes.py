@@ -152,6 +152,11 @@ class LiveModes:
         doubts = [f"{label(each.mode)}: {each.doubt}." for each in self._modes if each.doubt]
         message.mode_doubts = " ".join(doubts)
 
+    @property
+    def compared(self) -> int:
+        """How many modes are compared with their predictions."""
+        return sum(not mode.doubt and mode.consistent is not None for mode in self._modes)
+
     def sentence(self) -> str:
         """Return which mode differs most from its prediction, and what may explain it."""
         differing = [m for m in self._modes if not m.doubt and abs(m.difference) > OFF]

@@ -13,14 +13,13 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from linkage_vibration.errors import printable
 from linkage_vibration.listening.live import SensorMonitor, difference_sentence
 from linkage_vibration.prediction.answers import Served
-from linkage_vibration.prediction.excitation import Excitation
 from linkage_vibration.prediction.health import Fault, Level, ReadingWatch, overall
 from linkage_vibration.prediction.predictor import Prediction, uncertain_modes
 from linkage_vibration.prediction.resonance import described
 from linkage_vibration.prediction.severity import ResonanceState, present_sentence
 from linkage_vibration.ros.arrivals import LONGEST_WAIT
 from linkage_vibration.ros.log_control import Recording
-from linkage_vibration.ros.message_path import NO_CLOCK, Predicting
+from linkage_vibration.ros.message_path import NO_CLOCK, SILENT, Predicting
 from linkage_vibration.ros.statistics import RECENT, Second, Statistics
 
 _LOST = 0.01  # share of the messages; a wireless network loses fewer
@@ -88,16 +87,25 @@ def _resonance(predicting: Predicting) -> tuple[Level, str]:
     )
 
 
-def _measured(sensors: SensorMonitor, excitations: Sequence[Excitation]) -> tuple[Level, str]:
+def _measured(predicting: Predicting, sensors: SensorMonitor) -> tuple[Level, str]:
     """Return the level and the sentence about what sensors measure beside the predictions."""
-    if not sensors.latest:
-        return Level.STALE, "No sensor has sent samples for as long as a comparison takes."
-    messages = [sensors.latest[name] for name in sorted(sensors.latest)]
+    measured, excitations = predicting.measured, predicting.excitations
+    if not measured:
+        return Level.STALE, f"No sensor has sent samples for {SILENT:g} s."
+    silent = [name for name in sensors.names if name not in measured]
+    messages = [measured[name][1] for name in sorted(measured)]
     sentences = [difference_sentence(message, excitations) for message in messages]
+    sentences += [f"{name}: It has sent no samples for {SILENT:g} s." for name in silent]
     sentences.append(sensors.modes.sentence())
     if any(sentences):
         return Level.WARN, " ".join(filter(None, sentences))
-    return Level.OK, "What the sensors measure agrees with the predictions."
+    orders = sum(int(np.isfinite(message.differences).sum()) for message in messages)
+    modes = sensors.modes.compared
+    if not orders + modes:
+        sentence = "No order with a known speed is heard and no mode is identified, so nothing is "
+        return Level.STALE, sentence + "compared with the predictions."
+    sentence = "What the sensors measure agrees with the predictions"
+    return Level.OK, f"{sentence} (orders compared: {orders}, modes: {modes})."
 
 
 def _traffic(second: Second) -> list[Fault]:
@@ -140,7 +148,7 @@ def statuses(name: str, health: Health, statistics: Statistics) -> list[Diagnost
         parts["resonance"] = _resonance(predicting)
         parts["log"] = _log(recording)
         if predicting.sensors is not None:
-            parts["sensors"] = _measured(predicting.sensors, predicting.excitations)
+            parts["sensors"] = _measured(predicting, predicting.sensors)
     described = [
         DiagnosticStatus(
             level=bytes([level]),

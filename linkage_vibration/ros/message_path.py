@@ -63,6 +63,7 @@ from linkage_vibration.ros.statistics import SequenceGaps, Statistics
 
 MISSING_AFTER = 5.0  # s without the joint, before a warning says that it is missing
 _BEHIND = 0.5  # s in the queue, after which it is not known when a speed was last sent
+SILENT = 5.0  # s, after which a sensor without samples is silent
 NAMES_FOR = 3.0  # s, after which the name of a joint or signal is not used if it is not seen again
 NO_CLOCK = (
     "Nothing is predicted, as use_sim_time is true, but no time arrives on /clock; publish it, or "
@@ -118,6 +119,7 @@ class Predicting:
         self.unmatched = list[str]()  # sentences about subscribers whose QoS does not match
         self.clock_missing = False  # whether a simulated clock has not begun
         self.sensors = sensors
+        self.measured: dict[str, tuple[float, MessageColumns]] = {}  # by sensor, with its time, s
         self._node, self._clock, self._listener = node, node.get_clock(), listener
         self._monitor, self._adviser, self._periods = monitor, Adviser(monitor), Periods()
         self._stamps = Stamps()
@@ -221,6 +223,7 @@ class Predicting:
         else:
             self.reading_faults = self._judge_readings(now) if self._subscribed else []
             self.speed_faults = self._judge_speeds(now) if self._subscribed else []
+        self.measured = {n: m for n, m in self.measured.items() if now - m[0] <= SILENT}
         self.age = now - self.readings.last
         if self.resonance is not None and not self.age <= self.stale_after:
             self._publish_unknown(self.resonance)
@@ -409,6 +412,7 @@ class Predicting:
                 stamp, frame, values = sample
                 measured = self.sensors.take(i, stamp, values)
                 if measured is not None:
+                    self.measured[measured.sensor] = began, measured
                     self._publish(MEASURED, measured, *divmod(second(stamp), 10**9), frame, answers)
         if topic.crank is not None:
             reading = self._read(topic.crank.read_one, message, self.readings.refuse)

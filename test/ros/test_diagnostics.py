@@ -80,15 +80,20 @@ PREDICTING = {
     "clock_missing": False,
     "unmatched": [],
     "sensors": None,
+    "measured": {},
 }
 ORDERS = ("order_levels", "order_stddevs", "predicted_levels", "predicted_factors", "differences")
 
 
-def heard(difference: float, doubts: str = "", modes: str = "") -> SimpleNamespace:
+def heard(
+    difference: float, doubts: str = "", modes: str = "", compared: int = 0, silent: str = ""
+) -> dict[str, Any]:
     """Return sensors of which one measures an order that is twice as strong as predicted."""
     orders = dict(zip(ORDERS, np.array([[0.2], [0.01], [0.1], [1.5], [difference]]), strict=True))
     message = MessageColumns(sensor="imu", doubts=doubts, **orders)
-    return SimpleNamespace(latest={"imu": message}, modes=SimpleNamespace(sentence=lambda: modes))
+    of_modes = SimpleNamespace(sentence=lambda: modes, compared=compared)
+    sensors = SimpleNamespace(names=("imu", *silent.split()), modes=of_modes)
+    return {"sensors": sensors, "measured": {"imu": (0.0, message)}}
 
 
 def healthy(**changes: Any) -> Health:
@@ -205,20 +210,23 @@ def test_most_serious_problem_first(changes: dict[str, Any], level: bytes, words
             "waited up to 0.051 s for the node, and 40 were left out for newer ones",
         ),
         ("speeds", {"speed_faults": [Fault(Level.WARN, "It stopped.")]}, WARN, "It stopped."),
-        ("sensors", {"sensors": SimpleNamespace(latest={})}, STALE, "No sensor has sent samples"),
-        ("sensors", {"sensors": heard(1.9)}, OK, "agrees with the predictions"),
+        ("sensors", heard(1.9) | {"measured": {}}, STALE, "No sensor has sent samples for 5 s"),
+        ("sensors", heard(1.9), OK, "agrees with the predictions .orders compared: 1, modes: 0"),
+        ("sensors", heard(math.nan), STALE, "so nothing is compared"),
+        ("sensors", heard(math.nan, compared=2), OK, "orders compared: 0, modes: 2"),
+        ("sensors", heard(1.9, silent="axle"), WARN, "^axle: It has sent no samples for 5 s.$"),
         (
             "sensors",
             {
-                "sensors": heard(2.1),
+                **heard(2.1),
                 "excitations": [SimpleNamespace(name="rotor 1")],
                 "resonance": None,
             },
             WARN,
             "imu: rotor 1 is 2 times as strong as predicted .2.1 standard deviations",
         ),
-        ("sensors", {"sensors": heard(0.0, "It hangs loose.")}, WARN, "imu: It hangs loose."),
-        ("sensors", {"sensors": heard(0.0, "", "The heave is low.")}, WARN, "The heave is low."),
+        ("sensors", heard(0.0, "It hangs loose."), WARN, "imu: It hangs loose."),
+        ("sensors", heard(0.0, "", "The heave is low."), WARN, "The heave is low."),
     ],
 )
 def test_each_part_has_a_status(
