@@ -34,13 +34,15 @@ EXTRAS = {
     "bags": ["rosbags>=0.11.0"],
     # DBC files, and logs of a CAN bus.
     "can": ["cantools>=39.4.13", "python-can>=4.3.0"],
+    # MF4 files of a CAN bus.
+    "mf4": ["asammdf", "python-can>=4.3.0"],
     "fe": ["meshio", "scikit-fem"],
     "uff": ["pyuff"],
     "plots": ["matplotlib>=3.6.3"],
     "xarray": ["pandas", "xarray"],
     "docs": ["furo", "myst-parser", "numpydoc", "sphinx"],
 }
-_USED = ("bags", "can", "fe", "uff", "plots", "xarray")
+_USED = ("bags", "can", "mf4", "fe", "uff", "plots", "xarray")
 OPTIONAL = [name for extra in _USED for name in EXTRAS[extra]]
 # colcon runs the tests with pytest because the extra "test" names it.
 TEST = [

@@ -1,6 +1,9 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Reads logs of a CAN bus as bags through python-can: text of candump, and Vector's ASC and BLF.
+"""Reads logs of a CAN bus as bags through python-can.
+
+They are texts of candump, BusMaster, and GVRET or SavvyCAN, ASC and BLF of Vector, TRC of PEAK, and
+MF4.
 
 Each channel is a topic of type ``can_msgs/msg/Frame``. The frames of a log are kept in memory, 22
 bytes for each, because a log has no index and need not be in the order of its times.
@@ -10,7 +13,7 @@ import gzip
 import io
 import re
 import struct
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from itertools import islice
@@ -22,13 +25,14 @@ from numpy.typing import NDArray
 
 from linkage_vibration.bags.message_types import CAN_FRAME
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.support.progress import byte_bar
 from linkage_vibration.support.version import check_versions
 
 if TYPE_CHECKING:
-    from can import ASCReader, Message
+    from can import Message
     from rosbags.interfaces import Connection
 
-SUFFIXES = (".log", ".txt", ".candump", ".asc", ".blf")
+SUFFIXES = (".log", ".txt", ".candump", ".csv", ".asc", ".trc", ".blf", ".mf4")
 """How the names of logs end; gzip may add ``.gz``."""
 
 DEFINITION = """\
@@ -66,6 +70,23 @@ _MESSAGE = struct.Struct("<4siII4sI4B8s")
 # Channel; and time in ns, identifier, remote, extended, error, number of bytes, data.
 _Row: TypeAlias = tuple[str, tuple[int, int, bool, bool, bool, int, bytes]]
 
+_ASC_HEADER = re.compile(r"\s*(date|base|//)", re.IGNORECASE)
+_BUSMASTER_DATE = re.compile(r"\*\*\*START DATE AND TIME (\d+):(\d+):(\d+) ")
+_REFUSED = ("***DEC", "***RELATIVE MODE", "***ABSOLUTE MODE")
+_BUSMASTER = re.compile(
+    r"(?P<hour>\d+):(?P<minute>\d+):(?P<second>\d+):(?P<part>\d{4}) [RT]x (?P<channel>\d+) "
+    r"(?:0x)?(?P<id>[0-9A-F]+) (?P<extended>[sx])(?P<remote>r?) (?P<count>\d+)"
+    r"(?P<data>[\s0-9A-F]*)$",
+    re.IGNORECASE,
+)
+_GVRET = re.compile(
+    r"(?P<micro>\d+),(?P<id>[0-9A-F]+),(?P<extended>true|false),(?:[RT]x,)?(?P<channel>\d+),"
+    r"(?P<count>\d+)(?P<data>[\s,0-9A-F]*)(?P<remote>$)",
+    re.IGNORECASE,
+)
+_PARTS = {"hour": 3600.0, "minute": 60.0, "second": 1.0, "part": 1e-4, "micro": 1e-6}  # s
+_RAW_LENGTH = re.compile("_[9A-Fa-f]$")  # of a frame of 8 bytes
+_FEW_BAD = 100  # lines, beyond which half of all may be bad
 _GATHERED = 1 << 16  # frames that are converted to an array at a time
 _LONGEST = 1000  # characters of a line; the longest line of candump has about 400
 _ABSOLUTE = 10**9 * 10**6  # ns; earlier times are relative to the beginning of the log
@@ -91,6 +112,8 @@ class CanLog:
 
     connections: "list[Connection]"  # one for each channel, whose index is the identifier
     frames: NDArray[Any]  # (n,) of `_FRAME`, by time
+    bad: int  # lines and frames that were left out
+    fault: str  # why the first of them was
 
     def messages(
         self, connections: "Collection[Connection]"
@@ -106,18 +129,29 @@ class CanLog:
 def read_can_log(path: Path) -> CanLog:
     """Read a log; damage may raise any exception, such as a `CanLogError`."""
     check_versions("python-can")
-    with _opened(path) as file:
-        names, frames = _table(_rows(file, can_log_suffix(path)))
-    _check_times(frames["time"])
-    counts = np.bincount(frames["channel"], minlength=len(names)).tolist()
+    suffix = can_log_suffix(path)
+    with path.open("rb") as raw, byte_bar(path, path.stat().st_size) as bar:
+        file: Any = gzip.GzipFile(fileobj=raw) if path.suffix.lower() == ".gz" else raw
+        lines = _Lines(file, suffix)
+        rows = _rows(file, suffix, lines)
+        names, frames = _table(rows, lambda: raw.closed or bar.update(raw.tell() - bar.n), lines)
+    kept = _in_order(frames)
+    lines.bad += len(frames) - len(kept)
+    _check_times(kept["time"])
+    counts = np.bincount(kept["channel"], minlength=len(names)).tolist()
     connections = [_connection(i, name, counts[i]) for i, name in enumerate(names)]
-    return CanLog(connections, frames[np.argsort(frames["time"], kind="stable")])
+    ordered = kept[np.argsort(kept["time"], kind="stable")]
+    fault = lines.fault or "a time lies far from those beside it"
+    return CanLog(connections, ordered, lines.bad, fault)
 
 
-def _opened(path: Path) -> BinaryIO:
-    if path.suffix.lower() == ".gz":
-        return gzip.open(path, "rb")  # type: ignore[return-value]
-    return path.open("rb")
+def _in_order(frames: NDArray[Any]) -> NDArray[Any]:
+    """Leave out single frames whose time is far from those beside it, which are near each other."""
+    steps = np.abs(np.diff(frames["time"])) > _DISORDER
+    across = np.abs(frames["time"][2:] - frames["time"][:-2]) <= _DISORDER
+    odd = np.zeros(len(frames), bool)
+    odd[1:-1] = steps[1:] & steps[:-1] & across
+    return frames[~odd]
 
 
 def _connection(number: int, name: str, count: int) -> "Connection":
@@ -134,7 +168,9 @@ def _connection(number: int, name: str, count: int) -> "Connection":
     return Connection(number, topic, CAN_FRAME, definition, "", count, ext, None)
 
 
-def _table(rows: Iterator[_Row]) -> tuple[list[str], NDArray[Any]]:
+def _table(
+    rows: Iterator[_Row], progress: Callable[[], object], lines: "_Lines"
+) -> tuple[list[str], NDArray[Any]]:
     """Return the names of the channels, and the frames in the order of the log."""
     names: dict[str, int] = {}
     parts = [np.empty(0, _FRAME)]
@@ -144,7 +180,13 @@ def _table(rows: Iterator[_Row]) -> tuple[list[str], NDArray[Any]]:
             raise CanLogError(f"has more than {_CHANNELS} channels; it is damaged.")
         packed = [_PACKED.pack(*row, n) for (_, row), n in zip(chunk, numbers, strict=True)]
         parts.append(np.frombuffer(b"".join(packed), _FRAME))
+        progress()
     frames = np.concatenate(parts)
+    if lines.bad > len(frames):
+        raise CanLogError(
+            f"has {lines.bad} lines that cannot be read: {lines.fault}; correct or delete them, or "
+            "record with `candump -l`."
+        )
     if not len(frames):
         raise CanLogError(
             "has no frames that can be read: none was received, or the file has another format, "
@@ -169,27 +211,46 @@ def _check_times(times: NDArray[np.int64]) -> None:
         )
 
 
-def _rows(file: BinaryIO, suffix: str) -> Iterator[_Row]:
-    """Yield the frames of a log."""
+def _rows(file: BinaryIO, suffix: str, lines: "_Lines") -> Iterator[_Row]:
+    """Yield the frames of a log, and count the lines of a text that are bad."""
     try:
         import can
     except ImportError:
         raise CanLogError("needs python-can; run `pip install linkage_vibration[can]`.") from None
-
+    text: Any = lines
     if suffix == ".blf":
         yield from map(_row, can.BLFReader(file))
-        return
-    lines: Any = _WholeLines(file)
-    try:
-        if suffix == ".asc":
-            yield from map(_row, _dated(can.ASCReader(lines, relative_timestamp=False)))
-        else:
-            yield from map(_row, can.CanutilsLogReader(lines))
-    except (ValueError, LookupError, OverflowError) as error:
-        raise CanLogError(
-            f"has a line that cannot be read: line {lines.number} is {lines.last[:60]!r} "
-            f"({error}); correct or delete this line, or record with `candump -l`."
-        ) from None
+    elif suffix == ".mf4":
+        try:
+            yield from map(_row, can.MF4Reader(file))
+        except NotImplementedError:
+            raise CanLogError("needs asammdf; run `pip install linkage_vibration[mf4]`.") from None
+    elif suffix == ".asc":
+        yield from _text_rows(can.ASCReader(text, relative_timestamp=False), lines)
+    elif suffix == ".trc":
+        reader: Any = can.TRCReader(text)
+        # That of python-can drops a bad line.
+        reader._parse_line = lambda line: reader._parse_cols(
+            (*line.split(None, reader._num_columns),)
+        )
+        yield from _text_rows(reader, lines)
+    else:
+        yield from _text_rows(can.CanutilsLogReader(text), lines)
+
+
+def _text_rows(reader: "Iterable[Message]", lines: "_Lines") -> Iterator[_Row]:
+    """Yield the frames of a text; after a bad line, the loop of python-can begins again."""
+    while not lines.at_end and lines.bad <= max(_FEW_BAD, lines.number // 2):
+        lines.begins = True
+        try:
+            for message in _dated(reader):
+                row = _row(message)
+                if not 0 <= row[1][0] <= _LATEST:
+                    raise ValueError("its time is before 1970 or after 2038")
+                yield row
+        except (ValueError, LookupError, OverflowError) as error:
+            lines.bad += 1
+            lines.fault = lines.fault or f"line {lines.number} is {lines.last[:60]!r} ({error})"
 
 
 def _row(message: "Message") -> _Row:
@@ -208,31 +269,76 @@ def _row(message: "Message") -> _Row:
     )
 
 
-def _dated(reader: "ASCReader") -> Iterator["Message"]:
-    """Yield the frames of an ASC log, whose date python-can takes for local time, in UTC."""
+def _dated(reader: Any) -> "Iterator[Message]":
+    """Yield frames, of ASC in UTC, whose date python-can takes for local time, of TRC from 0."""
     for message in reader:
-        if reader.timestamps_format == "relative":
+        if getattr(reader, "timestamps_format", "") == "relative":
             raise CanLogError(
                 "has times since the previous event, which do not add up where events are missing; "
                 "save it with absolute times."
             )
-        if reader.start_time:
-            date = datetime.fromtimestamp(reader.start_time).replace(tzinfo=timezone.utc)
-            message.timestamp += date.timestamp() - reader.start_time
+        if isinstance(start := getattr(reader, "start_time", None), float) and start:
+            date = datetime.fromtimestamp(start).replace(tzinfo=timezone.utc)
+            message.timestamp += date.timestamp() - start
+        elif hasattr(reader, "file_version"):
+            message.channel -= 1
         yield message
 
 
-class _WholeLines(io.TextIOBase):
-    """The lines of a text without a last one that was cut off, as it may end within a number."""
+class _Lines(io.TextIOBase):
+    """The lines of a text, those of BusMaster and GVRET in the form of candump.
 
-    def __init__(self, file: BinaryIO) -> None:
-        self._text = io.TextIOWrapper(file, encoding="utf-8-sig", errors="replace")
-        self.number, self.last = 0, ""
+    A last line that was cut off is left out, as it may end within a number.
+    """
+
+    def __init__(self, file: BinaryIO, suffix: str) -> None:
+        self._file, self._suffix, self._held, self._midnight = file, suffix, "", 0.0
+        self.number, self.last, self.at_end = 0, "", False
+        self.begins = True  # whether python-can reads a header
+        self.bad, self.fault = 0, ""
 
     def __next__(self) -> str:  # type: ignore[override]
-        """Return the next line."""
-        line = self._text.readline(_LONGEST)
-        if not line.endswith("\n") and len(line) < _LONGEST:
-            raise StopIteration
-        self.number, self.last = self.number + 1, line.strip()
+        """Return the next line that is not empty."""
+        line, self._held = self._held, ""
+        while not line.strip():
+            content = self._file.readline(_LONGEST)
+            if not content.endswith(b"\n") and len(content) < _LONGEST:
+                self.at_end = True
+                raise StopIteration
+            try:
+                line = content.decode("utf-8-sig")
+            except UnicodeDecodeError:
+                line = content.decode("cp1252", errors="replace")
+            self.number, self.last = self.number + 1, line.strip()
+            if self._suffix not in (".asc", ".trc"):
+                line = self._as_candump(line.strip())
+        if self._suffix == ".asc" and self.begins and not _ASC_HEADER.match(line):
+            # python-can drops the line that ends its header, so this one does.
+            self._held, self.begins = line, False
+            return "internal events logged\n"
         return line
+
+    def _as_candump(self, line: str) -> str:
+        """Return a line as candump writes it; empty for a line of a header."""
+        if date := _BUSMASTER_DATE.match(line):
+            day, month, year = map(int, date.groups())
+            self._midnight = datetime(year, month, day, tzinfo=timezone.utc).timestamp()
+        elif line.startswith(_REFUSED):
+            raise CanLogError("has decimal numbers or no times of day; save it with those.")
+        if line.startswith(("***", "Time Stamp,")):
+            return ""
+        match = _BUSMASTER.match(line) or _GVRET.match(line)
+        if match is None:
+            digits = line.rpartition("#")[2].split(" ")[0]
+            if len(digits) % 2 != ("##" in line) and digits.isalnum() and digits[0] not in "Rr":
+                raise ValueError("half of a byte is missing")
+            return _RAW_LENGTH.sub("", line)
+        found = match.groupdict(default="0")
+        time = self._midnight + sum(float(found.get(part, 0)) * _PARTS[part] for part in _PARTS)
+        data, count = re.sub(r"[\s,]", "", found["data"]), int(found["count"])
+        if found["remote"] == "r":
+            data = f"R{count}"
+        elif len(data) != 2 * count:
+            raise ValueError(f"it has not {count} bytes")
+        number = f"{int(found['id'], 16):0{8 if found['extended'] in 'xtrueTRUE' else 3}X}"
+        return f"({time:.6f}) can{found['channel']} {number}#{data}"

@@ -13,7 +13,9 @@ MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time; t
 MESSAGE_HEAD = struct.Struct("<BQHIQQ")  # both of them
 # First and last log time, size, CRC, length of the name of the compression.
 CHUNK = struct.Struct("<QQQII")
+FOOTER = struct.Struct("<QQI")  # begins of the summary and of its offsets, CRC
 MESSAGE_INDEX = struct.Struct("<HI")  # channel, bytes of entries
+LONGEST_RECORD = 2**28  # a greater length counts as damaged, so that memory is bounded
 MESSAGE_RECORD = np.dtype(
     [
         ("opcode", "u1"),

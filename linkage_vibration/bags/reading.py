@@ -5,12 +5,19 @@
 Every failure is a `BagError`.
 """
 
+import shutil
+import sqlite3
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from shlex import quote
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import yaml
+import zstandard
 
 from linkage_vibration.bags.can_logs import (
     SUFFIXES,
@@ -19,9 +26,13 @@ from linkage_vibration.bags.can_logs import (
     can_log_suffix,
     read_can_log,
 )
+from linkage_vibration.bags.mcap_bag import McapBag, read_mcap
+from linkage_vibration.bags.mcap_records import MAGIC
+from linkage_vibration.bags.recovery import JoinedError, repair
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.support.atomic_files import refuse_pipe
 from linkage_vibration.support.commands import command
+from linkage_vibration.support.progress import read_with_bar
 from linkage_vibration.support.version import check_versions
 from linkage_vibration.support.yaml_size import refuse_unbounded
 
@@ -29,25 +40,28 @@ if TYPE_CHECKING:
     from rosbags.rosbag1 import Reader as Reader1
     from rosbags.rosbag2 import Reader as Reader2
 
-    BagReader: TypeAlias = Reader1 | Reader2 | CanLog
+    BagReader: TypeAlias = Reader1 | Reader2 | McapBag | CanLog
 
-# By suffix (a folder has none): the first bytes of a file, and what repairs an incomplete one.
-_MAGIC = {".bag": b"#ROSBAG V2.0", ".mcap": b"\x89MCAP0\r\n", ".db3": b"SQLite format 3\0"}
-_MAGIC |= dict.fromkeys(SUFFIXES, b"")
-_REPAIR = {
-    ".bag": "`rosbag reindex`",
-    ".mcap": "`{recover}`",
-    ".db3": "`ros2 bag reindex` on its folder",
-    "": "`ros2 bag reindex`",
-}
+# By suffix: the first bytes of a file, and what saves the rest of an incomplete one.
+_MAGIC = {".bag": b"#ROSBAG V2.0", ".mcap": MAGIC, ".db3": b"SQLite format 3\0"}
+_BESIDE = ("-wal", "-journal")  # ends of the names of files that SQLite has not merged yet
 
 
 class BagError(LinkageVibrationError):
     """A bag cannot be read, or lacks the requested topic."""
 
 
-def bag_reader(path: Path) -> "BagReader":
-    """Return a reader of a bag, to be opened inside of `bag_errors`."""
+@dataclass(frozen=True, slots=True)
+class BagFile:
+    """A file of a bag that is open."""
+
+    path: Path  # as errors name it
+    reader: "BagReader"
+    is_packed: bool  # rosbag2 has compressed each message
+
+
+def open_files(path: Path, stack: ExitStack) -> Iterator[BagFile]:
+    """Open the files of a bag, which the stack closes, or raise a `BagError`."""
     check_versions("rosbags")
     try:
         from rosbags.rosbag1 import Reader as Reader1
@@ -56,22 +70,142 @@ def bag_reader(path: Path) -> "BagReader":
         raise BagError(
             "Reading bags needs rosbags; run `pip install linkage_vibration[bags]`."
         ) from None
-    kind = _kind(path)
-    if kind in SUFFIXES:
-        return read_can_log(path)
-    return Reader1(path) if kind == ".bag" else Reader2(path)
+    with bag_errors(path):
+        files, is_packed = _files(path)
+    for each in files:
+        with bag_errors(each):
+            kind, file = _kind(each), _readable(each, stack)
+            _check_start(each, file, kind)
+            reader: Any
+            if kind == ".mcap":
+                reader = read_mcap(file, stack)
+            elif kind in (".bag", ".db3"):
+                reader = stack.enter_context((Reader1 if kind == ".bag" else Reader2)(file))
+                _check_end(file, kind, reader)
+            else:
+                reader = read_can_log(file)
+        yield BagFile(each, reader, is_packed)
 
 
 def mcap_files(path: Path) -> list[Path]:
-    """Return the MCAP files of a bag; none if it has another format or is compressed by rosbag2."""
-    if path.is_file():
-        return [path] if path.suffix == ".mcap" else []
-    text = (path / "metadata.yaml").read_text(encoding="utf-8")
-    about = yaml.safe_load(text)["rosbag2_bagfile_information"]
-    plain = about.get("compression_mode", "").lower() in ("", "none")
-    if about["storage_identifier"] != "mcap" or not plain:
-        return []
-    return [path / Path(name).name for name in about["relative_file_paths"]]
+    """Return the MCAP files of a bag; none if it has another format."""
+    return [file for file in _files(path)[0] if file.suffix == ".mcap"]
+
+
+def _files(path: Path) -> tuple[list[Path], bool]:
+    """Return the files of a bag, and whether rosbag2 has compressed each message.
+
+    A folder has those that metadata.yaml names or, without it, all that are of bags.
+    """
+    if not path.is_dir():
+        return [path], False
+    about = _metadata(path / "metadata.yaml")
+    files = [path / Path(name).name for name in about["relative_file_paths"]]
+    if not (path / "metadata.yaml").is_file():
+        inside = sorted(path.iterdir(), key=lambda file: (len(file.name), file.name))
+        files = [file for file in inside if _suffix(file) in _MAGIC]
+    if not files:
+        raise BagError(f"Folder {path} has no file of a bag; give another folder, or a file.")
+    return files, str(about.get("compression_mode")).lower() == "message"
+
+
+def _metadata(path: Path) -> dict[str, Any]:
+    """Return what a file says about the files of a bag, nothing if it is missing."""
+    if not path.exists():
+        return {"relative_file_paths": []}
+    try:
+        refuse_pipe(path)
+        text = path.read_text("utf-8")
+        root = yaml.compose(text, yaml.SafeLoader)
+        if root is not None:
+            refuse_unbounded(root)
+        about: dict[str, Any] = yaml.safe_load(text)["rosbag2_bagfile_information"]
+        return about | {"relative_file_paths": [str(each) for each in about["relative_file_paths"]]}
+    except (ValueError, RecursionError, yaml.YAMLError, LookupError, TypeError) as error:
+        raise BagError(
+            f"{path} is damaged ({' '.join(str(error).split())}); delete it, as the bag is read "
+            "without it."
+        ) from None
+
+
+def _readable(path: Path, stack: ExitStack) -> Path:
+    """Return a file that can be read: a copy if it is compressed, or if a part is beside it."""
+    beside = [path.with_name(path.name + end) for end in _BESIDE if path.suffix == ".db3"]
+    beside = [each for each in beside if each.is_file() and each.stat().st_size]
+    if not (beside or path.suffix == ".zstd"):
+        return path
+    copy = Path(stack.enter_context(TemporaryDirectory()), path.name.removesuffix(".zstd"))
+    for each in (path, *beside):
+        name = each.name.removesuffix(".zstd")
+        with read_with_bar(each) as source, copy.with_name(name).open("wb") as target:
+            if name == each.name:
+                shutil.copyfileobj(source, target)
+                continue
+            frame = zstandard.ZstdDecompressor().decompressobj()
+            for block in iter(partial(source.read, 2**20), b""):
+                target.write(frame.decompress(block))
+            if not frame.eof or frame.unused_data:
+                raise ValueError("it is not one whole frame of zstd")
+    if beside:
+        with closing(sqlite3.connect(copy)) as database:
+            database.execute("PRAGMA journal_mode=DELETE")
+    return copy
+
+
+def _suffix(path: Path) -> str:
+    """Return the suffix that tells the format of a file."""
+    name = path.name.removesuffix(".zstd").removesuffix(".active")
+    return can_log_suffix(path) or Path(name).suffix
+
+
+def _kind(path: Path) -> str:
+    """Return the suffix of a bag file; check that it is one."""
+    if not path.exists():
+        raise BagError(f"There is no bag {path}; check the path.")
+    suffix = _suffix(path)
+    if suffix not in (*_MAGIC, *SUFFIXES):
+        raise BagError(
+            f"{path} is not a bag; give a .bag, .mcap or .db3 file, or a log of a CAN bus "
+            f"({', '.join(SUFFIXES)})."
+        )
+    refuse_pipe(path)
+    return suffix
+
+
+def _check_start(path: Path, file: Path, kind: str) -> None:
+    """Check that a file begins as its format does."""
+    magic = _MAGIC.get(kind, b"")
+    with file.open("rb") as opened:
+        start = opened.read(len(magic) or 1)
+    if not start:
+        raise BagError(f"{path} is empty, as its recording ended before anything was written.")
+    if not start.startswith(magic) and magic:
+        raise BagError(f"{path} does not begin like a {kind} file; give a bag, or {_remedy(path)}.")
+
+
+def _check_end(file: Path, kind: str, reader: Any) -> None:
+    """Check that no other file follows where a bag of ROS 1 or a database ends."""
+    from rosbags.rosbag1.reader import Header
+
+    with file.open("rb") as opened:
+        if kind == ".db3":
+            head = opened.read(32)  # 65536 is stored as 1
+            page = (int.from_bytes(head[16:18], "big") & ~1) or 2**16
+            end = page * int.from_bytes(head[28:], "big")
+        else:
+            opened.readline()
+            header = Header.read(opened)
+            reader.bio.seek(header.get_uint64("index_pos"))
+            for count, read in (
+                ("conn", reader.read_connection),
+                ("chunk", reader.read_chunk_info),
+            ):
+                for _ in range(header.get_uint32(f"{count}_count")):
+                    read()
+            end = reader.bio.tell()
+        opened.seek(end)
+        if opened.read(len(_MAGIC[kind])) == _MAGIC[kind]:
+            raise JoinedError(file, end)
 
 
 @contextmanager
@@ -81,6 +215,8 @@ def bag_errors(path: Path) -> Iterator[None]:
         yield
     except CanLogError as error:
         raise BagError(f"{path} {error}") from None
+    except JoinedError as error:
+        raise BagError(f"{path}: {error}.") from None
     except (LinkageVibrationError, ImportError):
         raise
     except OSError as error:
@@ -89,86 +225,12 @@ def bag_errors(path: Path) -> Iterator[None]:
         ) from None
     # A damaged file makes rosbags raise errors of its own, of struct, SQLite, zstd and others.
     except Exception as error:
-        if foreign := _foreign(path):
-            raise BagError(f"{path} {foreign}") from error
         text = " ".join(str(error).split()) or type(error).__name__
-        if can_log_suffix(path):
-            remedy = "convert it again, or read what is left of it with the tool that wrote it"
-            raise BagError(f"{path} is damaged or incomplete ({text}); {remedy}.") from error
-        repair = _REPAIR["" if path.is_dir() else path.suffix].format(recover=command("recover"))
-        raise BagError(f"{path} is damaged or incomplete ({text}); try {repair}.") from error
+        raise BagError(f"{path} is damaged or incomplete ({text}); {_remedy(path)}.") from error
 
 
-def _foreign(path: Path) -> str:
-    """Return why an MCAP file with a summary cannot be read; empty for any other file."""
-    from mcap.reader import make_reader
-
-    summary = None
-    # A damaged file, or another one, makes mcap raise errors of its own, of struct and others.
-    with suppress(Exception), path.open("rb") as file:
-        summary = make_reader(file).get_summary() if path.suffix == ".mcap" else None
-    if summary is None:
-        return ""
-    others = {chunk.compression for chunk in summary.chunk_indexes} - {"", "lz4", "zstd"}
-    if others:
-        return (
-            f"is compressed with {', '.join(sorted(others))}, which no reader here knows; compress "
-            "it with zstd or lz4, such as with `mcap compress`."
-        )
-    if summary.chunk_indexes and not summary.channels:
-        return (
-            "is a valid MCAP file whose summary does not repeat its channels; add them with "
-            f"`{command('recover')}`."
-        )
-    for channel in summary.channels.values():
-        schema = summary.schemas.get(channel.schema_id)
-        for encoding in (channel.message_encoding, schema.encoding if schema else ""):
-            if encoding not in ("cdr", "ros2msg", "ros2idl"):
-                return (
-                    f"holds messages that are not of ROS 2: {channel.topic} has the encoding "
-                    f"{encoding or 'none'}; write a file with the messages of ROS 2 only, such as "
-                    "with `mcap filter`."
-                )
-    return ""
-
-
-def _kind(path: Path) -> str:
-    """Return the suffix of a bag file, or an empty one for a folder; check that it is a bag."""
-    if not path.exists():
-        raise BagError(f"There is no bag {path}; check the path.")
-    if path.is_dir():
-        if not (path / "metadata.yaml").is_file():
-            raise BagError(
-                f"Folder {path} has no metadata.yaml; give a file of the bag, or create "
-                "metadata.yaml with `ros2 bag reindex`."
-            )
-        for each in path.iterdir():
-            refuse_pipe(each)
-        try:
-            root = yaml.compose((path / "metadata.yaml").read_text("utf-8"), yaml.SafeLoader)
-            if root is not None:
-                refuse_unbounded(root)
-        except (ValueError, RecursionError, yaml.YAMLError) as error:
-            text = " ".join(str(error).split())
-            raise BagError(
-                f"{path}/metadata.yaml is damaged ({text}); try {_REPAIR['']}."
-            ) from None
-        return ""
-    suffix = can_log_suffix(path) or path.suffix
-    if suffix not in _MAGIC:
-        raise BagError(
-            f"{path} is not a bag; give a .bag, .mcap or .db3 file, or a log of a CAN bus "
-            f"({', '.join(SUFFIXES)})."
-        )
-    refuse_pipe(path)
-    magic = _MAGIC[suffix]
-    with path.open("rb") as file:
-        start = file.read(len(magic) or 1)
-    if not start:
-        raise BagError(f"{path} is empty, as its recording ended before anything was written.")
-    if magic and not magic.startswith(start):
-        raise BagError(
-            f"{path} does not begin like a {suffix} file; give a bag, or try "
-            f"{_REPAIR[suffix].format(recover=command('recover'))}."
-        )
-    return suffix
+def _remedy(path: Path) -> str:
+    """Return what saves the rest of an incomplete file, as a part of a sentence."""
+    if _suffix(path) == ".mcap":
+        return f"try `{command('recover')} {quote(str(path))}`"
+    return repair(path) or "convert it again, or read it with the tool that wrote it"

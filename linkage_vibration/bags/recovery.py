@@ -10,6 +10,7 @@ the next intact one, which may begin inside of it. If a definition is found only
 that need it, the file is read once more.
 """
 
+import errno
 import io
 import os
 import re
@@ -19,6 +20,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from shlex import quote
 from typing import Any
 
 import numpy as np
@@ -30,6 +32,8 @@ from mcap.opcode import Opcode
 from linkage_vibration.bags.mcap_file import KNOWN_COMPRESSIONS, McapFile, decompressed
 from linkage_vibration.bags.mcap_records import (
     CHUNK,
+    FOOTER,
+    LONGEST_RECORD,
     MAGIC,
     MESSAGE,
     MESSAGE_INDEX,
@@ -39,16 +43,14 @@ from linkage_vibration.bags.mcap_records import (
 from linkage_vibration.bags.writing import ROSBAG2_METADATA, rosbag2_metadata
 from linkage_vibration.errors import LinkageVibrationError, printable
 from linkage_vibration.support.atomic_files import replacement
+from linkage_vibration.support.progress import byte_bar
 
 RECOVERY_METADATA = "linkage_vibration.recovery"  # the name of a record
-# A record with a greater length counts as damaged, so that memory is bounded.
-LONGEST_RECORD = 2**28
 
 _DAMAGES_SHOWN = 20
 _BLOCK = 2**20  # bytes read at a time
 _Definition = records.Schema | records.Channel
 _Key = tuple[type, int]
-_FOOTER = struct.Struct("<QQI")  # begins of the summary and of its offsets, CRC
 # An opcode and a length below 4 GiB; a lookahead, as a false match may overlap a record.
 _LIKELY_RECORD = re.compile(rb"(?=[\x01-\x0f].{4}\0{4})", re.DOTALL)
 _RECORDS: dict[int, Any] = {
@@ -65,6 +67,33 @@ class RecoveryError(LinkageVibrationError):
     """A file cannot be recovered."""
 
 
+# What saves the rest of an incomplete file of another kind.
+_REPAIR = {
+    ".bag": "try `rosbag reindex {name}`",
+    # A page that is cut off would be filled with zeros.
+    ".db3": "try `head -c {pages} {name} > cut.db3; sqlite3 cut.db3 .dump "
+    "| sed 's/^ROLLBACK.*/COMMIT;/' | sqlite3 whole.db3`",
+}
+
+
+def repair(path: Path) -> str:
+    """Return what saves the rest of an incomplete bag that is no MCAP file; empty for others."""
+    remedy = _REPAIR.get(Path(path.name.removesuffix(".active")).suffix, "")
+    pages = path.stat().st_size // 4096 * 4096 if path.exists() else 0
+    return remedy.format(name=quote(str(path)), pages=pages)
+
+
+class JoinedError(ValueError):
+    """Another file begins in a file at a byte."""
+
+    def __init__(self, path: Path, at: int) -> None:
+        name, end = quote(str(path)), path.suffix
+        super().__init__(
+            f"another file begins at byte {at}; split them with `head -c {at} {name} > first{end}` "
+            f"and `tail -c +{at + 1} {name} > second{end}`"
+        )
+
+
 @dataclass(frozen=True, slots=True)
 class Recovery:
     """The saved and the lost part of a file."""
@@ -73,22 +102,32 @@ class Recovery:
     saved: dict[str, int]  # messages of each topic
     lost: dict[str, int]  # known number of lost messages
     damages: tuple[str, ...]  # places, in the order of the file
+    rest: int = 0  # byte at which another file begins that is not read; 0 without one
 
 
 def recover(
-    source: Path, output: Path, progress: Callable[[int], object] = lambda count: None
+    source: Path, output: Path, progress: Callable[[int], object] | None = None
 ) -> Recovery:
     """Write the readable part of an MCAP file to a new and complete one, which must not exist.
 
     A chunk with a wrong CRC is lost; one that the end cuts off is kept as far as it can be
-    decompressed. ``progress`` gets bytes. A `RecoveryError` says that nothing can be saved.
+    decompressed. ``progress`` gets bytes; without it, a bar on a terminal does, if that takes long.
+    A `RecoveryError` says that nothing can be saved.
     """
     try:
-        file = source.open("rb")
+        if source.exists() and not source.is_file():
+            raise OSError(errno.EINVAL, "it is no regular file, so save it as one")
+        file = source.open("rb", buffering=0)
     except OSError as error:
         raise RecoveryError(f"{source} cannot be read: {error.strerror}; check it.") from None
-    with file, replacement(output, RecoveryError, new_only=True) as new, new.open("wb") as stream:
-        rescue = _Rescue(_Source(source, file), output, stream, progress)
+    bar = byte_bar(source, source.stat().st_size)
+    with (
+        file,
+        bar as shown,
+        replacement(output, RecoveryError, new_only=True) as new,
+        new.open("wb") as stream,
+    ):
+        rescue = _Rescue(_Source(source, file), output, stream, progress or shown.update)
         if rescue.scan():
             stream.seek(0)
             stream.truncate()
@@ -123,7 +162,7 @@ class _Source:
     Its records begin at ``start`` and end at ``end``, without the magic numbers that are intact.
     """
 
-    def __init__(self, path: Path, file: io.BufferedReader) -> None:
+    def __init__(self, path: Path, file: io.FileIO) -> None:
         self.path = path
         self._file = file
         self._block = b""
@@ -137,6 +176,15 @@ class _Source:
         self.start = len(MAGIC) if begun else 0
         self.complete = size > self.start and self.read(size - len(MAGIC), len(MAGIC)) == MAGIC
         self.end = size - len(MAGIC) if self.complete else size
+
+    def next_data(self, offset: int) -> int:
+        """Return the next offset behind a hole, whose zeros a file system need not store."""
+        try:
+            return (
+                os.lseek(self._file.fileno(), offset, os.SEEK_DATA) if offset < self.end else offset
+            )
+        except OSError as error:
+            return self.end if error.errno == errno.ENXIO else offset
 
     def read(self, offset: int, count: int) -> bytes:
         """Return bytes from an offset, fewer at the end of the file."""
@@ -184,15 +232,17 @@ class _Rescue:
         # Messages of the last chunk that no index has counted yet.
         self._chunk: Counter[int] = Counter()
         self._damages: list[str] = []
+        self._rest = 0
 
     def scan(self) -> bool:
         """Save everything that is readable; return whether a second scan can save more."""
-        place = max(self.source.end - _FOOTER.size, 0)
+        place = max(self.source.end - FOOTER.size, 0)
         self._read_summary(int.from_bytes(self.source.read(place, 8), "little"))
         self._read_records()
         definitions = {key: record for key, (_, record) in self.definitions.items()}
         if not (self._file or definitions):
-            raise RecoveryError(f"{self.source.path} has no readable record; give an MCAP file.")
+            remedy = repair(self.source.path) or "give an MCAP file"
+            raise RecoveryError(f"{self.source.path} has no readable record; {remedy}.")
         return (
             any((records.Channel, channel) in definitions for channel in self._undefined)
             or any(definitions[key] != record for key, record in self._written.items())
@@ -201,8 +251,8 @@ class _Rescue:
 
     def _read_summary(self, start: int) -> None:
         """Take definitions and statistics of a summary that begins here, if its CRC is right."""
-        source, end = self.source, self.source.end - RECORD.size - _FOOTER.size
-        footer = source.read(max(end, 0), RECORD.size + _FOOTER.size)
+        source, end = self.source, self.source.end - RECORD.size - FOOTER.size
+        footer = source.read(max(end, 0), RECORD.size + FOOTER.size)
         if not (source.complete and max(end - LONGEST_RECORD, 1) <= start <= end):
             return
         # The CRC covers the footer as well, up to the CRC itself.
@@ -222,6 +272,12 @@ class _Rescue:
         while offset < source.end:
             opcode, length = self._head(offset)
             end, damage = self._end_of_sound(offset), ""
+            at = offset - len(MAGIC)
+            if opcode == Opcode.HEADER and end and at > 0 and source.read(at, len(MAGIC)) == MAGIC:
+                # Its definitions may have the numbers of other ones.
+                self._damages.append(str(JoinedError(source.path, at)))
+                self._rest = source.end = at
+                return
             if end is not None:
                 damage = self._take(offset, opcode, source.read(offset + RECORD.size, length))
             if end is None or damage:
@@ -240,7 +296,7 @@ class _Rescue:
     def _resume_at(self, offset: int, skipped: Collection[int] = ()) -> int:
         """Return the offset of the next intact record that is not skipped, or the file's end."""
         source = self.source
-        while offset < source.end:
+        while (offset := source.next_data(offset)) < source.end:
             block = source.read(offset, _BLOCK)
             for match in _LIKELY_RECORD.finditer(block):
                 at = offset + match.start()
@@ -456,7 +512,7 @@ class _Rescue:
             },
         )
         file.close()
-        return Recovery(self._output, saved, dict(lost), tuple(self._damages))
+        return Recovery(self._output, saved, dict(lost), tuple(self._damages), self._rest)
 
 
 def _parse(opcode: int, body: bytes, longer: bool = False) -> records.McapRecord | None:

@@ -4,7 +4,7 @@
 
 Own code because rosbags takes 3 times and mcap 13 times as long for a message, and 12 and 25 times
 for a decoded joint state, and a replay reads hours (`python -m benchmark.libraries`). Chunks of
-MCAP are parsed as a whole; other bags are read by rosbags. One chunk of each bag, and the chunks
+MCAP are parsed as a whole; other bags are read by rosbags. One chunk of each file, and the chunks
 that overlap it, are in memory at a time.
 """
 
@@ -13,7 +13,7 @@ import itertools
 import re
 import zlib
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
@@ -23,23 +23,26 @@ from typing import TYPE_CHECKING, Any, BinaryIO, TypeAlias
 import numpy as np
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.reader import NonSeekingReader, make_reader
 from mcap.records import Chunk, ChunkIndex
-from mcap.summary import Summary
 from numpy.typing import NDArray
 
 from linkage_vibration.bags.blocks import Block, Integers
 from linkage_vibration.bags.can_logs import CanLog
-from linkage_vibration.bags.mcap_file import decompressed, message_heads
-from linkage_vibration.bags.mcap_records import MESSAGE, MESSAGE_INDEX, MESSAGE_RECORD, RECORD
-from linkage_vibration.bags.reading import BagError, bag_errors, bag_reader, mcap_files
+from linkage_vibration.bags.mcap_bag import McapBag
+from linkage_vibration.bags.mcap_file import KNOWN_COMPRESSIONS, decompressed, message_heads
+from linkage_vibration.bags.mcap_records import (
+    LONGEST_RECORD,
+    MESSAGE,
+    MESSAGE_INDEX,
+    MESSAGE_RECORD,
+    RECORD,
+)
+from linkage_vibration.bags.reading import BagError, BagFile, bag_errors, open_files
 from linkage_vibration.bags.recorder import PROVENANCE_METADATA
 from linkage_vibration.bags.schemas import Schema, schema_of_store
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
-
-    from linkage_vibration.bags.reading import BagReader
 
 BLOCK = 4096
 """The least number of messages in a block, so that calls of NumPy cost little for each."""
@@ -49,9 +52,9 @@ _GATHERED = 1024  # messages in a part that rosbags reads one by one
 
 
 _LATEST = 2**63 - 1  # ns, the year 2262; MCAP has unsigned times, whose upper half is meaningless
-_Message: TypeAlias = tuple[str, int, int, bytes]
-"""Topic, log time and publish time, ns, and data in CDR."""
-# Order of messages with the same time: number of the bag, place in it.
+_Convert: TypeAlias = Callable[["Connection", bytes], bytes]
+"""It turns a message into plain CDR of ROS 2."""
+# Order of messages with the same time: number of the file, place in it.
 _Rank: TypeAlias = tuple[int, int]
 
 
@@ -82,14 +85,21 @@ class Bags:
         The bags.
     topics : tuple of BagTopic
         Their topics; one with several types occurs once for each.
+    bad_lines, fault : int and str
+        How many lines of logs of a CAN bus were left out, and what is wrong with the first.
     """
 
-    def __init__(self, paths: Sequence[Path], bags: "Sequence[BagReader]") -> None:
+    def __init__(self, paths: Sequence[Path], files: Sequence[BagFile]) -> None:
         self.paths = tuple(paths)
-        self._bags = tuple(bags)
+        self._files = tuple(files)
         counts: Counter[tuple[str, str]] = Counter()
-        for connection in itertools.chain.from_iterable(bag.connections for bag in bags):
-            counts[connection.topic, connection.msgtype] += connection.msgcount
+        for file in files:
+            for connection in file.reader.connections:
+                counts[connection.topic, _type(connection)] += connection.msgcount
+        logs = [
+            file.reader for file in files if isinstance(file.reader, CanLog) and file.reader.bad
+        ]
+        self.bad_lines, self.fault = sum(log.bad for log in logs), logs[0].fault if logs else ""
         self.topics = tuple(BagTopic(*key, count) for key, count in sorted(counts.items()))
 
     def defined(self, name: str) -> tuple[str, str, Schema] | None:
@@ -100,29 +110,38 @@ class Bags:
         if they define it in several ways.
         """
         definitions: list[tuple[str, str, Schema]] = []
-        for path, bag in zip(self.paths, self._bags, strict=True):
-            with bag_errors(path):
-                for connection in bag.connections:
+        files: list[Path] = []
+        for file in self._files:
+            with bag_errors(file.path):
+                for connection in file.reader.connections:
+                    if connection.topic == name and _is_foreign(connection):
+                        raise BagError(
+                            f"{file.path}: topic {name} holds {_type(connection)}, which cannot be "
+                            "read; write them as messages of ROS 2 in CDR."
+                        )
                     if connection.topic == name and connection.msgdef.data:
-                        store, kind = _store([connection]), connection.msgtype
+                        store, kind = _store([connection]), _type(connection)
                         text = _definition(store, connection)
                         definitions.append((*text, schema_of_store(store, kind)))
-        if any(schema != definitions[0][2] for _, _, schema in definitions):
+                        files.append(file.path)
+        others = [n for n, each in enumerate(definitions) if each[2] != definitions[0][2]]
+        if others:
+            remedy = "read each recording by itself"
+            if files[others[0]] == files[0]:
+                remedy = "write the messages of each channel to a file of their own"
             raise BagError(
-                f"{', '.join(map(str, self.paths))}: the type of topic {name} is defined in "
-                "several ways; read each recording by itself."
+                f"{files[0]} and {files[others[0]]} define the type of topic {name} in different "
+                f"ways; {remedy}."
             )
         return definitions[0] if definitions else None
 
     @property
     def is_own_log(self) -> bool:
         """Whether they are one log that this package has written, in the order of arrival."""
-        path = self.paths[0]
-        if len(self.paths) > 1 or mcap_files(path) != [path]:
+        reader = self._files[0].reader
+        if [file.path for file in self._files] != [*self.paths] or not isinstance(reader, McapBag):
             return False
-        with bag_errors(path), path.open("rb") as file:
-            summary = make_reader(file).get_summary() or Summary()
-            return any(each.name == PROVENANCE_METADATA for each in summary.metadata_indexes)
+        return any(each.name == PROVENANCE_METADATA for each in reader.summary.metadata_indexes)
 
     def blocks(self, names: Sequence[str], as_written: bool = False) -> Iterator[Block]:
         """Yield the messages of topics with these names, in the order of log times.
@@ -130,10 +149,7 @@ class Bags:
         Messages with the same time come in the order of the bags. Those of an MCAP file come as
         they were written if ``as_written``. Those of ROS 1 are converted to ROS 2.
         """
-        parts = [
-            _parts(path, bag, number, names, as_written)
-            for number, (path, bag) in enumerate(zip(self.paths, self._bags, strict=True))
-        ]
+        parts = [_parts(file, number, names, as_written) for number, file in enumerate(self._files)]
         if as_written:
             return _ordered(itertools.chain.from_iterable(parts), as_written)
         merged = heapq.merge(*parts, key=lambda part: (part.first, part.rank))
@@ -143,18 +159,30 @@ class Bags:
 @contextmanager
 def open_bags(paths: Sequence[Path]) -> Iterator[Bags]:
     """Open bags that are read as one, such as the parts of a recording, or raise a `BagError`."""
-    bags: list[BagReader] = []
     with ExitStack() as stack:
-        for path in paths:
-            with bag_errors(path):
-                bag = bag_reader(path)
-                bags.append(bag)
-                if not isinstance(bag, CanLog):
-                    stack.enter_context(bag)
-                    # rosbags would skip messages whose topics are not known.
-                    if bag.message_count and not bag.connections:
-                        raise ValueError("its summary has no channels")
-        yield Bags(paths, bags)
+        files = [file for path in paths for file in open_files(path, stack)]
+        connections = [each for file in files for each in file.reader.connections]
+        foreign = [each for each in connections if _is_foreign(each)]
+        if foreign and len(foreign) == len(connections):
+            raise BagError(
+                f"{', '.join(map(str, paths))} holds no messages of ROS: {foreign[0].topic} holds "
+                f"{_type(foreign[0])}; write them as messages of ROS 2 in CDR."
+            )
+        yield Bags(paths, files)
+
+
+def _is_foreign(connection: "Connection") -> bool:
+    """Return whether the messages of a connection have an encoding that is not read here."""
+    return getattr(connection.ext, "serialization_format", "cdr") != "cdr"
+
+
+def _type(connection: "Connection") -> str:
+    """Return the full name of a type, as of a bag that names it in the way of ROS 1."""
+    from rosbags.typesys.msg import normalize_msgtype
+
+    if _is_foreign(connection):
+        return f"{getattr(connection.ext, 'serialization_format', '') or 'unknown'} messages"
+    return normalize_msgtype(connection.msgtype)
 
 
 def _ordered(parts: Iterable[_Part], as_written: bool) -> Iterator[Block]:
@@ -203,84 +231,74 @@ def _compact(block: Block) -> Block:
     return replace(block, buffer=block.buffer[places], starts=starts)
 
 
-def _parts(
-    path: Path, bag: "BagReader", number: int, names: Sequence[str], as_written: bool
-) -> Iterator[_Part]:
-    """Yield the parts of a bag in the order of their first times, or as MCAP has them."""
-    with bag_errors(path), ExitStack() as stack:
-        files = [stack.enter_context(file.open("rb")) for file in mcap_files(path)]
-        if not files:
-            yield from _gathered_parts(_by_rosbags(bag, names), number, names)
+def _parts(file: BagFile, number: int, names: Sequence[str], as_written: bool) -> Iterator[_Part]:
+    """Yield the parts of a file in the order of their first times, or as MCAP has them."""
+    with bag_errors(file.path), ExitStack() as stack:
+        every = [each for each in file.reader.connections if each.topic in names]
+        connections = [each for each in every if not _is_foreign(each)]
+        convert = _converter(connections, file.is_packed)
+        if not isinstance(file.reader, McapBag):
+            messages = file.reader.messages(connections) if connections else ()
+            yield from _gathered_parts(messages, number, names, convert)
             return
-        summaries = [make_reader(file).get_summary() or Summary() for file in files]
-        if all(map(_is_indexed, summaries)):
-            pairs = list(zip(files, summaries, strict=True))
-            yield from _mcap_parts(path, pairs, number, names, as_written)
-        else:
-            yield from _gathered_parts(_by_mcap(files, names, as_written), number, names)
-
-
-def _is_indexed(summary: Summary) -> bool:
-    """Return whether an MCAP file has an index of its messages."""
-    indexed = any(chunk.message_index_offsets for chunk in summary.chunk_indexes)
-    return indexed and bool(summary.channels)
-
-
-def _by_rosbags(bag: "BagReader", names: Sequence[str]) -> Iterator[_Message]:
-    """Yield the messages of ROS 2 and of a CAN bus, and those of ROS 1 converted to CDR."""
-    from rosbags.rosbag1 import Reader as Reader1
-
-    connections = [connection for connection in bag.connections if connection.topic in names]
-    store = _store(connections) if isinstance(bag, Reader1) else None
-    for connection, time, data in bag.messages(connections) if connections else ():
-        if store is not None:
-            data = bytes(store.ros1_to_cdr(data, connection.msgtype))
-        yield connection.topic, time, time, data
-
-
-def _by_mcap(
-    files: Sequence[BinaryIO], names: Sequence[str], as_written: bool
-) -> Iterator[_Message]:
-    """Yield the messages of MCAP files that have no index; mcap keeps a whole file in memory."""
-    for file in files:
-        file.seek(0)
-        reader = NonSeekingReader(file, validate_crcs=True)
-        for _, channel, each in reader.iter_messages(names, log_time_order=not as_written):
-            yield channel.topic, each.log_time, each.publish_time, each.data
-
-
-def _mcap_parts(
-    path: Path,
-    files: Sequence[tuple[BinaryIO, Summary]],
-    number: int,
-    names: Sequence[str],
-    as_written: bool,
-) -> Iterator[_Part]:
-    chunks: list[tuple[BinaryIO, ChunkIndex, dict[int, int]]] = []
-    for file, summary in files:
-        defined = summary.channels.values()
-        channels = {c.id: names.index(c.topic) for c in defined if c.topic in names}
-        for chunk in summary.chunk_indexes:
+        stream = stack.enter_context(file.reader.path.open("rb"))
+        channels = {each.id: (names.index(each.topic), each) for each in connections}
+        chunks = list(enumerate(file.reader.chunks))
+        if not as_written:
+            chunks.sort(key=lambda entry: entry[1].message_start_time)
+        for place, chunk in chunks:
             if channels.keys() & chunk.message_index_offsets:
-                chunks.append((file, chunk, channels))
-    ordered = list(enumerate(chunks))
-    if not as_written:
-        ordered.sort(key=lambda entry: entry[1][1].message_start_time)
-    for place, (file, chunk, channels) in ordered:
-        load = partial(_mcap_block, path, file, chunk, channels)
-        yield _Part(min(chunk.message_start_time, _LATEST), (number, place), load)
+                load = partial(_mcap_block, file.path, stream, chunk, channels, convert)
+                yield _Part(min(chunk.message_start_time, _LATEST), (number, place), load)
 
 
-def _mcap_block(path: Path, file: BinaryIO, chunk: ChunkIndex, channels: dict[int, int]) -> Block:
+def _converter(connections: "Sequence[Connection]", is_packed: bool) -> _Convert | None:
+    """Return what turns messages into plain CDR of ROS 2; None if they are."""
+    from rosbags.interfaces import ConnectionExtRosbag1
+
+    old = [each for each in connections if isinstance(each.ext, ConnectionExtRosbag1)]
+    if not (old or is_packed):
+        return None
+    store = _store(old)
+
+    def convert(connection: "Connection", data: bytes) -> bytes:
+        if is_packed:
+            data = decompressed(b"zstd", data, LONGEST_RECORD)
+        return bytes(store.ros1_to_cdr(data, _type(connection))) if connection in old else data
+
+    return convert
+
+
+def _mcap_block(
+    path: Path,
+    stream: BinaryIO,
+    chunk: ChunkIndex,
+    channels: "Mapping[int, tuple[int, Connection]]",
+    convert: _Convert | None,
+) -> Block:
     with bag_errors(path):
-        begins = _indexed(file, chunk, channels)
-        return _chunk_block(_uncompressed(file, chunk), channels, begins)
+        begins = _indexed(stream, chunk, channels)
+        content = _uncompressed(stream, chunk)
+        block = _chunk_block(content, channels, begins)
+        if convert is None:
+            return block
+        heads = message_heads(content, block.starts - MESSAGE_RECORD.itemsize)
+        data = [
+            convert(channels[channel][1], block.message(row))
+            for row, channel in enumerate(heads["channel"].tolist())
+        ]
+        return replace(block, **_laid_out(data))
 
 
 def _uncompressed(file: BinaryIO, chunk: ChunkIndex) -> bytes:
     """Return the records of a chunk after checking their size and checksum."""
     file.seek(chunk.chunk_start_offset + RECORD.size)
     record = Chunk.read(ReadDataStream(file))
+    if record.compression.encode() not in KNOWN_COMPRESSIONS:
+        raise BagError(
+            f"A chunk is compressed with {record.compression}, which no reader here knows; "
+            "compress the file with zstd or lz4, such as with `mcap compress`."
+        )
     size, crc = record.uncompressed_size, record.uncompressed_crc
     data = decompressed(record.compression.encode(), record.data, size)
     if len(data) != size or (crc and zlib.crc32(data) != crc):
@@ -288,7 +306,7 @@ def _uncompressed(file: BinaryIO, chunk: ChunkIndex) -> bytes:
     return data
 
 
-def _indexed(file: BinaryIO, chunk: ChunkIndex, channels: dict[int, int]) -> Integers:
+def _indexed(file: BinaryIO, chunk: ChunkIndex, channels: Collection[int]) -> Integers:
     """Return the positions of the messages of these channels in a chunk, in its order."""
     positions = [np.zeros(0, np.int64)]
     for channel, position in chunk.message_index_offsets.items():
@@ -300,10 +318,12 @@ def _indexed(file: BinaryIO, chunk: ChunkIndex, channels: dict[int, int]) -> Int
             size = MESSAGE_INDEX.unpack_from(head, RECORD.size)[1]
             pairs = np.frombuffer(file.read(size), "<u8").reshape(-1, 2)
             positions.append(pairs[:, 1].astype(np.int64))
-    return np.sort(np.concatenate(positions))
+    return np.unique(np.concatenate(positions))
 
 
-def _chunk_block(data: bytes, channels: dict[int, int], begins: Integers) -> Block:
+def _chunk_block(
+    data: bytes, channels: "Mapping[int, tuple[int, Connection]]", begins: Integers
+) -> Block:
     """Return the messages of these channels (with their topics) that begin there in a chunk."""
     buffer = np.frombuffer(data, np.uint8)
     if not len(begins):
@@ -317,7 +337,7 @@ def _chunk_block(data: bytes, channels: dict[int, int], begins: Integers) -> Blo
     if not sound.all():
         raise ValueError("the record of a message is wrong")
     topics = np.full(2**16, -1)
-    topics[list(channels)] = list(channels.values())
+    topics[list(channels)] = [topic for topic, _ in channels.values()]
     topic = topics[heads["channel"]]
     times = _time(heads["log_time"]), _time(heads["publish_time"])
     block = Block(buffer, starts, sizes, topic, *times)
@@ -329,24 +349,31 @@ def _time(column: NDArray[np.uint64]) -> Integers:
 
 
 def _gathered_parts(
-    messages: Iterator[_Message], number: int, names: Sequence[str]
+    messages: "Iterable[tuple[Connection, int, bytes]]",
+    number: int,
+    names: Sequence[str],
+    convert: _Convert | None,
 ) -> Iterator[_Part]:
     """Yield the parts of a bag whose messages are read one by one."""
+    upcoming = iter(messages)
     for place in itertools.count():
-        gathered = list(itertools.islice(messages, _GATHERED))
+        gathered = list(itertools.islice(upcoming, _GATHERED))
         if not gathered:
             return
-        topics, log_times, publish_times, data = zip(*gathered, strict=True)
-        sizes = np.array([len(each) for each in data])
-        block = Block(
-            np.frombuffer(b"".join(data), np.uint8),
-            np.cumsum(sizes) - sizes,
-            sizes,
-            np.array([names.index(topic) for topic in topics]),
-            np.array([min(max(time, 0), _LATEST) for time in log_times]),
-            np.array([min(max(time, 0), _LATEST) for time in publish_times]),
-        )
-        yield _Part(int(block.log_times.min()), (number, place), partial(block.rows, slice(None)))
+        connections, log_times, data = zip(*gathered, strict=True)
+        if convert is not None:
+            data = tuple(map(convert, connections, data))
+        times = np.array([min(max(time, 0), _LATEST) for time in log_times])
+        topics = np.array([names.index(connection.topic) for connection in connections])
+        block = Block(**_laid_out(data), topics=topics, log_times=times, publish_times=times)
+        yield _Part(int(times.min()), (number, place), partial(block.rows, slice(None)))
+
+
+def _laid_out(messages: Sequence[bytes]) -> dict[str, Any]:
+    """Return a buffer with messages, and where they are in it, as a `Block` has them."""
+    sizes = np.array([len(each) for each in messages], np.int64)
+    buffer = np.frombuffer(b"".join(messages), np.uint8)
+    return {"buffer": buffer, "starts": np.cumsum(sizes) - sizes, "sizes": sizes}
 
 
 def _store(connections: "Sequence[Connection]") -> Any:
@@ -356,10 +383,10 @@ def _store(connections: "Sequence[Connection]") -> Any:
 
     store = get_typestore(Stores.EMPTY)
     for connection in connections:
-        text, msgtype = connection.msgdef.data, connection.msgtype
+        text, msgtype = connection.msgdef.data, _type(connection)
         is_idl = connection.msgdef.format == MessageDefinitionFormat.IDL
         # Before 2011 the header of ROS 1 had the name of another package.
-        text = text.replace("roslib/Header", "std_msgs/Header")
+        text = text.replace("roslib/Header", "std_msgs/Header").replace("\r\n", "\n")
         if isinstance(connection.ext, ConnectionExtRosbag1):
             text = re.sub(r"^(\s*)byte\b", r"\1int8", text, flags=re.MULTILINE)  # as in ROS 1
         types = get_types_from_idl(text) if is_idl else get_types_from_msg(text, msgtype)
@@ -375,7 +402,7 @@ def _definition(store: Any, connection: "Connection") -> tuple[str, str]:
     from rosbags.typesys import TypesysError
 
     try:
-        text, _ = store.generate_msgdef(connection.msgtype, ros_version=2)
-        return text, store.hash_rihs01(connection.msgtype)
+        text, _ = store.generate_msgdef(_type(connection), ros_version=2)
+        return text, store.hash_rihs01(_type(connection))
     except (TypesysError, KeyError):
         return connection.msgdef.data, ""

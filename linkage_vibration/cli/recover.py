@@ -18,16 +18,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Recover the log and print what was lost; return the exit code."""
-    from tqdm import tqdm
-
     from linkage_vibration.bags.recovery import recover, recovery_text
     from linkage_vibration.support.atomic_files import check_suffix
 
     log: Path = options.log
     output = options.output or log.with_name(f"{log.stem}_recovered.mcap")
     check_suffix(output, ".mcap")
-    size = log.stat().st_size if log.exists() else 0
-    with tqdm(disable=None, total=size, unit="B", unit_scale=True, delay=2.0) as bar:
-        result = recover(log, output, bar.update)
+    result = recover(log, output)
     print(recovery_text(result))
     return INCOMPLETE if options.strict and (result.damages or result.lost) else 0

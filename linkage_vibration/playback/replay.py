@@ -272,6 +272,7 @@ class _Replay:
         self._motion = crank_filter()
         missing = {each.reader.what for each in self.speeds.values()} | self.sensors.missing
         self.done = Replayed(topic=topics[HITCH].name, missing=missing, notice=" ".join(notices))
+        self.done.unreadable, self.done.fault = bags.bad_lines, bags.fault
 
     def messages(self, block: Block) -> list[Messages]:
         """Return the input messages of a block that are used, and what is predicted for them."""

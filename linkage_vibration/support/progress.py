@@ -1,9 +1,10 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Shows on a terminal how much of a table is built."""
+"""Shows on a terminal how much of a table is built, or of a file is read."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 _LAYOUT = "{desc}: {percentage:3.0f} % of the table |{bar}| {elapsed}, {postfix}"
@@ -31,3 +32,23 @@ def table_bar(name: str) -> Iterator[Progress]:
         disable=None, desc=name, total=1.0, delay=2.0, bar_format=_LAYOUT, leave=False
     ) as bar:
         yield Progress(bar)
+
+
+@contextmanager
+def byte_bar(path: Path, size: int) -> Iterator[Any]:
+    """Give a bar of the bytes of a file that are read, if that takes long."""
+    from tqdm import tqdm
+
+    with tqdm(
+        disable=None, desc=path.name, total=size, unit="B", unit_scale=True, delay=2.0, leave=False
+    ) as bar:
+        yield bar
+
+
+@contextmanager
+def read_with_bar(path: Path) -> Iterator[Any]:
+    """Open a file that is read as a whole, with a bar if that takes long."""
+    from tqdm.utils import CallbackIOWrapper
+
+    with path.open("rb") as file, byte_bar(path, path.stat().st_size) as bar:
+        yield CallbackIOWrapper(bar.update, file, "read")

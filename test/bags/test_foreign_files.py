@@ -48,10 +48,9 @@ def write(
 
 
 def test_profile_that_is_missing(tmp_path: Path) -> None:
-    """The error says what is missing, and recover adds it."""
+    """A file without a profile is read, and recover adds the profile."""
     path = write(tmp_path / "a.mcap", "", {"/speed": ("cdr", "ros2msg", b"float64 data\n")})
-    with pytest.raises(BagError, match=r"Profile is not ros2.*recover"):
-        topic_types(path)
+    np.testing.assert_array_equal(read_columns(path, {"/speed": FLOAT})["/speed"]["data"], [1.5])
     result = recover(path, tmp_path / "b.mcap")
     assert (result.damages, result.lost) == ((), {})
     [(_, message)] = read_messages(tmp_path / "b.mcap", "/speed")
@@ -65,14 +64,14 @@ def test_messages_that_are_not_of_ros_2(
 ) -> None:
     """The error names the topic and its encoding."""
     path = write(tmp_path / "a.mcap", profile, {"/speed": (message, schema, b"{}")})
-    with pytest.raises(BagError, match=f"/speed has the encoding {message};"):
+    with pytest.raises(BagError, match=f"no messages of ROS: /speed holds {message} mess"):
         topic_types(path)
 
 
 def test_definition_in_a_foreign_language(tmp_path: Path) -> None:
     """The error names the topic and the encoding of its type."""
     path = write(tmp_path / "a.mcap", "ros2", {"/speed": ("cdr", "protobuf", b"{}")})
-    with pytest.raises(BagError, match="/speed has the encoding protobuf;"):
+    with pytest.raises(BagError, match="no messages of ROS: /speed holds protobuf mess"):
         read_columns(path, {"/speed": FLOAT})
 
 
@@ -151,7 +150,7 @@ def padded(content: bytes, more: bytes) -> bytes:
 
 
 def test_valid_files_that_cannot_be_read(tmp_path: Path) -> None:
-    """A summary without channels and an unknown compression are named; recovery adds channels."""
+    """A summary without channels is completed by a scan; an unknown compression is named."""
     path = tmp_path / "log.mcap"
     with path.open("wb") as file:
         writer = Writer(file, repeat_channels=False, compression=CompressionType.LZ4)
@@ -160,8 +159,7 @@ def test_valid_files_that_cannot_be_read(tmp_path: Path) -> None:
         channel = writer.register_channel("/a", "cdr", schema)
         writer.add_message(channel, 1, b"\0\1\0\0" + bytes(8), 1)
         writer.finish()
-    with pytest.raises(BagError, match="valid MCAP file whose summary does not repeat its ch"):
-        topic_types(path)
+    assert topic_types(path) == {"/a": "std_msgs/msg/Float64"}
     recover(path, tmp_path / "whole.mcap")
     assert topic_types(tmp_path / "whole.mcap") == {"/a": "std_msgs/msg/Float64"}
     content = (tmp_path / "whole.mcap").read_bytes().replace(b"\4\0\0\0zstd", b"\4\0\0\0lzma")
@@ -183,12 +181,12 @@ def test_pipe_in_the_folder_of_a_bag(tmp_path: Path) -> None:
     [file] = path.glob("*.mcap")
     file.unlink()
     os.mkfifo(file)
-    with pytest.raises(BagError, match=rf"bag cannot be opened: {file.name} is a pipe, not a file"):
+    with pytest.raises(BagError, match=rf"cannot be opened: {file.name} is a pipe, not a file"):
         topic_types(path)
 
 
 def test_lost_beginning(tmp_path: Path) -> None:
     """A log without its beginning is refused with the command that saves it."""
     (tmp_path / "log.mcap").write_bytes(b"0123456789")
-    with pytest.raises(BagError, match=r"does not begin like a \.mcap file; .* try `.* recover`"):
+    with pytest.raises(BagError, match=r"does not begin like a \.mcap file; .* `.* recover .*`"):
         topic_types(tmp_path / "log.mcap")

@@ -32,6 +32,7 @@ PACKAGES = {
     "qemu-s390x": "qemu-user",
     "riscv64-linux-gnu-gcc": "gcc-riscv64-linux-gnu",
     "s390x-linux-gnu-gcc": "gcc-s390x-linux-gnu",
+    "sqlite3": "sqlite3",
 }
 
 
