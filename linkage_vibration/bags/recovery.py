@@ -42,7 +42,7 @@ from linkage_vibration.bags.mcap_records import (
 )
 from linkage_vibration.bags.writing import ROSBAG2_METADATA, rosbag2_metadata
 from linkage_vibration.errors import LinkageVibrationError, printable
-from linkage_vibration.support.atomic_files import replacement
+from linkage_vibration.support.atomic_files import refuse_pipe, replacement
 from linkage_vibration.support.progress import byte_bar
 
 RECOVERY_METADATA = "linkage_vibration.recovery"  # the name of a record
@@ -115,11 +115,10 @@ def recover(
     A `RecoveryError` says that nothing can be saved.
     """
     try:
-        if source.exists() and not source.is_file():
-            raise OSError(errno.EINVAL, "it is no regular file, so save it as one")
+        refuse_pipe(source)
         file = source.open("rb", buffering=0)
     except OSError as error:
-        raise RecoveryError(f"{source} cannot be read: {error.strerror}; check it.") from None
+        raise RecoveryError(f"{source} cannot be read: {error.strerror}; give a file.") from None
     bar = byte_bar(source, source.stat().st_size)
     with (
         file,

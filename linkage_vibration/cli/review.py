@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from linkage_vibration.support.exit_codes import add_strict, exit_code
+from linkage_vibration.support.exit_codes import INCOMPLETE, add_strict, exit_code
 
 if TYPE_CHECKING:
     from linkage_vibration.review.log import Log
@@ -61,7 +61,8 @@ def run(options: argparse.Namespace) -> int:
     if several:
         write_text(output, overview_html(drives, failures), ReviewError)
     print(f"Written: {', '.join(map(str, outputs))}")
-    return exit_code(failures + faults, options.strict)
+    code = exit_code(failures + faults, options.strict)
+    return INCOMPLETE if failures else code
 
 
 def _review(path: Path, page: Path, options: argparse.Namespace) -> "Log":

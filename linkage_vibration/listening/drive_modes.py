@@ -19,7 +19,13 @@ from linkage_vibration.listening.gates import (
     window_doubt,
 )
 from linkage_vibration.listening.output_only import Candidate, Steps, identify, mac
-from linkage_vibration.listening.segments import SHORTEST, find_segments, over_phase, phase_rate
+from linkage_vibration.listening.segments import (
+    SHORTEST,
+    find_segments,
+    longest_still,
+    over_phase,
+    phase_rate,
+)
 from linkage_vibration.listening.signals import Signal, known_at
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 from linkage_vibration.mechanics.description import Mechanism
@@ -141,6 +147,34 @@ def search_signals(
     known = {source: known_at(times, *each) for source, each in speeds.items()}
     drive = times, values[:, alive], [places[i] for i in alive], angle, known, excitations
     return (yield from search_modes(table, mechanism, *drive, damped=damped))
+
+
+def why_no_modes(
+    table: Table, signals: Sequence[Signal], crank_angle: tuple[FloatArray, FloatArray]
+) -> str:
+    """Return the first condition of `search_signals` that is not met, with its numbers."""
+    if not signals:
+        return "No sensor measures accelerations on the linkage."
+    first = max(crank_angle[0][0], *(s.times[0] for s in signals))
+    last = min(crank_angle[0][-1], *(s.times[-1] for s in signals))
+    if last - first < SHORTEST:
+        text = "The crank angle and all accelerations are known at once for"
+        return f"{text} {max(last - first, 0.0):.3g} s, and modes need {SHORTEST:g} s."
+    times = np.arange(first, last, 0.1)
+    angle = known_at(times, *crank_angle)
+    low, high = np.degrees(table.alpha3_range)
+    angle[~((np.degrees(angle) >= low) & (np.degrees(angle) <= high))] = math.nan
+    if not np.isfinite(angle).any():
+        return f"The crank angle is never between {low:.4g} and {high:.4g} deg, as in the table."
+    if (seconds := longest_still(times, angle)) < SHORTEST:
+        text = f"The crank moves less than 1 deg/s within the table for at most {seconds:.3g} s"
+        return f"{text} at a time, and modes need {SHORTEST:g} s."
+    lowest = float(np.nanmin(table.evaluate(angle[np.isfinite(angle)])[:, 0]))
+    rate = max(s.rate for s in signals)
+    if not _LOWEST < lowest < _HIGHEST * rate:
+        text = f"The lowest predicted mode is at {lowest:.3g} Hz, and at {rate:.3g} Hz the sensors"
+        return f"{text} show modes from {_LOWEST:g} to {_HIGHEST * rate:.3g} Hz."
+    return "No estimate fits a predicted mode in frequency and shape; drive on rougher ground."
 
 
 @dataclass(frozen=True, slots=True, eq=False)

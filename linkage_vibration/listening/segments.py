@@ -55,6 +55,13 @@ def find_segments(times: FloatArray, crank_angle: FloatArray) -> list[list[slice
     return heights
 
 
+def longest_still(times: FloatArray, crank_angle: FloatArray) -> float:
+    """Return the longest time, s, in which the crank does not move, of even times, (n,), s."""
+    still = np.abs(np.gradient(crank_angle, times)) <= _FASTEST
+    starts, ends = np.flatnonzero(np.diff(still, prepend=False, append=False)).reshape(-1, 2).T
+    return float((times[ends - 1] - times[starts]).max(initial=0.0))
+
+
 def phase_rate(mean: float, given: float) -> float:
     """Return the rate, Hz, to which signals of a given rate are resampled for a mode, Hz."""
     return min(2.0 * _ROOM * mean, given)

@@ -222,7 +222,8 @@ def _receptance(data: Mapping[str, Any], where: str) -> _Function:
 
 def _check_label(where: str, label: str, allowed: Sequence[str], what: str) -> None:
     """Raise an error if a label names a unit that is not the SI unit of the quantity."""
-    if _plain_label(label).split("/n")[0] not in ("", "none", *allowed):
+    # A function per newton may be labelled as 1/N times a unit.
+    if re.sub("^1/n(?=.)", "", _plain_label(label)).split("/n")[0] not in ("", "none", *allowed):
         raise FileError(
             f"{where} has the unit {label.strip()!r}, not the SI unit of {what}; export it in SI."
         )

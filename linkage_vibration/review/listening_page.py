@@ -18,7 +18,7 @@ from linkage_vibration.listening.amplitudes import (
     predicted_levels,
     unit_responses,
 )
-from linkage_vibration.listening.drive_modes import DriveMode, search_signals
+from linkage_vibration.listening.drive_modes import DriveMode, search_signals, why_no_modes
 from linkage_vibration.listening.model_check import (
     WARNING,
     Explanation,
@@ -28,7 +28,6 @@ from linkage_vibration.listening.model_check import (
 )
 from linkage_vibration.listening.orders import SECONDS, Orders, track_orders
 from linkage_vibration.listening.output_only import finish
-from linkage_vibration.listening.segments import SHORTEST
 from linkage_vibration.listening.signals import Signal, known_at
 from linkage_vibration.listening.spectra import levels, spectrogram
 from linkage_vibration.listening.transfer import Transfer
@@ -102,12 +101,12 @@ def heard_modes(log: Log, sensors: Sequence[Heard]) -> tuple[DriveMode, ...]:
     return finish(search_signals(*given))
 
 
-def modes_answer(log: Log, modes: Sequence[DriveMode]) -> str:
+def modes_answer(log: Log, modes: Sequence[DriveMode], sensors: Sequence[Heard]) -> str:
     """Return what the worst natural frequency of a drive says, or why none is reported."""
-    if not modes:
-        text = "No natural frequency was found. Modes need accelerations on the linkage, of all "
-        text += f"sensors at once, and at least {SHORTEST:g} s in which the crank moves less than"
-        return f"{text} 1 deg/s."
+    if not modes and log.table is not None:
+        signals = [sensor.signal for sensor in sensors if sensor.signal.sensor.accelerates]
+        why = why_no_modes(log.table, signals, (log.times, log.table_angle))
+        return f"No natural frequency was found. {why}"
     sure = [mode for mode in modes if not mode.doubt]
     worst = max(sure or modes, key=lambda mode: abs(np.nan_to_num(mode.difference)))
     text = difference_text(worst, log.mode_name(worst.mode) or f"mode {worst.mode + 1}")
@@ -171,7 +170,7 @@ def listening_page(log: Log, sensors: Sequence[Heard], modes: Sequence[DriveMode
     parts += [_orders_table(sensor) for sensor in sensors]
     parts.append(_table("What is doubtful about the sensors", ["sensor", "doubt"], doubts))
     title, more = "Measured beside predicted", "".join(parts)
-    sentences = [modes_answer(log, modes), *answers(sensors), _CANNOT]
+    sentences = [modes_answer(log, modes, sensors), *answers(sensors), _CANNOT]
     sure = [mode for mode in modes if not mode.doubt]
     calm = bool(sure) and all(mode.consistent for mode in sure)
     picture = picture_tag(_picture(log, sensors, sure), "Spectra and levels over time.")

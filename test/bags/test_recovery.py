@@ -8,8 +8,12 @@ import resource
 import struct
 import subprocess
 import sys
+import time
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from mcap.data_stream import RecordBuilder
@@ -491,3 +495,75 @@ def test_output_that_appears(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
         assert read(output) == messages()
         output.unlink()
     assert [path.name for path in tmp_path.iterdir()] == ["log.mcap"]
+
+
+def test_recovery_of_a_pipe(tmp_path: Path) -> None:
+    """The content of a pipe is not called empty; in a file, it is recovered."""
+    content = write(tmp_path / "log.mcap")
+    command = [sys.executable, "-m", "linkage_vibration.cli", "recover"]
+    whole = str(tmp_path / "whole.mcap")
+    ran = subprocess.run(
+        [*command, "/dev/stdin", "-o", whole], input=content, capture_output=True, check=False
+    )
+    assert ran.returncode == 1
+    assert b"/dev/stdin cannot be read: stdin is a pipe, not a file; give a file." in ran.stderr
+    with (tmp_path / "log.mcap").open("rb") as file:
+        subprocess.run([*command, "/dev/stdin", "-o", whole], stdin=file, check=True)
+    assert read(tmp_path / "whole.mcap") == messages()
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "tool"),
+    [
+        ("a.bag", b"#ROSBAG V2.0\n" + bytes(5000), "rosbag reindex"),
+        ("a.bag.active", b"#ROSBAG V2.0\n" + bytes(5000), "rosbag reindex"),
+        ("a.db3", b"SQLite format 3\0" + bytes(5000), "sqlite3 cut.db3 .dump"),
+        ("a.mcap", bytes(5000), "give an MCAP file"),
+    ],
+)
+def test_recovery_of_other_bags(tmp_path: Path, name: str, content: bytes, tool: str) -> None:
+    """The error names the tool that saves the rest of a bag of another kind."""
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(RecoveryError, match=f"has no readable record; .*{tool}"):
+        recover(tmp_path / name, tmp_path / "whole.mcap")
+
+
+def test_ten_gigabytes_of_zeros(tmp_path: Path) -> None:
+    """A file of holes takes less than a second; what lies behind a hole is saved."""
+    path = tmp_path / "zeros.mcap"
+    with path.open("wb") as file:
+        file.truncate(10 * 10**9)
+    begin = time.process_time()
+    with pytest.raises(RecoveryError, match="has no readable record"):
+        recover(path, tmp_path / "whole.mcap")
+    assert time.process_time() - begin < 1.0
+    content = write(tmp_path / "log.mcap")
+    half = chunk_ends(content)[1]
+    with path.open("r+b") as file:
+        file.write(content[:half])
+        file.seek(5 * 10**9)
+        file.write(content[half:])
+        file.truncate()
+    begin = time.process_time()
+    recover(path, tmp_path / "whole.mcap")
+    assert time.process_time() - begin < 1.0
+    assert read(tmp_path / "whole.mcap") == messages()
+
+
+def test_progress_from_python(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without a progress of the caller, a bar shows all bytes of the file."""
+    bars = []
+
+    @contextmanager
+    def bar(path: Path, size: int) -> Iterator[SimpleNamespace]:
+        bars.append([path, size])
+        yield SimpleNamespace(update=bars[-1].append)
+
+    monkeypatch.setattr("linkage_vibration.bags.recovery.byte_bar", bar)
+    size = len(write(tmp_path / "log.mcap"))
+    recover(tmp_path / "log.mcap", tmp_path / "whole.mcap")
+    [[path, total, *steps]] = bars
+    assert (path, total) == (tmp_path / "log.mcap", size)
+    assert size - 16 <= sum(steps) <= size
+    recover(tmp_path / "log.mcap", tmp_path / "again.mcap", lambda count: None)
+    assert len(bars[1]) == 2

@@ -213,6 +213,10 @@ BAD_UFF: dict[str, tuple[Callable[[], list[dict[str, Any]]], str]] = {
         lambda: first(ordinate_axis_units_lab="g/N"),
         "the unit 'g/N', not the SI unit of an acceleration",
     ),
+    "millimetres by a label that begins with 1/N": (
+        lambda: first(ordinate_axis_units_lab="(1/N)*(mm/s^2)"),
+        r"has the unit '\(1/N\)\*\(mm/s\^2\)', not the SI unit of an acceleration",
+    ),
     "label of another quantity": (
         lambda: first(ordinate_axis_units_lab="m"),
         "the unit 'm', not the SI unit of an acceleration",

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from linkage_vibration.listening import drive_modes
-from linkage_vibration.listening.drive_modes import DriveMode
+from linkage_vibration.listening.drive_modes import DriveMode, why_no_modes
 from linkage_vibration.listening.output_only import Steps
 from linkage_vibration.listening.signals import Signal
 from linkage_vibration.mechanics.model import LinkageModel
@@ -85,7 +85,7 @@ DOUBTFUL = replace(FAR, doubt="a reason")
 @pytest.mark.parametrize(
     ("modes", "words", "explained"),
     [
-        ([], "No natural frequency was found. Modes need accelerations on the linkage", False),
+        ([], "No natural frequency was found. ", False),
         ([DOUBTFUL], "None of 1 natural frequencies is reported. The mode 1 at 143.2 deg", False),
         ([MODE, DOUBTFUL], "5.0 % lower than predicted, 7.600 +- 0.038 Hz: consistent", False),
         ([UNKNOWN], "not known, because the deviation of the prediction is not known", False),
@@ -94,12 +94,54 @@ DOUBTFUL = replace(FAR, doubt="a reason")
 )
 def test_modes_answer(log: Log, modes: list[DriveMode], words: str, explained: bool) -> None:
     """The worst mode that is reported is the answer; what may explain it stands in the table."""
-    named = modes_answer(log, modes).replace(log.mode_name(0), "mode 1")
+    named = modes_answer(log, modes, [hear(log, shaken(log, 0.0, 0.0))]).replace(
+        log.mode_name(0), "mode 1"
+    )
     assert words in named
     page = listening_page.listening_page(log, [hear(log, shaken(log, 0.0, 0.0))], modes, [])
     assert "± nan" not in page
     assert ("may be explained by a change of" in page) == explained
     assert ("class=calm>The" in page) == (modes == [MODE, DOUBTFUL])
+
+
+def silence(log: Log, angles: np.ndarray, signals: list[Signal]) -> str:
+    """Return why no mode was found with crank angles, rad, at the times of a log."""
+    assert log.table is not None
+    return why_no_modes(log.table, signals, (log.times, angles))
+
+
+def test_silence_is_explained(log: Log) -> None:
+    """The condition that is not met is named with its numbers, on both sides of its threshold."""
+    assert log.table is not None
+    low, high = log.table.alpha3_range
+    middle, t = 0.5 * (low + high), log.times
+    still, signal = np.full(len(t), middle), shaken(log, 0.0, 0.0)
+    assert silence(log, still, []) == "No sensor measures accelerations on the linkage."
+    for seconds, words in (
+        (7.0, "known at once for 7 s, and modes need 8 s"),
+        (8.5, "No estimate"),
+    ):
+        short = signal.times <= seconds
+        cut = replace(signal, times=signal.times[short], values=signal.values[short])
+        assert words in silence(log, still, [signal, cut])
+    outside = f"is never between {math.degrees(low):.4g} and {math.degrees(high):.4g} deg"
+    assert outside in silence(log, still + 10.0, [signal])
+    for rate, words in (
+        (1.1, "moves less than 1 deg/s within the table for at most"),
+        (0.9, "No e"),
+    ):
+        moving = middle + np.radians(rate) * (t - t.mean())
+        assert words in silence(log, moving, [signal])
+    for stop, words in ((7.0, "s at a time, and modes need 8 s"), (9.0, "No estim")):
+        late = middle + np.radians(3.0) * np.maximum(t - stop, 0.0)
+        assert words in silence(log, late, [signal])
+    lowest = float(log.table.evaluate(np.array([middle]))[0, 0])
+    for share, words in (
+        (0.97, f"lowest predicted mode is at {lowest:.3g} Hz"),
+        (1.03, "No estim"),
+    ):
+        slow = replace(signal, rate=share * lowest / 0.3)
+        assert words in silence(log, still, [slow])
 
 
 @pytest.mark.parametrize("gap", [0.0, 2.0])
