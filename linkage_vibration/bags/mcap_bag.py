@@ -96,6 +96,7 @@ def read_mcap(path: Path, stack: ExitStack) -> McapBag:
         end = file.seek(-len(MAGIC), os.SEEK_END)
         if file.read() != MAGIC:
             raise ValueError("its end is missing")
+        file.seek(0)
         # Without a summary that ends where the file does, the copy says what is damaged.
         with suppress(Exception):
             summary = SeekingReader(file, record_size_limit=LONGEST_RECORD).get_summary()

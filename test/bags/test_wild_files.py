@@ -27,7 +27,7 @@ from rosbags.typesys import Stores, get_typestore
 from linkage_vibration.bags.message_columns import read_columns, topic_types
 from linkage_vibration.bags.message_types import JOINT_STATE
 from linkage_vibration.bags.reading import BagError
-from linkage_vibration.bags.recovery import recover
+from linkage_vibration.bags.recovery import Recovery, recover
 from linkage_vibration.bags.streams import open_bags
 from test.support.programs import require
 
@@ -217,6 +217,47 @@ def test_recovery_of_joined_files(tmp_path: Path, kept: float) -> None:
     assert len(saved) == 200 if kept == 1.0 else len(saved) > 100
     run(re.findall("`([^`]+)`", result.damages[-1]), tmp_path)
     assert (tmp_path / "second.mcap").read_bytes() == second
+
+
+def test_only_files_without_an_index_are_copied(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A file whose summary lists all messages is read in its place; another one is recovered."""
+    copied: list[Path] = []
+
+    def copy(source: Path, output: Path) -> Recovery:
+        copied.append(source)
+        return recover(source, output)
+
+    monkeypatch.setattr("linkage_vibration.bags.mcap_bag.recover", copy)
+    whole = write_mcap(tmp_path / "whole.mcap", drive())
+    assert read(whole, "/a") == drive()
+    assert copied == []
+    without = write_mcap(tmp_path / "without.mcap", drive(), index_types=IndexType.NONE)
+    assert read(without, "/a") == drive()
+    assert copied == [without]
+
+
+def test_loose_messages_behind_a_chunk(tmp_path: Path) -> None:
+    """Messages behind a chunk that no index lists are not lost in silence."""
+    content = write_mcap(tmp_path / "whole.mcap", drive(5)).read_bytes()
+    records = split(content[8 : len(content) - 8])
+    [chunk] = [each for each in records if each[0] == Opcode.CHUNK]
+    body = struct.pack("<HIQQ", 1, 9, 60, 60) + cdr(6.0)
+    loose = struct.pack("<BQ", Opcode.MESSAGE, len(body)) + body
+    kept = [
+        each for each in records if each[0] <= Opcode.MESSAGE_INDEX and each[0] != Opcode.FOOTER
+    ]
+    footer = struct.pack("<BQQQI", Opcode.FOOTER, 20, 0, 0, 0)
+    end = struct.pack("<BQI", Opcode.DATA_END, 4, 0)
+    for more, refusing in ((b"", False), (loose, True)):
+        path = tmp_path / f"more_{len(more)}.mcap"
+        path.write_bytes(content[:8] + b"".join(kept) + more + end + footer + content[-8:])
+        assert chunk in path.read_bytes()
+        if refusing:
+            refused(path, "is damaged or incomplete")
+        else:
+            assert read(path, "/a") == drive(5)
 
 
 def write_ros1(path: Path, entries: list[Entry]) -> Path:

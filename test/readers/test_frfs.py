@@ -152,6 +152,13 @@ def test_uff_of_every_quantity(tmp_path: Path, expected: ComplexArray, quantity:
     assert_bar(uff(tmp_path, [units(), *functions(quantity)]), expected)
 
 
+@pytest.mark.parametrize("label", ["(1/N)*(m/s^2)", "(m/s^2)/N", "m/s/s", ""])
+def test_unit_labels(tmp_path: Path, expected: ComplexArray, label: str) -> None:
+    """The ways in which programs write the SI unit of an acceleration per force are read."""
+    sets = [{**data, "ordinate_axis_units_lab": label} for data in functions()]
+    assert_bar(uff(tmp_path, [units(), *sets]), expected)
+
+
 @pytest.mark.parametrize("kind", ["single", "binary", "uneven"])
 def test_uff_of_every_number_format(tmp_path: Path, expected: ComplexArray, kind: str) -> None:
     """Single precision, binary numbers and an uneven abscissa are read alike."""
