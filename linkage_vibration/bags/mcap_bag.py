@@ -60,8 +60,8 @@ class McapBag:
         """Whether the summary lists all messages, and defines their channels."""
         listed, used = self.summary, {each.schema_id for each in self.summary.channels.values()}
         defined = {0, *listed.schemas} >= used and listed.channels.keys() >= self.counts.keys()
-        if listed.statistics is None:
-            return defined and all(chunk.message_index_offsets for chunk in self.chunks)
+        if listed.statistics is None:  # so that messages outside of chunks may be missing
+            return False
         return defined and self.counts.total() >= listed.statistics.message_count
 
     @property

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """FRFs of every layout are read alike, and invalid ones give a clear error."""
 
+import random
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -168,6 +169,40 @@ def test_uff_of_every_number_format(tmp_path: Path, expected: ComplexArray, kind
         data_set["abscissa_spacing"] = int(kind != "uneven")
     path = uff(tmp_path, sets, double=kind != "single")
     assert_bar(path, expected, 2e-6 if kind == "single" else 1e-9)
+
+
+def check_odd_uff(folder: Path, expected: ComplexArray, seed: int) -> None:
+    """Write a bar in a random but valid way, and compare it with the closed form."""
+    rng = random.Random(seed)
+    sets = functions(rng.choice([*LABELS]), tuple(rng.sample(NAMES, rng.randrange(len(NAMES)))))
+    accelerations = ["m/s^2", "(1/N)*(m/s^2)", "(m/s^2)/N", "m/s/s", "NONE", ""]
+    # Of single precision in binary, pyuff reads back twice the lines that it has written.
+    double, binary = rng.choice([(True, 0), (True, 1), (False, 0)])
+    for each in sets:
+        if each["ordinate_spec_data_type"] == 12:
+            each["ordinate_axis_units_lab"] = rng.choice(accelerations)
+        each |= {"binary": binary, "abscissa_spacing": rng.randrange(2)}
+        each["orddenom_axis_units_lab"] = rng.choice(["N", "newton", "NONE", ""])
+        each["abscissa_axis_units_lab"] = rng.choice(["Hz", "NONE", ""])
+        each["id1"] = "".join(rng.choice("abc -1") for _ in range(rng.randrange(20)))
+    rng.shuffle(sets)
+    if rng.random() < 0.5:
+        sets.insert(rng.randrange(len(sets)), units())
+    path = uff(folder, sets, double=double)
+    assert len(pyuff.UFF(str(path)).get_set_types()) == len(sets), seed
+    assert_bar(path, expected, 1e-9 if double else 2e-6)
+
+
+def test_one_odd_uff(tmp_path: Path, expected: ComplexArray) -> None:
+    """A file of one seed gives the closed form."""
+    check_odd_uff(tmp_path, expected, 1)
+
+
+@pytest.mark.nightly
+def test_many_odd_uff(tmp_path: Path, expected: ComplexArray) -> None:
+    """Files of 300 seeds give the closed form."""
+    for seed in range(300):
+        check_odd_uff(tmp_path, expected, seed)
 
 
 def test_negative_directions(tmp_path: Path, expected: ComplexArray) -> None:
