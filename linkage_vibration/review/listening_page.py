@@ -32,7 +32,7 @@ from linkage_vibration.listening.signals import Signal, known_at
 from linkage_vibration.listening.spectra import levels, spectrogram
 from linkage_vibration.listening.transfer import Transfer
 from linkage_vibration.mechanics.arrays import FloatArray
-from linkage_vibration.prediction.excitation import LoadKind, Source
+from linkage_vibration.prediction.excitation import LoadKind
 from linkage_vibration.review.findings import all_speeds, log_limits
 from linkage_vibration.review.html import COVERAGE, picture_tag, plain_html, table_tag
 from linkage_vibration.review.log import Log, ReviewError

@@ -217,11 +217,7 @@ def test_most_serious_problem_first(changes: dict[str, Any], level: bytes, words
         ("sensors", heard(1.9, silent="axle"), WARN, "^axle: It has sent no samples for 5 s.$"),
         (
             "sensors",
-            {
-                **heard(2.1),
-                "excitations": [SimpleNamespace(name="rotor 1")],
-                "resonance": None,
-            },
+            {**heard(2.1), "excitations": [SimpleNamespace(name="rotor 1")], "resonance": None},
             WARN,
             "imu: rotor 1 is 2 times as strong as predicted .2.1 standard deviations",
         ),
