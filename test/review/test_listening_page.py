@@ -16,7 +16,7 @@ from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.review import listening_page
-from linkage_vibration.review.listening_page import answers, hear, heard_modes, kinds, modes_answer
+from linkage_vibration.review.listening_page import answers, hear, heard_modes, modes_answer
 from linkage_vibration.review.log import Log, read_log
 from linkage_vibration.support.resources import PAPER_MECHANISM, config_file
 from test.listening.test_signals import sensor
@@ -39,23 +39,6 @@ def shaken(log: Log, start: float, end: float) -> Signal:
     values = np.random.default_rng(2).normal(0.0, 0.01, (len(times), 3))
     values[:, 2] += np.sin(2.0 * np.pi * 10.0 * times)
     return Signal(sensor(), times, values, RATE, ())
-
-
-@pytest.mark.parametrize(("end", "kind"), [(0, 1), (1, 2)])
-def test_kinds_of_work_follow_the_stroke(log: Log, end: int, kind: int) -> None:
-    """A hitch that never moves works at one end of its stroke, and is raised at the other.
-
-    Nothing is known 2 s before the log and 3 s after it, and without a speed over ground.
-    """
-    assert log.table is not None
-    angle = np.full(len(log.times), log.table.alpha3_range[end])
-    ground = {Source.GROUND: (log.times, np.full(len(log.times), 2.0))}
-    signal = shaken(log, -2.0, 3.0)
-    actual = kinds(replace(log, crank_angle=angle, speeds=ground), signal)
-    inside = (signal.times >= 0.0) & (signal.times <= log.times[-1])
-    assert set(actual[inside].tolist()) == {kind}
-    assert set(actual[~inside].tolist()) == {3}
-    assert set(kinds(replace(log, crank_angle=angle), signal).tolist()) == {3}
 
 
 def test_a_level_is_not_known_where_a_speed_or_the_angle_is_not(log: Log) -> None:
@@ -98,7 +81,7 @@ def test_modes_answer(log: Log, modes: list[DriveMode], words: str, explained: b
         log.mode_name(0), "mode 1"
     )
     assert words in named
-    page = listening_page.listening_page(log, [hear(log, shaken(log, 0.0, 0.0))], modes, [])
+    page = listening_page.listening_page(log, [hear(log, shaken(log, 0.0, 0.0))], modes)
     assert "± nan" not in page
     assert ("may be explained by a change of" in page) == explained
     assert ("class=calm>The" in page) == (modes == [MODE, DOUBTFUL])
@@ -204,7 +187,7 @@ def test_a_dead_axis_and_sensors_that_hardly_meet(
     heard = [hear(log, first), hear(log, dead)]
     assert heard_modes(log, heard) == heard_modes(log, heard[1:]) == ()
     assert places == [[("E1", "z")]]
-    assert "No natural frequency was found" in listening_page.listening_page(log, heard, (), ())
+    assert "No natural frequency was found" in listening_page.listening_page(log, heard, ())
     late = replace(signal, times=signal.times + signal.times[-1] - 7.0)
     heard_modes(log, [hear(log, first), hear(log, late)])
     assert len(places) == 1
