@@ -24,6 +24,12 @@ from linkage_vibration.prediction.ground import AIRBORNE
 GAP = 3.0
 """Readings that are farther apart, s, do not belong to the same warning."""
 
+# A tyre that the ground shakes is off it for half of the time if nothing presses it down.
+_HALF = 0.5
+_TIPS = (
+    "A tyre carries no static load, so that the tractor tips over; check the masses and the centres "
+    "of gravity of tractor and implement."
+)
 _ENDLESS = "No single change of speed or height within reach ends it."
 _NEVER = 2**62  # ns; a time that has not come
 
@@ -233,6 +239,8 @@ def _warning(resonance: MessageColumns, excitations: Sequence[Excitation]) -> st
     """Return what loads the linkage, and what ends this."""
     load = load_words(resonance.load_ratio, resonance.load_ratio_factor, resonance.load_place)
     does = f"exerts {load}, all excitations together {ratio_words(resonance.total_load_ratio)}"
+    if resonance.off_ground_share > _HALF:
+        return _TIPS
     if math.isnan(resonance.load_ratio):
         does = f"lifts a tyre off the ground for {resonance.off_ground_share:.2g} of the time"
     ending = ending_words(resonance, excitations)

@@ -224,7 +224,7 @@ class Predicting:
             self.reading_faults = self._judge_readings(now) if self._subscribed else []
             self.speed_faults = self._judge_speeds(now) if self._subscribed else []
         self.measured = {n: m for n, m in self.measured.items() if now - m[0] <= SILENT}
-        self.age = now - self.readings.last
+        self.age = max(now - self.readings.last, 0.0)  # another thread has taken it
         if self.resonance is not None and not self.age <= self.stale_after:
             self._publish_unknown(self.resonance)
         subscribers, own = self._node.get_subscriptions_info_by_topic, self._own_publishers

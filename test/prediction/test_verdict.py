@@ -145,6 +145,10 @@ def test_a_tyre_off_the_ground_is_no_load_that_is_known() -> None:
     assert "natural frequency" not in text
     live = present_sentence(never.resonances.message(0), rolls)
     assert live.startswith("g (class C) at 180 km/h lifts a tyre off the ground for 0.3 of the")
+    tips = never.resonances.message(0)
+    for value, words in ((0.49, "g (class C) at"), (0.51, "A tyre carries no static load")):
+        tips.off_ground_share = value
+        assert present_sentence(tips, rolls).startswith(words)
     calm = never.resonances.message(0)
     calm.state = NOTE
     quiet = present_sentence(calm, rolls)

@@ -27,8 +27,8 @@ from linkage_vibration_interfaces.action import SetImplement
 REPORT = 0.05  # s, between two reports of what was published
 # The table of this implement needs 78 points instead of the 27 of the shipped one, and half a
 # minute instead of ten seconds. It is cancelled before it is complete, so the node keeps its table.
-SLOW = SetImplement.Goal(mass=1e4, inertia=10.0)
-ENOUGH = 0.7  # finished share at which a goal is cancelled
+SLOW = SetImplement.Goal(mass=1100.0, inertia=250.0)
+ENOUGH = 0.6  # finished share at which a goal is cancelled
 SENSOR = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
