@@ -27,8 +27,8 @@ GAP = 3.0
 # A tyre that the ground shakes is off it for half of the time if nothing presses it down.
 _HALF = 0.5
 _TIPS = (
-    "A tyre carries no static load, so that the tractor tips over; check the masses and the centres "
-    "of gravity of tractor and implement."
+    "A tyre carries no static load, so that the tractor tips over; check the masses and the "
+    "centres of gravity of tractor and implement."
 )
 _ENDLESS = "No single change of speed or height within reach ends it."
 _NEVER = 2**62  # ns; a time that has not come
