@@ -14,7 +14,7 @@ from linkage_vibration.export.constants import Constants
 from linkage_vibration.export.cubics import Reals
 from linkage_vibration.export.expected import Comparison, expected_levels, expected_predictions
 from linkage_vibration.export.exported import Export
-from linkage_vibration.export.orders import ForceConstants, MemberConstants, OrderConstants
+from linkage_vibration.export.orders import ForceConstants, OrderConstants
 from linkage_vibration.messages.fields import message_constants, message_fields
 from linkage_vibration.messages.topics import LEVELS, LOAD_STATE, PREDICTION, RESONANCE
 from linkage_vibration.prediction.excitation import LoadKind, Source
@@ -46,11 +46,9 @@ def filled(template: str, values: Mapping[str, str]) -> str:
 def literal(value: float, suffix: str = "") -> str:
     """Return a number in C, as a hexadecimal float that is exact, with the suffix of its type.
 
-    >>> literal(0.1), literal(-2.0, "f"), literal(float("nan")), literal(-3)
-    ('0x1.999999999999ap-4', '-0x1p+1f', '(double)NAN', '-3')
+    >>> literal(0.1), literal(-2.0, "f"), literal(float("nan"))
+    ('0x1.999999999999ap-4', '-0x1p+1f', '(double)NAN')
     """
-    if isinstance(value, int):
-        return str(value)
     if not math.isfinite(value):
         text = "NAN" if math.isnan(value) else "INFINITY" if value > 0.0 else "-INFINITY"
         return text if suffix else f"(double){text}"  # they are of type float
@@ -124,16 +122,9 @@ def _values(export: Export) -> dict[str, str]:
     if orders is not None:
         values |= _numbers(orders, f, "response_") | _order_values(orders, f)
         values |= {"states": _macros(prefix, LOAD_STATE), "forces_source": ""}
-        values |= {"ensemble_header": "", "ensemble_source": ""}
         if orders.forces is not None:
             values |= _numbers(orders.forces, f, "force_")
             values["forces_source"] = filled("forces.c.in", values)
-        if orders.members is not None:
-            values |= _numbers(orders.members, f, "member_")
-            values["member_count"] = str(len(orders.members.amplitudes))
-            values["member_type"] = f"{orders.members.values.dtype}_t"
-            values["ensemble_header"] = filled("ensemble.h.in", values)
-            values["ensemble_source"] = filled("ensemble.c.in", values)
         values["orders_header"] = filled("orders.h.in", values)
         values["orders_source"] = filled("orders.c.in", values)
     return values
@@ -147,7 +138,7 @@ def _macros(prefix: str, kind: str) -> str:
 
 
 def _numbers(
-    holder: Constants | OrderConstants | ForceConstants | MemberConstants, f: str, prefix: str = ""
+    holder: Constants | OrderConstants | ForceConstants, f: str, prefix: str = ""
 ) -> dict[str, str]:
     """Return the numbers of a dataclass, and the lengths of its arrays, by the names of fields."""
     texts = {}
@@ -242,15 +233,12 @@ def _test_values(export: Export) -> dict[str, str]:
         **dict.fromkeys(("orders_test", "orders_calls", "assess_too"), ""),
     }
     if orders is not None:
-        levels, factors = expected_levels(export, predictions.given[:, 0])
+        levels = expected_levels(export, predictions.given[:, 0])
         values |= _comparison(levels, f, ("cases", "levels", "allowed_levels"))
-        values |= _comparison(factors, f, ("", "factors", "allowed_factors"))
         values |= {
             "assessed": str(len(levels.given)),
-            "deviated": str(len(factors.given)),
-            "warning": _literals([DEFAULT_LIMITS.warning], f),
             "orders_calls": "    assess_all();\n",
-            "assess_too": f", {name}_assess{f' and {name}_deviate' * bool(orders.members)}",
+            "assess_too": f" and {name}_assess",
         }
         values["orders_test"] = filled("orders_test.c.in", values)
     return values

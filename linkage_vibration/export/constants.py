@@ -78,7 +78,7 @@ class Constants:
     def size(self) -> int:
         """Bytes of all arrays in C, where none is more precise than the cells."""
         orders = self.orders
-        holders = [self, orders, orders and orders.forces, orders and orders.members]
+        holders = [self, orders, orders and orders.forces]
         values = [value for holder in holders if holder for value in vars(holder).values()]
         arrays = [value for value in values if isinstance(value, np.ndarray)]
         return sum(array.size * min(array.itemsize, self.starts.itemsize) for array in arrays)

@@ -12,9 +12,7 @@ from linkage_vibration.export.constants import ROW_ERROR, BoolArray, Constants
 from linkage_vibration.export.cubics import FloatArray, Reals
 from linkage_vibration.export.exported import Export
 from linkage_vibration.prediction.excitation import Source
-from linkage_vibration.prediction.levels import FACTORS
 from linkage_vibration.prediction.predictor import Predictor, angles_in_table, predict_many
-from linkage_vibration.prediction.severity import DEFAULT_LIMITS
 from linkage_vibration.table.table import Table, widened
 
 PER_MODE = (
@@ -39,14 +37,12 @@ LEVELS = (
 """Numbers about excitations that the node has in single precision, in their order in C."""
 
 _TESTED = 1000  # angles of the generated test
-_ASSESSED, _DEVIATED = 200, 20  # of them those with excitations, and those with deviations
+_ASSESSED = 200  # of them those with excitations
 _HIGHEST_SPEEDS = 3000.0, 1200.0, 12.0  # rpm and m/s, of that test
 _SEED = 2
 _ROUNDING, _MESSAGE = 1e-12, 1e-6  # of numbers with equal cells, and of those in messages
 _NEAR = 1e-5  # rad: how far single precision may move a border
 _FORCES = 0.03  # of the largest load ratio, whose numbers have errors of 1 %
-_COARSE, _FINE = 0.15, 0.05  # of the largest factor, with differences of members in 8 or 16 bits
-_HARDLY = 4.0  # times as much where the response point hardly responds
 
 
 class Comparison(NamedTuple):
@@ -82,8 +78,8 @@ def expected_predictions(export: Export) -> tuple[Comparison, list[int]]:
     return Comparison(given, *_columns(parts, _ROUNDING)), node.status.tolist()
 
 
-def expected_levels(export: Export, angles: Reals) -> tuple[Comparison, Comparison]:
-    """Return the node's levels and their deviations at some of the angles in the table.
+def expected_levels(export: Export, angles: Reals) -> Comparison:
+    """Return the node's levels at some of the angles in the table.
 
     Given are angles, rad, and the speeds of engine, PTO and ground.
     """
@@ -108,22 +104,7 @@ def expected_levels(export: Export, angles: Reals) -> tuple[Comparison, Comparis
         (getattr(node, name), 2.0 * errors.response + of_force * ("ratio" in name), 0.0)
         for name in LEVELS
     ]
-    few = slice(_DEVIATED if orders.members else 0)
-    factors = levels.factors(
-        node_angles[few], np.array(node_speeds)[:, few], DEFAULT_LIMITS.warning
-    )
-    is_coarse = orders.members is not None and orders.members.values.dtype == np.int8
-    share, one_member = _COARSE if is_coarse else _FINE, 1.0 / max(levels.n_members, 1)
-    # A rounded member may cross the limit of a warning, so its share differs by one member.
-    shares = {"velocity_factors": _HARDLY * share, "warning_probability": 0.0}
-    deviations = [
-        (factors[name], shares.get(name, share), one_member * (name == "warning_probability"))
-        for name in FACTORS
-    ]
-    return (
-        Comparison(given, *_columns(parts, _MESSAGE)),
-        Comparison(given[few], *_columns(deviations, _MESSAGE)),
-    )
+    return Comparison(given, *_columns(parts, _MESSAGE))
 
 
 def _columns(

@@ -69,7 +69,7 @@ def export_of(
     levels = orders = None
     if mechanism is not None and excitations:
         levels = LevelTable(Predictor(table), mechanism, excitations)
-        orders = orders_of(table, levels, excitations, coarse=tolerance is not None)
+        orders = orders_of(table, levels, excitations)
     constants = constants_of(table, orders)
     fewer = constants if tolerance is None else fewer_cells(constants, tolerance)
     chosen, errors = chosen_constants(constants, fewer, in_single=in_single)

@@ -5,10 +5,8 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from linkage_vibration.export.cubics import (
     FloatArray,
@@ -18,9 +16,8 @@ from linkage_vibration.export.cubics import (
     moved,
     smallest_sizes,
 )
-from linkage_vibration.mechanics.forces import LEAST_REFERENCE
 from linkage_vibration.prediction.excitation import Excitation
-from linkage_vibration.prediction.levels import KNOWN, LevelTable
+from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.table.table import Table
 
 _SMALL_TERM = 1e-2  # of its largest residue: a smaller term has no relative error of its own
@@ -28,12 +25,9 @@ _FORCE_ERROR = 0.01  # of each number of the forces, over its largest value
 
 
 def orders_of(
-    table: Table, levels: LevelTable, excitations: Sequence[Excitation], *, coarse: bool = False
+    table: Table, levels: LevelTable, excitations: Sequence[Excitation]
 ) -> "OrderConstants":
-    """Return excitations with the responses to them, as an export contains them.
-
-    Differences of the members of the ensemble have 16 bits, or 8 if they are coarse.
-    """
+    """Return excitations with the responses to them, as an export contains them."""
     starts, cubics, t, which = levels.arrays
     i, names = int(which.max()) + 1, [name for name, _ in table.forces if levels.force_places]
     forces, o = None, 1 + len(names)
@@ -56,7 +50,6 @@ def orders_of(
         cubics=cubics[:, :, of_point],
         highest_frequency=table.band[1],
         forces=forces,
-        members=_members_of(table, levels.member_arrays, o, coarse=coarse),
     )
 
 
@@ -78,38 +71,6 @@ def _forces_of(
     return ForceConstants(components, is_complex, rounded, cubics)
 
 
-def _members_of(
-    table: Table, arrays: tuple[NDArray[Any], ...], n_outputs: int, *, coarse: bool
-) -> "MemberConstants | None":
-    """Return the members whose numbers are possible, if these are as many as the node needs."""
-    if not arrays:
-        return None
-    nodes, values, places, amplitudes, frequencies = arrays
-    possible = np.isfinite(values[:, 1:]).all(axis=(0, 2))
-    if possible.mean() < KNOWN:
-        return None
-    apart = (values[:, 1:] - values[:, :1])[:, possible].swapaxes(1, 2)
-    kind = np.int8 if coarse else np.int16
-    steps = np.abs(apart).max(axis=2) / np.float32(np.iinfo(kind).max)
-    counts = np.round(apart / np.where(steps > 0.0, steps, 1.0)[..., np.newaxis])
-    low, high = table.toggles or (0.0, 0.0)
-    return MemberConstants(
-        n_modes=table.ensemble_poles.shape[-1],
-        n_outputs=n_outputs,
-        stroke_middle=(low + high) / 2.0,
-        stroke_half=(high - low) / 2.0,
-        least_share=LEAST_REFERENCE,
-        reference=table.reference_force or 0.0,
-        nodes=nodes.astype(np.float32),
-        places=places.astype(np.uint16),
-        nominal=values[:, 0],
-        steps=steps,
-        values=counts.astype(kind),
-        amplitudes=amplitudes[possible].astype(np.float32),
-        frequencies=frequencies[possible].astype(np.float32),
-    )
-
-
 @dataclass(frozen=True, eq=False)
 class ForceConstants:
     """Responses of forces in pins and cylinders, and their static forces, N, last.
@@ -125,25 +86,6 @@ class ForceConstants:
 
 
 @dataclass(frozen=True, eq=False)
-class MemberConstants:
-    """The members of a table's ensemble, by which levels are uncertain."""
-
-    n_modes: int
-    n_outputs: int
-    stroke_middle: float  # of the stroke variable, rad
-    stroke_half: float  # rad; 0 if it is the angle itself
-    least_share: float  # of the largest static force, that any counts at least
-    reference: float  # N, for all forces, or 0
-    nodes: Reals  # (n_nodes,), of the stroke variable
-    places: NDArray[np.integer]  # (n_values,), in `prediction.ensemble.Members`
-    nominal: Reals  # (n_nodes, n_values), of the mechanism itself
-    steps: Reals  # (n_nodes, n_values)
-    values: NDArray[np.integer]  # (n_nodes, n_values, n_members), in steps from it
-    amplitudes: Reals  # (n_members, n_orders), factors
-    frequencies: Reals  # (n_members, n_orders), factors
-
-
-@dataclass(frozen=True, eq=False)
 class OrderConstants:
     """Excitations, and the responses of the response point to them."""
 
@@ -155,7 +97,6 @@ class OrderConstants:
     cubics: Reals  # (n_cells, 4, n_values), as `prediction.levels` has them
     highest_frequency: float  # Hz, up to which responses are known
     forces: ForceConstants | None = None  # None without load ratios
-    members: MemberConstants | None = None  # None without deviations of levels
 
     def scales(self, widths: FloatArray) -> FloatArray:
         """Return what errors of the values in cells of widths are relative to, (n_cells, n_values).

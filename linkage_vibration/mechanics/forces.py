@@ -27,9 +27,8 @@ from linkage_vibration.mechanics.springs import has_force, tension_share
 GRAVITY = 9.80665
 """Standard acceleration of gravity, m/s2, by which static forces are computed."""
 
-LEAST_REFERENCE = 0.1
-"""Least reference force of a place, as a share of the largest static force at that angle."""
-
+# Least reference force of a place, as a share of the largest static force at that angle.
+_LEAST_REFERENCE = 0.1
 _SINGULAR = 1e-13  # Nothing holds a motion whose scaled singular value, of the largest, is smaller.
 _BALANCED = 1e-6  # A larger part of the weight that nothing carries is more than rounding.
 
@@ -64,7 +63,7 @@ def reference(static: FloatArray, given: float | None) -> FloatArray:
     """
     if given is not None:
         return np.full_like(static, given)
-    least = LEAST_REFERENCE * static.max(axis=0, initial=0.0)
+    least = _LEAST_REFERENCE * static.max(axis=0, initial=0.0)
     return np.where(least > 0.0, np.maximum(static, least), math.nan)
 
 

@@ -125,16 +125,6 @@ class Members:
         self._values = values.astype(np.float32)
         self._nominal = self._modes(self._values[:, 0])
 
-    @property
-    def arrays(self) -> tuple[FloatArray, Singles, IntArray]:
-        """Nodes in the stroke variable, values, (n_nodes, n_members + 1, n_used), and their places.
-
-        The mechanism itself comes first; the places are those in the parts of `_at_nodes`. Most
-        loads have neither rates nor imaginary parts, which are left out.
-        """
-        used = np.flatnonzero(self._values.any(axis=(0, 1)))
-        return self._variables, self._values.take(used, axis=2), used
-
     def at(self, alpha3: FloatArray) -> _Modes:
         """Return the modes at angles, (n,), rad: (n, n_members + 1, ...)."""
         at = stroke_variable(alpha3, self._table.toggles)

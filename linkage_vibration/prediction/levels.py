@@ -52,9 +52,7 @@ FACTORS = {
 A factor is exp of the standard deviation of the level's logarithm over the ensemble, and the
 probability is the share of its members whose level exceeds the limit of a warning."""
 
-KNOWN = 0.95
-"""Factors are known where at least this share of the members is."""
-
+_KNOWN = 0.95  # Factors are known where at least this share of the members is.
 _STATIC = 1e-5  # of the magnitudes of its terms: a static response below is only rounding
 _SAME = 1.0 - 1e-6  # of the square of a load ratio; a smaller difference is rounding
 _SILENT = 1e-30  # A smaller level has no logarithm.
@@ -206,14 +204,6 @@ class LevelTable:
         every = np.zeros((*cubics.shape[:2], self._n_values))
         every[..., self._order] = cubics
         return starts, every, self._layout.n_terms, self._inputs
-
-    @property
-    def member_arrays(self) -> tuple[NDArray[Any], ...]:
-        """`Members.arrays` and their factors of amplitudes and frequencies; none without members.
-
-        The factors are (n_members, n_excitations).
-        """
-        return () if self._members is None else (*self._members.arrays, *self._draws)
 
     def _terms(self, angles: FloatArray) -> _Terms:
         """Return the terms at angles in the table, (n,)."""
@@ -588,7 +578,7 @@ def _mean(values: FloatArray) -> FloatArray:
     finite = ~np.isnan(values)
     count = finite.sum(axis=1)
     mean = _sum(np.where(finite, values, 0.0)) / count
-    return np.where(count >= KNOWN * values.shape[1], mean, math.nan)
+    return np.where(count >= _KNOWN * values.shape[1], mean, math.nan)
 
 
 def _sampled(

@@ -91,23 +91,6 @@ def write(files: Mapping[str, str], folder: Path) -> None:
         (folder / name).write_text(text)
 
 
-_DEVIATE = """
-void deviate_many(const PREFIX_prediction *predictions, const PREFIX_resonance *resonances,
-                  const PREFIX_real *speeds, const PREFIX_real *limit, size_t count,
-                  PREFIX_deviations *found);
-void deviate_many(const PREFIX_prediction *predictions, const PREFIX_resonance *resonances,
-                  const PREFIX_real *speeds, const PREFIX_real *limit, size_t count,
-                  PREFIX_deviations *found)
-{
-    size_t i;
-    for (i = 0u; i < count; i++) {
-        PREFIX_deviate(&predictions[i], &speeds[PREFIX_SPEEDS * i], &resonances[i], *limit,
-                       &found[i]);
-    }
-}
-"""
-
-
 def misra_rules(files: Mapping[str, str], folder: Path) -> set[str]:
     """Return the rules of MISRA C:2012 that cppcheck finds broken; it finds no error."""
     write(files, folder)
@@ -142,7 +125,6 @@ class Library:
         self.constants = constants = export.constants
         write(c_sources(export), folder)
         loop = _LOOP + (_ASSESS if constants.orders else "")
-        loop += _DEVIATE if constants.orders and constants.orders.members else ""
         (folder / "loop.c").write_text(
             loop.replace("PREFIX_SPEEDS", f"{prefix.upper()}_SPEEDS").replace("PREFIX", prefix)
         )
@@ -218,23 +200,4 @@ class Library:
         every = (predictions, resonances, np.ascontiguousarray(times, np.int64), given, values)
         pointers = [ctypes.c_void_p(x.ctypes.data) for x in every]
         self._library.judge_many(*pointers[:4], ctypes.c_size_t(len(values)), pointers[4])
-        return values
-
-    def deviate(
-        self,
-        predictions: NDArray[np.void],
-        resonances: NDArray[np.void],
-        speeds: Reals,
-        limit: float,
-    ) -> NDArray[np.void]:
-        """Return how uncertain the levels are, with the names of the message."""
-        assert self.constants.orders is not None
-        n, real = len(self.constants.orders.excitations), self.constants.starts.dtype
-        totals = "total_velocity_factor", "total_load_ratio_factor", "warning_probability"
-        several = [(name, real, (n,)) for name in ("velocity_factors", "load_ratio_factors")]
-        kind = np.dtype([*several, *((name, real) for name in totals)], align=True)
-        values, given = np.zeros(len(predictions), kind), np.array([limit], real)
-        every = predictions, resonances, np.ascontiguousarray(speeds, real), given, values
-        pointers = [ctypes.c_void_p(x.ctypes.data) for x in every]
-        self._library.deviate_many(*pointers[:4], ctypes.c_size_t(len(values)), pointers[4])
         return values
