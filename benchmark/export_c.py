@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Measures exported C and FMUs: bits, errors, sizes and times: ``python -m benchmark export_c``.
+"""Measures exported C and FMUs: bits, sizes and times: ``python -m benchmark export_c``.
 
 It also simulates the shipped drive with FMPy, and draws docs/pictures/export.png.
 """
@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from benchmark.report import machine, publish, table
 from linkage_vibration.cli.main import main as command
 from linkage_vibration.drawing.palette import INK, mode_colours
-from linkage_vibration.export.errors import ExportErrors
 from linkage_vibration.export.expected import NUMBERS, angles_to_test
 from linkage_vibration.export.exported import Export, export_of
 from linkage_vibration.mechanics.model import LinkageModel
@@ -36,12 +35,10 @@ FloatArray = NDArray[np.float64]
 PICTURE = Path(__file__).parents[1] / "docs" / "pictures" / "export.png"
 ANGLES = 100_000
 FMA = ("-O2", "-march=native", "-ffp-contract=fast")
-TOLERANCES = 1e-8, 2e-7, 1e-6, 1e-5, 1e-4
 ROUNDS = 7
 STEPS = 0.01, 0.05  # s, of co-simulations
 BIT_COLUMNS = ["table", "compiler and options", "equal numbers", "of", "largest difference"]
-SIZE_COLUMNS = ["table", "precision", "tolerance", "cells", "kB", "frequencies", "damping ratios"]
-SIZE_COLUMNS += ["peak", "slopes", "text and data, kB", "ns a call, slow", "ns a call, random"]
+SIZE_COLUMNS = ["table", "cells", "kB", "text and data, kB", "ns a call, slow", "ns a call, random"]
 
 
 def tables() -> dict[str, Table]:
@@ -73,7 +70,7 @@ def text_and_data(folder: Path, prefix: str) -> float:
 def bits(name: str, of: Table) -> list[list[str]]:
     """Compare the numbers of C with those of the node, by several compilers and options."""
     export = export_of(of)
-    angles = angles_to_test(export.constants, ANGLES).astype(float)
+    angles = angles_to_test(export.constants, ANGLES)
     stddevs = np.where(np.arange(ANGLES) % 2, 1e-3, 0.0)
     expected = predict_many(Predictor(of), angles, stddevs)
     rows = []
@@ -105,36 +102,19 @@ def nanoseconds(made: Library, angles: FloatArray) -> float:
     return 1e9 * float(np.median(times)) / len(angles)
 
 
-def sizes(name: str, of: Table) -> list[list[str]]:
-    """Return the cells, sizes, errors and times of exports with several tolerances."""
+def sizes(name: str, of: Table) -> list[str]:
+    """Return the cells, sizes and times of an export."""
+    export = export_of(of)
+    made, kilobytes = library(export, "gcc", EXACT)
     random = np.random.default_rng(1).uniform(*of.alpha3_range, ANGLES)
-    slow = np.linspace(*of.alpha3_range, ANGLES)
-    rows = []
-    for in_single in (False, True):
-        for tolerance in (None, *(TOLERANCES[2:3] if in_single else TOLERANCES)):
-            export = export_of(of, tolerance=tolerance, in_single=in_single)
-            constants, errors = export.constants, export.errors
-            made, kilobytes = library(export, "gcc", EXACT)
-            rows.append(
-                [
-                    name,
-                    "single" if in_single else "double",
-                    "" if tolerance is None else f"{tolerance:g}",
-                    f"{len(constants.starts)}",
-                    f"{constants.size / 1e3:.1f}",
-                    *cells_of(errors),
-                    f"{kilobytes:.1f}",
-                    f"{nanoseconds(made, slow):.0f}",
-                    f"{nanoseconds(made, random):.0f}",
-                ]
-            )
-    return rows
-
-
-def cells_of(errors: ExportErrors) -> list[str]:
-    """Return errors as cells of a table; 0 where the bits are equal."""
-    values = errors.frequency, errors.damping_ratio, errors.peak, errors.slope
-    return [f"{value:.1e}" if value else "0" for value in values]
+    return [
+        name,
+        f"{len(export.constants.starts)}",
+        f"{export.constants.size / 1e3:.1f}",
+        f"{kilobytes:.1f}",
+        f"{nanoseconds(made, np.linspace(*of.alpha3_range, ANGLES)):.0f}",
+        f"{nanoseconds(made, random):.0f}",
+    ]
 
 
 def drive_log(folder: Path) -> Log:
@@ -215,10 +195,9 @@ def main() -> None:
             "borders of cells, and many turns. The largest difference is that over the largest "
             "number of its kind.",
             table(BIT_COLUMNS, [row for key, of in known.items() for row in bits(key, of)]),
-            "Cells, constants, errors against the table (relative; slopes over the largest one), "
-            "compiled size (gcc -Os), and the time of a call with the crank moving slowly and at "
-            "random angles (gcc -O2). An empty tolerance keeps all cells.",
-            table(SIZE_COLUMNS, [row for key, of in known.items() for row in sizes(key, of)]),
+            "Cells, constants, compiled size (gcc -Os), and the time of a call with the crank "
+            "moving slowly and at random angles (gcc -O2).",
+            table(SIZE_COLUMNS, [sizes(key, of) for key, of in known.items()]),
             "The shipped drive through FMPy, with steps (s): the size of the FMU (kB), "
             "the largest relative difference of natural frequencies from those of the node at the "
             "same time, and for a co-simulation also from those one step before.",

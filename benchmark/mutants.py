@@ -72,8 +72,8 @@ TESTS = {
         "table/tabulation/test_deviations.py",
     ),
     "bags/recorder.py": ("bags/test_recorder.py",),
-    "export/constants.py": ("export/test_errors.py", "export/test_c.py"),
-    "export/evaluation.py": ("export/test_errors.py", "export/test_c.py"),
+    "export/constants.py": ("export/test_c.py",),
+    "export/evaluation.py": ("export/test_c.py",),
     "export/c_source.py": ("export/test_c.py", "export/test_orders.py"),
     "export/fmu.py": ("export/test_fmu.py",),
 }

@@ -27,21 +27,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--fmu", type=Path, metavar="FILE", help=text)
     text = "leave out the compiled library of the FMU; an importer compiles its sources"
     add("--source-only", action="store_true", help=text)
-    text = "single instead of double precision; the files say how large the errors are"
-    add("--single", action="store_true", help=text)
     text = "how the names of files and of everything in C begin (default: %(default)s)"
     add("--name", default="linkage_vibration", help=text)
-    text = "use as few cells as give natural frequencies and damping ratios of the table within "
-    text += "this relative error (at most 1e-3), and its peak within a hundred times as much "
-    text += "(default: all cells, which give the same bits as Python)"
-    add("--tolerance", type=float, help=text)
     text = "YAML file of excitations, for margins and responses by order"
     add("--excitations", type=Path, metavar="FILE", help=text)
     add("--mechanism", type=Path, help=f"for responses, the table's mechanism; {SHIPPED}")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Write the files and print the errors; return the exit code."""
+    """Write the files and print how large they are; return the exit code."""
     from linkage_vibration.export.constants import ExportError
     from linkage_vibration.support.atomic_files import (
         check_output,
@@ -65,9 +59,8 @@ def run(options: argparse.Namespace) -> int:
     for file in files:
         print(f"Written: {file}")
     print(
-        f"Table {table.table_id} of {table.mechanism_name}: {len(constants.starts)} of "
-        f"{len(table.cells.arrays[0])} cells, {constants.size} bytes of constants. "
-        f"{export.error_text}"
+        f"Table {table.table_id} of {table.mechanism_name}: {len(constants.starts)} "
+        f"cells, {constants.size} bytes of constants. {export.accuracy}"
     )
     if constants.gaps:
         print(constants.gap_text)
@@ -117,11 +110,4 @@ def _export(options: argparse.Namespace, path: Path) -> "Export":
         orders = [excitation for excitation in excitations if excitation.terrain is None]
         if len(orders) < len(excitations):
             print("The ground is left out, as an export computes the responses to orders alone.")
-    return export_of(
-        load_table(path, mechanism),
-        mechanism,
-        orders,
-        tolerance=options.tolerance,
-        in_single=options.single,
-        name=options.name,
-    )
+    return export_of(load_table(path, mechanism), mechanism, orders, name=options.name)

@@ -7,11 +7,12 @@ import re
 import textwrap
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from linkage_vibration.export.constants import Constants
-from linkage_vibration.export.cubics import Reals
+from linkage_vibration.export.constants import FARTHEST, Constants
 from linkage_vibration.export.expected import Comparison, expected_levels, expected_predictions
 from linkage_vibration.export.exported import Export
 from linkage_vibration.export.orders import ForceConstants, OrderConstants
@@ -82,25 +83,21 @@ def existing_table(header: str) -> str:
     return match[1] if match else ""
 
 
-def _suffix(export: Export) -> str:
-    return "f" if export.constants.starts.dtype == np.float32 else ""
-
-
 def _common_values(export: Export) -> dict[str, str]:
     """Return what stands for each name in all templates."""
-    return {"prefix": export.name, "PREFIX": export.name.upper(), "f": _suffix(export)}
+    return {"prefix": export.name, "PREFIX": export.name.upper()}
 
 
 def _values(export: Export) -> dict[str, str]:
     """Return what stands for each name in the templates of header and source."""
-    constants, f = export.constants, _suffix(export)
-    prefix, orders, table = export.name, constants.orders, export.table
+    constants, prefix, table = export.constants, export.name, export.table
+    orders = constants.orders
     low, high = (math.degrees(angle) for angle in constants.alpha3_range)
     turns = ", of any turn" if constants.turns else ""
     fields = [f for kind in (RESONANCE, LEVELS, PREDICTION) for f in message_fields(kind)]
     values = {
         **{field.name: comment(field.comment) for field in fields},
-        **_numbers(constants, f),
+        **_numbers(constants),
         **_common_values(export),
         "version": VERSION,
         "title": comment(
@@ -109,21 +106,18 @@ def _values(export: Export) -> dict[str, str]:
         "facts": _facts(export),
         "table_id": table.table_id,
         "mode_names": _texts(export.mode_labels),
-        "digits": "24" if f else "53",
-        "DIGITS": "FLT_MANT_DIG" if f else "DBL_MANT_DIG",
-        "real": "float" if f else "double",
-        "in_double": ", whose numbers were rounded to single precision" if f else "",
         "range": f"{low:.6g} to {high:.6g} deg{turns}",
         "statuses": _macros(prefix, PREDICTION),
-        "turn": _literals([2.0 * math.pi], f),
+        "turn": literal(2.0 * math.pi),
+        "farthest": literal(FARTHEST),
         "orders_header": "",
         "orders_source": "",
     }
     if orders is not None:
-        values |= _numbers(orders, f, "response_") | _order_values(orders, f)
+        values |= _numbers(orders, "response_") | _order_values(orders)
         values |= {"states": _macros(prefix, LOAD_STATE), "forces_source": ""}
         if orders.forces is not None:
-            values |= _numbers(orders.forces, f, "force_")
+            values |= _numbers(orders.forces, "force_")
             values["forces_source"] = filled("forces.c.in", values)
         values["orders_header"] = filled("orders.h.in", values)
         values["orders_source"] = filled("orders.c.in", values)
@@ -138,7 +132,7 @@ def _macros(prefix: str, kind: str) -> str:
 
 
 def _numbers(
-    holder: Constants | OrderConstants | ForceConstants, f: str, prefix: str = ""
+    holder: Constants | OrderConstants | ForceConstants, prefix: str = ""
 ) -> dict[str, str]:
     """Return the numbers of a dataclass, and the lengths of its arrays, by the names of fields."""
     texts = {}
@@ -147,13 +141,13 @@ def _numbers(
         if isinstance(value, np.ndarray):
             texts[f"n_{name}"], texts[f"width_of_{name}"] = str(len(value)), str(value.shape[-1])
             rows = value.swapaxes(1, 2) if value.ndim == 3 else value
-            texts[name] = _rows(rows, "f" if value.dtype == np.float32 else f)
+            texts[name] = _rows(rows)
         elif isinstance(value, float):
-            texts[name] = _literals([value], f)
+            texts[name] = literal(value)
         elif isinstance(value, int):
             texts[name] = str(int(value))
         elif field.endswith(("range", "band")):
-            texts[f"{name}_low"], texts[f"{name}_high"] = (_literals([end], f) for end in value)
+            texts[f"{name}_low"], texts[f"{name}_high"] = map(literal, value)
     return texts
 
 
@@ -163,23 +157,22 @@ def _facts(export: Export) -> str:
     lines = [f"Table {table.table_id}, of the mechanism {table.mechanism_name}."]
     lines += [f"M{label[1:]}" for label in export.mode_labels]
     lines += [f"{len(constants.starts)} cells; {constants.size} bytes of constants."]
-    lines += [export.error_text] + [constants.gap_text] * bool(constants.gaps)
+    lines += [export.accuracy] + [constants.gap_text] * bool(constants.gaps)
     wrapped = [text for line in lines for text in textwrap.wrap(comment(line), _WIDTH) or [""]]
     return "\n".join(f" * {line}".rstrip() for line in wrapped)
 
 
-def _literals(values: Iterable[float], f: str) -> str:
-    """Return numbers in C with commas between them, rounded to the precision of their suffix."""
-    return ", ".join(literal(float(np.float32(v)) if f else float(v), f) for v in values)
+def _literals(values: Iterable[float]) -> str:
+    """Return numbers in C with commas between them."""
+    return ", ".join(map(literal, values))
 
 
-def _rows(values: Reals, f: str, indent: str = "    ") -> str:
+def _rows(values: NDArray[np.floating[Any]], indent: str = "    ") -> str:
     """Return the inside of an array's braces."""
-    if f and values.dtype == np.float64:
-        values = values.astype(np.float32)
     if values.ndim == 1:
-        return _wrapped((literal(value, f) for value in values.tolist()), indent)
-    inside = (_rows(row, f, f"{indent} ") for row in values)
+        suffix = "f" if values.dtype == np.float32 else ""
+        return _wrapped((literal(value, suffix) for value in values.tolist()), indent)
+    inside = (_rows(row, f"{indent} ") for row in values)
     if values.ndim == 2:
         return ",\n".join(f"{indent}{{{row.lstrip()}}}" for row in inside)
     return ",\n".join(f"{indent}{{\n{rows}}}" for rows in inside)
@@ -191,7 +184,7 @@ def _wrapped(words: Iterable[str], indent: str = "    ") -> str:
     return textwrap.fill(text, _WIDTH, subsequent_indent=indent, break_on_hyphens=False)
 
 
-def _order_values(orders: OrderConstants, f: str) -> dict[str, str]:
+def _order_values(orders: OrderConstants) -> dict[str, str]:
     """Return what stands for the excitations in their templates."""
     rows, sources = [], list(Source)
     for excitation, which in zip(orders.excitations, orders.inputs, strict=True):
@@ -201,7 +194,7 @@ def _order_values(orders: OrderConstants, f: str) -> dict[str, str]:
             rms, speed, exponent = load.amplitude / math.sqrt(2.0), load.speed, load.exponent
             soil = load.kind is LoadKind.BASE_ACCELERATION
         ratio = excitation.ratio
-        numbers = _literals([ratio, 2.0 * math.pi * ratio, rms, speed, exponent], f)
+        numbers = _literals([ratio, 2.0 * math.pi * ratio, rms, speed, exponent])
         last = f"{soil:d}, {which}u, {excitation.warns:d}u"
         rows.append(f"    {{{sources.index(excitation.source)}u, {numbers}, {last}}}")
     components = orders.forces.components if orders.forces else ()
@@ -215,35 +208,34 @@ def _order_values(orders: OrderConstants, f: str) -> dict[str, str]:
         "n_totals": str(len(components) or 1),
         "n_components": str(sum(components)),
         "components": ", ".join(f"{count}u" for count in components),
-        "limits": f"{_literals([limits.warning, limits.note, limits.near], f)}, {dwell}",
+        "limits": f"{_literals([limits.warning, limits.note, limits.near])}, {dwell}",
         "gap": gap,
-        "tiny": literal(1e-37 if f else 1e-300, f),
-        "highest_omega": _literals([2.0 * math.pi * orders.highest_frequency], f),
+        "highest_omega": literal(2.0 * math.pi * orders.highest_frequency),
     }
 
 
 def _test_values(export: Export) -> dict[str, str]:
     """Return what stands for each name in the template of the test."""
-    f, name, orders = _suffix(export), export.name, export.constants.orders
+    orders = export.constants.orders
     predictions, statuses = expected_predictions(export)
     values = _common_values(export) | {
         "count": str(len(statuses)),
         "statuses": _wrapped(map(str, statuses)),
-        **_comparison(predictions, f, ("angles", "expected", "allowed")),
+        **_comparison(predictions, ("angles", "expected", "allowed")),
         **dict.fromkeys(("orders_test", "orders_calls", "assess_too"), ""),
     }
     if orders is not None:
         levels = expected_levels(export, predictions.given[:, 0])
-        values |= _comparison(levels, f, ("cases", "levels", "allowed_levels"))
+        values |= _comparison(levels, ("cases", "levels", "allowed_levels"))
         values |= {
             "assessed": str(len(levels.given)),
             "orders_calls": "    assess_all();\n",
-            "assess_too": f" and {name}_assess",
+            "assess_too": f" and {export.name}_assess",
         }
         values["orders_test"] = filled("orders_test.c.in", values)
     return values
 
 
-def _comparison(comparison: Comparison, f: str, names: tuple[str, str, str]) -> dict[str, str]:
+def _comparison(comparison: Comparison, names: tuple[str, str, str]) -> dict[str, str]:
     """Return the rows of a comparison in C, by names."""
-    return {name: _rows(rows, f) for name, rows in zip(names, comparison, strict=True)}
+    return {name: _rows(rows) for name, rows in zip(names, comparison, strict=True)}

@@ -1,35 +1,22 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Cubics of cells: how they are moved, their extremes, and fewer of them within limits."""
-
-from typing import Any
+"""Fewer cells of cubics within limits."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from linkage_vibration.mechanics.arrays import FloatArray
 
-Reals = NDArray[Any]
-"""Numbers in single or double precision."""
-
 _SAME = 1e-6  # of the largest value: a larger step between two cells is a jump
-_ZERO = 1e-4  # of the largest value: smaller values have no relative error of their own
 
 
-def moved(cubics: Reals, shifts: Reals) -> FloatArray:
+def moved(cubics: FloatArray, shifts: FloatArray) -> FloatArray:
     """Return cubics, (n, 4, k), expanded about starts that are larger by shifts, (n,)."""
     shift = shifts[:, np.newaxis]
-    c3, c2, c1, c0 = cubics.astype(float).swapaxes(0, 1)
+    c3, c2, c1, c0 = cubics.swapaxes(0, 1)
     slope = c1 + (2.0 * c2 + 3.0 * c3 * shift) * shift
     return np.stack(
         [c3, c2 + 3.0 * c3 * shift, slope, c0 + (c1 + (c2 + c3 * shift) * shift) * shift], axis=1
     )
-
-
-def slopes_of(cubics: Reals) -> FloatArray:
-    """Return the derivatives of cubics, (n, 4, k), as cubics."""
-    c3, c2, c1, _ = cubics.astype(float).swapaxes(0, 1)
-    return np.stack([0.0 * c3, 3.0 * c3, 2.0 * c2, c1], axis=1)
 
 
 def extremes(cubics: FloatArray, widths: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -48,27 +35,23 @@ def extremes(cubics: FloatArray, widths: FloatArray) -> tuple[FloatArray, FloatA
     return values.min(axis=0), values.max(axis=0)
 
 
-def smallest_sizes(cubics: FloatArray, widths: FloatArray, share: float = _ZERO) -> FloatArray:
-    """Return the smallest magnitudes in cells, (n, k), or a share of the largest of all cells.
-
-    Errors are relative to these.
-    """
-    low, high = extremes(cubics, widths)
-    sizes = np.abs([low, high])
-    smallest = np.where(low * high > 0.0, sizes.min(axis=0), 0.0)
+def largest_sizes(cubics: FloatArray, widths: FloatArray) -> FloatArray:
+    """Return the largest magnitudes of cubics, (n, 4, k), in all cells, (k,)."""
     with np.errstate(invalid="ignore"):
-        floor = share * np.nanmax(sizes, axis=(0, 1), initial=0.0)
-    return np.asarray(np.maximum(smallest, floor))
+        sizes = np.nanmax(np.abs(extremes(cubics, widths)), axis=(0, 1), initial=0.0)
+    return np.asarray(sizes)
 
 
-def _value(cubics: Reals, t: Reals) -> FloatArray:
+def _value(cubics: FloatArray, t: FloatArray) -> FloatArray:
     """Return the values of cubics, (n, 4, k), at distances from their starts, (n, k)."""
     c3, c2, c1, c0 = cubics.swapaxes(0, 1)
     return np.asarray(((c3 * t + c2) * t + c1) * t + c0)
 
 
-def joined_cells(ends: Reals, cubics: Reals, limits: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the starts and the cubics of as few cells as limits, (n_cells, k), allow.
+def joined_cells(
+    ends: FloatArray, cubics: FloatArray, limits: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the starts and the cubics of as few cells as limits, (k,), allow.
 
     Neighbours are joined into a cell with their values and slopes at its ends. The ends are
     (n_cells + 1,), rad, and the cubics (n_cells, 4, k).
@@ -85,10 +68,10 @@ def joined_cells(ends: Reals, cubics: Reals, limits: FloatArray) -> tuple[FloatA
 class _Joiner:
     """Joins cells that begin at angles and end at the next; the last of these ends the last cell.
 
-    A joined cell may differ from each cell by its limits, (n_cells, k).
+    A joined cell may differ from each cell by limits, (k,).
     """
 
-    def __init__(self, ends: Reals, cubics: Reals, limits: Reals) -> None:
+    def __init__(self, ends: FloatArray, cubics: FloatArray, limits: FloatArray) -> None:
         self._ends, self._cubics, self._limits = ends, cubics, limits
         self._widths = np.diff(ends)
         self._first = cubics[:, 3], cubics[:, 2]  # values and slopes where each cell begins
@@ -130,4 +113,4 @@ class _Joiner:
         whole = np.repeat(self.cubic(first, after)[np.newaxis], len(shifts), axis=0)
         off = moved(whole, shifts) - self._cubics[first:after]
         low, high = extremes(off, self._widths[first:after])
-        return not (np.maximum(-low, high) > self._limits[first:after]).any()
+        return not (np.maximum(-low, high) > self._limits).any()

@@ -1,13 +1,12 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""What one export contains: a table, its numbers, their errors, and how its names begin."""
+"""What one export contains: a table, its numbers, and how its names begin."""
 
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from linkage_vibration.export.constants import Constants, ExportError, constants_of, fewer_cells
-from linkage_vibration.export.errors import ExportErrors, chosen_constants
+from linkage_vibration.export.constants import Constants, ExportError, constants_of
 from linkage_vibration.export.orders import orders_of
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.prediction.excitation import Excitation
@@ -19,6 +18,7 @@ NAME = "linkage_vibration"
 """How names begin unless another name is wanted."""
 
 _VALID_NAME = re.compile(r"[a-z][0-9a-z_]{0,19}")
+_EQUAL = "The numbers are those of the table, to the last bit."
 _LOAD_RATIOS = (
     " Load ratios come from numbers of their own in single precision, of which each differs by at "
     "most 1 % of its largest value."
@@ -32,7 +32,6 @@ class Export:
     name: str  # begins the names of files and of everything in C
     table: Table
     constants: Constants
-    errors: ExportErrors  # of the constants, against the table
     levels: LevelTable | None = None  # the node's, for the generated test
 
     @property
@@ -41,10 +40,10 @@ class Export:
         return [self.table.mode_label(mode) for mode in range(self.table.n_modes)]
 
     @property
-    def error_text(self) -> str:
-        """A sentence about bounds of errors."""
+    def accuracy(self) -> str:
+        """Sentences about how the numbers differ from those of the table."""
         orders = self.constants.orders
-        return f"{self.errors.text}{_LOAD_RATIOS if orders and orders.forces else ''}"
+        return f"{_EQUAL}{_LOAD_RATIOS if orders and orders.forces else ''}"
 
 
 def export_of(
@@ -52,14 +51,12 @@ def export_of(
     mechanism: Mechanism | None = None,
     excitations: Sequence[Excitation] = (),
     *,
-    tolerance: float | None = None,
-    in_single: bool = False,
     name: str = NAME,
 ) -> Export:
     """Return what to export of a table, and of excitations of its mechanism.
 
-    Without a tolerance, see `fewer_cells`, all cells are kept. An ExportError is also raised for a
-    name that cannot begin names in C that differ in their first 31 characters.
+    An ExportError is also raised for a name that cannot begin names in C that differ in their first
+    31 characters.
     """
     if not _VALID_NAME.fullmatch(name):
         raise ExportError(
@@ -70,7 +67,4 @@ def export_of(
     if mechanism is not None and excitations:
         levels = LevelTable(Predictor(table), mechanism, excitations)
         orders = orders_of(table, levels, excitations)
-    constants = constants_of(table, orders)
-    fewer = constants if tolerance is None else fewer_cells(constants, tolerance)
-    chosen, errors = chosen_constants(constants, fewer, in_single=in_single)
-    return Export(name, table, chosen, errors, levels)
+    return Export(name, table, constants_of(table, orders), levels)

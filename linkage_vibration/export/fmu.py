@@ -15,8 +15,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.sax.saxutils import escape
 
-import numpy as np
-
 from linkage_vibration.export.c_source import c_sources, filled, literal
 from linkage_vibration.export.constants import ExportError
 from linkage_vibration.export.expected import NUMBERS, PER_MODE
@@ -117,7 +115,6 @@ def fmu_bytes(export: Export, *, compiled: bool) -> bytes:
         "token": token,
         "start": literal(constants.alpha3_range[0]),
         "turns": str(int(constants.turns)),
-        "step": repr(float(np.finfo(constants.starts.dtype).eps) ** (1.0 / 3.0)),
     }
     sources["fmi2.c"] = filled("fmu.c.in", values)
     names = [name for name in sources if name.endswith(".c")]
@@ -213,7 +210,7 @@ def _texts(
     """Return what stands for each name in the templates of the descriptions."""
     listed = [pair for pair in enumerate(variables) if pair[1].causality != "independent"]
     outputs = [i for i, (_, variable) in enumerate(listed, 1) if variable.causality == "output"]
-    about = f"Predicted vibration, by table {export.table.table_id}. {export.error_text}"
+    about = f"Predicted vibration, by table {export.table.table_id}. {export.accuracy}"
     return {
         "name": _escaped(export.table.mechanism_name),
         "about": _escaped(about),

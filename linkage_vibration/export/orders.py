@@ -2,25 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """The numbers of excitations that an export contains, and of the responses to them."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from linkage_vibration.export.cubics import (
-    FloatArray,
-    Reals,
-    extremes,
-    joined_cells,
-    moved,
-    smallest_sizes,
-)
+from linkage_vibration.export.cubics import joined_cells, largest_sizes
+from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.prediction.excitation import Excitation
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.table.table import Table
 
-_SMALL_TERM = 1e-2  # of its largest residue: a smaller term has no relative error of its own
 _FORCE_ERROR = 0.01  # of each number of the forces, over its largest value
 
 
@@ -64,25 +57,23 @@ def _forces_of(
     is_complex, n = bool(residues[:, :, 1].any()), len(residues)
     parts = residues if is_complex else residues[:, :, ::2]
     cubics = np.concatenate([parts.reshape(n, 4, -1), others], axis=2)
-    sizes = smallest_sizes(cubics, np.diff(ends), 1.0)
-    starts, cubics = joined_cells(ends, cubics, _FORCE_ERROR * sizes)
-    rounded = starts.astype(np.float32).astype(float)
-    cubics = moved(cubics, rounded - starts).astype(np.float32)
-    return ForceConstants(components, is_complex, rounded, cubics)
+    limits = _FORCE_ERROR * largest_sizes(cubics, np.diff(ends))
+    starts, cubics = joined_cells(ends, cubics, limits)
+    return ForceConstants(components, is_complex, starts, cubics.astype(np.float32))
 
 
 @dataclass(frozen=True, eq=False)
 class ForceConstants:
     """Responses of forces in pins and cylinders, and their static forces, N, last.
 
-    The numbers have single precision, and the arrangement of `prediction.levels`; imaginary parts
+    The cubics have single precision, and the arrangement of `prediction.levels`; imaginary parts
     of residues are left out if all are zero.
     """
 
     components: tuple[int, ...]  # of each pin and cylinder, 1 or 2
     is_complex: bool
-    starts: Reals  # (n_cells,), rad
-    cubics: Reals  # (n_cells, 4, n_values)
+    starts: FloatArray  # (n_cells,), rad
+    cubics: NDArray[np.float32]  # (n_cells, 4, n_values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,28 +84,7 @@ class OrderConstants:
     inputs: tuple[int, ...]  # (n_orders,), which input each has
     n_terms: int  # 0 without FRFs
     n_inputs: int
-    starts: Reals  # (n_cells,), rad
-    cubics: Reals  # (n_cells, 4, n_values), as `prediction.levels` has them
+    starts: FloatArray  # (n_cells,), rad
+    cubics: FloatArray  # (n_cells, 4, n_values), as `prediction.levels` has them
     highest_frequency: float  # Hz, up to which responses are known
     forces: ForceConstants | None = None  # None without load ratios
-
-    def scales(self, widths: FloatArray) -> FloatArray:
-        """Return what errors of the values in cells of widths are relative to, (n_cells, n_values).
-
-        A term (a + i w b) / (k - w^2 + i w c) changes by the sum of the relative errors of k, c, a
-        and b at most: those of k over the smallest denominator, and of b over a at the band's end.
-        """
-        t, n = self.n_terms, len(self.cubics)
-        low, _ = extremes(self.cubics, widths)
-        k, c = low[:, :t], low[:, 2 * t : 3 * t]
-        top = 2.0 * math.pi * self.highest_frequency
-        root = np.where(c * c < 2.0 * k, c * np.sqrt(np.maximum(k - 0.25 * c * c, 0.0)), k)
-        root = np.where(k - 0.5 * c * c > top * top, k - top * top, root)
-        parts = [root, root, np.maximum(c, root / top)]
-        above = 3 * t * (1 + self.n_inputs)
-        small = smallest_sizes(self.cubics, widths, _SMALL_TERM)
-        for values in (small[:, 3 * t : above], small[:, above : above + 3 * self.n_inputs]):
-            real, imaginary, _ = values.reshape(n, 3, -1).swapaxes(0, 1)
-            size = np.hypot(real, imaginary)
-            parts += [size, size, size / top]
-        return np.hstack([*parts, small[:, above + 3 * self.n_inputs :]])
