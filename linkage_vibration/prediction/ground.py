@@ -48,7 +48,7 @@ REASONS = (
     "A tyre is off the ground for more than a fifth of the time, so the tyres are not springs.",
     "The static loads of the mounts are not known, so a tyre may be off the ground.",
     "The crank angle is outside the table.",
-    "The ground speed is not known, is negative, or is above 100 m/s.",
+    "The ground speed is not known, or is not between 0 and 100 m/s.",
     "The damping ratio of a mode in the band of the terrain is too small for a level.",
 )
 """Why a level of the ground is not known, by the numbers in `GroundLevels.reason`."""

@@ -188,6 +188,11 @@ class LevelTable:
                 )
 
     @property
+    def has_load_ratios(self) -> bool:
+        """Whether the table gives the loads of excitations in pins, up to its highest frequency."""
+        return self._cells is not None and bool(self.force_places)
+
+    @property
     def alpha3_range(self) -> tuple[float, float]:
         """First and last angle of the table, rad."""
         return self._predictor.table.alpha3_range

@@ -144,6 +144,11 @@ class ResonanceMonitor:
         self._ratios, self._stddevs = np.array(ratios).T[..., np.newaxis]
         self._sources = np.array([excitation.source.place for excitation in self.excitations])
         self._warns = np.array([[excitation.warns] for excitation in self.excitations])
+        self._loaded = np.array([[bool(excitation.load)] for excitation in self.excitations])
+        # (n_sources, n_excitations): which orders with an amplitude follow a speed
+        places = np.arange(len(Source))[:, np.newaxis]
+        self._orders = ((self._sources == places) & self._loaded.T).astype(int)
+        self._has_orders = self._orders.any(axis=1, keepdims=True)
         self._rolling = np.array([[bool(excitation.terrain)] for excitation in self.excitations])
         names = [excitation.name for excitation in self.excitations]
         self._names = np.array([*names, ""])  # -1: none
@@ -253,7 +258,10 @@ class ResonanceMonitor:
         # No level is known while a tyre is in the air, but that is no reason to be calm.
         airborne = self._rolling & (levels.off_ground_share > AIRBORNE)
         ratio[:-1][airborne] = math.inf
-        unknown = self._unknown_sources(predictions, speeds[0], ratio)
+        # A load that the table could give is not calm because it is beyond the table's frequencies.
+        beyond = self._loaded & ~np.isnan(pairs.speed) & np.isnan(levels.velocities.T)
+        beyond &= self.levels is not None and self.levels.has_load_ratios
+        unknown = self._unknown_sources(predictions, speeds[0], ratio, beyond)
         exceeds = ratio > self.limits.warning
         exceeds[:-1] &= self._warns
         known = ~np.isnan(ratio)
@@ -261,7 +269,8 @@ class ResonanceMonitor:
         known[-1] &= (unknown == 0) | exceeds[-1]
         warns = self._timer.follow(exceeds, known, time, self.limits.dwell) & known
         # The ground is near no mode, so only a load ratio says something about it.
-        assessable = np.where(self._rolling, known[:-1], pairs.apart < math.inf)
+        near = pairs.apart < np.where(beyond, self.limits.near, math.inf)
+        assessable = np.where(self._rolling, known[:-1], near)
         state = states(ratio[:-1], pairs.apart, assessable, warns[:-1], self.limits)
         severity = severities(ratio[:-1], pairs.apart, self.limits)
         highest = np.maximum.reduce(state)
@@ -286,17 +295,22 @@ class ResonanceMonitor:
         return columns
 
     def _unknown_sources(
-        self, predictions: MessageColumns, speeds: FloatArray, ratio: FloatArray
+        self, predictions: MessageColumns, speeds: FloatArray, ratio: FloatArray, beyond: BoolArray
     ) -> NDArray[np.uint8]:
         """Return the bits of ``LoadState`` that say what is not known, (n,).
 
-        The speeds are (n_sources, n), and the load ratios (n_excitations + 1, n).
+        The speeds are (n_sources, n), the load ratios (n_excitations + 1, n), and what is beyond
+        the frequencies of the table (n_excitations, n).
         """
         lost = np.isnan(speeds) & self._used[:, np.newaxis]
         nowhere = np.isnan(predictions.natural_frequencies).all(axis=1)
         # A tractor that stands is not shaken by the ground, whatever is known of that.
         unlevel = (self._rolling & np.isnan(ratio[:-1])).any(axis=0) & (speeds[_GROUND] > 0.0)
         bits = _SPEED_BITS @ lost + Unknown.CRANK_ANGLE * nowhere
+        silent = (
+            self._orders @ beyond == self._orders.sum(axis=1, keepdims=True)
+        ) & self._has_orders
+        bits += Unknown.ORDER_LEVEL * (silent.any(axis=0) & ~nowhere)
         return np.asarray(bits + Unknown.GROUND_LEVEL * (unlevel & ~nowhere), np.uint8)
 
     def _pairs(self, predictions: MessageColumns, crank: FloatArray, speeds: FloatArray) -> _Pairs:

@@ -54,6 +54,7 @@ class Unknown(enum.IntFlag):
     PTO_SPEED = 4
     GROUND_SPEED = 8
     GROUND_LEVEL = 16
+    ORDER_LEVEL = 32
 
 
 SPEED_BITS = {Source.ENGINE: 2, Source.PTO: 4, Source.GROUND: 8}
@@ -224,13 +225,17 @@ def present_sentence(resonance: MessageColumns, excitations: Sequence[Excitation
     tail = f" {unknown[0].upper()}{unknown[1:]}." if unknown else ""
     if resonance.ground_unknown and Source.GROUND not in speeds:
         tail += f" {unknown_ground(resonance.ground_unknown)}"
+    pairs = zip(excitations, resonance.velocities, strict=True)
+    beyond = [x.name for x, level in pairs if x in working and x.load and math.isnan(level)]
+    if beyond and math.isfinite(resonance.total_velocity):
+        tail += f" Beyond the frequencies of the table, and so not known: {listing(beyond)}."
     unknown_load = math.isnan(resonance.total_load_ratio)
     airborne = resonance.off_ground_share > AIRBORNE
     if resonance.state == ResonanceState.WARNING and (airborne or not unknown_load):
         return f"{_warning(resonance, excitations)}{tail}"
     if unknown_load:
         return f"No load is known{no_load_words(resonance, excitations)}.{tail}"
-    qualifier = "known " if resonance.unknown_sources else ""
+    qualifier = "known " if resonance.unknown_sources or beyond else ""
     total = ratio_words(resonance.total_load_ratio)
     return f"All {qualifier}loads are {total} of the static forces.{tail}"
 

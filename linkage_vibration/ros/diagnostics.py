@@ -18,7 +18,7 @@ from linkage_vibration.prediction.resonance import described
 from linkage_vibration.prediction.severity import ResonanceState, present_sentence
 from linkage_vibration.ros.arrivals import LONGEST_WAIT
 from linkage_vibration.ros.log_control import Recording
-from linkage_vibration.ros.message_path import NO_CLOCK, SILENT, Predicting
+from linkage_vibration.ros.message_path import NO_CLOCK, SILENT, STOPPED_CLOCK, Predicting
 from linkage_vibration.ros.statistics import RECENT, Second, Statistics
 
 _LOST = 0.01  # share of the messages; a wireless network loses fewer
@@ -81,6 +81,8 @@ def _resonance(predicting: Predicting) -> tuple[Level, str]:
         return Level.STALE, "No resonance is assessed, as no reading arrives."
     if near is None:
         return Level.STALE, "No resonance is assessed, as no speed has arrived."
+    if predicting.paused:
+        return Level.STALE, STOPPED_CLOCK
     return _RESONANCE_LEVELS.get(near.state, Level.OK), present_sentence(
         described(near), predicting.excitations
     )

@@ -115,7 +115,9 @@ class Recording:
         if not (self.recorder.active or self.recorder.error):
             response.message = "Nothing is being recorded; call start_recording first."
             return response
-        error = self._stop()
-        response.success, response.message = error is None, str(error or self.recorder.path or "")
-        self._node.get_logger().info(f"Log: {self.recorder.path}")
+        error, path = self._stop(), self.recorder.path
+        if error is None and path is not None and not path.exists():
+            error = LogError(f"{path} was removed while it was being recorded.")
+        response.success, response.message = error is None, str(error or path or "")
+        self._node.get_logger().info(f"Log: {response.message}")
         return response

@@ -69,6 +69,7 @@ NO_CLOCK = (
     "Nothing is predicted, as use_sim_time is true, but no time arrives on /clock; publish it, or "
     "set the parameter to false."
 )
+STOPPED_CLOCK = "The time on /clock stands still."
 
 _Value = TypeVar("_Value")
 _Message = tuple[str, bytes, int, MessageInfo]  # topic, bytes, time of receipt (ns), origin
@@ -132,7 +133,7 @@ class Predicting:
         self._subscribed = False
         self._other_names: set[str] = set()  # since the last judgement
         self._names: dict[str, float] = {}  # of joints or signals, with their times, s
-        self._instant, self._paused = 0, False  # of a simulated clock, ns, and whether it stands
+        self._instant, self.paused = 0, False  # of a simulated clock, ns, and whether it stands
         self._too_large = 0
         self._began = self._judged = 0.0
         self._latest = 0  # ns, the last time of receipt
@@ -214,7 +215,7 @@ class Predicting:
         """Set the faults of the inputs since the last call; ``now`` is by the steady clock, s."""
         self._statistics.reported |= self._listener.lost()
         before, self._instant = self._instant, self._now()
-        self._paused = self._clock.ros_time_is_active and self._instant == before
+        self.paused = self._clock.ros_time_is_active and self._instant == before
         self.clock_missing = self._subscribed and self._instant <= 0
         self._throttle.report("clock", NO_CLOCK if self.clock_missing else "")
         if self.clock_missing:
@@ -225,7 +226,7 @@ class Predicting:
             self.speed_faults = self._judge_speeds(now) if self._subscribed else []
         self.measured = {n: m for n, m in self.measured.items() if now - m[0] <= SILENT}
         self.age = max(now - self.readings.last, 0.0)  # another thread has taken it
-        if self.resonance is not None and not self.age <= self.stale_after:
+        if self.resonance is not None and (self.paused or not self.age <= self.stale_after):
             self._publish_unknown(self.resonance)
         subscribers, own = self._node.get_subscriptions_info_by_topic, self._own_publishers
         found = (unmatched(p, subscribers(p.topic_name), "subscriber") for p in own)
@@ -300,8 +301,8 @@ class Predicting:
     def _explain_missing(self, now: float, mismatches: Mapping[str, list[str]]) -> str:
         """Return why no reading may have come, and the remedy."""
         topic, reader, names = self._crank_topic, self._crank.reader, sorted(self._names)
-        if self._paused:
-            return "The time on /clock stands still."
+        if self.paused:
+            return STOPPED_CLOCK
         if names:
             before = "" if math.isnan(self.readings.last) else "It came before; check its sender. "
             return before + reader.explain_missing(topic, names)
@@ -322,6 +323,8 @@ class Predicting:
         if mismatches.get(topic):
             return " ".join(mismatches[topic])
         silent = now - max(self._arrived, self._began)
+        if silent <= self.stale_after:
+            return f"Nothing has arrived yet from the publishers of {topic} ({nodes})."
         return (
             f"Nothing has arrived from the publishers of {topic} ({nodes}) for {silent:.0f} s, "
             "although one has the right type and QoS; check it and the network."
@@ -334,7 +337,7 @@ class Predicting:
         any_known = any(fixed is not None for fixed in self._fixed.values())
         needed = {excitation.source for excitation in self.excitations}
         delay = "messages wait for the node" if self._statistics.wait > _BEHIND else ""
-        delay = "the time on /clock stands still" if self._paused else delay
+        delay = "the time on /clock stands still" if self.paused else delay
         for topic in self._topics.values():
             for source, speed in topic.speeds:
                 if self._fixed[source] is None:

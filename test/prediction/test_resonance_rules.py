@@ -12,7 +12,7 @@ from linkage_vibration.prediction.excitation import Source, excitations_from_map
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor, predict_many
 from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor, described
-from linkage_vibration.prediction.severity import WarningLimits
+from linkage_vibration.prediction.severity import Unknown, WarningLimits, present_sentence
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import DEFAULT_MECHANISM, DEFAULT_TABLE, config_file
 from linkage_vibration.table.table import load_table
@@ -220,3 +220,27 @@ def test_blocks_are_readings_one_after_the_other() -> None:
     for other in columns[1:]:
         for name, column in columns[0].items():
             np.testing.assert_array_equal(other[name], column, name)
+
+
+def test_an_order_beyond_the_table_is_not_calm() -> None:
+    """The sentence names it; with all orders of its shaft, the state is not known either."""
+    table = load_table(config_file(DEFAULT_TABLE))
+    predictor = Predictor(table)
+    levels = LevelTable(predictor, read_mechanism(config_file(DEFAULT_MECHANISM)), ORDERS)
+    none, every = ("", "shaft 1 and shaft 2")
+    for share, bits, state, names in (
+        (0.999, 0, CLEAR, none),
+        (1.001, 0, CLEAR, "shaft 2"),
+        (1.999, 0, CLEAR, "shaft 2"),
+        (2.001, Unknown.ORDER_LEVEL, UNKNOWN, every),
+    ):
+        monitor = ResonanceMonitor(ORDERS, WarningLimits(1e9, 1e9, DWELL, 1e-3), levels=levels)
+        # At 1 the second order of the shaft is at the band's end, and at 2 the first.
+        for source, value in zip(Source, (0.0, 30.0 * share * table.band[1], 0.0), strict=True):
+            monitor.set_fixed(source, value)
+        actual = described(monitor.assess(predictor.predict(2.3), 0.0, SECOND))
+        assert (actual.state, actual.unknown_sources) == (state, bits)
+        assert [s == UNKNOWN for s in actual.states[2:4]] == [share > 2.0, share > 1.0]
+        text = present_sentence(actual, ORDERS)
+        assert (f"and so not known: {names}." in text) is bool(names and not bits)
+        assert ("known loads" in text) is bool(names and not bits)
