@@ -125,7 +125,7 @@ def test_a_tyre_off_the_ground_is_no_load_that_is_known() -> None:
     """Warnings of tyres are named as such, alone and beside loads, in a drive and live."""
     rolls = excitations_from_mapping({"g": {"speed": "ground", "terrain": {"class": "C"}} | RAISED})
     off = "A tyre is off the ground for more than a fifth of the time."
-    hops: dict[str, Any] = {"load_ratios": np.full((4, 1), np.nan, np.float32)}
+    hops: dict[str, Any] = {"load_ratios": np.full((4, 2), np.nan, np.float32)}
     hops |= {"velocities": np.zeros((4, 1))}
     hops |= {"excitation": np.full(4, "g (class C)")}
     hops |= {"unknown_sources": np.zeros(4, int), "relative_margin": np.full(4, math.nan)}
