@@ -70,20 +70,26 @@ class McapBag:
         return [self._connection(channel) for channel in self.summary.channels.values()]
 
     def _connection(self, channel: Channel) -> "Connection":
-        from rosbags import interfaces as rosbags
+        from rosbags.interfaces import (
+            Connection,
+            ConnectionExtRosbag1,
+            ConnectionExtRosbag2,
+            MessageDefinition,
+            MessageDefinitionFormat,
+        )
 
         schema = self.summary.schemas.get(channel.schema_id, Schema(0, b"", "no type", ""))
         encodings = channel.message_encoding, schema.encoding
-        ext: Any = rosbags.ConnectionExtRosbag2("cdr", [])
+        ext: Any = ConnectionExtRosbag2("cdr", [])
         if encodings == _ROS1:
-            ext = rosbags.ConnectionExtRosbag1(None, None)
+            ext = ConnectionExtRosbag1(None, None)
         elif encodings not in _ROS2:
-            ext = rosbags.ConnectionExtRosbag2(encodings[encodings[0] in ("cdr", "ros1")], [])
+            ext = ConnectionExtRosbag2(encodings[encodings[0] in ("cdr", "ros1")], [])
         kind = "IDL" if schema.encoding.endswith("idl") else "MSG"
         text = schema.data.decode(errors="replace")
-        definition = rosbags.MessageDefinition(rosbags.MessageDefinitionFormat[kind], text)
+        definition = MessageDefinition(MessageDefinitionFormat[kind], text)
         about = definition, "", self.counts[channel.id], ext, None
-        return rosbags.Connection(channel.id, channel.topic, schema.name, *about)
+        return Connection(channel.id, channel.topic, schema.name, *about)
 
 
 def read_mcap(path: Path, stack: ExitStack) -> McapBag:

@@ -14,7 +14,7 @@ from functools import partial
 from pathlib import Path
 from shlex import quote
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, BinaryIO, TypeAlias
 
 import yaml
 import zstandard
@@ -185,8 +185,6 @@ def _check_start(path: Path, file: Path, kind: str) -> None:
 
 def _check_end(file: Path, kind: str, reader: Any) -> None:
     """Check that no other file follows where a bag of ROS 1 or a database ends."""
-    from rosbags.rosbag1.reader import Header
-
     with file.open("rb") as opened:
         if kind == ".db3":
             head = opened.read(32)  # 65536 is stored as 1
@@ -194,18 +192,26 @@ def _check_end(file: Path, kind: str, reader: Any) -> None:
             end = page * int.from_bytes(head[28:], "big")
         else:
             opened.readline()
-            header = Header.read(opened)
-            reader.bio.seek(header.get_uint64("index_pos"))
-            for count, read in (
-                ("conn", reader.read_connection),
-                ("chunk", reader.read_chunk_info),
-            ):
-                for _ in range(header.get_uint32(f"{count}_count")):
-                    read()
+            fields = _header_fields(opened)
+            reader.bio.seek(fields[b"index_pos"])
+            for _ in range(fields[b"conn_count"]):
+                reader.read_connection()
+            for _ in range(fields[b"chunk_count"]):
+                reader.read_chunk_info()
             end = reader.bio.tell()
         opened.seek(end)
         if opened.read(len(_MAGIC[kind])) == _MAGIC[kind]:
             raise JoinedError(file, end)
+
+
+def _header_fields(file: BinaryIO) -> dict[bytes, int]:
+    """Return the numbers in the header of a record of a bag of ROS 1."""
+    header, fields = file.read(int.from_bytes(file.read(4), "little")), {}
+    while header:
+        end = 4 + int.from_bytes(header[:4], "little")
+        name, _, value = header[4:end].partition(b"=")
+        fields[name], header = int.from_bytes(value, "little"), header[end:]
+    return fields
 
 
 @contextmanager

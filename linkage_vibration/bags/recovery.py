@@ -108,11 +108,9 @@ class Recovery:
 def recover(
     source: Path, output: Path, progress: Callable[[int], object] | None = None
 ) -> Recovery:
-    """Write the readable part of an MCAP file to a new and complete one, which must not exist.
+    """Write the readable part of an MCAP file to a new one, or raise a `RecoveryError`.
 
-    A chunk with a wrong CRC is lost; one that the end cuts off is kept as far as it can be
-    decompressed. ``progress`` gets bytes; without it, a bar on a terminal does, if that takes long.
-    A `RecoveryError` says that nothing can be saved.
+    A chunk with a wrong CRC is lost. ``progress`` gets bytes; without it, a bar on a terminal does.
     """
     try:
         refuse_pipe(source)

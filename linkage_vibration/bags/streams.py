@@ -178,11 +178,10 @@ def _is_foreign(connection: "Connection") -> bool:
 
 def _type(connection: "Connection") -> str:
     """Return the full name of a type, as of a bag that names it in the way of ROS 1."""
-    from rosbags.typesys.msg import normalize_msgtype
-
     if _is_foreign(connection):
         return f"{getattr(connection.ext, 'serialization_format', '') or 'unknown'} messages"
-    return normalize_msgtype(connection.msgtype)
+    package, *parts = connection.msgtype.split("/")
+    return "/".join([package, *(["msg"] if len(parts) == 1 else []), *parts])
 
 
 def _ordered(parts: Iterable[_Part], as_written: bool) -> Iterator[Block]:

@@ -184,7 +184,7 @@ def test_types_of_ros1(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "more", "kind", "words"),
     [
-        (TEXT, "float64 x", BagError, "type of topic /state is defined in several ways"),
+        (TEXT, "float64 x", BagError, "define the type of topic /state in different ways"),
         ("", "", ReplayError, "does not define the type of topic /state.* install farm_msgs"),
         ("float64 x", "", InputError, "no number 'lifts.1..angle'; its numbers are x"),
         ("farm_msgs/Lift[] lifts\n", "", InputError, "it has no numbers"),
