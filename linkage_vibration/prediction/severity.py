@@ -225,7 +225,7 @@ def present_sentence(resonance: MessageColumns, excitations: Sequence[Excitation
     tail = f" {unknown[0].upper()}{unknown[1:]}." if unknown else ""
     if resonance.ground_unknown and Source.GROUND not in speeds:
         tail += f" {unknown_ground(resonance.ground_unknown)}"
-    pairs = zip(excitations, resonance.velocities, strict=True)
+    pairs = zip(excitations, resonance.velocities, strict=False)
     beyond = [x.name for x, level in pairs if x in working and x.load and math.isnan(level)]
     if beyond and math.isfinite(resonance.total_velocity):
         tail += f" Beyond the frequencies of the table, and so not known: {listing(beyond)}."
