@@ -132,7 +132,8 @@ def _log(recording: Recording) -> tuple[Level, str]:
     if log.error and not works:
         return Level.ERROR, str(log.error)
     if works and log.dropped:
-        return Level.WARN, f"{log.dropped} messages are missing in the log. {log.error or ''}"
+        sentence = f"{log.dropped} messages are missing in the log. {log.error or ''}"
+        return Level.WARN, sentence.rstrip()
     return Level.OK, f"Recording to {log.path}." if works else "No log is recorded."
 
 
