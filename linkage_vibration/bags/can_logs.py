@@ -229,9 +229,9 @@ def _rows(file: BinaryIO, suffix: str, lines: "_Lines") -> Iterator[_Row]:
         yield from _text_rows(can.ASCReader(text, relative_timestamp=False), lines)
     elif suffix == ".trc":
         reader: Any = can.TRCReader(text)
-        # That of python-can drops a bad line.
+        # That of python-can drops a bad line; older ones have no number of columns.
         reader._parse_line = lambda line: reader._parse_cols(
-            (*line.split(None, reader._num_columns),)
+            (*line.split(None, getattr(reader, "_num_columns", -1)),)
         )
         yield from _text_rows(reader, lines)
     else:

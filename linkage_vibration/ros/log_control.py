@@ -115,9 +115,10 @@ class Recording:
         if not (self.recorder.active or self.recorder.error):
             response.message = "Nothing is being recorded; call start_recording first."
             return response
-        error, path = self._stop(), self.recorder.path
-        if error is None and path is not None and not path.exists():
+        recorded, error, path = self.recorder.active, self._stop(), self.recorder.path
+        if recorded and error is None and path is not None and not path.exists():
             error = LogError(f"{path} was removed while it was being recorded.")
         response.success, response.message = error is None, str(error or path or "")
-        self._node.get_logger().info(f"Log: {response.message}")
+        if response.success:
+            self._node.get_logger().info(f"Log: {path}")
         return response

@@ -172,6 +172,34 @@ def test_a_silent_crank_is_unknown(tractor: Tractor) -> None:
     assert tractor.wait(CLEAR).count > second.count
 
 
+def test_a_simulated_time_that_stands_still_is_unknown(
+    start: Callable[..., RunningNode], meet: Callable[[str], Peer]
+) -> None:
+    """Though readings arrive, one message a second is unknown, until the time goes on."""
+    speeds = {"engine_speed": 1500.0, "pto_speed": 0.0, "ground_speed": 0.0}
+    node, peer = start(name="timed", use_sim_time=True, **speeds), meet("timed")
+    states, ticks = list[Any](), [time.time_ns()]
+    peer.node.create_subscription(LoadState, "timed/load_state", states.append, 100)
+
+    def step(advance: int = 20_000_000) -> None:
+        ticks.append(ticks[-1] + advance)
+        peer.tick(ticks[-1])
+        peer.second, peer.stamp = ticks[-1] // 10**9, ticks[-1] % 10**9
+        peer.publish()
+        peer.pause(0.02)
+
+    until(lambda: states and states[-1].state == CLEAR, "a load that is known", step)
+    for _ in range(2):
+        states.clear()
+        until(lambda: any(s.state == UNKNOWN for s in states), "not known", lambda: step(0))
+    unknown = next(state for state in states if state.state == UNKNOWN)
+    assert unknown.unknown_sources == CRANK
+    assert math.isnan(unknown.total_load_ratio)
+    states.clear()
+    until(lambda: states and states[-1].state == CLEAR, "a load that is known", step)
+    assert node.stop() == 0
+
+
 def test_the_pto_is_slowed(tractor: Tractor, environment: dict[str, str]) -> None:
     """The example asks for less while nothing is known, and for the quiet speed in a warning."""
     tractor.wait(CLEAR)

@@ -132,7 +132,9 @@ def test_stopping_ends_a_fault(watch: Callable[..., Watched], tmp_path: Path) ->
     node = watch("given_up", record=True, log_directory=folder)
     shutil.rmtree(folder)
     node.wait_for(ERROR, "was removed during the recording")
-    assert node.call("stop").success
+    ended = node.call("stop")
+    assert not ended.success
+    assert re.fullmatch(f"{folder}/.* was removed while it was being recorded.", ended.message)
     node.wait_for(OK, "No log is recorded")
     node.stays(OK)
     refused = node.call("stop")
