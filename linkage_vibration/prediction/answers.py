@@ -21,7 +21,13 @@ from linkage_vibration.mechanics.model import LinkageModel, Place
 from linkage_vibration.mechanics.modes import MECHANISM
 from linkage_vibration.mechanics.parsing import again_from_mapping
 from linkage_vibration.prediction.excitation import Excitation
-from linkage_vibration.prediction.ground import REASONS, GroundTable, ground_lines, ground_spectrum
+from linkage_vibration.prediction.ground import (
+    FASTEST,
+    REASONS,
+    GroundTable,
+    ground_lines,
+    ground_spectrum,
+)
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.table.table import Table
@@ -225,8 +231,10 @@ def answer_ground(
     if len(outputs) > MAX_GROUND_PLACES:
         raise ServingError(f"outputs has {len(outputs)} places; name at most {MAX_GROUND_PLACES}.")
     _check_angle(alpha3)
-    if not math.isfinite(speed):
-        raise ServingError(f"ground_speed is {speed}; give a finite speed in m/s.")
+    if not speed <= FASTEST:
+        raise ServingError(
+            f"ground_speed is {speed:g} m/s; give a speed of at most {FASTEST:g} m/s."
+        )
     table, mechanism = served.table, served.mechanism
     drive = mechanism.response
     valid = (*table.places, *table.forces) if table.places else ()
@@ -419,6 +427,6 @@ def _check_frequencies(frequencies: FloatArray, band: tuple[float, float] | None
     bad = np.flatnonzero(~(np.isfinite(frequencies) & (frequencies >= low) & (frequencies <= high)))
     if len(bad):
         first, remedy = int(bad[0]), "give finite frequencies of at least 0 Hz"
-        if band is not None:
+        if band is not None and 0.0 <= frequencies[first] < math.inf:
             remedy = f"the table holds from {low:g} to {high:g} Hz; set exact for others"
         raise ServingError(f"frequencies[{first}] is {frequencies[first]:g} Hz; {remedy}.")

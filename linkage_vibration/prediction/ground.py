@@ -47,14 +47,14 @@ REASONS = (
     "Over a fifth of the acceleration's power lies at waves that the measured profile lacks.",
     "A tyre is off the ground for more than a fifth of the time, so the tyres are not springs.",
     "The static loads of the mounts are not known, so a tyre may be off the ground.",
-    "The crank angle is outside the table.",
+    "The crank angle is not known, or is outside the table.",
     "The ground speed is not known, or is not between 0 and 100 m/s.",
     "The damping ratio of a mode in the band of the terrain is too small for a level.",
 )
 """Why a level of the ground is not known, by the numbers in `GroundLevels.reason`."""
 
 _BASE, _SOIL, _FRFS, _LUGS, _PROFILE, _OFF, _STATIC, _ANGLE, _SPEED, _LIGHT = range(1, len(REASONS))
-_FASTEST, _SLOWEST = 100.0, 0.1  # m/s; slower, the mounts move as if they did not share a profile
+FASTEST, _SLOWEST = 100.0, 0.1  # m/s; slower, the mounts move as if they did not share a profile
 _STEP, _PHASE = 0.02, 1.5  # largest steps between speeds: of ln(speed), and of a delay's phase, rad
 _STEPS, _DEGREE = (32, 128), math.radians(1.0)  # numbers of steps between angles, one to a degree
 _MOST_LINES, _WIDTH = 4096, 1.5  # lines, and steps between them to the half-width of a resonance
@@ -346,7 +346,7 @@ class GroundTable:
 
     def _speeds(self) -> FloatArray:
         """Return the speeds of the table, m/s, descending."""
-        fine = np.geomspace(_FASTEST, _SLOWEST, 100_001)
+        fine = np.geomspace(FASTEST, _SLOWEST, 100_001)
         columns = self._column(fine)
         steps = np.arange(columns[0], columns[-1] + 1.0)
         return np.asarray(np.exp(np.interp(steps, columns, np.log(fine))))
@@ -363,7 +363,7 @@ class GroundTable:
     def within(self, angles: FloatArray, speed: FloatArray) -> GroundLevels:
         """Return the levels at n angles of the table, NaN where there are none, and speeds."""
         speed = speed + 0.0  # -0.0 would be faster than all speeds
-        outside, unknown = np.isnan(angles), ~((speed >= 0.0) & (speed <= _FASTEST))
+        outside, unknown = np.isnan(angles), ~((speed >= 0.0) & (speed <= FASTEST))
         if self.never:
             rows = np.full((3 + self._n_forces, len(angles)), math.nan)
             reason = np.full(len(angles), self.never)
@@ -378,7 +378,7 @@ class GroundTable:
 
     def _looked_up(self, angles: FloatArray, speed: FloatArray) -> tuple[FloatArray, IntArray]:
         """Return mean squares and the share off the ground, (n_rows, n), and reasons, (n,)."""
-        moving = np.minimum(np.maximum(speed, _SLOWEST), _FASTEST)
+        moving = np.minimum(np.maximum(speed, _SLOWEST), FASTEST)
         place = np.stack([stroke_variable(angles, self._table.toggles), self._column(moving)])
         first, weights = _cubic((place - self._origin) / self._steps, self._values.shape[:2])
         around = self._values[first[:, 0, np.newaxis], first[:, 1]]

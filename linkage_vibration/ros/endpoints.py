@@ -147,9 +147,12 @@ class Throttle:
             self._logger.warning(printable(text))
 
     def report(self, subject: str, problem: str) -> None:
-        """Log a problem once, until it has ended, which an empty sentence says."""
-        if problem and subject not in self._lasting:
-            self._lasting.add(subject)
-            self._logger.warning(printable(problem))
-        elif not problem:
+        """Log a problem once, until it has ended, which an empty sentence says.
+
+        One that comes and goes is logged at most once in WARN_PERIOD.
+        """
+        if not problem:
             self._lasting.discard(subject)
+        elif subject not in self._lasting and time.monotonic() >= self._next.get(subject, 0.0):
+            self._lasting.add(subject)
+            self.warn(subject, problem)

@@ -66,6 +66,7 @@ TRANSITIONS = {
     Transition.TRANSITION_CONFIGURE: "configure",
     Transition.TRANSITION_ACTIVATE: "activate",
 }
+ANSWER_TIME = 1.0  # s, in which requests that wait are answered when the node ends
 FULFILLED = {"configure": ("inactive", "active"), "activate": ("active",)}
 """The states in which a request for a transition has been fulfilled."""
 
@@ -200,6 +201,15 @@ class LinkageVibrationNode(LifecycleNode):
         if self._listener.active:
             rest(time.thread_time() - began)
 
+    def answer_waiting(self, executor: Executor) -> None:
+        """Answer the requests and goals that wait by an error, for which a second has to do."""
+        if self._offered is None:
+            return
+        self._offered.refuse()
+        latest = time.monotonic() + ANSWER_TIME
+        while self._offered.busy and time.monotonic() < latest:
+            executor.spin_once()
+
     def create_service(self, kind: Any, name: str, callback: Any, **options: Any) -> Any:
         """Offer a service, as rclpy does, whose errors do not end the process."""
         return super().create_service(kind, name, self._guarded(callback), **options)
@@ -214,7 +224,8 @@ class LinkageVibrationNode(LifecycleNode):
             try:
                 return callback(request, response)
             except (RuntimeError, ValueError) as error:
-                self.get_logger().error(f"A request was refused: {plain_text(error)}.")
+                why = f"while the node is {self._state}: {plain_text(error)}"
+                self.get_logger().error(f"A request was refused {why}.")
                 return response
 
         return callback if iscoroutinefunction(callback) else call

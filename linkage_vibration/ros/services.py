@@ -91,7 +91,7 @@ class Services:
         self._excitations, self._levels = excitations, levels
         # At most one of them builds a table; the other is free for short requests.
         self._threads = ThreadPoolExecutor(2, "linkage_vibration_services")
-        self._waiting = 0
+        self._ending, self._waiting = False, 0
         self._goals = 0  # whose results are not sent yet
         self._wanted: Path | None = None  # a folder; its removal stops the building of a table
         # Names on the topic: the last one, and one that is still to be used.
@@ -131,14 +131,25 @@ class Services:
                 call = subscribe(self._node, String, topic, self._on_hitched, latched=True)
                 self._subscriptions.append(call)
 
+    @property
+    def busy(self) -> bool:
+        """Whether a request or a goal has no answer yet."""
+        return self._waiting > 0 or self._goals > 0
+
+    def refuse(self) -> None:
+        """Stop building; requests and goals that wait, and later ones, are answered by an error."""
+        self._ending = True
+        self._stop_building()
+        self._threads.shutdown(wait=False, cancel_futures=True)
+
     def close(self) -> None:
         """Stop building, answer the waiting requests, and destroy the services.
 
         This is called in the executor's thread, or after that has ended. It may take as long as
         the start of a process or one solution of the model.
         """
-        self._stop_building()
-        self._threads.shutdown(cancel_futures=True)
+        self.refuse()
+        self._threads.shutdown()
         self._destroy()
 
     def _stop_building(self) -> None:
@@ -151,7 +162,7 @@ class Services:
 
         It may call this first, as rclpy 7 begins with the latest task, so this may call itself.
         """
-        if (self._waiting or self._goals) and self._node.executor is not None:
+        if self.busy and self._node.executor is not None:
             self._node.executor.create_task(self._destroy)
             return
         for service in self._services:
@@ -361,6 +372,8 @@ class Services:
 
         self._waiting += 1
         try:
+            if self._ending:
+                raise CancelledError
             answer = self._threads.submit(measured)
             answer.add_done_callback(done)
             await ready

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Spins the node until a signal arrives, and returns its exit code."""
 
+import faulthandler
 import os
 import signal
 import sys
@@ -28,6 +29,8 @@ from linkage_vibration.ros.lifecycle import LinkageVibrationNode
 # Longest time for which a thread that answers a request holds Python's lock while a reading waits.
 # Python's own value is 5 ms.
 SWITCH_INTERVAL = 2e-4  # s
+# If the middleware blocks the end for so long, the process says where, and ends with exit code 1.
+END_LIMIT = 60.0  # s
 
 
 def run(args: list[str] | None, stop_asked: Callable[[], bool]) -> int:
@@ -58,6 +61,7 @@ def run(args: list[str] | None, stop_asked: Callable[[], bool]) -> int:
         pass
     finally:
         rclpy.try_shutdown()
+        faulthandler.cancel_dump_traceback_later()
     return 0
 
 
@@ -74,6 +78,9 @@ def _spin(node: LinkageVibrationNode, stop_asked: Callable[[], bool]) -> None:
         with _woken_by_signals(executor):
             while rclpy.ok() and not stop_asked():
                 node.serve(executor)
+            faulthandler.dump_traceback_later(END_LIMIT, exit=True, file=2)
+            if rclpy.ok():
+                node.answer_waiting(executor)
     finally:
         executor.shutdown()  # before the node's entities are destroyed
         node.executor = None  # no waiting request can be answered any more

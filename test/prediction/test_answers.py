@@ -125,6 +125,8 @@ def test_shapes_make_the_frf(served: Served) -> None:
         ({"outputs": ["E1.z"], "inputs": ["P1.z"]}, True, r"inputs\[0\] is 'P1.z'; name one of V1"),
         ({"frequencies": np.array([9.0, 201.0])}, False, r"\[1\] is 201 Hz; the table holds from"),
         ({"frequencies": np.array([math.nan])}, True, r"\[0\] is nan Hz; give finite"),
+        ({"frequencies": np.array([math.nan])}, False, r"\[0\] is nan Hz; give finite"),
+        ({"frequencies": np.array([-1.0])}, False, r"\[0\] is -1 Hz; give finite frequencies"),
         ({"frequencies": np.array([-1.0])}, True, r"\[0\] is -1 Hz; give finite frequencies"),
         ({"frequencies": np.zeros(MAX_FREQUENCIES + 1)}, True, "too many for one answer"),
         ({"outputs": ["E1.z"] * 300, "inputs": ["E1.z"]}, False, "too many for one answer"),

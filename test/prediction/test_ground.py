@@ -309,8 +309,9 @@ def test_answer_says_why_a_place_is_not_known(
     assert ["frequency of the lugs" in reason for reason in slow.reasons] == [True, False]
     assert np.isnan(slow.levels).tolist() == [True, False]
     assert np.isnan(slow.densities).all(axis=1).tolist() == [True, False]
-    for speed in (math.nan, math.inf):
-        with pytest.raises(ServingError, match=r"ground_speed is .*give a finite speed"):
+    assert "ground speed" not in asking(150.0, 100.0).reasons[0]
+    for speed in (math.nan, math.inf, 100.1):
+        with pytest.raises(ServingError, match=r"ground_speed is .* at most 100 m/s"):
             asking(150.0, speed)
     assert asking(250.0, 8.0).reasons[0].startswith("The crank angle")
     still = asking(150.0, 0.0)
@@ -427,11 +428,11 @@ def test_a_coarse_profile_refuses_levels(tractor: Tractor, finest: float, known:
 @pytest.mark.parametrize(
     ("angle", "speed", "words"),
     [
-        (89.9, 5.0, "angle is outside"),
+        (89.9, 5.0, "angle is not known, or is outside"),
         (90.0, 5.0, ""),
         (180.0, 5.0, ""),
-        (180.1, 5.0, "angle is outside"),
-        (math.nan, 5.0, "angle is outside"),
+        (180.1, 5.0, "angle is not known, or is outside"),
+        (math.nan, 5.0, "angle is not known, or is outside"),
         (120.0, math.nan, "ground speed is not known"),
         (120.0, -0.1, "ground speed is not known"),
         (120.0, math.inf, "ground speed is not known"),

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node's process answers while it builds a table, and ends by a signal within a second."""
 
+import re
 import signal
 import time
 from array import array
@@ -21,7 +22,7 @@ from linkage_vibration_interfaces.srv import GetTable, PredictVibration
 from test.support.ros_process import Peer, slowness, until
 
 SOON = 1.0  # s, within which an idle machine answers everything, and ends by each signal
-CANCELED = 5  # of action_msgs/msg/GoalStatus
+CANCELED, ABORTED = 5, 6  # of action_msgs/msg/GoalStatus
 HEAVY = SetImplement.Goal(mass=1600.0, inertia=400.0)  # its table takes over 10 s to build
 REQUESTS = {
     "get_table": (GetTable, GetTable.Request()),
@@ -102,3 +103,23 @@ def test_signals_end_an_idle_node(
     print(f"\n{by.name}: {lasted:.2f} s at {slowness():.1f}")
     assert lasted < SOON * slowness()
     assert "messages received" in node.printed
+
+
+def test_goal_has_a_result_when_the_node_ends(
+    start: Callable[..., Any], meet: Callable[..., Peer]
+) -> None:
+    """A client whose goal is running when SIGTERM arrives learns that its table is not in use."""
+    node = start(name="leaving")
+    peer = meet("leaving")
+    feedback = list[object]()
+    client: Any = ActionClient(peer.node, SetImplement, "leaving/set_implement")
+    peer.spin(client.server_is_ready, "the action")
+    goal, _ = timed(peer, client.send_goal_async(HEAVY, feedback.append))
+    future = goal.get_result_async()
+    peer.spin(lambda: feedback, "feedback")
+    node.process.send_signal(signal.SIGTERM)
+    ended = timed(peer, future)[0]
+    assert ended.status == ABORTED
+    assert "The table is unchanged" in ended.result.message
+    assert node.stop() == 0
+    assert set(re.findall(r"\[(\w+)\] \[", node.printed)) == {"INFO"}, node.printed

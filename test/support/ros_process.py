@@ -128,10 +128,18 @@ class RunningNode:
         return self.process.poll() is not None or has_loaded(self.process.pid, library)
 
     def stop(self, by: signal.Signals = signal.SIGINT) -> int:
-        """Send the node a signal, wait for its end, and return its exit code."""
+        """Send the node a signal, wait for its end, and return its exit code.
+
+        A node that does not end says with SIGABRT where its threads are.
+        """
         if self.process.poll() is None:
             self.process.send_signal(by)
-        return self.process.wait(LIMIT)
+        try:
+            return self.process.wait(LIMIT)
+        except subprocess.TimeoutExpired:
+            self.process.send_signal(signal.SIGABRT)
+            self.process.wait(LIMIT)
+            raise AssertionError(f"The node did not end by {by.name}: {self.printed}") from None
 
 
 def installed_command() -> Path:
@@ -177,7 +185,7 @@ def start_node(
     with output.open("wb") as file:
         process = subprocess.Popen(
             command,
-            env=environment,
+            env={**environment, "PYTHONFAULTHANDLER": "1"},
             stdout=file,
             stderr=subprocess.STDOUT,
             preexec_fn=_restore_hangups,
