@@ -97,8 +97,7 @@ def _columns(parts: Sequence[tuple[FloatArray, float]]) -> tuple[FloatArray, Flo
 
 def comparable(export: Export, angles: FloatArray) -> BoolArray:
     """Return at which angles, (n,), C must agree with the node: neither in gaps nor too far."""
-    with np.errstate(invalid="ignore"):
-        position = angles_in_table(angles, export.table.alpha3_range)
+    position = angles_in_table(angles, export.table.alpha3_range)
     position = np.where(np.isnan(position), angles, position)
     good = ~(np.isfinite(angles) & (np.abs(angles) >= FARTHEST))
     for start, end in export.constants.gaps:
@@ -114,6 +113,7 @@ def angles_to_test(constants: Constants, count: int = _TESTED) -> FloatArray:
     low, high = constants.alpha3_range
     special = [math.nan, math.inf, -math.inf, 0.0, -low, high + 2.0 * math.pi]
     special += [low - 20.0 * math.pi, 1e5, 1e30]
+    special += [0.7 * low + 0.3 * high + turns * 2.0 * math.pi for turns in (-2, -1, 1, 2)]
     cells = constants.starts[:: max(1, 4 * len(constants.starts) // count)]
     at = np.array([low, high, *cells.tolist()])
     ends = np.nextafter(at, -math.inf), at, [np.nextafter(high, math.inf)]

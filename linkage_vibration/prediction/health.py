@@ -15,6 +15,7 @@ from statistics import median_low
 
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs.presets import ENGINE, GROUND, HITCH, PTO
+from linkage_vibration.prediction.motion import wrapped_turn
 
 _FRESH = 1.0  # s; what is older does not belong to the present motion or speed
 _STAMP_AHEAD = 0.1  # s; the stamps of synchronised clocks are ahead by less
@@ -200,15 +201,16 @@ class ReadingWatch:
             received_apart = max(stamp - self._stamp, received - self._received)
             apart = max(now - self.last, 1e-9 * received_apart)
             close = apart < (_FRESH if taken == 1.0 else _GAP)
-            size = abs(angle - self._angle)
+            step = angle - self._angle + wrapped_turn(angle, self._angle)
+            size = abs(step)
             if size > _LEAST_JUMP + self._fastest * apart:
                 window.jumps += 1
                 window.largest = max(window.largest, size)
-            step = angle - self._angle
             if step == step and velocity == velocity and close:  # neither is NaN
                 window.moved += step
                 window.turned += velocity * apart
-            least = AGREEMENT[HITCH][0] + abs(angle - self._before)
+            same = angle - self._before + wrapped_turn(angle, self._before)
+            least = AGREEMENT[HITCH][0] + abs(same)
             window.differing += size > least and (close or taken == 1.0)
             if sender:
                 window.senders[sender] = angle

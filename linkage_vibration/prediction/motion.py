@@ -42,6 +42,7 @@ _DECAY = 0.98  # the largest residual counts less by this factor with each new m
 _RESIDUALS = 6  # so many are needed to know the noise, or that a motion is smooth
 
 _CRANK = 1.0, 0.01  # rad/s^2, such as of a lift of 90 deg in 3 s, and rad
+_HALF_TURN = math.pi + 1e-6  # rad, also in single precision
 _SPEEDS = {Source.ENGINE: (250.0, 1.0), Source.PTO: (250.0, 1.0), Source.GROUND: (2.0, 0.1)}
 """Usual bend, rpm/s^2 or m/s^3, and coarsest resolution, rpm or m/s."""
 
@@ -82,12 +83,22 @@ def _residuals(means: list[_Mean]) -> tuple[float, float]:
 
 def crank_filter() -> "RateFilter":
     """Return a filter for crank angles, rad."""
-    return RateFilter(*_CRANK)
+    return RateFilter(*_CRANK, wraps=True)
 
 
 def speed_filter(source: Source) -> "RateFilter":
     """Return a filter for a speed, rpm or m/s."""
     return RateFilter(*_SPEEDS[source])
+
+
+def wrapped_turn(angle: float, before: float) -> float:
+    """Return the turn, rad, that a sensor has removed since an angle before; usually 0.
+
+    It reports angles from minus to plus half a turn, and neighbours differ by less than that.
+    """
+    step = angle - before
+    wraps = abs(step) > math.pi and max(abs(angle), abs(before)) <= _HALF_TURN
+    return -math.copysign(2.0 * math.pi, step) if wraps else 0.0
 
 
 def crank_resolution(stddev: float, angle_stddev: float) -> float:
@@ -103,10 +114,11 @@ class RateFilter:
     """Estimates the rate of a quantity.
 
     The largest usual second derivative (``bend``) is per s^2; the coarsest resolution is assumed
-    until two readings differ.
+    until two readings differ. ``wraps``: it is an angle, rad; see `wrapped_turn`.
     """
 
-    def __init__(self, bend: float, coarsest: float) -> None:
+    def __init__(self, bend: float, coarsest: float, *, wraps: bool = False) -> None:
+        self._wraps = wraps
         self._bends = [factor * bend for factor in _BENDS]
         self._resolution = coarsest
         self._means: list[_Mean] = []
@@ -164,6 +176,8 @@ class RateFilter:
         """Take a reading; return whether it has a value."""
         if not -math.inf < value < math.inf:
             return False
+        if self._wraps and (turn := wrapped_turn(value, self._value)):
+            self._move(-turn)
         cell = stamp // POOL
         if not 0 <= stamp - self._last <= GAP or self._count == 0:
             self._start, self._origin = len(self._means), stamp
@@ -183,6 +197,12 @@ class RateFilter:
         self._sum += value
         self._count += 1
         return True
+
+    def _move(self, by: float) -> None:
+        """Count the readings so far from another zero."""
+        self._means = [(time, mean + by, step, n) for time, mean, step, n in self._means]
+        self._sum += by * self._count
+        self._value += by
 
     def _spread(self) -> float:
         """Return the half-width of the noise of one reading."""

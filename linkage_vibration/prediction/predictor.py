@@ -16,8 +16,8 @@ from linkage_vibration.mechanics.kinematics import unit_question
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.table.table import Table
 
-_FARTHEST_ANGLE = 1e6  # deg; beyond it, nobody is asked whether the joint's zero is a turn off
 _UNCERTAIN_FREQUENCY, _UNCERTAIN_RATIO = 1.0, 20.0  # %
+_FARTHEST_ANGLE = 1e6  # deg; beyond it, nobody is asked whether the joint's zero is turns off
 _TURN = 2.0 * math.pi
 _FARTHEST = 1e6  # rad; a larger angle is too coarse to be reduced to one turn
 
@@ -143,7 +143,7 @@ def fault(prediction: Prediction, alpha3_range: tuple[float, float]) -> str:
         text = f"crank angle {angle:.7g} deg is not in the table's {first:.7g} to {last:.7g} deg"
         turned = first + (angle - first) % 360.0
         if turned <= last and abs(angle) < _FARTHEST_ANGLE:
-            return f"{text}, but {turned:.7g} deg is: is the joint's zero a turn off?"
+            return f"{text}, but {turned:.7g} deg is: is the joint's zero turns off?"
         if question := unit_question(prediction.crank_angle, *alpha3_range):
             text += f"; {question}"
         return text
@@ -169,14 +169,18 @@ def angles_in_table(alpha3: FloatArray, alpha3_range: tuple[float, float]) -> Fl
     """Return the angles of a table that are the same positions, rad, (n,); NaN if there are none.
 
     A table over a whole turn belongs to a crank that turns all the way, for which whole turns are
-    removed.
+    removed; otherwise one turn, as a sensor may begin again at half a turn. More would let angles
+    in degrees pass for radians.
     """
     low, high = alpha3_range
-    angles = np.where((low <= alpha3) & (alpha3 <= high), alpha3, math.nan)
+    with np.errstate(invalid="ignore"):  # an infinite angle
+        turned = low + (alpha3 - low) % _TURN
     if covers_a_turn(alpha3_range):
-        turned = np.minimum(low + (alpha3 - low) % _TURN, high)
-        np.copyto(angles, turned, where=np.isnan(angles) & (np.abs(alpha3) < _FARTHEST))
-    return angles
+        near, turned = np.abs(alpha3) < _FARTHEST, np.minimum(turned, high)
+    else:
+        near = (np.abs(alpha3 - turned) < 1.5 * _TURN) & (turned <= high)
+    inside = (low <= alpha3) & (alpha3 <= high)
+    return np.where(inside, alpha3, np.where(near, turned, math.nan))
 
 
 def covers_a_turn(alpha3_range: tuple[float, float]) -> bool:
@@ -207,8 +211,7 @@ class Predictor:
         """Return the angle of the table, rad, as `angles_in_table` does; None if there is none."""
         if self._low <= alpha3 <= self._high:
             return alpha3
-        with np.errstate(invalid="ignore"):
-            angle = float(angles_in_table(np.array([alpha3]), self.table.alpha3_range)[0])
+        angle = float(angles_in_table(np.array([alpha3]), self.table.alpha3_range)[0])
         return None if math.isnan(angle) else angle
 
     @overload
@@ -337,8 +340,7 @@ def predict_many(predictor: Predictor, alpha3: FloatArray, stddev: FloatArray) -
     """
     table, n = predictor.table, len(alpha3)
     modes = table.n_modes
-    with np.errstate(invalid="ignore"):
-        angles = angles_in_table(alpha3, table.alpha3_range)
+    angles = angles_in_table(alpha3, table.alpha3_range)
     inside = np.flatnonzero(~np.isnan(angles))
     angles = angles[inside]
     values, slopes = table.evaluate(angles), table.evaluate_slopes(angles)

@@ -148,8 +148,8 @@ def test_places_of_advice_are_what_ros_reads(numbers: list[list[float]]) -> None
     ("degrees", "words"),
     [
         (85.0, "85 deg is not in the table's 90 to 180 deg"),
-        (480.0, "but 120 deg is: is the joint's zero a turn off?"),
-        (-240.0, "but 120 deg is: is the joint's zero a turn off?"),
+        (840.0, "but 120 deg is: is the joint's zero turns off?"),
+        (-600.0, "but 120 deg is: is the joint's zero turns off?"),
         (math.inf, "not a finite number"),
     ],
 )
@@ -163,4 +163,4 @@ def test_faults_in_words(degrees: float, words: str) -> None:
     )
     text = fault(prediction, (math.pi / 2.0, math.pi))
     assert words in text
-    assert ("turn off" in text) == ("turn off" in words)
+    assert ("turns off" in text) == ("turns off" in words)

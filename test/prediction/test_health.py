@@ -568,6 +568,14 @@ def test_limit_of_jumps(step: float, jumps: bool) -> None:
     assert judged(seconds(100, 1), angles, watch=ReadingWatch(turns=True))[-1] == []
 
 
+@pytest.mark.parametrize(("top", "jumps"), [(math.pi, False), (math.pi + 0.1, True)])
+def test_sensor_that_wraps(top: float, jumps: bool) -> None:
+    """From plus to minus half a turn is no jump, and no publishers disagree; from more, it is."""
+    angles = [(top, 0.01 - math.pi)[i % 3 == 0] for i in range(100)]
+    expected = replace(EXPECTED, first=-4.0, last=4.0)
+    assert bool(judged(seconds(100, 1), angles, expected)[-1]) == jumps
+
+
 @pytest.mark.parametrize(
     ("moved", "velocity", "contradicts"),
     [(0.0, 0.09, False), (0.0, 0.11, True), (0.4, 0.21, False), (0.4, 0.19, True)],

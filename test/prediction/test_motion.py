@@ -16,6 +16,7 @@ from linkage_vibration.prediction.motion import (
     crank_filter,
     crank_resolution,
     speed_filter,
+    wrapped_turn,
 )
 from test.support.motions import MOTIONS, SENSORS, Sensor, read
 
@@ -167,3 +168,19 @@ def test_a_move_in_a_gap_is_no_rate() -> None:
     begin = 29 * SECOND // 25 + GAP + 1
     actual = [crank.add(begin + i * SECOND // 25, 2.5 - 0.02 * i) for i in range(6)]
     assert [each.value for each in actual[2:]] == pytest.approx([-0.5] * 4)
+
+
+def test_sensor_that_wraps() -> None:
+    """A hitch about half a turn has the same rates by a sensor that wraps as by one that does not.
+
+    A jump beyond half a turn is none of a wrap, if a sensor reports an angle beyond half a turn.
+    """
+    stamps = [10**18 + i * SECOND // 50 for i in range(300)]
+    true = [math.pi + 0.3 * math.sin(0.04 * i) for i in range(300)]
+    wrapped = [math.remainder(angle, 2.0 * math.pi) for angle in true]
+    whole, broken = crank_filter().add_many(stamps, true), crank_filter().add_many(stamps, wrapped)
+    np.testing.assert_allclose(broken, whole, rtol=0.0, atol=1e-9)
+    assert np.isfinite(whole[0]).mean() > 0.8
+    assert wrapped_turn(-math.pi, math.pi) == 2.0 * math.pi
+    assert wrapped_turn(math.pi, -math.pi) == -2.0 * math.pi
+    assert wrapped_turn(0.0, 3.1) == wrapped_turn(-0.1, math.nan) == wrapped_turn(-3.0, 3.3) == 0.0

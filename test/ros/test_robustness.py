@@ -77,7 +77,9 @@ def test_invalid_requests_do_not_end_the_node(peer: Any, node: Any) -> None:
     ):
         client = peer.node.create_client(kind, f"robust/{name}")
         peer.request(client, request)
-    node.wait_for("A request was refused while the node is active: 77 is not a valid Parameter.Type")
+    node.wait_for(
+        "A request was refused while the node is active: 77 is not a valid Parameter.Type"
+    )
     node.wait_for("No transition matching 0 found")
     client = peer.node.create_client(GetState, "robust/get_state")
     assert peer.request(client, GetState.Request()).current_state.label == "active"
