@@ -67,6 +67,7 @@ _FRAME = np.dtype(
 _PACKED = struct.Struct("<qI4B8sB")  # the same; data are cut or padded to 8 bytes
 # A ``can_msgs/msg/Frame`` in CDR: encapsulation, stamp, frame of the header, and those fields.
 _MESSAGE = struct.Struct("<4siII4sI4B8s")
+_BLF_HEADER = 56  # bytes, of which the last 16 are the date of the start
 # Channel; and time in ns, identifier, remote, extended, error, number of bytes, data.
 _Row: TypeAlias = tuple[str, tuple[int, int, bool, bool, bool, int, bytes]]
 
@@ -219,7 +220,12 @@ def _rows(file: BinaryIO, suffix: str, lines: "_Lines") -> Iterator[_Row]:
         raise CanLogError("needs python-can; run `pip install linkage_vibration[can]`.") from None
     text: Any = lines
     if suffix == ".blf":
-        yield from map(_row, can.BLFReader(file))
+        start, reader = _blf_start(file), can.BLFReader(file)
+        # Older versions of python-can read the date in the time zone of this machine.
+        ahead = start - reader.start_timestamp if start and reader.start_timestamp else 0.0
+        for message in reader:
+            message.timestamp += ahead
+            yield _row(message)
     elif suffix == ".mf4":
         try:
             yield from map(_row, can.MF4Reader(file))
@@ -228,14 +234,26 @@ def _rows(file: BinaryIO, suffix: str, lines: "_Lines") -> Iterator[_Row]:
     elif suffix == ".asc":
         yield from _text_rows(can.ASCReader(text, relative_timestamp=False), lines)
     elif suffix == ".trc":
-        reader: Any = can.TRCReader(text)
+        trace: Any = can.TRCReader(text)
         # That of python-can drops a bad line; older ones have no number of columns.
-        reader._parse_line = lambda line: reader._parse_cols(
-            (*line.split(None, getattr(reader, "_num_columns", -1)),)
+        trace._parse_line = lambda line: trace._parse_cols(
+            (*line.split(None, getattr(trace, "_num_columns", -1)),)
         )
-        yield from _text_rows(reader, lines)
+        yield from _text_rows(trace, lines)
     else:
         yield from _text_rows(can.CanutilsLogReader(text), lines)
+
+
+def _blf_start(file: BinaryIO) -> float:
+    """Return the date in the header of a BLF log as UTC, s since 1970; 0 if it has none."""
+    header = file.read(_BLF_HEADER)
+    file.seek(0)
+    try:
+        year, month, _, day, hour, minute, second, ms = struct.unpack("<8H", header[-16:])
+        date = datetime(year, month, day, hour, minute, second, 1000 * ms, timezone.utc)
+    except (struct.error, ValueError):
+        return 0.0
+    return date.timestamp()
 
 
 def _text_rows(reader: "Iterable[Message]", lines: "_Lines") -> Iterator[_Row]:

@@ -8,6 +8,7 @@ import struct
 import sys
 from datetime import datetime, timezone
 from pathlib import Path
+from time import tzset
 from typing import NamedTuple
 
 import numpy as np
@@ -128,6 +129,21 @@ def expected(frames: list[BusFrame]) -> list[tuple[int, Frame]]:
         )
         for frame in frames
     ]
+
+
+def test_date_of_blf_is_utc(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The date in a BLF log is read as UTC, in whatever time zone the machine is."""
+    monkeypatch.setenv("TZ", "UTC")
+    tzset()
+    try:
+        path, frames = tmp_path / "bus.blf", drive()
+        write(path, frames)
+        monkeypatch.setenv("TZ", "America/New_York")
+        tzset()
+        assert [each[0] for each in frames_of(path)] == [frame.time for frame in frames]
+    finally:
+        monkeypatch.undo()
+        tzset()
 
 
 KINDS = ["bus.log", "bus.txt", "bus.asc", "bus.blf", "bus.log.gz", "bus.asc.gz", "bus.blf.gz"]
