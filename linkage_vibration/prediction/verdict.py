@@ -36,6 +36,7 @@ from linkage_vibration.prediction.severity import (
 
 _MOST_NAMES = 3  # in a list
 _SHORT = 0.1  # s, that is not worth a sentence
+KNOWN = 0.95  # least share of a drive that has to be known before it is called calm
 _LATE = 1.0  # s without a message at the start of a log that are worth one
 
 
@@ -50,6 +51,7 @@ class Drive:
     angles: FloatArray  # (n,), rad
     names: tuple[str, ...]  # of the excitations, in the order of the sequences
     predictions: NDArray[np.int64]  # (n,), of the log
+    missing: float  # s of the log, for which none holds
 
     @property
     def passes(self) -> NDArray[np.int64]:
@@ -63,6 +65,29 @@ class Drive:
     def time_in(self, flags: BoolArray) -> float:
         """Return how long flags, (n,), are true, s."""
         return float(self.held[flags].sum())
+
+
+@dataclass(frozen=True, slots=True)
+class Durations:
+    """How long the load was above its limit, was not, and was not known whether it was, s.
+
+    It was not above the limit only while every source of a load was known.
+    """
+
+    above: float
+    below: float
+    unknown: float
+
+    @property
+    def known_share(self) -> float:
+        """The share of the drive for which the answer is known, 0 to 1."""
+        known = self.above + self.below
+        return known / (known + self.unknown) if known else 0.0
+
+    @property
+    def calm(self) -> bool:
+        """Whether the load is known, and was never above its limit."""
+        return self.above == 0.0 and self.known_share >= KNOWN
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,13 +118,19 @@ def drive_of(
     angles: FloatArray,
     names: Sequence[str],
     predictions: NDArray[np.int64],
+    end: int,
 ) -> Drive:
-    """Return a drive from the stamps of its messages, ns, (n,); ``start`` is the time 0."""
+    """Return a drive from the stamps of its messages, ns, (n,).
+
+    The log begins at ``start``, which is the time 0, and ends at ``end``, ns.
+    """
     steps = np.diff(stamps) / 1e9
     broken = (steps < 0.0) | (steps > GAP)
     usual = steps[~broken] if not broken.all() else steps[steps > 0.0]
     median = float(np.median(usual)) if len(usual) else 0.0
     held = np.append(np.where(broken, median, steps), median)
+    outside = max(0, int(stamps[0]) - start) + max(0, end - int(stamps[-1]))
+    missing = 1e-9 * outside + float((steps - median)[steps > GAP].sum())
     n_names = resonances.states.shape[1]
     all_names = [*names, *(f"excitation {i + 1}" for i in range(len(names), n_names))]
     return Drive(
@@ -110,7 +141,19 @@ def drive_of(
         angles,
         tuple(all_names[:n_names]),
         predictions,
+        missing,
     )
+
+
+def durations(drive: Drive, limits: WarningLimits) -> Durations:
+    """Return how long the load was above its limit, was not, and was not known."""
+    of = drive.resonances
+    above = (of.total_load_ratio > limits.warning) | (of.off_ground_share > AIRBORNE)
+    known = np.isfinite(of.total_load_ratio) & (of.unknown_sources == 0)
+    known &= (of.states != ResonanceState.UNKNOWN).all(axis=1)
+    times = drive.time_in(above), drive.time_in(known & ~above)
+    unknown = drive.time_in(~(above | known)) + drive.missing
+    return Durations(*times, unknown)
 
 
 def episodes(drive: Drive) -> list[Episode]:
@@ -213,17 +256,16 @@ def _loads(drive: Drive, limits: WarningLimits, excitations: Sequence[Excitation
     """Return whether loads exceeded the limit, how large they were, and what would end that."""
     warnings, worst = episodes(drive), worst_message(drive)
     largest = drive.severity()[worst]
-    limit = f"{limits.warning:g} of the static force"
-    what = f"The largest was {_load_at(drive, worst)}." if largest else "All loads were zero."
+    all_known = durations(drive, limits).known_share >= KNOWN
+    named = "The largest" if all_known else "The largest that is known"
+    what = f"{named} was {_load_at(drive, worst)}."
+    if not largest:
+        what = "All loads were zero." if all_known else "All loads that are known were zero."
     parts = ground_and_orders(drive, excitations)
     if parts is not None and parts[0][worst] ** 2 > 0.5 * largest**2 and parts[1][worst]:
         what += f" Without the ground it would have been at most {ratio_words(parts[1][worst])}."
     if not warnings:
-        shortly = f" for {limits.dwell:g} s" if largest > limits.warning else ""
-        sparse = shortly and bool(drive.broken.all()) and len(drive.broken) > 1
-        why = f" Readings more than {GAP:g} s apart cannot warn." if sparse else ""
-        qualifier = "known " if _not_counted(drive) else ""
-        return f"No {qualifier}load exceeded the limit of {limit}{shortly}. {what}{why}"
+        return f"{_without_warning(drive, limits)} {what}"
     loudest = max((episode.worst for episode in warnings), key=lambda row: drive.severity()[row])
     ending = ending_words(drive.resonances.message(loudest), excitations)
     end = f"The worst warning would have ended at {ending}." if ending else ""
@@ -239,9 +281,28 @@ def _exceeded(drive: Drive, limits: WarningLimits) -> str:
     if not parts or (drive.resonances.off_ground_share[warned] > AIRBORNE).any():
         parts.append(f"tyres were off the ground for more than {AIRBORNE:g} of the time,")
     text = " or ".join(parts).rstrip("," if len(parts) == 1 else "")
-    total = sum(episode.duration for episode in warnings)
-    often = "once" if len(warnings) == 1 else f"{len(warnings)} times"
-    return f"{text[0].upper()}{text[1:]} {often}, for {total:.1f} s in all"
+    above = f"{durations(drive, limits).above:.1f} s in all"
+    warned = sum(episode.duration for episode in warnings)
+    often = "one warning" if len(warnings) == 1 else f"{len(warnings)} warnings"
+    return f"{text[0].upper()}{text[1:]} for {above}, with {often} of {warned:.1f} s"
+
+
+def _without_warning(drive: Drive, limits: WarningLimits) -> str:
+    """Return for how much of a drive without warnings its loads are known, and their verdict."""
+    spent, limit = durations(drive, limits), f"the limit of {limits.warning:g} of the static force"
+    if spent.above and drive.broken.all() and len(drive.broken) > 1:
+        count = int((drive.resonances.total_load_ratio > limits.warning).sum())
+        often = f"in {count} of {len(drive.broken)} readings"
+        return f"Loads exceeded {limit} {often}; more than {GAP:g} s apart, they cannot warn."
+    if spent.above:
+        never = f"never for {limits.dwell:g} s, so nothing warned"
+        return f"Loads exceeded {limit} for {spent.above:.1f} s in all, but {never}."
+    if spent.known_share >= KNOWN:
+        return f"No load exceeded {limit}."
+    if not spent.known_share:
+        return f"Whether loads exceeded {limit} is not known; those that are known did not."
+    share = f"{max(1, math.floor(100.0 * spent.known_share))} %"
+    return f"Known for {share} of the drive, where no load exceeded {limit}."
 
 
 def _not_counted(drive: Drive) -> str:

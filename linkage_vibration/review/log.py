@@ -438,7 +438,8 @@ def _resonances(
     kept = {*_EACH, *(field.name for field in shown)}
     messages = MessageColumns(**{n: c for n, c in every.items() if n in kept}).rows(order)
     angles, start = predictions["crank_angle"][predicted[order]], int(stamps[0])
-    drive = drive_of(taken[order], start, messages, angles, names, predicted[order])
+    end = int(stamps[-1])
+    drive = drive_of(taken[order], start, messages, angles, names, predicted[order], end)
     values: dict[str, Any] = {}
     for field in shown:
         column = every[field.name][rows]

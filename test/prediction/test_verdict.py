@@ -21,7 +21,7 @@ from linkage_vibration.prediction.severity import (
     present_sentence,
     speed_words,
 )
-from linkage_vibration.prediction.verdict import Drive, drive_of, drive_sentence
+from linkage_vibration.prediction.verdict import Drive, drive_of, drive_sentence, durations
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import DEFAULT_MECHANISM, DEFAULT_TABLE, config_file
 from linkage_vibration.table.table import load_table
@@ -42,13 +42,13 @@ def excitations() -> tuple[Excitation, ...]:
     return excitations_from_mapping({"shaker": SHAKER | GROWING, "high": ENGINE | GROWING})
 
 
-def drive(states: list[int], totals: list[float], step: float = 1.0, **fields: Any) -> Drive:
+def drive(whole: list[int], totals: list[float], step: float = 1.0, **fields: Any) -> Drive:
     """Return a drive at 120 deg, the first of whose two excitations does everything."""
-    n, total = len(states), np.array(totals, np.float32)
+    n, total = len(whole), np.array(totals, np.float32)
     columns: dict[str, Any] = {
-        "state": np.array(states),
+        "state": np.array(whole),
         "velocities": np.zeros((n, 2), np.float32),
-        "states": np.stack([np.array(states), np.full(n, UNKNOWN)], axis=1),
+        "states": np.stack([np.array(whole), np.full(n, UNKNOWN)], axis=1),
         "excitation": np.full(n, "shaker 1"),
         "excitation_frequency": np.full(n, 9.0),
         "mode": np.zeros(n, int),
@@ -60,7 +60,7 @@ def drive(states: list[int], totals: list[float], step: float = 1.0, **fields: A
         "total_load_ratio_factor": np.full(n, np.nan, np.float32),
         "total_load_place": np.full(n, "lower_link:V1"),
         "unknown_sources": np.full(n, ENGINE_SPEED),
-        "excitation_index": np.where(np.array(states) == UNKNOWN, -1, 0),
+        "excitation_index": np.where(np.array(whole) == UNKNOWN, -1, 0),
         "ground_unknown": np.full(n, ""),
         "off_ground_share": np.full(n, math.nan),
         "quiet_speed": np.full(n, math.nan),
@@ -69,7 +69,9 @@ def drive(states: list[int], totals: list[float], step: float = 1.0, **fields: A
     stamps = np.round(np.arange(n) * step * 1e9).astype(np.int64)
     names = ("shaker 1", "high 6")
     messages = MessageColumns(**(columns | fields))
-    return drive_of(stamps, 0, messages, np.full(n, math.radians(120.0)), names, np.arange(n))
+    return drive_of(
+        stamps, 0, messages, np.full(n, math.radians(120.0)), names, np.arange(n), int(stamps[-1])
+    )
 
 
 def sentence(actual: Drive, excitations: tuple[Excitation, ...]) -> str:
@@ -80,8 +82,8 @@ def sentence(actual: Drive, excitations: tuple[Excitation, ...]) -> str:
 def test_the_largest_load_may_be_too_short_to_warn(excitations: tuple[Excitation, ...]) -> None:
     """A load of 7 for one message is the largest, although only a load of 0.4 warned."""
     text = sentence(drive([NOTE, NOTE, WARNING, CLEAR], [7.0, 0.05, 0.4, 0.0]), excitations)
-    assert "exceeded 0.33 of the static force once, for 1.0 s" in text
-    assert "The largest was 7 of the static force in lower_link:V1" in text
+    assert "exceeded 0.33 of the static force for 2.0 s in all, with one warning of 1.0 s" in text
+    assert "The largest that is known was 7 of the static force in lower_link:V1" in text
     assert "at 0.00 s and 120.0 deg" in text
 
 
@@ -96,19 +98,53 @@ def test_what_is_not_counted_is_said(excitations: tuple[Excitation, ...]) -> Non
     """Loads that were never known, and times without a load, are named."""
     text = sentence(drive([CLEAR, UNKNOWN, CLEAR], [0.0, math.nan, 0.0]), excitations)
     assert text == (
-        "No known load exceeded the limit of 0.33 of the static force. All loads were zero. The "
-        "loads of high 6 are not known and not counted. No load is known for 1.0 s."
+        "Whether loads exceeded the limit of 0.33 of the static force is not known; those that are "
+        "known did not. All loads that are known were zero. The loads of high 6 are not known and "
+        "not counted. No load is known for 1.0 s."
     )
     speeds = np.array([0, ENGINE_SPEED, 0])
     both = np.full((3, 2), 0.1, np.float32)
     actual = drive([CLEAR] * 3, [0.14] * 3, unknown_sources=speeds, load_ratios=both)
     assert sentence(actual, excitations).endswith("The engine speed was not known for 1.0 s.")
-    actual = drive([CLEAR] * 3, [0.14] * 3, unknown_sources=np.zeros(3, int), load_ratios=both)
+    known = {"unknown_sources": np.zeros(3, int), "states": np.full((3, 2), CLEAR)}
+    actual = drive([CLEAR] * 3, [0.14] * 3, **known, load_ratios=both)
     assert sentence(actual, excitations).startswith("No load exceeded the limit")
     lost = [0.14, math.nan, 0.14]
     actual = drive([CLEAR, UNKNOWN, CLEAR], lost, unknown_sources=speeds, load_ratios=both)
     missing = "No load is known for 1.0 s. The engine speed was not known for 1.0 s."
     assert sentence(actual, excitations).endswith(missing)
+
+
+@pytest.mark.parametrize(
+    ("lost", "words"),
+    [
+        (0, "No load exceeded the limit of 0.33"),
+        (5, "No load exceeded the limit of 0.33"),
+        (6, "Known for 94 % of the drive, where no load exceeded the limit of 0.33"),
+        (72, "Known for 28 % of the drive, where no load exceeded the limit of 0.33"),
+        (100, "Whether loads exceeded the limit of 0.33 of the static force is not known"),
+    ],
+)
+def test_what_is_known_comes_first(
+    excitations: tuple[Excitation, ...], lost: int, words: str
+) -> None:
+    """A drive of which less than 95 % is known is not calm, and begins with what is known.
+
+    Either a speed is lost, or one excitation, or there is no message for that time.
+    """
+    rows = np.arange(100) < lost
+    known = {"unknown_sources": np.zeros(100, int), "states": np.full((100, 2), CLEAR)}
+    speed = drive([CLEAR] * 100, [0.14] * 100, **known | {"unknown_sources": rows * PTO_SPEED})
+    states = np.stack([np.full(100, CLEAR), np.where(rows, UNKNOWN, CLEAR)], axis=1)
+    for each in (speed, drive([CLEAR] * 100, [0.14] * 100, **known | {"states": states})):
+        assert sentence(each, excitations).startswith(words)
+        assert durations(each, LIMITS).calm == (lost <= 5)
+    n = 100 - lost
+    if n:
+        known = {"unknown_sources": np.zeros(n, int), "states": np.full((n, 2), CLEAR)}
+        short = replace(drive([CLEAR] * n, [0.14] * n, **known), missing=float(lost))
+        assert sentence(short, excitations).startswith(words)
+        assert durations(short, LIMITS).calm == (lost <= 5)
 
 
 @pytest.mark.parametrize(("start", "said"), [(0.9, False), (1.1, True)])
@@ -137,12 +173,12 @@ def test_a_tyre_off_the_ground_is_no_load_that_is_known() -> None:
     both = drive([WARNING] * 4, [0.4, 0.4, math.nan, math.nan], **hops)
     assert sentence(both, rolls).startswith(
         "Loads exceeded 0.33 of the static force or tyres were off the ground for more than 0.2 of "
-        "the time, once, for 4.0 s in all. The largest was 0.4 "
+        "the time, for 4.0 s in all, with one warning of 4.0 s. The largest was 0.4 "
     )
     alone = hops | {"ground_unknown": np.full(4, off), "off_ground_share": np.full(4, 0.3)}
     never = drive([WARNING] * 4, [math.nan] * 4, **alone)
     text = sentence(never, rolls)
-    assert text.startswith("Tyres were off the ground for more than 0.2 of the time once, for 4.0")
+    assert text.startswith("Tyres were off the ground for more than 0.2 of the time for 4.0 s")
     assert "amplitude" not in text
     assert "natural frequency" not in text
     live = present_sentence(never.resonances.message(0), rolls)
@@ -161,8 +197,12 @@ def test_a_tyre_off_the_ground_is_no_load_that_is_known() -> None:
 def test_sparse_readings_cannot_warn(excitations: tuple[Excitation, ...]) -> None:
     """Readings every 5 s never warn, and the sentence says why."""
     text = sentence(drive([NOTE] * 4, [2.0] * 4, step=5.0), excitations)
-    assert "Readings more than 3 s apart cannot warn." in text
-    assert "cannot warn" not in sentence(drive([NOTE] * 4, [2.0] * 4), excitations)
+    assert text.startswith(
+        "Loads exceeded the limit of 0.33 of the static force in 4 of 4 readings;"
+    )
+    assert "more than 3 s apart, they cannot warn." in text
+    text = sentence(drive([NOTE] * 4, [2.0] * 4, step=0.2), excitations)
+    assert "for 0.8 s in all, but never for 1 s, so nothing warned" in text
 
 
 def test_why_no_load_is_known(excitations: tuple[Excitation, ...]) -> None:
@@ -230,7 +270,7 @@ def test_the_worst_warning_says_what_would_have_ended_it(
         " The worst warning would have ended at"
     )
     assert tail.removesuffix(" The loads of high 6 are not known and not counted.") == end
-    assert "once, for 2.0 s" in head
+    assert "for 3.0 s in all, with one warning of 2.0 s" in head
     assert "ended" not in sentence(drive([NOTE], [7.0], **quiet), excitations)
 
 

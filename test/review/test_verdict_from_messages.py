@@ -16,6 +16,7 @@ from linkage_vibration.review.findings import first_sentence
 from linkage_vibration.review.log import read_log
 from test.support.random_resonances import (
     Message,
+    durations_of,
     holding_times,
     random_drive,
     rows_of,
@@ -69,7 +70,11 @@ def test_summary(drive: tuple[list[Message], Path], capsys: Any) -> None:
     assert main(["summary", str(path)]) == 0
     [actual] = json.loads(capsys.readouterr().out)
     warnings, worst = warnings_of(messages), worst_of(messages)
+    above, below, unknown = durations_of(messages)
     assert actual["warnings"] == len(warnings)
+    numbers = [actual["above_limit_s"], actual["below_limit_s"], actual["known_share"]]
+    share = (above + below) / (above + below + unknown)
+    assert numbers == pytest.approx([above, below, share], rel=1e-5, abs=1e-9)
     assert actual["in_warning_s"] == pytest.approx(sum(w[1] for w in warnings), rel=1e-5)
     keys = "name", "load_ratio", "in_warning_s", "in_note_s"
     shown = [tuple(each[key] for key in keys) for each in actual["excitations"]]
@@ -98,10 +103,12 @@ def test_page(drive: tuple[list[Message], Path], tmp_path: Path) -> None:
         assert f"at {time:.2f} s" in sentence
         if warnings:
             total = sum(duration for _, duration, _ in warnings)
-            often = "once" if len(warnings) == 1 else f"{len(warnings)} times"
-            assert f"{often}, for {total:.1f} s in all" in sentence
-        else:
-            assert sentence.startswith(("No load exceeded", "No known load exceeded"))
+            often = "one warning" if len(warnings) == 1 else f"{len(warnings)} warnings"
+            assert f"{often} of {total:.1f} s" in sentence
+        above, below, unknown = durations_of(messages)
+        calm = not above and below >= 0.95 * (below + unknown)
+        assert sentence.startswith("No load exceeded") == calm
+        assert sentence.startswith(("Loads exceeded", "Tyres were")) == (above > 0.0)
     page = tmp_path / "page.html"
     assert main(["review", str(path), "-o", str(page)]) == 0
     text = page.read_text()

@@ -56,6 +56,7 @@ class Message:
     ratios: tuple[float, ...]  # float32; NaN if not known
     total: float
     excitation: str  # the most severe one
+    unknown: int  # bits of the sources that are not known
 
 
 @dataclass(frozen=True)
@@ -112,6 +113,7 @@ def _message(
         tuple(map(float, ratios)),
         total,
         "" if state == UNKNOWN else NAMES[worst],
+        int(rng.choice([0, 2, 4, 16], p=[0.85, 0.05, 0.05, 0.05])),
     )
 
 
@@ -158,6 +160,7 @@ def _assessed(message: Message, table_id: str) -> Any:
         "natural_frequency": 10.0,
         "table_id": table_id,
         "states": np.array(message.states, np.uint8),
+        "unknown_sources": message.unknown,
         "load_ratios": np.array(message.ratios, np.float32),
         "total_load_ratio": np.float32(message.total),
     }
@@ -190,6 +193,23 @@ def warnings_of(messages: list[Message]) -> list[tuple[float, float, float]]:
         if message.total > actual[-1][2]:
             actual[-1][2] = message.total
     return [(a, b, c) for a, b, c in actual]
+
+
+def durations_of(messages: list[Message]) -> tuple[float, float, float]:
+    """Return for how long the load was above 0.33, was not, and was not known, s."""
+    above = below = unknown = 0.0
+    held = holding_times(messages)
+    for message, time in zip(messages, held, strict=True):
+        if message.total > 0.33:
+            above += time
+        elif message.total <= 0.33 and message.unknown == 0 and UNKNOWN not in message.states:
+            below += time
+        else:
+            unknown += time
+    for before, after in itertools.pairwise(messages):
+        if after.stamp - before.stamp > LONGEST:
+            unknown += 1e-9 * (after.stamp - before.stamp) - held[-1]
+    return above, below, unknown
 
 
 def rows_of(messages: list[Message]) -> list[Row]:
