@@ -249,7 +249,7 @@ def drive_sentence(
         near = _nearest(drive, mode_label, excitations)
         return " ".join(filter(None, [off, near, _no_ground(drive)]))
     loads = _loads(drive, limits, excitations)
-    return " ".join(filter(None, [loads, _not_counted(drive)]))
+    return " ".join(filter(None, [loads, _not_counted(drive, excitations)]))
 
 
 def _loads(drive: Drive, limits: WarningLimits, excitations: Sequence[Excitation]) -> str:
@@ -305,18 +305,17 @@ def _without_warning(drive: Drive, limits: WarningLimits) -> str:
     return f"Known for {share} of the drive, where no load exceeded {limit}."
 
 
-def _not_counted(drive: Drive) -> str:
+def _not_counted(drive: Drive, excitations: Sequence[Excitation]) -> str:
     """Return whose loads are not in the total, and for how long no load is known."""
     resonances, texts = drive.resonances, []
     if drive.times[0] >= _LATE:
         late = f"{drive.times[0]:.1f} s"
-        texts.append(f"No load is known for the first {late}, as no speed was known until then.")
+        texts.append(f"No load is known for the first {late}.")
     has_load = np.isfinite(resonances.load_ratios).any(axis=0)
     silent = [name for name, its in zip(drive.names, has_load, strict=True) if not its]
     if silent:
-        more = len(silent) - _MOST_NAMES
-        names = [*silent[:_MOST_NAMES], f"{more} more"] if more > 1 else silent
-        texts.append(f"The loads of {listing(names)} are not known and not counted.")
+        texts.append(f"The loads of {_some(silent)} are not known and not counted.")
+    texts += _partly_unknown(drive, excitations, has_load)
     lost = drive.time_in(~np.isfinite(resonances.total_load_ratio))
     if lost >= _SHORT:
         texts.append(f"No load is known for {lost:.1f} s.")
@@ -326,6 +325,29 @@ def _not_counted(drive: Drive) -> str:
         if lost >= _SHORT and not without.all():
             texts.append(f"The {source.label} speed was not known for {lost:.1f} s.")
     return " ".join(filter(None, [*texts, _no_ground(drive)]))
+
+
+def _some(names: list[str]) -> str:
+    """Return the first names as a list in a sentence, and how many more there are."""
+    more = len(names) - _MOST_NAMES
+    return listing([*names[:_MOST_NAMES], f"{more} more"] if more > 1 else names)
+
+
+def _partly_unknown(
+    drive: Drive, excitations: Sequence[Excitation], has_load: BoolArray
+) -> list[str]:
+    """Return a sentence about orders with loads that are not known at times, although they turn."""
+    lost = dict[str, float]()
+    others = np.isfinite(drive.resonances.total_load_ratio)
+    for i, excitation in enumerate(excitations[: len(drive.names)]):
+        unknown = drive.resonances.states[:, i] == ResonanceState.UNKNOWN
+        time = drive.time_in(unknown & others & ~_without(drive, excitation.source))
+        if has_load[i] and excitation.terrain is None and time >= _SHORT:
+            lost[drive.names[i]] = time
+    if not lost:
+        return []
+    upto = "for" if len(lost) == 1 else "for up to"
+    return [f"The load of {_some(list(lost))} was not known {upto} {max(lost.values()):.1f} s."]
 
 
 def _without(drive: Drive, source: Source) -> BoolArray:
@@ -343,15 +365,23 @@ def _no_ground(drive: Drive) -> str:
     return " ".join(texts)
 
 
+def _cause_at(drive: Drive, row: int) -> str:
+    """Return what loads most in a message; "mostly" is more than half of the square at the place.
+
+    Load ratios are those at the place that an excitation loads most, which may be another one.
+    """
+    at, cause = drive.resonances.message(row), main_cause(drive, row)
+    mostly = cause == cause_words(at) and at.load_place == at.total_load_place
+    mostly &= bool(at.load_ratio**2 > 0.5 * at.total_load_ratio**2)
+    return f", mostly by {cause}" if mostly else f"; {cause} is the largest excitation"
+
+
 def _load_at(drive: Drive, row: int) -> str:
     """Return the load at a message in words: how much, where, when, and by what."""
     at = drive.resonances.message(row)
     total = load_words(at.total_load_ratio, at.total_load_ratio_factor, at.total_load_place)
     angle = math.degrees(drive.angles[row])
-    return (
-        f"{total} at {drive.times[row]:.2f} s and {angle:.1f} deg, mostly by "
-        f"{main_cause(drive, row)}"
-    )
+    return f"{total} at {drive.times[row]:.2f} s and {angle:.1f} deg{_cause_at(drive, row)}"
 
 
 def _nearest(

@@ -61,7 +61,7 @@ _LOADS = {
 }
 _WARNINGS = {
     "id": "moments",
-    "head": ["start", "load ratio", "in", "mostly by", "Hz", "duration s"],
+    "head": ["start", "load ratio", "in", "most severe", "Hz", "duration s"],
     "folded": True,
 }
 

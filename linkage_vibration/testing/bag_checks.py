@@ -225,7 +225,7 @@ def _failures(bag: Path, log: Log, latency: FloatArray, limits: Limits) -> list[
         assert drive is not None
         of = drive.resonances.message(at)
         place, cause = of.total_load_place, of.excitation
-        return f"the load ratio in {place} is {of.total_load_ratio:.2g}, mostly by {cause}"
+        return f"the load ratio in {place} is {of.total_load_ratio:.2g} (most severe: {cause})"
 
     def add(limit: str, stamps: Integers, exceeded: BoolArray, at: int, words: str) -> None:
         time = int(stamps[at])

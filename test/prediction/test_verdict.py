@@ -59,6 +59,7 @@ def drive(whole: list[int], totals: list[float], step: float = 1.0, **fields: An
         "total_load_ratio": total,
         "total_load_ratio_factor": np.full(n, np.nan, np.float32),
         "total_load_place": np.full(n, "lower_link:V1"),
+        "load_place": np.full(n, "lower_link:V1"),
         "unknown_sources": np.full(n, ENGINE_SPEED),
         "excitation_index": np.where(np.array(whole) == UNKNOWN, -1, 0),
         "ground_unknown": np.full(n, ""),
@@ -91,7 +92,26 @@ def test_the_main_cause_is_the_largest_load(excitations: tuple[Excitation, ...])
     """An excitation that never warns may load most, though the message is about another one."""
     ratios = np.array([[0.4, 5.0]], np.float32)
     actual = drive([WARNING], [5.02], load_ratio=np.array([0.4]), load_ratios=ratios)
-    assert "mostly by high 6." in sentence(actual, excitations)
+    assert sentence(actual, excitations).count("; high 6 is the largest excitation.") == 1
+
+
+@pytest.mark.parametrize(
+    ("ratio", "place", "mostly"),
+    [
+        (0.72, "lower_link:V1", True),
+        (0.70, "lower_link:V1", False),
+        (0.99, "lift_cylinders", False),
+    ],
+)
+def test_mostly_is_more_than_half_of_the_square(
+    excitations: tuple[Excitation, ...], ratio: float, place: str, mostly: bool
+) -> None:
+    """An excitation loads a place mostly if it has more than half of the square there."""
+    ratios, places = np.array([[ratio, math.nan]], np.float32), np.array([place])
+    known = {"load_ratio": np.array([ratio]), "load_ratios": ratios, "load_place": places}
+    text = sentence(drive([WARNING], [1.0], **known), excitations)
+    assert ("mostly by shaker 1 at 9.0 Hz." in text) == mostly
+    assert ("; shaker 1 at 9.0 Hz is the largest excitation." in text) != mostly
 
 
 def test_what_is_not_counted_is_said(excitations: tuple[Excitation, ...]) -> None:
@@ -147,6 +167,19 @@ def test_what_is_known_comes_first(
         assert durations(short, LIMITS).calm == (lost <= 5)
 
 
+@pytest.mark.parametrize(("count", "said"), [(0, False), (1, True)])
+def test_orders_beyond_the_table_for_a_while(
+    excitations: tuple[Excitation, ...], count: int, said: bool
+) -> None:
+    """An order whose load is known at other times is named, with how long it was not."""
+    states, ratios = np.full((3, 2), CLEAR), np.full((3, 2), 0.1, np.float32)
+    states[:count, 1], ratios[:count, 1] = UNKNOWN, math.nan
+    known = {"unknown_sources": np.zeros(3, int), "states": states, "load_ratios": ratios}
+    text = sentence(drive([CLEAR] * 3, [0.14] * 3, **known), excitations)
+    assert ("The load of high 6 was not known for 1.0 s." in text) == said
+    assert text.startswith("Known for 66 %" if said else "No load exceeded")
+
+
 @pytest.mark.parametrize(("start", "said"), [(0.9, False), (1.1, True)])
 def test_the_time_before_the_first_speed_is_said(
     excitations: tuple[Excitation, ...], start: float, said: bool
@@ -154,7 +187,7 @@ def test_the_time_before_the_first_speed_is_said(
     """A log begins with predictions; its messages begin when the first speed is known."""
     actual = drive([NOTE] * 3, [0.14] * 3)
     text = sentence(replace(actual, times=actual.times + start), excitations)
-    assert ("No load is known for the first 1.1 s, as no speed was known" in text) is said
+    assert ("No load is known for the first 1.1 s." in text) is said
 
 
 def test_a_tyre_off_the_ground_is_no_load_that_is_known() -> None:

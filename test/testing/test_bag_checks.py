@@ -145,7 +145,7 @@ def test_failures_name_the_load(log: Path) -> None:
     about = messages[failure.time]
     assert f"in {about.total_load_place} is {about.total_load_ratio:.2g}" in failure.words
     excitation = dict(read_messages(log, RESONANCE_TOPIC))[failure.time].excitation
-    assert f"mostly by {excitation}, more than 0.0001" in failure.words
+    assert f"(most severe: {excitation}), more than 0.0001" in failure.words
     failure = check_bag(log, Limits(gap=0.001)).failures[0]
     assert "(the load ratio in " in failure.words
 
