@@ -145,15 +145,20 @@ def drive_of(
     )
 
 
-def durations(drive: Drive, limits: WarningLimits) -> Durations:
-    """Return how long the load was above its limit, was not, and was not known."""
+def above_and_below(drive: Drive, limit: float) -> tuple[BoolArray, BoolArray]:
+    """Return when the load was above a limit, and when it is known that it was not, (n,) each."""
     of = drive.resonances
-    above = (of.total_load_ratio > limits.warning) | (of.off_ground_share > AIRBORNE)
+    above = np.asarray((of.total_load_ratio > limit) | (of.off_ground_share > AIRBORNE))
     known = np.isfinite(of.total_load_ratio) & (of.unknown_sources == 0)
     known &= (of.states != ResonanceState.UNKNOWN).all(axis=1)
-    times = drive.time_in(above), drive.time_in(known & ~above)
-    unknown = drive.time_in(~(above | known)) + drive.missing
-    return Durations(*times, unknown)
+    return above, np.asarray(known & ~above)
+
+
+def durations(drive: Drive, limit: float) -> Durations:
+    """Return how long the load was above a limit, was not, and was not known."""
+    above, below = above_and_below(drive, limit)
+    unknown = drive.time_in(~(above | below)) + drive.missing
+    return Durations(drive.time_in(above), drive.time_in(below), unknown)
 
 
 def episodes(drive: Drive) -> list[Episode]:
@@ -249,14 +254,14 @@ def drive_sentence(
         near = _nearest(drive, mode_label, excitations)
         return " ".join(filter(None, [off, near, _no_ground(drive)]))
     loads = _loads(drive, limits, excitations)
-    return " ".join(filter(None, [loads, _not_counted(drive, excitations)]))
+    return " ".join(filter(None, [loads, not_counted(drive, excitations)]))
 
 
 def _loads(drive: Drive, limits: WarningLimits, excitations: Sequence[Excitation]) -> str:
     """Return whether loads exceeded the limit, how large they were, and what would end that."""
     warnings, worst = episodes(drive), worst_message(drive)
     largest = drive.severity()[worst]
-    all_known = durations(drive, limits).known_share >= KNOWN
+    all_known = durations(drive, limits.warning).known_share >= KNOWN
     named = "The largest" if all_known else "The largest that is known"
     what = f"{named} was {_load_at(drive, worst)}."
     if not largest:
@@ -281,7 +286,7 @@ def _exceeded(drive: Drive, limits: WarningLimits) -> str:
     if not parts or (drive.resonances.off_ground_share[warned] > AIRBORNE).any():
         parts.append(f"tyres were off the ground for more than {AIRBORNE:g} of the time,")
     text = " or ".join(parts).rstrip("," if len(parts) == 1 else "")
-    above = f"{durations(drive, limits).above:.1f} s in all"
+    above = f"{durations(drive, limits.warning).above:.1f} s in all"
     warned = sum(episode.duration for episode in warnings)
     often = "one warning" if len(warnings) == 1 else f"{len(warnings)} warnings"
     return f"{text[0].upper()}{text[1:]} for {above}, with {often} of {warned:.1f} s"
@@ -289,7 +294,10 @@ def _exceeded(drive: Drive, limits: WarningLimits) -> str:
 
 def _without_warning(drive: Drive, limits: WarningLimits) -> str:
     """Return for how much of a drive without warnings its loads are known, and their verdict."""
-    spent, limit = durations(drive, limits), f"the limit of {limits.warning:g} of the static force"
+    spent, limit = (
+        durations(drive, limits.warning),
+        f"the limit of {limits.warning:g} of the static force",
+    )
     if spent.above and drive.broken.all() and len(drive.broken) > 1:
         count = int((drive.resonances.total_load_ratio > limits.warning).sum())
         often = f"in {count} of {len(drive.broken)} readings"
@@ -305,7 +313,7 @@ def _without_warning(drive: Drive, limits: WarningLimits) -> str:
     return f"Known for {share} of the drive, where no load exceeded {limit}."
 
 
-def _not_counted(drive: Drive, excitations: Sequence[Excitation]) -> str:
+def not_counted(drive: Drive, excitations: Sequence[Excitation]) -> str:
     """Return whose loads are not in the total, and for how long no load is known."""
     resonances, texts = drive.resonances, []
     if drive.times[0] >= _LATE:

@@ -48,7 +48,7 @@ def drive_summary(log: Log) -> dict[str, Any]:
     warnings = [] if drive is None else episodes(drive)
     parts = [] if drive is None else contributions(drive)
     judged = drive is not None and bool((drive.resonances.excitation_index >= 0).any())
-    spent = durations(drive, log_limits(log)) if drive is not None and judged else None
+    spent = durations(drive, log_limits(log).warning) if drive is not None and judged else None
     worst = None
     if drive is not None and np.isfinite(drive.resonances.total_load_ratio).any():
         row = worst_message(drive)

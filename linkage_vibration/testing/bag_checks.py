@@ -23,6 +23,7 @@ from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.inputs.presets import HITCH, PRESETS
 from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.settings import Parameters
+from linkage_vibration.prediction.verdict import KNOWN, above_and_below, durations, not_counted
 from linkage_vibration.review.log import Log, read_log
 from linkage_vibration.review.picture import plot
 
@@ -42,6 +43,9 @@ class Limits:
     load_ratio : float, optional
         Largest allowed load ratio: force in a pin or cylinder (root mean square) over the static
         force there, 1.
+    known_share : float, optional
+        Least share of the drive for which it is known whether ``load_ratio`` is exceeded, 0 to 1;
+        without that limit, it does not count.
     statuses : tuple of Status, optional
         The allowed statuses of predictions.
     gap : float, optional
@@ -57,17 +61,20 @@ class Limits:
     """
 
     load_ratio: float | None = None
+    known_share: float | None = KNOWN
     statuses: tuple[Status, ...] | None = (Status.OK,)
     gap: float | None = None
     latency: float | None = None
 
     def __post_init__(self) -> None:
         """Check the limits."""
-        for name in ("load_ratio", "gap", "latency"):
+        for name in ("load_ratio", "known_share", "gap", "latency"):
             value = getattr(self, name)
             number = isinstance(value, Real) and not isinstance(value, bool)
             if value is not None and not (number and 0.0 <= value < math.inf):
                 raise TestKitError(f"{name} is {value!r}; give a number from 0, or None.")
+        if self.known_share is not None and self.known_share > 1.0:
+            raise TestKitError(f"known_share is {self.known_share}; give at most 1, or None.")
         for status in () if self.statuses is None else self.statuses:
             if status not in list(Status):
                 raise TestKitError(f"statuses contains {status!r}; use Status, as Status.OK.")
@@ -212,13 +219,6 @@ def _failures(bag: Path, log: Log, latency: FloatArray, limits: Limits) -> list[
     failures, drive = list[Failure](), log.drive
     loads = np.empty(0) if drive is None else drive.resonances.total_load_ratio.astype(float)
     load_stamps = log.stamps[:0] if drive is None else log.stamps[drive.predictions]
-    if limits.load_ratio is not None and not np.isfinite(loads).any():
-        raise TestKitError(
-            f"{bag} contains no load ratio: no speed is known, no excitation at work has an "
-            "amplitude within the frequencies of the table; record engine_speed, pto_speed or "
-            "ground_speed too, or give settings, with which the bag is replayed, such as a fixed "
-            "speed."
-        )
 
     def load(at: int) -> str:
         """Return the load ratio of a resonance in words, with its place and its main cause."""
@@ -230,7 +230,7 @@ def _failures(bag: Path, log: Log, latency: FloatArray, limits: Limits) -> list[
     def add(limit: str, stamps: Integers, exceeded: BoolArray, at: int, words: str) -> None:
         time = int(stamps[at])
         then = int(np.searchsorted(load_stamps, time, "right")) - 1
-        if limit != "load_ratio" and then >= 0 and np.isfinite(loads[then]):
+        if limit not in ("load_ratio", "known_share") and then >= 0 and np.isfinite(loads[then]):
             words += f" ({load(then)})"
         seconds = 1e-9 * (time - int(log.stamps[0]))
         failures.append(Failure(limit, time, seconds, int(exceeded.sum()), words))
@@ -242,6 +242,24 @@ def _failures(bag: Path, log: Log, latency: FloatArray, limits: Limits) -> list[
             angle, status = math.degrees(log.crank_angle[at]), Status(int(log.status[at]))
             words = f"the status is {status.name} at a crank angle of {angle:.2f} deg"
             add("statuses", log.stamps, exceeded, at, words)
+    if limits.load_ratio is not None and not np.isfinite(loads).any():
+        if failures:
+            return failures  # which may be why no load is known
+        raise TestKitError(
+            f"{bag} contains no load ratio: no speed is known, no excitation at work has an "
+            "amplitude within the frequencies of the table; record engine_speed, pto_speed or "
+            "ground_speed too, or give settings, with which the bag is replayed, such as a fixed "
+            "speed."
+        )
+    if limits.load_ratio is not None and limits.known_share is not None:
+        assert drive is not None
+        share = durations(drive, limits.load_ratio).known_share
+        if share < limits.known_share:
+            unknown = ~np.logical_or(*above_and_below(drive, limits.load_ratio))
+            words = f"it is known for {100.0 * share:.3g} % of the drive whether loads exceeded "
+            words += f"{limits.load_ratio:g}, less than {100.0 * limits.known_share:g} % "
+            words += f"({not_counted(drive, log.excitations).rstrip('.')}), first"
+            add("known_share", load_stamps, unknown, int(unknown.argmax()), words)
     gaps = 1e-9 * np.diff(log.stamps)
     checks: list[tuple[str, Integers, FloatArray, Callable[[int], str]]] = [
         ("load_ratio", load_stamps, loads, load),

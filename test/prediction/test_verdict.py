@@ -158,13 +158,13 @@ def test_what_is_known_comes_first(
     states = np.stack([np.full(100, CLEAR), np.where(rows, UNKNOWN, CLEAR)], axis=1)
     for each in (speed, drive([CLEAR] * 100, [0.14] * 100, **known | {"states": states})):
         assert sentence(each, excitations).startswith(words)
-        assert durations(each, LIMITS).calm == (lost <= 5)
+        assert durations(each, LIMITS.warning).calm == (lost <= 5)
     n = 100 - lost
     if n:
         known = {"unknown_sources": np.zeros(n, int), "states": np.full((n, 2), CLEAR)}
         short = replace(drive([CLEAR] * n, [0.14] * n, **known), missing=float(lost))
         assert sentence(short, excitations).startswith(words)
-        assert durations(short, LIMITS).calm == (lost <= 5)
+        assert durations(short, LIMITS.warning).calm == (lost <= 5)
 
 
 @pytest.mark.parametrize(("count", "said"), [(0, False), (1, True)])

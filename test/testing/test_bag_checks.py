@@ -18,6 +18,7 @@ from linkage_vibration.bags.chunks import ChunkLog, Messages
 from linkage_vibration.bags.message_types import FLOAT64, JOINT_STATE
 from linkage_vibration.messages.topics import (
     LEVELS_TOPIC,
+    LOAD_STATE_TOPIC,
     PREDICTION,
     PREDICTION_TOPIC,
     RESONANCE_TOPIC,
@@ -83,14 +84,16 @@ def test_load_ratio_is_that_of_the_resonances(log: Path) -> None:
         if not math.isnan(message.total_load_ratio)
     ]
     largest, time, excitation = max(actual)
-    assert check_bag(log, Limits(load_ratio=1.01 * largest)).passed
-    [failure] = check_bag(log, Limits(load_ratio=0.99 * largest)).failures
+    assert check_bag(log, Limits(load_ratio=1.01 * largest, known_share=None)).passed
+    [failure] = check_bag(log, Limits(load_ratio=0.99 * largest, known_share=None)).failures
     assert (failure.limit, failure.time) == ("load_ratio", time)
     assert failure.seconds == pytest.approx(1e-9 * (time - START), abs=1e-9)
     assert excitation in failure.words
     half = 0.5 * largest
     exceeded = sum(ratio > half for ratio, *_ in actual)
-    assert check_bag(log, Limits(load_ratio=half)).failures[0].count == exceeded > 1
+    assert (
+        check_bag(log, Limits(load_ratio=half, known_share=None)).failures[0].count == exceeded > 1
+    )
 
 
 def test_statuses_tell_the_first_moment() -> None:
@@ -128,7 +131,8 @@ def test_gap_and_latency_of_a_recording(log: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "limits", [{"gap": -1}, {"gap": "x"}, {"load_ratio": math.nan}, {"latency": True}]
+    "limits",
+    [{"known_share": -0.1}, {"gap": -1}, {"gap": "x"}, {"load_ratio": math.nan}, {"latency": True}],
 )
 def test_limits_that_cannot_be(limits: Any) -> None:
     """A limit that is not a number from 0, or no status, is refused where it is made."""
@@ -136,12 +140,33 @@ def test_limits_that_cannot_be(limits: Any) -> None:
         Limits(**limits)
     with pytest.raises(TestKitError, match="statuses contains 'OK'"):
         Limits(statuses=("OK",))  # type: ignore[arg-type]
+    with pytest.raises(TestKitError, match=r"known_share is 1\.1; give at most 1"):
+        Limits(known_share=1.1)
+
+
+def test_what_is_not_known_fails(log: Path) -> None:
+    """A limit of the load is only kept if it is known for long enough that it is.
+
+    In the shipped drive the ground is never known, and three orders lie beyond the table.
+    """
+    states = [message for _, message in read_messages(log, LOAD_STATE_TOPIC)]
+    assert all(message.unknown_sources for message in states)
+    [failure] = check_bag(log, Limits(load_ratio=1e3)).failures
+    assert (failure.limit, failure.seconds, failure.count) == ("known_share", 0.0, len(states))
+    assert "known for 0 % of the drive whether loads exceeded 1000" in failure.words
+    assert check_bag(log, Limits(load_ratio=1e3, known_share=0.0)).passed
+
+
+def test_status_comes_before_loads_that_are_not_known() -> None:
+    """A drive outside the table has no load because of that, which the report says."""
+    [failure] = check_bag(DRIVE, Limits(load_ratio=0.33), Parameters(offset=4.0)).failures
+    assert failure.limit == "statuses"
 
 
 def test_failures_name_the_load(log: Path) -> None:
     """Load, place and excitation of the moment are in the failure of any limit."""
     messages = dict(read_messages(log, LEVELS_TOPIC))
-    [failure] = check_bag(log, Limits(load_ratio=1e-4)).failures
+    [failure] = check_bag(log, Limits(load_ratio=1e-4, known_share=None)).failures
     about = messages[failure.time]
     assert f"in {about.total_load_place} is {about.total_load_ratio:.2g}" in failure.words
     excitation = dict(read_messages(log, RESONANCE_TOPIC))[failure.time].excitation
@@ -171,7 +196,9 @@ def test_missing_quantities(log: Path, tmp_path: Path) -> None:
 
 def test_picture(log: Path, tmp_path: Path) -> None:
     """A failure is drawn if a picture is requested; otherwise no picture is written."""
-    report = check_bag(log, Limits(load_ratio=1e-4), picture=tmp_path / "failed.png")
+    report = check_bag(
+        log, Limits(load_ratio=1e-4, known_share=None), picture=tmp_path / "failed.png"
+    )
     assert report.picture == tmp_path / "failed.png"
     assert report.picture.read_bytes().startswith(b"\x89PNG")
     assert str(report.picture) in str(report)
