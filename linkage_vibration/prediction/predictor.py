@@ -168,9 +168,7 @@ def one_row(prediction: Prediction) -> MessageColumns:
 def angles_in_table(alpha3: FloatArray, alpha3_range: tuple[float, float]) -> FloatArray:
     """Return the angles of a table that are the same positions, rad, (n,); NaN if there are none.
 
-    A table over a whole turn belongs to a crank that turns all the way, for which whole turns are
-    removed; otherwise one turn, as a sensor may begin again at half a turn. More would let angles
-    in degrees pass for radians.
+    Whole turns are removed if the crank turns all the way; otherwise one, for a sensor that wraps.
     """
     low, high = alpha3_range
     with np.errstate(invalid="ignore"):  # an infinite angle
@@ -178,6 +176,7 @@ def angles_in_table(alpha3: FloatArray, alpha3_range: tuple[float, float]) -> Fl
     if covers_a_turn(alpha3_range):
         near, turned = np.abs(alpha3) < _FARTHEST, np.minimum(turned, high)
     else:
+        # More than one turn would let angles in degrees pass for radians.
         near = (np.abs(alpha3 - turned) < 1.5 * _TURN) & (turned <= high)
     inside = (low <= alpha3) & (alpha3 <= high)
     return np.where(inside, alpha3, np.where(near, turned, math.nan))
