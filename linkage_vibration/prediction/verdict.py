@@ -109,6 +109,7 @@ class Contribution:
     warning_time: float  # s
     note_time: float  # s
     warnings: int
+    known: bool  # at some time
 
 
 def drive_of(
@@ -218,6 +219,7 @@ def contributions(drive: Drive) -> list[Contribution]:
                 drive.time_in(warning),
                 drive.time_in(state == ResonanceState.NOTE),
                 len(runs(warning, drive.passes)),
+                bool((state != ResonanceState.UNKNOWN).any()),
             )
         )
     return sorted(every, key=_rank)

@@ -83,8 +83,8 @@ def drive_summary(log: Log) -> dict[str, Any]:
             {
                 "name": part.name,
                 "load_ratio": _rounded(part.load_ratio),
-                "in_warning_s": _rounded(part.warning_time),
-                "in_note_s": _rounded(part.note_time),
+                "in_warning_s": _rounded(part.warning_time) if part.known else None,
+                "in_note_s": _rounded(part.note_time) if part.known else None,
             }
             for part in parts
         ],

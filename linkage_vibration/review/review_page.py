@@ -329,6 +329,7 @@ def _tables(
             time = clock(float(drive.times[part.worst]), whole)
             cells, where = [f"{part.load_ratio:.3f}", time], place(part.worst)
         held = [f"{part.warning_time:.2f}", str(part.warnings), f"{part.note_time:.2f}"]
+        held = held if part.known else [""] * len(held)
         loads.append({"cells": [part.name, *cells, *held], "length": 0.0, **where})
     for episode in shown:
         at = drive.resonances.message(episode.worst)
