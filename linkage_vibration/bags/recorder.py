@@ -82,6 +82,10 @@ class _LimitError(LogError):
     """A limit allows no further file."""
 
 
+class FullFolderError(_LimitError):
+    """The logs of the folder have reached their limit."""
+
+
 class Recorder:
     """Logs messages to files in a folder, from `start` to `stop`, on a thread of its own.
 
@@ -188,7 +192,7 @@ class Recorder:
         self._wake.set()
         self._thread.join(DRAIN_TIME + 1.0)
         if self._thread.is_alive():
-            self._keep(
+            self.keep(
                 LogError(
                     f"{self.path} is still being written, as its disk does not respond; complete "
                     f"it with `{command(f'recover {self.path}')}` when the disk responds."
@@ -203,7 +207,7 @@ class Recorder:
                 self._work()
             self._work()
         except Exception as defect:
-            self._keep(
+            self.keep(
                 LogError(f"Recording {self.path} failed: {defect!r}; please report this defect.")
             )
             raise
@@ -261,7 +265,7 @@ class Recorder:
             self._lost += 1
             if self.error is None:
                 problem = f"A message of {len(data)} bytes on {topic.name} is too large for a log"
-                self._keep(LogError(f"{problem}; raise split_size or disk_limit."))
+                self.keep(LogError(f"{problem}; raise split_size or disk_limit."))
             return
         log.write(topic.name, data, log_time, publish_time)
 
@@ -330,7 +334,7 @@ class Recorder:
                     with contextlib.suppress(OSError):
                         log.path.unlink()
         if error is not None:
-            self._keep(error)
+            self.keep(error)
             self.recording, self._failed = False, True
             self._next_try = self._begun + RETRY_PERIOD
 
@@ -389,8 +393,8 @@ class Recorder:
         largest = min(largest, limits.disk_limit - taken)
         if largest < least:
             fix = "" if limits.delete_oldest else "delete logs, set delete_oldest, or "
-            raise _LimitError(
-                f"Recording ended, as the logs in {self._folder} have reached disk_limit, "
+            raise FullFolderError(
+                f"Nothing more is recorded, as the logs in {self._folder} have reached disk_limit, "
                 f"{limits.disk_limit} bytes; {fix}raise it to {taken + least} or more, and start "
                 "again."
             )
@@ -424,7 +428,7 @@ class Recorder:
         definitions = sum(len(topic.definition) for topic in self._topics.values())
         return attachments + 4 * definitions + 8192
 
-    def _keep(self, error: LogError) -> None:
+    def keep(self, error: LogError) -> None:
         """Keep and report an error, unless nothing is recorded since an earlier one."""
         if self.recording or self.error is None:
             self.error = error

@@ -419,6 +419,7 @@ class SpeedWatch:
         self._source = source
         self.name = f"{source.label} speed on {topic}"
         self.value = self.time = math.nan  # the last value, and when it arrived, s
+        self._age = 0.0  # s, of the time of that value
         self.turns: bool | None = None  # whether it is no noise about 0; None if it is not known
         self.since = math.nan  # s, since when this is so
         self._window, self._recent = _Window(), Recent()
@@ -427,9 +428,13 @@ class SpeedWatch:
         # The value after the last large change, this change, and its time, s.
         self._level, self._change, self._changed = 0.0, 0.0, math.nan
 
-    def take(self, now: float, value: float, sender: str = "") -> None:
-        """Take a value (rpm or m/s) that arrived at ``now`` by the steady clock, s."""
+    def take(self, now: float, value: float, sender: str = "", age: float = 0.0) -> None:
+        """Take a value (rpm or m/s) that arrived at ``now`` by the steady clock, s.
+
+        The age is that of its time, s.
+        """
         low, high = _PLAUSIBLE[self._source]
+        self._age = age
         # In another unit a shaft of a PTO never reaches 120; in rpm it passes there as it starts.
         self._passed = self._passed or (self._source is Source.PTO and low <= abs(value) <= high)
         low = 0.0 if self._passed else low
@@ -472,6 +477,10 @@ class SpeedWatch:
             problem = f"The {name} stopped {age:.1f} s ago; {delay or 'check its publisher'}."
         elif self.arrived and not math.isfinite(value):
             problem = f"The {name} is {value}, so that it is not known; check its publisher."
+        elif abs(self._age) > stale_after:
+            apart = f"{abs(self._age):.3g} s {'old' if self._age > 0.0 else 'ahead'}"
+            fix = f"synchronise the clocks, or set {source.value}_time to receipt"
+            problem = f"The stamps of the {name} are {apart}, so that it is not known; {fix}."
         elif value < 0.0 and source is not Source.GROUND:
             problem = f"The {name} is negative ({value:g} rpm); publish its magnitude."
         elif now - self._since > _IMPLAUSIBLE_AFTER:

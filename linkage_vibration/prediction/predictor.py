@@ -141,11 +141,11 @@ def fault(prediction: Prediction, alpha3_range: tuple[float, float]) -> str:
     if prediction.status is Status.OUT_OF_RANGE:
         first, last = map(math.degrees, alpha3_range)
         text = f"crank angle {angle:.7g} deg is not in the table's {first:.7g} to {last:.7g} deg"
+        if question := unit_question(prediction.crank_angle, *alpha3_range):
+            return f"{text}; {question}"
         turned = first + (angle - first) % 360.0
         if turned <= last and abs(angle) < _FARTHEST_ANGLE:
             return f"{text}, but {turned:.7g} deg is: is the joint's zero turns off?"
-        if question := unit_question(prediction.crank_angle, *alpha3_range):
-            text += f"; {question}"
         return text
     if prediction.status is Status.NEAR_TOGGLE:
         return (

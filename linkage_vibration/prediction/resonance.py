@@ -200,6 +200,11 @@ class ResonanceMonitor:
         elif self._fixed[source.place]:
             self._set(source, np.full(3, math.nan), 0, False)
 
+    def unknown_speeds(self, time: int) -> int:
+        """Return the bits of ``LoadState`` of the used speeds that are not known at a time, ns."""
+        lost = np.isnan(self._speeds_at(np.array([time]), ())[0, :, 0]) & self._used
+        return int(_SPEED_BITS @ lost)
+
     def _set(self, source: Source, numbers: FloatArray, time: int, fixed: bool) -> None:
         place = source.place
         self._speeds[:, place], self._times[place], self._fixed[place] = numbers, time, fixed

@@ -220,7 +220,9 @@ def present_sentence(resonance: MessageColumns, excitations: Sequence[Excitation
     working = at_work(resonance.unknown_sources, excitations)
     alone = bool(working) and all(excitation.terrain for excitation in working)
     if resonance.excitation_index < 0 and not alone:
-        lost = "the prediction for this crank angle has no natural frequencies"
+        lost = "all orders are beyond the frequencies of the table"
+        if resonance.unknown_sources & Unknown.CRANK_ANGLE:
+            lost = "the prediction for this crank angle has no natural frequencies"
         return f"No load is known, as {lost if working else unknown}."
     tail = f" {unknown[0].upper()}{unknown[1:]}." if unknown else ""
     if resonance.ground_unknown and Source.GROUND not in speeds:

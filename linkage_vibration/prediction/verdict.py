@@ -21,6 +21,7 @@ from linkage_vibration.prediction.severity import (
     GAP,
     SPEED_BITS,
     ResonanceState,
+    Unknown,
     WarningLimits,
     at_work,
     cause_words,
@@ -246,7 +247,9 @@ def drive_sentence(
         unknown = max(resonances.unknown_sources.tolist(), key=int.bit_count)
         speeds, working = unknown_speeds(unknown), at_work(unknown, excitations)
         blind = bool(speeds) and not working
-        why = "no crank angle was valid"
+        why = "all orders were beyond the frequencies of the table"
+        if (resonances.unknown_sources & Unknown.CRANK_ANGLE != 0).all():
+            why = "no crank angle was valid"
         if blind:
             why = f"{unknown_speed_words(speeds, ('was', 'were'))} never known"
         if blind or not all(excitation.terrain for excitation in working):

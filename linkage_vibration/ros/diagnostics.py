@@ -92,7 +92,7 @@ def _measured(predicting: Predicting, sensors: SensorMonitor) -> tuple[Level, st
     """Return the level and the sentence about what sensors measure beside the predictions."""
     measured, excitations = predicting.measured, predicting.excitations
     if not measured:
-        return Level.STALE, f"No sensor has sent samples for {SILENT:g} s."
+        return Level.STALE, f"No sensor has sent samples that can be used for {SILENT:g} s."
     silent = [name for name in sensors.names if name not in measured]
     messages = [measured[name][1] for name in sorted(measured)]
     sentences = [difference_sentence(message, excitations) for message in messages]

@@ -290,11 +290,10 @@ class LinkageVibrationNode(LifecycleNode):
             self.get_logger().warning(f"{error} The node predicts without.")
         self._served = served = read_served(settings, self.get_logger().info, self._on_building)
         self._monitored = excitations = read_loads(settings, served, self.get_logger().info)
-        files = excitation_files(settings.excitation_path())
-        self._excitations = files | sensor_files(settings.sensor_path())
-        levels = LevelTable(served.predictor, served.mechanism, excitations)
         path = settings.sensor_path()
         self._sensors = live_sensors(path) if path else []
+        self._excitations = excitation_files(settings.excitation_path()) | sensor_files(path)
+        levels = LevelTable(served.predictor, served.mechanism, excitations)
         inputs = self._input_topics(settings)
         check_qos_overrides(self, inputs)
         topics = [*input_topics(inputs), *output_topics(self)]

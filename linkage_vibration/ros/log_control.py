@@ -10,7 +10,7 @@ from pathlib import Path
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from linkage_vibration.bags.recorder import Recorder
+from linkage_vibration.bags.recorder import FullFolderError, Recorder
 from linkage_vibration.bags.writing import LogError
 from linkage_vibration.prediction.settings import ParameterError, Parameters
 from linkage_vibration.ros.endpoints import MessageInfo
@@ -44,9 +44,16 @@ class Recording:
         ]
 
     def activate(self, *, begin: bool) -> None:
-        """Allow recording, and start it if ``begin`` is true; raise a `LogError` if it fails."""
+        """Allow recording, and start it if ``begin`` is true; raise a `LogError` if it fails.
+
+        A folder that has reached its limit is a fault of the log, without which the node predicts.
+        """
+        self._stopped = False
         if begin:
-            self._start()
+            try:
+                self._start()
+            except FullFolderError as error:
+                self.recorder.keep(error)
         self._active = True
 
     def deactivate(self) -> None:

@@ -158,7 +158,7 @@ class Predicting:
         self._crank = crank
         self._motion = crank_filter()  # another calibration is not a motion
         self._names.clear()  # the joint may be another one
-        self.readings.last = math.nan
+        self.readings.last, self._awaited = math.nan, time.monotonic()
         monitor.use(settings.warning_limits())
         monitor.stale_after, monitor.periods.rate = settings.stale_after, settings.resonance_rate
         self._periods.rate = settings.prediction_rate
@@ -226,30 +226,33 @@ class Predicting:
             self.speed_faults = self._judge_speeds(now) if self._subscribed else []
         self.measured = {n: m for n, m in self.measured.items() if now - m[0] <= SILENT}
         self.age = max(now - self.readings.last, 0.0)  # another thread has taken it
-        if self.resonance is not None and (self.paused or not self.age <= self.stale_after):
-            self._publish_unknown(self.resonance)
+        idle = self.paused or self.clock_missing or not self.age <= self.stale_after
+        if idle and self._subscribed and self.excitations:
+            self._publish_unknown()
         subscribers, own = self._node.get_subscriptions_info_by_topic, self._own_publishers
         found = (unmatched(p, subscribers(p.topic_name), "subscriber") for p in own)
         self.unmatched = sorted({sentence for sentences in found for sentence in sentences})
         self._throttle.report("QoS", " ".join(self.unmatched))
 
-    def _publish_unknown(self, last: MessageColumns) -> None:
+    def _publish_unknown(self) -> None:
         """Publish that the load is not known while no reading arrives; no log has this message."""
         publish, _ = self._outputs[LOAD_STATE]
+        last, now = self.resonance, self._now()
+        before = 0 if last is None else int(last.unknown_sources)
         message = MessageColumns(
-            count=last.count,
+            count=0 if last is None else last.count,
             state=ResonanceState.UNKNOWN,
-            unknown_sources=int(last.unknown_sources) | Unknown.CRANK_ANGLE,
+            unknown_sources=before | self._monitor.unknown_speeds(now) | Unknown.CRANK_ANGLE,
             speed_source=0,
-            timed_by_receipt=last.timed_by_receipt,
+            timed_by_receipt=last is not None and last.timed_by_receipt,
             excitation_index=-1,
             total_load_ratio=math.nan,
-            load_ratio_limit=last.load_ratio_limit,
+            load_ratio_limit=self._monitor.limits.warning,
             known_share=0.0,
             quiet_speed=math.nan,
             quiet_angle=math.nan,
         )
-        publish(encode_message(LOAD_STATE, message, *divmod(self._now(), 10**9), ""))
+        publish(encode_message(LOAD_STATE, message, *divmod(now, 10**9), ""))
 
     def _judge_readings(self, now: float) -> list[Fault]:
         """Return what was wrong with the readings; if the joint is missing, also warn."""
@@ -266,7 +269,7 @@ class Predicting:
             last=last,
             offset=scale.offset * ANGLES.get(scale.unit, math.nan),
             stale_after=self.stale_after,
-            since=self._began,
+            since=max(self._awaited, self._began),
             publishers=partial(self._publishers, self._crank_topic),
             taken=taken,
         )
@@ -276,7 +279,8 @@ class Predicting:
             self._names.clear()
         sentences = [s for each in mismatches.values() for s in each if s not in remedy]
         faults += [Fault(Level.WARN, sentence) for sentence in sentences]
-        if remedy and now - max(self._began, self.readings.last) > MISSING_AFTER:
+        last = max(self._began, self._awaited, self.readings.last)
+        if remedy and now - last > MISSING_AFTER:
             silence = f"No reading for more than {MISSING_AFTER:g} s: "
             self._throttle.warn("missing", silence + remedy)
         return faults
@@ -406,8 +410,9 @@ class Predicting:
             value_and_time = self._read(speed.read_one, message)
             if value_and_time is not None:
                 used = True
-                self._speeds[source].take(began, value_and_time[0], speed.reader.sender)
-                self._take_speed(source, *value_and_time, speed, name)
+                value, at = value_and_time
+                self._speeds[source].take(began, value, speed.reader.sender, 1e-9 * (received - at))
+                self._take_speed(source, value, at, speed, name)
         for i, sensor in topic.sensors:
             sample = self._read(sensor.read_one, message)
             if sample is not None and self.sensors is not None:
@@ -531,7 +536,8 @@ class Predicting:
         invalid = prediction.status is Status.INVALID_ANGLE
         problem = ""
         if prediction.status is not Status.OK:
-            problem = f"{self.input_name}: {fault(prediction, self.predictor.table.alpha3_range)}."
+            why = fault(prediction, self.predictor.table.alpha3_range)
+            problem = f"{self.input_name}: {why}" + "." * (not why.endswith("?"))
         if invalid:
             problem = f"{problem} {self._crank.reader.note}".rstrip()
         elif problem:

@@ -141,6 +141,12 @@ def test_healthy_speeds_have_no_fault() -> None:
         assert starting.judge(0.1 * i, 1.0, list) == []
         assert reverse.judge(0.1 * i, 1.0, list) == []
     assert SpeedWatch(Source.PTO, "/speed").judge(100.0, 1.0, list) == []  # there is none
+    stamped = SpeedWatch(Source.ENGINE, "/speed")
+    for age, words in ((0.9, ""), (-0.9, ""), (1.1, "are 1.1 s old"), (-3600.0, "3.6e+03 s ahead")):
+        stamped.take(1.0, 1500.0, age=age)
+        sentences = [fault.sentence for fault in stamped.judge(1.1, 1.0, list)]
+        assert [words in sentence for sentence in sentences] == [True] * bool(words)
+        assert all("set engine_time to receipt" in sentence for sentence in sentences)
 
 
 LIFT = (1.6 + 0.3 / 50.0 * np.arange(200)).tolist()

@@ -265,14 +265,20 @@ def test_load_ratios_are_short(ratio: float, text: str) -> None:
 
 def test_a_stale_message_says_what_is_missing(excitations: tuple[Excitation, ...]) -> None:
     """It is the speeds if all are missing, and otherwise the prediction."""
-    first = drive([UNKNOWN], [math.nan]).resonances.message(0)
+    none = drive([UNKNOWN], [math.nan], unknown_sources=np.array([1 | ENGINE_SPEED]))
+    first = none.resonances.message(0)
     assert "has no natural frequencies" in present_sentence(first, excitations)
     speeds = np.array([ENGINE_SPEED | PTO_SPEED])
     both = drive([UNKNOWN], [math.nan], unknown_sources=speeds)
     text = "the engine and PTO speeds are not known or not fresh"
     assert text in present_sentence(both.resonances.message(0), excitations)
     assert "the engine and PTO speeds were never known" in sentence(both, excitations)
-    assert "no crank angle was valid" in sentence(drive([UNKNOWN], [math.nan]), excitations)
+    lost = drive([UNKNOWN], [math.nan], unknown_sources=np.array([1]))
+    assert "no crank angle was valid" in sentence(lost, excitations)
+    beyond = drive([UNKNOWN], [math.nan], unknown_sources=np.array([32]))
+    assert "all orders were beyond the frequencies of the table" in sentence(beyond, excitations)
+    live = present_sentence(beyond.resonances.message(0), excitations)
+    assert live == "No load is known, as all orders are beyond the frequencies of the table."
 
 
 @pytest.mark.parametrize("value", [1e6, 1e300])

@@ -212,7 +212,12 @@ def test_most_serious_problem_first(changes: dict[str, Any], level: bytes, words
         ),
         ("speeds", {"speed_faults": [Fault(Level.WARN, "It stopped.")]}, WARN, "It stopped."),
         ("resonance", {"paused": True}, STALE, "The time on /clock stands still"),
-        ("sensors", heard(1.9) | {"measured": {}}, STALE, "No sensor has sent samples for 5 s"),
+        (
+            "sensors",
+            heard(1.9) | {"measured": {}},
+            STALE,
+            "No sensor has sent samples that can be used for 5 s",
+        ),
         ("sensors", heard(1.9), OK, "agrees with the predictions .orders compared: 1, modes: 0"),
         ("sensors", heard(math.nan), STALE, "so nothing is compared"),
         ("sensors", heard(math.nan, compared=2), OK, "orders compared: 0, modes: 2"),

@@ -172,6 +172,24 @@ def test_a_silent_crank_is_unknown(tractor: Tractor) -> None:
     assert tractor.wait(CLEAR).count > second.count
 
 
+def test_the_load_is_unknown_before_the_first_reading(
+    start: Callable[..., RunningNode], meet: Callable[[str], Peer], tmp_path: Path
+) -> None:
+    """From the activation on a message comes each second, with the speeds that are not known."""
+    file = tmp_path / "excitations.yaml"
+    file.write_text(EXCITATIONS)
+    node = start(name="early", excitation_file=str(file), engine_speed=0.0)
+    tractor = Tractor(meet("early"), "early")
+    tractor.reads, tractor.speeds = False, {"engine": None, "pto": None}
+    first = tractor.wait(UNKNOWN, CRANK | PTO)
+    assert (first.count, first.known_share, first.excitation_index) == (0, 0.0, -1)
+    tractor.speeds["pto"] = 540.0
+    tractor.wait(UNKNOWN, CRANK)
+    tractor.reads = True
+    assert tractor.wait(CLEAR).count > 0
+    assert node.stop() == 0
+
+
 def test_a_simulated_time_that_stands_still_is_unknown(
     start: Callable[..., RunningNode], meet: Callable[[str], Peer]
 ) -> None:

@@ -19,6 +19,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from mcap.reader import make_reader
 from std_srvs.srv import Trigger
 
+from linkage_vibration.prediction.predictor import Status
 from test.support.messages import read_messages
 from test.support.ros_process import JOINT, Peer, RunningNode, peer_of, until
 
@@ -232,6 +233,21 @@ def test_reached_limit_is_a_fault_until_recording_is_stopped(
     assert node.value("log messages dropped") == "0"
     answers = list(read_messages(Path(ended.message), "/enough/prediction"))
     assert len(answers) >= 10
+
+
+def test_full_folder_does_not_keep_the_node_from_predicting(
+    watch: Callable[..., Watched], tmp_path: Path
+) -> None:
+    """With `record` and a folder at its limit, the node predicts, and the log is a fault."""
+    old = tmp_path / "linkage_vibration_20991231-000000.mcap"
+    old.write_bytes(bytes(24_000_000))
+    node = watch("full", record=True, log_directory=tmp_path, disk_limit=24_000_000)
+    node.wait_for(ERROR, "Nothing more is recorded, as the logs in .* have reached disk_limit")
+    node.stays(ERROR, 2)
+    assert node.peer.ask([JOINT], [2.0]).status == Status.OK
+    old.unlink()
+    assert node.call("start").success
+    node.wait_for(OK, "Recording to")
 
 
 def test_deleted_logs_are_reported(watch: Callable[..., Watched], tmp_path: Path) -> None:
