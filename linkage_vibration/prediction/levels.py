@@ -679,6 +679,12 @@ class _Samples:
         for alpha3 in at.tolist():
             row, roots = self._row(alpha3, roots)
             rows.append(row)
+        if len({len(row) for row in rows}) > 1:
+            first, last = np.degrees(self._ends)
+            raise ExcitationError(
+                f"The number of poles changes between {first:.4g} and {last:.4g} deg, so that levels "
+                "are not known there; check the masses, the inertias and the dampers."
+            )
         forces = self._table.reference_forces(at)[: self._n_forces]
         return at, np.column_stack([rows, forces.T])
 

@@ -28,6 +28,7 @@ from test.support.ros_process import (
     Peer,
     RunningNode,
     own_context,
+    peer_of,
     start_node,
     until,
 )
@@ -173,20 +174,21 @@ def test_a_silent_crank_is_unknown(tractor: Tractor) -> None:
 
 
 def test_the_load_is_unknown_before_the_first_reading(
-    start: Callable[..., RunningNode], meet: Callable[[str], Peer], tmp_path: Path
+    start: Callable[..., RunningNode], domain: int, tmp_path: Path
 ) -> None:
     """From the activation on a message comes each second, with the speeds that are not known."""
     file = tmp_path / "excitations.yaml"
     file.write_text(EXCITATIONS)
     node = start(name="early", excitation_file=str(file), engine_speed=0.0)
-    tractor = Tractor(meet("early"), "early")
-    tractor.reads, tractor.speeds = False, {"engine": None, "pto": None}
-    first = tractor.wait(UNKNOWN, CRANK | PTO)
-    assert (first.count, first.known_share, first.excitation_index) == (0, 0.0, -1)
-    tractor.speeds["pto"] = 540.0
-    tractor.wait(UNKNOWN, CRANK)
-    tractor.reads = True
-    assert tractor.wait(CLEAR).count > 0
+    with peer_of("early", domain, 99, reads=False) as peer:
+        tractor = Tractor(peer, "early")
+        tractor.reads, tractor.speeds = False, {"engine": None, "pto": None}
+        first = tractor.wait(UNKNOWN, CRANK | PTO)
+        assert (first.count, first.known_share, first.excitation_index) == (0, 0.0, -1)
+        tractor.speeds["pto"] = 540.0
+        assert tractor.wait(UNKNOWN, CRANK).count == 0
+        tractor.reads = True
+        assert tractor.wait(CLEAR).count > 0
     assert node.stop() == 0
 
 
