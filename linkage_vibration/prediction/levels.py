@@ -682,8 +682,8 @@ class _Samples:
         if len({len(row) for row in rows}) > 1:
             first, last = np.degrees(self._ends)
             raise ExcitationError(
-                f"The number of poles changes between {first:.4g} and {last:.4g} deg, so that levels "
-                "are not known there; check the masses, the inertias and the dampers."
+                f"The number of poles changes between {first:.4g} and {last:.4g} deg, so levels "
+                "cannot be tabulated; check the masses, the inertias and the dampers."
             )
         forces = self._table.reference_forces(at)[: self._n_forces]
         return at, np.column_stack([rows, forces.T])
