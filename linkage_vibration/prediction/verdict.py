@@ -299,10 +299,8 @@ def _exceeded(drive: Drive, limits: WarningLimits) -> str:
 
 def _without_warning(drive: Drive, limits: WarningLimits) -> str:
     """Return for how much of a drive without warnings its loads are known, and their verdict."""
-    spent, limit = (
-        durations(drive, limits.warning),
-        f"the limit of {limits.warning:g} of the static force",
-    )
+    spent = durations(drive, limits.warning)
+    limit = f"the limit of {limits.warning:g} of the static force"
     if spent.above and drive.broken.all() and len(drive.broken) > 1:
         count = int((drive.resonances.total_load_ratio > limits.warning).sum())
         often = f"in {count} of {len(drive.broken)} readings"

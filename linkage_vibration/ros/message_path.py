@@ -238,7 +238,8 @@ class Predicting:
         """Publish that the load is not known while no reading arrives; no log has this message."""
         publish, _ = self._outputs[LOAD_STATE]
         last, now = self.resonance, self._now()
-        before = 0 if last is None else int(last.unknown_sources)
+        levels = Unknown.GROUND_LEVEL | Unknown.ORDER_LEVEL
+        before = 0 if last is None else int(last.unknown_sources) & levels
         message = MessageColumns(
             count=0 if last is None else last.count,
             state=ResonanceState.UNKNOWN,
