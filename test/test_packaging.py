@@ -146,7 +146,7 @@ from linkage_vibration.support.resources import config_file
 from linkage_vibration.testing.bag_checks import Limits, check_bag
 
 drive = config_file("drives/hitch_duty_cycle.mcap")
-print(check_bag(drive, Limits(load_ratio=0.33)))
+print(check_bag(drive, Limits(load_ratio=0.33, known_share=0.0)))
 """
     check = [python, "-c", code]
     run = subprocess.run(check, cwd=tmp_path, env=environment, capture_output=True, text=True)

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from inspect import iscoroutinefunction
-from threading import Thread
+from threading import Event, Thread
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -110,7 +110,11 @@ class LinkageVibrationNode(LifecycleNode):
             post_callback=self._on_jump,
         )
         second = self.create_guard_condition(self._on_second)
-        Thread(target=_trigger_every_second, args=[second], daemon=True).start()
+        self._closing = Event()
+        self._seconds = Thread(
+            target=_trigger_every_second, args=[second, self._closing], daemon=True
+        )
+        self._seconds.start()
 
     def start(self) -> None:
         """Configure and activate the node as a lifecycle manager does, or raise an error."""
@@ -180,6 +184,8 @@ class LinkageVibrationNode(LifecycleNode):
 
     def close(self) -> None:
         """End the node, complete its log, and log a summary."""
+        self._closing.set()
+        self._seconds.join()  # a thread that runs while Python ends may crash the process
         recording, counts = self._recording, self._statistics
         self._deactivate()
         self._clean_up()
@@ -454,15 +460,14 @@ class LinkageVibrationNode(LifecycleNode):
         self._statistics.clock_jumps += self._before > 0  # a simulated clock begins at zero
 
 
-def _trigger_every_second(guard: GuardCondition) -> None:
-    """Trigger a guard condition every second of the steady clock, until it is destroyed.
+def _trigger_every_second(guard: GuardCondition, closing: Event) -> None:
+    """Trigger a guard condition every second of the steady clock, until the node closes.
 
     The waits of the middleware are by the wall clock, so they last an hour longer if that is set
     back by an hour; a timer of rclpy would not end them.
     """
     with suppress(InvalidHandle):
-        while True:
-            time.sleep(1.0)
+        while not closing.wait(1.0):
             guard.trigger()
 
 
