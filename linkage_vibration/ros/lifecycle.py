@@ -3,12 +3,14 @@
 """The lifecycle node: what it does in each state, and its diagnostics."""
 
 import math
+import os
+import select
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from inspect import iscoroutinefunction
-from threading import Event, Thread
-from typing import Any
+from threading import Thread
+from typing import Any, BinaryIO
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
@@ -110,9 +112,10 @@ class LinkageVibrationNode(LifecycleNode):
             post_callback=self._on_jump,
         )
         second = self.create_guard_condition(self._on_second)
-        self._closing = Event()
+        reader, writer = os.pipe()
+        self._open = os.fdopen(reader, "rb"), os.fdopen(writer, "wb")
         self._seconds = Thread(
-            target=_trigger_every_second, args=[second, self._closing], daemon=True
+            target=_trigger_every_second, args=[second, self._open[0]], daemon=True
         )
         self._seconds.start()
 
@@ -184,8 +187,9 @@ class LinkageVibrationNode(LifecycleNode):
 
     def close(self) -> None:
         """End the node, complete its log, and log a summary."""
-        self._closing.set()
+        self._open[1].close()
         self._seconds.join()  # a thread that runs while Python ends may crash the process
+        self._open[0].close()
         recording, counts = self._recording, self._statistics
         self._deactivate()
         self._clean_up()
@@ -460,14 +464,14 @@ class LinkageVibrationNode(LifecycleNode):
         self._statistics.clock_jumps += self._before > 0  # a simulated clock begins at zero
 
 
-def _trigger_every_second(guard: GuardCondition, closing: Event) -> None:
-    """Trigger a guard condition every second of the steady clock, until the node closes.
+def _trigger_every_second(guard: GuardCondition, end: BinaryIO) -> None:
+    """Trigger a guard condition every second of the steady clock, until a file ends.
 
     The waits of the middleware are by the wall clock, so they last an hour longer if that is set
     back by an hour; a timer of rclpy would not end them.
     """
     with suppress(InvalidHandle):
-        while not closing.wait(1.0):
+        while not select.select([end], [], [], 1.0)[0]:
             guard.trigger()
 
 
