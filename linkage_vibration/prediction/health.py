@@ -209,8 +209,8 @@ class ReadingWatch:
             if step == step and velocity == velocity and close:  # neither is NaN
                 window.moved += step
                 window.turned += velocity * apart
-            same = angle - self._before + wrapped_turn(angle, self._before)
-            least = AGREEMENT[HITCH][0] + abs(same)
+            back = angle - self._before + wrapped_turn(angle, self._before)
+            least = AGREEMENT[HITCH][0] + abs(back)
             window.differing += size > least and (close or taken == 1.0)
             if sender:
                 window.senders[sender] = angle
@@ -419,7 +419,7 @@ class SpeedWatch:
         self._source = source
         self.name = f"{source.label} speed on {topic}"
         self.value = self.time = math.nan  # the last value, and when it arrived, s
-        self._age = 0.0  # s, of the time of that value
+        self._age = 0.0  # s, of its stamp
         self.turns: bool | None = None  # whether it is no noise about 0; None if it is not known
         self.since = math.nan  # s, since when this is so
         self._window, self._recent = _Window(), Recent()
@@ -431,7 +431,7 @@ class SpeedWatch:
     def take(self, now: float, value: float, sender: str = "", age: float = 0.0) -> None:
         """Take a value (rpm or m/s) that arrived at ``now`` by the steady clock, s.
 
-        The age is that of its time, s.
+        The age of its stamp at the arrival is in s.
         """
         low, high = _PLAUSIBLE[self._source]
         self._age = age

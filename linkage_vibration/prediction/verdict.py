@@ -283,31 +283,38 @@ def _loads(drive: Drive, limits: WarningLimits, excitations: Sequence[Excitation
 
 
 def _exceeded(drive: Drive, limits: WarningLimits) -> str:
-    """Return what the warnings of a drive were about, how many there were and how long."""
-    warnings, parts = episodes(drive), []
-    if drive.severity().max() > limits.warning:
-        parts.append(f"loads exceeded {limits.warning:g} of the static force")
-    warned = drive.resonances.state == ResonanceState.WARNING
-    if not parts or (drive.resonances.off_ground_share[warned] > AIRBORNE).any():
-        parts.append(f"tyres were off the ground for more than {AIRBORNE:g} of the time,")
-    text = " or ".join(parts).rstrip("," if len(parts) == 1 else "")
-    above = f"{durations(drive, limits.warning).above:.1f} s in all"
+    """Return what exceeded its limit in a drive, for how long, and with how many warnings."""
+    warnings = episodes(drive)
     warned = sum(episode.duration for episode in warnings)
     often = "one warning" if len(warnings) == 1 else f"{len(warnings)} warnings"
-    return f"{text[0].upper()}{text[1:]} for {above}, with {often} of {warned:.1f} s"
+    above = f"{durations(drive, limits.warning).above:.1f} s in all"
+    which = drive.resonances.state == ResonanceState.WARNING
+    return f"{_excess(drive, limits, which)} for {above}, with {often} of {warned:.1f} s"
+
+
+def _excess(drive: Drive, limits: WarningLimits, rows: BoolArray) -> str:
+    """Return the beginning of a sentence: whether loads or tyres exceeded a limit in messages."""
+    parts = []
+    if drive.severity().max() > limits.warning:
+        parts.append(f"loads exceeded {limits.warning:g} of the static force")
+    if not parts or (drive.resonances.off_ground_share[rows] > AIRBORNE).any():
+        parts.append(f"tyres were off the ground for more than {AIRBORNE:g} of the time,")
+    text = " or ".join(parts).rstrip("," if len(parts) == 1 else "")
+    return f"{text[0].upper()}{text[1:]}"
 
 
 def _without_warning(drive: Drive, limits: WarningLimits) -> str:
     """Return for how much of a drive without warnings its loads are known, and their verdict."""
     spent = durations(drive, limits.warning)
     limit = f"the limit of {limits.warning:g} of the static force"
+    above, _ = above_and_below(drive, limits.warning)
+    what = _excess(drive, limits, above)
     if spent.above and drive.broken.all() and len(drive.broken) > 1:
-        count = int((drive.resonances.total_load_ratio > limits.warning).sum())
-        often = f"in {count} of {len(drive.broken)} readings"
-        return f"Loads exceeded {limit} {often}; more than {GAP:g} s apart, they cannot warn."
+        often = f"in {int(above.sum())} of {len(above)} readings"
+        return f"{what} {often}; more than {GAP:g} s apart, they cannot warn."
     if spent.above:
         never = f"never for {limits.dwell:g} s, so nothing warned"
-        return f"Loads exceeded {limit} for {spent.above:.1f} s in all, but {never}."
+        return f"{what} for {spent.above:.1f} s in all, but {never}."
     if spent.known_share >= KNOWN:
         return f"No load exceeded {limit}."
     if not spent.known_share:

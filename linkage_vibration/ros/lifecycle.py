@@ -113,9 +113,9 @@ class LinkageVibrationNode(LifecycleNode):
         )
         second = self.create_guard_condition(self._on_second)
         reader, writer = os.pipe()
-        self._open = os.fdopen(reader, "rb"), os.fdopen(writer, "wb")
+        self._pipe = os.fdopen(reader, "rb"), os.fdopen(writer, "wb")
         self._seconds = Thread(
-            target=_trigger_every_second, args=[second, self._open[0]], daemon=True
+            target=_trigger_every_second, args=[second, self._pipe[0]], daemon=True
         )
         self._seconds.start()
 
@@ -187,9 +187,9 @@ class LinkageVibrationNode(LifecycleNode):
 
     def close(self) -> None:
         """End the node, complete its log, and log a summary."""
-        self._open[1].close()
+        self._pipe[1].close()
         self._seconds.join()  # a thread that runs while Python ends may crash the process
-        self._open[0].close()
+        self._pipe[0].close()
         recording, counts = self._recording, self._statistics
         self._deactivate()
         self._clean_up()
@@ -212,7 +212,7 @@ class LinkageVibrationNode(LifecycleNode):
             rest(time.thread_time() - began)
 
     def answer_waiting(self, executor: Executor) -> None:
-        """Answer the requests and goals that wait by an error, for which a second has to do."""
+        """Answer the requests and goals that wait by an error, within a second."""
         if self._offered is None:
             return
         self._offered.refuse()

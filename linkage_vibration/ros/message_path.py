@@ -227,15 +227,16 @@ class Predicting:
         self.measured = {n: m for n, m in self.measured.items() if now - m[0] <= SILENT}
         self.age = max(now - self.readings.last, 0.0)  # another thread has taken it
         idle = self.paused or self.clock_missing or not self.age <= self.stale_after
-        if idle and self._subscribed and self.excitations:
-            self._publish_unknown()
+        nothing = idle or not self._monitor.any_speed_reported
+        if nothing and self._subscribed and self.excitations:
+            self._publish_unknown(Unknown.CRANK_ANGLE if idle else Unknown(0))
         subscribers, own = self._node.get_subscriptions_info_by_topic, self._own_publishers
         found = (unmatched(p, subscribers(p.topic_name), "subscriber") for p in own)
         self.unmatched = sorted({sentence for sentences in found for sentence in sentences})
         self._throttle.report("QoS", " ".join(self.unmatched))
 
-    def _publish_unknown(self) -> None:
-        """Publish that the load is not known while no reading arrives; no log has this message."""
+    def _publish_unknown(self, crank: Unknown) -> None:
+        """Publish that the load is not known while none is assessed; no log has this message."""
         publish, _ = self._outputs[LOAD_STATE]
         last, now = self.resonance, self._now()
         levels = Unknown.GROUND_LEVEL | Unknown.ORDER_LEVEL
@@ -243,7 +244,7 @@ class Predicting:
         message = MessageColumns(
             count=0 if last is None else last.count,
             state=ResonanceState.UNKNOWN,
-            unknown_sources=before | self._monitor.unknown_speeds(now) | Unknown.CRANK_ANGLE,
+            unknown_sources=before | self._monitor.unknown_speeds(now) | crank,
             speed_source=0,
             timed_by_receipt=last is not None and last.timed_by_receipt,
             excitation_index=-1,

@@ -258,8 +258,9 @@ def _failures(bag: Path, log: Log, latency: FloatArray, limits: Limits) -> list[
             unknown = ~np.logical_or(*above_and_below(drive, limits.load_ratio))
             words = f"it is known for {100.0 * share:.3g} % of the drive whether loads exceeded "
             words += f"{limits.load_ratio:g}, less than {100.0 * limits.known_share:g} % "
-            words += f"({not_counted(drive, log.excitations).rstrip('.')}), first"
-            add("known_share", load_stamps, unknown, int(unknown.argmax()), words)
+            why = not_counted(drive, log.excitations).rstrip(".")
+            words += f"({why or 'messages are missing'}), first"
+            add("known_share", load_stamps, np.ones(1, np.bool_), int(unknown.argmax()), words)
     gaps = 1e-9 * np.diff(log.stamps)
     checks: list[tuple[str, Integers, FloatArray, Callable[[int], str]]] = [
         ("load_ratio", load_stamps, loads, load),

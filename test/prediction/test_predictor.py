@@ -232,6 +232,8 @@ def test_modes_that_are_uncertain(frequency: float, ratio: float, uncertain: boo
         (math.degrees(150.0), "; 150 deg is in range, so were degrees given in place of rad?"),
         (math.nan, "is not a finite number"),
         (120.0, ""),
+        (480.0, ""),
+        (-240.0, ""),
     ],
 )
 def test_faults_of_angles(predictor: Predictor, degrees: float, words: str) -> None:

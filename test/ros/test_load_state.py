@@ -179,13 +179,15 @@ def test_the_load_is_unknown_before_the_first_reading(
     """From the activation on a message comes each second, with the speeds that are not known."""
     file = tmp_path / "excitations.yaml"
     file.write_text(EXCITATIONS)
-    node = start(name="early", excitation_file=str(file), engine_speed=0.0)
+    node = start(name="early", excitation_file=str(file))
     with peer_of("early", domain, 99, reads=False) as peer:
         tractor = Tractor(peer, "early")
         tractor.reads, tractor.speeds = False, {"engine": None, "pto": None}
-        first = tractor.wait(UNKNOWN, CRANK | PTO)
+        first = tractor.wait(UNKNOWN, CRANK | ENGINE | PTO)
         assert (first.count, first.known_share, first.excitation_index) == (0, 0.0, -1)
-        tractor.speeds["pto"] = 540.0
+        tractor.reads = True  # without any speed, nothing is assessed
+        assert tractor.wait(UNKNOWN, ENGINE | PTO).count == 0
+        tractor.reads, tractor.speeds = False, {"engine": 3000.0, "pto": 540.0}
         assert tractor.wait(UNKNOWN, CRANK).count == 0
         tractor.reads = True
         assert tractor.wait(CLEAR).count > 0
