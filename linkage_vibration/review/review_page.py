@@ -45,7 +45,7 @@ Items = list[dict[str, Any]]  # as the scripts of the page read them
 
 DEG = 180.0 / math.pi
 STATUSES = ["OK", "out of range", "invalid angle", "near a toggle"]
-STATES = ["clear", "warning", "unknown", "note"]
+STATES = [state.name.lower() for state in ResonanceState]
 _STYLES = {Source.ENGINE: "solid", Source.PTO: "dashed", Source.GROUND: "dotted"}
 _INVALID = (Status.OUT_OF_RANGE, Status.INVALID_ANGLE)
 MAX_WARNINGS = 1000  # rows of the table of warnings

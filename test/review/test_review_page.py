@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page of a log works in a browser with mouse, keys and touch."""
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -10,8 +11,10 @@ import numpy as np
 import pytest
 
 from linkage_vibration.cli.main import main
+from linkage_vibration.messages.definitions import message_definition
 from linkage_vibration.prediction.verdict import Drive, episodes
 from linkage_vibration.review.log import Log, read_log
+from linkage_vibration.review.review_page import STATES
 from linkage_vibration.support.resources import PAPER_TABLE, config_file
 from linkage_vibration.table.table import load_table
 
@@ -286,3 +289,12 @@ def test_bare_log(browser: Any, write_log: Any, tmp_path: Path) -> None:
     assert browser.evaluate("document.querySelector('#linkage-section').hidden") is True
     assert "no resonances" in browser.text("#table-moments")
     assert "does not hold the table" in browser.text("#provenance")
+
+
+def test_words_of_states_are_those_of_the_message() -> None:
+    """The page names a state as ``LoadState`` does: 0 is unknown, and only 1 is clear."""
+    definition = message_definition("linkage_vibration_interfaces/msg/LoadState")
+    named = re.findall(r"^uint8 STATE_(\w+) = (\d)$", definition, re.MULTILINE)
+    assert [(name.lower(), int(value)) for name, value in named] == [
+        (state, value) for value, state in enumerate(STATES)
+    ]
