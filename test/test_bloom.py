@@ -24,6 +24,7 @@ UBUNTU = {
     "python3-numpy": "1:1.26.4+ds-6ubuntu1",
     "python3-packaging": "24.0-1",
     "python3-pytest": "7.4.4-1",
+    "python3-pytest-timeout": "2.2.0-1",
     "python3-scipy": "1.11.4-6build1",
     "python3-tqdm": "4.66.2-2",
     "python3-yaml": "6.0.1-2build2",

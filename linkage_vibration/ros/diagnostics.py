@@ -118,9 +118,10 @@ def _traffic(second: Second) -> list[Fault]:
         if lost > _LOST * ((arrived := second.arrived[topic]) + lost)
     ]
     if second.wait > LONGEST_WAIT:
+        left_out = f", and {second.dropped} were left out for newer ones" if second.dropped else ""
         sentences.append(
-            f"In the last {RECENT} s, messages waited up to {second.wait:.2g} s for the node, and "
-            f"{second.dropped} were left out for newer ones; the machine is too slow or too busy."
+            f"In the last {RECENT} s, messages waited up to {second.wait:.2g} s for the node"
+            f"{left_out}; the machine is too slow or too busy."
         )
     return [Fault(Level.WARN, sentence) for sentence in sentences]
 

@@ -206,6 +206,12 @@ def test_most_serious_problem_first(changes: dict[str, Any], level: bytes, words
         ("input", {"second": replace(QUIET, wait=0.049)}, OK, "No fault is known of joint hitch"),
         (
             "input",
+            {"second": replace(QUIET, wait=0.051)},
+            WARN,
+            "waited up to 0.051 s for the node; the machine is too slow or too busy",
+        ),
+        (
+            "input",
             {"second": replace(QUIET, wait=0.051, dropped=40)},
             WARN,
             "waited up to 0.051 s for the node, and 40 were left out for newer ones",
