@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Replays bags through the prediction, and writes a log as the node would have done."""
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -41,6 +42,7 @@ from linkage_vibration.playback.remapping import (
     topic_schema,
 )
 from linkage_vibration.prediction.advice import Adviser
+from linkage_vibration.prediction.agreement import crank_agreement
 from linkage_vibration.prediction.answers import Described, Implement, Served, with_implement
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs.presets import HITCH
@@ -270,6 +272,7 @@ class _Replay:
         self._predictor, self._periods = served.predictor, Periods(settings.prediction_rate)
         self._stamps = Stamps()
         self._motion = crank_filter()
+        self._agreement = crank_agreement(self._predictor.table.alpha3_range)
         missing = {each.reader.what for each in self.speeds.values()} | self.sensors.missing
         self.done = Replayed(topic=topics[HITCH].name, missing=missing, notice=" ".join(notices))
         self.done.unreadable, self.done.fault = bags.bad_lines, bags.fault
@@ -347,7 +350,7 @@ class _Replay:
         earlier = np.searchsorted(np.flatnonzero(due), before).tolist()
         assessed = readings.rows(due)
         resonances = monitor.assess_many(
-            predictions.rows(due),
+            self._agreed(readings, predictions).rows(due),
             velocity,
             assessed.time,
             [ReportedSpeed(n, *speed[1:]) for n, speed in zip(earlier, speeds, strict=True)],
@@ -363,6 +366,15 @@ class _Replay:
                 advice, reading = self._adviser.answer(resonances.message(i)), assessed.message(i)
                 header = int(reading.sec), int(reading.nanosec), reading.frame_id
                 yield _single(ADVICE, advice, block, reading.in_block, *header)
+
+    def _agreed(self, readings: MessageColumns, predictions: MessageColumns) -> MessageColumns:
+        """Return predictions without those of angles that go to and fro, which are not known."""
+        times, angles = readings.due_at.tolist(), readings.crank_angle.tolist()
+        lost = [*map(self._agreement.loses, times, angles)]
+        if not any(lost):
+            return predictions
+        known = np.where(lost, math.nan, readings.crank_angle)
+        return predict_many(self._predictor, known, readings.stddev)
 
     def _velocities(
         self, readings: MessageColumns, due: BoolArray

@@ -13,8 +13,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from statistics import median_low
 
+from linkage_vibration.prediction.agreement import AGREEMENT, DIFFERING, Agreement
 from linkage_vibration.prediction.excitation import Source
-from linkage_vibration.prediction.inputs.presets import ENGINE, GROUND, HITCH, PTO
+from linkage_vibration.prediction.inputs.presets import HITCH
 from linkage_vibration.prediction.motion import wrapped_turn
 
 _FRESH = 1.0  # s; what is older does not belong to the present motion or speed
@@ -25,7 +26,7 @@ LASTING = 10.0  # s; a fault that comes and goes has ended when it has not come 
 _FASTEST, _LEAST_JUMP = 4.0, 0.06  # rad/s and rad; a hitch is slower, and noise is smaller
 _EARLIEST = -(2**63)  # ns
 _WAITING = 100_000  # at most so many readings wait for the next judgement
-_DIFFERING, _SHARE = 3, 0.02  # publishers disagree if at least so many values go to and fro
+_SHARE = 0.02  # publishers disagree if at least this share of the values go to and fro
 
 _NOISY = 100  # a sensor is noisy only if it repeated no value in the last so many changes,
 _TURNING = 0.3  # and if this share of them reversed the direction
@@ -45,8 +46,6 @@ _PLAUSIBLE = {
     Source.GROUND: (0.0, 25.0),
 }
 """The range of speeds of an engine, a PTO shaft or a tractor that is not at rest, rpm or m/s."""
-AGREEMENT = {HITCH: (0.03, "rad"), ENGINE: (50.0, "rpm"), PTO: (20.0, "rpm"), GROUND: (0.3, "m/s")}
-"""Differences between publishers up to these are noise."""
 _SWING = {Source.ENGINE: 400.0, Source.PTO: 120.0, Source.GROUND: 2.0}
 _SWING_TIME, _SWINGS = 0.4, 3  # s; nothing changes so much to and fro in it, so often in a second
 _RUN_OUT = 10.0  # s; a PTO turns for a shorter time after the engine has stopped
@@ -109,7 +108,7 @@ class _Window:
     received: int = 0  # values, and of these:
     invalid: int = 0
     unstamped: int = 0
-    differing: int = 0  # values that differ from the last one, but not from the one before
+    differing: int = 0  # values that go to and fro
     senders: dict[str, float] = field(default_factory=dict)  # on one bus, with their last values
     jumps: int = 0  # changes that are too fast, and the largest of them
     largest: float = 0.0
@@ -156,7 +155,7 @@ class ReadingWatch:
         self._recent = Recent()
         self._stamp, self._angle = _EARLIEST, math.nan  # of the last reading
         self._received = _EARLIEST
-        self._before = math.nan  # rad, the angle before the last one
+        self._agreement = Agreement(HITCH, turns)
         self._waiting: deque[_Reading] = deque(maxlen=_WAITING)  # for the next judgement
         self._rates: deque[float] = deque(maxlen=_USUAL)  # Hz, of the last windows with readings
 
@@ -209,13 +208,12 @@ class ReadingWatch:
             if step == step and velocity == velocity and close:  # neither is NaN
                 window.moved += step
                 window.turned += velocity * apart
-            back = angle - self._before + wrapped_turn(angle, self._before)
-            least = AGREEMENT[HITCH][0] + abs(back)
-            window.differing += size > least and (close or taken == 1.0)
+            differs = self._agreement.take(round(1e9 * now), angle)
+            window.differing += differs and (close or taken == 1.0)
             if sender:
                 window.senders[sender] = angle
             self._noise.take(now, angle)
-            self._before, self._angle = self._angle, angle
+            self._angle = angle
         self.last, self._stamp, self._received = now, stamp, received
 
     def refuse(self, sentence: str) -> None:
@@ -345,7 +343,7 @@ def senders_disagree(senders: Mapping[str, float], what: str, name: str) -> str:
 
 def _disagreement(window: _Window, publishers: _Nodes, what: str, name: str) -> list[Fault]:
     """Return the fault that the senders or the publishers of a value disagree, with their names."""
-    if window.differing < max(_DIFFERING, _SHARE * window.received):
+    if window.differing < max(DIFFERING, _SHARE * window.received):
         return []
     if len(window.senders) > 1:
         return [Fault(Level.ERROR, senders_disagree(window.senders, what, name))]
@@ -423,7 +421,8 @@ class SpeedWatch:
         self.turns: bool | None = None  # whether it is no noise about 0; None if it is not known
         self.since = math.nan  # s, since when this is so
         self._window, self._recent = _Window(), Recent()
-        self._since = self._before = math.nan  # s, of the last plausible value; the one before
+        self._agreement = Agreement(source.value)
+        self._since = math.nan  # s, of the last plausible value
         self._passed = False
         # The value after the last large change, this change, and its time, s.
         self._level, self._change, self._changed = 0.0, 0.0, math.nan
@@ -442,8 +441,7 @@ class SpeedWatch:
         if resumed or value == 0.0 or low <= abs(value) <= high:
             self._since = now
         self._window.received += 1
-        least = AGREEMENT[self._source.value][0] + abs(value - self._before)
-        self._window.differing += abs(value - self.value) > least
+        self._window.differing += self._agreement.take(round(1e9 * now), value)
         if sender:
             self._window.senders[sender] = value
         change = value - self._level
@@ -455,7 +453,7 @@ class SpeedWatch:
         turns = None if math.isnan(value) else abs(value) > AGREEMENT[self._source.value][0]
         if turns is not self.turns or not now - self.time <= _RUN_OUT:
             self.turns, self.since = turns, now
-        self.time, self._before, self.value = now, self.value, value
+        self.time, self.value = now, value
 
     @property
     def arrived(self) -> bool:

@@ -13,6 +13,7 @@ from scipy.special import ndtr
 from linkage_vibration.bags.blocks import Integers
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.messages.columns import MessageColumns, joined
+from linkage_vibration.prediction.agreement import Agreement
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.ground import AIRBORNE
 from linkage_vibration.prediction.levels import LevelTable, unknown_levels
@@ -156,6 +157,7 @@ class ResonanceMonitor:
         self._used = np.array([source in used for source in Source])
         self.count = 0  # of assessments
         self._filters = {source: speed_filter(source) for source in Source}
+        self._agreements = {source: Agreement(source.value) for source in Source}
         n = len(self._filters)
         # The last speeds: values, rates and bounds of their errors; when they were reported, ns.
         self._speeds, self._times = np.full((3, n), math.nan), np.zeros(n, np.int64)
@@ -175,8 +177,8 @@ class ResonanceMonitor:
     def set_speed(self, source: Source, value: float, time: int) -> None:
         """Use a reported speed, rpm or m/s; its rate is estimated as `RateFilter` describes.
 
-        If it is not finite, or if that of a shaft is negative, the speed becomes unknown. A ground
-        speed is negative in reverse; its magnitude counts. The time is in ns.
+        It becomes unknown if it is not finite, that of a shaft is negative, or values go to and
+        fro. A ground speed is negative in reverse; its magnitude counts. The time is in ns.
         """
         self._report(source, [float(value)], [time])
 
@@ -189,6 +191,7 @@ class ResonanceMonitor:
             rates, speeds = np.where(speeds < 0.0, -rates, rates), np.abs(speeds)
         numbers = np.array([speeds, rates, errors])
         numbers[0, ~((speeds >= 0.0) & (speeds < math.inf))] = math.nan
+        numbers[0, [*map(self._agreements[source].loses, times, values)]] = math.nan
         self._set(source, numbers[:, -1], times[-1], False)
         return numbers
 

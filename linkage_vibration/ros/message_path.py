@@ -28,6 +28,7 @@ from linkage_vibration.messages.topics import (
     log_topic,
 )
 from linkage_vibration.prediction.advice import Adviser
+from linkage_vibration.prediction.agreement import crank_agreement
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.health import (
     Expected,
@@ -157,6 +158,7 @@ class Predicting:
         assert crank is not None
         self._crank = crank
         self._motion = crank_filter()  # another calibration is not a motion
+        self._agreement = crank_agreement(self.predictor.table.alpha3_range)
         self._names.clear()  # the joint may be another one
         self.readings.last, self._awaited = math.nan, time.monotonic()
         monitor.use(settings.warning_limits())
@@ -510,8 +512,11 @@ class Predicting:
             counts.latencies.append(time.monotonic() - began)
         needed = needed and self._monitor.periods.is_due(due_at)
         velocity, error = self._velocity(reading, stamp, needed)
+        lost = self._agreement.loses(due_at, reading.crank_angle)
         if needed:
-            self.resonance = self._monitor.assess(prediction, velocity, at, error)
+            # No load is known at an angle that is doubted.
+            known = self.predictor.predict(math.nan, math.nan) if lost else prediction
+            self.resonance = self._monitor.assess(known, velocity, at, error)
             self.resonance.timed_by_receipt = by_receipt
             for kind in ASSESSED:
                 self._publish(kind, self.resonance, *header, answers)

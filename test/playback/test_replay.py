@@ -249,6 +249,26 @@ def test_clock_that_jumped_back(tmp_path: Path, own: bool) -> None:
     assert done.resonances == (150 if own else 50)
 
 
+@pytest.mark.parametrize("apart", [0.029, 0.031])
+def test_readings_that_go_to_and_fro(tmp_path: Path, apart: float) -> None:
+    """Predictions remain, but no load is known where readings differ by more than 0.03 rad."""
+    entries: list[Entry] = []
+    for k in range(100):
+        time = START + k * 20_000_000
+        angle = 2.0 + apart * (k % 2) * (k >= 50)
+        entries.append(("/joint_states", JOINT_STATE, time, joint_state(time, [JOINT], [angle])))
+        if k % 5 == 0:
+            entries += [(f"/{s}_speed", FLOAT64, time, float64(500.0)) for s in ("engine", "pto")]
+    log = tmp_path / "log.mcap"
+    done = replay(write_mcap(tmp_path / "bag.mcap", entries), log, Parameters(ground_speed=0.0))
+    assert done.statuses[Status.OK] == 100
+    states = [m for _, m in read_messages(log, "/linkage_vibration/load_state")]
+    # The third that goes to and fro is number 54: 52 and 53 do so, too, but 51 is only a step.
+    crank = [bool(m.unknown_sources & 1) for m in states]
+    assert crank == [False] * 54 + [apart > 0.03] * 46
+    assert {m.state for m in states[54:]} == {0 if apart > 0.03 else 1}
+
+
 def test_predictions_at_a_rate(tmp_path: Path) -> None:
     """At 10 Hz the log has the first prediction in each tenth of a second, and all else as before.
 

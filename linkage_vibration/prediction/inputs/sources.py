@@ -19,7 +19,8 @@ from linkage_vibration.bags.schemas import FieldError, Schema, find_path
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.messages.columns import MessageColumns, joined
 from linkage_vibration.messages.topics import MEASUREMENT
-from linkage_vibration.prediction.health import AGREEMENT, senders_disagree
+from linkage_vibration.prediction.agreement import AGREEMENT
+from linkage_vibration.prediction.health import senders_disagree
 from linkage_vibration.prediction.inputs.units import HitchScale, InputError, Reading, wrong_unit
 
 HEADER_TIME, RECEIPT_TIME = TIMES = ("header", "receipt")

@@ -1,0 +1,88 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Values of an input that go to and fro are not known."""
+
+import math
+from collections.abc import Sequence
+
+import pytest
+
+from linkage_vibration.prediction.agreement import Agreement, crank_agreement
+from linkage_vibration.prediction.excitation import Excitation, Source
+from linkage_vibration.prediction.inputs.presets import ENGINE, GROUND, HITCH, PTO
+from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.prediction.resonance import ResonanceMonitor
+from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
+from linkage_vibration.table.table import load_table
+
+TENTH = 100_000_000  # ns
+
+
+def lost(agreement: Agreement, values: Sequence[float], step: int = TENTH) -> list[bool]:
+    """Return for each value whether it is lost."""
+    return [agreement.loses(at * step, value) for at, value in enumerate(values)]
+
+
+@pytest.mark.parametrize(
+    ("name", "apart"), [(HITCH, 0.03), (ENGINE, 50.0), (PTO, 20.0), (GROUND, 0.3)]
+)
+def test_noise(name: str, apart: float) -> None:
+    """Publishers whose values differ by no more than noise agree, and others do not."""
+    assert lost(Agreement(name), [0.0, 0.999 * apart] * 20) == [False] * 40
+    assert lost(Agreement(name), [0.0, 1.001 * apart] * 20) == [False] * 4 + [True] * 36
+
+
+def test_three_within_a_second_of_each_other() -> None:
+    """Two values that go to and fro are a glitch; so are those that are more than 1 s apart."""
+    glitches = [540.0] * 5 + [0.0] + [540.0] * 5
+    assert not any(lost(Agreement(PTO), glitches + [0.0] + [540.0] * 9, 150 * 10**6))
+    each = [540.0] * 9 + [0.0]
+    assert not any(lost(Agreement(PTO), each * 9, 101_000_000))
+    assert any(lost(Agreement(PTO), each * 9, 99_000_000))
+
+
+def test_it_ends_after_a_second() -> None:
+    """The value is known again once none has gone to and fro for more than 1 s."""
+    steps = lost(Agreement(ENGINE), [2000.0, 800.0] * 5 + [2000.0] * 20)
+    last = 10  # the first 2000 after the last 800 goes to and fro, too
+    assert steps == [False] * 4 + [True] * 17 + [False] * 9
+    assert steps.index(False, last) - last == 11
+
+
+def test_a_clock_that_jumps_back_begins_anew() -> None:
+    """What disagreed at later times does not count."""
+    agreement = Agreement(PTO)
+    assert lost(agreement, [540.0, 0.0] * 5)[-1]
+    assert not agreement.is_lost(0)
+
+
+@pytest.mark.parametrize("name", [HITCH, GROUND])
+def test_only_angles_wrap(name: str) -> None:
+    """An angle about half a turn is one value, but 3.1 and -3.1 m/s are not."""
+    assert any(lost(Agreement(name), [3.14, -3.14] * 10)) is (name == GROUND)
+
+
+def test_what_moves_agrees() -> None:
+    """A hitch that swings by 0.2 rad at 2 Hz, read at 20 Hz, agrees with itself; so does a ramp."""
+    swing = [2.0 + 0.2 * math.sin(2.0 * math.pi * 2.0 * 0.05 * k) for k in range(100)]
+    assert not any(lost(Agreement(HITCH), swing, TENTH // 2))
+    assert not any(lost(Agreement(PTO), [5.4 * k for k in range(100)]))
+
+
+def test_cranks_that_turn_and_values_that_are_none() -> None:
+    """A crank with a table of more than half a turn may be anywhere; NaN is no value."""
+    turning = [0.0, 3.0] * 10
+    assert not any(lost(crank_agreement((0.0, 2.0 * math.pi)), turning))
+    assert any(lost(crank_agreement((0.0, 3.14)), turning))
+    assert not any(lost(Agreement(PTO), [540.0, math.nan, 540.0, math.inf] * 10))
+
+
+def test_a_speed_that_is_lost_is_unknown() -> None:
+    """The monitor does not know a speed whose publishers disagree, until they agree."""
+    monitor = ResonanceMonitor([Excitation("pto 1", Source.PTO, 1.0 / 60.0)])
+    prediction = Predictor(load_table(config_file(DEFAULT_TABLE))).predict(2.0)
+    states = []
+    for k, speed in enumerate([540.0, 100.0] * 5 + [540.0] * 15):
+        monitor.set_speed(Source.PTO, speed, k * TENTH)
+        states.append(int(monitor.assess(prediction, 0.0, k * TENTH).unknown_sources))
+    assert states == [0] * 4 + [4] * 17 + [0] * 4
