@@ -166,3 +166,5 @@ _BUILT_IN = (
 
 SIGNALS: Mapping[str, CanSignal] = {entry[0]: _signal(*entry) for entry in _BUILT_IN}
 """The signals of ISO 11783-7 and SAE J1939 by their names."""
+FORCES = "rear_draft", "rear_lower_link_force"
+"""Those that are neither a position nor a speed."""

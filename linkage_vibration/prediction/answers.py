@@ -30,7 +30,7 @@ from linkage_vibration.prediction.ground import (
 )
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor
-from linkage_vibration.table.table import Table
+from linkage_vibration.table.table import Table, table_bytes
 from linkage_vibration.table.tabulation import TOLERANCE, build_table
 
 Places = tuple[Place, ...]
@@ -72,6 +72,11 @@ class Served(Described):
     def table(self) -> Table:
         """The table."""
         return self.predictor.table
+
+    @cached_property
+    def table_file(self) -> bytes:
+        """The table as a file; its compression takes some tenths of a second."""
+        return table_bytes(self.table)
 
     @cached_property
     def model(self) -> LinkageModel:

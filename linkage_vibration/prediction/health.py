@@ -189,6 +189,8 @@ class ReadingWatch:
             window.ages = min(least, age), max(most, age)
         else:
             window.unstamped += 1
+        if sender:
+            window.senders[sender] = angle
         if not math.isfinite(angle):
             window.invalid += 1
         else:
@@ -210,8 +212,6 @@ class ReadingWatch:
                 window.turned += velocity * apart
             differs = self._agreement.take(round(1e9 * now), angle)
             window.differing += differs and (close or taken == 1.0)
-            if sender:
-                window.senders[sender] = angle
             self._noise.take(now, angle)
             self._angle = angle
         self.last, self._stamp, self._received = now, stamp, received
@@ -335,15 +335,18 @@ def _stamps(window: _Window, expected: Expected) -> list[Fault]:
 def senders_disagree(senders: Mapping[str, float], what: str, name: str) -> str:
     """Return the sentence that senders on a bus, with a value of each, disagree about an input."""
     unit = AGREEMENT[name][1]
-    listing = ", ".join(
-        f"{sender}: {value:.4g} {unit}" for sender, value in sorted(senders.items())
-    )
+    values = {
+        s: "not available" if math.isnan(v) else f"{v:.4g} {unit}" for s, v in senders.items()
+    }
+    listing = ", ".join(f"{sender}: {value}" for sender, value in sorted(values.items()))
     return f"The senders of {what} disagree ({listing}); set {name}_field to one of them."
 
 
 def _disagreement(window: _Window, publishers: _Nodes, what: str, name: str) -> list[Fault]:
     """Return the fault that the senders or the publishers of a value disagree, with their names."""
-    if window.differing < max(DIFFERING, _SHARE * window.received):
+    absent = [math.isnan(value) for value in window.senders.values()]
+    partly = any(absent) and not all(absent)  # one sender is available, and another one is not
+    if window.differing < max(DIFFERING, _SHARE * window.received) and not partly:
         return []
     if len(window.senders) > 1:
         return [Fault(Level.ERROR, senders_disagree(window.senders, what, name))]

@@ -9,7 +9,6 @@ from linkage_vibration.bags.writing import Attachment
 from linkage_vibration.prediction.answers import Served
 from linkage_vibration.prediction.parameter_files import parameters_yaml
 from linkage_vibration.prediction.settings import Parameters
-from linkage_vibration.table.table import table_bytes
 
 MECHANISM, PARAMETERS = "mechanism.yaml", "parameters.yaml"
 EXCITATIONS = "excitations.yaml"
@@ -36,6 +35,6 @@ def attachments(
     for name, data in excitations.items():
         kind = "application/yaml" if name.endswith(".yaml") else "text/csv"
         files.append(Attachment(name, kind, data))
-    table = served.table
-    files.insert(1, Attachment(f"{table.table_id}.npz", "application/x-npz", table_bytes(table)))
+    table = f"{served.table.table_id}.npz"
+    files.insert(1, Attachment(table, "application/x-npz", served.table_file))
     return tuple(files)

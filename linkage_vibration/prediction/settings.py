@@ -304,7 +304,8 @@ class Parameters:
         "ratio has been below it for as long."
     )
     stale_after: float = _ranged(1.0, 0.01, 3600.0, "s").means(
-        "A speed or a crank angle that is older than this is not used."
+        "A crank angle that arrived longer ago than this is not used, nor a speed whose time (its "
+        "stamp, or its receipt) is longer ago."
     )
     prediction_rate: float = _rate(0.0, 0.001).means(
         "Rate at which `~/prediction` is published, at most: for the first reading in each period "

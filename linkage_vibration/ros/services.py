@@ -41,7 +41,7 @@ from linkage_vibration.prediction.predictor import Predictor, fault
 from linkage_vibration.ros.endpoints import subscribe
 from linkage_vibration.ros.precedence import rest
 from linkage_vibration.support.own_process import call_in_process
-from linkage_vibration.table.table import Table, table_bytes
+from linkage_vibration.table.table import Table
 from linkage_vibration_interfaces.action import SetImplement
 from linkage_vibration_interfaces.msg import Advice, VibrationPrediction
 from linkage_vibration_interfaces.srv import (
@@ -222,7 +222,7 @@ class Services:
 
     async def _get_table(self, _: object, response: GetTable.Response) -> None:
         served = self._served()
-        response.table = array("B", await self._away(table_bytes, served.table))
+        response.table = array("B", await self._away(lambda: served.table_file))
         response.table_id = served.table.table_id
         response.mechanism = served.mechanism_text
 

@@ -174,6 +174,14 @@ def test_senders_that_disagree(tmp_path: Path, rpm: float, percent: float) -> No
     assert not problems(replayed(tmp_path, frames, with_values(ON_CAN, chosen))[0])
 
 
+def test_sender_that_is_not_available(tmp_path: Path) -> None:
+    """An engine that is available on one sender alone is named; one sender alone is no fault."""
+    silent = engine(source=1, rpm=8191.875)  # 0xFFFF
+    [found] = problems(replayed(tmp_path, [*lift(4), *engine(rpm=1800.0), *silent])[0])
+    assert "disagree (engine_speed@0x00: 1800 rpm, engine_speed@0x01: not available); set" in found
+    assert not problems(replayed(tmp_path, [*lift(4), *silent])[0])
+
+
 def test_groups_of_a_bus_without_a_hitch(tmp_path: Path) -> None:
     """The error says how many groups it does not list; a group with destinations counts once."""
     groups = [(0xEA00 | destination) for destination in range(9)] + list(range(65200, 65224))
@@ -220,6 +228,11 @@ FAULTS: dict[str, tuple[dict[str, str], str]] = {
     "unit": (
         {"ground_field": "wheel_based_speed", "ground_unit": "km/h"},
         r"wheel_based_speed is in m/s, but ground_unit is km/h; write `ground_unit: m/s`",
+    ),
+    "force": ({"hitch_field": "rear_draft"}, r"rear_draft is a force; write rear_hitch_position"),
+    "force in percent": (
+        {"hitch_field": "rear_lower_link_force"},
+        r"hitch_field: rear_lower_link_force is a force; write rear_hitch_position",
     ),
     "no file": (
         {"hitch_field": "A.B", "can_database": "/nothing.dbc"},

@@ -313,6 +313,22 @@ def test_senders_on_a_bus(n_senders: int) -> None:
     assert "disagree (hitch@0x26: 2 rad, hitch@0x27: 2.377 rad); set hitch_f" in angles.sentence
 
 
+@pytest.mark.parametrize("n_senders", [1, 2])
+def test_sender_that_is_not_available(n_senders: int) -> None:
+    """One that sends no values beside another one is named; alone, its values are not available."""
+    speeds, readings = SpeedWatch(Source.PTO, "/can"), ReadingWatch()
+    for i in range(20):
+        which = i % n_senders
+        speeds.take(0.05 * i, (540.0, math.nan)[1 - which], f"pto@0x0{which}")
+        angle, stamp = (2.0, math.nan)[1 - which], START + round(5e7 * i)
+        values = angle, math.nan
+        readings.take(0.05 * i, stamp, stamp, *values, known=True, sender=f"hitch@0x0{which}")
+    sentences = [f.sentence for f in speeds.judge(1.0, 1.0, list)]
+    sentences += [f.sentence for f in readings.judge(1.0, 1.0, ALONE)]
+    named = ("(pto@0x00: not available, pto@0x01: 540 rpm)", "(hitch@0x00: not available, ")
+    assert [any(name in s for s in sentences) for name in named] == [n_senders == 2] * 2
+
+
 def test_speeds_that_never_arrived() -> None:
     """One sentence names the speeds that did not arrive; without any, there is none."""
     [fault] = missing_speeds(

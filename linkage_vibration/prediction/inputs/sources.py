@@ -12,6 +12,7 @@ import numpy as np
 from linkage_vibration.bags.blocks import Block
 from linkage_vibration.bags.can_frames import FRAME_TYPES
 from linkage_vibration.bags.can_reader import CanReader, find_signal
+from linkage_vibration.bags.can_signals import FORCES
 from linkage_vibration.bags.field_reader import FieldReader
 from linkage_vibration.bags.message_types import JOINT_STATE
 from linkage_vibration.bags.numbers import Integers, LeftOut, MessageNumber, NumberReader, Numbers
@@ -21,6 +22,7 @@ from linkage_vibration.messages.columns import MessageColumns, joined
 from linkage_vibration.messages.topics import MEASUREMENT
 from linkage_vibration.prediction.agreement import AGREEMENT
 from linkage_vibration.prediction.health import senders_disagree
+from linkage_vibration.prediction.inputs.presets import PRESETS
 from linkage_vibration.prediction.inputs.units import HitchScale, InputError, Reading, wrong_unit
 
 HEADER_TIME, RECEIPT_TIME = TIMES = ("header", "receipt")
@@ -98,6 +100,9 @@ def _can_reader(schema: Schema, source: SourceSettings) -> NumberReader:
             f"{source.type} is defined in another way than by {package}; convert the messages."
         )
     signal = find_signal(source.field, source.database)
+    if source.unit and signal.name in FORCES:
+        fit = PRESETS[source.name]["can"].field
+        raise InputError(f"Parameter {source.name}_field: {signal.name} is a force; write {fit}.")
     if wrong := wrong_unit(signal.unit, source.unit, source.name):
         raise InputError(f"Parameter {source.name}_field: {signal.name} {wrong}")
     return CanReader(signal, source.type)
@@ -148,16 +153,20 @@ class InputReader:
         return senders_disagree(self._senders, self.describe(topic), self.settings.name)
 
     def _note_senders(self, numbers: Numbers, values: FloatArray) -> None:
-        """Keep the median values of senders if these differ by more than publishers may."""
+        """Keep the median values of senders if these differ by more than publishers may.
+
+        That of a sender whose values are not available is NaN.
+        """
         finite = np.isfinite(values)
         if numbers.senders is None or not finite.any():
             return
-        senders, values = numbers.senders[finite], values[finite]
-        medians = {
-            f"{self.settings.field}@0x{sender:02X}": float(np.median(values[senders == sender]))
-            for sender in np.unique(senders).tolist()
-        }
-        if np.ptp([*medians.values()]) > AGREEMENT[self.settings.name][0]:
+        medians = {}
+        for sender in np.unique(numbers.senders).tolist():
+            own = values[finite & (numbers.senders == sender)]
+            name = f"{self.settings.field}@0x{sender:02X}"
+            medians[name] = float(np.median(own)) if len(own) else math.nan
+        # NaN is no number up to which they agree.
+        if not np.ptp([*medians.values()]) <= AGREEMENT[self.settings.name][0]:
             self._senders = medians
 
     def numbers(self, block: Block, rows: Integers, left_out: LeftOut) -> Iterator[Numbers]:
