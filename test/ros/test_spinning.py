@@ -8,6 +8,7 @@ import time
 from array import array
 from collections.abc import Callable
 from itertools import pairwise
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -16,6 +17,7 @@ from lifecycle_msgs.srv import GetState
 from rcl_interfaces.srv import GetParameters
 from rclpy.action import ActionClient
 
+from linkage_vibration.ros.lifecycle import LinkageVibrationNode
 from linkage_vibration.ros.node import STOP_SIGNALS
 from linkage_vibration_interfaces.action import SetImplement
 from linkage_vibration_interfaces.srv import GetTable, PredictVibration
@@ -123,3 +125,40 @@ def test_goal_has_a_result_when_the_node_ends(
     assert "The table is unchanged" in ended.result.message
     assert node.stop() == 0
     assert set(re.findall(r"\[(\w+)\] \[", node.printed)) == {"INFO"}, node.printed
+
+
+BLOCKED = """
+import sys, time
+from rclpy.executors import SingleThreadedExecutor
+from linkage_vibration.ros import spinning
+from linkage_vibration.ros.node import main
+
+spinning.END_LIMIT = 3.0
+shutdown = SingleThreadedExecutor.shutdown
+
+def block_the_end(*args, **options):
+    time.sleep({seconds})
+    return shutdown(*args, **options)
+
+SingleThreadedExecutor.shutdown = block_the_end
+sys.exit(main())
+"""
+
+
+@pytest.mark.parametrize(("seconds", "code"), [(0.5, 0), (3600.0, 1)])
+def test_end_that_is_blocked(start: Callable[..., Any], seconds: float, code: int) -> None:
+    """After the limit of its end, here 3 s, the process says where it is blocked, and ends."""
+    program = "-c", BLOCKED.format(seconds=seconds)
+    node = start(name=f"blocked_{code}", program=program)
+    node.wait_for("Predicting for")
+    assert node.stop() == code
+    assert ("in block_the_end" in node.printed) == bool(code)
+
+
+def test_requests_that_keep_waiting_delay_the_end_by_a_second() -> None:
+    """A request that takes no answer, as by a fault of the middleware, is left after 1 s."""
+    offered: Any = SimpleNamespace(refuse=lambda: None, busy=True)
+    executor: Any = SimpleNamespace(spin_once=lambda: time.sleep(0.02))
+    began = time.monotonic()
+    LinkageVibrationNode.answer_waiting(SimpleNamespace(_offered=offered), executor)
+    assert 1.0 <= time.monotonic() - began < 1.0 + SOON * slowness()
