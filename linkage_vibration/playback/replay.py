@@ -47,6 +47,8 @@ from linkage_vibration.prediction.answers import Described, Implement, Served, w
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs.presets import HITCH
 from linkage_vibration.prediction.inputs.sources import CrankInput
+from linkage_vibration.prediction.inputs.units import ANGLES
+from linkage_vibration.prediction.judge import InputJudge
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.motion import crank_filter, crank_resolution
 from linkage_vibration.prediction.periods import Periods, Stamps
@@ -99,8 +101,8 @@ class Replayed(LeftOut):
         The speeds that no message contains.
     notice : str
         Which amplitudes of the default excitations are not used; empty if all are.
-    disagreements : list of str
-        A sentence for each signal of a CAN bus whose senders disagree.
+    input_faults : list of str
+        A sentence for each fault of the inputs, as the diagnostics of the node have them.
     """
 
     topic: str = ""
@@ -108,7 +110,7 @@ class Replayed(LeftOut):
     resonances: int = 0
     missing: set[str] = field(default_factory=set)
     notice: str = ""
-    disagreements: list[str] = field(default_factory=list)
+    input_faults: list[str] = field(default_factory=list)
 
     @property
     def predictions(self) -> int:
@@ -142,7 +144,7 @@ def replay_summary(done: Replayed) -> str:
 
 def problems(done: Replayed) -> list[str]:
     """Return a sentence for each thing that a replay could not do."""
-    sentences = list(done.disagreements)
+    sentences = list(done.input_faults)
     if missing := done.predictions - done.with_numbers:
         which = "No prediction has" if not done.with_numbers else f"{missing} predictions have no"
         hint = "check the joint, its sign, scale and offset, and the range of the table"
@@ -224,9 +226,7 @@ def replay(
                     done += len(block)
                     progress(done, total)
             _refuse_empty(run.done, bags, run.crank)
-    for each in (run.crank, *run.speeds.values()):
-        if sentence := each.disagreement(topics[each.settings.name].name):
-            run.done.disagreements.append(sentence)
+    run.done.input_faults = run.judge.sentences()
     return run.done
 
 
@@ -271,6 +271,14 @@ class _Replay:
         self._adviser: Adviser | None = None
         self._predictor, self._periods = served.predictor, Periods(settings.prediction_rate)
         self._stamps = Stamps()
+        self._topic_names = {source: topics[source.value].name for source in self.speeds}
+        scale, hitch = self.crank.scale, topics[HITCH].name
+        self.judge = InputJudge(
+            self.crank.describe(hitch),
+            self._predictor.table.alpha3_range,
+            offset=scale.offset * ANGLES.get(scale.unit, math.nan),
+            stale_after=settings.stale_after,
+        )
         self._motion = crank_filter()
         self._agreement = crank_agreement(self._predictor.table.alpha3_range)
         missing = {each.reader.what for each in self.speeds.values()} | self.sensors.missing
@@ -288,6 +296,10 @@ class _Replay:
             predictions = predict_many(self._predictor, readings.crank_angle, readings.stddev)
             readings.due_at, readings.by_receipt = self._stamps.times(readings.stamp, readings.time)
             messages += self._predictions(block, readings, predictions)
+            known = predictions.status != Status.OUT_OF_RANGE
+            numbers = readings.time, readings.stamp, readings.crank_angle, readings.velocity
+            columns = *numbers, known, readings.sender
+            self.judge.readings(*(column.tolist() for column in columns))
             if self.monitor is not None:
                 messages += self._resonances(self.monitor, block, readings, predictions, speeds)
         elif self.monitor is not None:
@@ -323,11 +335,13 @@ class _Replay:
         others, names = self.done.others, self.done.names.copy()
         for source, each in self.speeds.items():
             of_topic = np.flatnonzero(block.topics == self._places[source.value])
-            for rows, values, times in each.read_block(block, of_topic, self.done):
+            for rows, values, times, senders in each.read_block(block, of_topic, self.done):
                 used.append(rows)
                 self.done.missing.discard(each.reader.what)
                 columns = rows.tolist(), values.tolist(), times.tolist()
                 speeds += [(row, source, v, time) for row, v, time in zip(*columns, strict=True)]
+                for _, v, time, sender in zip(*columns, senders, strict=True):
+                    self.judge.speed(source, time, v, self._topic_names[source], sender)
         self.done.others, self.done.names = others, names  # those beside the crank angle
         return sorted(speeds, key=lambda speed: speed[0])
 

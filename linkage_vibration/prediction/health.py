@@ -13,7 +13,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from statistics import median_low
 
-from linkage_vibration.prediction.agreement import AGREEMENT, DIFFERING, Agreement
+from linkage_vibration.prediction.agreement import (
+    AGREEMENT,
+    DIFFERING,
+    FASTEST,
+    LEAST_JUMP,
+    Agreement,
+)
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs.presets import HITCH
 from linkage_vibration.prediction.motion import wrapped_turn
@@ -23,7 +29,6 @@ _STAMP_AHEAD = 0.1  # s; the stamps of synchronised clocks are ahead by less
 _KEPT = 100  # at most so many angles outside the table are kept
 LASTING = 10.0  # s; a fault that comes and goes has ended when it has not come for so long
 
-_FASTEST, _LEAST_JUMP = 4.0, 0.06  # rad/s and rad; a hitch is slower, and noise is smaller
 _EARLIEST = -(2**63)  # ns
 _WAITING = 100_000  # at most so many readings wait for the next judgement
 _SHARE = 0.02  # publishers disagree if at least this share of the values go to and fro
@@ -52,7 +57,7 @@ _RUN_OUT = 10.0  # s; a PTO turns for a shorter time after the engine has stoppe
 _OTHER_UNITS = {Source.ENGINE: "rad/s or Hz", Source.PTO: "rad/s or Hz", Source.GROUND: "km/h"}
 
 
-_Nodes = Callable[[], Sequence[str]]
+_Nodes = Callable[[], Sequence[str]] | None  # in a bag, nobody knows them
 _Reading = tuple[float, int, int, float, float, bool, str]
 """The arguments of `ReadingWatch.take`, in its order."""
 
@@ -150,7 +155,7 @@ class ReadingWatch:
     def __init__(self, turns: bool = False, stamps_back: int = 0) -> None:
         self.last = self.stamp_age = math.nan
         self.stamps_back = stamps_back
-        self._fastest = math.inf if turns else _FASTEST
+        self._fastest = math.inf if turns else FASTEST
         self._noise, self._window = _Noise(), _Window()
         self._recent = Recent()
         self._stamp, self._angle = _EARLIEST, math.nan  # of the last reading
@@ -204,7 +209,7 @@ class ReadingWatch:
             close = apart < (_FRESH if taken == 1.0 else _GAP)
             step = angle - self._angle + wrapped_turn(angle, self._angle)
             size = abs(step)
-            if size > _LEAST_JUMP + self._fastest * apart:
+            if size > LEAST_JUMP + self._fastest * apart:
                 window.jumps += 1
                 window.largest = max(window.largest, size)
             if step == step and velocity == velocity and close:  # neither is NaN
@@ -212,7 +217,8 @@ class ReadingWatch:
                 window.turned += velocity * apart
             differs = self._agreement.take(round(1e9 * now), angle)
             window.differing += differs and (close or taken == 1.0)
-            self._noise.take(now, angle)
+            if not differs:  # two sensors that agree again are not frozen
+                self._noise.take(now, angle)
             self._angle = angle
         self.last, self._stamp, self._received = now, stamp, received
 
@@ -350,6 +356,9 @@ def _disagreement(window: _Window, publishers: _Nodes, what: str, name: str) -> 
         return []
     if len(window.senders) > 1:
         return [Fault(Level.ERROR, senders_disagree(window.senders, what, name))]
+    if publishers is None:
+        sentence = f"The values of {what} go to and fro, as those of publishers that disagree; "
+        return [Fault(Level.ERROR, f"{sentence}record one of them alone.")]
     nodes = publishers()
     if len(nodes) < 2:
         return []

@@ -39,6 +39,7 @@ from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.messages.fields import Field, message_fields
 from linkage_vibration.messages.topics import ASSESSED, PREDICTION
 from linkage_vibration.prediction.excitation import Excitation, Source
+from linkage_vibration.prediction.judge import InputJudge
 from linkage_vibration.prediction.predictor import Status, angles_in_table, covers_a_turn
 from linkage_vibration.prediction.provenance import EXCITATIONS, PARAMETERS
 from linkage_vibration.prediction.resonance import described
@@ -76,8 +77,8 @@ class Log:
     ----------
     path : Path
         The file.
-    stamps, status : ndarray of int, (n,)
-        ns, and the message's constants.
+    stamps, received, status : ndarray of int, (n,)
+        ns, also those of the receipt, and the message's constants.
     crank_angle : ndarray, (n,)
         rad.
     natural_frequencies, damping_ratios : ndarray, (n, n_modes)
@@ -118,6 +119,7 @@ class Log:
 
     path: Path
     stamps: IntArray
+    received: IntArray
     status: IntArray
     crank_angle: FloatArray
     natural_frequencies: FloatArray
@@ -228,6 +230,7 @@ def read_log(path: str | Path) -> Log:
     return Log(
         path=path,
         stamps=stamps,
+        received=predictions[LOG_TIME],
         status=status,
         drive=drive,
         resonances=at_predictions,
@@ -312,9 +315,24 @@ def gaps(log: Log) -> list[tuple[float, float]]:
     return [(times[i], times[i + 1]) for i in gap_starts(log.times).tolist()]
 
 
+def input_faults(log: Log) -> list[str]:
+    """Return a sentence for each fault of the inputs, as the diagnostics of the node have them."""
+    if log.table is None:
+        return []
+    judge = InputJudge("the crank angle", log.table.alpha3_range)
+    unknown, known = np.full(len(log.stamps), np.nan), log.status != Status.OUT_OF_RANGE
+    columns = log.received, log.stamps, log.crank_angle, unknown, known
+    judge.readings(*(column.tolist() for column in columns))
+    for source, (times, values) in log.speeds.items():
+        stamps = (1e9 * times).astype(np.int64) + log.received[0]
+        for time, value in zip(stamps.tolist(), values.tolist(), strict=True):
+            judge.speed(source, time, value, f"{source.value}_speed")
+    return judge.sentences()
+
+
 def problems(log: Log) -> list[str]:
-    """Return a sentence for each kind of missing or invalid prediction."""
-    sentences = []
+    """Return a sentence for each fault of the inputs, and kind of missing or invalid prediction."""
+    sentences = input_faults(log)
     if faulty := int((log.status != Status.OK).sum()):
         sentences.append(f"{faulty} of {len(log.stamps)} predictions are not OK.")
     if len(log.passes):

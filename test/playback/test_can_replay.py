@@ -166,7 +166,7 @@ def test_senders_that_disagree(tmp_path: Path, rpm: float, percent: float) -> No
     actual = problems(replayed(tmp_path, frames)[0])
     assert bool(actual) == (rpm == 1851.0)
     if actual:
-        of_hitch, of_engine = actual
+        of_engine, of_hitch = actual
         assert "CAN signal rear_hitch_position on /can0 disagree (" in of_hitch
         assert "rear_hitch_position@0x26: " in of_hitch
         assert "(engine_speed@0x00: 1800 rpm, engine_speed@0x01: 1851 rpm); set eng" in of_engine
@@ -175,11 +175,13 @@ def test_senders_that_disagree(tmp_path: Path, rpm: float, percent: float) -> No
 
 
 def test_sender_that_is_not_available(tmp_path: Path) -> None:
-    """An engine that is available on one sender alone is named; one sender alone is no fault."""
+    """An engine that is available on one sender alone is named; one sender alone agrees."""
     silent = engine(source=1, rpm=8191.875)  # 0xFFFF
-    [found] = problems(replayed(tmp_path, [*lift(4), *engine(rpm=1800.0), *silent])[0])
-    assert "disagree (engine_speed@0x00: 1800 rpm, engine_speed@0x01: not available); set" in found
-    assert not problems(replayed(tmp_path, [*lift(4), *silent])[0])
+    found = problems(replayed(tmp_path, [*lift(4), *engine(rpm=1800.0), *silent])[0])
+    words = "disagree (engine_speed@0x00: 1800 rpm, engine_speed@0x01: not available); set engine_"
+    assert words in found[0]
+    [alone] = problems(replayed(tmp_path, [*lift(4), *silent])[0])
+    assert "engine speed on /can0 is nan, so that it is not known" in alone
 
 
 def test_groups_of_a_bus_without_a_hitch(tmp_path: Path) -> None:

@@ -41,6 +41,16 @@ def test_three_within_a_second_of_each_other() -> None:
     assert any(lost(Agreement(PTO), each * 9, 99_000_000))
 
 
+@pytest.mark.parametrize(("jump", "doubted"), [(0.459, False), (0.461, True)])
+def test_a_jump(jump: float, doubted: bool) -> None:
+    """A reading 0.1 s later by more than 0.06 rad and 4 rad/s is doubted, and so is the next."""
+    actual = lost(Agreement(HITCH), [2.0] * 5 + [2.0 + jump] + [2.0] * 5)
+    assert actual == [False] * 5 + [doubted] * 2 + [False] * 4
+    far = Agreement(HITCH)  # after a gap of more than a second, nothing is known of a motion
+    assert [far.loses(0, 2.0), far.loses(1_001_000_000, 3.0), far.loses(10**10, 2.0)] == [False] * 3
+    assert not any(lost(Agreement(PTO), [0.0] * 5 + [540.0] * 5))
+
+
 def test_it_ends_after_a_second() -> None:
     """The value is known again once none has gone to and fro for more than 1 s."""
     steps = lost(Agreement(ENGINE), [2000.0, 800.0] * 5 + [2000.0] * 20)

@@ -23,12 +23,11 @@ libc.pthread_mutex_lock(mutex)
 for wait in ((libc.sem_timedwait, semaphore), (libc.pthread_cond_timedwait, condition, mutex),
              (libc.pthread_mutex_timedlock, mutex)):
     file.seek(0); file.write(bytes(8)); file.flush()
-    end = time.time() + 0.4
+    began, end = time.monotonic(), time.time() + 0.4
     def set_clock():
         file.seek(0); file.write(struct.pack("q", int(ahead * 1e9))); file.flush()
     import threading
     threading.Timer(0.1, set_clock).start()
-    began = time.monotonic()
     wait[0](*wait[1:], ctypes.byref(Time(int(end), int(end % 1 * 1e9))))
     print(time.monotonic() - began, time.time() - end)
 """

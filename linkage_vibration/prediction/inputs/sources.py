@@ -20,8 +20,6 @@ from linkage_vibration.bags.schemas import FieldError, Schema, find_path
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.messages.columns import MessageColumns, joined
 from linkage_vibration.messages.topics import MEASUREMENT
-from linkage_vibration.prediction.agreement import AGREEMENT
-from linkage_vibration.prediction.health import senders_disagree
 from linkage_vibration.prediction.inputs.presets import PRESETS
 from linkage_vibration.prediction.inputs.units import HitchScale, InputError, Reading, wrong_unit
 
@@ -131,7 +129,6 @@ class InputReader:
     def __init__(self, settings: SourceSettings, schema: Schema) -> None:
         self.settings, self.reader = settings, settings.reader(schema)
         self._delay = round(1e9 * settings.delay)
-        self._senders = dict[str, float]()  # those that disagree, with a value of each
 
     def describe(self, topic: str) -> str:
         """Return what is read from a topic, in words."""
@@ -146,28 +143,11 @@ class InputReader:
             number = number._replace(value=math.nan)
         return number, received - self._delay
 
-    def disagreement(self, topic: str) -> str:
-        """Return a sentence if senders on a bus disagree in the messages read with `read_block`."""
-        if not self._senders:
-            return ""
-        return senders_disagree(self._senders, self.describe(topic), self.settings.name)
-
-    def _note_senders(self, numbers: Numbers, values: FloatArray) -> None:
-        """Keep the median values of senders if these differ by more than publishers may.
-
-        That of a sender whose values are not available is NaN.
-        """
-        finite = np.isfinite(values)
-        if numbers.senders is None or not finite.any():
-            return
-        medians = {}
-        for sender in np.unique(numbers.senders).tolist():
-            own = values[finite & (numbers.senders == sender)]
-            name = f"{self.settings.field}@0x{sender:02X}"
-            medians[name] = float(np.median(own)) if len(own) else math.nan
-        # NaN is no number up to which they agree.
-        if not np.ptp([*medians.values()]) <= AGREEMENT[self.settings.name][0]:
-            self._senders = medians
+    def _senders(self, numbers: Numbers) -> list[str]:
+        """Return the sender of each number on a bus, as the field names it; "" if it is chosen."""
+        if numbers.senders is None:
+            return [""] * len(numbers.value)
+        return [f"{self.settings.field}@0x{sender:02X}" for sender in numbers.senders.tolist()]
 
     def numbers(self, block: Block, rows: Integers, left_out: LeftOut) -> Iterator[Numbers]:
         """Read many messages, with NaN for values that are not available."""
@@ -218,7 +198,7 @@ class CrankInput(InputReader):
         """Return what `read_one` returns for many messages of a bag, in the order of arrival.
 
         Columns are those of `Reading`, stamps as ``sec``, ``nanosec`` and ``stamp``, ns, ``time``,
-        ns, ``frame_id``, one text if all are equal, and ``in_block``, their indices.
+        ns, ``sender``, ``frame_id``, one text if all are equal, and ``in_block``, their indices.
         """
         groups, parts = [*self.numbers(block, rows, left_out)] or [_NO_NUMBERS], []
         one_frame = len({numbers.frame_id for numbers in groups}) == 1
@@ -229,7 +209,6 @@ class CrankInput(InputReader):
                 whole, rest = np.divmod(time, 10**9)
                 sec, nanosec = whole.astype(np.int32), rest.astype(np.uint32)
             crank_angle, velocity, stddev = self.scale.columns(numbers.value, numbers.rate)
-            self._note_senders(numbers, crank_angle)
             part = MessageColumns(
                 in_block=numbers.rows,
                 crank_angle=crank_angle,
@@ -239,6 +218,7 @@ class CrankInput(InputReader):
                 nanosec=nanosec,
                 stamp=10**9 * sec.astype(np.int64) + nanosec,
                 time=time,
+                sender=np.array(self._senders(numbers), object),
                 frame_id=numbers.frame_id
                 if one_frame
                 else np.full(len(time), numbers.frame_id, object),
@@ -276,12 +256,11 @@ class SpeedInput(InputReader):
 
     def read_block(
         self, block: Block, rows: Integers, left_out: LeftOut
-    ) -> Iterator[tuple[Integers, FloatArray, Integers]]:
-        """Yield rows, speeds and times of many messages, each (n,); see `read_one`."""
+    ) -> Iterator[tuple[Integers, FloatArray, Integers, list[str]]]:
+        """Yield rows, speeds, times and senders of many messages, each (n,); see `read_one`."""
         for numbers in self.numbers(block, rows, left_out):
             times = block.log_times[numbers.rows] - self._delay
             if self._stamped:
                 times = 10**9 * numbers.sec.astype(np.int64) + numbers.nanosec
             speeds = self._gain * numbers.value + self._offset
-            self._note_senders(numbers, speeds)
-            yield numbers.rows, speeds, times
+            yield numbers.rows, speeds, times, self._senders(numbers)

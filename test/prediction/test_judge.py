@@ -1,0 +1,123 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""A recorded drive is judged by the rules of the running node."""
+
+import math
+from collections.abc import Callable
+
+import pytest
+
+from linkage_vibration.prediction.excitation import Source
+from linkage_vibration.prediction.judge import InputJudge
+
+START = 1_767_225_600 * 10**9  # ns
+STEP = 20_000_000  # ns, of readings at 50 Hz
+RANGE = (1.6, 3.1)  # rad
+Angle = Callable[[int], float]
+
+
+def judged(
+    angle: Angle = lambda k: 2.0,
+    stamp: Callable[[int], int] = lambda k: START + k * STEP,
+    velocity: float = math.nan,
+    count: int = 500,
+    **options: float,
+) -> list[str]:
+    """Return what is said of readings for 10 s."""
+    judge = InputJudge("the crank angle", RANGE, **options)
+    for k in range(count):
+        known = RANGE[0] <= angle(k) <= RANGE[1]
+        arrived = START + k * STEP
+        judge.readings([arrived], [stamp(k)], [angle(k)], [velocity], [known])
+    return judge.sentences()
+
+
+def test_sound_readings() -> None:
+    """A hitch that swings by 0.3 rad at 0.2 Hz has no fault; nor has a drive without readings."""
+    assert judged(lambda k: 2.3 + 0.3 * math.sin(0.4 * math.pi * 0.02 * k)) == []
+    assert judged(count=0) == []
+
+
+@pytest.mark.parametrize(
+    ("angle", "stamp", "words"),
+    [
+        (lambda k: 2.0 * (k % 2), None, "The values of the crank angle go to and fro, as those of"),
+        (lambda k: 115.0, None, "are in degrees (115), but radians are expected"),
+        (lambda k: -2.0, None, "but they are inside with the other sign"),
+        (lambda k: 2.0 + 0.5 * (k == 250), None, "readings of the crank angle jump by up to 0.5"),
+        (lambda k: math.nan, None, "No reading of the crank angle is a number"),
+        (None, lambda k: 0, "The stamps of 50 of 50 readings are zero"),
+        (None, lambda k: START + k * STEP + 3600 * 10**9, "are 3600.0 s in the future"),
+        (None, lambda k: 10**12 + k * STEP, "The stamps of the readings are 1767224600.0 s old"),
+        (None, lambda k: START + k * STEP - 1_100_000_000, "The stamps of the readings are 1.1 s"),
+    ],
+)
+def test_faults_of_readings(
+    angle: Angle | None, stamp: Callable[[int], int] | None, words: str
+) -> None:
+    """Each has one sentence, with when it was first so and for how long."""
+    [sentence] = judged(angle or (lambda k: 2.0), stamp or (lambda k: START + k * STEP), offset=0.0)
+    assert words in sentence
+    assert sentence.endswith(" of 10 seconds).")
+
+
+def test_stamps_that_are_nearly_old() -> None:
+    """The age of a stamp counts from the limit on."""
+    assert judged(stamp=lambda k: START + k * STEP - 900_000_000) == []
+    assert judged(stamp=lambda k: START + k * STEP - 900_000_000, stale_after=0.8)
+
+
+def test_when_and_how_long() -> None:
+    """A fault of the seconds from 4 to 6 is said to be of two seconds, first after 4 s."""
+    sentence, back = judged(lambda k: 2.0 + 0.5 * (k % 2) * (200 <= k < 300))
+    assert "1 of 50 readings of the crank angle jump" in back
+    assert sentence.startswith("The values of the crank angle go to and fro")
+    assert sentence.endswith("(first after 4 s, in 2 of 10 seconds).")
+
+
+def speeds(source: Source, value: Callable[[int], float], step: int = 100_000_000) -> list[str]:
+    """Return what is said of 100 speeds."""
+    judge = InputJudge("the crank angle", RANGE)
+    for k in range(100):
+        judge.speed(source, START + k * step, value(k), f"/{source.value}_speed")
+    return judge.sentences()
+
+
+@pytest.mark.parametrize(
+    ("source", "value", "words"),
+    [
+        (Source.ENGINE, lambda k: 2000.0 if k % 2 else 800.0, "go to and fro, as those of publish"),
+        (Source.ENGINE, lambda k: 200.0, "which is not plausible, for"),
+        (Source.GROUND, lambda k: 36.0, "is it in km/h?"),
+        (Source.PTO, lambda k: -540.0, "is negative"),
+        (Source.PTO, lambda k: math.nan, "is nan"),
+    ],
+)
+def test_faults_of_speeds(source: Source, value: Callable[[int], float], words: str) -> None:
+    """A speed is judged as the node judges it; 25 m/s is the highest of a tractor."""
+    assert any(words in sentence for sentence in speeds(source, value))
+
+
+def test_sound_speeds() -> None:
+    """Speeds that are possible have no fault."""
+    assert speeds(Source.ENGINE, lambda k: 800.0 + 10.0 * k) == []
+    assert speeds(Source.GROUND, lambda k: 24.0) == []
+    assert speeds(Source.PTO, lambda k: 0.0) == []
+
+
+def test_a_speed_that_stopped() -> None:
+    """One that comes each 0.9 s is fresh; after 1.1 s, the one before is too old."""
+    assert speeds(Source.PTO, lambda k: 540.0, 900_000_000) == []
+    [sentence] = speeds(Source.PTO, lambda k: 540.0, 1_100_000_000)
+    assert "The PTO speed on /pto_speed stopped 1.1 s ago" in sentence
+
+
+def test_a_pto_without_an_engine() -> None:
+    """A PTO that turns for more than 10 s beside an engine at rest is named."""
+    for seconds, expected in ((9, 0), (13, 1)):
+        judge = InputJudge("the crank angle", RANGE)
+        for k in range(10 * seconds):
+            judge.speed(Source.ENGINE, START + k * 100_000_000, 0.0, "/engine_speed")
+            judge.speed(Source.PTO, START + k * 100_000_000, 540.0, "/pto_speed")
+        found = [s for s in judge.sentences() if "so one of both is wrong" in s]
+        assert len(found) == expected
