@@ -36,7 +36,7 @@ from linkage_vibration.messages.topics import (
     log_topic,
 )
 from linkage_vibration.playback.remapping import ReplayError, remappings
-from linkage_vibration.playback.replay import WhatIf, replay
+from linkage_vibration.playback.replay import WhatIf, problems, replay
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs.units import HitchCurve, HitchScale
 from linkage_vibration.prediction.levels import LevelTable
@@ -47,6 +47,8 @@ from linkage_vibration.prediction.resonance import ResonanceMonitor, described
 from linkage_vibration.prediction.settings import ParameterError, Parameters
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.review.log import problems as log_problems
+from linkage_vibration.review.log import read_log
 from linkage_vibration.support.atomic_files import OutputError
 from linkage_vibration.support.resources import (
     DEFAULT_EXCITATIONS,
@@ -267,6 +269,8 @@ def test_readings_that_go_to_and_fro(tmp_path: Path, apart: float) -> None:
     crank = [bool(m.unknown_sources & 1) for m in states]
     assert crank == [False] * 54 + [apart > 0.03] * 46
     assert {m.state for m in states[54:]} == {0 if apart > 0.03 else 1}
+    for sentences in (problems(done), log_problems(read_log(log))):
+        assert any("go to and fro" in sentence for sentence in sentences) == (apart > 0.03)
 
 
 def test_predictions_at_a_rate(tmp_path: Path) -> None:
