@@ -24,6 +24,7 @@ from test.support.drive import HITCH_JOINT, JOINTS, START
 FloatArray = NDArray[np.float64]
 
 SECONDS, RATE = 60.0, 20.0  # s, and Hz of the readings
+LIMIT = 0.25  # load ratio
 SIZES = {"wide": (1400, 900, False), "phone": (390, 800, True)}
 
 
@@ -72,7 +73,7 @@ def write_pages(folder: Path) -> list[Path]:
         for page, log, drive in zip(pages, logs, drives().values(), strict=True):
             bag = log.with_suffix(".bag.mcap")
             write_bag(bag, *drive)
-            lv.replay(bag, log)
+            lv.replay(bag, log, lv.Parameters(warning_load_ratio=LIMIT))
             plot = page.with_name(f"{page.stem}_plot.png")
             command(["review", str(log), "-o", str(page), "--png", str(plot)])
         overview = folder / "overview" / "overview.html"

@@ -74,7 +74,7 @@ def _described(advice: "Advice") -> str:
     unknown, quieter = bool(np.isnan(of.load_ratios[NOW])), is_quieter(of)
     for place, name in enumerate(_PLACES):
         if place == NOW or unknown or quieter[place]:
-            row = [*rows[place][:-1], *rows[place][-1:][: place]]
+            row = [*rows[place][:-1], *rows[place][-1:][:place]]
             cells = ("unknown" if math.isnan(v) else f"{v:.4g}" for v in row)
             cells = (f"{v:>{len(title) + 2}}" for title, v in zip(head, cells, strict=False))
             lines.append(f"{name:16}" + "".join(cells))

@@ -39,8 +39,9 @@ def never_in_table(log: Log) -> str:
         return ""
     low, high = np.degrees(log.table.alpha3_range)
     ends = list(dict.fromkeys(f"{angle:.1f}" for angle in (angles.min(), angles.max())))
-    verb = "is" if len(ends) == 1 else "are"
-    return f"{' to '.join(ends)} deg {verb} outside {low:g} to {high:g} deg: check offset or sign."
+    what = "A crank angle of {} deg is" if len(ends) == 1 else "Crank angles of {} deg are"
+    outside = f"outside {low:g} to {high:g} deg: check offset or sign."
+    return f"{what.format(' to '.join(ends))} {outside}"
 
 
 def first_sentence(log: Log) -> str:

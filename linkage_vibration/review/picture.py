@@ -177,32 +177,32 @@ def _draw_total(ax: "Axes", log: Log, drive: Drive, limits: WarningLimits) -> No
     total = _total(drive)
     total[np.flatnonzero(drive.broken[1:])] = np.nan
     factor = np.asarray(drive.resonances.total_load_ratio_factor, dtype=float)
-    finite = np.isfinite(factor) & np.isfinite(total)
+    known = all_known(drive)
+    finite = np.isfinite(factor) & np.isfinite(total) & known
     if finite.any():
         low, high = total / factor, total * factor
         ax.fill_between(drive.times, low, high, where=finite, color=palette.GREY, alpha=0.3, lw=0)
     above = total > limits.warning
     parts = ground_and_orders(drive, log.excitations) or ()
-    labels = "the ground", "all orders together, at most"
+    labels = "the ground", "all orders, at most"
     for values, label, colour in zip(parts, labels, palette.COLOURS[1:3], strict=False):
         broken = np.where(np.isnan(total), np.nan, values)
         ax.plot(drive.times, broken, color=colour, linewidth=1.2, label=label)
-    known = all_known(drive)
     whole = np.where(known, total, np.nan)
     ax.plot(drive.times, whole, color=palette.INK, linewidth=1.6, label="total")
     times = [*drive.times.tolist(), float(drive.times[-1] + drive.held[-1])]
     if spans := [(times[i], times[j]) for i, j in runs(~known)]:
         part = np.where(known, np.nan, total)
-        label = "a part of the total, as a source is not known"
+        label = "a part of the total"
         ax.plot(drive.times, part, color=palette.INK, linewidth=1.0, linestyle=":", label=label)
         style = {"facecolor": "#f3f3f3", "edgecolor": "#b8b8b8", "lw": 0, "hatch": "//"}
-        shaded(ax, spans, label="not known in all", **style)
+        shaded(ax, spans, label="a source is not known", **style)
     ax.legend(loc="upper right", fontsize=10, ncols=3)
     ax.plot(drive.times, np.where(above, total, np.nan), color=_ABOVE, linewidth=3.0)
     ax.axhline(limits.warning, color=_ABOVE, linestyle="--", linewidth=1.2)
     beside: dict[str, Any] = {"fontsize": 12, "transform": ax.get_yaxis_transform()}
     ax.text(1.01, limits.warning, "limit", color=_ABOVE, va="center", **beside)
-    ax.set_ylim(0.0, 1.5 * max(float(np.nanmax(total)), limits.warning))
+    ax.set_ylim(0.0, 1.75 * max(float(np.nanmax(total)), limits.warning))
     ax.set_ylabel("load ratio", fontsize=13)
     title = "Load ratio: vibration over static force, in the pin or cylinder where it is largest"
     ax.set_title(title, loc="left", fontsize=13)

@@ -18,7 +18,7 @@ from linkage_vibration.prediction.predictor import (
     largest_deviations,
     uncertain_modes,
 )
-from linkage_vibration.prediction.severity import ResonanceState, load_words
+from linkage_vibration.prediction.severity import ResonanceState, ratio_words
 from linkage_vibration.prediction.verdict import (
     Contribution,
     Episode,
@@ -269,7 +269,7 @@ def _charts(log: Log, axis: TimeAxis) -> Items:
         title = "Load ratio: largest force over the static force there"
         total: dict[str, Any] = {"colour": palette.COLOURS[0], "width": 1.8}
         part = {"colour": palette.COLOURS[0], "width": 1.2, "style": "dotted"}
-        series = [{"column": "load_known", **total}, {"column": "load_part", **part}]
+        series: Items = []
         key = [{"label": "limits of a warning and a note", "colour": "#5f5f5f", "style": "dashed"}]
         key.append({"label": "all", **total})
         spans = _spans(log, ~_all_known(log), axis)
@@ -281,10 +281,11 @@ def _charts(log: Log, axis: TimeAxis) -> Items:
             for (name, label), colour in zip(_PARTS.items(), palette.COLOURS[1:3], strict=True):
                 series.append({"column": name, "colour": colour, "width": 1.2})
                 key.append({"label": label, "colour": colour})
+        series += [{"column": "load_known", **total}, {"column": "load_part", **part}]
         guides = [limits.warning, limits.note]
-        shades = [[*span, "unknown"] for span in spans]
+        hatches = [[*span, "unknown"] for span in spans]
         charts.append(
-            chart("load", title, "1", series=series, guides=guides, key=key, shades=shades)
+            chart("load", title, "1", series=series, guides=guides, key=key, shades=hatches)
         )
     elif log.resonances is not None:
         title = "Margin of the nearest excitation to its natural frequency"
@@ -421,18 +422,19 @@ def _load_cards(log: Log, warnings: Sequence[Episode]) -> list[tuple[str, str, b
         return [("Warnings", "not known", True)]
     drive, resonances = log.drive, log.drive.resonances
     total = drive.time_in(np.ones(len(drive.held), np.bool_)) or 1.0
-    stale = drive.time_in(resonances.state == ResonanceState.UNKNOWN) / total
     share = 100.0 * sum(episode.duration for episode in warnings) / total
-    text = f"{len(warnings)}, {share:.1f} % of the time"
-    if stale:
-        text += f"; not known for {100.0 * stale:.1f} %"
-    unknown = stale == 1.0
-    cards = [("Warnings", "not known" if unknown else text, bool(warnings) or unknown)]
+    text = f"{len(warnings)}, {share:.1f} % of the time" if warnings else "none"
+    spent = durations(drive, log_limits(log).warning)
+    if spent.known_share < 1.0:
+        text += f"; loads not known for {100.0 * (1.0 - spent.known_share):.1f} %"
+    unknown = not warnings and not spent.known_share
+    alarm = bool(warnings) or not spent.calm
+    cards = [("Warnings", "not known" if unknown else text, alarm)]
     ratio, velocity = resonances.total_load_ratio, resonances.total_velocity
     if np.isfinite(ratio).any():
         row = int(np.nanargmax(ratio))
         at = resonances.message(row)
-        load = load_words(at.total_load_ratio, at.total_load_ratio_factor, at.total_load_place)
+        load = f"{ratio_words(at.total_load_ratio)} in {at.total_load_place or 'the pins'}"
         static = _static_force(log, at.total_load_place, float(drive.angles[row]))
         cards.append(("Largest load", f"{load}{static}", False))
     if np.isfinite(velocity).any():
