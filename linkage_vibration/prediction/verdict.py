@@ -294,7 +294,10 @@ def _exceeded(drive: Drive, limits: WarningLimits) -> str:
     warnings = episodes(drive)
     warned = sum(episode.duration for episode in warnings)
     often = "one warning" if len(warnings) == 1 else f"{len(warnings)} warnings"
-    above = f"{durations(drive, limits.warning).above:.1f} s in all"
+    spent = durations(drive, limits.warning)
+    above = f"{spent.above:.1f} s in all"
+    if spent.known_share < KNOWN:
+        above = f"{spent.above:.1f} s of the {spent.above + spent.below:.1f} s that are known"
     which = drive.resonances.state == ResonanceState.WARNING
     return f"{_excess(drive, limits, which)} for {above}, with {often} of {warned:.1f} s"
 

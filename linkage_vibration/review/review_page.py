@@ -58,12 +58,12 @@ _LOADS = {
     "title": "What loaded the linkage, the worst first",
     "note": "The load ratio is the largest force in a pin or cylinder by this excitation (root "
     "mean square) over the static force there. Choose a row to go to its worst moment.",
-    "head": ["excitation", "load ratio", "at", "in warning s", "warnings", "in note s"],
+    "head": ["excitation", "load ratio", "at", "in warning [s]", "warnings", "in note [s]"],
     "first": True,
 }
 _WARNINGS = {
     "id": "moments",
-    "head": ["start", "load ratio", "in", "most severe", "Hz", "duration s"],
+    "head": ["start", "load ratio", "in", "most severe", "Hz", "duration [s]"],
     "folded": True,
 }
 
