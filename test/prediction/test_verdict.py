@@ -83,7 +83,11 @@ def sentence(actual: Drive, excitations: tuple[Excitation, ...]) -> str:
 def test_the_largest_load_may_be_too_short_to_warn(excitations: tuple[Excitation, ...]) -> None:
     """A load of 7 for one message is the largest, although only a load of 0.4 warned."""
     text = sentence(drive([NOTE, NOTE, WARNING, CLEAR], [7.0, 0.05, 0.4, 0.0]), excitations)
-    assert "exceeded 0.33 of the static force for 2.0 s in all, with one warning of 1.0 s" in text
+    assert (
+        "exceeded 0.33 of the static force for 2.0 s of the 2.0 s that are known, with one "
+        "warning of 1.0 s"
+        in text
+    )
     assert "The largest that is known was 7 of the static force in lower_link:V1" in text
     assert "at 0.00 s and 120.0 deg" in text
 
@@ -312,7 +316,7 @@ def test_the_worst_warning_says_what_would_have_ended_it(
         " The worst warning would have ended at"
     )
     assert tail.removesuffix(" The loads of high 6 are not known and not counted.") == end
-    assert "for 3.0 s in all, with one warning of 2.0 s" in head
+    assert "for 3.0 s of the 3.0 s that are known, with one warning of 2.0 s" in head
     assert "ended" not in sentence(drive([NOTE], [7.0], **quiet), excitations)
 
 
