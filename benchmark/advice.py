@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Compares the probabilities and regrets of advice with whole models whose numbers are drawn."""
+"""Compares the probabilities of advice with whole models whose numbers are drawn."""
 
 import math
 from collections.abc import Sequence
@@ -124,7 +124,6 @@ class Choices:
     what: IntArray  # (n,), index of `PLACES`
     share: FloatArray  # (n,), load that is left, 1
     quieter: FloatArray  # (n_models, n), 1 or 0
-    stated: FloatArray  # (n,), regret that is exceeded in 5 % of the models, as advice states it
     regrets: FloatArray  # (n_models, n), 1
 
 
@@ -163,9 +162,9 @@ def choices(
             column = int(np.abs(ground - message.ground_speeds[place]).argmin())
             chosen = loads[:, row, column]
             regret = chosen / np.nanmin(cells, axis=(1, 2)) - 1.0
-            rows.append((what, ratio, chosen < now, float(advised.regrets[place]), regret))
-    which, share, quieter, stated, regrets = map(np.array, zip(*rows, strict=True))
-    return Choices(which, share, quieter.T, stated, regrets.T)
+            rows.append((what, ratio, chosen < now, regret))
+    which, share, quieter, regrets = map(np.array, zip(*rows, strict=True))
+    return Choices(which, share, quieter.T, regrets.T)
 
 
 def stacked(parts: Sequence[Pairs]) -> Pairs:
@@ -226,11 +225,8 @@ def compared(name: str, at: Scene, built: Table, loads: FloatArray) -> list[list
         for what, place in enumerate(PLACES):
             which = made.what == what
             named = which & (made.share <= NOTABLE)
-            lost, claimed = made.regrets[:, which], made.stated[which]
-            low, high = 100.0 * np.quantile(lost, [0.5, 0.95])
-            regrets.append([*first, place, f"{low:.1f}", f"{high:.0f}"])
-            regrets[-1] += [f"{100.0 * np.median(claimed):.0f}"]
-            regrets[-1] += [f"{100.0 * (lost <= claimed).mean():.1f}", str(int(named.sum()))]
+            low, high = 100.0 * np.quantile(made.regrets[:, which], [0.5, 0.95])
+            regrets.append([*first, place, f"{low:.1f}", f"{high:.0f}", str(int(named.sum()))])
             regrets[-1] += [f"{100.0 * made.quieter[:, named].mean():.1f}" if named.any() else ""]
     return [sure, bins, regrets]
 
@@ -261,11 +257,10 @@ def page(rows: list[list[list[str]]], lost: Sequence[str]) -> list[str]:
         ),
         "What is advised at each third height and each second speed: the regret in the median and "
         "the worst twentieth of all models (%), by how much the load there is above that of the "
-        "best cell for this model; the median of the stated regret (%), and the share of the "
-        "models in which the regret is not larger (%). Where at most "
+        "best cell for this model. Where at most "
         f"{100.0 * NOTABLE:.0f} % of the load is left, a sentence names the place: how often, and "
         "the share of the models in which it is quieter (%).",
-        table([*kind, "advised", "median", "95 %", "stated", "holds", "named", "quieter"], rows[2]),
+        table([*kind, "advised", "median", "95 %", "named", "quieter"], rows[2]),
     ]
 
 

@@ -50,7 +50,7 @@ def run(options: argparse.Namespace) -> int:
         angles and (math.radians(angles[0]), math.radians(angles[1])),
         speeds and (speeds[0] / KMH, speeds[1] / KMH),
     )
-    advice = advise(levels, excitations, question)
+    advice = advise(levels, excitations, question, limit=settings.warning_limits().warning)
     print(_described(advice))
     if options.csv:
         write_text(options.csv, _csv(advice), OutputError)
@@ -59,21 +59,35 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _described(advice: "Advice") -> str:
-    """Return advice as lines of text: a row for each place of the message, and what is refused."""
+    """Return advice as lines of text: a row for each quieter place, and what is refused."""
     import numpy as np
 
+    from linkage_vibration.prediction.advice import NOW, is_quieter
     from linkage_vibration.prediction.excitation import KMH
 
     of, head = advice.message, ["angle [deg]", "speed [km/h]", "load ratio", "factor"]
-    head += ["velocity [mm/s]", "factor", "quieter than now [%]", "regret [%]"]
+    head += ["velocity [mm/s]", "factor", "quieter than now [%]"]
     levels = [of.load_ratios, of.load_ratio_factors, 1e3 * of.velocities, of.velocity_factors]
-    shares = [100.0 * of.probabilities, 100.0 * advice.regrets]
-    columns = [np.degrees(of.crank_angles), KMH * of.ground_speeds, *levels, *shares]
+    columns = [np.degrees(of.crank_angles), KMH * of.ground_speeds, *levels]
+    rows = np.transpose([*columns, 100.0 * of.probabilities]).tolist()
     lines = [" " * 16 + "".join(f"{name:>{len(name) + 2}}" for name in head)]
-    for name, row in zip(_PLACES, np.transpose(columns).tolist(), strict=True):
-        numbers = (f"{v:{len(title) + 2}.4g}" for title, v in zip(head, row, strict=True))
-        lines.append(f"{name:16}" + "".join(numbers))
+    unknown, quieter = bool(np.isnan(of.load_ratios[NOW])), is_quieter(of)
+    for place, name in enumerate(_PLACES):
+        if place == NOW or unknown or quieter[place]:
+            row = [*rows[place][:-1], *rows[place][-1:][:place]]
+            cells = ("unknown" if math.isnan(v) else f"{v:.4g}" for v in row)
+            cells = (f"{v:>{len(title) + 2}}" for title, v in zip(head, cells, strict=False))
+            lines.append(f"{name:16}" + "".join(cells))
+        else:
+            why = "nothing permitted has a smaller load that is known"
+            if of.load_ratios[place] < of.load_ratios[NOW]:
+                angle, speed, *_, probability = rows[place]
+                why = f"the smallest load, at {angle:.4g} deg and {speed:.4g} km/h, is larger than "
+                why += f"now with a probability of {100.0 - probability:.0f} %"
+            lines.append(f"{name:16}  none: {why}")
     lines.append(of.sentence)
+    if advice.unsure:
+        lines.append(f"Factors and probabilities that are unknown: {advice.unsure}.")
     if of.not_counted:
         lines.append(f"Not counted, as their loads are not known: {of.not_counted}.")
     counts = np.bincount(advice.reasons.ravel(), minlength=len(advice.reason_texts))

@@ -79,7 +79,7 @@ def run(options: argparse.Namespace) -> int:
         text = drive_targets(modes, log.table, mechanism, options.targets)
         content[options.targets] = [text.encode()]
     write_files(content, ReviewError)
-    print("\n".join([page.modes_answer(log, modes, comparisons), *page.answers(comparisons)]))
+    print("\n".join(page.answers(log, comparisons, modes)))
     print(f"Written: {', '.join(map(str, outputs))}")
     return 0
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from linkage_vibration.drawing import palette
 from linkage_vibration.drawing.plots import draw_bands, frequency_axis, name_modes, plain, tidy
-from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.levels import LevelTable
@@ -49,7 +49,7 @@ def draw_mechanism(
         left, right = row.subplots(1, 2)
         orders = [each for each in excitations if each.source is source and not each.terrain]
         _draw_orders(left, source, orders, predictions)
-        sentences.append(_draw_loads(right, source, levels, limit))
+        sentences.append(_draw_loads(right, source, levels, excitations, limit))
     return figure, sentences
 
 
@@ -94,15 +94,20 @@ def _draw_orders(
     tidy(ax)
 
 
-def _draw_loads(ax: "Axes", source: Source, levels: LevelTable, limit: float) -> str:
+def _draw_loads(
+    ax: "Axes", source: Source, levels: LevelTable, excitations: Sequence[Excitation], limit: float
+) -> str:
     """Draw the load ratio by one source over height and speed; return where it is largest."""
+    silent = [e.name for e in excitations if e.source is source and not (e.load or e.terrain)]
     label, low, high, unit = SPEEDS[source]
     angles = np.linspace(*levels.alpha3_range, _MAP[0])
     speeds = np.linspace(low, high, _MAP[1])
-    ratios = _load_ratios(source, levels, angles, unit * speeds)
+    loaded = np.array([each.source is source and bool(each.load) for each in excitations])
+    ratios = _load_ratios(source, levels, angles, unit * speeds, loaded)
     degrees, name = np.degrees(angles), label.split(" speed")[0]
     ax.set(xlabel=label, ylabel="crank angle α₃ [deg]", facecolor=palette.GAP_SHADE)
-    ax.set_title("Load ratio by this source alone (grey: not known)", loc="left")
+    part = "A part of the load ratio" if silent else "Load ratio"
+    ax.set_title(f"{part} by this source alone (grey: not known)", loc="left")
     if not np.isfinite(ratios).any():
         ax.set(xlim=(low, high), ylim=(degrees[0], degrees[-1]))
         return f"The load ratio by the {name} is not known: no amplitude, or no force at rest."
@@ -115,6 +120,8 @@ def _draw_loads(ax: "Axes", source: Source, levels: LevelTable, limit: float) ->
         f"In the map, the {name} alone loads a pin or cylinder by up to {ratios[i, j]:.2g} of its "
         f"force at rest, at {degrees[i]:.0f} deg and {speeds[j]:.0f} {unit_name}"
     )
+    if silent:
+        text += f" (without {', '.join(silent)}, which have no amplitude)"
     above = np.isfinite(ratios) & (ratios > limit)
     if not above.any():
         return f"{text}, which is not above the limit of {limit:g}."
@@ -129,15 +136,16 @@ def _draw_loads(ax: "Axes", source: Source, levels: LevelTable, limit: float) ->
 
 
 def _load_ratios(
-    source: Source, levels: LevelTable, angles: FloatArray, speeds: FloatArray
+    source: Source, levels: LevelTable, angles: FloatArray, speeds: FloatArray, loaded: BoolArray
 ) -> FloatArray:
     """Return the load ratios by one source, (n_angles, n_speeds), NaN where a part is not known.
 
-    Speeds are in rpm or m/s.
+    Speeds are in rpm or m/s; loaded, (n_excitations,), are its orders with an amplitude.
     """
     every = np.full((len(Source), len(angles) * len(speeds)), math.nan)
     every[list(Source).index(source)] = np.tile(speeds, len(angles))
     results = levels.at(np.repeat(angles, len(speeds)), every)
     unknown = (results.ground_unknown != "") & (source is Source.GROUND)
+    unknown |= np.isnan(results.velocities[:, loaded]).any(axis=1)
     ratios = np.where(unknown, math.nan, results.total_load_ratio.astype(float))
     return np.asarray(ratios.reshape(len(angles), len(speeds)))

@@ -103,6 +103,10 @@ def frequency_axis(ax: "Axes", frequencies: FloatArray) -> None:
     positive = frequencies[np.isfinite(frequencies) & (frequencies > 0.0)]
     if len(positive):
         ax.set_ylim(0.6 * float(positive.min()), 2.0 * float(positive.max()))
+    else:  # A logarithmic axis has no ticks without a range.
+        ax.set_ylim(1.0, 100.0)
+        text = "No natural frequency is known."
+        ax.text(0.5, 0.5, text, transform=ax.transAxes, ha="center")
 
 
 def name_modes(

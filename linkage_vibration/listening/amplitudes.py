@@ -19,6 +19,8 @@ FEWEST = 5
 # An order is detected if what noise leaves of its mean square exceeds so many standard deviations,
 # and if its mean square exceeds noise so many times: a mode that noise shakes is a line, too.
 _DETECTED, _ABOVE = 2.0, 4.0
+AGREES = 2.0
+"""Standard deviations within which measured and predicted agree."""
 _SURE = 1.0  # the largest relative standard deviation in a file of excitations
 _LEAST = 1e-300
 
@@ -51,6 +53,16 @@ class MeasuredOrder:
         stddev = math.hypot(math.log(self.predicted_factor), noise)
         return math.log(self.measured / self.predicted) / stddev if stddev else math.nan
 
+    @property
+    def contradicts(self) -> bool:
+        """Whether measured and predicted differ by more than their deviations allow."""
+        return abs(self.difference) > AGREES
+
+    @property
+    def is_compared(self) -> bool:
+        """Whether it is known if it agrees; noise that is below the prediction may hide less."""
+        return self.contradicts or (self.is_detected and not math.isnan(self.difference))
+
 
 def unit_responses(transfer: Transfer, orders: Orders, angles: FloatArray) -> FloatArray:
     """Return amplitudes at a sensor per unit, (m, 1 + n_members, n_loaded); angles (m,) in rad."""
@@ -73,12 +85,13 @@ def predicted_levels(
     orders: Orders,
     units: FloatArray,
     known: Container[Source],
-) -> FloatArray:
+) -> tuple[FloatArray, FloatArray]:
     """Return the predicted rms of all orders whose loads and speeds are known, m/s or N, (m,).
 
-    It is NaN in windows in which one of these speeds is not known, and everywhere without any.
+    It is NaN in windows in which one of these speeds is not known, and everywhere without any. The
+    mean square of each order, (m, n_excitations), is 0 where it has none.
     """
-    squares, any_known = np.zeros(len(orders.times)), False
+    squares, any_known = np.zeros(orders.squares.shape), False
     for column, i in enumerate(transfer.loaded):
         load, speed = excitations[i].load, orders.speeds[:, i]
         if load is None or excitations[i].source not in known:
@@ -88,8 +101,8 @@ def predicted_levels(
             amplitude = amplitude * (speed / load.speed) ** load.exponent
             if transfer.sensor.accelerates:
                 amplitude = amplitude / (2.0 * math.pi * orders.frequencies[:, i])
-        squares += np.where(speed == 0.0, 0.0, amplitude**2 / 2.0)
-    return np.sqrt(squares) if any_known else np.full(len(squares), math.nan)
+        squares[:, i] = np.where(speed == 0.0, 0.0, amplitude**2 / 2.0)
+    return np.sqrt(squares.sum(axis=1)) if any_known else np.full(len(squares), math.nan), squares
 
 
 def measure_orders(

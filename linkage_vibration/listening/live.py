@@ -183,7 +183,7 @@ class SensorMonitor:
         angle, loaded = self._predictor.angle_in_table(message.crank_angle), list[int]()
         if angle is not None:
             loaded, units = transfer.loaded, unit_responses(transfer, orders, np.array([angle]))
-            levels = predicted_levels(transfer, excitations, orders, units, speeds)
+            levels, _ = predicted_levels(transfer, excitations, orders, units, speeds)
             message.predicted_level = float(levels[0])
         else:
             excitations = tuple(replace(excitation, load=None) for excitation in excitations)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.arrays import FloatArray, IntArray
+from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, IntArray
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.messages.fields import message_constants, message_fields
 from linkage_vibration.messages.topics import ADVICE
@@ -22,17 +22,18 @@ from linkage_vibration.prediction.excitation import KMH, Excitation, Source
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import angles_in_table
 from linkage_vibration.prediction.resonance import ResonanceMonitor
+from linkage_vibration.prediction.severity import ratio_words
 
 NOW, HEIGHT, SPEED, BOTH = message_constants(ADVICE).values()
 """The places of the message."""
 
 _SHAPE = 91, 17  # heights and speeds of a map
-_AMONG = 31, 9  # Members have their best place among about so many heights and speeds.
 _LIVE_SHAPE = 19, 7  # likewise, while readings wait
 _LIVE_SPEEDS = 0.7, 1.3  # of the present speed
 _ADVISED = np.arange(4) != NOW  # The present height and speed are those of the question.
+_KNOWN = 0.95  # least share of the members whose loads are known where a probability is
+_LIKELY = 0.5  # A place is called quieter with at least this probability.
 _PERIOD = 10**9  # ns, between two live pieces of advice
-_SURE = 0.95  # of regrets
 _SAME = 1.0 + 1e-6  # Loads that differ by less are the same, and the first one is chosen.
 _NOTABLE = 0.8  # A height that leaves more of the load is not worth a change.
 _GROUND = Source.GROUND.place
@@ -71,7 +72,7 @@ class Advice:
 
     # The fields of ``Advice.msg`` but for header and table; beside its places, their columns, (4,).
     message: MessageColumns
-    regrets: FloatArray  # (4,): by how much places may be above the best (95 %); NaN if not known
+    unsure: str  # why a factor or a probability of a known load is not known; empty if all are
     crank_angles: FloatArray  # (n_angles,), rad: rows of the map
     ground_speeds: FloatArray  # (n_speeds,), m/s: columns
     load_ratios: FloatArray  # (n_angles, n_speeds); NaN where refused
@@ -86,12 +87,12 @@ def advise(
     question: Question,
     shape: tuple[int, int] = _SHAPE,
     *,
-    with_regrets: bool = True,
+    limit: float = math.nan,
 ) -> Advice:
     """Return the quietest permitted heights and speeds on a map of this shape.
 
-    Members of the ensemble are compared all over the map only ``with_regrets``, which takes longer
-    than all else. An invalid question raises an `AdviceError`.
+    The sentence says if a load ratio would still exceed the limit. An invalid question raises an
+    `AdviceError`.
     """
     if np.shape(question.speeds) != (len(Source),):
         names = ", ".join(source.value for source in Source)
@@ -110,14 +111,8 @@ def advise(
     )
     permitted = [cells[-1:, -1:], cells[:-1, -1:], cells[-1:, :-1], cells[:-1, :-1]]
     chosen = np.array([smallest(load, among.ravel()) for among in permitted])
-    rows = np.union1d(chosen, _sparse(cells)) if with_regrets else chosen
-    totals, _ = levels.member_totals(alpha3[rows], every[:, rows])
-    members = np.full((len(totals), cells.size), math.nan)
-    members[:, rows] = np.where(reasons[rows], math.nan, totals)
-    regrets = np.full(len(chosen), math.nan)
-    if with_regrets:
-        for place, among in enumerate(permitted[1:], HEIGHT):
-            regrets[place] = _regret(members[:, chosen[place]], members[:, among.ravel()])
+    totals, _ = levels.member_totals(alpha3[chosen], every[:, chosen])
+    members = np.where(reasons[chosen], math.nan, totals)
     factors = levels.factors(alpha3[chosen], every[:, chosen], math.inf)
     unknown = np.isnan(load[chosen])
     message = MessageColumns(
@@ -128,31 +123,34 @@ def advise(
         load_ratio_factors=np.where(unknown, math.nan, factors["total_load_ratio_factor"]),
         velocities=velocity[chosen],
         velocity_factors=np.where(unknown, math.nan, factors["total_velocity_factor"]),
-        probabilities=_probabilities(members[:, chosen]),
+        probabilities=_probabilities(members),
     )
-    message.places = _places(message, regrets)
+    message.places = _places(message)
     why = texts[reasons[chosen[NOW]]]
-    message.sentence = advice_sentence(message) or _nothing_better(message.load_ratios[NOW], why)
+    sentence = advice_sentence(message, limit=limit)
+    message.sentence = sentence or _nothing_better(message.load_ratios[NOW], why)
+    unsure = ~unknown & np.isnan(message.load_ratio_factors)
     shown = cells[:-1, :-1]
     maps = load[shown], velocity[shown], reasons[shown]
-    return Advice(message, regrets, angles[:-1], speeds[:-1], *maps, texts)
+    text = _why_unsure(members[:, unsure]) if unsure.any() else ""
+    return Advice(message, text, angles[:-1], speeds[:-1], *maps, texts)
 
 
-def _places(columns: MessageColumns, regrets: FloatArray) -> NDArray[np.void]:
-    """Return the places as the message has them, (4,)."""
+def _why_unsure(members: FloatArray) -> str:
+    """Return why it is not known how sure loads of members, (n_members, n), are."""
+    if not len(members):
+        return "the table has no ensemble, as no number of the mechanism is uncertain"
+    known = int(np.isfinite(members).sum(axis=0).min())
+    return f"only {known} of {len(members)} members of the ensemble have a load there"
+
+
+def _places(columns: MessageColumns) -> NDArray[np.void]:
+    """Return the places as the message has them, (4,); regrets are not known."""
     [kind] = [field.dtype for field in message_fields(ADVICE) if field.count]
     numbers = [columns.crank_angles, columns.ground_speeds, columns.load_ratios]
     numbers += [columns.load_ratio_factors, columns.velocities, columns.velocity_factors]
+    regrets = np.full(len(columns.probabilities), math.nan)
     return np.rec.fromarrays([*numbers, columns.probabilities, regrets], dtype=kind)
-
-
-def _sparse(cells: IntArray) -> IntArray:
-    """Return some of the cells all over a map, of which members are compared."""
-    i, j = (
-        np.append(np.arange(0, n - 1, max(1, round(n / among))), n - 1)
-        for n, among in zip(cells.shape, _AMONG, strict=True)
-    )
-    return np.asarray(cells[np.ix_(i, j)])
 
 
 def _axes(
@@ -259,24 +257,26 @@ def _probabilities(members: FloatArray) -> FloatArray:
     """
     finite = np.isfinite(members) & np.isfinite(members[:, :1])
     n, quieter = finite.sum(axis=0), (finite & (members < members[:, :1])).sum(axis=0)
-    probability = np.where(n > 0, (quieter + 0.5) / (n + 1.0), math.nan)
+    known = n >= max(1.0, _KNOWN * len(members))
+    probability = np.where(known, (quieter + 0.5) / (n + 1.0), math.nan)
     probability[NOW] = math.nan
     return np.asarray(probability)
 
 
-def _regret(chosen: FloatArray, members: FloatArray) -> float:
-    """Return by how much members at a place, (n_members,), may exceed the least of each, 1."""
-    least = np.fmin.reduce(members, axis=1, initial=math.inf)
-    with np.errstate(all="ignore"):
-        regrets = np.where(chosen > least, chosen / least - 1.0, 0.0 * chosen)
-    regrets = regrets[~np.isnan(regrets)]
-    return float(np.quantile(regrets, _SURE)) if len(regrets) else math.nan
+def is_quieter(message: MessageColumns) -> BoolArray:
+    """Return which places are known to be quieter than now, (4,), unless they probably are not."""
+    quieter = message.load_ratios * _SAME < message.load_ratios[NOW]
+    return np.asarray(quieter & ~(message.probabilities < _LIKELY))
 
 
 def advice_sentence(
-    message: MessageColumns, would: str = "would be loaded", *, heights_only: bool = False
+    message: MessageColumns,
+    would: str = "would be loaded",
+    *,
+    heights_only: bool = False,
+    limit: float = math.nan,
 ) -> str:
-    """Return what is notably quieter than now, in words; empty if nothing is."""
+    """Return what is notably quieter than now, and whether it exceeds a limit; empty if nothing."""
     now, texts = float(message.load_ratios[NOW]), []
     angles = [f"{math.degrees(angle):.0f} deg" for angle in message.crank_angles]
     speeds = [f"{KMH * speed:.0f} km/h" for speed in message.ground_speeds]
@@ -284,17 +284,22 @@ def advice_sentence(
     beginnings = {HEIGHT: f"Carried at {angles[HEIGHT]} instead of {angles[NOW]}{moving}"}
     if not heights_only:
         beginnings[SPEED] = f"At {speeds[SPEED]} instead of {speeds[NOW]}"
+    quieter = is_quieter(message)
     for place, beginning in beginnings.items():
-        share = float(message.load_ratios[place]) / max(now, 1e-300)
-        if now > 0.0 and share <= _NOTABLE:
-            probability = float(message.probabilities[place])
-            sure = f" ({100.0 * probability:.0f} %)"
-            if math.isnan(probability):
-                sure = "" if place == HEIGHT else " (probability not known)"
+        ratio = float(message.load_ratios[place])
+        share = ratio / max(now, 1e-300)
+        if quieter[place] and share <= _NOTABLE:
+            probability = 100.0 * float(message.probabilities[place])
+            sure = "how probably, is not known"
+            if not math.isnan(probability):
+                sure = f"less with a probability of {probability:.0f} %"
             near = [text for value, text in _SHARES.items() if abs(share / value - 1.0) < 0.1]
             words = near[0] if near else f"{100.0 * share:.0f} %"
             words = words if share >= 0.005 else "less than 1 %"
-            texts.append(f"{beginning} it {would} {words} as much{sure}.")
+            texts.append(f"{beginning} it {would} {words} as much ({sure}).")
+            if ratio > limit:
+                still = f"{ratio_words(ratio)} of the static force exceeds the limit of {limit:g}"
+                texts.append(f"That is not enough: {still}.")
     return " ".join(texts)
 
 
@@ -323,8 +328,7 @@ class Adviser:
         low, high = _LIVE_SPEEDS
         permitted = None if math.isnan(ground) else (low * ground, high * ground)
         question = Question(resonance.crank_angle, resonance.speeds, None, permitted)
-        advice = advise(
-            levels, self._monitor.excitations, question, _LIVE_SHAPE, with_regrets=False
-        )
+        limit = self._monitor.limits.warning
+        advice = advise(levels, self._monitor.excitations, question, _LIVE_SHAPE, limit=limit)
         advice.message.table_id = resonance.table_id
         return advice.message

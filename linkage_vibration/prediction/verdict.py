@@ -151,9 +151,14 @@ def above_and_below(drive: Drive, limit: float) -> tuple[BoolArray, BoolArray]:
     """Return when the load was above a limit, and when it is known that it was not, (n,) each."""
     of = drive.resonances
     above = np.asarray((of.total_load_ratio > limit) | (of.off_ground_share > AIRBORNE))
+    return above, all_known(drive) & ~above
+
+
+def all_known(drive: Drive) -> BoolArray:
+    """Return when the total load ratio has all of its sources, and not a part of them, (n,)."""
+    of = drive.resonances
     known = np.isfinite(of.total_load_ratio) & (of.unknown_sources == 0)
-    known &= (of.states != ResonanceState.UNKNOWN).all(axis=1)
-    return above, np.asarray(known & ~above)
+    return np.asarray(known & (of.states != ResonanceState.UNKNOWN).all(axis=1))
 
 
 def durations(drive: Drive, limit: float) -> Durations:
@@ -200,8 +205,10 @@ def ground_and_orders(
     if len(rolls) != len(drive.names) or not rolls.any():
         return None
     ratios = drive.resonances.load_ratios.astype(float)
-    orders = np.sqrt(np.nansum(ratios[:, ~rolls] ** 2, axis=1))
-    return ratios[:, rolls][:, 0], np.minimum(orders, drive.severity())
+    squares = np.fmax.reduce(ratios[:, ~rolls], axis=1, initial=math.nan) * 0.0
+    orders = np.sqrt(squares + np.nansum(ratios[:, ~rolls] ** 2, axis=1))
+    total = drive.resonances.total_load_ratio.astype(float)
+    return ratios[:, rolls][:, 0], np.minimum(orders, total)
 
 
 def contributions(drive: Drive) -> list[Contribution]:
@@ -272,7 +279,7 @@ def _loads(drive: Drive, limits: WarningLimits, excitations: Sequence[Excitation
     if not largest:
         what = "All loads were zero." if all_known else "All loads that are known were zero."
     parts = ground_and_orders(drive, excitations)
-    if parts is not None and parts[0][worst] ** 2 > 0.5 * largest**2 and parts[1][worst]:
+    if parts is not None and parts[0][worst] ** 2 > 0.5 * largest**2 and parts[1][worst] > 0.0:
         what += f" Without the ground it would have been at most {ratio_words(parts[1][worst])}."
     if not warnings:
         return f"{_without_warning(drive, limits)} {what}"
@@ -287,7 +294,10 @@ def _exceeded(drive: Drive, limits: WarningLimits) -> str:
     warnings = episodes(drive)
     warned = sum(episode.duration for episode in warnings)
     often = "one warning" if len(warnings) == 1 else f"{len(warnings)} warnings"
-    above = f"{durations(drive, limits.warning).above:.1f} s in all"
+    spent = durations(drive, limits.warning)
+    above = f"{spent.above:.1f} s in all"
+    if spent.known_share < KNOWN:
+        above = f"{spent.above:.1f} s of the {spent.above + spent.below:.1f} s that are known"
     which = drive.resonances.state == ResonanceState.WARNING
     return f"{_excess(drive, limits, which)} for {above}, with {often} of {warned:.1f} s"
 

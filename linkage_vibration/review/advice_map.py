@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from linkage_vibration.prediction.advice import HEIGHT, NOW
+from linkage_vibration.prediction.advice import HEIGHT, NOW, is_quieter
 from linkage_vibration.prediction.excitation import KMH, Source
 from linkage_vibration.review.findings import drive_advice, log_levels, log_limits, speeds_at_drive
 from linkage_vibration.review.log import Log
@@ -36,6 +36,8 @@ def advice_map(log: Log) -> dict[str, Any] | None:
     note = "Orange: the drive, with its worst moment as a dot. White: the limit, and the quietest "
     note += "height at that speed. Grey: not known. The speeds of engine and PTO are those of the "
     note += "worst moment."
+    if of.not_counted:
+        note += f" A part of the load: {of.not_counted} not counted, as it is not known."
     return {
         "angles": np.degrees(advice.crank_angles).tolist(),
         "speeds": (KMH * advice.ground_speeds).tolist(),
@@ -45,7 +47,7 @@ def advice_map(log: Log) -> dict[str, Any] | None:
         "limit": log_limits(log).warning,
         "drive": [_place(*place) for place in places[rows].tolist()],
         "now": _place(*marks[NOW].tolist()),
-        "best": _place(*marks[HEIGHT].tolist()),
+        "best": _place(*marks[HEIGHT].tolist()) if is_quieter(of)[HEIGHT] else None,
         "note": note,
     }
 

@@ -12,12 +12,13 @@ from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.prediction.advice import Advice, Question, advice_sentence, advise
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.levels import LevelTable
-from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.prediction.predictor import Predictor, Status
 from linkage_vibration.prediction.severity import SPEED_BITS, WarningLimits
 from linkage_vibration.prediction.verdict import drive_sentence, worst_message
 from linkage_vibration.review.log import Log
 
 _HEIGHTS = 91, 1  # heights and speeds that are tried for the sentence
+_OUTSIDE = Status.OUT_OF_RANGE, Status.INVALID_ANGLE
 
 
 def log_limits(log: Log) -> WarningLimits:
@@ -31,8 +32,22 @@ def log_limits(log: Log) -> WarningLimits:
     )
 
 
+def never_in_table(log: Log) -> str:
+    """Return a sentence if all crank angles are outside the table; empty if one is not."""
+    angles = np.degrees(log.crank_angle[np.isfinite(log.crank_angle)])
+    if log.table is None or not np.isin(log.status, _OUTSIDE).all() or not len(angles):
+        return ""
+    low, high = np.degrees(log.table.alpha3_range)
+    ends = list(dict.fromkeys(f"{angle:.1f}" for angle in (angles.min(), angles.max())))
+    what = "A crank angle of {} deg is" if len(ends) == 1 else "Crank angles of {} deg are"
+    outside = f"outside {low:g} to {high:g} deg: check offset or sign."
+    return f"{what.format(' to '.join(ends))} {outside}"
+
+
 def first_sentence(log: Log) -> str:
     """Return what a drive did to the linkage, in words, and what would be better."""
+    if outside := never_in_table(log):
+        return f"{outside} What the drive did to the linkage is not known."
     if log.drive is None:
         return (
             "What the drive did to the linkage is not known, as the log holds no speed of engine, "
@@ -44,7 +59,8 @@ def first_sentence(log: Log) -> str:
         and (levels := log_levels(log)) is not None
     ):
         message = drive_advice(log, levels, _HEIGHTS).message
-        advice = advice_sentence(message, "would have been loaded", heights_only=True)
+        would, limit = "would have been loaded", limits.warning
+        advice = advice_sentence(message, would, heights_only=True, limit=limit)
     verdict = drive_sentence(log.drive, limits, log.mode_label, log.excitations)
     return f"{verdict} {advice}".rstrip()
 
@@ -71,7 +87,7 @@ def drive_advice(
     worst, speeds = worst_message(log.drive), speeds_at_drive(log)
     present = np.array([speeds[s][worst] if s in speeds else math.nan for s in Source])
     question = Question(float(log.drive.angles[worst]), present, None, ground_speeds)
-    return advise(levels, log.excitations, question, shape, with_regrets=False)
+    return advise(levels, log.excitations, question, shape)
 
 
 def all_speeds(log: Log) -> dict[Source, tuple[FloatArray, FloatArray]]:

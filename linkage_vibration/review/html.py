@@ -88,14 +88,22 @@ def picture_tag(png: bytes, alt: str) -> str:
 
 
 def table_tag(
-    label: str, head: Sequence[str], rows: Iterable[Sequence[str]], links: Sequence[str] = ()
+    label: str,
+    head: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    links: Sequence[str] = (),
+    calm: Sequence[bool] = (),
 ) -> str:
-    """Return a table of texts; if there are links, the first cell of each row leads to its own."""
+    """Return a table of texts; if there are links, the first cell of each row leads to its own.
+
+    Rows are marked as calm or not, if that is given.
+    """
     lines = []
-    for row, link in zip_longest(rows, links):
+    for row, link, its in zip_longest(rows, links, calm):
         first, *others = map(html.escape, row)
         first = f'<a href="{html.escape(link)}">{first}</a>' if link else first
-        lines.append(f"<tr>{''.join(f'<td>{cell}</td>' for cell in (first, *others))}</tr>\n")
+        mark = {None: "", True: " class=calm", False: " class=alarm"}[its]
+        lines.append(f"<tr{mark}>{''.join(f'<td>{cell}</td>' for cell in (first, *others))}</tr>\n")
     columns = "".join(f'<th scope="col">{html.escape(text)}</th>' for text in head)
     table = f"<table><thead><tr>{columns}</tr></thead><tbody>\n{''.join(lines)}</tbody></table>"
     return f'<div class="scroll" tabindex="0" aria-label="{html.escape(label)}">{table}</div>\n'

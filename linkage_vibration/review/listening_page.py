@@ -13,6 +13,7 @@ import numpy as np
 from linkage_vibration.drawing import palette
 from linkage_vibration.drawing.plots import frequency_axis, name_modes, plain, png_bytes, tidy
 from linkage_vibration.listening.amplitudes import (
+    AGREES,
     MeasuredOrder,
     measure_orders,
     predicted_levels,
@@ -33,6 +34,7 @@ from linkage_vibration.listening.spectra import levels, spectrogram
 from linkage_vibration.listening.transfer import Transfer
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.prediction.excitation import LoadKind
+from linkage_vibration.prediction.verdict import KNOWN
 from linkage_vibration.review.findings import all_speeds, log_limits
 from linkage_vibration.review.html import COVERAGE, picture_tag, plain_html, table_tag
 from linkage_vibration.review.log import Log, ReviewError
@@ -40,7 +42,6 @@ from linkage_vibration.review.log import Log, ReviewError
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_SURE = 2.0  # standard deviations within which measured and predicted agree
 _LABELLED = 5  # orders with a name in the picture
 _UNITS = {LoadKind.FORCE: "N", LoadKind.MOMENT: "N m"}
 _UNITS |= {LoadKind.BASE_ACCELERATION: "m/s²", LoadKind.BASE_DISPLACEMENT: "m"}
@@ -59,6 +60,7 @@ class Heard:
     rows: list[MeasuredOrder]
     measured: FloatArray  # (m,), rms, m/s or N
     predicted: FloatArray  # (m,), of all orders but those below; NaN where a speed is not known
+    compared: float  # share of the predicted mean square that was compared, by order, 1
     unknown: tuple[str, ...]  # sources of orders whose speeds the log lacks
     reference: FloatArray  # (m,), N, what load ratios refer to; NaN if it is not known
 
@@ -80,7 +82,12 @@ def hear(log: Log, signal: Signal) -> Heard:
     rows = measure_orders(log.excitations, orders, units, transfer.loaded)
     sources = dict.fromkeys(log.excitations[i].source for i in transfer.loaded)
     unknown = tuple(source.value for source in sources if source not in speeds)
-    predicted = predicted_levels(transfer, log.excitations, orders, units, speeds)
+    predicted, squares = predicted_levels(transfer, log.excitations, orders, units, speeds)
+    names = [row.excitation.name for row in rows if row.is_compared]
+    heard = np.isfinite(orders.squares) & [each.name in names for each in log.excitations]
+    known = np.isfinite(predicted)
+    every = float(squares[known].sum())
+    compared = float(known.mean() * squares[known][heard[known]].sum() / every) if every else 0.0
     measured = levels(signal, SECONDS)
     reference = np.full(len(angles), np.nan)
     if not signal.sensor.accelerates:
@@ -88,7 +95,8 @@ def hear(log: Log, signal: Signal) -> Heard:
         low, high = log.table.alpha3_range
         inside = (angles >= low) & (angles <= high)
         reference[inside] = log.table.reference_forces(angles[inside])[place]
-    return Heard(signal, orders, rows, measured, predicted, unknown, reference)
+    compared = 0.0 if unknown else compared
+    return Heard(signal, orders, rows, measured, predicted, compared, unknown, reference)
 
 
 def heard_modes(log: Log, sensors: Sequence[Heard]) -> tuple[DriveMode, ...]:
@@ -119,25 +127,49 @@ def modes_answer(log: Log, modes: Sequence[DriveMode], sensors: Sequence[Heard])
     return text + (more if compared > 1 else "")
 
 
-def answers(sensors: Sequence[Heard]) -> list[str]:
-    """Return in words where each sensor agrees with its prediction."""
-    return [f"{_orders_answer(each)}{_load_answer(each)}" for each in sensors]
+def answers(log: Log, sensors: Sequence[Heard], modes: Sequence[DriveMode]) -> list[str]:
+    """Return in words what was measured: contradictions first, then modes and each sensor."""
+    off = [(each, row) for each in sensors for row in each.rows if row.contradicts]
+    off.sort(key=lambda pair: -abs(math.log(pair[1].measured / pair[1].predicted)))
+    first = " ".join(_contradiction(*pair) for pair in off)
+    each = [f"{_orders_answer(sensor)}{_load_answer(sensor)}" for sensor in sensors]
+    return [*([first] if first else []), modes_answer(log, modes, sensors), *each]
+
+
+def is_calm(sensors: Sequence[Heard], modes: Sequence[DriveMode]) -> bool:
+    """Return whether modes and orders were compared, nearly all of them, and all agree."""
+    sure = [mode for mode in modes if not mode.doubt]
+    calm = bool(sure) and all(mode.consistent for mode in sure)
+    calm &= not any(row.contradicts for sensor in sensors for row in sensor.rows)
+    return calm and all(sensor.compared >= KNOWN for sensor in sensors)
+
+
+def _contradiction(sensor: Heard, row: MeasuredOrder) -> str:
+    """Return how far an order at a sensor is from its prediction, and its probable cause."""
+    factor = row.predicted / row.measured
+    weaker, small = ("weaker", "large") if factor > 1.0 else ("stronger", "small")
+    much = f"{'' if row.is_detected else 'at least '}{_short(max(factor, 1.0 / factor))} times"
+    return (
+        f"{row.excitation.name} at {sensor.signal.sensor.name} is {much} {weaker} than predicted, "
+        f"which its deviations do not allow; probably its amplitude in the excitation file is "
+        f"{much} too {small}."
+    )
 
 
 def _orders_answer(sensor: Heard) -> str:
-    """Return which orders at a sensor agree with their predictions, and which do not."""
-    compared = [row for row in sensor.rows if row.is_detected and not math.isnan(row.difference)]
-    off = [row for row in sensor.rows if abs(row.difference) > _SURE]
+    """Return how many orders at a sensor agree with their predictions, and what is not known."""
+    compared = [row for row in sensor.rows if row.is_compared]
     parts = [
-        f"At {sensor.signal.sensor.name}, {sum(row not in off for row in compared)} of "
-        f"{_count(len(compared), 'order')} above the noise agree with the prediction (within "
-        f"{_SURE:g} standard deviations)."
+        f"At {sensor.signal.sensor.name}, {sum(not row.contradicts for row in compared)} of "
+        f"{_count(len(compared), 'order')} agree with the prediction (within {AGREES:g} standard "
+        f"deviations)."
     ]
-    for row in off:
-        bound = "has" if row.is_detected else "is below the noise, so it has at most"
-        ratio = f"{row.measured / row.predicted:.2g}"
-        parts.append(f"{row.excitation.name} {bound} {ratio} times the predicted strength.")
-    others = [row for row in sensor.rows if row not in compared and row not in off]
+    if sensor.compared < KNOWN:
+        share = math.floor(100.0 * sensor.compared)
+        parts.append(
+            f"They make {share} % of what is predicted; whether the rest agrees is not known."
+        )
+    others = [row for row in sensor.rows if row not in compared]
     if alone := sum(row.is_detected for row in others):
         parts.append(f"{_count(alone, 'more order')} above the noise cannot be predicted.")
     if below := len(others) - alone:
@@ -170,11 +202,10 @@ def listening_page(log: Log, sensors: Sequence[Heard], modes: Sequence[DriveMode
     parts += [_orders_table(sensor) for sensor in sensors]
     parts.append(_table("What is doubtful about the sensors", ["sensor", "doubt"], doubts))
     title, more = "Measured beside predicted", "".join(parts)
-    sentences = [modes_answer(log, modes, sensors), *answers(sensors), _CANNOT]
+    sentences = [*answers(log, sensors, modes), _CANNOT]
     sure = [mode for mode in modes if not mode.doubt]
-    calm = bool(sure) and all(mode.consistent for mode in sure)
     picture = picture_tag(_picture(log, sensors, sure), "Spectra and levels over time.")
-    return plain_html(title, sentences, picture + more, calm=calm)
+    return plain_html(title, sentences, picture + more, calm=is_calm(sensors, modes))
 
 
 def _modes_table(log: Log, modes: Sequence[DriveMode]) -> str:

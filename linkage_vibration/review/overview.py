@@ -13,7 +13,13 @@ from urllib.parse import quote
 import numpy as np
 
 from linkage_vibration.prediction.predictor import Status
-from linkage_vibration.prediction.verdict import contributions, durations, episodes, worst_message
+from linkage_vibration.prediction.verdict import (
+    KNOWN,
+    contributions,
+    durations,
+    episodes,
+    worst_message,
+)
 from linkage_vibration.review.findings import first_sentence, log_limits
 from linkage_vibration.review.html import plain_html, table_tag
 from linkage_vibration.review.log import Log, ReviewError, gaps
@@ -110,9 +116,17 @@ def overview_html(drives: Sequence[tuple[dict[str, Any], str]], failures: Sequen
     names = [str(file) if alike else file.name for file in files]
     rows = [_cells(drive, name) for (drive, _), name in zip(drives, names, strict=True)]
     notes = "".join(f'<p class="failure">{html.escape(text)}</p>\n' for text in failures)
-    table = table_tag("Drives", head, rows, [quote(page) for _, page in drives])
-    hint = "Each row is a drive. Choose its name to see its page."
+    calm = [_is_calm(drive) for drive, _ in drives]
+    table = table_tag("Drives", head, rows, [quote(page) for _, page in drives], calm)
+    hint = "Each row is a drive. Choose its name to see its page. Green: no warning, and no load "
+    hint += f"above the limit, known for at least {100.0 * KNOWN:.0f} % of the drive."
     return plain_html("Drives", [hint], notes + table)
+
+
+def _is_calm(drive: dict[str, Any]) -> bool:
+    """Return whether a drive of `drive_summary` is called calm, as its page is."""
+    known = (drive["known_share"] or 0.0) >= KNOWN
+    return known and not drive["warnings"] and drive["above_limit_s"] == 0.0
 
 
 def _cells(drive: dict[str, Any], name: str) -> list[str]:

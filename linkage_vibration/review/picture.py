@@ -25,7 +25,7 @@ from linkage_vibration.mechanics.arrays import FloatArray, runs
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.predictor import Predictor, Status
 from linkage_vibration.prediction.severity import WarningLimits
-from linkage_vibration.prediction.verdict import Drive, ground_and_orders
+from linkage_vibration.prediction.verdict import Drive, all_known, ground_and_orders
 from linkage_vibration.review.findings import log_limits, speeds_at_drive
 from linkage_vibration.review.log import Log
 from linkage_vibration.table.table import Table
@@ -131,7 +131,7 @@ def _draw_modes(ax: "Axes", log: Log) -> None:
     ax.yaxis.label.set_fontsize(13)
     name_modes(ax, ends, [log.mode_name(mode) for mode in range(log.n_modes)], least=_LEAST_APART)
     title = "Where the linkage resonates (coloured, with one standard deviation), and what\n"
-    title += "excites it (black, as wide as the load that it causes; red above the limit)"
+    title += "excites it (as wide as its load; red above the limit; dotted: load not known)"
     ax.set_title(title, loc="left", fontsize=13)
 
 
@@ -140,7 +140,8 @@ def _draw_excitations(ax: "Axes", log: Log, drive: Drive, limits: WarningLimits)
     from matplotlib.collections import LineCollection
 
     times, speeds = drive.times, speeds_at_drive(log)
-    loads = np.nan_to_num(np.asarray(drive.resonances.load_ratios, dtype=float))
+    ratios = np.asarray(drive.resonances.load_ratios, dtype=float)
+    loads = np.nan_to_num(ratios)
     largest = max(float(loads.max(initial=0.0)), _LEAST_LOAD * limits.warning)
     loudest = np.argsort(-loads.max(axis=0, initial=0.0))[:_LABELLED].tolist()
     shown = [i for i in loudest if loads[:, i].max(initial=0.0) >= _FAINT * limits.warning]
@@ -157,8 +158,10 @@ def _draw_excitations(ax: "Axes", log: Log, drive: Drive, limits: WarningLimits)
         colours = np.where(faint, _FAINT_COLOUR, palette.INK)
         colours = np.where(load[1:] > limits.warning, _ABOVE, colours)
         widths = 0.7 + _WIDEST * load[1:] / largest
+        dashes = np.where(np.isnan(ratios[1:, i]), ":", "-").tolist()
         style: dict[str, Any] = {"capstyle": "round", "zorder": 1.5 if faint.all() else 3.0}
-        lines = LineCollection(list(segments), linewidths=widths, colors=colours.tolist(), **style)
+        style |= {"linewidths": widths, "colors": colours.tolist(), "linestyles": dashes}
+        lines = LineCollection(list(segments), **style)
         ax.add_collection(lines, autolim=False)
         visible = (frequencies > low) & (frequencies < high)
         if i in shown and visible.any():
@@ -174,25 +177,32 @@ def _draw_total(ax: "Axes", log: Log, drive: Drive, limits: WarningLimits) -> No
     total = _total(drive)
     total[np.flatnonzero(drive.broken[1:])] = np.nan
     factor = np.asarray(drive.resonances.total_load_ratio_factor, dtype=float)
-    finite = np.isfinite(factor) & np.isfinite(total)
+    known = all_known(drive)
+    finite = np.isfinite(factor) & np.isfinite(total) & known
     if finite.any():
         low, high = total / factor, total * factor
         ax.fill_between(drive.times, low, high, where=finite, color=palette.GREY, alpha=0.3, lw=0)
     above = total > limits.warning
     parts = ground_and_orders(drive, log.excitations) or ()
-    labels = "the ground", "all orders together, at most"
+    labels = "the ground", "all orders, at most"
     for values, label, colour in zip(parts, labels, palette.COLOURS[1:3], strict=False):
         broken = np.where(np.isnan(total), np.nan, values)
         ax.plot(drive.times, broken, color=colour, linewidth=1.2, label=label)
-    ax.plot(drive.times, total, color=palette.INK, linewidth=1.6, label="total")
-    if parts:
-        ax.legend(loc="upper right", fontsize=10, ncols=3)
+    whole = np.where(known, total, np.nan)
+    ax.plot(drive.times, whole, color=palette.INK, linewidth=1.6, label="total")
+    times = [*drive.times.tolist(), float(drive.times[-1] + drive.held[-1])]
+    if spans := [(times[i], times[j]) for i, j in runs(~known)]:
+        part = np.where(known, np.nan, total)
+        label = "a part of the total"
+        ax.plot(drive.times, part, color=palette.INK, linewidth=1.0, linestyle=":", label=label)
+        style = {"facecolor": "#f3f3f3", "edgecolor": "#b8b8b8", "lw": 0, "hatch": "//"}
+        shaded(ax, spans, label="a source is not known", **style)
+    ax.legend(loc="upper right", fontsize=10, ncols=3)
     ax.plot(drive.times, np.where(above, total, np.nan), color=_ABOVE, linewidth=3.0)
     ax.axhline(limits.warning, color=_ABOVE, linestyle="--", linewidth=1.2)
     beside: dict[str, Any] = {"fontsize": 12, "transform": ax.get_yaxis_transform()}
     ax.text(1.01, limits.warning, "limit", color=_ABOVE, va="center", **beside)
-    room = 1.4 if parts else 1.15
-    ax.set_ylim(0.0, room * max(float(np.nanmax(total)), limits.warning))
+    ax.set_ylim(0.0, 1.75 * max(float(np.nanmax(total)), limits.warning))
     ax.set_ylabel("load ratio", fontsize=13)
     title = "Load ratio: vibration over static force, in the pin or cylinder where it is largest"
     ax.set_title(title, loc="left", fontsize=13)

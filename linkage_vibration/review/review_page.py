@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkage_vibration.drawing import palette
-from linkage_vibration.mechanics.arrays import IntArray, runs
+from linkage_vibration.mechanics.arrays import BoolArray, IntArray, runs
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.predictor import (
     Status,
@@ -18,10 +18,11 @@ from linkage_vibration.prediction.predictor import (
     largest_deviations,
     uncertain_modes,
 )
-from linkage_vibration.prediction.severity import ResonanceState, load_words
+from linkage_vibration.prediction.severity import ResonanceState, ratio_words
 from linkage_vibration.prediction.verdict import (
     Contribution,
     Episode,
+    all_known,
     contributions,
     durations,
     episodes,
@@ -33,6 +34,7 @@ from linkage_vibration.review.findings import (
     all_speeds,
     first_sentence,
     log_limits,
+    never_in_table,
     number,
     real_times,
 )
@@ -56,12 +58,12 @@ _LOADS = {
     "title": "What loaded the linkage, the worst first",
     "note": "The load ratio is the largest force in a pin or cylinder by this excitation (root "
     "mean square) over the static force there. Choose a row to go to its worst moment.",
-    "head": ["excitation", "load ratio", "at", "in warning s", "warnings", "in note s"],
+    "head": ["excitation", "load ratio", "at", "in warning [s]", "warnings", "in note [s]"],
     "first": True,
 }
 _WARNINGS = {
     "id": "moments",
-    "head": ["start", "load ratio", "in", "most severe", "Hz", "duration s"],
+    "head": ["start", "load ratio", "in", "most severe", "Hz", "duration [s]"],
     "folded": True,
 }
 
@@ -76,9 +78,9 @@ def review_page(log: Log) -> Page:
     shown = sorted(severest, key=lambda episode: episode.worst)
     marked = [episode.worst for episode in shown] + [part.worst for part in parts]
     rows = _kept(log, [] if log.drive is None else log.drive.predictions[marked].tolist())
-    missing, axis = gaps(log), time_axis(log)
+    missing, axis, outside = gaps(log), time_axis(log), bool(never_in_table(log))
     content: dict[str, Any] = {
-        "charts": _charts(log),
+        "charts": _charts(log, axis),
         "overview": {"column": "crank_angle", "factor": DEG, "label": "α3"},
         "readings": _readings(log),
         "mode_labels": [_mode_name(log, mode) for mode in range(log.n_modes)],
@@ -93,11 +95,14 @@ def review_page(log: Log) -> Page:
         "shades": _shades(log, missing, axis),
         "excitations": _excitations(log, axis),
         "clock": axis.knots(),
-        "advice": advice_map(log),
-        "campbell": campbell(log, [episode.worst for episode in warnings]),
+        "advice": None if outside else advice_map(log),
+        "campbell": [] if outside else campbell(log, [episode.worst for episode in warnings]),
         "stale_after": number(log, "stale_after", _STALE_AFTER),
     }
-    if log.mechanism and log.table:
+    if outside:  # Nothing but the angle is known, and empty charts show nothing.
+        content |= {"charts": content["charts"][:1], "readings": content["readings"][:2]}
+        content |= {"tables": [], "mode_labels": []}
+    elif log.mechanism and log.table:
         for key, grid in (("frf", receptance_grid), ("linkage", linkage_grid)):
             if terms := grid(log.mechanism, log.table):
                 content[key] = terms
@@ -111,7 +116,7 @@ def review_page(log: Log) -> Page:
             np.searchsorted(log.times[rows], [end for _, end in missing]),
             np.searchsorted(rows, log.passes),
         ).tolist(),
-        modes=palette.mode_colours(log.n_modes),
+        modes=[] if outside else palette.mode_colours(log.n_modes),
         content=content,
     )
 
@@ -197,7 +202,11 @@ def _columns(log: Log, rows: IntArray, axis: TimeAxis) -> dict[str, NDArray[Any]
         counts = {"state": r.state, "resonance_mode": near}
         counts["excitation"] = np.searchsorted(names, r.excitation)
         columns |= {name: values.astype(np.uint8) for name, values in counts.items()}
+        part = ~_all_known(log)[rows]
         numbers = {"margin": r.relative_margin, "load_ratio": r.total_load_ratio}
+        numbers["load_known"] = np.where(part, np.nan, r.total_load_ratio)
+        numbers["load_part"] = np.where(part, r.total_load_ratio, np.nan)
+        columns["load_of"] = part.astype(np.uint8)
         numbers["excitation_frequency"] = r.excitation_frequency
         columns |= {name: values.astype(np.float32) for name, values in numbers.items()}
         if log.drive is not None and (parts := ground_and_orders(log.drive, log.excitations)):
@@ -206,6 +215,13 @@ def _columns(log: Log, rows: IntArray, axis: TimeAxis) -> dict[str, NDArray[Any]
                 latest = np.where(at < 0, np.nan, values[at])
                 columns[name] = latest.astype(np.float32)
     return columns
+
+
+def _all_known(log: Log) -> BoolArray:
+    """Return at which predictions the latest total load ratio has all of its sources, (n,)."""
+    assert log.drive is not None
+    at = np.searchsorted(log.drive.predictions, np.arange(len(log.stamps)), side="right") - 1
+    return np.asarray((at >= 0) & all_known(log.drive)[at])
 
 
 def _excitation_names(log: Log) -> list[str]:
@@ -220,7 +236,7 @@ def _has_spread(log: Log) -> bool:
     return bool((log.frequency_stddevs > 1.001 * by_table).any())
 
 
-def _charts(log: Log) -> Items:
+def _charts(log: Log, axis: TimeAxis) -> Items:
     invalid, toggle = np.isin(log.status, _INVALID).any(), (log.status == Status.NEAR_TOGGLE).any()
     shades = [
         {"label": label, "colour": colour, "fill": True}
@@ -251,15 +267,26 @@ def _charts(log: Log) -> Items:
     if log.resonances is not None and np.isfinite(log.resonances.total_load_ratio).any():
         limits = log_limits(log)
         title = "Load ratio: largest force over the static force there"
-        series = [{"column": "load_ratio", "colour": palette.COLOURS[0], "width": 1.8}]
+        total: dict[str, Any] = {"colour": palette.COLOURS[0], "width": 1.8}
+        part = {"colour": palette.COLOURS[0], "width": 1.2, "style": "dotted"}
+        series: Items = []
         key = [{"label": "limits of a warning and a note", "colour": "#5f5f5f", "style": "dashed"}]
+        key.append({"label": "all", **total})
+        spans = _spans(log, ~_all_known(log), axis)
+        if spans:
+            key.append({"label": "a part of all, as a source is not known", **part})
+            hatched = {"label": "not known in all", "colour": "#f3f3f3", "hatched": True}
+            key.append(hatched | {"fill": True})
         if log.drive is not None and ground_and_orders(log.drive, log.excitations):
-            key.append({"label": "all", "colour": palette.COLOURS[0]})
             for (name, label), colour in zip(_PARTS.items(), palette.COLOURS[1:3], strict=True):
                 series.append({"column": name, "colour": colour, "width": 1.2})
                 key.append({"label": label, "colour": colour})
+        series += [{"column": "load_known", **total}, {"column": "load_part", **part}]
         guides = [limits.warning, limits.note]
-        charts.append(chart("load", title, "1", series=series, guides=guides, key=key))
+        hatches = [[*span, "unknown"] for span in spans]
+        charts.append(
+            chart("load", title, "1", series=series, guides=guides, key=key, shades=hatches)
+        )
     elif log.resonances is not None:
         title = "Margin of the nearest excitation to its natural frequency"
         series = [{"column": "margin", "factor": 100.0, "colour": palette.COLOURS[0]}]
@@ -294,6 +321,7 @@ def _readings(log: Log) -> Items:
         *readings,
         reading("state", "State", column="state", words=STATES),
         reading("load", "Load ratio", column="load_ratio", digits=3),
+        reading("load_of", "Load ratio of", column="load_of", words=["all sources", "a part"]),
         reading("excitation", "Most severe excitation", column="excitation", words=names),
         reading("exc_f", "Excitation frequency", column="excitation_frequency", unit="Hz"),
         reading("near_mode", "Nearest mode", column="resonance_mode", words=near),
@@ -394,18 +422,19 @@ def _load_cards(log: Log, warnings: Sequence[Episode]) -> list[tuple[str, str, b
         return [("Warnings", "not known", True)]
     drive, resonances = log.drive, log.drive.resonances
     total = drive.time_in(np.ones(len(drive.held), np.bool_)) or 1.0
-    stale = drive.time_in(resonances.state == ResonanceState.UNKNOWN) / total
     share = 100.0 * sum(episode.duration for episode in warnings) / total
-    text = f"{len(warnings)}, {share:.1f} % of the time"
-    if stale:
-        text += f"; not known for {100.0 * stale:.1f} %"
-    unknown = stale == 1.0
-    cards = [("Warnings", "not known" if unknown else text, bool(warnings) or unknown)]
+    text = f"{len(warnings)}, {share:.1f} % of the time" if warnings else "none"
+    spent = durations(drive, log_limits(log).warning)
+    if spent.known_share < 1.0:
+        text += f"; loads not known for {100.0 * (1.0 - spent.known_share):.1f} %"
+    unknown = not warnings and not spent.known_share
+    alarm = bool(warnings) or not spent.calm
+    cards = [("Warnings", "not known" if unknown else text, alarm)]
     ratio, velocity = resonances.total_load_ratio, resonances.total_velocity
     if np.isfinite(ratio).any():
         row = int(np.nanargmax(ratio))
         at = resonances.message(row)
-        load = load_words(at.total_load_ratio, at.total_load_ratio_factor, at.total_load_place)
+        load = f"{ratio_words(at.total_load_ratio)} in {at.total_load_place or 'the pins'}"
         static = _static_force(log, at.total_load_place, float(drive.angles[row]))
         cards.append(("Largest load", f"{load}{static}", False))
     if np.isfinite(velocity).any():
@@ -450,18 +479,23 @@ def _provenance(log: Log, n_kept: int) -> dict[str, Any]:
 
 
 def _shades(log: Log, missing: list[tuple[float, float]], axis: TimeAxis) -> list[list[Any]]:
-    times, real = axis.place(log.times).tolist(), real_times(log)
+    times, real = axis.place(log.times), real_times(log)
     shades: list[list[Any]] = []
     for start, end in missing:
         text = [_span(end - start)] if (start, end) in axis.shortened else []
         shades.append([*axis.place(np.array([start, end])).tolist(), "gap", *text])
     for k in log.passes.tolist():
         text = [f"clock back {_span(float(real[k - 1] - real[k]))}"]
-        shades.append([times[k - 1], times[k], "jump", *text])
+        shades.append([*times[[k - 1, k]].tolist(), "jump", *text])
     for kind, statuses in (("range", _INVALID), ("toggle", (Status.NEAR_TOGGLE,))):
-        for start, end in runs(np.isin(log.status, statuses)):
-            shades.append([times[start], times[min(end, len(times) - 1)], kind])
+        shades += [[*span, kind] for span in _spans(log, np.isin(log.status, statuses), axis)]
     return shades
+
+
+def _spans(log: Log, flags: BoolArray, axis: TimeAxis) -> list[list[float]]:
+    """Return from where to where on the axis flags of predictions, (n,), are true."""
+    times = axis.place(log.times)
+    return [times[[start, min(end, len(times) - 1)]].tolist() for start, end in runs(flags)]
 
 
 def _excitations(log: Log, axis: TimeAxis) -> Items:

@@ -237,6 +237,12 @@ def test_plot(tmp_path: Path, capsys: Any) -> None:
     alone.write_text("engine: {speed: engine, orders: [3]}\n")
     assert main(["plot", "--excitations", str(alone), "-o", str(picture)]) == 0
     assert capsys.readouterr().out.startswith("The load ratio by the engine is not known")
+    alone.write_text(
+        "engine: {speed: engine, orders: [3]}\n"
+        "shaft: {speed: engine, orders: [1], force: [9.0], at: E1.z, at_speed: 2000.0}\n"
+    )
+    assert main(["plot", "--excitations", str(alone), "-o", str(picture)]) == 0
+    assert "(without engine 3, which have no amplitude)" in capsys.readouterr().out
 
 
 def test_plot_as_a_page(tmp_path: Path, capsys: Any) -> None:
@@ -279,3 +285,8 @@ def test_advise(tmp_path: Path, capsys: Any) -> None:
     )
     assert main(["advise", "200", "30"]) == 1
     assert "How strongly it is loaded now is not known: " in capsys.readouterr().out
+    # At its own quietest height, with no other speed, nothing is advised.
+    assert main(["advise", "133", "30", "--angles-deg", "133", "134", "--engine-rpm", "1800"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[3].startswith("quietest speed    none: nothing permitted has a smaller load")
+    assert "regret" not in lines[0]

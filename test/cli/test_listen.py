@@ -44,7 +44,7 @@ def test_listen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     targets = tmp_path / "targets.yaml"
     assert main([*command, "--amplitudes", str(written), "--targets", str(targets)]) == 0
     answer = capsys.readouterr().out
-    actual = re.match(
+    actual = re.search(
         r"The implement heave at 104.0 deg is .*, (.*) \+- (.*) Hz: consistent", answer
     )
     assert actual is not None
@@ -62,11 +62,16 @@ def test_listen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([*command, *other]) == 1
     assert "the log has another mechanism" in capsys.readouterr().err
     assert targets.read_text() == before
-    assert "2 of 2 orders above the noise agree with the prediction" in answer
-    # No tyre shakes the simulated tractor.
-    assert "tyre_lugs 1 is below the noise, so it has at most" in answer
+    assert "2 of 4 orders agree with the prediction" in answer
+    # No tyre shakes the simulated tractor, for which 80 to 100 mm/s are predicted on the road.
+    first = re.match(
+        r"tyre_lugs 1 at implement is at least (\d+) times weaker than predicted", answer
+    )
+    assert first is not None
+    assert int(first[1]) > 60
+    assert "They make 94 % of what is predicted; whether the rest agrees is not known" in answer
     text = page.read_text()
-    assert '<p id="answer" class=calm>The implement heave at 104.0 deg' in text
+    assert '<p id="answer">tyre_lugs 1 at implement is at least' in text
     assert "tyre_lugs 20 was within 5 % of it" in text  # the heave at 166 deg
     assert "Orders at implement" in text
     loads = {each.name: each.load for each in read_excitations(written)}

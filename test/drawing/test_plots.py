@@ -2,14 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pictures show characters that the usual font lacks."""
 
+import math
 from pathlib import Path
 
 import matplotlib
+import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from matplotlib.font_manager import fontManager
 
-from linkage_vibration.drawing.plots import png_bytes
+from linkage_vibration.drawing.plots import frequency_axis, png_bytes
 
 OTHER = chr(0x2ADD)  # STIXGeneral, which matplotlib brings, has this sign, and DejaVu Sans has not
 JAPANESE = "耕うん"
@@ -21,6 +23,16 @@ def title_font(text: str) -> list[str]:
     title = figure.subplots().set_title(text)
     assert png_bytes(figure).startswith(b"\x89PNG")
     return list(title.get_fontfamily())
+
+
+@pytest.mark.parametrize(("frequency", "texts"), [(math.nan, 1), (0.0, 1), (5.0, 0)])
+def test_axis_without_a_frequency(frequency: float, texts: int) -> None:
+    """A picture without any natural frequency is drawn, and says so."""
+    figure = Figure()
+    ax = figure.subplots()
+    frequency_axis(ax, np.array([frequency]))
+    assert png_bytes(figure).startswith(b"\x89PNG")
+    assert [text.get_text() for text in ax.texts] == ["No natural frequency is known."] * texts
 
 
 def test_usual_font() -> None:

@@ -21,7 +21,13 @@ from linkage_vibration.prediction.severity import (
     present_sentence,
     speed_words,
 )
-from linkage_vibration.prediction.verdict import Drive, drive_of, drive_sentence, durations
+from linkage_vibration.prediction.verdict import (
+    Drive,
+    drive_of,
+    drive_sentence,
+    durations,
+    ground_and_orders,
+)
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import DEFAULT_MECHANISM, DEFAULT_TABLE, config_file
 from linkage_vibration.table.table import load_table
@@ -80,10 +86,25 @@ def sentence(actual: Drive, excitations: tuple[Excitation, ...]) -> str:
     return drive_sentence(actual, LIMITS, str, excitations)
 
 
+def test_orders_that_are_not_known_are_not_quiet() -> None:
+    """Without any known order or total, all orders together are not known, and never 0."""
+    ground = {"speed": "ground", "terrain": {"class": "B"}, "raised": True}
+    both = excitations_from_mapping({"shaker": SHAKER | GROWING, "ground": ground})
+    ratios = np.array([[0.3, 0.4], [math.nan, 0.4], [0.3, math.nan], [math.nan, math.nan]])
+    totals = [0.5, 0.4, 0.3, math.nan]
+    parts = ground_and_orders(drive([CLEAR] * 4, totals, load_ratios=ratios), both)
+    assert parts is not None
+    np.testing.assert_array_equal(parts[0], [0.4, 0.4, math.nan, math.nan])
+    np.testing.assert_allclose(parts[1], [0.3, math.nan, 0.3, math.nan], rtol=1e-6)
+
+
 def test_the_largest_load_may_be_too_short_to_warn(excitations: tuple[Excitation, ...]) -> None:
     """A load of 7 for one message is the largest, although only a load of 0.4 warned."""
     text = sentence(drive([NOTE, NOTE, WARNING, CLEAR], [7.0, 0.05, 0.4, 0.0]), excitations)
-    assert "exceeded 0.33 of the static force for 2.0 s in all, with one warning of 1.0 s" in text
+    assert (
+        "exceeded 0.33 of the static force for 2.0 s of the 2.0 s that are known, with one "
+        "warning of 1.0 s" in text
+    )
     assert "The largest that is known was 7 of the static force in lower_link:V1" in text
     assert "at 0.00 s and 120.0 deg" in text
 
@@ -312,7 +333,7 @@ def test_the_worst_warning_says_what_would_have_ended_it(
         " The worst warning would have ended at"
     )
     assert tail.removesuffix(" The loads of high 6 are not known and not counted.") == end
-    assert "for 3.0 s in all, with one warning of 2.0 s" in head
+    assert "for 3.0 s of the 3.0 s that are known, with one warning of 2.0 s" in head
     assert "ended" not in sentence(drive([NOTE], [7.0], **quiet), excitations)
 
 

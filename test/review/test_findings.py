@@ -54,6 +54,40 @@ def test_only_invalid_angles(write_log: Any, tmp_path: Path) -> None:
     assert cards["Warnings"] == "not known"
 
 
+@pytest.mark.parametrize("inside", [0, 1])
+def test_only_angles_outside(write_log: Any, tmp_path: Path, inside: int) -> None:
+    """The angle and the range come first, without empty charts; a single angle inside is enough."""
+    angles = np.radians([343.8] * 50)
+    angles[:inside] = 2.0
+    log = read_log(write_log(tmp_path / "outside.mcap", np.arange(50) / 100.0, angles))
+    page = review_page(log)
+    charts = [chart["id"] for chart in page.content["charts"]]
+    text = "A crank angle of 343.8 deg is outside 90 to 180 deg: check offset or sign."
+    assert page.content["answer"].startswith(text) == (charts == ["angle"]) == (not inside)
+    assert (page.content["tables"] == [] and "frf" not in page.content) == (not inside)
+    assert not page.content["calm"]
+
+
+def test_part_of_a_total_is_marked(log: Log) -> None:
+    """The load is a line where all sources are known, and dotted and hatched elsewhere."""
+    page, at = review_page(log), log.resonances
+    assert at is not None
+    total = np.asarray(at.total_load_ratio, dtype=float)
+    part = (at.unknown_sources != 0) | np.isnan(total)
+    whole = np.isfinite(np.asarray(page.columns["load_known"]))
+    np.testing.assert_array_equal(whole, ~part)
+    dotted = np.isfinite(np.asarray(page.columns["load_part"]))
+    np.testing.assert_array_equal(dotted, part & np.isfinite(total))
+    [chart] = [each for each in page.content["charts"] if each["id"] == "load"]
+    hatched = np.zeros(len(log.stamps), np.bool_)
+    for start, end, kind in chart["shades"]:
+        assert kind == "unknown"
+        hatched |= (log.times >= start) & (log.times < end)
+    np.testing.assert_array_equal(hatched[:-1], part[:-1])
+    labels = [each["label"] for each in chart["key"]]
+    assert ("not known in all" in labels) == part.any()
+
+
 def test_jump_of_the_clock(jumping: Path) -> None:
     """Both passes are kept apart, in the order in which they were written."""
     log = read_log(jumping)
@@ -126,6 +160,25 @@ def test_overview_of_logs_with_one_name(write_log: Any, tmp_path: Path) -> None:
     for page, log in zip(("log", "log_2", "overview_2"), logs, strict=True):
         assert f'<a href="{page}.html">{html.escape(str(log))}</a>' in text
         assert (tmp_path / f"{page}.html").exists()
+
+
+@pytest.mark.parametrize(
+    ("warnings", "above", "known", "calm"),
+    [
+        (0, 0.0, 0.95, True),
+        (0, 0.0, 0.949, False),
+        (0, 0.1, 1.0, False),
+        (1, 0.0, 1.0, False),
+        (None, None, 0.0, False),
+    ],
+)
+def test_rows_of_an_overview_are_green_as_their_pages(
+    log: Log, warnings: int | None, above: float | None, known: float, calm: bool
+) -> None:
+    """A row is green without a warning and a load above the limit, known for 95 % of the drive."""
+    row = drive_summary(log) | {"warnings": warnings, "above_limit_s": above}
+    page = overview_html([(row | {"known_share": known}, "a.html")], [])
+    assert ("<tr class=calm>" in page) == calm == ("<tr class=alarm>" not in page)
 
 
 def test_overview_escapes_names(log: Log) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from linkage_vibration.listening import drive_modes
+from linkage_vibration.listening.amplitudes import MeasuredOrder
 from linkage_vibration.listening.drive_modes import DriveMode, why_no_modes
 from linkage_vibration.listening.output_only import Steps
 from linkage_vibration.listening.signals import Signal
@@ -16,7 +17,13 @@ from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.review import listening_page
-from linkage_vibration.review.listening_page import answers, hear, heard_modes, modes_answer
+from linkage_vibration.review.listening_page import (
+    answers,
+    hear,
+    heard_modes,
+    is_calm,
+    modes_answer,
+)
 from linkage_vibration.review.log import Log, read_log
 from linkage_vibration.support.resources import PAPER_MECHANISM, config_file
 from test.listening.test_signals import sensor
@@ -84,7 +91,69 @@ def test_modes_answer(log: Log, modes: list[DriveMode], words: str, explained: b
     page = listening_page.listening_page(log, [hear(log, shaken(log, 0.0, 0.0))], modes)
     assert "± nan" not in page
     assert ("may be explained by a change of" in page) == explained
-    assert ("class=calm>The" in page) == (modes == [MODE, DOUBTFUL])
+    assert "class=calm" not in page  # No order was compared.
+
+
+def order(log: Log, apart: float, *, is_detected: bool = True) -> MeasuredOrder:
+    """Return an order whose ln(measured over predicted) is given, with a deviation of 0.5."""
+    factor = math.exp(0.5)
+    numbers = (10, math.exp(apart), 0.0, 1.0, factor, math.nan, math.nan)
+    return MeasuredOrder(log.excitations[3], *numbers, is_detected)
+
+
+@pytest.mark.parametrize(
+    ("apart", "is_detected", "words"),
+    [
+        (0.99, True, ""),
+        (-0.99, True, ""),
+        (1.01, True, "2.7 times stronger than predicted, which its deviations do not allow"),
+        (-1.01, True, "2.7 times weaker than predicted"),
+        (-5.0, False, "probably its amplitude in the excitation file is at least 150 times too l"),
+        (-0.99, False, ""),
+        (5.0, False, ""),
+    ],
+)
+def test_contradictions_come_first(log: Log, apart: float, is_detected: bool, words: str) -> None:
+    """Beyond two deviations, factor and probable cause begin the answer, and it is not green.
+
+    What noise hides is not known to agree, so it does not count as compared.
+    """
+    row = order(log, apart, is_detected=is_detected)
+    heard = replace(hear(log, shaken(log, 0.0, 0.0)), rows=[row], compared=0.95)
+    said = answers(log, [heard], [MODE])
+    assert (words in said[0]) if words else said[0].startswith("The ")
+    assert said[0].startswith("engine_shake 1.5 at imu is ") == bool(words)
+    assert f" of {int(row.is_compared)} order" in said[-1]
+    assert row.is_compared == (is_detected or bool(words))
+    assert is_calm([heard], [MODE]) == (not words)
+
+
+def test_what_was_not_compared_is_not_green(log: Log) -> None:
+    """95 % of the predicted mean square has to be compared, and a mode; less is said in words."""
+    heard = replace(hear(log, shaken(log, 0.0, 0.0)), rows=[order(log, 0.0)], compared=0.95)
+    less = replace(heard, compared=0.949)
+    assert is_calm([heard], [MODE])
+    assert not is_calm([heard], [])
+    assert not is_calm([heard], [FAR])
+    assert not is_calm([heard, less], [MODE])
+    words = "They make 94 % of what is predicted; whether the rest agrees is not known."
+    assert words in answers(log, [less], [MODE])[-1]
+    assert words not in answers(log, [heard], [MODE])[-1]
+
+
+def test_share_that_was_compared(log: Log) -> None:
+    """An order as strong as predicted is compared; without the speed of another, none is."""
+    constant = np.full(len(log.times), 2.5)
+    engine = {Source.ENGINE: (log.times, np.full(len(log.times), 1500.0))}
+    still = replace(log, crank_angle=constant, speeds=engine)
+    [shake] = [each for each in log.excitations if each.load and each.source is Source.ENGINE]
+    alone = replace(still, excitations=(shake,))
+    first = hear(alone, shaken(log, 0.0, 0.0)).rows[0]
+    signal = shaken(log, 0.0, 0.0)
+    tone = np.sqrt(2.0) * first.predicted * np.sin(2.0 * np.pi * 37.5 * signal.times)
+    signal = replace(signal, values=0.001 * signal.values + np.outer(tone, [0.0, 0.0, 1.0]))
+    assert hear(alone, signal).compared == pytest.approx(1.0, abs=0.15)
+    assert hear(still, signal).compared == 0.0
 
 
 def silence(log: Log, angles: np.ndarray, signals: list[Signal]) -> str:
@@ -160,14 +229,15 @@ def test_load_ratio_of_a_pin(log: Log) -> None:
     static = LinkageModel(read_mechanism(config_file(PAPER_MECHANISM))).static_forces(2.5)[0]
     heard = hear(replace(log, crank_angle=angle), signal)
     np.testing.assert_allclose(heard.measured / heard.reference, 1000.0 / static, rtol=0.01)
-    assert f"Its load ratio is up to {1000.0 / static:.2g}; that of" in answers([heard])[0]
+    said = answers(log, [heard], ())[-1]
+    assert f"Its load ratio is up to {1000.0 / static:.2g}; that of" in said
     assert log.table is not None
     unknown = replace(log.table, static_forces=np.full_like(log.table.static_forces, np.nan))
     for other in (
         replace(log, crank_angle=angle, table=unknown),
         replace(log, crank_angle=4.0 + angle),
     ):
-        assert "load ratio" not in answers([hear(other, signal)])[0]
+        assert "load ratio" not in answers(log, [hear(other, signal)], ())[-1]
 
 
 def test_a_dead_axis_and_sensors_that_hardly_meet(

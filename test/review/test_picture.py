@@ -102,6 +102,26 @@ def test_load_ratio_and_its_limit(loaded: Log) -> None:
     assert lower.get_xlabel() == "time [s]"
 
 
+def test_part_of_a_total_is_dotted(loaded: Log) -> None:
+    """Where a source is not known, the total is a dotted line on a hatched ground, with words."""
+    assert loaded.drive is not None
+    unknown = np.where(loaded.drive.times < 8.0, 16, 0)
+    columns = vars(loaded.drive.resonances) | {"unknown_sources": unknown}
+    drive = replace(loaded.drive, resonances=MessageColumns(**columns))
+    lower = drawn(replace(loaded, drive=drive)).axes[1]
+    whole, part = (np.isfinite(np.asarray(line.get_ydata())) for line in lower.lines[:2])
+    np.testing.assert_array_equal(whole, unknown == 0)
+    np.testing.assert_array_equal(part, unknown != 0)
+    assert lower.lines[1].get_linestyle() == ":"
+    legend = lower.get_legend()
+    assert legend is not None
+    texts = [text.get_text() for text in legend.get_texts()]
+    assert texts == ["total", "a part of the total", "a source is not known"]
+    [hatch] = [each for each in lower.collections if each.get_hatch()]
+    corners = np.asarray(hatch.get_paths()[0].vertices)[:, 0]
+    assert corners.max() == pytest.approx(8.0, abs=0.15)
+
+
 def test_unknown_loads_leave_the_modes(loaded: Log) -> None:
     """Without resonances, or with unknown load ratios, the modes alone are drawn."""
     assert len(drawn(replace(loaded, drive=None)).axes) == 1

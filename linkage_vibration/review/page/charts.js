@@ -42,7 +42,7 @@ function makeChart(spec, holder, labelled) {
         legend: { show: false }, cursor: { show: false }, padding: [6, 12, 0, 0],
         scales: { x: { time: false, range: () => view }, y: { distr: log ? 3 : 1, range: spec.range ? () => spec.range : yRange(log) } },
         axes: [timeAxis(labelled, !spec.paint), valueAxis(log, !spec.paint)],
-        hooks: { drawClear: [u => { spec.paint?.(u); shade(u); }], draw: [u => { guides(u, spec); spec.overlay?.(u); }] },
+        hooks: { drawClear: [u => { spec.paint?.(u); shade(u, spec.shades); }], draw: [u => { guides(u, spec); spec.overlay?.(u); }] },
       }, this.data(width), box);
       nameCanvas(this.u, `${spec.title}${spec.unit ? ` [${spec.unit}]` : ""} over time`);
       this.line = element("div", { class: "cursor" });
@@ -71,9 +71,10 @@ function makeChart(spec, holder, labelled) {
 }
 
 /** An entry of a legend: a line or a filled box, and its label. */
-function keyItem({ label, colour, style, fill }) {
+function keyItem({ label, colour, style, fill, hatched }) {
   const line = svg("svg", { width: 22, height: 10, "aria-hidden": "true" });
   if (fill) line.append(svg("rect", { width: 22, height: 10, fill: colour, stroke: GREY, "stroke-width": .5 }));
-  else line.append(svg("line", { x1: 0, x2: 22, y1: 5, y2: 5, stroke: colour, "stroke-width": 2.4, "stroke-dasharray": (dashes[style] ?? []).join(" ") }));
+  if (hatched) line.append(svg("path", { d: "M0 8l8-8M5 10l10-10M12 10l10-10", stroke: HATCH }));
+  if (!fill) line.append(svg("line", { x1: 0, x2: 22, y1: 5, y2: 5, stroke: colour, "stroke-width": 2.4, "stroke-dasharray": (dashes[style] ?? []).join(" ") }));
   return element("span", {}, line, label);
 }

@@ -1,13 +1,14 @@
 // Copyright 2026 The linkage_vibration authors. SPDX-License-Identifier: Apache-2.0
 // Shades gaps, invalid angles and toggles behind a chart, and draws its guide lines.
 
-const fills = { gap: "#e4e4e4", jump: "#222222", range: "#f9e08b", toggle: "#d9e6f2" };
+const fills = { gap: "#e4e4e4", jump: "#222222", range: "#f9e08b", toggle: "#d9e6f2", unknown: "#f3f3f3" };
+const HATCH = "#a8a8a8";
 
-/** Shade where predictions are missing, have no numbers, or are near a toggle. */
-function shade(u) {
+/** Shade where predictions are missing, have no numbers, or are near a toggle, and what the chart adds. */
+function shade(u, more = []) {
   const { ctx, bbox } = u, { min, max } = u.scales.x, labels = [];
   ctx.save();
-  for (const [start, end, kind, text] of data.shades) {
+  for (const [start, end, kind, text] of [...more, ...data.shades]) {
     if (end < min || start > max) continue;
     const a = clamp(u.valToPos(start, "x", true), bbox.left, bbox.left + bbox.width);
     const b = clamp(u.valToPos(end, "x", true), bbox.left, bbox.left + bbox.width);
@@ -24,12 +25,12 @@ function shade(u) {
       labels.push([ctx.getTransform(), text]);
       ctx.restore();
     }
-    if (kind === "gap") {
+    if (kind === "gap" || kind === "unknown") {
       ctx.save();
       ctx.beginPath();
       ctx.rect(a, bbox.top, width, bbox.height);
       ctx.clip();
-      ctx.strokeStyle = "#a8a8a8";
+      ctx.strokeStyle = HATCH;
       ctx.beginPath();
       for (let x = a - bbox.height; x < a + width; x += 9 * devicePixelRatio) {
         ctx.moveTo(x, bbox.top + bbox.height);
