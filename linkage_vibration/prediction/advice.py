@@ -145,12 +145,11 @@ def _why_unsure(members: FloatArray) -> str:
 
 
 def _places(columns: MessageColumns) -> NDArray[np.void]:
-    """Return the places as the message has them, (4,); regrets are not known."""
+    """Return the places as the message has them, (4,)."""
     [kind] = [field.dtype for field in message_fields(ADVICE) if field.count]
     numbers = [columns.crank_angles, columns.ground_speeds, columns.load_ratios]
     numbers += [columns.load_ratio_factors, columns.velocities, columns.velocity_factors]
-    regrets = np.full(len(columns.probabilities), math.nan)
-    return np.rec.fromarrays([*numbers, columns.probabilities, regrets], dtype=kind)
+    return np.rec.fromarrays([*numbers, columns.probabilities], dtype=kind)
 
 
 def _axes(

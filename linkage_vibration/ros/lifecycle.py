@@ -326,7 +326,8 @@ class LinkageVibrationNode(LifecycleNode):
             self._statistics,
             self._throttle,
         )
-        self._offered = Services(self, self._serving, excitations, self._swap, levels)
+        used = excitations, self._swap, levels, lambda: self._settings.warning_load_ratio
+        self._offered = Services(self, self._serving, *used)
         self._publish_model(served)
 
     def resolve_topic_name(self, topic: str, **options: Any) -> str:

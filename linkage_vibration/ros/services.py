@@ -76,7 +76,8 @@ class Services:
     """Answers requests while the listener's thread predicts.
 
     Models are solved in a thread, which rests afterwards, and tables are built in a process, while
-    the callback waits. ``swap`` is called in the executor's thread with a new table and its levels.
+    the callback waits. ``swap`` is called in the executor's thread with a new table and its levels;
+    ``limit`` returns the load ratio from which on a load warns.
     """
 
     def __init__(
@@ -86,8 +87,9 @@ class Services:
         excitations: Sequence[Excitation],
         swap: Callable[[Served, LevelTable], None],
         levels: LevelTable,
+        limit: Callable[[], float],
     ) -> None:
-        self._node, self._served, self._swap = node, served, swap
+        self._node, self._served, self._swap, self._limit = node, served, swap, limit
         self._excitations, self._levels = excitations, levels
         # At most one of them builds a table; the other is free for short requests.
         self._threads = ThreadPoolExecutor(2, "linkage_vibration_services")
@@ -239,7 +241,8 @@ class Services:
         )
         served = self._served()
         sec, nanosec = self._node.get_clock().now().seconds_nanoseconds()
-        advised = await self._away(advise, self._levels, self._excitations, question)
+        asked = partial(advise, self._levels, self._excitations, question, limit=self._limit())
+        advised = await self._away(asked)
         # The bytes of the topic, decoded, so that the service and the topic cannot differ.
         advised.message.table_id = served.table.table_id
         encoded = encode_message(ADVICE, advised.message, sec, nanosec, "")

@@ -289,4 +289,3 @@ def test_advise(tmp_path: Path, capsys: Any) -> None:
     assert main(["advise", "133", "30", "--angles-deg", "133", "134", "--engine-rpm", "1800"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[3].startswith("quietest speed    none: nothing permitted has a smaller load")
-    assert "regret" not in lines[0]
