@@ -8,6 +8,7 @@ turns about the origin, with its mass 0.8 m ahead and a strut to a point 1 m ahe
 
 import copy
 import math
+import re
 from argparse import Namespace
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,11 @@ from linkage_vibration.prediction.excitation import excitations_from_mapping
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.settings import Parameters, with_values
+from linkage_vibration.readers.excitations import read_excitations
+from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.studies.pose import axle_rows
+from linkage_vibration.support.resources import config_file
+from linkage_vibration.table.table import load_table
 from linkage_vibration.table.tabulation import build_table
 from test.mechanics.test_forces import LEVER
 
@@ -38,6 +43,7 @@ TRACTOR: dict[str, Any] = {
         "mounts": {"rear": {"at": [-3.0, -1.0], **AXLE}, "front": {"at": [-0.5, -1.0], **AXLE}},
     },
 }
+DOCS = Path(__file__).parents[2] / "docs"
 COUNTS = "lower_link", "input_crank", "lift_rod"
 
 
@@ -186,6 +192,31 @@ def test_millimetres_of_runout_are_doubted(no_levels: LevelTable) -> None:
     assert about(no_levels, **wheel, base_displacement=[0.05]) == ""
     assert "; write 5.1e-05 if" in about(no_levels, **wheel, base_displacement=[0.051])
     assert "; write 0.0014 if" in about(no_levels, **wheel, base_displacement=[1.4])
+
+
+def test_the_excitations_of_the_shipped_tractor_have_no_doubt() -> None:
+    """At the speed of its amplitude, each order loads it by less than its weight."""
+    name = "three_point_linkage_on_tractor"
+    orders = [e for e in read_excitations(config_file("excitations.yaml")) if e.load]
+    shipped = Predictor(load_table(config_file(f"tables/{name}.npz")))
+    levels = LevelTable(shipped, read_mechanism(config_file(f"{name}.yaml")), orders)
+    assert levels.has_load_ratios
+    assert len(orders) == 12
+    assert not [*excitation_doubts(orders, levels)]
+
+
+def test_the_excitations_of_the_documentation_have_no_doubt(no_levels: LevelTable) -> None:
+    """All orders, wheels and grounds that a reader may copy are plausible."""
+    pages = [(DOCS / page).read_text() for page in ("excitation.md", "ground.md")]
+    blocks = [
+        yaml.safe_load(t) for page in pages for t in re.findall(r"```yaml\n(.*?)```", page, re.S)
+    ]
+    described = [block for block in blocks if any("speed" in entry for entry in block.values())]
+    shipped = yaml.safe_load(config_file("excitations.yaml").read_text())
+    assert len(described) > 2
+    for content in (shipped, *described):
+        excitations = excitations_from_mapping(content)
+        assert not [*excitation_doubts(excitations, no_levels)]
 
 
 @pytest.mark.parametrize(("share", "doubted"), [(0.99, False), (1.01, True), (10.0, True)])

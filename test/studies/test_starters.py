@@ -10,8 +10,10 @@ import yaml
 
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
-from linkage_vibration.prediction.doubts import linkage_doubts
+from linkage_vibration.prediction.doubts import excitation_doubts, linkage_doubts
+from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.studies.pose import pin_places
 from linkage_vibration.support.resources import config_file
@@ -37,10 +39,17 @@ def test_a_starter_has_the_mast_and_the_range_of_its_category(category: int) -> 
 def test_a_starter_has_plausible_frequencies(category: int) -> None:
     """A table is built. The tractor has its modes at 1 to 4 Hz, and the implement heaves above.
 
+    The shipped excitations are plausible with it.
+
     The oil and the tractor's own modes bound the heave: a mass on a stiffer spring is faster.
     """
     path = config_file(f"starters/category_{category}.yaml")
-    table = build_table(LinkageModel(read_mechanism(path)), tolerance=1e-2)
+    mechanism = read_mechanism(path)
+    table = build_table(LinkageModel(mechanism), tolerance=1e-2)
+    orders = [each for each in read_excitations(config_file("excitations.yaml")) if each.load]
+    levels = LevelTable(Predictor(table), mechanism, orders)
+    assert levels.has_load_ratios
+    assert not [*excitation_doubts(orders, levels)]
     prediction = Predictor(table).predict(np.radians([90.0, 135.0, 179.0]))
     tractor = [i for i, name in enumerate(table.mode_names) if name.startswith("tractor")]
     heave = table.mode_names.index("implement heave")
