@@ -41,6 +41,7 @@ _SPEEDS = {  # from slow to fast, in the unit of each speed
 }
 _UNITS = {True: {"km/h": 1.0 / KMH}, False: {"rad/s": 0.5 / math.pi / RPM, "Hz": 1.0 / RPM}}
 _UNLOADS = 1.0  # A ratio above 0.71 lifts a pin off its seat in each period, where models end.
+_ROUGH = "about 0.5 is plausible on a farm track at 30 km/h, so check the units of amplitudes"
 
 
 def linkage_doubts(model: LinkageModel) -> Iterator[str]:
@@ -87,14 +88,13 @@ def excitation_doubts(excitations: Sequence[Excitation], levels: LevelTable) -> 
         if excitation.load and over.max() > _UNLOADS:
             at = math.degrees(angles[over.argmax()])
             where = f"of {excitation.name} at alpha3 = {at:.0f} deg and its at_speed"
-            small = excitation.load.amplitude / over.max()
-            yield f"{load_ratio_doubt(over.max(), where)} An amplitude of {small:.2g} would have 1."
+            small = f"an amplitude of {excitation.load.amplitude / over.max():.2g} would have 1"
+            yield load_ratio_doubt(over.max(), where, f"{small}, so check its unit")
 
 
-def load_ratio_doubt(ratio: float, where: str) -> str:
+def load_ratio_doubt(ratio: float, where: str, hint: str = _ROUGH) -> str:
     """Return that a load ratio is too high to be true; empty if it is not."""
     text = "is above 1: pins would leave their seats, and play would limit it"
-    hint = "about 0.5 is plausible on a rough field, so check the units of amplitudes"
     return f"The load ratio {where}, {ratio:.3g}, {text}; {hint}." if ratio > _UNLOADS else ""
 
 

@@ -233,7 +233,7 @@ def test_a_load_beyond_the_weight_is_doubted(
     if doubted:
         assert text.startswith("The load ratio of shaft 0.01 at alpha3 = ")
         assert f", {share:g}, is above 1:" in text
-        assert text.endswith("An amplitude of 1.3e+02 would have 1.")
+        assert text.endswith("; an amplitude of 1.3e+02 would have 1, so check its unit.")
 
 
 def test_a_load_ratio_above_1_is_doubted() -> None:
