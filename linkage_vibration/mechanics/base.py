@@ -59,8 +59,9 @@ def tyre_stiffness(keys: Keys) -> float:
     """
     inches = "give inches, as on the tyre: 16.9R38 has a width of 16.9 and a rim of 38"
     width, rim = _tyre_size(keys)
-    keys.refuse_outside("width_in", width, 4.0, 50.0, f"{inches}, or `size: 420/85R34`")
-    keys.refuse_outside("rim_in", rim, 8.0, 60.0, inches)
+    of_width, of_rim = ("size", "size") if "size" in keys else ("width_in", "rim_in")
+    keys.refuse_outside(of_width, width, 4.0, 50.0, f"{inches}, or `size: 420/85R34`")
+    keys.refuse_outside(of_rim, rim, 8.0, 60.0, inches)
     age = keys.number("age_years", default=0.0, least=0.0, most=30.0, hint="give years")
     pressure = keys.number("pressure", least=2e4, most=5e5, hint="give Pa; 1 bar is 1.0e+5")
     factor = keys.number("factor", default=1.0, least=0.2, most=5.0, hint="1 is the formula")

@@ -32,9 +32,8 @@ def read_served(
 ) -> Served:
     """Return a mechanism with its table, which is built if the parameters name none for it.
 
-    `report` is called with a sentence before a table is built and with each doubt, which are not
-    sought without it, and `progress` with the finished fraction of the stroke; it may raise an
-    error to stop.
+    `report` is called with each doubt and before a table is built, and `progress` with the finished
+    fraction of the stroke; it may raise an error to stop.
     """
     described = read_described(settings)
     mechanism = described.mechanism

@@ -274,7 +274,7 @@ def test_hash_of_a_linkage_without_base_is_that_before_bases_existed(clamped: Li
 TYRE = {"width_in": 16.9, "rim_in": 38.0, "pressure": 1.1e5, "count": 2}
 
 
-def on_tyres(tyre: dict[str, Any], **changes: Any) -> dict[str, Any]:
+def on_tyres(tyre: dict[str, Any], /, **changes: Any) -> dict[str, Any]:
     """Return a description whose rear axle stands on tyres."""
     mapping = yaml.safe_load(config_file("three_point_linkage.yaml").read_text())
     mapping["base"] = copy.deepcopy(TRACTOR)
@@ -333,7 +333,7 @@ def test_numbers_of_a_tyre_may_be_uncertain() -> None:
         ({"factor": 0.1}, {}, "tyre.factor"),
         ({"presure": 1e5}, {}, "tyre.presure"),
         ({"size": "420"}, {}, "tyre.size"),
-        ({"size": "42/85R34"}, {}, "tyre.width_in"),  # 1.7 inches
+        ({"size": "42/85R34"}, {}, "tyre.size"),  # 1.7 inches
         ({}, {"tyre": "420/85R34"}, "rear_axle.tyre"),  # without a pressure
         ({}, {"stiffness": [7e5, 7e5]}, "rear_axle.stiffness"),
         ({}, {"stiffness_x": -1.0}, "rear_axle.stiffness_x"),

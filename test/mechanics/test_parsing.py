@@ -430,3 +430,14 @@ def test_rigid_bodies_are_doubted(mapping: Any, changes: Any, words: str) -> Non
     notice = " ".join(linkage_doubts(LinkageModel(mechanism_from_mapping(mapping))))
     assert words in notice
     assert bool(notice) == bool(words)
+
+
+@pytest.mark.parametrize("rule", ["rayleigh", "modal_ratio"])
+def test_a_damping_ratio_in_percent_is_refused(mapping: Any, rule: str) -> None:
+    """Above 1 nothing oscillates, and the error names the ratio rather than the number of modes."""
+    ends = {"at_hz": [4.0, 180.0]} if rule == "rayleigh" else {}
+    mapping["damping"] = {"rule": rule, "ratio": 1.0, **ends}
+    mechanism_from_mapping(mapping)
+    mapping["damping"]["ratio"] = 2
+    with pytest.raises(MechanismError, match=r"damping.ratio: 2 is above 1; .* write 2 % as 0.02"):
+        mechanism_from_mapping(mapping)

@@ -29,7 +29,7 @@ from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.studies.pose import axle_rows
 from linkage_vibration.support.resources import config_file
-from linkage_vibration.table.table import load_table
+from linkage_vibration.table.table import TableError, load_table
 from linkage_vibration.table.tabulation import build_table
 from test.mechanics.test_forces import LEVER
 
@@ -257,3 +257,6 @@ def test_commands_print_doubts(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert f"{mechanism}: The static load of rear" in printed
     assert f"{excitations}: a has a rolling_radius of 1.6 m" in printed
     assert f"build {mechanism}` saves a table" in printed
+    files["table_file"] = str(config_file("tables/three_point_linkage_on_tractor.npz"))
+    with pytest.raises(TableError, match=rf"build it again with `.*build {mechanism} -o "):
+        read_levels(with_values(Parameters(), files))
