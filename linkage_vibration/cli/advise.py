@@ -36,6 +36,7 @@ def run(options: argparse.Namespace) -> int:
     import numpy as np
 
     from linkage_vibration.prediction.advice import NOW, Question, advise
+    from linkage_vibration.prediction.doubts import load_ratio_doubt
     from linkage_vibration.prediction.excitation import KMH
     from linkage_vibration.support.atomic_files import OutputError, check_output, write_text
 
@@ -52,6 +53,8 @@ def run(options: argparse.Namespace) -> int:
     )
     advice = advise(levels, excitations, question, limit=settings.warning_limits().warning)
     print(_described(advice))
+    if doubt := load_ratio_doubt(advice.message.load_ratios[NOW], "now"):
+        print(doubt)
     if options.csv:
         write_text(options.csv, _csv(advice), OutputError)
         print(f"Written: {options.csv}")

@@ -77,20 +77,25 @@ def read_table(settings: "Parameters") -> "Served":
 
 def read_levels(settings: "Parameters") -> "tuple[Served, Sequence[Excitation], LevelTable]":
     """Return what `read_table` does, with the excitations that parameters name and their levels."""
+    from linkage_vibration.prediction.doubts import excitation_doubts
     from linkage_vibration.prediction.levels import LevelTable
     from linkage_vibration.readers.served import read_loads
 
     served = read_table(settings)
     excitations = read_loads(settings, served, warn)
-    return served, excitations, LevelTable(served.predictor, served.mechanism, excitations)
+    levels = LevelTable(served.predictor, served.mechanism, excitations)
+    for doubt in excitation_doubts(excitations, levels):
+        warn(f"{settings.excitation_path()}: {doubt}")
+    return served, excitations, levels
 
 
 def read_model(source: Path) -> "LinkageModel":
     """Return the model of a mechanism, after what is doubtful about it."""
     from linkage_vibration.mechanics.model import LinkageModel
+    from linkage_vibration.prediction.doubts import linkage_doubts
     from linkage_vibration.readers.mechanism import read_mechanism
 
     model = LinkageModel(read_mechanism(source))
-    if model.notice:
-        print(f"{source}: {model.notice}\n")
+    for doubt in linkage_doubts(model):
+        print(f"{source}: {doubt}\n")
     return model

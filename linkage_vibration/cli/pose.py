@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Show how the loops of a linkage close, what its lift cylinders do, and what its pins carry."""
+"""Show how the loops of a linkage close, and what its lift cylinders, axles and pins carry."""
 
 import argparse
 import math
@@ -24,7 +24,7 @@ def run(options: argparse.Namespace) -> int:
     """Print the angles, and draw the picture; return the exit code."""
     import numpy as np
 
-    from linkage_vibration.studies.pose import angle_rows, cylinder_rows, force_rows
+    from linkage_vibration.studies.pose import angle_rows, axle_rows, cylinder_rows, force_rows
     from linkage_vibration.support.atomic_files import check_output
 
     source = mechanism_file(options)
@@ -33,6 +33,8 @@ def run(options: argparse.Namespace) -> int:
     mechanism, kinematics = model.mechanism, model.kinematics
     angles = np.radians(options.at or np.degrees(np.linspace(*mechanism.stroke, 9))).tolist()
     print(f"{angle_rows(mechanism, kinematics, angles)}\n\n{cylinder_rows(model, angles)}")
+    if mechanism.base is not None:
+        print("\n" + axle_rows(model, angles))
     if options.forces:
         print("\n" + force_rows(model, angles))
     if kinematics.toggles is not None:

@@ -7,8 +7,13 @@ configuration is that of a linkage on a fixed ground; it only vibrates, with thr
 freedom.
 """
 
+import re
+
 from linkage_vibration.mechanics.description import GROUND, Base, Mount
 from linkage_vibration.mechanics.keys import DAMPEST, RIGID, STIFFEST, Keys
+
+# The width is in mm if the ratio of height to width follows, else in inches: 420/85R34, 16.9R38.
+_SIZE = re.compile(r"(?:IF|VF)? ?(\d+(?:\.\d+)?)(/\d+)? ?[R-] ?(\d+(?:\.\d+)?)")
 
 
 def mount_springs(base: Base | None) -> tuple[tuple[Mount, int], ...]:
@@ -31,6 +36,9 @@ def read_mounts(keys: Keys, taken: set[str]) -> tuple[Mount, ...]:
             )
         mount = keys["mounts"][name]
         if "tyre" in mount:
+            if not mount.is_mapping("tyre"):
+                hint = "write {size: 420/85R34, pressure: 1.2e+5}, with the pressure in Pa."
+                raise mount.error("tyre", f"it has no pressure; {hint}")
             stiffness = mount.number("stiffness_x"), tyre_stiffness(mount["tyre"])
         else:
             stiffness = mount.pair("stiffness")
@@ -50,10 +58,23 @@ def tyre_stiffness(keys: Keys) -> float:
     in bar (Lines and Murphy, J. Terramechanics 28, 1991; quoted from memory); `factor` corrects it.
     """
     inches = "give inches, as on the tyre: 16.9R38 has a width of 16.9 and a rim of 38"
-    width = keys.number("width_in", least=4.0, most=50.0, hint=inches)
-    rim = keys.number("rim_in", least=8.0, most=60.0, hint=inches)
+    width, rim = _tyre_size(keys)
+    of_width, of_rim = ("size", "size") if "size" in keys else ("width_in", "rim_in")
+    keys.refuse_outside(of_width, width, 4.0, 50.0, f"{inches}, or `size: 420/85R34`")
+    keys.refuse_outside(of_rim, rim, 8.0, 60.0, inches)
     age = keys.number("age_years", default=0.0, least=0.0, most=30.0, hint="give years")
     pressure = keys.number("pressure", least=2e4, most=5e5, hint="give Pa; 1 bar is 1.0e+5")
     factor = keys.number("factor", default=1.0, least=0.2, most=5.0, hint="1 is the formula")
     stiffness = 172.0 - 1.77 * rim + 5.6 * age + 0.34 * width * rim * pressure / 1e5
     return keys.integer("count", default=1) * factor * 1e3 * stiffness
+
+
+def _tyre_size(keys: Keys) -> tuple[float, float]:
+    """Return the width and the rim of a tyre, inches, which may be as written on it."""
+    if "size" not in keys:
+        return keys.number("width_in"), keys.number("rim_in")
+    found = _SIZE.fullmatch(keys.text("size"))
+    if found is None:
+        raise keys.error("size", "it cannot be read; write for example 420/85R34 or 16.9R38.")
+    width, ratio, rim = found.groups()
+    return float(width) / (25.4 if ratio else 1.0), float(rim)

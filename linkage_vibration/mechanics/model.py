@@ -22,7 +22,6 @@ from linkage_vibration.mechanics.coupling import (
     uncoupled_system,
 )
 from linkage_vibration.mechanics.description import Mechanism
-from linkage_vibration.mechanics.doubts import doubts
 from linkage_vibration.mechanics.fbs import couple_frfs, couple_frfs_with_error, held_frf
 from linkage_vibration.mechanics.forces import Forces, is_force, magnitudes, reference
 from linkage_vibration.mechanics.identification import IdentifiedModes, identify
@@ -96,17 +95,6 @@ class LinkageModel:
     def __repr__(self) -> str:
         """Return the mechanism, in a line."""
         return f"LinkageModel({self.mechanism})"
-
-    @property
-    def notice(self) -> str:
-        """What is doubtful about the description, in sentences; empty if there is nothing to say.
-
-        It is how the assembled pose differs from the angles given (`kinematics.notice`), and which
-        numbers of rigid bodies and lift cylinders are probably mistakes.
-        """
-        at = self.kinematics.at(self.mechanism.assembly_alpha3)
-        over = [self.kinematics.at(angle) for angle in np.linspace(*self.mechanism.stroke, 9)]
-        return " ".join([self.kinematics.notice, *doubts(self.mechanism, at, over)]).strip()
 
     @cached_property
     def system(self) -> UncoupledSystem:

@@ -218,11 +218,16 @@ def _link(keys: Keys, name: str, ground: dict[str, Point], read_file: BodyReader
 def _damping(keys: Keys) -> Damping:
     rule = keys.choice("rule", ["rayleigh", "modal_ratio", "loss_factor"], default="rayleigh")
     if rule == "modal_ratio":
-        return ModalRatio(keys.number("ratio", positive=True))
+        return ModalRatio(_damping_ratio(keys))
     if rule == "loss_factor":
         return LossFactor(keys.number("factor", positive=True))
     at = keys.interval("at_hz", positive=True)
-    return rayleigh_damping(keys.number("ratio", positive=True), *at)
+    return rayleigh_damping(_damping_ratio(keys), *at)
+
+
+def _damping_ratio(keys: Keys) -> float:
+    hint = "nothing would oscillate; write 2 % as 0.02"
+    return keys.number("ratio", positive=True, most=1.0, hint=hint)
 
 
 def _base(keys: Keys, ground: dict[str, Point], taken: set[str]) -> Base:

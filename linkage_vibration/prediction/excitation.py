@@ -93,6 +93,7 @@ class Excitation:
     relative_stddev: float = 0.0  # of the frequency
     warns: bool = True
     terrain: Terrain | None = None  # what wheels roll on, if that excites
+    rolling_radius: float = math.nan  # m; NaN without a wheel
 
 
 def no_profile(name: str) -> Spectrum:
@@ -135,8 +136,9 @@ def _orders(keys: Keys, name: str) -> list[Excitation]:
     """Return one excitation for each order."""
     source = Source(keys.choice("speed", [source.value for source in Source]))
     per_unit = RPM * _number(keys, "ratio", default=1.0)
+    radius = _radius(keys) if source is Source.GROUND else math.nan
     if source is Source.GROUND:
-        per_unit *= 60.0 / _circumference(keys)
+        per_unit *= 60.0 / (2.0 * math.pi * radius)
     orders = keys.numbers("orders")
     names = [f"{name} {order:g}" for order in orders]
     for order_name in names:
@@ -150,7 +152,7 @@ def _orders(keys: Keys, name: str) -> list[Excitation]:
         _check(keys, f"orders[{i}]", order, _LEAST, _LARGEST)
     spread, loads = _stddev(keys, "frequency_stddev"), _loads(keys, orders)
     return [
-        Excitation(name, source, order * per_unit, load, spread, order not in silent)
+        Excitation(name, source, order * per_unit, load, spread, order not in silent, None, radius)
         for name, order, load in zip(names, orders, loads, strict=True)
     ]
 
@@ -188,7 +190,8 @@ def _ground(keys: Keys, name: str, read_profile: ReadProfile) -> Excitation:
     for end in band:
         _check(keys, "band_hz", end, 0.01, 1e3)
     treaded = not {"lugs", "rolling_radius"}.isdisjoint(keys)
-    pitch = _circumference(keys) / keys.integer("lugs") if treaded else None
+    radius = _radius(keys) if treaded else math.nan
+    pitch = 2.0 * math.pi * radius / keys.integer("lugs") if treaded else None
     terrain = Terrain(
         roughness=roughness,
         exponent=exponent,
@@ -199,12 +202,12 @@ def _ground(keys: Keys, name: str, read_profile: ReadProfile) -> Excitation:
         relative_stddev=_stddev(keys, "amplitude_stddev", spread),
         spectrum=spectrum,
     )
-    return Excitation(name, Source.GROUND, math.nan, terrain=terrain)
+    return Excitation(name, Source.GROUND, math.nan, terrain=terrain, rolling_radius=radius)
 
 
-def _circumference(keys: Keys) -> float:
-    """Return how far a wheel rolls in a turn, m."""
-    return 2.0 * math.pi * _number(keys, "rolling_radius", *_WHEELS, hint=", in m")
+def _radius(keys: Keys) -> float:
+    """Return the rolling radius of a wheel, m."""
+    return _number(keys, "rolling_radius", *_WHEELS, hint=", in m")
 
 
 def _loads(keys: Keys, orders: list[float]) -> list[Load | None]:

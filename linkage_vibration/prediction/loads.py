@@ -51,7 +51,7 @@ def load_input(excitation: Excitation, table: Table, mechanism: Mechanism) -> Un
         raise ExcitationError(
             f"excitation {excitation.name}: the table has no FRF at {', '.join(missing)}, where "
             f"{load.place} acts; name them and {response.point} in "
-            f"`{command('build --frf-points')}`, and give that table in table_file."
+            f"`{command('build FILE --frf-points')}`, and give that table in table_file."
         )
     return load_place
 

@@ -468,7 +468,9 @@ def check_value(name: str, value: object) -> Any:
     """Return a value in the type of its parameter, or raise a `ParameterError` that names a fix."""
     parameter = DECLARED.get(name)
     if parameter is None:
+        of_hitch = name.removeprefix("hitch_")  # whose sign, scale and offset have no prefix
         similar = get_close_matches(name, [*DECLARED, *ROS_PARAMETERS], 1)
+        similar = [of_hitch] if of_hitch in DECLARED else similar
         listing = f"`{command('--help', 'linkage_vibration_node')}` lists what is valid."
         hint = f"did you mean {similar[0]}?" if similar else listing
         raise ParameterError(f"Parameter {name} is unknown; {hint}")

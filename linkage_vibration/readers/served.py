@@ -5,11 +5,13 @@
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from shlex import quote
 
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.messages.fields import message_fields
 from linkage_vibration.messages.topics import TABLE_INFO
 from linkage_vibration.prediction.answers import Described, Implements, Served, with_implement
+from linkage_vibration.prediction.doubts import linkage_doubts
 from linkage_vibration.prediction.excitation import Excitation, ExcitationError
 from linkage_vibration.prediction.ground import vertical_mounts
 from linkage_vibration.prediction.loads import load_input
@@ -19,39 +21,37 @@ from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.implements import read_implements
 from linkage_vibration.readers.mechanism import load_yaml, mechanism_of
 from linkage_vibration.support.commands import command
-from linkage_vibration.table.table import load_table
+from linkage_vibration.table.table import load_table, refuse_other
 from linkage_vibration.table.tabulation import build_table
 
 
 def read_served(
     settings: Parameters,
-    report: Callable[[str], object] = lambda text: None,
+    report: Callable[[str], object] | None = None,
     progress: Callable[[float], object] = lambda finished: None,
 ) -> Served:
     """Return a mechanism with its table, which is built if the parameters name none for it.
 
-    `report` is called with a sentence before a table is built and with what is doubtful,
-    and `progress` with the finished fraction of the stroke; it may raise an error to stop.
+    `report` is called with each doubt and before a table is built, and `progress` with the finished
+    fraction of the stroke; it may raise an error to stop.
     """
     described = read_described(settings)
     mechanism = described.mechanism
     path, table_path = settings.mechanism_path(), settings.table_path()
+    if report:
+        for doubt in linkage_doubts(LinkageModel(mechanism)):
+            report(f"{path}: {doubt}")
+    why = "table_file is not given"
     if table_path is not None:
         table = load_table(table_path)
         if described.implement is None or table.model_hash == mechanism.model_hash:
-            return described.served(Predictor(load_table(table_path, mechanism)))
+            refuse_other(table, table_path, mechanism, quote(str(path)))
+            return described.served(Predictor(table))
         why = "its implement is not that of the table"
-    else:
-        why = "table_file is not given"
-    report(
-        f"Building the table of {path}, as {why}; `{command('build')}` saves a table, which "
-        "then loads at once."
-    )
-    model = LinkageModel(mechanism)
-    if model.notice:
-        report(f"{path}: {model.notice}")
-    table = build_table(model, progress=progress)
-    return described.served(Predictor(table))
+    if report:
+        saves = f"`{command(f'build {quote(str(path))}')}` saves a table, which then loads at once"
+        report(f"Building the table of {path}, as {why}; {saves}.")
+    return described.served(Predictor(build_table(LinkageModel(mechanism), progress=progress)))
 
 
 def read_described(settings: Parameters) -> Described:

@@ -37,6 +37,7 @@ from linkage_vibration.errors import LinkageVibrationError, printable
 from linkage_vibration.listening.live import sensor_monitor
 from linkage_vibration.messages.topics import TABLE_INFO
 from linkage_vibration.prediction.answers import Served, place_name
+from linkage_vibration.prediction.doubts import excitation_doubts
 from linkage_vibration.prediction.excitation import Excitation
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.provenance import attachments, implement_facts
@@ -304,6 +305,8 @@ class LinkageVibrationNode(LifecycleNode):
         self._sensors = live_sensors(path) if path else []
         self._excitations = excitation_files(settings.excitation_path()) | sensor_files(path)
         levels = LevelTable(served.predictor, served.mechanism, excitations)
+        for doubt in excitation_doubts(excitations, levels):
+            self.get_logger().info(f"{settings.excitation_path()}: {doubt}")
         inputs = self._input_topics(settings)
         check_qos_overrides(self, inputs)
         topics = [*input_topics(inputs), *output_topics(self)]

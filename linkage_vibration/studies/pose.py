@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import GROUND, Cylinder, Mechanism
+from linkage_vibration.mechanics.forces import GRAVITY
 from linkage_vibration.mechanics.kinematics import Configuration, Kinematics
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.springs import length_and_rate, oil_pressure
@@ -61,6 +62,19 @@ def cylinder_rows(model: LinkageModel, angles: Sequence[float]) -> str:
     hint = "describe the spring that holds the crank by a `cylinder` with its bore"
     unknown = f"The lever and the oil pressure of lift cylinders are not known; {hint}."
     return "\n\n".join(tables) or unknown
+
+
+def axle_rows(model: LinkageModel, angles: Sequence[float]) -> str:
+    """Return a table of the static loads of the base's mounts at crank angles, rad, in kg."""
+    base = model.mechanism.base
+    if base is None or not base.mounts or not model.force_places:
+        hint = "give the base mounts, and no link by its FRFs alone"
+        return f"The static loads of axles are not known; {hint}."
+    rows = [["alpha3", *(f"{mount.name} [kg]" for mount in base.mounts)]]
+    for alpha3 in angles:
+        loads = [f"{load / GRAVITY:.0f}" for load in model.mount_loads(alpha3)]
+        rows.append([f"{math.degrees(alpha3):.2f}", *loads])
+    return f"Static loads, as a weighbridge shows them:\n{_aligned(rows)}"
 
 
 def force_rows(model: LinkageModel, angles: Sequence[float]) -> str:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
+from shlex import quote
 from typing import Any
 from zipfile import is_zipfile
 
@@ -631,13 +632,20 @@ def load_table(path: str | Path | None = None, mechanism: Mechanism | None = Non
     """
     path = config_file(DEFAULT_TABLE) if path is None else Path(path)
     table = _read(path)
-    if mechanism is not None and table.model_hash != mechanism.model_hash:
+    if mechanism is not None:
+        refuse_other(table, path, mechanism)
+    return table
+
+
+def refuse_other(table: Table, path: Path, mechanism: Mechanism, source: str = "FILE") -> None:
+    """Refuse the table of another mechanism than that of a source; the path is the table's."""
+    if table.model_hash != mechanism.model_hash:
         raise TableError(
             f"{path}: was built from another mechanism ({table.mechanism_name}, model "
             f"{table.model_hash[:12]}) than the one in use ({mechanism.name}, model "
-            f"{mechanism.model_hash[:12]}); build it again with `{command('build')}`."
+            f"{mechanism.model_hash[:12]}); build it again with "
+            f"`{command(f'build {source} -o {quote(str(path))}')}`."
         )
-    return table
 
 
 def _table(metadata: dict[str, Any], arrays: dict[str, Any]) -> Table:

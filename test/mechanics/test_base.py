@@ -274,7 +274,7 @@ def test_hash_of_a_linkage_without_base_is_that_before_bases_existed(clamped: Li
 TYRE = {"width_in": 16.9, "rim_in": 38.0, "pressure": 1.1e5, "count": 2}
 
 
-def on_tyres(tyre: dict[str, Any], **changes: Any) -> dict[str, Any]:
+def on_tyres(tyre: dict[str, Any], /, **changes: Any) -> dict[str, Any]:
     """Return a description whose rear axle stands on tyres."""
     mapping = yaml.safe_load(config_file("three_point_linkage.yaml").read_text())
     mapping["base"] = copy.deepcopy(TRACTOR)
@@ -290,6 +290,10 @@ def on_tyres(tyre: dict[str, Any], **changes: Any) -> dict[str, Any]:
         ({**TYRE, "age_years": 10.0, "count": 1}, 400_922.8),  # 56 kN/m more
         ({**TYRE, "factor": 0.8}, 2 * 275_938.24),
         ({"width_in": 14.9, "rim_in": 28, "pressure": 1.6e5}, 349_396.8),  # 122.44 + 226.9568
+        ({"size": "14.9-28", "pressure": 1.6e5}, 349_396.8),
+        # 420 mm are 16.5354 inches: 172 - 60.18 + 0.34 x 16.5354 x 34 x 1.2 = 341.1995 kN/m
+        ({"size": "420/85R34", "pressure": 1.2e5}, 341_199.527_559_055),
+        ({"size": "VF 420/85 R34", "pressure": 1.2e5}, 341_199.527_559_055),
     ],
 )
 def test_tyre_has_the_stiffness_of_lines_and_murphy(tyre: dict[str, Any], expected: float) -> None:
@@ -328,6 +332,9 @@ def test_numbers_of_a_tyre_may_be_uncertain() -> None:
         ({"count": 0}, {}, "tyre.count"),
         ({"factor": 0.1}, {}, "tyre.factor"),
         ({"presure": 1e5}, {}, "tyre.presure"),
+        ({"size": "420"}, {}, "tyre.size"),
+        ({"size": "42/85R34"}, {}, "tyre.size"),  # 1.7 inches
+        ({}, {"tyre": "420/85R34"}, "rear_axle.tyre"),  # without a pressure
         ({}, {"stiffness": [7e5, 7e5]}, "rear_axle.stiffness"),
         ({}, {"stiffness_x": -1.0}, "rear_axle.stiffness_x"),
     ],

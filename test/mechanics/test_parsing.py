@@ -13,6 +13,7 @@ from linkage_vibration.mechanics.bodies.beam import Beam
 from linkage_vibration.mechanics.description import Mechanism, MechanismError
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
+from linkage_vibration.prediction.doubts import linkage_doubts
 
 
 def test_table_1_is_read(mechanism: Mechanism) -> None:
@@ -408,11 +409,13 @@ def test_second_input_is_named(mapping: Any) -> None:
     ("changes", "words"),
     [
         ({}, ""),
+        # A uniform bar of 2 x 1.020 m about E1 has 1.020 m / sqrt(3) = 0.589 m; half is doubted.
+        ({"inertia": 800.0 * 0.295**2}, ""),
+        ({"inertia": 800.0 * 0.294**2}, "with its mass and pins, 0.59 m"),
+        ({"mass": 950.0, "inertia": 950.0 * 0.17**2}, "is plausible, an inertia of 329 kg m2"),
         # A solid bar of steel, 6 m wide: J / m = r^2 / 2 = m / (2 pi rho 6 m), 0.0520 m for 800 kg.
-        ({"inertia": 800.0 * 0.0521**2}, ""),
-        ({"inertia": 800.0 * 0.0519**2}, "radius of gyration of 0.052 m, below the 0.052 m"),
-        ({"inertia": 800.0 * 0.02**2}, "radius of gyration of 0.02 m, below the 0.052 m"),
-        ({"mass": 10.0, "inertia": 10.0 * 0.02**2}, ""),
+        ({"centre_of_gravity": [0.0, 0.0], "inertia": 800.0 * 0.0521**2}, ""),
+        ({"centre_of_gravity": [0.0, 0.0], "inertia": 800.0 * 0.0519**2}, "and pins, 0.052 m is"),
         ({"centre_of_gravity": {"E1": 1.020, "E2": 1.095, "side": "right"}}, "1 m from the line"),
         ({"centre_of_gravity": [0.2, 0.6]}, ""),
         ({"centre_of_gravity": [0.2, -0.6]}, "0.6 m from the line of its pins towards the ground"),
@@ -421,9 +424,20 @@ def test_second_input_is_named(mapping: Any) -> None:
         ({"centre_of_gravity": [0.2, -0.220]}, "0.22 m from the line"),
     ],
 )
-def test_doubtful_rigid_bodies_are_noticed(mapping: Any, changes: Any, words: str) -> None:
-    """The notice names a body that is too compact, or that lies where the tractor is."""
+def test_rigid_bodies_are_doubted(mapping: Any, changes: Any, words: str) -> None:
+    """The doubt names a body that is too compact, or that lies where the tractor is."""
     mapping["rigid_bodies"]["implement"].update(changes)
-    notice = LinkageModel(mechanism_from_mapping(mapping)).notice
+    notice = " ".join(linkage_doubts(LinkageModel(mechanism_from_mapping(mapping))))
     assert words in notice
     assert bool(notice) == bool(words)
+
+
+@pytest.mark.parametrize("rule", ["rayleigh", "modal_ratio"])
+def test_a_damping_ratio_in_percent_is_refused(mapping: Any, rule: str) -> None:
+    """Above 1 nothing oscillates, and the error names the ratio rather than the number of modes."""
+    ends = {"at_hz": [4.0, 180.0]} if rule == "rayleigh" else {}
+    mapping["damping"] = {"rule": rule, "ratio": 1.0, **ends}
+    mechanism_from_mapping(mapping)
+    mapping["damping"]["ratio"] = 2
+    with pytest.raises(MechanismError, match=r"damping.ratio: 2 is above 1; .* write 2 % as 0.02"):
+        mechanism_from_mapping(mapping)
