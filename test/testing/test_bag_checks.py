@@ -28,7 +28,8 @@ from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.support.resources import config_file
-from linkage_vibration.testing.bag_checks import Limits, TestKitError, check_bag
+from linkage_vibration.testing.bag_checks import check_bag
+from linkage_vibration.testing.limits import Limits, TestKitError
 from test.support.messages import read_messages
 
 DRIVE = config_file("drives/hitch_duty_cycle.mcap")
@@ -153,14 +154,15 @@ def test_what_is_not_known_fails(log: Path) -> None:
     assert all(message.unknown_sources for message in states)
     [failure] = check_bag(log, Limits(load_ratio=1e3)).failures
     assert (failure.limit, failure.seconds, failure.count) == ("known_share", 0.0, 1)
-    assert "known for 0 % of the drive whether loads exceeded 1000" in failure.words
+    assert "known for 0 % of the drive whether load_ratio is exceeded" in failure.words
     assert check_bag(log, Limits(load_ratio=1e3, known_share=0.0)).passed
 
 
 def test_status_comes_before_loads_that_are_not_known() -> None:
     """A drive outside the table has no load because of that, which the report says."""
-    [failure] = check_bag(DRIVE, Limits(load_ratio=0.33), Parameters(offset=4.0)).failures
-    assert failure.limit == "statuses"
+    first, second = check_bag(DRIVE, Limits(load_ratio=0.33), Parameters(offset=4.0)).failures
+    assert (first.limit, second.limit) == ("statuses", "known_share")
+    assert "no crank angle was valid" in second.words
 
 
 def test_failures_name_the_load(log: Path) -> None:
@@ -172,7 +174,7 @@ def test_failures_name_the_load(log: Path) -> None:
     excitation = dict(read_messages(log, RESONANCE_TOPIC))[failure.time].excitation
     assert f"(most severe: {excitation}), more than 0.0001" in failure.words
     failure = check_bag(log, Limits(gap=0.001)).failures[0]
-    assert "(the load ratio in " in failure.words
+    assert " while the load ratio in " in failure.words
 
 
 def test_empty_topics_are_not_counted(log: Path, tmp_path: Path) -> None:
@@ -211,7 +213,7 @@ def test_plugin(tmp_path: Path) -> None:
     test = tmp_path / "test_drive.py"
     test.write_text(
         "from linkage_vibration.support.resources import config_file\n"
-        "from linkage_vibration.testing.bag_checks import Limits\n"
+        "from linkage_vibration.testing.limits import Limits\n"
         "DRIVE = config_file('drives/hitch_duty_cycle.mcap')\n"
         "def test_good(check_bag):\n"
         "    check_bag(DRIVE, Limits(gap=0.05))\n"
