@@ -185,7 +185,7 @@ def _failures(log: Log, limits: Limits, latency: FloatArray) -> tuple[list[str],
                 these.append(_failure(log, each.limit, row, count, words + _load_then(log, row)))
     unsure = min(found, key=lambda each: each.known_share, default=None)
     if unsure is not None and unsure.known_share < (limits.known_share or 0.0):
-        share = max(0, math.floor(1000.0 * unsure.known_share)) / 10.0
+        share = max(0, math.floor(round(1000.0 * unsure.known_share, 6))) / 10.0
         words = f"it is known for {share:g} % of the drive whether {unsure.limit} is exceeded"
         words += f", less than {100.0 * limits.known_share:g} %" if limits.known_share else ""
         row = int(unsure.predictions[unsure.unknown]) if len(unsure.predictions) else 0

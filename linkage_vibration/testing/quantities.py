@@ -74,7 +74,7 @@ class Span:
         """Return a quantity with the share of the time for which it is known."""
         spent, lost = float(self.held[known].sum()), float(self.held[~known].sum()) + self.missing
         share = Durations(spent, 0.0, lost).known_share
-        share = share if np.isfinite(quantity.size).any() else NOTHING
+        share = round(share, 9) if np.isfinite(quantity.size).any() else NOTHING
         first = int(known.argmin()) if len(known) else 0
         why = why or f"{int((~known).sum())} of {len(known)} messages do not have it"
         return replace(quantity, known_share=share, unknown=first, why=why)
