@@ -115,7 +115,7 @@ def test_a_load_of_one_excitation(tmp_path: Path) -> None:
     [failure] = failures(tmp_path, drive, load_ratio=0.29, excitation="engine 3")
     assert (failure.limit, failure.seconds, failure.count) == ("load_ratio", 3.0, 1)
     assert "the load ratio of engine 3 is 0.3, more than 0.29," in str(failure)
-    with pytest.raises(TestKitError, match="excitation is 'engine 2'; .* has only engine 1, eng"):
+    with pytest.raises(TestKitError, match=r"excitation is 'engine 2'; .* has only engine 1, eng"):
         failures(tmp_path, drive, load_ratio=1.0, excitation="engine 2")
     (tmp_path / "drive.mcap").unlink()
     unknown = [message(k, ratio=math.nan) for k in range(50)]
