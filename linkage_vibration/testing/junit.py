@@ -22,5 +22,5 @@ def junit_xml(report: Report) -> bytes:
             failure = ElementTree.SubElement(case, "failure", message=failures[name], type="limit")
             failure.text = text
     ElementTree.indent(suites)
-    text: bytes = ElementTree.tostring(suites, encoding="utf-8", xml_declaration=True)
-    return text
+    data: bytes = ElementTree.tostring(suites, encoding="utf-8", xml_declaration=True)
+    return data
