@@ -27,7 +27,8 @@ if TYPE_CHECKING:
     from linkage_vibration.support.version import __version__ as __version__
     from linkage_vibration.table.table import Table, load_table, save_table
     from linkage_vibration.table.tabulation.building import build_table
-    from linkage_vibration.testing.bag_checks import Failure, Limits, Report, check_bag
+    from linkage_vibration.testing.bag_checks import Failure, Report, check_bag
+    from linkage_vibration.testing.limits import Limits
 
 _MODULES = {
     "errors": ["LinkageVibrationError"],
@@ -47,7 +48,8 @@ _MODULES = {
     "support.version": ["__version__"],
     "table.table": ["Table", "load_table", "save_table"],
     "table.tabulation.building": ["build_table"],
-    "testing.bag_checks": ["Failure", "Limits", "Report", "check_bag"],
+    "testing.bag_checks": ["Failure", "Report", "check_bag"],
+    "testing.limits": ["Limits"],
 }
 _HOMES = {name: f"{__name__}.{module}" for module, names in _MODULES.items() for name in names}
 

@@ -28,6 +28,7 @@ from linkage_vibration.prediction.excitation import excitations_from_mapping
 from linkage_vibration.prediction.settings import Parameters, with_values
 from linkage_vibration.readers.implements import read_implements
 from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.testing.limits import read_limits
 from test.support.can_bus import EPOCH, synthetic_hitch, write_candump
 from test.support.environments import make_environment
 
@@ -267,12 +268,22 @@ def read_inputs(block: dict[str, Any]) -> None:
     with_values(Parameters(), block["linkage_vibration"]["ros__parameters"])
 
 
+def read_check(block: dict[str, Any]) -> None:
+    """Read limits; test/cli/test_check.py runs the examples for CI."""
+    if not block.keys() & {"jobs", "check"}:
+        with tempfile.NamedTemporaryFile("w", suffix=".yaml") as file:
+            yaml.safe_dump(block, file)
+            file.flush()
+            read_limits(Path(file.name))
+
+
 READERS = {
     "docs/can.md": read_inputs,
     "docs/excitation.md": excitations_from_mapping,
     "docs/mechanisms.md": read_part,
     "docs/services.md": read_implement_file,
     "docs/node.md": read_inputs,
+    "docs/testing.md": read_check,
     "docs/uncertainty.md": read_uncertainty,
 }
 

@@ -143,7 +143,8 @@ def test_replay_in_a_fresh_environment(wheel: Path, tmp_path: Path) -> None:
     code = """
 from pathlib import Path
 from linkage_vibration.support.resources import config_file
-from linkage_vibration.testing.bag_checks import Limits, check_bag
+from linkage_vibration.testing.bag_checks import check_bag
+from linkage_vibration.testing.limits import Limits
 
 drive = config_file("drives/hitch_duty_cycle.mcap")
 print(check_bag(drive, Limits(load_ratio=0.33, known_share=0.0)))

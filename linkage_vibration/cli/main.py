@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 SUBCOMMANDS = (
     *("build", "pose", "predict", "plot", "advise", "inclinometer", "measure", "listen"),
     *("calibrate", "plan", "export", "recover", "replay", "review", "diff", "summary"),
-    *("demo", "play", "watch"),
+    *("check", "demo", "play", "watch"),
 )
 
 

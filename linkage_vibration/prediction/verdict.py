@@ -113,6 +113,20 @@ class Contribution:
     known: bool  # at some time
 
 
+def holding(stamps: NDArray[np.int64]) -> tuple[FloatArray, BoolArray, float]:
+    """Return for how long each message holds, s, and whether a gap or a jump precedes, (n,) each.
+
+    The last value is the time between messages for which none holds, s. Stamps, (n,), are in ns.
+    """
+    steps = np.diff(stamps) / 1e9
+    broken = (steps < 0.0) | (steps > GAP)
+    usual = steps[~broken] if not broken.all() else steps[steps > 0.0]
+    median = float(np.median(usual)) if len(usual) else 0.0
+    held = np.append(np.where(broken, median, steps), median)
+    missing = float((steps - median)[steps > GAP].sum())
+    return held, np.concatenate([[True], broken]), missing
+
+
 def drive_of(
     stamps: NDArray[np.int64],
     start: int,
@@ -126,19 +140,14 @@ def drive_of(
 
     The log begins at ``start``, which is the time 0, and ends at ``end``, ns.
     """
-    steps = np.diff(stamps) / 1e9
-    broken = (steps < 0.0) | (steps > GAP)
-    usual = steps[~broken] if not broken.all() else steps[steps > 0.0]
-    median = float(np.median(usual)) if len(usual) else 0.0
-    held = np.append(np.where(broken, median, steps), median)
-    outside = max(0, int(stamps[0]) - start) + max(0, end - int(stamps[-1]))
-    missing = 1e-9 * outside + float((steps - median)[steps > GAP].sum())
+    held, broken, missing = holding(stamps)
+    missing += 1e-9 * (max(0, int(stamps[0]) - start) + max(0, end - int(stamps[-1])))
     n_names = resonances.states.shape[1]
     all_names = [*names, *(f"excitation {i + 1}" for i in range(len(names), n_names))]
     return Drive(
         (stamps - start) / 1e9,
         held,
-        np.concatenate([[True], broken]),
+        broken,
         resonances,
         angles,
         tuple(all_names[:n_names]),

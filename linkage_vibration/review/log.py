@@ -49,7 +49,7 @@ from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.commands import command
 from linkage_vibration.table.table import Table, TableError, load_table
 
-_EACH = "states", "load_ratios"  # what a log keeps of each excitation
+_EACH = "states", "load_ratios", "velocities"  # what a log keeps of each excitation
 _READ = *_EACH, "load_ratio_factors"  # what is read of each excitation
 _DERIVED = (
     Field("margin", "float64", False, comment="Hz"),
@@ -93,7 +93,7 @@ class Log:
     interpolation_error : ndarray, (n,)
         Bound of the relative errors of natural frequencies and damping ratios, 1.
     drive : Drive or None
-        All assessments, with the states and the load ratios of each excitation; None if the log
+        All assessments, with states, load ratios and velocities of each excitation; None if the log
         holds none.
     resonances : MessageColumns or None
         The latest ``LoadState`` at each prediction with its ``Resonance`` and ``Levels``, without

@@ -4,80 +4,26 @@
 
 import math
 import tempfile
-from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import datetime, timezone
-from numbers import Real
 from pathlib import Path
 
 import numpy as np
 
-from linkage_vibration.bags.blocks import Integers
 from linkage_vibration.bags.message_columns import first_topic, topic_types
 from linkage_vibration.bags.streams import open_bags
-from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
+from linkage_vibration.errors import printable
+from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.messages.topics import PREDICTION
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.inputs.presets import HITCH, PRESETS
-from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.settings import Parameters
-from linkage_vibration.prediction.verdict import KNOWN, above_and_below, durations, not_counted
+from linkage_vibration.review.difference import compare, problems, sentence
 from linkage_vibration.review.log import Log, read_log
 from linkage_vibration.review.picture import plot
-
-
-class TestKitError(LinkageVibrationError):
-    """A bag cannot be checked against a limit."""
-
-    __test__ = False  # its name begins like that of a test
-
-
-@dataclass(frozen=True, slots=True)
-class Limits:
-    """The limits of a check; None switches a limit off.
-
-    Attributes
-    ----------
-    load_ratio : float, optional
-        Largest allowed load ratio: force in a pin or cylinder (root mean square) over the static
-        force there, 1.
-    known_share : float, optional
-        Least share of the drive for which it is known whether ``load_ratio`` is exceeded, 0 to 1;
-        without that limit, it does not count.
-    statuses : tuple of Status, optional
-        The allowed statuses of predictions.
-    gap : float, optional
-        Longest allowed time between two predictions, s.
-    latency : float, optional
-        Longest allowed time between sending a reading and sending its prediction, s; only a log
-        that the node recorded contains it.
-
-    Raises
-    ------
-    TestKitError
-        If a limit is negative or not a number, or a status is not a `Status`.
-    """
-
-    load_ratio: float | None = None
-    known_share: float | None = KNOWN
-    statuses: tuple[Status, ...] | None = (Status.OK,)
-    gap: float | None = None
-    latency: float | None = None
-
-    def __post_init__(self) -> None:
-        """Check the limits."""
-        for name in ("load_ratio", "known_share", "gap", "latency"):
-            value = getattr(self, name)
-            number = isinstance(value, Real) and not isinstance(value, bool)
-            if value is not None and not (number and 0.0 <= value < math.inf):
-                raise TestKitError(f"{name} is {value!r}; give a number from 0, or None.")
-        if self.known_share is not None and self.known_share > 1.0:
-            raise TestKitError(f"known_share is {self.known_share}; give at most 1, or None.")
-        for status in () if self.statuses is None else self.statuses:
-            if status not in list(Status):
-                raise TestKitError(f"statuses contains {status!r}; use Status, as Status.OK.")
+from linkage_vibration.testing.limits import OF_LOADS, Limits, TestKitError
+from linkage_vibration.testing.quantities import quantities, total_words
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +33,7 @@ class Failure:
     Attributes
     ----------
     limit : str
-        A field of `Limits`.
+        A field of `Limits`, or "baseline".
     time, seconds : int and float
         When it was exceeded most, or first if there is no degree: the stamp, ns, and the time since
         the first prediction of the bag, s.
@@ -105,8 +51,8 @@ class Failure:
         """Return the failure as one line of text."""
         whole = datetime.fromtimestamp(self.time // 10**9, timezone.utc)
         utc = f"{whole:%Y-%m-%d %H:%M:%S}.{self.time % 10**9 // 10**6:03} UTC"
-        times = "once" if self.count == 1 else f"{self.count} times"
-        return f"{self.limit}: {self.words} at {self.seconds:.3f} s ({utc}); exceeded {times}"
+        times = f"; exceeded {self.count} times" if self.count > 1 else ""
+        return printable(f"{self.limit}: {self.words} at {self.seconds:.3f} s ({utc}){times}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,15 +64,18 @@ class Report:
     bag : Path
     predictions : int
     failures : tuple of Failure
-        The exceeded limits; empty if the bag passed.
+        The exceeded limits, of which the first may cause others; empty if the bag passed.
     picture : Path or None
         The picture of the drive.
+    checked : tuple of str
+        The limits that were checked.
     """
 
     bag: Path
     predictions: int
     failures: tuple[Failure, ...]
     picture: Path | None
+    checked: tuple[str, ...] = ()
 
     @property
     def passed(self) -> bool:
@@ -148,8 +97,9 @@ def check_bag(
     limits: Limits,
     settings: Parameters | None = None,
     picture: str | Path | None = None,
+    baseline: str | Path | None = None,
 ) -> Report:
-    """Check a bag against limits.
+    """Check a bag against limits, and against an earlier log.
 
     Parameters
     ----------
@@ -160,13 +110,15 @@ def check_bag(
         Replay the bag with these parameters, even if it has predictions.
     picture : str or Path, optional
         The PNG to write if a limit is exceeded; it shows the drive, as ``review --png`` does.
+    baseline : str or Path, optional
+        A log of the same drive; any difference of the predictions is a failure.
 
     Raises
     ------
     TestKitError
-        If the bag lacks a quantity that a limit concerns.
+        If the log has no such excitation, place, mode or latency.
     LinkageVibrationError
-        If the bag cannot be read or replayed.
+        If the bag cannot be read or replayed, or the baseline has another drive.
     """
     bag = Path(bag)
     with ExitStack() as stack:
@@ -181,11 +133,14 @@ def check_bag(
             replay([bag], log, settings)
         read = read_log(log)
         waits = np.empty(0) if limits.latency is None else latencies(bag, log)
-        failures = _failures(bag, read, waits, limits)
+        checked, failures = _failures(read, limits, waits)
+        if baseline is not None:
+            checked.append("baseline")
+            failures += _changes(Path(baseline), read)
         drawn = Path(picture) if failures and picture is not None else None
         if drawn is not None:
             plot(read, drawn)
-    return Report(bag, len(read.stamps), tuple(failures), drawn)
+    return Report(bag, len(read.stamps), tuple(failures), drawn, tuple(checked))
 
 
 def latencies(bag: Path, log: Path) -> FloatArray:
@@ -214,62 +169,53 @@ def latencies(bag: Path, log: Path) -> FloatArray:
     return np.asarray(1e-9 * (published - begun))
 
 
-def _failures(bag: Path, log: Log, latency: FloatArray, limits: Limits) -> list[Failure]:
-    """Return the exceeded limits in the order of time."""
-    failures, drive = list[Failure](), log.drive
-    loads = np.empty(0) if drive is None else drive.resonances.total_load_ratio.astype(float)
-    load_stamps = log.stamps[:0] if drive is None else log.stamps[drive.predictions]
+def _failures(log: Log, limits: Limits, latency: FloatArray) -> tuple[list[str], list[Failure]]:
+    """Return the limits that were checked, and those that were exceeded; causes come first."""
+    found = list(quantities(log, limits, latency))
+    failures, of_loads = list[Failure](), list[Failure]()
+    for each in found:
+        if each.exceeded.any():
+            sizes = np.where(each.exceeded, np.nan_to_num(each.size), -np.inf)
+            at, count = int(sizes.argmax()), int(each.exceeded.sum())
+            words, row = each.words(at), int(each.predictions[at])
+            if each.limit == "load_ratio":
+                of_loads.append(_failure(log, each.limit, row, count, words))
+            else:
+                these = of_loads if each.limit in OF_LOADS else failures
+                these.append(_failure(log, each.limit, row, count, words + _load_then(log, row)))
+    unsure = min(found, key=lambda each: each.known_share, default=None)
+    if unsure is not None and unsure.known_share < (limits.known_share or 0.0):
+        share = max(0, math.floor(round(1000.0 * unsure.known_share, 6))) / 10.0
+        words = f"it is known for {share:g} % of the drive whether {unsure.limit} is exceeded"
+        words += f", less than {100.0 * limits.known_share:g} %" if limits.known_share else ""
+        row = int(unsure.predictions[unsure.unknown]) if len(unsure.predictions) else 0
+        failures.append(_failure(log, "known_share", row, 1, f"{words} ({unsure.why}), first"))
+    return [*dict.fromkeys(each.limit for each in found)], failures + of_loads
 
-    def load(at: int) -> str:
-        """Return the load ratio of a resonance in words, with its place and its main cause."""
-        assert drive is not None
-        of = drive.resonances.message(at)
-        place, cause = of.total_load_place, of.excitation
-        return f"the load ratio in {place} is {of.total_load_ratio:.2g} (most severe: {cause})"
 
-    def add(limit: str, stamps: Integers, exceeded: BoolArray, at: int, words: str) -> None:
-        time = int(stamps[at])
-        then = int(np.searchsorted(load_stamps, time, "right")) - 1
-        if limit not in ("load_ratio", "known_share") and then >= 0 and np.isfinite(loads[then]):
-            words += f" ({load(then)})"
-        seconds = 1e-9 * (time - int(log.stamps[0]))
-        failures.append(Failure(limit, time, seconds, int(exceeded.sum()), words))
+def _failure(log: Log, limit: str, row: int, count: int, words: str) -> Failure:
+    """Return a failure at a prediction of a log."""
+    return Failure(limit, int(log.stamps[row]), float(log.times[row]), count, words)
 
-    if limits.statuses is not None:
-        exceeded = ~np.isin(log.status, [int(status) for status in limits.statuses])
-        if exceeded.any():
-            at = int(exceeded.argmax())
-            angle, status = math.degrees(log.crank_angle[at]), Status(int(log.status[at]))
-            words = f"the status is {status.name} at a crank angle of {angle:.2f} deg"
-            add("statuses", log.stamps, exceeded, at, words)
-    if limits.load_ratio is not None and not np.isfinite(loads).any():
-        if failures:
-            return failures  # which may be why no load is known
-        raise TestKitError(
-            f"{bag} contains no load ratio: no speed is known, no excitation at work has an "
-            "amplitude within the frequencies of the table; record engine_speed, pto_speed or "
-            "ground_speed too, or give settings, with which the bag is replayed, such as a fixed "
-            "speed."
-        )
-    if limits.load_ratio is not None and limits.known_share is not None:
-        assert drive is not None
-        share = durations(drive, limits.load_ratio).known_share
-        if share < limits.known_share:
-            unknown = ~np.logical_or(*above_and_below(drive, limits.load_ratio))
-            words = f"it is known for {100.0 * share:.3g} % of the drive whether loads exceeded "
-            words += f"{limits.load_ratio:g}, less than {100.0 * limits.known_share:g} % "
-            why = not_counted(drive, log.excitations).rstrip(".")
-            words += f"({why or 'messages are missing'}), first"
-            add("known_share", load_stamps, np.ones(1, np.bool_), int(unknown.argmax()), words)
-    gaps = 1e-9 * np.diff(log.stamps)
-    checks: list[tuple[str, Integers, FloatArray, Callable[[int], str]]] = [
-        ("load_ratio", load_stamps, loads, load),
-        ("gap", log.stamps[:-1], gaps, lambda i: f"no prediction for {gaps[i]:.3f} s"),
-        ("latency", log.stamps, latency, lambda i: f"a prediction took {latency[i]:.5f} s"),
-    ]
-    for limit, stamps, values, describe in checks:
-        largest = getattr(limits, limit)
-        if largest is not None and (exceeded := values > largest).any():
-            at = int(np.nanargmax(values))
-            add(limit, stamps, exceeded, at, f"{describe(at)}, more than {largest:g},")
-    return sorted(failures, key=lambda failure: failure.time)
+
+def _load_then(log: Log, row: int) -> str:
+    """Return the load at a prediction of a log as the end of a sentence, if it is known."""
+    if log.drive is None:
+        return ""
+    then = int(np.searchsorted(log.drive.predictions, row, "right")) - 1
+    known = then >= 0 and np.isfinite(log.drive.resonances.total_load_ratio[then])
+    return f" while {total_words(log.drive, then)}," if known else ""
+
+
+def _changes(baseline: Path, log: Log) -> list[Failure]:
+    """Return a failure if a log differs from an earlier one, which has to be of the same drive."""
+    delta = compare(baseline, log.path)
+    if not problems(delta):
+        return []
+    differ = delta.a.status[delta.rows_a] != delta.b.status[delta.rows_b]
+    for each in delta.quantities:
+        differ |= (each.change != 0.0) & ~(np.isnan(each.a) & np.isnan(each.b))
+    changed = np.ones(len(log.stamps), np.bool_)
+    changed[delta.rows_b] = differ
+    words = f"the log (B) differs from {baseline} (A): {sentence(delta).rstrip('.')}, first"
+    return [_failure(log, "baseline", int(changed.argmax()), int(changed.sum()), words)]

@@ -40,6 +40,7 @@ OVERWRITES = {
     "listen": ["log.mcap", "--sensors", "fit.yaml", "--amplitudes", "fit.yaml"],
     "calibrate": ["fit.yaml", "-o", "linkage.yaml"],
     "recover": ["log.mcap", "-o", "log.mcap"],
+    "check": ["log.mcap", "--limits", "fit.yaml", "--junit", "fit.yaml"],
     "replay": ["log.mcap", "--params-file", "fit.yaml", "-o", "fit.yaml"],
     "review": ["log.mcap", "-o", "log.mcap"],
     "advise": ["165", "30", "--mechanism", "linkage.yaml", "--csv", "linkage.yaml"],
@@ -86,7 +87,7 @@ def test_every_command_that_writes_is_tried() -> None:
         if isinstance(action, argparse._SubParsersAction)
     )
     texts = {name: parsers.choices[name].format_help() for name in SUBCOMMANDS}
-    options = "--output", "--fmu", "--csv"
+    options = "--output", "--fmu", "--csv", "--junit"
     writing = {name for name, text in texts.items() if any(option in text for option in options)}
     assert writing == OVERWRITES.keys() | FOLDERS
 

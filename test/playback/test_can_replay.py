@@ -14,7 +14,8 @@ from linkage_vibration.messages.topics import PREDICTION_TOPIC, RESONANCE_TOPIC
 from linkage_vibration.playback.remapping import ReplayError
 from linkage_vibration.playback.replay import Replayed, problems, replay, replay_summary
 from linkage_vibration.prediction.settings import Parameters, with_values
-from linkage_vibration.testing.bag_checks import Limits, check_bag
+from linkage_vibration.testing.bag_checks import check_bag
+from linkage_vibration.testing.limits import Limits
 from test.playback.test_replay import float64, write_mcap
 from test.support.can_bus import (
     EPOCH,

@@ -20,7 +20,8 @@ from sensor_msgs.msg import JointState
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.settings import Parameters, with_values
-from linkage_vibration.testing.bag_checks import Limits, check_bag
+from linkage_vibration.testing.bag_checks import check_bag
+from linkage_vibration.testing.limits import Limits
 from linkage_vibration_interfaces.msg import LoadState, VibrationPrediction
 from test.support.interface_packages import built_package, environment_with, import_here
 from test.support.ros_process import JOINT, RunningNode, documented, own_context, start_node, until

@@ -4,11 +4,11 @@
 
 import math
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,6 +16,7 @@ from mcap.reader import make_reader
 
 from linkage_vibration.bags.chunks import ChunkLog, Messages
 from linkage_vibration.bags.message_types import FLOAT64, JOINT_STATE
+from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.messages.topics import (
     LEVELS_TOPIC,
     LOAD_STATE_TOPIC,
@@ -28,8 +29,10 @@ from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.support.resources import config_file
-from linkage_vibration.testing.bag_checks import Limits, TestKitError, check_bag
+from linkage_vibration.testing.bag_checks import check_bag
+from linkage_vibration.testing.limits import Limits, TestKitError
 from test.support.messages import read_messages
+from test.support.random_resonances import random_drive, write_drive
 
 DRIVE = config_file("drives/hitch_duty_cycle.mcap")
 START = 1_767_225_600 * 10**9  # ns, of the drive: 2026-01-01
@@ -130,20 +133,6 @@ def test_gap_and_latency_of_a_recording(log: Path, tmp_path: Path) -> None:
     assert "took 0.03000 s" in latency.words
 
 
-@pytest.mark.parametrize(
-    "limits",
-    [{"known_share": -0.1}, {"gap": -1}, {"gap": "x"}, {"load_ratio": math.nan}, {"latency": True}],
-)
-def test_limits_that_cannot_be(limits: Any) -> None:
-    """A limit that is not a number from 0, or no status, is refused where it is made."""
-    with pytest.raises(TestKitError, match="give a number from 0, or None"):
-        Limits(**limits)
-    with pytest.raises(TestKitError, match="statuses contains 'OK'"):
-        Limits(statuses=("OK",))  # type: ignore[arg-type]
-    with pytest.raises(TestKitError, match=r"known_share is 1\.1; give at most 1"):
-        Limits(known_share=1.1)
-
-
 def test_what_is_not_known_fails(log: Path) -> None:
     """A limit of the load is only kept if it is known for long enough that it is.
 
@@ -153,14 +142,15 @@ def test_what_is_not_known_fails(log: Path) -> None:
     assert all(message.unknown_sources for message in states)
     [failure] = check_bag(log, Limits(load_ratio=1e3)).failures
     assert (failure.limit, failure.seconds, failure.count) == ("known_share", 0.0, 1)
-    assert "known for 0 % of the drive whether loads exceeded 1000" in failure.words
+    assert "known for 0 % of the drive whether load_ratio is exceeded" in failure.words
     assert check_bag(log, Limits(load_ratio=1e3, known_share=0.0)).passed
 
 
 def test_status_comes_before_loads_that_are_not_known() -> None:
     """A drive outside the table has no load because of that, which the report says."""
-    [failure] = check_bag(DRIVE, Limits(load_ratio=0.33), Parameters(offset=4.0)).failures
-    assert failure.limit == "statuses"
+    first, second = check_bag(DRIVE, Limits(load_ratio=0.33), Parameters(offset=4.0)).failures
+    assert (first.limit, second.limit) == ("statuses", "known_share")
+    assert "no crank angle was valid" in second.words
 
 
 def test_failures_name_the_load(log: Path) -> None:
@@ -172,7 +162,7 @@ def test_failures_name_the_load(log: Path) -> None:
     excitation = dict(read_messages(log, RESONANCE_TOPIC))[failure.time].excitation
     assert f"(most severe: {excitation}), more than 0.0001" in failure.words
     failure = check_bag(log, Limits(gap=0.001)).failures[0]
-    assert "(the load ratio in " in failure.words
+    assert " while the load ratio in " in failure.words
 
 
 def test_empty_topics_are_not_counted(log: Path, tmp_path: Path) -> None:
@@ -190,8 +180,29 @@ def test_missing_quantities(log: Path, tmp_path: Path) -> None:
     with pytest.raises(TestKitError, match="is a replay, which has no latency"):
         check_bag(log, Limits(latency=0.1))
     bag = rewritten(log, tmp_path / "recorded.mcap", np.arange(10), np.full(2000, 0.002))
-    with pytest.raises(TestKitError, match="contains no load ratio: no speed is known"):
-        check_bag(bag, Limits(load_ratio=0.1))
+    [failure] = check_bag(bag, Limits(load_ratio=0.1)).failures
+    assert failure.limit == "known_share"
+    assert "the log holds no speed of engine, PTO or ground" in failure.words
+
+
+@pytest.mark.parametrize("same", [True, False])
+def test_baseline(log: Path, tmp_path: Path, same: bool) -> None:
+    """A bag is equal to its own log, and a shifted angle differs from the first prediction on."""
+    settings = Parameters(offset=0.0 if same else -0.01)
+    report = check_bag(DRIVE, Limits(), settings, baseline=log)
+    assert report.passed == same
+    assert report.checked == ("statuses", "baseline")
+    if not same:
+        [failure] = report.failures
+        assert (failure.limit, failure.seconds, failure.count) == ("baseline", 0.0, 2000)
+        assert f"the log (B) differs from {log} (A): " in str(failure)
+
+
+def test_baseline_of_another_drive(log: Path, tmp_path: Path) -> None:
+    """Where the comparison refuses, so does the check."""
+    other = write_drive(tmp_path / "other.mcap", random_drive(1)[3:])
+    with pytest.raises(LinkageVibrationError, match=re.escape(f"{other}")):
+        check_bag(log, Limits(), baseline=other)
 
 
 def test_picture(log: Path, tmp_path: Path) -> None:
@@ -211,12 +222,14 @@ def test_plugin(tmp_path: Path) -> None:
     test = tmp_path / "test_drive.py"
     test.write_text(
         "from linkage_vibration.support.resources import config_file\n"
-        "from linkage_vibration.testing.bag_checks import Limits\n"
+        "from linkage_vibration.testing.limits import Limits\n"
         "DRIVE = config_file('drives/hitch_duty_cycle.mcap')\n"
         "def test_good(check_bag):\n"
         "    check_bag(DRIVE, Limits(gap=0.05))\n"
         "def test_bad(check_bag):\n"
         "    check_bag(DRIVE, Limits(load_ratio=1e-4))\n"
+        "def test_refused(check_bag):\n"
+        "    check_bag(DRIVE, Limits(latency=0.1))\n"
     )
     run = subprocess.run(
         [
@@ -237,7 +250,10 @@ def test_plugin(tmp_path: Path) -> None:
         text=True,
     )
     assert run.returncode == 1, run.stdout + run.stderr
-    assert "1 failed, 1 passed" in run.stdout
+    assert "2 failed, 1 passed" in run.stdout
+    assert "must be replayed and has no latency" in run.stdout
+    assert "Traceback" not in run.stdout
+    assert "bag_checks.py" not in run.stdout
     assert "the load ratio in " in run.stdout
     assert "more than 0.0001" in run.stdout
     [picture] = (tmp_path / "base").rglob("hitch_duty_cycle.png")

@@ -1,0 +1,117 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command `check` prints a sentence for each failure, and its exit code says what it is."""
+
+import shlex
+import shutil
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+import yaml
+
+from linkage_vibration.cli.main import main
+from test.support.random_resonances import CLEAR, START, Message, random_drive, write_drive
+from test.test_documentation import ROOT, blocks_of
+
+DRIVE = ROOT / "config" / "drives" / "hitch_duty_cycle.mcap"
+PAGE = Path("docs/testing.md")
+
+
+def written(path: Path, angle: float = 2.0) -> Path:
+    """Write a log of 5 s."""
+    quiet = (CLEAR,) * 4, (0.05,) * 4, 0.1, "engine 3", 0
+    messages = [Message(START + k * 10**8, angle, CLEAR, *quiet) for k in range(50)]
+    return write_drive(path, messages)
+
+
+@pytest.fixture
+def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return a folder with a log and limits, which is the current one."""
+    written(tmp_path / "log.mcap")
+    (tmp_path / "limits.yaml").write_text("gap: 0.11\nload_ratio: 0.11\nduration: 4.9\n")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_limits_hold(files: Path, capsys: Any) -> None:
+    """The code is 0, and each limit is a test case without a failure."""
+    assert main(["check", "log.mcap", "--limits", "limits.yaml", "--junit", "out.xml"]) == 0
+    assert capsys.readouterr().out == "log.mcap: 50 predictions within their limits\n"
+    cases = list(ElementTree.parse(files / "out.xml").iter("testcase"))
+    assert [case.get("name") for case in cases] == ["duration", "gap", "statuses", "load_ratio"]
+    assert all(len(case) == 0 for case in cases)
+
+
+def test_limits_fail(files: Path, capsys: Any) -> None:
+    """The code is 3, as of each result that is not what it should be; each failure is a line."""
+    (files / "limits.yaml").write_text("gap: 0.09\nload_ratio: 0.09\n")
+    assert main(["check", "log.mcap", "--limits", "limits.yaml", "--junit", "out.xml"]) == 3
+    out, err = capsys.readouterr()
+    gap, load = err.splitlines()
+    assert out == ""
+    assert gap.startswith("linkage-vibration: log.mcap: gap: no prediction for 0.100 s, more than")
+    assert "load_ratio: the load ratio in the pins is 0.1 (most severe: engine 3)" in load
+    failed = [
+        case.get("name") for case in ElementTree.parse("out.xml").iter("testcase") if len(case)
+    ]
+    assert failed == ["gap", "load_ratio"]
+
+
+@pytest.mark.parametrize(
+    ("limits", "arguments", "words"),
+    [
+        ("gap: -1", [], "limits.yaml: gap is -1; give a number from 0"),
+        ("gab: 1", [], "limits.yaml: gab: this key is not known; did you mean gap?"),
+        ("excitation: x\nload_ratio: 1", [], "excitation is 'x'; log.mcap has only engine 1"),
+        ("gap: 1", ["--junit", "log.mcap"], "log.mcap is an input"),
+        ("gap: 1", ["--junit", "limits.yaml"], "limits.yaml is an input"),
+        ("gap: 1", ["--baseline", "none.mcap"], "none.mcap"),
+        ("gap: 1", ["--baseline", "other.mcap"], "other.mcap"),
+    ],
+)
+def test_errors(files: Path, capsys: Any, limits: str, arguments: list[str], words: str) -> None:
+    """An error of a file is not a failure of a limit: its code is 1, and no XML is written."""
+    write_drive(files / "other.mcap", random_drive(1)[3:])
+    (files / "limits.yaml").write_text(limits)
+    junit = [] if "--junit" in arguments else ["--junit", "out.xml"]
+    assert main(["check", "log.mcap", "--limits", "limits.yaml", *arguments, *junit]) == 1
+    [line] = capsys.readouterr().err.splitlines()
+    assert words in line
+    assert not (files / "out.xml").exists()
+
+
+def test_baseline(files: Path, capsys: Any) -> None:
+    """An equal earlier log passes; another one fails with what differs most."""
+    shutil.copy("log.mcap", "same.mcap")
+    written(files / "changed.mcap", 2.1)
+    arguments = ["check", "log.mcap", "--limits", "limits.yaml", "--baseline"]
+    assert main([*arguments, "same.mcap"]) == 0
+    capsys.readouterr()
+    assert main([*arguments, "changed.mcap"]) == 3
+    [line] = capsys.readouterr().err.splitlines()
+    assert "baseline: the log (B) differs from changed.mcap (A): " in line
+    assert "exceeded 50 times" in line
+
+
+def test_examples_of_the_documentation(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    """The examples for GitHub and GitLab are YAML, and their checks of the shipped drive pass."""
+    blocks = [yaml.safe_load(b.text) for b in blocks_of(PAGE) if b.language == "yaml"]
+    [limits] = [block for block in blocks if "load_ratio" in block]
+    [github] = [block for block in blocks if "jobs" in block]
+    [gitlab] = [block for block in blocks if "check" in block]
+    [job] = github["jobs"].values()
+    lines = [step["run"] for step in job["steps"] if "run" in step]
+    assert lines == gitlab["check"]["script"]
+    reports = {step["with"]["report_paths"] for step in job["steps"] if "report_paths" in str(step)}
+    assert reports == {gitlab["check"]["artifacts"]["reports"]["junit"]}
+    (tmp_path / "bags").mkdir()
+    shutil.copy(DRIVE, tmp_path / "bags" / "headland.mcap")
+    (tmp_path / "limits.yaml").write_text(yaml.safe_dump(limits))
+    monkeypatch.chdir(tmp_path)
+    ran = [shlex.split(line)[1:] for line in lines if line.startswith("linkage-vibration")]
+    assert [main(arguments) for arguments in ran] == [0], capsys.readouterr().err
+    assert {path.name for path in tmp_path.glob("*.xml")} == reports
