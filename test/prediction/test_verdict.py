@@ -64,6 +64,7 @@ def drive(whole: list[int], totals: list[float], step: float = 1.0, **fields: An
         "excitation_index": np.where(np.array(whole) == UNKNOWN, -1, 0),
         "ground_unknown": np.full(n, ""),
         "off_ground_share": np.full(n, math.nan),
+        "load_ratio_limit": np.full(n, LIMITS.warning, np.float32),
         "quiet_speed": np.full(n, math.nan),
         "quiet_angle": np.full(n, math.nan),
     }
@@ -77,7 +78,7 @@ def drive(whole: list[int], totals: list[float], step: float = 1.0, **fields: An
 
 def sentence(actual: Drive, excitations: tuple[Excitation, ...]) -> str:
     """Return the sentence about a drive."""
-    return drive_sentence(actual, LIMITS, str, excitations)
+    return drive_sentence(actual, LIMITS, str, excitations, lambda _: "")
 
 
 def test_the_largest_load_may_be_too_short_to_warn(excitations: tuple[Excitation, ...]) -> None:

@@ -165,7 +165,7 @@ def test_messages_that_were_dropped_are_a_problem(log: Log) -> None:
 def test_summary_is_json(drive: Path, jumping: Path, capsys: Any, log: Log) -> None:
     """The same as JSON, with null for what is not known."""
     assert main(["summary", str(drive), str(jumping)]) == 0
-    first, second = json.loads(capsys.readouterr().out)
+    first, second = json.loads(capsys.readouterr().out)["drives"]
     assert first["sentence"] == first_sentence(log)
     assert first["worst"]["load_ratio_factor"] is None
     assert first["predictions"] == len(log.stamps)
