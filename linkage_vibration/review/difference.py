@@ -330,21 +330,23 @@ def _quantities(
         "peak_frequency", "FRF peak frequency", "Hz", 1.0, a.peak_frequency, b.peak_frequency
     )
     yield quantity("peak_magnitude", "FRF peak", "m/N", 1.0, a.peak_magnitude, b.peak_magnitude)
-    if a.drive is not None and b.drive is not None:
-        ratios_a, known_a, parts_a = _load_of(a.drive, rows_a)
-        ratios_b, known_b, parts_b = _load_of(b.drive, rows_b)
-        same = known_a & known_b  # a total without a source is no lower total
-        if a.drive.names == b.drive.names:
-            same |= (parts_a == parts_b).all(axis=1)
-        ratios = (np.where(same, each, math.nan) for each in (ratios_a, ratios_b))
-        yield Quantity("load", "load ratio", "1", 1.0, *ratios, known_a, known_b)
+    ratios_a, known_a, parts_a = _load_of(a.drive, rows_a)
+    ratios_b, known_b, parts_b = _load_of(b.drive, rows_b)
+    same = known_a & known_b  # a total without a source is no lower total
+    if a.drive is not None and b.drive is not None and a.drive.names == b.drive.names:
+        same |= (parts_a == parts_b).all(axis=1)
+    ratios = (np.where(same, each, math.nan) for each in (ratios_a, ratios_b))
+    yield Quantity("load", "load ratio", "1", 1.0, *ratios, known_a, known_b)
 
 
-def _load_of(drive: Drive, rows: IntArray) -> tuple[FloatArray, BoolArray, BoolArray]:
+def _load_of(drive: Drive | None, rows: IntArray) -> tuple[FloatArray, BoolArray, BoolArray]:
     """Return the load ratio at predictions, whether all of it is known, and of which excitations.
 
     The first two are (n,), the last is (n, n_excitations). The latest message counts.
     """
+    if drive is None:
+        never = np.zeros(len(rows), np.bool_)
+        return np.full(len(rows), math.nan), never, never[:, np.newaxis]
     order = np.argsort(drive.predictions, kind="stable")
     latest = np.searchsorted(drive.predictions[order], rows, side="right") - 1
     at, there = order[np.maximum(latest, 0)], latest >= 0

@@ -3,6 +3,7 @@
 """Applies the verdict about a drive to a log: limits, speeds and the model come from the log."""
 
 import math
+from dataclasses import replace
 from functools import lru_cache, partial
 
 import numpy as np
@@ -72,40 +73,41 @@ def ending(log: Log, row: int) -> str:
     The value in the message may be that of a moment before. So it is sought again for the angle and
     the speeds of the message, and named only if the limit holds at the value as it is written.
     """
-    levels = log_levels(log)
-    if log.drive is None or log.table is None or levels is None:
+    if log.drive is None or log_levels(log) is None:
         return ""
     at, angle = log.drive.resonances.message(row), float(log.drive.angles[row])
     speeds = {source: float(values[row]) for source, values in speeds_at_drive(log).items()}
     source = list(Source)[max(int(at.speed_source), 1) - 1]
     speeds[source] = float(at.excitation_speed) / source.si
-    predictor, limit = Predictor(log.table), float(at.load_ratio_limit)
-
-    def assessed(angle: float, speeds: dict[Source, float]) -> MessageColumns:
-        limits = WarningLimits(warning=limit, dwell=0.0)
-        monitor = ResonanceMonitor(log.excitations, limits, levels=levels)
-        for each, value in speeds.items():
-            monitor.set_fixed(each, value)
-        return monitor.assess(predictor.predict(angle), 0.0, 0)
+    now = _assessed(log, at, angle, speeds)
+    totals = now.total_load_ratio, at.total_load_ratio
+    if now.speed_source != at.speed_source or not np.isclose(*totals, _SAME, 0.0, equal_nan=True):
+        return ""  # The log does not hold all that the message was made of.
 
     def ends(angle: float, speeds: dict[Source, float]) -> bool:
-        there = assessed(angle, speeds)
+        there = _assessed(log, at, angle, speeds)
         lost = there.unknown_sources & ~now.unknown_sources or there.known_share < now.known_share
-        calm = there.state != ResonanceState.WARNING and there.total_load_ratio <= limit
-        return bool(calm and not lost)
+        calm = there.total_load_ratio <= at.load_ratio_limit
+        return bool(calm and there.state != ResonanceState.WARNING and not lost)
 
-    now = assessed(angle, speeds)
-    totals = now.total_load_ratio, at.total_load_ratio
-    if now.excitation != at.excitation or not np.isclose(*totals, _SAME, 0.0, equal_nan=True):
-        return ""  # The log does not hold all that the message was made of.
     written = float(speed_words(source, now.quiet_speed).split()[0])
-    if source is Source.GROUND:
-        written /= KMH
-    if not ends(angle, speeds | {source: written}):
+    if not ends(angle, speeds | {source: written / (KMH if source is Source.GROUND else 1.0)}):
         now.quiet_speed = math.nan
     if not ends(math.radians(round(math.degrees(now.quiet_angle), 1)), speeds):
         now.quiet_angle = math.nan
     return ending_words(now, log.excitations)
+
+
+def _assessed(
+    log: Log, at: MessageColumns, angle: float, speeds: dict[Source, float]
+) -> MessageColumns:
+    """Return an assessment at an angle, rad, and speeds, rpm or m/s, by the limit of a message."""
+    assert log.table is not None
+    limits = replace(log_limits(log), warning=float(at.load_ratio_limit), dwell=0.0)
+    monitor = ResonanceMonitor(log.excitations, limits, levels=log_levels(log))
+    for source, speed in speeds.items():
+        monitor.set_fixed(source, speed)
+    return monitor.assess(Predictor(log.table).predict(angle), 0.0, 0)
 
 
 def load_problems(log: Log) -> list[str]:
