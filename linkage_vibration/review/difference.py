@@ -335,8 +335,8 @@ def _quantities(
     same = known_a & known_b  # a total without a source is no lower total
     if a.drive is not None and b.drive is not None and a.drive.names == b.drive.names:
         same |= (parts_a == parts_b).all(axis=1)
-    ratios = (np.where(same, each, math.nan) for each in (ratios_a, ratios_b))
-    yield Quantity("load", "load ratio", "1", 1.0, *ratios, known_a, known_b)
+    ratios_a, ratios_b = (np.where(same, each, math.nan) for each in (ratios_a, ratios_b))
+    yield Quantity("load", "load ratio", "1", 1.0, ratios_a, ratios_b, known_a, known_b)
 
 
 def _load_of(drive: Drive | None, rows: IntArray) -> tuple[FloatArray, BoolArray, BoolArray]:

@@ -96,7 +96,8 @@ def test_a_log_without_loads_differs(write_log: Any, tmp_path: Path) -> None:
     text = sentence(compare(a, b))
     assert text.startswith("The natural frequencies are equal; the logs differ")
     assert f"; the largest load ratio is not known in A and {largest:.2g} in B; not all " in text
-    assert sentence(compare(a, a)) == "The logs have equal predictions."
+    nothing = "not all loads are known at 100 % of the moments in A and 100 % of the moments in B."
+    assert sentence(compare(a, a)) == f"The logs have equal predictions; {nothing}"
 
 
 def test_difference_in_one_sentence(heavier: tuple[Path, Path]) -> None:
@@ -127,8 +128,10 @@ def test_no_moment_in_common(write_log: Any, tmp_path: Path) -> None:
     """Logs of other stamps are refused if no difference of their clocks matches half of one."""
     angles = np.linspace(2.0, 2.01, 11)
     a = write_log(tmp_path / "a.mcap", np.arange(11) * 0.01, angles, False)
-    for steps, refused in ((np.r_[:5, 5.5:11], True), (np.r_[:6, 6.5:11], False)):
-        b = write_log(tmp_path / "b.mcap", 5.003 + 0.01 * steps, angles[: len(steps)], False)
+    steps = np.arange(11.0)
+    for least, refused in ((4, True), (6, False)):
+        later = np.where(steps < least, 0.0, np.where(steps < 8, 0.3, 0.7))
+        b = write_log(tmp_path / "b.mcap", 5.0 + 0.01 * (steps + later), angles, False)
         if refused:
             with pytest.raises(ReviewError, match="have no moment in common"):
                 compare(a, b)
@@ -194,17 +197,14 @@ def test_modes_are_matched_by_name(
     assert table is not None
     numbered = replace(table, mode_names=("mode 1", "mode 2", "mode 3"))
     logs[a] = replace(logs[a], table=numbered)
-    logs[b] = replace(logs[b], table=replace(numbered, mechanism_name="another"))
-    with pytest.raises(
-        ReviewError, match="two linkages without a mode of the same name: .* mode 3"
-    ):
+    another = replace(numbered, mechanism_name="another")
+    logs[b] = replace(logs[a], table=another, table_id="another")
+    with pytest.raises(ReviewError, match="two linkages without a mode of the same name"):
         compare(a, b)
-    logs[b] = replace(logs[b], table=numbered)
+    logs[b] = replace(logs[b], table=numbered)  # the same mechanism
     assert len(compare(a, b).quantities) == len(comparison.quantities) + 1
     logs[b] = replace(logs[b], table=None)
-    with pytest.raises(
-        ReviewError, match=r"and .*a\.mcap does not hold its own, so that its modes"
-    ):
+    with pytest.raises(ReviewError, match=r"and .*a\.mcap does not hold its own"):
         compare(a, b)
 
 
