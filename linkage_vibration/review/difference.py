@@ -126,11 +126,12 @@ def compare(path_a: Path, path_b: Path) -> Difference:
     if (~same).mean() > _MOST_APART:
         farthest = int(np.nanargmax(differences))
         raise ReviewError(
-            f"{path_a} and {path_b} are not of the same drive: of {len(same)} moments that match "
-            f"best, {int((~same).sum())} have crank angles more than {DEG * _SAME_ANGLE:g} deg "
+            f"{path_a} and {path_b} are not of one drive, or of one calibration of its angle: of "
+            f"{len(same)} moments that match best, {int((~same).sum())} have crank angles more than {DEG * _SAME_ANGLE:g} deg "
             f"apart, up to {DEG * differences[farthest]:.3g} deg at "
             f"{a.times[rows_a[farthest]]:.2f} s of A; give two logs of one drive, such as two "
-            "replays of one bag, or show each log by `review`."
+            "replays of one bag with the same offset, or show each log by "
+            f"`{command('review')}`."
         )
     rows_a, rows_b = rows_a[same], rows_b[same]
     return Difference(
