@@ -2,19 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """Finds intervals in a log: gaps, and passes between jumps of the clock."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
-_GAP = 10.0  # median steps; a longer step is a gap
+_GAP = 10.0  # usual steps; a longer step is a gap
 _LEAST_GAP = 0.1  # s; a shorter step is not a gap
 
 
 def gap_starts(times: NDArray[np.float64]) -> NDArray[np.int64]:
     """Return the samples after which samples are missing, (n_gaps,); times (n,) are in s."""
     steps = np.diff(times)
-    if not len(steps):
-        return np.empty(0, dtype=np.int64)
-    return np.flatnonzero(steps > max(_LEAST_GAP, _GAP * float(np.median(steps))))
+    return np.flatnonzero(steps > max(_LEAST_GAP, _GAP * _usual(steps)))
 
 
 def pass_starts(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -24,12 +24,16 @@ def pass_starts(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
     samples were written.
     """
     steps = np.diff(stamps)
-    if not len(steps):
-        return np.empty(0, dtype=np.int64)
-    limit = max(1e9 * _LEAST_GAP, _GAP * float(np.median(np.abs(steps))))
+    limit = max(1e9 * _LEAST_GAP, _GAP * _usual(np.abs(steps)))
     after = np.flatnonzero(steps < -limit) + 1
     following = np.minimum(after + 1, len(stamps) - 1)
     return np.asarray(after[stamps[following] < stamps[after - 1]])
+
+
+def _usual(steps: NDArray[Any]) -> float:
+    """Return the median of the steps between different stamps, which several samples may share."""
+    moves = steps[steps > 0]
+    return float(np.median(moves)) if len(moves) else 0.0
 
 
 def in_passes(stamps: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

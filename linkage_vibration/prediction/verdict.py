@@ -25,7 +25,6 @@ from linkage_vibration.prediction.severity import (
     WarningLimits,
     at_work,
     cause_words,
-    ending_words,
     listing,
     load_words,
     no_load_words,
@@ -156,11 +155,15 @@ def drive_of(
     )
 
 
-def above_and_below(drive: Drive, limit: float) -> tuple[BoolArray, BoolArray]:
-    """Return when the load was above a limit, and when it is known that it was not, (n,) each."""
+def above_and_below(drive: Drive, limit: float | None = None) -> tuple[BoolArray, BoolArray]:
+    """Return when the load was above a limit, and when it is known that it was not, (n,) each.
+
+    Without a limit, that of each message counts, as it may be changed while a drive is recorded.
+    """
     of = drive.resonances
-    above = np.asarray((of.total_load_ratio > limit) | (of.off_ground_share > AIRBORNE))
-    return above, all_known(drive) & ~above
+    limits = of.load_ratio_limit if limit is None else np.float32(limit)
+    above = np.asarray((of.total_load_ratio > limits) | (of.off_ground_share > AIRBORNE))
+    return above, np.asarray(all_known(drive) & np.isfinite(limits) & ~above)
 
 
 def all_known(drive: Drive) -> BoolArray:
@@ -170,8 +173,8 @@ def all_known(drive: Drive) -> BoolArray:
     return np.asarray(known & (of.states != ResonanceState.UNKNOWN).all(axis=1))
 
 
-def durations(drive: Drive, limit: float) -> Durations:
-    """Return how long the load was above a limit, was not, and was not known."""
+def durations(drive: Drive, limit: float | None = None) -> Durations:
+    """Return how long the load was above a limit, as in `above_and_below`, was not, and unknown."""
     above, below = above_and_below(drive, limit)
     unknown = drive.time_in(~(above | below)) + drive.missing
     return Durations(drive.time_in(above), drive.time_in(below), unknown)
@@ -252,11 +255,13 @@ def drive_sentence(
     limits: WarningLimits,
     mode_label: Callable[[int], str],
     excitations: Sequence[Excitation],
+    ending: Callable[[int], str],
 ) -> str:
     """Return what a drive did to the linkage, how bad and how sure that is, and what to do.
 
     ``mode_label`` returns how a mode, counted from 0, is called; the excitations are those
-    monitored.
+    monitored; ``ending`` returns what ends the warning of a message, or nothing if that is not
+    sure.
     """
     resonances = drive.resonances
     if (resonances.excitation_index < 0).all():
@@ -271,18 +276,23 @@ def drive_sentence(
         if blind or not all(excitation.terrain for excitation in working):
             return f"What the drive did to the linkage is not known, as {why}."
     if not np.isfinite(resonances.total_load_ratio).any():
-        off = f"{_exceeded(drive, limits)}." if episodes(drive) else ""
+        off = f"{_exceeded(drive)}." if episodes(drive) else ""
         near = _nearest(drive, mode_label, excitations)
         return " ".join(filter(None, [off, near, _no_ground(drive)]))
-    loads = _loads(drive, limits, excitations)
+    loads = _loads(drive, limits, excitations, ending)
     return " ".join(filter(None, [loads, not_counted(drive, excitations)]))
 
 
-def _loads(drive: Drive, limits: WarningLimits, excitations: Sequence[Excitation]) -> str:
+def _loads(
+    drive: Drive,
+    limits: WarningLimits,
+    excitations: Sequence[Excitation],
+    ending: Callable[[int], str],
+) -> str:
     """Return whether loads exceeded the limit, how large they were, and what would end that."""
     warnings, worst = episodes(drive), worst_message(drive)
     largest = drive.severity()[worst]
-    all_known = durations(drive, limits.warning).known_share >= KNOWN
+    all_known = durations(drive).known_share >= KNOWN
     named = "The largest" if all_known else "The largest that is known"
     what = f"{named} was {_load_at(drive, worst)}."
     if not largest:
@@ -293,41 +303,49 @@ def _loads(drive: Drive, limits: WarningLimits, excitations: Sequence[Excitation
     if not warnings:
         return f"{_without_warning(drive, limits)} {what}"
     loudest = max((episode.worst for episode in warnings), key=lambda row: drive.severity()[row])
-    ending = ending_words(drive.resonances.message(loudest), excitations)
-    end = f"The worst warning would have ended at {ending}." if ending else ""
-    return f"{_exceeded(drive, limits)}. {what} {end}".rstrip()
+    value = ending(loudest)
+    end = f"The worst warning would have ended at {value}." if value else ""
+    return f"{_exceeded(drive)}. {what} {end}".rstrip()
 
 
-def _exceeded(drive: Drive, limits: WarningLimits) -> str:
+def _exceeded(drive: Drive) -> str:
     """Return what exceeded its limit in a drive, for how long, and with how many warnings."""
     warnings = episodes(drive)
     warned = sum(episode.duration for episode in warnings)
     often = "one warning" if len(warnings) == 1 else f"{len(warnings)} warnings"
-    spent = durations(drive, limits.warning)
+    spent = durations(drive)
     above = f"{spent.above:.1f} s in all"
     if spent.known_share < KNOWN:
         above = f"{spent.above:.1f} s of the {spent.above + spent.below:.1f} s that are known"
     which = drive.resonances.state == ResonanceState.WARNING
-    return f"{_excess(drive, limits, which)} for {above}, with {often} of {warned:.1f} s"
+    return f"{_excess(drive, which)} for {above}, with {often} of {warned:.1f} s"
 
 
-def _excess(drive: Drive, limits: WarningLimits, rows: BoolArray) -> str:
+def _excess(drive: Drive, rows: BoolArray) -> str:
     """Return the beginning of a sentence: whether loads or tyres exceeded a limit in messages."""
     parts = []
-    if drive.severity().max() > limits.warning:
-        parts.append(f"loads exceeded {limits.warning:g} of the static force")
+    if (drive.resonances.total_load_ratio > drive.resonances.load_ratio_limit).any():
+        parts.append(f"loads exceeded {_limit_words(drive)}")
     if not parts or (drive.resonances.off_ground_share[rows] > AIRBORNE).any():
         parts.append(f"tyres were off the ground for more than {AIRBORNE:g} of the time,")
     text = " or ".join(parts).rstrip("," if len(parts) == 1 else "")
     return f"{text[0].upper()}{text[1:]}"
 
 
+def _limit_words(drive: Drive) -> str:
+    """Return the limits of the messages of a drive in words."""
+    every = np.unique(drive.resonances.load_ratio_limit)
+    if len(every) == 1:
+        return f"{every[0]:g} of the static force"
+    return f"{every[0]:g} to {every[-1]:g} of the static force (the limit was changed)"
+
+
 def _without_warning(drive: Drive, limits: WarningLimits) -> str:
     """Return for how much of a drive without warnings its loads are known, and their verdict."""
-    spent = durations(drive, limits.warning)
-    limit = f"the limit of {limits.warning:g} of the static force"
-    above, _ = above_and_below(drive, limits.warning)
-    what = _excess(drive, limits, above)
+    spent = durations(drive)
+    limit = f"the limit of {_limit_words(drive)}"
+    above, _ = above_and_below(drive)
+    what = _excess(drive, above)
     if spent.above and drive.broken.all() and len(drive.broken) > 1:
         often = f"in {int(above.sum())} of {len(above)} readings"
         return f"{what} {often}; more than {GAP:g} s apart, they cannot warn."

@@ -3,7 +3,7 @@
 """Compares two logs of the same drive, which two models or two versions may have made."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,14 +11,20 @@ from typing import Any
 import numpy as np
 import yaml
 
-from linkage_vibration.mechanics.arrays import FloatArray, IntArray
+from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, IntArray
+from linkage_vibration.prediction.verdict import Drive, above_and_below
 from linkage_vibration.review.log import Log, ReviewError, read_log
 from linkage_vibration.review.review_page import DEG, clock
+from linkage_vibration.support.commands import command
+
+_SAME_ANGLE = math.radians(2.0)  # largest difference of the crank angles of one moment in two logs
+_MOST_APART = 0.05  # largest share of the moments with a larger difference
+_LEAST_MATCHED = 0.5  # of the shorter log, by a difference of the clocks
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Quantity:
-    """A quantity in two logs A and B, at the stamps that both logs have."""
+    """A quantity in two logs A and B, at the moments that both logs have."""
 
     key: str  # such as "f1" of mode 1
     name: str  # for people
@@ -26,6 +32,8 @@ class Quantity:
     factor: float  # shown value over value in the log
     a: FloatArray  # (n,), values in log A
     b: FloatArray  # (n,), values in log B
+    known_a: BoolArray  # (n,): the whole of it is known in log A
+    known_b: BoolArray  # (n,): in log B
 
     @property
     def title(self) -> str:
@@ -40,8 +48,13 @@ class Quantity:
 
     @property
     def one_sided(self) -> int:
-        """Number of stamps at which only one log has a number."""
-        return int((np.isfinite(self.a) != np.isfinite(self.b)).sum())
+        """Number of moments at which only one log knows the whole of it."""
+        return int((self.known_a != self.known_b).sum())
+
+    @property
+    def unknown_share(self) -> float:
+        """The share of the moments at which one of both logs does not know the whole, 0 to 1."""
+        return 1.0 - float((self.known_a & self.known_b).mean())
 
     @property
     def farthest(self) -> int | None:
@@ -74,15 +87,18 @@ class Quantity:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Difference:
-    """Two logs A and B, whose predictions are matched by their stamps."""
+    """Two logs A and B, whose predictions are matched by their place in the drive."""
 
     a: Log
     b: Log
-    stamps: IntArray  # (n,), ns, that both logs have, in the order of log A
-    rows_a: IntArray  # (n,), indices of the predictions with these stamps in log A
+    stamps: IntArray  # (n,), ns, of log A, of the moments that both logs have, in its order
+    rows_a: IntArray  # (n,), indices of the predictions at these moments in log A
     rows_b: IntArray  # (n,), the same in log B
     quantities: tuple[Quantity, ...]  # that both logs have
-    status_changes: int  # number of stamps at which the statuses differ
+    status_changes: int  # number of moments at which the statuses differ
+    offset: int  # ns, by which the stamps of B are later than those of A
+    apart: int  # number of moments that were left out, as their crank angles differ too much
+    unmatched_modes: tuple[str, ...]  # labels of the modes that only one log has
 
     @property
     def sides(self) -> tuple[tuple[str, Log, IntArray], tuple[str, Log, IntArray]]:
@@ -91,7 +107,7 @@ class Difference:
 
     @property
     def times(self) -> FloatArray:
-        """Seconds since the first stamp that both logs have, (n,), as in `Log.times` of A."""
+        """Seconds since the first moment that both logs have, (n,), as in `Log.times` of A."""
         times = self.a.times[self.rows_a]
         return np.asarray(times - times[0])
 
@@ -100,20 +116,108 @@ def compare(path_a: Path, path_b: Path) -> Difference:
     """Compare two logs of the same drive.
 
     A `BagError` is raised if one cannot be read, and a `ReviewError` if a log holds no prediction,
-    or if the logs have no stamp in common.
+    or if the logs have no moment or no mode in common.
     """
     a, b = read_log(path_a), read_log(path_b)
-    rows_a, rows_b = _rows_of_same_stamps(a.stamps, b.stamps)
-    if not len(rows_a):
+    modes, unmatched = _same_modes(a, b)
+    offset, rows_a, rows_b = _same_moments(a, b)
+    differences = _angle_differences(a.crank_angle[rows_a], b.crank_angle[rows_b])
+    same = ~(differences > _SAME_ANGLE)
+    if (~same).mean() > _MOST_APART:
+        farthest = int(np.nanargmax(differences))
         raise ReviewError(
-            f"{path_a} and {path_b} have no stamp in common; give two logs of the same drive, such "
-            "as two replays of one bag."
+            f"{path_a} and {path_b} are not of one drive, or of one calibration of its angle: of "
+            f"{len(same)} moments that match best, {int((~same).sum())} have crank angles "
+            f"more than {DEG * _SAME_ANGLE:g} deg apart, up to "
+            f"{DEG * differences[farthest]:.3g} deg at {a.times[rows_a[farthest]]:.2f} s of A; give two logs of one drive, such as two "
+            "replays of one bag with the same offset, or show each log by "
+            f"`{command('review')}`."
         )
-    values_a, values_b = _quantities(a, rows_a), _quantities(b, rows_b)
-    pairs = [(key, values_a[key], values_b[key][-1]) for key in values_a if key in values_b]
-    changes = int((a.status[rows_a] != b.status[rows_b]).sum())
-    quantities = tuple(Quantity(key, *first, second) for key, first, second in pairs)
-    return Difference(a, b, a.stamps[rows_a], rows_a, rows_b, quantities, changes)
+    rows_a, rows_b = rows_a[same], rows_b[same]
+    return Difference(
+        a,
+        b,
+        a.stamps[rows_a],
+        rows_a,
+        rows_b,
+        tuple(_quantities(a, rows_a, b, rows_b, modes)),
+        int((a.status[rows_a] != b.status[rows_b]).sum()),
+        offset,
+        int((~same).sum()),
+        unmatched,
+    )
+
+
+def _same_modes(a: Log, b: Log) -> tuple[list[tuple[int, int]], tuple[str, ...]]:
+    """Return pairs of modes, counted from 0, that have one name, and the labels of all others.
+
+    Numbers are compared in place of names only for one table, or for modes of one mechanism.
+    """
+    if a.table_id == b.table_id:
+        return [(mode, mode) for mode in range(a.n_modes)], ()
+    if a.table is None or b.table is None:
+        which = " and ".join(str(log.path) for log in (a, b) if log.table is None)
+        raise ReviewError(
+            f"The logs are of two tables, and {which} does not hold its own, so that its modes "
+            "have no names by which they can be compared; make the log again with "
+            f"`{command('replay')}`."
+        )
+    numbers = a.table.mechanism_name == b.table.mechanism_name
+    ours, theirs = (
+        {name: i for i, name in enumerate(names) if numbers or name != f"mode {i + 1}"}
+        for names in (a.table.mode_names, b.table.mode_names)
+    )
+    pairs = [(mode, theirs[name]) for name, mode in ours.items() if name in theirs]
+    if not pairs:
+        raise ReviewError(
+            "The logs are of two linkages without a mode of the same name: "
+            f"{a.path} has {', '.join(a.table.mode_names)}, and {b.path} has "
+            f"{', '.join(b.table.mode_names)}; give logs of one linkage, name its modes by "
+            f"`mode_names` in its mechanism, or show each log by `{command('review')}`."
+        )
+    sides = (a, "A", [mode for mode, _ in pairs]), (b, "B", [mode for _, mode in pairs])
+    return pairs, tuple(
+        f"{log.mode_label(mode)} of {side}"
+        for log, side, known in sides
+        for mode in range(log.n_modes)
+        if mode not in known
+    )
+
+
+def _same_moments(a: Log, b: Log) -> tuple[int, IntArray, IntArray]:
+    """Return by how much the stamps of B are later, ns, and the rows of moments in A and in B.
+
+    Clocks that differ are tried with the beginnings and the ends of the logs at one moment, and
+    with the angles that both have. Equal angles count twice, those that differ little once.
+    """
+    _, first, second = np.intersect1d(a.crank_angle, b.crank_angle, return_indices=True)
+    later = np.sort(b.stamps[second] - a.stamps[first])
+    tried = [0, int(b.stamps[0] - a.stamps[0]), int(b.stamps[-1] - a.stamps[-1])]
+    tried += [int(later[len(later) // 2])] if len(later) else []
+    found = [(offset, *_rows_of_same_stamps(a.stamps, b.stamps - offset)) for offset in tried]
+    least = _LEAST_MATCHED * min(len(a.stamps), len(b.stamps))
+    found = [each for each in found if not each[0] or len(each[1]) >= least]
+
+    def alike(match: tuple[int, IntArray, IntArray]) -> int:
+        angles = a.crank_angle[match[1]], b.crank_angle[match[2]]
+        differences, equal = _angle_differences(*angles), np.isnan(angles).all(axis=0)
+        equal |= differences == 0.0
+        return int(equal.sum() + (equal | (differences <= _SAME_ANGLE)).sum())
+
+    best = max(found, key=lambda match: (alike(match), len(match[1])))  # the first of several
+    if not len(best[1]):
+        raise ReviewError(
+            f"{a.path} and {b.path} have no moment in common: they have no equal stamps, and no "
+            "difference between their clocks brings half of them together; give two logs of one "
+            "drive, such as two replays of one bag."
+        )
+    return best
+
+
+def _angle_differences(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return by how much angles, (n,), differ apart from whole turns, rad; NaN if unknown."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.abs((b - a + math.pi) % math.tau - math.pi))
 
 
 def difference_summary(delta: Difference) -> str:
@@ -122,10 +226,11 @@ def difference_summary(delta: Difference) -> str:
         *(f"{part}: {log.path}, table {log.table_id}" for part, log, _ in delta.sides),
         _matched(delta),
         sentence(delta),
-        f"{'B - A':<30}{'largest':>14}{'at [s]':>12}{'relative':>12}{'rms':>14}  unit",
     ]
-    for name, largest, at, relative, rms, unit in _rows(delta):
-        lines.append(f"{name:<30}{largest:>14}{at:>12}{relative:>12}{rms:>14}  {unit}")
+    head = ["B - A", "largest", "at [s]", "relative", "rms", "not known", "unit"]
+    for name, *numbers, unit in [head, *_rows(delta)]:
+        widths = zip(numbers, (14, 12, 12, 14, 12), strict=True)
+        lines.append(f"{name:<30}{''.join(f'{text:>{n}}' for text, n in widths)}  {unit}")
     for name, changed in _changed_files(delta).items():
         lines += ["", f"{name}, A -> B:", *(f"  {line}" for line in changed)]
     return "\n".join(lines)
@@ -134,11 +239,13 @@ def difference_summary(delta: Difference) -> str:
 def sentence(delta: Difference) -> str:
     """Return in one sentence what differs most, and by how much."""
     compared = [q for q in delta.quantities if q.key[0] == "f" and q.differs]
+    if all(q.farthest is None for q in delta.quantities if q.key[0] == "f"):
+        return "Nothing can be compared, as the logs know no natural frequency at one moment."
     if not problems(delta):
-        return "The logs have equal predictions."
+        return f"The logs have equal predictions{_unknown(delta)}."
     if not compared:
         others = "the logs differ in other quantities or in status"
-        return f"The natural frequencies are equal; {others}{_loads(delta)}."
+        return f"The natural frequencies are equal; {others}{_loads(delta)}{_unknown(delta)}."
     most = max(compared, key=lambda q: q.largest_relative)
     at = most.farthest or 0
     change, times = most.largest, delta.times
@@ -147,7 +254,19 @@ def sentence(delta: Difference) -> str:
         f"{most.unit} ({100.0 * abs(change / most.a[at]):.2g} %) "
         f"{'higher' if change > 0.0 else 'lower'} at {clock(float(times[at]), float(times[-1]))} s"
     )
-    return f"{text}{_loads(delta)}."
+    return f"{text}{_loads(delta)}{_unknown(delta)}."
+
+
+def _unknown(delta: Difference) -> str:
+    """Return for which share of the moments each log does not know all loads; empty if it does."""
+    shares = [
+        (1.0 - known.mean(), part)
+        for q in delta.quantities
+        if q.key == "load"
+        for known, part in ((q.known_a, "A"), (q.known_b, "B"))
+    ]
+    texts = [f"{100.0 * share:.3g} % of the moments in {part}" for share, part in shares if share]
+    return f"; not all loads are known at {' and '.join(texts)}" if texts else ""
 
 
 def _loads(delta: Difference) -> str:
@@ -166,7 +285,8 @@ def problems(delta: Difference) -> list[str]:
     """Return a sentence that says that the logs differ, if they do."""
     n = len(delta.stamps)
     same = len(delta.a.stamps) == len(delta.b.stamps) == n and not delta.status_changes
-    same &= (delta.a.resonances is None) == (delta.b.resonances is None)
+    same &= (delta.a.drive is None) == (delta.b.drive is None) and not delta.unmatched_modes
+    same &= any(q.farthest is not None for q in delta.quantities if q.key[0] == "f")
     if same and not any(q.differs or q.one_sided for q in delta.quantities):
         return []
     return ["The logs differ."]
@@ -191,31 +311,71 @@ def _rows_of_same_stamps(a: IntArray, b: IntArray) -> tuple[IntArray, IntArray]:
     return rows_a[order], rows_b[order]
 
 
-def _quantities(log: Log, rows: IntArray) -> dict[str, tuple[str, str, float, FloatArray]]:
-    """Return the name, the unit, the factor and the values of each quantity of a log."""
-    angles = np.where(np.isfinite(log.crank_angle), log.crank_angle, np.nan)
-    quantities = {"angle": ("crank angle", "deg", DEG, angles[rows])}
-    for mode, values in enumerate(log.natural_frequencies[rows].T):
-        quantities[f"f{mode + 1}"] = (log.mode_label(mode), "Hz", 1.0, values)
-    quantities["peak_frequency"] = ("FRF peak frequency", "Hz", 1.0, log.peak_frequency[rows])
-    quantities["peak_magnitude"] = ("FRF peak", "m/N", 1.0, log.peak_magnitude[rows])
-    if log.resonances is not None:
-        ratios = log.resonances.total_load_ratio[rows].astype(float)
-        quantities["load"] = ("load ratio", "1", 1.0, ratios)
-    return quantities
+def _quantities(
+    a: Log, rows_a: IntArray, b: Log, rows_b: IntArray, modes: Sequence[tuple[int, int]]
+) -> Iterator[Quantity]:
+    """Yield what is compared at the moments of both logs, with these pairs of modes."""
+
+    def quantity(
+        key: str, name: str, unit: str, factor: float, x: FloatArray, y: FloatArray
+    ) -> Quantity:
+        x, y = (np.where(np.isfinite(each), each, math.nan) for each in (x[rows_a], y[rows_b]))
+        return Quantity(key, name, unit, factor, x, y, np.isfinite(x), np.isfinite(y))
+
+    yield quantity("angle", "crank angle", "deg", DEG, a.crank_angle, b.crank_angle)
+    for mode, other in modes:
+        name = a.mode_label(mode) + (f", {other + 1} in B" if other != mode else "")
+        values = a.natural_frequencies[:, mode], b.natural_frequencies[:, other]
+        yield quantity(f"f{mode + 1}", name, "Hz", 1.0, *values)
+    yield quantity(
+        "peak_frequency", "FRF peak frequency", "Hz", 1.0, a.peak_frequency, b.peak_frequency
+    )
+    yield quantity("peak_magnitude", "FRF peak", "m/N", 1.0, a.peak_magnitude, b.peak_magnitude)
+    ratios_a, known_a, parts_a = _load_of(a.drive, rows_a)
+    ratios_b, known_b, parts_b = _load_of(b.drive, rows_b)
+    same = known_a & known_b  # a total without a source is no lower total
+    if a.drive is not None and b.drive is not None and a.drive.names == b.drive.names:
+        same |= (parts_a == parts_b).all(axis=1)
+    ratios_a, ratios_b = (np.where(same, each, math.nan) for each in (ratios_a, ratios_b))
+    yield Quantity("load", "load ratio", "1", 1.0, ratios_a, ratios_b, known_a, known_b)
+
+
+def _load_of(drive: Drive | None, rows: IntArray) -> tuple[FloatArray, BoolArray, BoolArray]:
+    """Return the load ratio at predictions, whether all of it is known, and of which excitations.
+
+    The first two are (n,), the last is (n, n_excitations). The latest message counts.
+    """
+    if drive is None:
+        never = np.zeros(len(rows), np.bool_)
+        return np.full(len(rows), math.nan), never, never[:, np.newaxis]
+    order = np.argsort(drive.predictions, kind="stable")
+    latest = np.searchsorted(drive.predictions[order], rows, side="right") - 1
+    at, there = order[np.maximum(latest, 0)], latest >= 0
+    ratios = np.where(there, drive.resonances.total_load_ratio[at].astype(float), math.nan)
+    known = there & np.logical_or(*above_and_below(drive))[at]
+    parts = np.isfinite(drive.resonances.load_ratios[at]) & there[:, np.newaxis]
+    return np.where(np.isfinite(ratios), ratios, math.nan), known, parts
 
 
 def _matched(delta: Difference) -> str:
     n = len(delta.stamps)
-    only_a, only_b = len(delta.a.stamps) - n, len(delta.b.stamps) - n
-    return (
-        f"{n} predictions have the same stamps, {only_a} are only in A, {only_b} are only in B; "
+    only_a, only_b = (len(log.stamps) - n - delta.apart for _, log, _ in delta.sides)
+    later = f"{1e-9 * abs(delta.offset):.9g} s {'later' if delta.offset > 0 else 'earlier'}"
+    clocks = f", with the clock of B {later}, as the crank angles show" if delta.offset else ""
+    text = (
+        f"{n} moments are in both logs{clocks}; {only_a} are only in A, {only_b} are only in B; "
         f"{delta.status_changes} differ in status."
     )
+    if delta.apart:
+        text += f" {delta.apart} more have crank angles above {DEG * _SAME_ANGLE:g} deg apart, and "
+        text += "are not compared."
+    if delta.unmatched_modes:
+        text += f" These modes are in one log only: {', '.join(delta.unmatched_modes)}."
+    return text
 
 
 def _rows(delta: Difference) -> list[list[str]]:
-    """Return name, largest difference, its time and relative size, rms and unit, as texts."""
+    """Return name, largest difference, time, relative size, rms, unknown share and unit."""
     times = delta.times
     return [
         [
@@ -224,6 +384,7 @@ def _rows(delta: Difference) -> list[list[str]]:
             clock(float(times[q.farthest]), float(times[-1])) if q.differs else "",
             "" if q.unit == "%" else _digits(q.largest_relative, 3),
             _digits(q.factor * q.rms, 6),
+            f"{100.0 * q.unknown_share:.3g} %",
             q.unit + (f"; {q.one_sided} in one log only" if q.one_sided else ""),
         ]
         for q in delta.quantities

@@ -3,21 +3,37 @@
 """Applies the verdict about a drive to a log: limits, speeds and the model come from the log."""
 
 import math
-from functools import lru_cache
+from dataclasses import replace
+from functools import lru_cache, partial
 
 import numpy as np
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.advice import Advice, Question, advice_sentence, advise
-from linkage_vibration.prediction.excitation import Excitation, Source
+from linkage_vibration.prediction.excitation import KMH, Excitation, Source
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor, Status
-from linkage_vibration.prediction.severity import SPEED_BITS, WarningLimits
-from linkage_vibration.prediction.verdict import drive_sentence, worst_message
+from linkage_vibration.prediction.resonance import ResonanceMonitor
+from linkage_vibration.prediction.severity import (
+    SPEED_BITS,
+    ResonanceState,
+    WarningLimits,
+    ending_words,
+    speed_words,
+)
+from linkage_vibration.prediction.verdict import (
+    KNOWN,
+    drive_sentence,
+    durations,
+    episodes,
+    worst_message,
+)
 from linkage_vibration.review.log import Log
 
 _HEIGHTS = 91, 1  # heights and speeds that are tried for the sentence
+_SAME = 1e-3  # relative: a load that is computed again is that of the message
 _OUTSIDE = Status.OUT_OF_RANGE, Status.INVALID_ANGLE
 
 
@@ -61,8 +77,69 @@ def first_sentence(log: Log) -> str:
         message = drive_advice(log, levels, _HEIGHTS).message
         would, limit = "would have been loaded", limits.warning
         advice = advice_sentence(message, would, heights_only=True, limit=limit)
-    verdict = drive_sentence(log.drive, limits, log.mode_label, log.excitations)
+    verdict = drive_sentence(
+        log.drive, limits, log.mode_label, log.excitations, partial(ending, log)
+    )
     return f"{verdict} {advice}".rstrip()
+
+
+def ending(log: Log, row: int) -> str:
+    """Return which speed or crank angle ends the warning of a message; empty if none surely does.
+
+    The value in the message may be that of a moment before. So it is sought again for the angle and
+    the speeds of the message, and named only if the limit holds at the value as it is written.
+    """
+    if log.drive is None or log_levels(log) is None:
+        return ""
+    at, angle = log.drive.resonances.message(row), float(log.drive.angles[row])
+    speeds = {source: float(values[row]) for source, values in speeds_at_drive(log).items()}
+    source = list(Source)[max(int(at.speed_source), 1) - 1]
+    speeds[source] = float(at.excitation_speed) / source.si
+    now = _assessed(log, at, angle, speeds)
+    totals = now.total_load_ratio, at.total_load_ratio
+    if now.speed_source != at.speed_source or not np.isclose(*totals, _SAME, 0.0, equal_nan=True):
+        return ""  # The log does not hold all that the message was made of.
+
+    def ends(angle: float, speeds: dict[Source, float]) -> bool:
+        there = _assessed(log, at, angle, speeds)
+        lost = there.unknown_sources & ~now.unknown_sources or there.known_share < now.known_share
+        calm = there.total_load_ratio <= at.load_ratio_limit
+        return bool(calm and there.state != ResonanceState.WARNING and not lost)
+
+    written = float(speed_words(source, now.quiet_speed).split()[0])
+    if not ends(angle, speeds | {source: written / (KMH if source is Source.GROUND else 1.0)}):
+        now.quiet_speed = math.nan
+    if not ends(math.radians(round(math.degrees(now.quiet_angle), 1)), speeds):
+        now.quiet_angle = math.nan
+    return ending_words(now, log.excitations)
+
+
+def _assessed(
+    log: Log, at: MessageColumns, angle: float, speeds: dict[Source, float]
+) -> MessageColumns:
+    """Return an assessment at an angle, rad, and speeds, rpm or m/s, by the limit of a message."""
+    assert log.table is not None
+    limits = replace(log_limits(log), warning=float(at.load_ratio_limit), dwell=0.0)
+    monitor = ResonanceMonitor(log.excitations, limits, levels=log_levels(log))
+    for source, speed in speeds.items():
+        monitor.set_fixed(source, speed)
+    return monitor.assess(Predictor(log.table).predict(angle), 0.0, 0)
+
+
+def load_problems(log: Log) -> list[str]:
+    """Return a sentence for warnings or loads above the limit, and one for what is not known."""
+    if log.drive is None:
+        return [
+            "Nothing is known of the loads, as the log holds no speed of engine, PTO or ground."
+        ]
+    spent, warnings, texts = durations(log.drive), episodes(log.drive), list[str]()
+    if spent.above or warnings:
+        warned = f"{len(warnings)} with {sum(each.duration for each in warnings):.3g} s"
+        texts.append(f"Loads were above the limit for {spent.above:.3g} s; warnings: {warned}.")
+    if spent.known_share < KNOWN:
+        share = f"{100.0 * spent.known_share:.3g} % of the drive, less than {100.0 * KNOWN:g} %"
+        texts.append(f"It is known whether loads were above the limit for {share}.")
+    return texts
 
 
 @lru_cache(maxsize=1)

@@ -454,10 +454,10 @@ def _resonances(
     every = vars(described(MessageColumns(**numbers)))
     shown = resonance_fields()
     kept = {*_EACH, *(field.name for field in shown)}
-    messages = MessageColumns(**{n: c for n, c in every.items() if n in kept}).rows(order)
-    angles, start = predictions["crank_angle"][predicted[order]], int(stamps[0])
-    end = int(stamps[-1])
-    drive = drive_of(taken[order], start, messages, angles, names, predicted[order], end)
+    # As they were written: a stamp that is earlier than the one before ended the warnings.
+    messages = MessageColumns(**{n: c for n, c in every.items() if n in kept})
+    angles, start, end = predictions["crank_angle"][predicted], int(stamps[0]), int(stamps[-1])
+    drive = drive_of(taken, start, messages, angles, names, predicted, end)
     values: dict[str, Any] = {}
     for field in shown:
         column = every[field.name][rows]

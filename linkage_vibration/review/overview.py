@@ -15,12 +15,13 @@ import numpy as np
 from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.verdict import (
     KNOWN,
+    Durations,
     contributions,
     durations,
     episodes,
     worst_message,
 )
-from linkage_vibration.review.findings import first_sentence, log_limits
+from linkage_vibration.review.findings import first_sentence
 from linkage_vibration.review.html import plain_html, table_tag
 from linkage_vibration.review.log import Log, ReviewError, gaps
 
@@ -53,9 +54,12 @@ def drive_summary(log: Log) -> dict[str, Any]:
     drive = log.drive
     warnings = [] if drive is None else episodes(drive)
     parts = [] if drive is None else contributions(drive)
-    judged = drive is not None and bool((drive.resonances.excitation_index >= 0).any())
-    spent = durations(drive, log_limits(log).warning) if drive is not None and judged else None
-    worst = None
+    limits, judged, worst = list[float | None](), False, None
+    spent = Durations(0.0, 0.0, float(log.times[-1]))
+    if drive is not None:
+        limits = [_rounded(limit) for limit in np.unique(drive.resonances.load_ratio_limit)]
+        spent = durations(drive)
+        judged = bool(np.isfinite(drive.resonances.total_load_ratio).any()) or spent.above > 0.0
     if drive is not None and np.isfinite(drive.resonances.total_load_ratio).any():
         row = worst_message(drive)
         at = drive.resonances.message(row)
@@ -82,9 +86,11 @@ def drive_summary(log: Log) -> dict[str, Any]:
         "mode_names": list(log.table.mode_names) if log.table else [],
         "warnings": len(warnings) if judged else None,
         "in_warning_s": _rounded(sum(e.duration for e in warnings)) if judged else None,
-        "above_limit_s": _rounded(spent.above) if spent else None,
-        "below_limit_s": _rounded(spent.below) if spent else None,
-        "known_share": _rounded(spent.known_share) if spent else 0.0,
+        "load_ratio_limits": limits,
+        "above_limit_s": _rounded(spent.above) if judged else None,
+        "below_limit_s": _rounded(spent.below) if judged else None,
+        "unknown_s": _rounded(spent.unknown),
+        "known_share": _rounded(spent.known_share),
         "excitations": [
             {
                 "name": part.name,

@@ -86,9 +86,7 @@ def review_page(log: Log) -> Page:
         "mode_labels": [_mode_name(log, mode) for mode in range(log.n_modes)],
         "brief": ["crank_angle", *(f"f{mode + 1}" for mode in range(log.n_modes))],
         "answer": first_sentence(log),
-        "calm": log.drive is not None
-        and not warnings
-        and durations(log.drive, log_limits(log).warning).calm,
+        "calm": log.drive is not None and not warnings and durations(log.drive).calm,
         "tables": _tables(log, parts, warnings, shown, rows, axis),
         "summary": _summary(log, warnings, missing),
         "provenance": _provenance(log, len(rows)),

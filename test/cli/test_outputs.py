@@ -229,8 +229,11 @@ def test_exit_codes_of_replay(files: Path, capsys: Any) -> None:
     assert main([*partly, "--strict"]) == 3
     assert "1061 predictions have no numbers" in capsys.readouterr().err
     assert main(["review", "partly.mcap", "--strict"]) == 3
-    assert main(["diff", "log.mcap", "partly.mcap"]) == 0
-    assert main(["diff", "log.mcap", "partly.mcap", "--strict"]) == 3
+    assert main(["diff", "log.mcap", "partly.mcap"]) == 1  # all angles are 17 deg apart
+    assert "not of one drive, or of one calibration of its angle" in capsys.readouterr().err
+    assert main(["replay", "drive.mcap", "-o", "near.mcap", "--offset", "0.01"]) == 0
+    assert main(["diff", "log.mcap", "near.mcap"]) == 0
+    assert main(["diff", "log.mcap", "near.mcap", "--strict"]) == 3
     shutil.copy("log.mcap", "copy.mcap")
     assert main(["diff", "log.mcap", "copy.mcap", "--strict"]) == 0
 

@@ -13,3 +13,12 @@ def test_gaps_are_long_steps() -> None:
     assert gap_starts(times).tolist() == [3]
     assert gap_starts(10.0 * times).tolist() == [3]
     assert gap_starts(times[:1]).tolist() == []
+
+
+def test_samples_that_share_a_stamp() -> None:
+    """Ten samples at each time, 0.2 s apart, have no gap; a step of more than 2 s is one."""
+    times = np.repeat(0.2 * np.arange(150), 10)
+    assert gap_starts(times).tolist() == []
+    assert gap_starts(np.append(times, times[-1] + 1.9)).tolist() == []
+    assert gap_starts(np.append(times, times[-1] + 2.1)).tolist() == [1499]
+    assert gap_starts(np.zeros(10)).tolist() == []

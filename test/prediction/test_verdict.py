@@ -70,6 +70,7 @@ def drive(whole: list[int], totals: list[float], step: float = 1.0, **fields: An
         "excitation_index": np.where(np.array(whole) == UNKNOWN, -1, 0),
         "ground_unknown": np.full(n, ""),
         "off_ground_share": np.full(n, math.nan),
+        "load_ratio_limit": np.full(n, LIMITS.warning, np.float32),
         "quiet_speed": np.full(n, math.nan),
         "quiet_angle": np.full(n, math.nan),
     }
@@ -83,7 +84,7 @@ def drive(whole: list[int], totals: list[float], step: float = 1.0, **fields: An
 
 def sentence(actual: Drive, excitations: tuple[Excitation, ...]) -> str:
     """Return the sentence about a drive."""
-    return drive_sentence(actual, LIMITS, str, excitations)
+    return drive_sentence(actual, LIMITS, str, excitations, lambda _: "")
 
 
 def test_orders_that_are_not_known_are_not_quiet() -> None:
@@ -179,13 +180,13 @@ def test_what_is_known_comes_first(
     states = np.stack([np.full(100, CLEAR), np.where(rows, UNKNOWN, CLEAR)], axis=1)
     for each in (speed, drive([CLEAR] * 100, [0.14] * 100, **known | {"states": states})):
         assert sentence(each, excitations).startswith(words)
-        assert durations(each, LIMITS.warning).calm == (lost <= 5)
+        assert durations(each).calm == (lost <= 5)
     n = 100 - lost
     if n:
         known = {"unknown_sources": np.zeros(n, int), "states": np.full((n, 2), CLEAR)}
         short = replace(drive([CLEAR] * n, [0.14] * n, **known), missing=float(lost))
         assert sentence(short, excitations).startswith(words)
-        assert durations(short, LIMITS.warning).calm == (lost <= 5)
+        assert durations(short).calm == (lost <= 5)
 
 
 @pytest.mark.parametrize(("count", "said"), [(0, False), (1, True)])
@@ -313,28 +314,38 @@ def test_numbers_are_short(value: float) -> None:
     assert speed_words(Source.GROUND, 12.34) == "44.4 km/h"
 
 
-@pytest.mark.parametrize(
-    ("speed", "angle", "end"),
-    [
-        (500.0, math.radians(130.0), " a PTO speed of 500 rpm or a crank angle of 130.0 deg."),
-        (math.nan, math.radians(130.0), " a crank angle of 130.0 deg."),
-        (500.0, math.nan, " a PTO speed of 500 rpm."),
-        (math.nan, math.nan, ""),
-    ],
-)
+@pytest.mark.parametrize("value", ["a PTO speed of 500 rpm", ""])
 def test_the_worst_warning_says_what_would_have_ended_it(
-    excitations: tuple[Excitation, ...], speed: float, angle: float, end: str
+    excitations: tuple[Excitation, ...], value: str
 ) -> None:
-    """It is the speed or the angle of the worst message that warned, not of the largest load."""
-    quiet = {"quiet_speed": np.full(4, 9.0), "quiet_angle": np.full(4, 9.0)}
-    quiet["quiet_speed"][2], quiet["quiet_angle"][2] = speed * PER_RPM, angle
-    actual = drive([NOTE, WARNING, WARNING, CLEAR], [7.0, 0.4, 0.5, 0.0], **quiet)
-    head, _, tail = sentence(actual, excitations).partition(
-        " The worst warning would have ended at"
-    )
-    assert tail.removesuffix(" The loads of high 6 are not known and not counted.") == end
+    """It is sought for the worst message that warned, not for the largest load, if it is sure."""
+    asked: list[int] = []
+    states, totals = [NOTE, WARNING, WARNING, CLEAR], [7.0, 0.4, 0.5, 0.0]
+
+    def ending(row: int) -> str:
+        asked.append(row)
+        return value
+
+    text = drive_sentence(drive(states, totals), LIMITS, str, excitations, ending)
+    head, _, tail = text.partition(" The worst warning would have ended at")
     assert "for 3.0 s of the 3.0 s that are known, with one warning of 2.0 s" in head
-    assert "ended" not in sentence(drive([NOTE], [7.0], **quiet), excitations)
+    assert tail.startswith(f" {value}.") == bool(value) == bool(tail)
+    never = drive_sentence(drive([NOTE], [7.0]), LIMITS, str, excitations, ending)
+    assert "ended" not in never
+    assert asked == [2]
+
+
+def test_each_message_has_its_own_limit(excitations: tuple[Excitation, ...]) -> None:
+    """A limit that is changed while a drive is recorded counts from then on, and is named."""
+    known = {"unknown_sources": np.zeros(4, int), "states": np.full((4, 2), CLEAR)}
+    limits = np.array([0.2, 0.2, 0.33, 0.33], np.float32)
+    actual = drive([NOTE] * 4, [0.25, 0.1, 0.25, 0.34], **known, load_ratio_limit=limits)
+    spent = durations(actual)
+    assert (spent.above, spent.below, spent.unknown) == (2.0, 2.0, 0.0)
+    assert durations(actual, 0.3).above == 1.0
+    assert sentence(actual, excitations).startswith(
+        "Loads exceeded 0.2 to 0.33 of the static force (the limit was changed) for 2.0 s in all"
+    )
 
 
 def test_an_unknown_load_is_not_quiet() -> None:

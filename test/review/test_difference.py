@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The difference between two logs of one drive."""
 
+import math
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +21,7 @@ from linkage_vibration.review.log import ReviewError, read_log
 from linkage_vibration.support.resources import config_file
 from test.support.drive import hitch_duty_cycle
 from test.support.messages import read_messages
+from test.support.random_resonances import START, Message, write_drive
 
 
 @pytest.fixture(scope="module")
@@ -60,9 +63,7 @@ def test_known_difference(write_log: Any, tmp_path: Path) -> None:
     assert np.isfinite(angle.change).sum() == 89
     assert (angle.one_sided, comparison.status_changes) == (1, 1)
     shown = difference_summary(comparison)
-    assert (
-        "90 predictions have the same stamps, 10 are only in A, 0 are only in B; 1 differ" in shown
-    )
+    assert "90 moments are in both logs; 10 are only in A, 0 are only in B; 1 differ" in shown
 
 
 def test_changed_values_are_reported(heavier: tuple[Path, Path]) -> None:
@@ -79,8 +80,10 @@ def test_load_ratios_are_compared(heavier: tuple[Path, Path]) -> None:
         messages = read_messages(path, "/linkage_vibration/levels")
         largest.append(max(message.total_load_ratio for _, message in messages))
     a, b = largest
-    expected = f"; the largest load ratio is {a:.2g} in A and {b:.2g} in B."
-    assert sentence(compare(*heavier)).endswith(expected)
+    expected = (
+        f"; the largest load ratio is {a:.2g} in A and {b:.2g} in B; not all loads are known "
+    )
+    assert expected in sentence(compare(*heavier))
 
 
 def test_a_log_without_loads_differs(write_log: Any, tmp_path: Path) -> None:
@@ -92,8 +95,9 @@ def test_a_log_without_loads_differs(write_log: Any, tmp_path: Path) -> None:
     largest = max(message.total_load_ratio for _, message in messages)
     text = sentence(compare(a, b))
     assert text.startswith("The natural frequencies are equal; the logs differ")
-    assert text.endswith(f"; the largest load ratio is not known in A and {largest:.2g} in B.")
-    assert sentence(compare(a, a)) == "The logs have equal predictions."
+    assert f"; the largest load ratio is not known in A and {largest:.2g} in B; not all " in text
+    nothing = "not all loads are known at 100 % of the moments in A and 100 % of the moments in B."
+    assert sentence(compare(a, a)) == f"The logs have equal predictions; {nothing}"
 
 
 def test_difference_in_one_sentence(heavier: tuple[Path, Path]) -> None:
@@ -101,15 +105,141 @@ def test_difference_in_one_sentence(heavier: tuple[Path, Path]) -> None:
     text = sentence(compare(*heavier))
     assert text.startswith("Mode 1 (tractor pitch) differs most: in B it is 0.2")
     assert " Hz (15 %) lower at 10.18 s; " in text
-    assert sentence(compare(heavier[0], heavier[0])) == "The logs have equal predictions."
+    equal = sentence(compare(heavier[0], heavier[0]))
+    assert equal.startswith("The logs have equal predictions; not all loads are known at 100 % of")
 
 
-def test_no_stamp_in_common(write_log: Any, tmp_path: Path) -> None:
-    """Logs of two different drives are refused."""
-    a = write_log(tmp_path / "a.mcap", [0.0, 0.01], [2.0, 2.0], False)
-    b = write_log(tmp_path / "b.mcap", [5.0, 5.01], [2.0, 2.0], False)
-    with pytest.raises(ReviewError, match="no stamp in common"):
+@pytest.mark.parametrize("rows", [slice(0, 600), slice(100, 500)])
+def test_another_clock(write_log: Any, tmp_path: Path, rows: slice) -> None:
+    """The same drive with stamps 5 s later has no difference, also where a log has less of it."""
+    times, alpha3 = hitch_duty_cycle()
+    a = write_log(tmp_path / "a.mcap", times[:600], alpha3[:600], False)
+    b = write_log(tmp_path / "b.mcap", times[rows] + 5.0, alpha3[rows], False)
+    comparison = compare(a, b)
+    assert comparison.offset == 5 * 10**9
+    assert comparison.rows_a.tolist() == list(range(600))[rows]
+    assert [q.largest for q in comparison.quantities[:-1]] == [0.0] * 6
+    assert (problems(comparison) == []) == (rows == slice(0, 600))
+    clock = "moments are in both logs, with the clock of B 5 s later, as the crank angles show; "
+    assert clock in difference_summary(comparison)
+
+
+def test_no_moment_in_common(write_log: Any, tmp_path: Path) -> None:
+    """Logs of other stamps are refused if no difference of their clocks matches half of one."""
+    angles = np.linspace(2.0, 2.01, 11)
+    a = write_log(tmp_path / "a.mcap", np.arange(11) * 0.01, angles, False)
+    steps = np.arange(11.0)
+    for least, refused in ((4, True), (6, False)):
+        later = np.where(steps < least, 0.0, np.where(steps < 8, 0.3, 0.7))
+        b = write_log(tmp_path / "b.mcap", 5.0 + 0.01 * (steps + later), angles, False)
+        if refused:
+            with pytest.raises(ReviewError, match="have no moment in common"):
+                compare(a, b)
+        else:
+            assert len(compare(a, b).stamps) == 6
+
+
+@pytest.mark.parametrize(
+    ("apart", "turns", "differ"), [(1.9, 0, False), (1.9, 1, False), (2.1, 0, True)]
+)
+@pytest.mark.parametrize(("count", "refused"), [(5, False), (6, True)])
+def test_other_angles(
+    write_log: Any,
+    tmp_path: Path,
+    apart: float,
+    turns: int,
+    differ: bool,
+    count: int,
+    refused: bool,
+) -> None:
+    """Moments of more than 2 deg are not compared, and more than 5 % of them are another drive."""
+    times, alpha3 = hitch_duty_cycle()
+    changed = alpha3[:100].copy()
+    changed[40 : 40 + count] += math.radians(apart) + turns * math.tau
+    a = write_log(tmp_path / "a.mcap", times[:100], alpha3[:100], False)
+    b = write_log(tmp_path / "b.mcap", times[:100], changed, False)
+    if differ and refused:
+        words = "of 100 moments .* 6 have crank angles more than 2 deg apart, up to 2.1 deg at 0.4"
+        with pytest.raises(ReviewError, match=words):
+            compare(a, b)
+        return
+    comparison = compare(a, b)
+    assert comparison.apart == (count if differ else 0)
+    assert len(comparison.stamps) == 100 - comparison.apart
+    assert problems(comparison)
+    left_out = f"{count} more have crank angles above 2 deg apart, and are not compared."
+    assert (left_out in difference_summary(comparison)) == differ
+
+
+def test_modes_are_matched_by_name(
+    heavier: tuple[Path, Path], write_log: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of two linkages, modes of one name are compared, and others are named; or all are refused."""
+    a, b = write_log(tmp_path / "a.mcap", *hitch_duty_cycle(), False), heavier[0]
+    comparison = compare(a, b)
+    names = {q.key: q.name for q in comparison.quantities if q.key[0] == "f"}
+    assert names == {
+        "f1": "mode 1 (implement heave), 4 in B",
+        "f2": "mode 2 (implement pitch), 5 in B",
+    }
+    heave = comparison.quantities[1]
+    topic = "/linkage_vibration/prediction"
+    for values, path, mode in ((heave.a, a, 0), (heave.b, b, 3)):
+        expected = [message.natural_frequencies[mode] for _, message in read_messages(path, topic)]
+        assert values.tolist() == expected
+    only = (
+        "mode 3 (lift rod bending) of A, mode 1 (tractor pitch) of B, mode 2 (tractor surge) of B"
+    )
+    assert f"These modes are in one log only: {only}" in difference_summary(comparison)
+    logs = {path: read_log(path) for path in (a, b)}
+    monkeypatch.setattr("linkage_vibration.review.difference.read_log", logs.__getitem__)
+    table = logs[a].table
+    assert table is not None
+    numbered = replace(table, mode_names=("mode 1", "mode 2", "mode 3"))
+    logs[a] = replace(logs[a], table=numbered)
+    another = replace(numbered, mechanism_name="another")
+    logs[b] = replace(logs[a], table=another, table_id="another")
+    with pytest.raises(ReviewError, match="two linkages without a mode of the same name"):
         compare(a, b)
+    logs[b] = replace(logs[b], table=numbered)  # the same mechanism
+    assert len(compare(a, b).quantities) == len(comparison.quantities) + 1
+    logs[b] = replace(logs[b], table=None)
+    with pytest.raises(ReviewError, match=r"and .*a\.mcap does not hold its own"):
+        compare(a, b)
+
+
+def test_what_is_not_known_is_never_equal(tmp_path: Path) -> None:
+    """A load without a source is not compared with the whole, and its share is stated."""
+    whole = [
+        Message(
+            START + 10**8 * k, 2.0 + 0.01 * k, 1, (1,) * 4, (0.1,) * 4, 0.2, "engine 1", 0, 0.33
+        )
+        for k in range(20)
+    ]
+    ratios = (math.nan, 0.01, 0.01, 0.01)
+    less = [
+        replace(each, ratios=ratios, total=0.02, unknown=2) if k < 5 else each
+        for k, each in enumerate(whole)
+    ]
+    a, b = write_drive(tmp_path / "a.mcap", whole), write_drive(tmp_path / "b.mcap", less)
+    comparison = compare(a, b)
+    load = comparison.quantities[-1]
+    assert (load.key, load.one_sided, load.unknown_share, load.largest) == ("load", 5, 0.25, 0.0)
+    assert problems(comparison)
+    assert sentence(comparison).endswith("; not all loads are known at 25 % of the moments in B.")
+    assert sentence(compare(a, a)) == "The logs have equal predictions."
+    same = compare(b, b)
+    assert problems(same) == []
+    shares = "25 % of the moments in A and 25 % of the moments in B."
+    assert sentence(same) == f"The logs have equal predictions; not all loads are known at {shares}"
+
+
+def test_nothing_known_is_not_equal(write_log: Any, tmp_path: Path) -> None:
+    """Two logs without a natural frequency are not called equal."""
+    path = write_log(tmp_path / "a.mcap", [0.0, 0.01], [math.nan] * 2, False)
+    comparison = compare(path, path)
+    assert sentence(comparison).startswith("Nothing can be compared, as the logs know no natural")
+    assert problems(comparison)
 
 
 def test_equal_stamps(write_log: Any, tmp_path: Path) -> None:

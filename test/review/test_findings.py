@@ -4,6 +4,8 @@
 
 import html
 import json
+import math
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -14,15 +16,18 @@ import pytest
 
 from linkage_vibration.cli.main import main
 from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.prediction.excitation import Source
+from linkage_vibration.prediction.severity import ResonanceState
 from linkage_vibration.prediction.verdict import contributions, episodes
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.review.findings import first_sentence
+from linkage_vibration.review.findings import ending, first_sentence, log_levels
 from linkage_vibration.review.log import Log, problems, read_log
 from linkage_vibration.review.overview import drive_summary, overview_html
 from linkage_vibration.review.review_page import review_page
 from linkage_vibration.review.time_axis import time_axis
 from linkage_vibration.support.resources import PAPER_MECHANISM, config_file
-from test.support.drive import hitch_duty_cycle
+from test.support.drive import engine_and_pto_speed, hitch_duty_cycle
+from test.support.random_resonances import START, Message, write_drive
 
 GAP, BACK = 900.0, 10.0  # s
 
@@ -218,7 +223,7 @@ def test_messages_that_were_dropped_are_a_problem(log: Log) -> None:
 def test_summary_is_json(drive: Path, jumping: Path, capsys: Any, log: Log) -> None:
     """The same as JSON, with null for what is not known."""
     assert main(["summary", str(drive), str(jumping)]) == 0
-    first, second = json.loads(capsys.readouterr().out)
+    first, second = json.loads(capsys.readouterr().out)["drives"]
     assert first["sentence"] == first_sentence(log)
     assert first["worst"]["load_ratio_factor"] is None
     assert first["predictions"] == len(log.stamps)
@@ -231,6 +236,106 @@ def test_summary_is_json(drive: Path, jumping: Path, capsys: Any, log: Log) -> N
     numbers = [first["worst"]["load_ratio"], first["in_warning_s"], first["duration_s"]]
     assert all(len(str(number)) < 9 for number in numbers)
     assert f"<td>{first['worst']['load_ratio']:.2g}</td>" in overview_html([(first, "a.html")], [])
+
+
+def test_summary_names_a_log_that_is_cut(overview: Path, tmp_path: Path, capsys: Any) -> None:
+    """Of three logs, two are printed and the third is named; without any, the command fails."""
+    assert main(["summary", str(overview)]) == 3
+    output = capsys.readouterr()
+    content = json.loads(output.out)
+    assert [Path(each["log"]).name for each in content["drives"]] == ["drive.mcap", "jumping.mcap"]
+    [failure] = content["failures"]
+    assert failure["log"] == str(overview / "cut.mcap")
+    assert "cut.mcap is damaged" in failure["error"]
+    assert failure["error"] in output.err
+    assert main(["summary", str(overview / "cut.mcap")]) == 1
+    output = capsys.readouterr()
+    assert "cut.mcap is damaged" in output.err
+    assert output.out == ""
+
+
+@pytest.mark.parametrize(
+    ("unknown", "total", "state", "code", "said"),
+    [
+        (5, 0.1, 1, 0, ""),
+        (6, 0.1, 1, 3, "limit for 94 % of the drive, less than 95 %"),
+        (0, 0.3, 1, 0, ""),
+        (0, 0.4, 2, 3, "above the limit for 1 s; warnings: 0 with 0 s"),
+        (0, 0.4, 3, 3, "above the limit for 1 s; warnings: 1 with 1 s"),
+    ],
+)
+def test_strict_summary(
+    unknown: int, total: float, state: int, code: int, said: str, tmp_path: Path, capsys: Any
+) -> None:
+    """Warnings, loads above the limit, and less than 95 % known end with the code 3."""
+    messages = [
+        Message(
+            START + 10**7 * k,
+            2.0,
+            state,
+            (state,) * 4,
+            (total / 2.0,) * 4,
+            total,
+            "engine 1",
+            2 if k < unknown else 0,
+            0.33,
+        )
+        for k in range(100)
+    ]
+    path = str(write_drive(tmp_path / "drive.mcap", messages))
+    assert main(["summary", path, "--strict"]) == code
+    assert said in capsys.readouterr().err
+
+
+def test_summary_without_loads(write_log: Any, tmp_path: Path) -> None:
+    """Where nothing was assessed, all of the time is unknown, and durations are null, not 0."""
+    times = np.arange(50) / 100.0
+    for speeds, angle in ((False, 2.0), (True, np.nan)):
+        path = write_log(tmp_path / "log.mcap", times, np.full(50, angle), speeds)
+        values = drive_summary(read_log(path))
+        for key in ("warnings", "in_warning_s", "above_limit_s", "below_limit_s"):
+            assert values[key] is None
+        assert values["unknown_s"] == pytest.approx(0.5, abs=0.011)
+        assert values["known_share"] == 0.0
+
+
+def test_what_ends_a_warning_does_end_it(log: Log) -> None:
+    """At the angle and the speeds of the message, the limit holds at each value as it is written.
+
+    The values in some of the messages, which are up to a second old, are exceeded there.
+    """
+    levels = log_levels(log)
+    assert log.drive is not None
+    assert levels is not None
+    speed_times, *speeds = engine_and_pto_speed()
+    checked, stale = 0, 0
+    for row in np.flatnonzero(log.drive.resonances.state == ResonanceState.WARNING)[::20].tolist():
+        at, angle = log.drive.resonances.message(row), float(log.drive.angles[row])
+        latest = int(np.searchsorted(speed_times, log.drive.times[row] + 1e-9, "right")) - 1
+        present = np.array([*(speed[latest] for speed in speeds), math.nan])
+        place = int(at.speed_source) - 1
+
+        def total(angle: float, speed: float, present: Any = present, place: int = place) -> float:
+            changed = np.where(np.arange(3) == place, speed, present)
+            assert levels is not None
+            there = levels.at(np.array([angle]), changed[:, np.newaxis])
+            return float(there.total_load_ratio[0])
+
+        assert total(angle, present[place]) == pytest.approx(at.total_load_ratio, rel=1e-5)
+        text = ending(log, row)
+        if speed := re.search(r"speed of ([\d.]+) rpm", text):
+            assert total(angle, float(speed[1])) <= 0.02
+            checked += 1
+        if height := re.search(r"angle of ([\d.]+) deg", text):
+            assert total(np.deg2rad(float(height[1])), present[place]) <= 0.02
+            checked += 1
+        stale += total(angle, at.quiet_speed * 30.0 / math.pi) > 0.02
+        stale += total(float(at.quiet_angle), present[place]) > 0.02
+    assert checked > 40
+    assert stale > 0
+    unlike = replace(log, speeds={Source.ENGINE: log.speeds[Source.ENGINE]})
+    assert log.drive.resonances.excitation[20] == "engine_shake 1.5"
+    assert (ending(log, 20) != "", ending(unlike, 20)) == (True, "")
 
 
 @pytest.fixture

@@ -68,13 +68,18 @@ def test_summary(drive: tuple[list[Message], Path], capsys: Any) -> None:
     """The command `summary` prints the same numbers with six digits."""
     messages, path = drive
     assert main(["summary", str(path)]) == 0
-    [actual] = json.loads(capsys.readouterr().out)
+    content = json.loads(capsys.readouterr().out)
+    assert (content["schema_version"], content["failures"]) == (1, [])
+    [actual] = content["drives"]
     warnings, worst = warnings_of(messages), worst_of(messages)
     above, below, unknown = durations_of(messages)
     assert actual["warnings"] == len(warnings)
-    numbers = [actual["above_limit_s"], actual["below_limit_s"], actual["known_share"]]
+    keys = "above_limit_s", "below_limit_s", "unknown_s", "known_share"
     share = (above + below) / (above + below + unknown)
-    assert numbers == pytest.approx([above, below, share], rel=1e-5, abs=1e-9)
+    numbers = [above, below, unknown, share]
+    assert [actual[key] for key in keys] == pytest.approx(numbers, rel=1e-5, abs=1e-9)
+    limits = sorted({message.limit for message in messages})
+    assert actual["load_ratio_limits"] == pytest.approx(limits, rel=1e-5)
     assert actual["in_warning_s"] == pytest.approx(sum(w[1] for w in warnings), rel=1e-5)
     keys = "name", "load_ratio", "in_warning_s", "in_note_s"
     shown = [tuple(each[key] for key in keys) for each in actual["excitations"]]

@@ -57,6 +57,7 @@ class Message:
     total: float
     excitation: str  # the most severe one
     unknown: int  # bits of the sources that are not known
+    limit: float  # load ratio, float32, above which there is a warning
 
 
 @dataclass(frozen=True)
@@ -71,27 +72,34 @@ class Row:
 
 
 def random_drive(seed: int) -> list[Message]:
-    """Return messages with gaps, jumps of the clock, rates of 1 to 50 Hz, notes and warnings."""
+    """Return messages with gaps, jumps of the clock, rates of 1 to 50 Hz, notes and warnings.
+
+    Some stamps are earlier than the one before, for one message or for more, and limits change.
+    """
     rng = np.random.default_rng(seed)
     messages: list[Message] = []
     now, known = START, rng.random(len(NAMES)) < 0.75  # whose amplitude is known
     for _ in range(int(rng.integers(2, 7))):
         step = round(1e9 / rng.choice([1.0, 10.0, 50.0]))
+        limit = float(np.float32(rng.choice([0.33, 0.33, 0.2, 0.5])))
         for _ in range(int(rng.integers(1, 5))):
             states = rng.choice([CLEAR, NOTE, WARNING, UNKNOWN], len(NAMES), p=[0.4, 0.3, 0.2, 0.1])
             for _ in range(int(rng.integers(1, 40))):
-                messages.append(_message(rng, now, states, known))
+                late = int(rng.integers(2, 6)) * step if rng.random() < 0.02 else 0
+                messages.append(_message(rng, now - late, states, known, limit))
                 now += step + int(rng.integers(-step // 20, step // 20 + 1))
         change = rng.random()
         if change < 0.4:
             now += int(rng.integers(LONGEST + 1, 4000 * 10**9))  # a gap
         elif change < 0.6:
             now -= int(rng.integers(2 * step, 30 * 10**9))  # the clock jumps back
+        elif change < 0.7:
+            now -= 3 * step  # by no more than a few messages
     return messages
 
 
 def _message(
-    rng: np.random.Generator, now: int, states: NDArray[Any], known: NDArray[Any]
+    rng: np.random.Generator, now: int, states: NDArray[Any], known: NDArray[Any], limit: float
 ) -> Message:
     """Return a message whose excitations have these states."""
     drawn = np.float32(rng.lognormal(-1.5, 1.0, len(states)))
@@ -114,6 +122,7 @@ def _message(
         total,
         "" if state == UNKNOWN else NAMES[worst],
         int(rng.choice([0, 2, 4, 16], p=[0.85, 0.05, 0.05, 0.05])),
+        limit,
     )
 
 
@@ -161,6 +170,7 @@ def _assessed(message: Message, table_id: str) -> Any:
         "table_id": table_id,
         "states": np.array(message.states, np.uint8),
         "unknown_sources": message.unknown,
+        "load_ratio_limit": np.float32(message.limit),
         "load_ratios": np.array(message.ratios, np.float32),
         "total_load_ratio": np.float32(message.total),
     }
@@ -196,13 +206,17 @@ def warnings_of(messages: list[Message]) -> list[tuple[float, float, float]]:
 
 
 def durations_of(messages: list[Message]) -> tuple[float, float, float]:
-    """Return for how long the load was above 0.33, was not, and was not known, s."""
+    """Return for how long the load was above the limit, was not, and was not known, s."""
     above = below = unknown = 0.0
     held = holding_times(messages)
     for message, time in zip(messages, held, strict=True):
-        if message.total > 0.33:
+        if message.total > message.limit:
             above += time
-        elif message.total <= 0.33 and message.unknown == 0 and UNKNOWN not in message.states:
+        elif (
+            message.total <= message.limit
+            and message.unknown == 0
+            and UNKNOWN not in message.states
+        ):
             below += time
         else:
             unknown += time
