@@ -125,12 +125,12 @@ def compare(path_a: Path, path_b: Path) -> Difference:
     same = ~(differences > _SAME_ANGLE)
     if (~same).mean() > _MOST_APART:
         farthest = int(np.nanargmax(differences))
+        where = f"{DEG * differences[farthest]:.3g} deg at {a.times[rows_a[farthest]]:.2f} s of A"
         raise ReviewError(
             f"{path_a} and {path_b} are not of one drive, or of one calibration of its angle: of "
-            f"{len(same)} moments that match best, {int((~same).sum())} have crank angles "
-            f"more than {DEG * _SAME_ANGLE:g} deg apart, up to "
-            f"{DEG * differences[farthest]:.3g} deg at {a.times[rows_a[farthest]]:.2f} s of A; give two logs of one drive, such as two "
-            "replays of one bag with the same offset, or show each log by "
+            f"{len(same)} moments that match best, {int((~same).sum())} have crank angles more "
+            f"than {DEG * _SAME_ANGLE:g} deg apart, up to {where}; give two logs of one drive, "
+            "such as two replays of one bag with the same offset, or show each log by "
             f"`{command('review')}`."
         )
     rows_a, rows_b = rows_a[same], rows_b[same]
