@@ -16,7 +16,6 @@ import pytest
 import yaml
 
 import linkage_vibration
-from benchmark.failing.__main__ import outcomes
 from linkage_vibration.bags.recovery import recover
 from linkage_vibration.cli.main import SUBCOMMANDS, argument_parser, main
 from linkage_vibration.playback.replay import replay
@@ -29,6 +28,7 @@ from linkage_vibration.support.atomic_files import (
 )
 from linkage_vibration.support.exit_codes import ended_by_signals
 from linkage_vibration.support.resources import config_file
+from test.support.failing.runs import outcomes
 from test.support.programs import require
 
 DRIVE = config_file("drives/hitch_duty_cycle.mcap")
@@ -479,7 +479,7 @@ def test_ended_export_leaves_no_folder(files: Path) -> None:
 def test_failing_operations(command: str, kind: str) -> None:
     """Whichever operation fails, files are old or new, and a failure is one sentence."""
     require("gcc")
-    result = outcomes(command, kind)
+    ends = outcomes(command, kind)
     sound = {f"{state}, {words}" for state in ("old", "readable") for words in ("one sentence",)}
-    assert result["outcomes"].keys() <= sound | {"new, no word", "readable, no word"}
-    assert any("no word" in outcome for outcome in result["outcomes"])
+    assert ends.keys() <= sound | {"new, no word", "readable, no word"}
+    assert any("no word" in outcome for outcome in ends)
