@@ -28,7 +28,8 @@ package ("ours"). [Where methods fail](../../docs/stability.md) says what a user
 
 The tests that are named check the numbers. In addition, `test/properties` checks eight invariants
 of mechanics with random linkages: 320 in every run, and ten thousand for each invariant with
-`pytest -m nightly`. `test/readers/test_fuzz.py` reads damaged files with every reader.
+`pytest -m nightly`. `test/readers/test_fuzz.py` reads damaged files with every reader, and
+`make bench ONLY=fuzz` reads 104,000 of them ([results](fuzz.md)).
 """
 
 
