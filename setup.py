@@ -65,13 +65,11 @@ TEST = [
 # The benchmarks need "ros" too; CalculiX comes with `apt-get install calculix-ccx`.
 BENCH = [
     *OPTIONAL,
-    "cosmic-ray>=8.4",
     "exudyn",
     "fmpy",
     "gmsh",
     "hypothesis",
     "mcap-ros2-support",
-    "parso",
     "pyFBS>=1.0.7",
     "pyOMA-2",
     "pyOMA-2>=1.4",

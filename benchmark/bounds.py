@@ -27,7 +27,7 @@ from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import Table
 from linkage_vibration.table.tabulation import build_table
-from linkage_vibration.table.tabulation.frf_errors import frf_lines, worst_frf_error
+from linkage_vibration.table.tabulation.frf_errors import frf_lines, worst_share
 
 PICTURE = Path(__file__).parents[1] / "docs" / "pictures" / "bounds.png"
 QUANTITIES = ("frequency", "damping ratio", "peak frequency", "peak height", "slope", "FRF")
@@ -193,7 +193,8 @@ class _Frfs:
         if not built.places:
             return math.nan
         receptances = built.frf(alpha3, built.places, built.places).frf(self.lines)
-        return worst_frf_error(self._weights * receptances, self._exact)
+        off = np.linalg.norm(self._weights * receptances - self._exact, axis=0)
+        return worst_share(off, np.linalg.norm(self._exact, axis=0))
 
 
 def reported_errors(built: Table, angles: FloatArray) -> FloatArray:

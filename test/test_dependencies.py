@@ -27,7 +27,6 @@ DISTRIBUTIONS = {
     "can": ("python-can", None),
     "cantools": ("cantools", None),
     "catkin_pkg": ("bloom", None),  # needs it
-    "cosmic_ray": ("cosmic-ray", None),
     "exudyn": ("exudyn", None),
     "fmpy": ("fmpy", None),
     "gmsh": ("gmsh", None),
@@ -46,7 +45,6 @@ DISTRIBUTIONS = {
     "meshio": ("meshio", None),
     "numpy": ("numpy", "python3-numpy"),
     "packaging": ("packaging", "python3-packaging"),
-    "parso": ("parso", None),
     "pyfbs": ("pyfbs", None),
     "pyoma2": ("pyoma-2", None),
     "pytest": ("pytest", "python3-pytest"),

@@ -11,7 +11,6 @@ from typing import Any
 
 import yaml
 
-from linkage_vibration.mechanics.description import MechanismError
 from linkage_vibration.mechanics.keys import Keys
 from linkage_vibration.mechanics.paths import number_at
 from linkage_vibration.readers.mechanism import load_yaml
@@ -47,19 +46,6 @@ def read_target(keys: Keys) -> Target:
     frequency = keys.number("hz", positive=True)
     deviation = keys.number("deviation", positive=True, default=0.01)
     return Target(keys.integer("mode"), at, frequency, deviation)
-
-
-def read_targets(path: Path) -> list[Target]:
-    """Read the targets in the file of a calibration; a `MechanismError` names the key."""
-    mapping = load_yaml(path)[0]
-    try:
-        entries = Keys("", mapping).items("targets")
-        targets = [read_target(entry) for entry in entries]
-        for entry in entries:
-            entry.refuse_unknown()
-    except MechanismError as error:
-        raise MechanismError(f"{path}: {error.path}", error.problem) from None
-    return targets
 
 
 def targets_text(

@@ -4,9 +4,7 @@
 
 import errno
 import os
-import shutil
 import stat
-import sys
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
@@ -15,8 +13,6 @@ from pathlib import Path
 import yaml
 
 from linkage_vibration.errors import LinkageVibrationError
-
-_DATA = [".mcap", ".html", ".csv", ".png", ".npz", ".yaml", ".fmu", ".bag", ".db3"]  # of commands
 
 
 class OutputError(LinkageVibrationError):
@@ -50,27 +46,10 @@ def check_outputs(outputs: Sequence[Path], inputs: Sequence[Path]) -> None:
 
 
 def check_paths(paths: Sequence[Path]) -> None:
-    """Refuse pipes, for which a command would wait, and files to which it prints."""
+    """Refuse pipes, for which a command would wait."""
     for path in paths:
         if os.path.exists(path) and Path(os.path.realpath(path)).is_fifo():
             raise OutputError(f"{path}: is no regular file; give the name of a file.")
-    for stream in (sys.stdout, sys.stderr):
-        # A closed stream is None, and that of a test has no file.
-        with suppress(AttributeError, OSError, ValueError):
-            status = os.fstat(stream.fileno())
-            if not stat.S_ISREG(status.st_mode):
-                continue
-            used: dict[Path, None] = {}
-            for path in paths:
-                _add_files(path, used)
-            for path in used:
-                other = path.suffix not in _DATA and path not in paths  # in a folder of logs
-                if not other and path.exists() and os.path.samestat(path.stat(), status):
-                    sys.stderr = sys.stdout if stream is sys.stderr else sys.stderr
-                    raise OutputError(
-                        f"{path} is a file of this command, so it cannot be its standard output "
-                        "or error; print to another one."
-                    )
 
 
 def refuse_pipe(path: Path) -> None:
@@ -125,25 +104,17 @@ def replacement(
 
 
 def write_files(files: Mapping[Path, Iterable[bytes]], error: type[LinkageVibrationError]) -> None:
-    """Write the parts of files as `replacement` does, or none of the files if one fails."""
+    """Write the parts of files as `replacement` does, or none of the files if one has no room."""
     with ExitStack() as stack:
-        moves = list[tuple[Path, Path, Path]]()
+        moves = []
         for path, parts in files.items():
             new, target = stack.enter_context(_new_file(path, error))
             with new.open("wb") as file:
                 file.writelines(parts)
             moves.append((path, new, target))
-        with ExitStack() as undo:
-            for path, new, target in moves:
-                with _errors(path, error):
-                    if not target.exists():
-                        undo.callback(target.unlink, missing_ok=True)
-                    elif len(moves) > 1:
-                        old = new.with_name("old" if new.name != "old" else "older")
-                        shutil.copy2(target, old)
-                        undo.callback(old.replace, target)
-                    _move(new, target)
-            undo.pop_all()
+        for path, new, target in moves:
+            with _errors(path, error):
+                _move(new, target)
 
 
 @contextmanager
@@ -198,18 +169,13 @@ def write_text(path: Path, text: str, error: type[LinkageVibrationError]) -> Non
 
 
 def _move_to_free_name(new: Path, target: Path) -> None:
-    """Move a file to a name that no file has, by operations that cannot replace one."""
+    """Move a file to a name that no file has."""
+    target.touch(exist_ok=False)
     try:
-        os.link(new, target)
-    except FileExistsError:
+        new.replace(target)
+    except OSError:
+        target.unlink()
         raise
-    except OSError:  # This file system has no hard links.
-        target.touch(exist_ok=False)
-        try:
-            new.replace(target)
-        except OSError:
-            target.unlink()
-            raise
 
 
 def _check_place(path: Path) -> None:

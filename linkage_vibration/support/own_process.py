@@ -17,27 +17,23 @@ from linkage_vibration.errors import LinkageVibrationError
 P = ParamSpec("P")
 T = TypeVar("T")
 
-TRIES = 3  # how often a call is tried if its process dies
-
 
 class ProcessError(LinkageVibrationError):
-    """Each process of a call died."""
+    """The process of a call died."""
 
 
 def call_in_process(function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
-    """Call a picklable function in a new process with one BLAS thread, again if the process dies.
+    """Call a picklable function in a new process with one BLAS thread.
 
-    A `ProcessError` is raised if it died each time, or none can be started.
+    A `ProcessError` is raised if it dies, or cannot be started.
     """
-    for _ in range(TRIES):
-        with ProcessPoolExecutor(1, get_context("spawn"), _begin_process) as pool:
-            try:
-                with _one_blas_thread():  # the process starts here
-                    answer = pool.submit(function, *args, **kwargs)
-                return answer.result()
-            except BrokenProcessPool:
-                pass
-    raise ProcessError(f"The process of a task died {TRIES} times; check the free memory.")
+    with ProcessPoolExecutor(1, get_context("spawn"), _begin_process) as pool:
+        try:
+            with _one_blas_thread():  # the process starts here
+                answer = pool.submit(function, *args, **kwargs)
+            return answer.result()
+        except BrokenProcessPool:
+            raise ProcessError("The process of a task died; check the free memory.") from None
 
 
 @contextmanager

@@ -21,7 +21,7 @@ PAGE = Path("docs/testing.md")
 
 def written(path: Path, angle: float = 2.0) -> Path:
     """Write a log of 5 s."""
-    quiet = (CLEAR,) * 4, (0.05,) * 4, 0.1, "engine 3", 0
+    quiet = (CLEAR,) * 4, (0.05,) * 4, 0.1, "engine 3", 0, 0.33
     messages = [Message(START + k * 10**8, angle, CLEAR, *quiet) for k in range(50)]
     return write_drive(path, messages)
 

@@ -16,7 +16,6 @@ import pytest
 import yaml
 
 import linkage_vibration
-from benchmark.failing.__main__ import outcomes
 from linkage_vibration.bags.recovery import recover
 from linkage_vibration.cli.main import SUBCOMMANDS, argument_parser, main
 from linkage_vibration.playback.replay import replay
@@ -25,10 +24,10 @@ from linkage_vibration.support.atomic_files import (
     check_outputs,
     new_folder,
     write_bytes,
-    write_files,
 )
 from linkage_vibration.support.exit_codes import ended_by_signals
 from linkage_vibration.support.resources import config_file
+from test.support.failing.runs import outcomes
 from test.support.programs import require
 
 DRIVE = config_file("drives/hitch_duty_cycle.mcap")
@@ -259,24 +258,6 @@ def shell(command: str) -> "subprocess.CompletedProcess[bytes]":
     )
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        "$L replay drive.mcap -o /dev/stdout 1<>drive.mcap",
-        "$L replay drive.mcap -o new.mcap 1<>drive.mcap",
-        "$L review log.mcap 2<>log.mcap",
-        "$L pose fit.yaml --at 120 1<>linkage.yaml",
-    ],
-)
-def test_standard_output_that_is_an_input(files: Path, command: str) -> None:
-    """A file of the command, also one that YAML names, is refused where the shell sends output."""
-    before = contents(files)
-    done = shell(command)
-    assert done.returncode == 1
-    assert b"is a file of this command" in done.stdout + done.stderr
-    assert contents(files) == before
-
-
 def test_output_beside_the_logs(files: Path) -> None:
     """The list of the logs of a folder may be written into this folder."""
     for name in ("drive.mcap", "fit.yaml"):
@@ -384,27 +365,6 @@ def test_failed_table_leaves_no_page(files: Path, capsys: Any, option: str) -> N
     assert [name for name in contents(files) if name.startswith(".")] == []
 
 
-def test_failed_rename_restores_the_other_files(files: Path, monkeypatch: Any) -> None:
-    """If the second of three files cannot be moved to its place, the first is as it was."""
-    Path("first").write_bytes(b"old")
-    Path("first").chmod(0o600)
-    moved, replace = list[Path](), Path.replace
-
-    def replace_once(path: Path, target: Path) -> Path:
-        moved.append(target)
-        if target.name == "second":
-            raise OSError(5, "Input/output error")
-        return replace(path, target)
-
-    monkeypatch.setattr(Path, "replace", replace_once)
-    with pytest.raises(OutputError, match="second: cannot be written"):
-        write_files({Path(n): [b"new"] for n in ("new", "first", "second", "third")}, OutputError)
-    assert [path.name for path in moved] == ["new", "first", "second", "first"]
-    assert (Path("first").read_bytes(), Path("first").stat().st_mode & 0o777) == (b"old", 0o600)
-    assert not {"new", "second", "third"} & set(contents(files))
-    assert [name for name in contents(files) if name.startswith(".")] == []
-
-
 INTERRUPTED = """
 import os, signal, sys
 
@@ -473,7 +433,6 @@ def test_ended_export_leaves_no_folder(files: Path) -> None:
 @pytest.mark.parametrize(
     ("command", "kind"),
     [
-        ("export", "rename"),
         ("recover", "rename"),
         pytest.param("replay", "write", marks=pytest.mark.nightly),
         pytest.param("review", "open", marks=pytest.mark.nightly),
@@ -483,7 +442,7 @@ def test_ended_export_leaves_no_folder(files: Path) -> None:
 def test_failing_operations(command: str, kind: str) -> None:
     """Whichever operation fails, files are old or new, and a failure is one sentence."""
     require("gcc")
-    result = outcomes(command, kind)
+    ends = outcomes(command, kind)
     sound = {f"{state}, {words}" for state in ("old", "readable") for words in ("one sentence",)}
-    assert result["outcomes"].keys() <= sound | {"new, no word", "readable, no word"}
-    assert any("no word" in outcome for outcome in result["outcomes"])
+    assert ends.keys() <= sound | {"new, no word", "readable, no word"}
+    assert any("no word" in outcome for outcome in ends)

@@ -4,7 +4,7 @@
 
 import numpy as np
 
-from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
+from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.response import PoleResidue
 
 SILENT_SHARE = 1e-6
@@ -55,11 +55,3 @@ def worst_share(off: FloatArray, size: FloatArray) -> float:
     forces = np.tile(size[n:].max(axis=0, initial=0.0) / FORCE_WEIGHT, (len(size) - n, 1))
     size = np.vstack([moved, forces])
     return float((off[size > 0.0] / size[size > 0.0]).max(initial=0.0))
-
-
-def worst_frf_error(frfs: ComplexArray, exact: ComplexArray) -> float:
-    """Return the largest relative L2 error of FRFs, (n_freq, n_rows, n_inputs).
-
-    They are weighted as `frf_lines` says.
-    """
-    return worst_share(np.linalg.norm(frfs - exact, axis=0), np.linalg.norm(exact, axis=0))

@@ -1,7 +1,7 @@
 /* Copyright 2026 The linkage_vibration authors
  * SPDX-License-Identifier: Apache-2.0
  * Lets one call of the C library fail; it is loaded before the C library (LD_PRELOAD).
- * Calls on files count below a folder only, and allocations above a size. */
+ * Calls count below a folder only. */
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <errno.h>
@@ -13,11 +13,10 @@
 #include <sys/types.h>
 #include <unistd.h>
 
-enum { NONE, OPEN, WRITE, FSYNC, RENAME, ALLOCATION };
+enum { NONE, OPEN, WRITE, FSYNC, RENAME };
 static int kind = NONE;
 static long left = 0;
 static char below[4096];
-#define LARGE 65536
 
 void failing_arm(int which, long nth, const char *folder)
 {
@@ -127,29 +126,4 @@ int linkat(int a, const char *from, int b, const char *to, int flags)
     if (is_below(from) && fails(RENAME, EIO))
         return -1;
     return real(a, from, b, to, flags);
-}
-
-extern void *__libc_malloc(size_t);
-extern void *__libc_calloc(size_t, size_t);
-extern void *__libc_realloc(void *, size_t);
-
-void *malloc(size_t size)
-{
-    if (size >= LARGE && fails(ALLOCATION, ENOMEM))
-        return NULL;
-    return __libc_malloc(size);
-}
-
-void *calloc(size_t count, size_t size)
-{
-    if (size && count >= LARGE / size && count * size >= LARGE && fails(ALLOCATION, ENOMEM))
-        return NULL;
-    return __libc_calloc(count, size);
-}
-
-void *realloc(void *old, size_t size)
-{
-    if (size >= LARGE && fails(ALLOCATION, ENOMEM))
-        return NULL;
-    return __libc_realloc(old, size);
 }

@@ -1,9 +1,10 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Runs a command once for each operation that fails: ``python -m benchmark.failing.runs``.
+"""Runs a command once for each operation that fails, n = 1, 2, 3... until one has fewer of them.
 
-The process needs ``failing.c`` in LD_PRELOAD. Each run is a fork of it, after everything is
-imported, so that only operations of the command itself fail.
+An operation is an open, a write, an fsync or a rename; see ``failing.c``, which needs gcc. Calls
+count below the folder of the command. Each run is a fork of one process that has imported
+everything, so that only operations of the command itself fail.
 """
 
 import ctypes
@@ -13,6 +14,7 @@ import json
 import os
 import re
 import shutil
+import subprocess
 import sys
 import tempfile
 import time
@@ -29,11 +31,10 @@ from linkage_vibration.bags.writing import Topic
 from linkage_vibration.cli.main import main as run_command
 from linkage_vibration.support.resources import config_file
 
-KINDS = ("open", "write", "fsync", "rename", "allocation")
+KINDS = ("open", "write", "fsync", "rename")
 # Each command with its outputs, all of which exist before.
 COMMANDS = {
     "record": ([], []),
-    "numpy": ([], []),
     "replay": (["drive.mcap", "-o", "new.mcap"], ["new.mcap"]),
     "recover": (["cut.mcap", "-o", "fresh.mcap"], ["fresh.mcap"]),
     "review": (["log.mcap", "-o", "page.html", "--csv", "table.csv"], ["page.html", "table.csv"]),
@@ -45,11 +46,28 @@ RECORDED = 200  # messages
 DENSE = 40  # the number of the operation that fails grows by one up to this, then by a tenth
 
 
+def outcomes(command: str, kind: str) -> Counter[str]:
+    """Return how runs of a command ended, each with another operation of a kind that fails."""
+    here = Path(__file__).parent
+    with tempfile.TemporaryDirectory() as name:
+        library = Path(name) / "failing.so"
+        options = ["-shared", "-fPIC", "-O1", "-o", str(library)]
+        subprocess.run(["gcc", *options, str(here / "failing.c"), "-ldl"], check=True)
+        done = subprocess.run(
+            [sys.executable, "-m", __name__, command, kind],
+            cwd=here.parents[2],
+            env={**os.environ, "LD_PRELOAD": str(library)},
+            check=True,
+            capture_output=True,
+        )
+    return Counter(json.loads(done.stdout))
+
+
 def main() -> None:
     """Let the operations of a command fail one after another; print the outcomes as JSON."""
     command, kind = sys.argv[1:]
     shim = ctypes.CDLL(os.environ["LD_PRELOAD"])
-    outcomes: Counter[str] = Counter()
+    ends: Counter[str] = Counter()
     with tempfile.TemporaryDirectory() as name:
         files, folder = Path(name) / "files", Path(name) / "run"
         _prepare(files)
@@ -58,8 +76,8 @@ def main() -> None:
         while reached:
             number += max(1, number // 10 if number >= DENSE else 1)
             code, reached, error = _child(shim, files, folder, command, kind, number)
-            outcomes[_verdict(folder, command, code, error)] += 1
-    print(json.dumps({"runs": outcomes.total(), "last": number, "outcomes": outcomes}))
+            ends[_verdict(folder, command, code, error)] += 1
+    print(json.dumps(ends))
 
 
 def _prepare(files: Path) -> None:
@@ -96,8 +114,7 @@ def _child(
         code = 2
         try:
             words = [command, *COMMANDS[command][0]]
-            own = {"record": _record, "numpy": _multiply}
-            code = own[command](folder) if command in own else run_command(words)
+            code = _record(folder) if command == "record" else run_command(words)
         except BaseException:
             traceback.print_exc()
         finally:
@@ -107,16 +124,6 @@ def _child(
     status = os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
     reached = status < 0 or bool(status & 64)
     return (status if status < 0 else status & 63), reached, errors.read_text()
-
-
-def _multiply(folder: Path) -> int:
-    """Multiply real and complex numbers; return 1 with a sentence if there is no memory."""
-    try:
-        np.ones((8000, 1)) * np.ones((8000, 8), complex)
-    except MemoryError:
-        print("linkage-vibration: There is no memory.", file=sys.stderr)
-        return 1
-    return 0
 
 
 def _record(folder: Path) -> int:
