@@ -3,7 +3,8 @@
 """The mechanism and table that a node serves, and its answers to requests for more."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -14,9 +15,10 @@ import yaml
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
-from linkage_vibration.mechanics.description import GROUND, Mechanism
+from linkage_vibration.mechanics.description import GROUND, Mechanism, MechanismError
 from linkage_vibration.mechanics.forces import is_force
 from linkage_vibration.mechanics.ground_motion import soil_places, transmissibility
+from linkage_vibration.mechanics.kinematics import KinematicsError
 from linkage_vibration.mechanics.model import LinkageModel, Place
 from linkage_vibration.mechanics.modes import MECHANISM
 from linkage_vibration.mechanics.parsing import again_from_mapping
@@ -190,7 +192,9 @@ def answer_frf(
             f"and {MAX_VALUES} numbers."
         )
     if exact:
-        return FrfAnswer(*places, frequencies, _solved_frf(served, alpha3, places, frequencies))
+        with _asked_angle(served, alpha3):
+            frf = _solved_frf(served, alpha3, places, frequencies)
+        return FrfAnswer(*places, frequencies, frf)
     angle = served.predictor.angle_in_table(alpha3)
     frf = table.frf(alpha3 if angle is None else angle, *places).frf(frequencies)
     return FrfAnswer(*places, frequencies, frf)
@@ -269,7 +273,8 @@ def answer_ground(
 def answer_mode_shapes(served: Served, alpha3: float) -> ModeShapes:
     """Solve the model at an angle (rad) and return its modes."""
     _check_angle(alpha3)
-    solution = served.model.solve(alpha3)
+    with _asked_angle(served, alpha3):
+        solution = served.model.solve(alpha3)
     elastic = np.flatnonzero(solution.natural_frequencies >= MECHANISM / (2.0 * math.pi))
     in_band = int((solution.natural_frequencies[elastic] <= served.table.band[1]).sum())
     modes = elastic[: max(in_band, served.table.n_modes)]
@@ -384,6 +389,20 @@ def rebuilt(
 def place_name(place: Place) -> str:
     """Return the name of a place in requests and answers, such as "E1.z"."""
     return ".".join(place)
+
+
+@contextmanager
+def _asked_angle(served: Served, alpha3: float) -> Iterator[None]:
+    """Say of an error of the model that the angle of the request is its cause."""
+    try:
+        yield
+    except (KinematicsError, MechanismError) as error:
+        first, last = np.degrees(served.table.alpha3_range)
+        why = str(error).partition(";")[0].rstrip(".")
+        raise ServingError(
+            f"The linkage cannot be at {math.degrees(alpha3):.4g} deg ({why}); give a crank_angle "
+            f"of the table, {first:.4g} to {last:.4g} deg."
+        ) from None
 
 
 def _check_angle(alpha3: float) -> None:

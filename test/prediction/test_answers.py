@@ -141,6 +141,16 @@ def test_refused_frf(served: Served, changed: dict[str, Any], exact: bool, why: 
         answer_frf(served, **{"alpha3": 2.0, "exact": exact, **DRIVE, **changed})
 
 
+@pytest.mark.parametrize("angle_deg", [11.46, 229.2])
+def test_angle_that_the_linkage_cannot_reach(served: Served, angle_deg: float) -> None:
+    """The remedy is another angle, not another mechanism; the shipped table has 90 to 180 deg."""
+    words = rf"be at {angle_deg} deg \(.*\); give a crank_angle of the table, 90 to 180 deg"
+    with pytest.raises(ServingError, match=words):
+        answer_mode_shapes(served, math.radians(angle_deg))
+    with pytest.raises(ServingError, match=words):
+        answer_frf(served, math.radians(angle_deg), exact=True, **DRIVE)
+
+
 def test_frf_of_a_crank_that_turns_all_the_way() -> None:
     """A table over a whole turn answers on every turn as the model does, up to a limit."""
     path = config_file("four_bar.yaml")
