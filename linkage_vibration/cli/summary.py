@@ -14,7 +14,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     text = "MCAP files, or folders of them"
     parser.add_argument("logs", nargs="+", type=Path, metavar="LOG", help=text)
-    what = "warnings, loads above the limit, less than 95 % of a drive known, or a prediction is"
+    what = "warnings, loads above the limit, less than 95 %% of a drive known, or a prediction is"
     add_strict(parser, f"there are {what} missing, out of range or invalid")
 
 

@@ -259,9 +259,8 @@ def drive_sentence(
 ) -> str:
     """Return what a drive did to the linkage, how bad and how sure that is, and what to do.
 
-    ``mode_label`` returns how a mode, counted from 0, is called; the excitations are those
-    monitored; ``ending`` returns what ends the warning of a message, or nothing if that is not
-    sure.
+    ``mode_label`` returns how a mode, counted from 0, is called, and ``ending`` what ends the
+    warning of a message, or nothing if that is not sure.
     """
     resonances = drive.resonances
     if (resonances.excitation_index < 0).all():

@@ -75,9 +75,8 @@ class ServiceError(LinkageVibrationError):
 class Services:
     """Answers requests while the listener's thread predicts.
 
-    Models are solved in a thread, which rests afterwards, and tables are built in a process, while
-    the callback waits. ``swap`` is called in the executor's thread with a new table and its levels;
-    ``limit`` returns the load ratio from which on a load warns.
+    Models are solved in a thread, and tables are built in a process. ``swap`` is called in the
+    executor's thread with a new table; ``limit`` returns the load ratio above which a load warns.
     """
 
     def __init__(

@@ -85,7 +85,7 @@ def test_errors(files: Path, capsys: Any, limits: str, arguments: list[str], wor
 def test_baseline(files: Path, capsys: Any) -> None:
     """An equal earlier log passes; another one fails with what differs most."""
     shutil.copy("log.mcap", "same.mcap")
-    written(files / "changed.mcap", 2.1)
+    written(files / "changed.mcap", 2.02)
     arguments = ["check", "log.mcap", "--limits", "limits.yaml", "--baseline"]
     assert main([*arguments, "same.mcap"]) == 0
     capsys.readouterr()

@@ -150,7 +150,7 @@ def test_status_comes_before_loads_that_are_not_known() -> None:
     """A drive outside the table has no load because of that, which the report says."""
     first, second = check_bag(DRIVE, Limits(load_ratio=0.33), Parameters(offset=4.0)).failures
     assert (first.limit, second.limit) == ("statuses", "known_share")
-    assert "no crank angle was valid" in second.words
+    assert "are outside 90 to 180 deg: check offset or sign" in second.words
 
 
 def test_failures_name_the_load(log: Path) -> None:

@@ -43,6 +43,7 @@ def message(k: int, state: int = CLEAR, ratio: float = 0.05, **more: Any) -> Mes
         "total": float(np.float32(ratio)),
         "excitation": "engine 3",
         "unknown": 0,
+        "limit": 0.33,
     }
     return Message(**values | more)
 
@@ -278,7 +279,7 @@ def test_reasons_come_first(tmp_path: Path) -> None:
     assert "The crank angle was not within the table for 10.6 s" in str(report.failures[1])
     never = check_bag(DRIVE, Limits(load_ratio=1.0), Parameters(offset=4.0)).failures
     assert [failure.limit for failure in never] == ["statuses", "known_share"]
-    assert "as no crank angle was valid" in str(never[1])
+    assert "check offset or sign. What the drive did to the linkage is not known" in str(never[1])
     allowed = check_bag(DRIVE, Limits(load_ratio=1.0, statuses=None), Parameters(offset=4.0))
     assert [failure.limit for failure in allowed.failures] == ["known_share"]
     silent = [
