@@ -17,6 +17,8 @@ from scipy.special import ndtri
 
 pytest.importorskip("matplotlib")
 
+from linkage_vibration.table.tabulation.deviations import makima
+
 from benchmark.uncertainty import LIMIT, NAMES, described, scatter
 from linkage_vibration.mechanics.description import Mechanism, UncertainNumber, Uncertainty
 from linkage_vibration.mechanics.model import LinkageModel
@@ -26,7 +28,6 @@ from linkage_vibration.prediction.predictor import Predictor, predict_many
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import load_table, save_table
 from linkage_vibration.table.tabulation import build_table
-from linkage_vibration.table.tabulation.deviations import makima
 from test.support.crossing import crossing_crank
 
 FloatArray = NDArray[np.float64]
