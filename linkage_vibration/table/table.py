@@ -273,8 +273,8 @@ class Table:
             return ""
         if unknown.all():
             return (
-                "Standard deviations are not known: too few machines with other numbers close over "
-                "the stroke; state smaller deviations in `uncertainty`, or shorten range_deg."
+                "Standard deviations are not known: too many machines with other numbers do not "
+                "close over the stroke; state smaller ones in `uncertainty`, or shorten range_deg."
             )
         return (
             "Standard deviations are not known where a mode is overdamped, or is in some machines "

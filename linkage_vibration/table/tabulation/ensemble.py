@@ -12,6 +12,7 @@ numbers are NaN. Deviations do not follow modes: they are those of the poles of 
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import count, islice
 from typing import Any
 
 import numpy as np
@@ -41,6 +42,8 @@ _N_NODES = 8, 15, 29  # angles at which members are solved
 _SAME = 1.0 - 1e-6  # of a gap between modes; a smaller difference is rounding
 _BETWEEN = 0.5  # Between them, a pole may be off by this share of its decay.
 _MOST_ROUGH = 0.05  # of the members may be off by more, and are not known then.
+_MISSED = 0.3  # Deviations are not known where interpolation misses a member by this share of them,
+_LEAST = 1e-4  # and by this.
 _NEAR = 0.03  # A pole of coarser bodies may be off by this share of its decay.
 N_ANGLES = 257
 """Even angles over the range at which a table has the standard deviations."""
@@ -48,7 +51,8 @@ N_ANGLES = 257
 N_PAIRS = 32
 """Members of an ensemble, and as many opposite ones, at least."""
 
-_SEED, _MOST_TURNS = 7, 16  # of the rotations whose rows are drawn, until enough of them close
+_SEED = 7  # of the first rotation whose rows are drawn
+_FEW_LOST = 7  # One of so many pairs may be left out: what closes scatters less than what is drawn.
 _BEYOND = 0.1  # of the stroke of a cylinder, by which that of a member may be beyond it
 
 
@@ -84,7 +88,7 @@ def with_uncertainty(table: Table, sampler: Sampler, progress: Callable[[float],
         n = max(len(uncertainty.numbers), N_PAIRS)
         solver, drawn = _Solver(table, sampler, n_nodes, 1 + 2 * n), list[FloatArray]()
         solver.keep(0, *solver.solve(mechanism))
-        for row in member_pairs(len(uncertainty.numbers)):
+        for row in islice(member_pairs(len(uncertainty.numbers)), n + n // _FEW_LOST):
             if len(drawn) == n or (solver.rough and n_nodes != _N_NODES[-1]):
                 break
             try:
@@ -112,7 +116,7 @@ def member_pairs(n: int) -> Iterator[FloatArray]:
 
     The first max(n, N_PAIRS) and their opposites have the variance 1 and no correlations.
     """
-    for seed in range(_SEED, _SEED + _MOST_TURNS):
+    for seed in count(_SEED):
         yield from rotation(n, seed)
 
 
@@ -133,14 +137,16 @@ class _Solver:
         self._mass = model.system.mass
         every = _nodes(table, 2 * n_nodes - 1)
         self.nodes, self._between = every[::2], every[1::2]
-        self._matrix = interpolation_matrix(
-            *(stroke_variable(x, table.toggles) for x in (self.nodes, self._between))
-        )
+        both = self.nodes, self._between
+        self._at, self._at_between = (stroke_variable(x, table.toggles) for x in both)
+        self._matrix = interpolation_matrix(self._at, self._at_between)
         solved = [self._solved(model, angle) for angle in self.nodes.tolist()]
-        count = max(table.n_modes, *(int((np.abs(x.poles) < self._limit).sum()) for x in solved))
-        gaps = [np.diff(np.log(np.abs(x.poles[: count + 1]))).min(initial=math.inf) for x in solved]
+        n_kept = max(table.n_modes, *(int((np.abs(x.poles) < self._limit).sum()) for x in solved))
+        gaps = [
+            np.diff(np.log(np.abs(x.poles[: n_kept + 1]))).min(initial=math.inf) for x in solved
+        ]
         self._base = first_widest(np.array(gaps))
-        self._start = solved[self._base].shapes[:, :count]
+        self._start = solved[self._base].shapes[:, :n_kept]
         self._rough, base = list[int](), sampler.model.mechanism.base
         n_rows, n_mounts = len(self._places), len(base.mounts) if base else 0
 
@@ -149,8 +155,8 @@ class _Solver:
 
         # The numbers of all members, as `Table` has them; NaN where they are not known.
         self.arrays = {
-            "poles": unknown(np.complex64, n_nodes, count),
-            "shapes": unknown(np.complex64, n_nodes, n_rows, count),
+            "poles": unknown(np.complex64, n_nodes, n_kept),
+            "shapes": unknown(np.complex64, n_nodes, n_rows, n_kept),
             "far": unknown(np.float32, n_nodes, n_rows, len(table.places)),
             "static": unknown(np.float32, n_nodes, len(table.forces)),
             "mounts": unknown(np.float32, n_mounts, 2, 2),
@@ -158,6 +164,7 @@ class _Solver:
         # Of the modes of the table, in the order of their frequencies, ln(frequency) and ln(ratio).
         self._ranks, self._n_overdamped = self._ranks_of(solved), [x.n_overdamped for x in solved]
         self._ranked = unknown(np.float64, n_nodes, 2, table.n_modes)
+        self._missed = unknown(np.float64, 2, table.n_modes)  # by interpolation of these
 
     @property
     def rough(self) -> bool:
@@ -180,11 +187,16 @@ class _Solver:
         """
         table, n = self._table, self._table.n_modes
         angles = np.linspace(*table.alpha3_range, N_ANGLES)
-        mean, spread = self._ranked[1:].mean(axis=0), self._ranked[1:].std(axis=0)
-        square = spread[:, 1] ** 2
+        mean, logs = self._ranked[1:].mean(axis=0), self._ranked[1:].std(axis=0)
+        spread, square = logs.copy(), logs[:, 1] ** 2
         spread[:, 1] = np.exp(mean[:, 1] + square / 2.0) * np.sqrt(np.expm1(square))
-        at, over = (stroke_variable(x, table.toggles) for x in (self.nodes, angles))
+        at, over = self._at, stroke_variable(angles, table.toggles)
         unknown = PchipInterpolator(at, np.isnan(spread).astype(float))(over) > 0.0
+        n_between = len(self._between)
+        missed = [np.square(self._missed[1:][i::n_between]) for i in np.roll(range(n_between), 1)]
+        missed = np.sqrt([np.nan_to_num(each, nan=math.inf).mean(axis=0) for each in missed])
+        wide = missed > _MISSED * np.minimum(logs[:-1], logs[1:]) + _LEAST
+        unknown |= wide[np.clip(np.searchsorted(self.nodes, angles) - 1, 0, n_between - 1)]
         spread = np.where(unknown, math.nan, PchipInterpolator(at, np.nan_to_num(spread))(over))
         frequencies = table.evaluate(angles)[:, :n]
         order = np.argsort(frequencies, axis=1)[:, np.newaxis].repeat(2, axis=1)
@@ -208,9 +220,7 @@ class _Solver:
             numbers["mounts"][:] = [(mount.stiffness, mount.damping) for mount in mounts]
         for node, here in enumerate(solved):
             if here.n_overdamped == self._n_overdamped[node]:  # or else ranks are of other modes
-                ranked = here.poles[self._ranks[node]]
-                size = np.abs(ranked)
-                self._ranked[member, node] = np.log(size), np.log(-ranked.real / size)
+                self._ranked[member, node] = _logarithms(here.poles[self._ranks[node]])
         shapes: dict[int, ComplexArray] = {}
         for node in (*range(self._base, len(self.nodes)), *range(self._base - 1, -1, -1)):
             before, here = node + 1 if node < self._base else node - 1, solved[node]
@@ -228,10 +238,16 @@ class _Solver:
         numbers["poles"][:] = poles
 
     def _check(self, member: int, model: LinkageModel, poles: ComplexArray) -> None:
-        """Discard the poles of a member that cannot be interpolated between two of its nodes."""
+        """Compare a member with its interpolation at an angle between two of its nodes.
+
+        The poles of one that cannot be interpolated are discarded.
+        """
+        between, ranked = member % len(self._between), self._ranked[member]
+        here, _ = _oscillating(model.solve(float(self._between[between])))
+        if np.isfinite(ranked).all():
+            curve = PchipInterpolator(self._at, ranked)(self._at_between[between])
+            self._missed[member] = curve - _logarithms(here[self._ranks[between]])
         if np.isfinite(poles).all():
-            between = member % len(self._between)
-            here, _ = _oscillating(model.solve(float(self._between[between])))
             off = np.exp(self._matrix[between] @ np.log(poles))[:, np.newaxis] - here
             share = np.abs(off) / np.abs(here.real)
             if share[linear_sum_assignment(share)].max() > _BETWEEN:
@@ -304,6 +320,12 @@ def _oscillating(solution: Solution) -> tuple[ComplexArray, ComplexArray]:
     turn = np.eye(len(root)) if damped.shapes is None else damped.shapes[0]
     upper = oscillating_indices(poles)
     return poles[upper], np.asarray(turn[:, upper] / np.sqrt(2j * root[upper]))
+
+
+def _logarithms(poles: ComplexArray) -> FloatArray:
+    """Return ln(size) and ln(damping ratio) of poles, (2, n)."""
+    size = np.abs(poles)
+    return np.log([size, -poles.real / size])
 
 
 def _agree(coarse: ComplexArray, poles: ComplexArray, limit: float) -> bool:

@@ -12,12 +12,10 @@ import numpy as np
 import pytest
 import yaml
 from numpy.typing import NDArray
-from scipy import interpolate
 from scipy.special import ndtri
 
 pytest.importorskip("matplotlib")
 
-from linkage_vibration.table.tabulation.deviations import makima
 
 from benchmark.uncertainty import LIMIT, NAMES, described, scatter
 from linkage_vibration.mechanics.description import Mechanism, UncertainNumber, Uncertainty
@@ -44,37 +42,14 @@ CLAIMS = {
 }
 
 
-def test_makima_by_hand() -> None:
-    """What is level up to a kink stays level, where plain Akima's slope is 1/2 at the kink.
-
-    The chords are 0, 0, 0, 1 and 1. The left chord at the kink has the weight |1 - 1| + |1 + 1| / 2
-    of the chords to the right, and the right chord has the weight of those to the left, which is 0.
-    """
-    points, values = np.arange(6.0), np.array([0.0, 0.0, 0.0, 0.0, 1.0, 2.0])
-    actual = makima(points, np.array([0.5, 2.5, 3.5, 4.5]), values)
-    # Half-way a cubic is the mean of its ends and an eighth of the difference of their slopes.
-    assert actual == pytest.approx([0.0, 0.0, 0.5 - 1.0 / 8.0, 1.5], abs=1e-15)
-
-
-def test_makima_is_that_of_scipy() -> None:
-    """Where SciPy has the method, since 1.13, the values are the same to the last bit."""
-    generator = np.random.default_rng(3)
-    points = np.cumsum(generator.uniform(0.1, 1.0, 30))
-    values = generator.normal(size=(30, 2, 3))
-    values[10:15] = 1.0  # level, and far from zero
-    angles = np.linspace(points[0], points[-1], 500)
-    try:
-        known = interpolate.Akima1DInterpolator(points, values, method="makima")
-    except TypeError:
-        pytest.skip("SciPy is older than 1.13")
-    assert np.array_equal(makima(points, angles, values), known(angles))
-
-
 @pytest.mark.parametrize("damper", [False, True], ids=["proportional", "coupled"])
 def test_between_points_they_are_those_of_the_model(
     mapping: Any, tmp_path: Path, damper: bool
 ) -> None:
-    """They are found at the table's points only, and hold between these, also from a file."""
+    """They are found at a few angles only, and hold between these, also from a file.
+
+    Those of frequencies by 10 % of a mass and less are of first order, within 3 %.
+    """
     if damper:
         joint = {"joint": "E1", "bodies": ["lower_link", "implement"]}
         mapping["springs"] = {"damper": joint | {"stiffness": 1e3, "damping": 300.0}}
@@ -90,10 +65,10 @@ def test_between_points_they_are_those_of_the_model(
     angles = np.array([*ends, *np.random.default_rng(0).uniform(*ends, 6)])
     many = predict_many(predictor, angles, np.full(8, stddev))
     for i, angle in enumerate(angles.tolist()):
-        exact = sensitivity.at(model.solve(angle), 300.0).stddev[:, :3]
+        exact = sensitivity.at(model.solve(angle), 300.0).stddev[:3]
         shares, prediction = predictor.shares(angle, stddev), predictor.predict(angle, stddev)
-        exact[0] *= prediction.natural_frequencies
-        np.testing.assert_allclose(shares.parameters, exact, rtol=0.03)
+        exact *= prediction.natural_frequencies
+        np.testing.assert_allclose(shares.parameters[0], exact, rtol=0.03)
         assert (
             shares.table[0] == prediction.interpolation_error * prediction.natural_frequencies
         ).all()
