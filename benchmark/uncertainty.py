@@ -345,9 +345,9 @@ def draw(result: dict[str, Scatter], picture: Path) -> None:
 
 def main() -> None:
     """Sample the shipped descriptions, and publish how predicted deviations compare."""
-    mappings = {name: described(name) for name in NAMES}
+    mappings = {name: described(name) for name in (*NAMES, *OWN)}
     result = {name: scatter(mapping, SAMPLES) for name, mapping in mappings.items()}
-    draw(result, PICTURE)
+    draw({name: result[name] for name in DRAWN}, PICTURE)
     columns = [
         "description",
         "mode",

@@ -277,8 +277,8 @@ class Table:
                 "close over the stroke; state smaller ones in `uncertainty`, or shorten range_deg."
             )
         return (
-            "Standard deviations are not known where a mode is overdamped, or is in some machines "
-            "with other numbers."
+            "Standard deviations are not known where modes veer too quickly, or where a mode is "
+            "overdamped in the machine or in one with other numbers."
         )
 
     def parameter_deviations(self, alpha3: float) -> list[float]:

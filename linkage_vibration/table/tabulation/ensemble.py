@@ -43,6 +43,7 @@ _SAME = 1.0 - 1e-6  # of a gap between modes; a smaller difference is rounding
 _BETWEEN = 0.5  # Between them, a pole may be off by this share of its decay.
 _MOST_ROUGH = 0.05  # of the members may be off by more, and are not known then.
 _MISSED = 0.3  # Deviations are not known where interpolation misses a member by this share of them,
+_SKEW = 1.0  # A distribution is skew from this standardised third moment on.
 _LEAST = 1e-4  # and by this.
 _NEAR = 0.03  # A pole of coarser bodies may be off by this share of its decay.
 N_ANGLES = 257
@@ -183,13 +184,17 @@ class _Solver:
     def deviations(self) -> FloatArray:
         """Return the standard deviations of the modes, as `Table.parameter_stddev` has them.
 
-        Damping ratios count as lognormal: few members have the tail that makes up their deviation.
+        Damping ratios count as lognormal unless their logarithms are skew: few members have the
+        tail that makes up the deviation.
         """
         table, n = self._table, self._table.n_modes
-        angles = np.linspace(*table.alpha3_range, N_ANGLES)
-        mean, logs = self._ranked[1:].mean(axis=0), self._ranked[1:].std(axis=0)
-        spread, square = logs.copy(), logs[:, 1] ** 2
-        spread[:, 1] = np.exp(mean[:, 1] + square / 2.0) * np.sqrt(np.expm1(square))
+        angles, values = np.linspace(*table.alpha3_range, N_ANGLES), self._ranked[1:]
+        mean, logs = values.mean(axis=0), values.std(axis=0)
+        cubes, square = ((values - mean) ** 3).mean(axis=0)[:, 1], logs[:, 1] ** 2
+        lognormal = np.exp(mean[:, 1] + square / 2.0) * np.sqrt(np.expm1(square))
+        straight = np.abs(cubes) < _SKEW * logs[:, 1] ** 3
+        damping = np.where(straight, lognormal, np.exp(values[:, :, 1]).std(axis=0))
+        spread = np.stack([logs[:, 0], damping], axis=1)
         at, over = self._at, stroke_variable(angles, table.toggles)
         unknown = PchipInterpolator(at, np.isnan(spread).astype(float))(over) > 0.0
         n_between = len(self._between)
