@@ -374,11 +374,13 @@ def main() -> None:
         "Uncertain numbers of a mechanism",
         [
             f"This page compares the standard deviations that a table predicts with those "
-            f"of {SAMPLES} models whose numbers are drawn at random, at {ANGLES} angles over "
-            "the stroke. Deviations of natural frequencies are in per cent. The columns with "
+            f"of {SAMPLES} whole models whose numbers are drawn at random, at {ANGLES} angles over "
+            "the stroke. Models that do not close at each of these are left out; a cylinder may be "
+            "a tenth of its stroke beyond its ends. Modes are counted by rank. Deviations of natural frequencies are in per cent. The columns with "
             "`worst` are the largest relative differences between predicted and sampled "
             "deviations, of natural frequencies and of damping ratios; sampling alone explains "
-            f"about {100.0 * 2.5 / math.sqrt(2.0 * SAMPLES):.0f} %. Where the table says that it "
+            f"about {100.0 * 2.5 / math.sqrt(2.0 * SAMPLES):.0f} %, and twice as much of damping "
+            "ratios whose damping deviates by half. Where the table says that it "
             "does not know a deviation, there is no difference; the last column is the share of "
             "the angles at which it knows both.",
             table(columns, rows),

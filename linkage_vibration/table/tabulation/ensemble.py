@@ -138,8 +138,8 @@ class _Solver:
         self._mass = model.system.mass
         every = _nodes(table, 2 * n_nodes - 1)
         self.nodes, self._between = every[::2], every[1::2]
-        both = self.nodes, self._between
-        self._at, self._at_between = (stroke_variable(x, table.toggles) for x in both)
+        angles = self.nodes, self._between
+        self._at, self._at_between = (stroke_variable(x, table.toggles) for x in angles)
         self._matrix = interpolation_matrix(self._at, self._at_between)
         solved = [self._solved(model, angle) for angle in self.nodes.tolist()]
         n_kept = max(table.n_modes, *(int((np.abs(x.poles) < self._limit).sum()) for x in solved))
@@ -164,6 +164,9 @@ class _Solver:
         }
         # Of the modes of the table, in the order of their frequencies, ln(frequency) and ln(ratio).
         self._ranks, self._n_overdamped = self._ranks_of(solved), [x.n_overdamped for x in solved]
+        own = [_oscillating(model.solve(angle))[0] for angle in self._between.tolist()]
+        both = zip(own, self._ranks, strict=False)
+        self._own_between = [_logarithms(poles[ranks]) for poles, ranks in both]
         self._ranked = unknown(np.float64, n_nodes, 2, table.n_modes)
         self._missed = unknown(np.float64, 2, table.n_modes)  # by interpolation of these
 
@@ -250,8 +253,9 @@ class _Solver:
         between, ranked = member % len(self._between), self._ranked[member]
         here, _ = _oscillating(model.solve(float(self._between[between])))
         if np.isfinite(ranked).all():
-            curve = PchipInterpolator(self._at, ranked)(self._at_between[between])
-            self._missed[member] = curve - _logarithms(here[self._ranks[between]])
+            curve = PchipInterpolator(self._at, ranked - self._ranked[0])(self._at_between[between])
+            change = _logarithms(here[self._ranks[between]]) - self._own_between[between]
+            self._missed[member] = curve - change
         if np.isfinite(poles).all():
             off = np.exp(self._matrix[between] @ np.log(poles))[:, np.newaxis] - here
             share = np.abs(off) / np.abs(here.real)

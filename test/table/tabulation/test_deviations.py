@@ -48,7 +48,8 @@ def test_between_points_they_are_those_of_the_model(
 ) -> None:
     """They are found at a few angles only, and hold between these, also from a file.
 
-    Those of frequencies by 10 % of a mass and less are of first order, within 3 %.
+    Those of frequencies by 10 % of a mass and less are of first order: within 15 % where they are
+    0.1 % of a frequency, and within 1 % where they are larger.
     """
     if damper:
         joint = {"joint": "E1", "bodies": ["lower_link", "implement"]}
@@ -68,7 +69,8 @@ def test_between_points_they_are_those_of_the_model(
         exact = sensitivity.at(model.solve(angle), 300.0).stddev[:3]
         shares, prediction = predictor.shares(angle, stddev), predictor.predict(angle, stddev)
         exact *= prediction.natural_frequencies
-        np.testing.assert_allclose(shares.parameters[0], exact, rtol=0.03)
+        np.testing.assert_allclose(shares.parameters[0], exact, rtol=0.15)
+        np.testing.assert_allclose(shares.parameters[0, :2], exact[:2], rtol=0.01)
         assert (
             shares.table[0] == prediction.interpolation_error * prediction.natural_frequencies
         ).all()
@@ -126,7 +128,7 @@ def sampled_deviations(model: LinkageModel, angle: float, draws: FloatArray) -> 
         (0.5, 0.4, None, True),
         (0.5, 0.02, None, False),
         (2.0, 0.1, None, False),
-        (1.0, 0.02, 30.0, False),
+        (1.0, 0.02, 30.0, True),
         (1.0, 0.1, 100.0, True),
         (2.0, 0.2, 300.0, True),
     ],
