@@ -41,7 +41,7 @@ _COARSER = (4, 2), (8, 4), (_ALL, _ALL)  # elements and modes of links that are 
 _N_NODES = 8, 15, 29  # angles at which members are solved
 _SAME = 1.0 - 1e-6  # of a gap between modes; a smaller difference is rounding
 _BETWEEN = 0.5  # Between them, a pole may be off by this share of its decay.
-_MOST_ROUGH = 0.05  # of the members may be off by more, and are not known then.
+_MOST_ROUGH = 0.05  # of members and of deviations may be off by more; they are not known then.
 _MISSED = 0.3  # Deviations are not known where interpolation misses a member by this share of them,
 _SKEW = 1.0  # A distribution is skew from this standardised third moment on.
 _LEAST = 1e-4  # and by this.
@@ -101,9 +101,10 @@ def with_uncertainty(table: Table, sampler: Sampler, progress: Callable[[float],
                 solver.keep(1 + i * n + len(drawn), *each)
             drawn.append(row)
             progress(len(drawn) / n)
-        if not solver.rough:
+        stddev = solver.deviations()
+        if not solver.rough and not _MOST_ROUGH < np.isnan(stddev).mean() < 1.0:
             break
-    table = replace(table, parameter_stddev=solver.deviations())
+    table = replace(table, parameter_stddev=stddev)
     if solver.rough or not table.places:
         return table
     arrays: dict[str, Any] = {f"ensemble_{k}": each for k, each in solver.arrays.items()}
@@ -201,8 +202,9 @@ class _Solver:
         at, over = self._at, stroke_variable(angles, table.toggles)
         unknown = PchipInterpolator(at, np.isnan(spread).astype(float))(over) > 0.0
         n_between = len(self._between)
-        missed = [np.square(self._missed[1:][i::n_between]) for i in np.roll(range(n_between), 1)]
-        missed = np.sqrt([np.nan_to_num(each, nan=math.inf).mean(axis=0) for each in missed])
+        squares = np.nan_to_num(np.square(self._missed[1:]), nan=math.inf)
+        firsts = np.roll(range(n_between), 1)  # of the members that were compared in each interval
+        missed = np.sqrt([squares[i::n_between].mean(axis=0) for i in firsts])
         wide = missed > _MISSED * np.minimum(logs[:-1], logs[1:]) + _LEAST
         unknown |= wide[np.clip(np.searchsorted(self.nodes, angles) - 1, 0, n_between - 1)]
         spread = np.where(unknown, math.nan, PchipInterpolator(at, np.nan_to_num(spread))(over))

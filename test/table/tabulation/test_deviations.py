@@ -23,7 +23,7 @@ from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.mechanics.sensitivity import Sensitivity
 from linkage_vibration.prediction.predictor import Predictor, predict_many
-from linkage_vibration.support.resources import config_file
+from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
 from linkage_vibration.table.table import load_table, save_table
 from linkage_vibration.table.tabulation import build_table
 from test.support.crossing import crossing_crank
@@ -121,19 +121,19 @@ def sampled_deviations(model: LinkageModel, angle: float, draws: FloatArray) -> 
 
 
 @pytest.mark.parametrize(
-    ("gap", "share", "dashpot", "near"),
+    ("gap", "share", "dashpot"),
     [
-        (0.1, 0.1, None, True),
-        (0.5, 0.4, None, True),
-        (0.5, 0.02, None, False),
-        (2.0, 0.1, None, False),
-        (1.0, 0.02, 30.0, True),
-        (1.0, 0.1, 100.0, True),
-        (2.0, 0.2, 300.0, True),
+        (0.1, 0.1, None),
+        (0.5, 0.4, None),
+        (0.5, 0.02, None),
+        (2.0, 0.1, None),
+        (1.0, 0.02, 30.0),
+        (1.0, 0.1, 100.0),
+        (2.0, 0.2, 300.0),
     ],
 )
 def test_near_a_veering_they_hold_or_are_unknown(
-    gap: float, share: float, dashpot: float | None, near: bool
+    gap: float, share: float, dashpot: float | None
 ) -> None:
     """Where there is a number, samples agree within 15 %, but for one in ten; elsewhere is none.
 
@@ -151,8 +151,7 @@ def test_near_a_veering_they_hold_or_are_unknown(
     known = np.isfinite(predicted)
     least = np.stack([np.full((41, 2), 1e-4), 1e-3 * table.evaluate(angles)[:, n : n + 2]], axis=1)
     assert (np.abs(predicted - sampled) < 0.15 * sampled + least)[known].mean() > 0.9
-    assert known.mean() > 0.2
-    assert known.all() != near
+    assert known.mean() > 0.8
 
 
 def toggling(mapping: Any, length: float) -> Any:
@@ -191,14 +190,9 @@ def test_monte_carlo(name: str) -> None:
     assert actual.good > 0.9
 
 
-def test_deviations_of_a_starter_are_those_of_whole_models() -> None:
-    """Of frequencies, at one height, within 15 % and three standard errors of 40 models."""
-    mapping = described(NAMES[5])
-    for link in mapping["links"].values():
-        link |= {"elements": 4, "modes": 2}
-    table = build_table(LinkageModel(mechanism_from_mapping(mapping)), 1e-2)
-    at = np.radians([135.0])
-    logs = sampled(mapping, at, 40, 3)[:, 0, 0]
-    stated = table.evaluate_parameter_deviations(at)[0, : table.n_modes]
-    off = stated / np.nanstd(logs, axis=0) - 1.0
-    assert (np.abs(off) < 0.15 + 3.0 / math.sqrt(2.0 * 40)).all()
+def test_deviations_of_the_shipped_tractor_are_those_of_whole_models() -> None:
+    """At one height, both kinds are within 15 % and three standard errors of 60 models."""
+    at, table = np.radians([135.0]), load_table(config_file(DEFAULT_TABLE))
+    spread = np.nanstd(sampled(described(NAMES[2]), at, 60, 3)[:, 0], axis=0)
+    stated = table.evaluate_parameter_deviations(at)[0].reshape(2, -1)
+    assert (np.abs(stated / spread - 1.0) < 0.15 + 3.0 / math.sqrt(2.0 * 60)).all()
