@@ -85,16 +85,21 @@ def with_uncertainty(table: Table, sampler: Sampler, progress: Callable[[float],
             f"{mechanism.name}: uncertainty needs links with matrices, and some of its links "
             "are known by FRFs alone; remove this section."
         )
+    known: dict[int, tuple[LinkageModel, dict[float, _Modes]]] = {}
     for n_nodes in _N_NODES:
         n = max(len(uncertainty.numbers), N_PAIRS)
         solver, drawn = _Solver(table, sampler, n_nodes, 1 + 2 * n), list[FloatArray]()
-        solver.keep(0, *solver.solve(mechanism))
-        for row in islice(member_pairs(len(uncertainty.numbers)), n + n // _FEW_LOST):
+        solver.keep(0, *solver.solve(known.setdefault(0, (solver.model(mechanism), {}))))
+        pairs = islice(member_pairs(len(uncertainty.numbers)), n + n // _FEW_LOST)
+        for k, row in enumerate(pairs, 1):
             if len(drawn) == n or (solver.rough and n_nodes != _N_NODES[-1]):
                 break
             try:
                 values = uncertainty.draw(np.array([row, -row])).tolist()
-                both = [solver.solve(uncertainty.described(each)) for each in values]
+                for at, each in zip((k, -k), values, strict=True):
+                    if at not in known:
+                        known[at] = solver.model(uncertainty.described(each)), {}
+                both = [solver.solve(known[at]) for at in (k, -k)]
             except LinkageVibrationError:  # numbers that are not possible
                 continue
             for i, each in enumerate(both):
@@ -126,13 +131,13 @@ class _Solver:
     """Solves members at the nodes, and follows their modes from those of the mechanism itself."""
 
     def __init__(self, table: Table, sampler: Sampler, n_nodes: int, n_members: int) -> None:
-        self._table, self._model = table, sampler.model
+        self._table, self._kinematics = table, sampler.model.kinematics
         self._places: list[Place] = [*table.places, *table.forces]
         self._limit = reach(table.band)
         few = _nodes(table, 3).tolist()
         exact = [_oscillating(sampler.solution(angle))[0] for angle in few]
         for self._mesh in _COARSER:
-            model = self._coarse(sampler.model.mechanism)
+            model = self.model(sampler.model.mechanism)
             coarse = [_oscillating(model.solve(angle))[0] for angle in few]
             if all(_agree(*both, self._limit) for both in zip(coarse, exact, strict=True)):
                 break
@@ -215,11 +220,18 @@ class _Solver:
         stddev[np.isnan(frequencies)[:, np.newaxis].repeat(2, axis=1)] = math.nan
         return np.ascontiguousarray(stddev.swapaxes(0, 1))
 
-    def solve(self, mechanism: Mechanism) -> tuple[LinkageModel, list[_Modes]]:
-        """Return the model of a member, and its modes at the nodes; an end may fail at once."""
-        model, n = self._coarse(mechanism), len(self.nodes)
-        solved = {i: self._solved(model, float(self.nodes[i])) for i in (n - 1, *range(n - 1))}
-        return model, [solved[i] for i in range(n)]
+    def solve(
+        self, known: tuple[LinkageModel, dict[float, _Modes]]
+    ) -> tuple[LinkageModel, list[_Modes]]:
+        """Return the model of a member, and its modes at the nodes; an end may fail at once.
+
+        Modes that are known at some angles are taken, and those at others are added.
+        """
+        (model, modes), nodes = known, self.nodes.tolist()
+        for angle in (nodes[-1], *nodes[:-1]):
+            if angle not in modes:
+                modes[angle] = self._solved(model, angle)
+        return model, [modes[angle] for angle in nodes]
 
     def keep(self, member: int, model: LinkageModel, solved: list[_Modes]) -> None:
         """Keep the numbers of a member: its poles are followed from node to node."""
@@ -276,7 +288,7 @@ class _Solver:
             order, pairs = order[:0], (order[:0], order[:0])
         return order, np.where(product[pairs].real < 0.0, -1.0, 1.0)
 
-    def _coarse(self, mechanism: Mechanism) -> LinkageModel:
+    def model(self, mechanism: Mechanism) -> LinkageModel:
         """Return the model of a member."""
         springs = tuple(
             replace(s, stiffness=replace(s.stiffness, margin=_BEYOND * s.stiffness.stroke))
@@ -285,7 +297,7 @@ class _Solver:
             for s in mechanism.springs
         )
         mechanism = replace(coarser(mechanism, *self._mesh), springs=springs)
-        return LinkageModel(mechanism, kinematics=self._model.kinematics.nearby(mechanism))
+        return LinkageModel(mechanism, kinematics=self._kinematics.nearby(mechanism))
 
     def _solved(self, model: LinkageModel, alpha3: float) -> _Modes:
         """Return the modes of a member at an angle, rad."""
