@@ -198,7 +198,7 @@ def _score(
         write_mechanism(task, result, Path(folder) / "calibrated.yaml")
         calibrated = LinkageModel(read_mechanism(Path(folder) / "calibrated.yaml"))
     solution = calibrated.solve(alpha3)
-    predicted = Sensitivity(calibrated).at(solution, 1e4).stddev[0, :modes]
+    predicted = Sensitivity(calibrated).at(solution, 1e4).stddev[:modes]
     off = np.log(solution.natural_frequencies[:modes] / exact) / predicted
     names = (*result.names, *(f"predicted mode {mode + 1}" for mode in range(modes)))
     stated = np.append(result.stated, np.full(modes, math.nan))

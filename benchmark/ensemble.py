@@ -17,7 +17,7 @@ from scipy.integrate import trapezoid
 from tqdm import tqdm
 
 from benchmark.report import machine, publish, table
-from benchmark.uncertainty import described, draws
+from benchmark.uncertainty import LOADER, described, draws
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.description import Mount, Uncertainty
 from linkage_vibration.mechanics.model import LinkageModel
@@ -33,7 +33,6 @@ from linkage_vibration.readers.mechanism import load_yaml, mechanism_of
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import Table, table_bytes
 from linkage_vibration.table.tabulation import build_table
-from linkage_vibration.table.tabulation.ensemble import member_numbers
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -54,58 +53,6 @@ pto_shaft: {speed: pto, orders: [1, 2], force: [42.0, 20.0], at: E1.z, at_speed:
 cardan_joint: {speed: pto, orders: [2], moment: [64.0], at: implement, at_speed: 1000.0}
 rotor: {speed: pto, ratio: 0.45, orders: [1, 2], force: [83.0, 200.0], at: E1.x, at_speed: 1000.0}
 engine: {speed: engine, orders: [1, 3, 6], force: [50.0, 30.0, 10.0], at: E2.x, at_speed: 2000.0}
-"""
-LOADER = """
-name: front_loader            # a bucket on a boom and a tilt link, on a tractor; all ASSUMED
-ground: {A: [0.0, 0.0], B: [0.05, 0.32]}
-base:
-  mass: 4500.0
-  inertia: 6000.0
-  centre_of_gravity: [-1.2, -0.6]
-  mounts:
-    rear_axle: {at: [-2.2, -0.75], stiffness: [700.0e+3, 700.0e+3], damping: [4460.0, 4460.0]}
-    front_axle: {at: [0.3, -0.75], stiffness: [600.0e+3, 600.0e+3], damping: [3820.0, 3820.0]}
-links:
-  boom:
-    points: {A: 0.0, L: 1.1, C: 2.2}
-    count: 2
-    section: {shape: rectangle, width: 0.08, height: 0.14}
-    material: &steel {youngs_modulus: 210.0e+9, density: 7800.0, poisson_ratio: 0.3}
-    elements: 24
-  tilt_link:
-    points: {B: 0.0, D: 2.15}
-    section: {shape: tube, outer_diameter: 0.07, inner_diameter: 0.05}
-    material: *steel
-    elements: 24
-rigid_bodies:
-  bucket: {points: {C: [0.0, 0.0], D: [0.0, 0.35]}, centre_of_gravity: [0.4, 0.1], mass: 500.0,
-           inertia: 60.0}
-springs:
-  lift_cylinders:
-    joint: A
-    cylinder: {base_end: [0.1, -0.6], rod_end: [1.1, -0.05], count: 2, bore: 0.08, rod: 0.045,
-               stroke: 0.9, closed_length: 0.75, hose_volume: 0.5e-3, bulk_modulus: 1.2e+9}
-input: {link: boom, range_deg: [-20.0, 40.0]}
-assembly: {alpha3_deg: 0.0, angles_deg: {tilt_link: 0.0, bucket: 0.0}}
-damping: {ratio: 0.02, at_hz: [2.0, 100.0]}
-response: {drive_point: C, direction: z, band_hz: [0.0, 120.0], modes: 6}
-uncertainty:
-  relative:
-    links.boom.section.width: 0.05
-    links.boom.section.height: 0.05
-    links.tilt_link.section.outer_diameter: 0.05
-    rigid_bodies.bucket.mass: 0.2
-    rigid_bodies.bucket.inertia: 0.2
-    base.mass: 0.1
-    base.inertia: 0.2
-    base.mounts.rear_axle.stiffness.0, base.mounts.rear_axle.stiffness.1: 0.2
-    base.mounts.front_axle.stiffness.0, base.mounts.front_axle.stiffness.1: 0.2
-    base.mounts.rear_axle.damping.0, base.mounts.rear_axle.damping.1: 0.3
-    base.mounts.front_axle.damping.0, base.mounts.front_axle.damping.1: 0.3
-    springs.lift_cylinders.cylinder.bulk_modulus: 0.2
-    damping.ratio: 0.3
-  absolute: {rigid_bodies.bucket.centre_of_gravity.0: 0.05, base.centre_of_gravity.0: 0.05,
-             ground.B.1: 0.005}
 """
 LOADED = """
 engine: {speed: engine, orders: [0.5, 1.5, 3], moment: [2.7, 3.3, 190.0], at: base,
@@ -299,7 +246,8 @@ def members(scene: Scene, built: Table, refused: BoolArray) -> FloatArray:
     """Return the levels of the members of an ensemble, each solved as a whole at every angle."""
     uncertainty = mechanism_of(scene.mapping, Path("description")).uncertainty
     assert uncertainty is not None
-    numbers = member_numbers(uncertainty)
+    half = built.ensemble_coordinates
+    numbers = uncertainty.draw(np.vstack([half, -half]))
     amplitudes, frequencies = member_factors(scene.excitations, len(numbers))
     result = (with_values(scene, uncertainty, row) for row in numbers)
     given = [

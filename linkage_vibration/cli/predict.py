@@ -62,6 +62,8 @@ def run(options: argparse.Namespace) -> int:
         if options.shares:
             stddev = math.radians(options.angle_stddev_deg)
             print(_described(predictor.shares(math.radians(angle), stddev)))
+    if reason := predictor.table.unknown_deviations:
+        print(reason)
     if options.csv:
         many = predictor.predict(np.radians(degrees), math.radians(options.angle_stddev_deg))
         columns = {name: each for name, each in vars(many).items() if name != "table_id"}

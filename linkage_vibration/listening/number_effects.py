@@ -8,7 +8,6 @@ import numpy as np
 
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import Mechanism
-from linkage_vibration.mechanics.uncertainty import member_coordinates
 from linkage_vibration.table.interpolation import interpolation_matrix, stroke_variable
 from linkage_vibration.table.table import Table
 
@@ -22,7 +21,7 @@ class NumberEffects:
 
     def __init__(self, table: Table) -> None:
         self._nodes = stroke_variable(table.ensemble_alpha3, table.toggles)
-        self._toggles = table.toggles
+        self._toggles, self._coordinates = table.toggles, table.ensemble_coordinates
         logs = np.log(np.abs(table.ensemble_poles)).astype(float)  # (n_members, n_nodes, k)
         hertz = table.evaluate(table.ensemble_alpha3)[:, : table.n_modes]
         away = np.abs(logs[0][:, :, np.newaxis] - np.log(2.0 * math.pi * hertz)[:, np.newaxis])
@@ -42,7 +41,7 @@ class NumberEffects:
         uncertainty = mechanism.uncertainty
         assert uncertainty is not None
         n = len(uncertainty.numbers)
-        directions = member_coordinates(n)[self._known] / math.sqrt(int(self._known.sum()))
+        directions = self._coordinates[self._known] / math.sqrt(int(self._known.sum()))
         root = np.linalg.cholesky(np.array(uncertainty.correlation).reshape(n, n))
         each = changes @ directions @ np.linalg.inv(root)
         paths = [number.path for number in uncertainty.numbers]

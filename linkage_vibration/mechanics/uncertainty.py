@@ -33,7 +33,7 @@ _ROOTS = ("base", "damping", "ground", "links", "rigid_bodies", "springs")
 _COUNTS = ("count", "elements", "modes")
 _STEP = 1e-4  # Differences are over this share of a standard deviation,
 _LEAST_STEP = 1e-6  # and at least this share of the number, below which they are rounding.
-_ROWS, _SEED = 32, 7  # of a rotation, and that of the members
+_ROWS = 32  # of a rotation, at least
 _SINGULAR = 1e-9  # The correlations contradict one another below this eigenvalue.
 
 
@@ -45,11 +45,6 @@ def rotation(n: int, seed: int) -> FloatArray:
     size = max(n, _ROWS)
     normal = np.random.default_rng(seed).standard_normal((size, size))
     return np.asarray(math.sqrt(size) * np.linalg.qr(normal)[0][:, :n])
-
-
-def member_coordinates(n: int) -> FloatArray:
-    """Return n numbers of the first half of the members of an ensemble, in standard deviations."""
-    return rotation(n, _SEED)
 
 
 def read_uncertainty(

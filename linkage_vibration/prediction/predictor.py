@@ -118,7 +118,7 @@ class Shares:
     Each is (2, n_modes): of natural frequencies, Hz, and of damping ratios, 1.
     """
 
-    parameters: FloatArray  # numbers of the mechanism; NaN near a veering or a toggle
+    parameters: FloatArray  # numbers of the mechanism; NaN where not known
     angle: FloatArray  # the crank angle
     links: FloatArray  # noise of measured links
     table: FloatArray  # interpolation: the bound of its error

@@ -403,6 +403,8 @@ def _summary(log: Log, warnings: Sequence[Episode], missing: list[tuple[float, f
         text = f"{len(uncertain)} of {log.n_modes}: {_largest_deviations(log)}"
         # They are expected if numbers of the mechanism are uncertain.
         add("Uncertain modes", text, alert=log.table is None or not log.table.uncertain)
+    if log.table is not None and (reason := log.table.unknown_deviations):
+        add("Standard deviations", reason)
     faulty = int((log.status != Status.OK).sum())
     add("Predictions not OK", f"{faulty:,}" if faulty else "none", alert=faulty > 0)
     length = f"{len(missing)}, {_span(sum(end - start for start, end in missing))} in total"

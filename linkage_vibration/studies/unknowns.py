@@ -34,8 +34,8 @@ def needed_tolerance(
     deviations, shares = [], []
     for alpha3 in dict.fromkeys(angles):
         changes = sensitivity.at(model.solve(alpha3), band[1])
-        for mode in np.flatnonzero(changes.stddev[0] > 0.0).tolist():
-            deviations.append(float(changes.stddev[0, mode]))
+        for mode in np.flatnonzero(changes.stddev > 0.0).tolist():
+            deviations.append(float(changes.stddev[mode]))
             shares.append(changes.shares(mode))
     if not shares:
         return EXACT, ""

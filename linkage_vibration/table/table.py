@@ -126,12 +126,15 @@ class Table:
         they are not known, as of measured links.
     parameter_stddev : ndarray, (2, n_angles, n_modes)
         Standard deviations of the logarithms of frequencies and of damping ratios by uncertain
-        numbers of the mechanism, at even angles over the range; NaN where the first order is not
-        enough. (2, 0, 0) without such numbers.
+        numbers of the mechanism, at even angles over the range; NaN where they are not known
+        (`unknown_deviations` says why). (2, 0, 0) without such numbers.
     ensemble_alpha3 : ndarray, (n_nodes,)
         Angles at which the members of the ensemble are known, rad; none without uncertain numbers
         or without FRFs. The first member is the mechanism itself, the numbers of the others are
         drawn. They are NaN where a member is not known.
+    ensemble_coordinates : ndarray, (n_members // 2, n_numbers)
+        The draws of the first half of these others, in standard deviations; those of the second
+        half are the opposites.
     ensemble_poles, ensemble_shapes : complex64 ndarray
         (n_members, n_nodes, k), rad/s, and (n_members, n_nodes, n_places + n_forces, k): products
         of the shapes are the residues of 1 / (s - pole); those of the conjugate poles follow.
@@ -186,6 +189,7 @@ class Table:
     damping_ratio_stddev: FloatArray = _array("1", pointwise=True)
     parameter_stddev: FloatArray = _array("1", shape=(2, 0, 0))
     ensemble_alpha3: FloatArray = _array("rad")
+    ensemble_coordinates: FloatArray = _array("1")
     ensemble_poles: NDArray[np.complex64] = _array("rad/s")
     ensemble_shapes: NDArray[np.complex64] = _array("SI")
     ensemble_far: NDArray[np.float32] = _array("m/N or 1")
@@ -262,11 +266,27 @@ class Table:
         """Whether numbers of the mechanism are uncertain."""
         return self.parameter_stddev.size > 0
 
+    @property
+    def unknown_deviations(self) -> str:
+        """Why standard deviations by uncertain numbers are NaN somewhere, a sentence, or ""."""
+        unknown = np.isnan(self.parameter_stddev)
+        if not unknown.any():
+            return ""
+        if unknown.all():
+            return (
+                "Standard deviations are not known: too many machines with other numbers do not "
+                "close over the stroke; state smaller ones in `uncertainty`, or shorten range_deg."
+            )
+        return (
+            "Standard deviations are not known where modes veer too quickly, or where a mode is "
+            "overdamped in the machine or in one with other numbers."
+        )
+
     def parameter_deviations(self, alpha3: float) -> list[float]:
         """Return the standard deviations by uncertain numbers at an angle (rad) within the range.
 
         They are those of the logarithms of frequencies, then those of damping ratios, 2 n_modes;
-        NaN where the first order is not enough, and 0 without uncertain numbers.
+        NaN where they are not known, and 0 without uncertain numbers.
         """
         if not self.uncertain:
             return [0.0] * (2 * self.n_modes)

@@ -13,8 +13,7 @@ from linkage_vibration.table.table import Table, TableError
 from linkage_vibration.table.tabulation.accuracy import TOLERANCE, Accuracy, Bounds
 from linkage_vibration.table.tabulation.assembly import assemble, bound_errors, thin, with_bounds
 from linkage_vibration.table.tabulation.coupled import build_coupled
-from linkage_vibration.table.tabulation.deviations import with_parameter_stddev
-from linkage_vibration.table.tabulation.ensemble import with_ensemble
+from linkage_vibration.table.tabulation.ensemble import with_uncertainty
 from linkage_vibration.table.tabulation.naming import with_mode_names
 from linkage_vibration.table.tabulation.refinement import (
     Piece,
@@ -78,9 +77,8 @@ def build_table(
         table = _build(sampler, tolerance)
     except ModesAreCoupled:
         table = build_coupled(sampler, Accuracy(tolerance))
-    table = _with_static_forces(table, sampler)
-    table = with_parameter_stddev(with_mode_names(table, sampler), sampler)
-    return with_ensemble(table, sampler, lambda done: progress(share + (1.0 - share) * done))
+    table = with_mode_names(_with_static_forces(table, sampler), sampler)
+    return with_uncertainty(table, sampler, lambda done: progress(share + (1.0 - share) * done))
 
 
 def _with_static_forces(table: Table, sampler: Sampler) -> Table:

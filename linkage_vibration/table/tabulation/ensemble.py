@@ -1,34 +1,38 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Adds an ensemble to a table: poles and shapes of models whose uncertain numbers are drawn.
+"""Adds what follows from uncertain numbers to a table: deviations of its modes, and an ensemble.
 
-The members are solved at a few angles of the stroke, with fewer elements and modes than the model,
-and a cylinder may be a little beyond its stroke. Where a member cannot be solved, or its modes
-cannot be followed from angle to angle, its numbers are NaN.
+The members of the ensemble are models whose uncertain numbers are drawn. They are solved at a few
+angles of the stroke, with fewer elements and modes than the model, and a cylinder may be a little
+beyond its stroke. Two opposite draws are left out unless both close over the stroke, since a
+machine that exists does. Where the modes of a member cannot be followed from angle to angle, its
+numbers are NaN. Deviations do not follow modes: they are those of the poles of the same rank.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import count, islice
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
 from scipy.optimize import linear_sum_assignment
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray
-from linkage_vibration.mechanics.description import Cylinder, Mechanism, Uncertainty, coarser
+from linkage_vibration.mechanics.description import Cylinder, Mechanism, coarser
 from linkage_vibration.mechanics.model import LinkageModel, Place, Solution
-from linkage_vibration.mechanics.modes import oscillating_indices
+from linkage_vibration.mechanics.modes import MECHANISM, oscillating_indices
 from linkage_vibration.mechanics.response import reach
-from linkage_vibration.mechanics.uncertainty import member_coordinates
+from linkage_vibration.mechanics.uncertainty import rotation
 from linkage_vibration.table.interpolation import (
     interpolation_matrix,
     stroke_angle,
     stroke_variable,
 )
-from linkage_vibration.table.table import Table
+from linkage_vibration.table.table import Table, TableError
 from linkage_vibration.table.tabulation.sampling import Sampler
 from linkage_vibration.table.tabulation.tracking import UNCLEAR
 
@@ -37,7 +41,19 @@ _COARSER = (4, 2), (8, 4), (_ALL, _ALL)  # elements and modes of links that are 
 _N_NODES = 8, 15, 29  # angles at which members are solved
 _SAME = 1.0 - 1e-6  # of a gap between modes; a smaller difference is rounding
 _BETWEEN = 0.5  # Between them, a pole may be off by this share of its decay.
+_MOST_ROUGH = 0.05  # of members and of deviations may be off by more; they are not known then.
+_MISSED = 0.3  # Deviations are not known where interpolation misses a member by this share of them,
+_SKEW = 1.0  # A distribution is skew from this standardised third moment on.
+_LEAST = 1e-4  # and by this.
 _NEAR = 0.03  # A pole of coarser bodies may be off by this share of its decay.
+N_ANGLES = 257
+"""Even angles over the range at which a table has the standard deviations."""
+
+N_PAIRS = 32
+"""Members of an ensemble, and as many opposite ones, at least."""
+
+_SEED = 7  # of the first rotation whose rows are drawn
+_FEW_LOST = 7  # One of so many pairs may be left out: what closes scatters less than what is drawn.
 _BEYOND = 0.1  # of the stroke of a cylinder, by which that of a member may be beyond it
 
 
@@ -50,70 +66,95 @@ class _Modes:
     rows: ComplexArray  # (n_rows, k): at the places and of the forces
     flexibility: FloatArray  # (n_rows, n_places): at 0 Hz, by all modes
     static: FloatArray  # (n_forces,): under the weight, N
+    n_overdamped: int  # modes that do not oscillate, up to the limit of the table
 
 
-def with_ensemble(table: Table, sampler: Sampler, progress: Callable[[float], object]) -> Table:
-    """Return a table with its ensemble, if it has FRFs and its mechanism has uncertain numbers.
+def with_uncertainty(table: Table, sampler: Sampler, progress: Callable[[float], object]) -> Table:
+    """Return a table with its deviations by uncertain numbers of its mechanism, and an ensemble.
 
-    It has none if too many angles would be needed. ``progress`` is called with the fraction of the
-    members that are finished.
+    It has no ensemble without FRFs, or if too many angles would be needed. ``progress`` is called
+    with the fraction of the members that are finished. Links that are known by FRFs alone, whose
+    change with the numbers is unknown, are refused.
     """
     mechanism = sampler.model.mechanism
     uncertainty = mechanism.uncertainty
-    if uncertainty is None or not uncertainty.numbers or not table.places:
+    if uncertainty is None or not uncertainty.numbers:
         return table
-    drawn = member_numbers(uncertainty).tolist()
+    if sampler.model.measured_frequencies is not None:
+        raise TableError(
+            f"{mechanism.name}: uncertainty needs links with matrices, and some of its links "
+            "are known by FRFs alone; remove this section."
+        )
+    known: dict[int, tuple[LinkageModel, dict[float, _Modes]]] = {}
     for n_nodes in _N_NODES:
-        solver = _Solver(table, sampler, n_nodes, 1 + len(drawn))
-        solver.solve(0, mechanism)
-        for member, values in enumerate(drawn, 1):
-            if solver.rough:
+        n = max(len(uncertainty.numbers), N_PAIRS)
+        solver, drawn = _Solver(table, sampler, n_nodes, 1 + 2 * n), list[FloatArray]()
+        solver.keep(0, *solver.solve(known.setdefault(0, (solver.model(mechanism), {}))))
+        pairs = islice(member_pairs(len(uncertainty.numbers)), n + n // _FEW_LOST)
+        for k, row in enumerate(pairs, 1):
+            if len(drawn) == n or (solver.rough and n_nodes != _N_NODES[-1]):
                 break
-            progress((member - 1) / len(drawn))
             try:
-                solver.solve(member, uncertainty.described(values))
+                values = uncertainty.draw(np.array([row, -row])).tolist()
+                for at, each in zip((k, -k), values, strict=True):
+                    if at not in known:
+                        known[at] = solver.model(uncertainty.described(each)), {}
+                both = [solver.solve(known[at]) for at in (k, -k)]
             except LinkageVibrationError:  # numbers that are not possible
-                for array in solver.arrays.values():
-                    array[member] = math.nan
-        if not solver.rough:
-            progress(1.0)
-            arrays: dict[str, Any] = {f"ensemble_{k}": each for k, each in solver.arrays.items()}
-            return replace(table, ensemble_alpha3=solver.nodes, **arrays)
-    return table
+                continue
+            for i, each in enumerate(both):
+                solver.keep(1 + i * n + len(drawn), *each)
+            drawn.append(row)
+            progress(len(drawn) / n)
+        stddev = solver.deviations()
+        if not solver.rough and not _MOST_ROUGH < np.isnan(stddev).mean() < 1.0:
+            break
+    table = replace(table, parameter_stddev=stddev)
+    if solver.rough or not table.places:
+        return table
+    arrays: dict[str, Any] = {f"ensemble_{k}": each for k, each in solver.arrays.items()}
+    coordinates = np.zeros((n, len(uncertainty.numbers)))
+    coordinates[: len(drawn)] = drawn
+    return replace(table, ensemble_alpha3=solver.nodes, ensemble_coordinates=coordinates, **arrays)
 
 
-def member_numbers(uncertainty: Uncertainty) -> FloatArray:
-    """Return the uncertain numbers of the members, (n_members, n); opposite ones in each half."""
-    half = member_coordinates(len(uncertainty.numbers))
-    return uncertainty.draw(np.vstack([half, -half]))
+def member_pairs(n: int) -> Iterator[FloatArray]:
+    """Yield draws of n numbers, in standard deviations, (n,), which members have with both signs.
+
+    The first max(n, N_PAIRS) and their opposites have the variance 1 and no correlations.
+    """
+    for seed in count(_SEED):
+        yield from rotation(n, seed)
 
 
 class _Solver:
     """Solves members at the nodes, and follows their modes from those of the mechanism itself."""
 
     def __init__(self, table: Table, sampler: Sampler, n_nodes: int, n_members: int) -> None:
-        self._table, self._model = table, sampler.model
+        self._table, self._kinematics = table, sampler.model.kinematics
         self._places: list[Place] = [*table.places, *table.forces]
         self._limit = reach(table.band)
         few = _nodes(table, 3).tolist()
         exact = [_oscillating(sampler.solution(angle))[0] for angle in few]
         for self._mesh in _COARSER:
-            model = self._coarse(sampler.model.mechanism)
+            model = self.model(sampler.model.mechanism)
             coarse = [_oscillating(model.solve(angle))[0] for angle in few]
             if all(_agree(*both, self._limit) for both in zip(coarse, exact, strict=True)):
                 break
         self._mass = model.system.mass
         every = _nodes(table, 2 * n_nodes - 1)
         self.nodes, self._between = every[::2], every[1::2]
-        self._matrix = interpolation_matrix(
-            *(stroke_variable(x, table.toggles) for x in (self.nodes, self._between))
-        )
+        angles = self.nodes, self._between
+        self._at, self._at_between = (stroke_variable(x, table.toggles) for x in angles)
+        self._matrix = interpolation_matrix(self._at, self._at_between)
         solved = [self._solved(model, angle) for angle in self.nodes.tolist()]
-        count = max(table.n_modes, *(int((np.abs(x.poles) < self._limit).sum()) for x in solved))
-        gaps = [np.diff(np.log(np.abs(x.poles[: count + 1]))).min(initial=math.inf) for x in solved]
+        n_kept = max(table.n_modes, *(int((np.abs(x.poles) < self._limit).sum()) for x in solved))
+        gaps = [
+            np.diff(np.log(np.abs(x.poles[: n_kept + 1]))).min(initial=math.inf) for x in solved
+        ]
         self._base = first_widest(np.array(gaps))
-        self._start = solved[self._base].shapes[:, :count]
-        self.rough, base = False, sampler.model.mechanism.base
+        self._start = solved[self._base].shapes[:, :n_kept]
+        self._rough, base = list[int](), sampler.model.mechanism.base
         n_rows, n_mounts = len(self._places), len(base.mounts) if base else 0
 
         def unknown(kind: type, *shape: int) -> NDArray[Any]:
@@ -121,28 +162,91 @@ class _Solver:
 
         # The numbers of all members, as `Table` has them; NaN where they are not known.
         self.arrays = {
-            "poles": unknown(np.complex64, n_nodes, count),
-            "shapes": unknown(np.complex64, n_nodes, n_rows, count),
+            "poles": unknown(np.complex64, n_nodes, n_kept),
+            "shapes": unknown(np.complex64, n_nodes, n_rows, n_kept),
             "far": unknown(np.float32, n_nodes, n_rows, len(table.places)),
             "static": unknown(np.float32, n_nodes, len(table.forces)),
             "mounts": unknown(np.float32, n_mounts, 2, 2),
         }
+        # Of the modes of the table, in the order of their frequencies, ln(frequency) and ln(ratio).
+        self._ranks, self._n_overdamped = self._ranks_of(solved), [x.n_overdamped for x in solved]
+        own = [_oscillating(model.solve(angle))[0] for angle in self._between.tolist()]
+        both = zip(own, self._ranks, strict=False)
+        self._own_between = [_logarithms(poles[ranks]) for poles, ranks in both]
+        self._ranked = unknown(np.float64, n_nodes, 2, table.n_modes)
+        self._missed = unknown(np.float64, 2, table.n_modes)  # by interpolation of these
 
-    def solve(self, member: int, mechanism: Mechanism) -> None:
-        """Find the numbers of a member: the poles are followed from node to node."""
-        model, numbers = self._coarse(mechanism), {k: a[member] for k, a in self.arrays.items()}
+    @property
+    def rough(self) -> bool:
+        """Whether the mechanism itself, or more members than can be left out, need more angles."""
+        return 0 in self._rough or len(self._rough) > _MOST_ROUGH * len(self._ranked)
+
+    def _ranks_of(self, solved: list[_Modes]) -> IntArray:
+        """Return which poles at the nodes are those of the table, (n_nodes, n_modes), ascending."""
+        ranks = []
+        for row, here in zip(self._table.evaluate(self.nodes), solved, strict=True):
+            tabulated = np.sort(row[: self._table.n_modes])  # NaN, overdamped, is last
+            off = np.log(np.abs(here.poles)) - np.log(math.tau * tabulated)[:, np.newaxis]
+            ranks.append(linear_sum_assignment(np.abs(np.nan_to_num(off, nan=100.0)))[1])
+        return np.array(ranks)
+
+    def deviations(self) -> FloatArray:
+        """Return the standard deviations of the modes, as `Table.parameter_stddev` has them.
+
+        Damping ratios count as lognormal unless their logarithms are skew: few members have the
+        tail that makes up the deviation.
+        """
+        table, n = self._table, self._table.n_modes
+        angles, values = np.linspace(*table.alpha3_range, N_ANGLES), self._ranked[1:]
+        mean, logs = values.mean(axis=0), values.std(axis=0)
+        cubes, square = ((values - mean) ** 3).mean(axis=0)[:, 1], logs[:, 1] ** 2
+        lognormal = np.exp(mean[:, 1] + square / 2.0) * np.sqrt(np.expm1(square))
+        straight = np.abs(cubes) < _SKEW * logs[:, 1] ** 3
+        damping = np.where(straight, lognormal, np.exp(values[:, :, 1]).std(axis=0))
+        spread = np.stack([logs[:, 0], damping], axis=1)
+        at, over = self._at, stroke_variable(angles, table.toggles)
+        unknown = PchipInterpolator(at, np.isnan(spread).astype(float))(over) > 0.0
+        n_between = len(self._between)
+        squares = np.nan_to_num(np.square(self._missed[1:]), nan=math.inf)
+        firsts = np.roll(range(n_between), 1)  # of the members that were compared in each interval
+        missed = np.sqrt([squares[i::n_between].mean(axis=0) for i in firsts])
+        wide = missed > _MISSED * np.minimum(logs[:-1], logs[1:]) + _LEAST
+        unknown |= wide[np.clip(np.searchsorted(self.nodes, angles) - 1, 0, n_between - 1)]
+        spread = np.where(unknown, math.nan, PchipInterpolator(at, np.nan_to_num(spread))(over))
+        frequencies = table.evaluate(angles)[:, :n]
+        order = np.argsort(frequencies, axis=1)[:, np.newaxis].repeat(2, axis=1)
+        stddev = np.empty_like(spread)
+        np.put_along_axis(stddev, order, spread, axis=2)
+        stddev[np.isnan(frequencies)[:, np.newaxis].repeat(2, axis=1)] = math.nan
+        return np.ascontiguousarray(stddev.swapaxes(0, 1))
+
+    def solve(
+        self, known: tuple[LinkageModel, dict[float, _Modes]]
+    ) -> tuple[LinkageModel, list[_Modes]]:
+        """Return the model of a member, and its modes at the nodes; an end may fail at once.
+
+        Modes that are known at some angles are taken, and those at others are added.
+        """
+        (model, modes), nodes = known, self.nodes.tolist()
+        for angle in (nodes[-1], *nodes[:-1]):
+            if angle not in modes:
+                modes[angle] = self._solved(model, angle)
+        return model, [modes[angle] for angle in nodes]
+
+    def keep(self, member: int, model: LinkageModel, solved: list[_Modes]) -> None:
+        """Keep the numbers of a member: its poles are followed from node to node."""
+        numbers = {k: a[member] for k, a in self.arrays.items()}
         poles = np.full(numbers["poles"].shape, math.nan, dtype=complex)
-        if mechanism.base is not None:
-            mounts = mechanism.base.mounts
+        if model.mechanism.base is not None:
+            mounts = model.mechanism.base.mounts
             numbers["mounts"][:] = [(mount.stiffness, mount.damping) for mount in mounts]
+        for node, here in enumerate(solved):
+            if here.n_overdamped == self._n_overdamped[node]:  # or else ranks are of other modes
+                self._ranked[member, node] = _logarithms(here.poles[self._ranks[node]])
         shapes: dict[int, ComplexArray] = {}
         for node in (*range(self._base, len(self.nodes)), *range(self._base - 1, -1, -1)):
-            before = node + 1 if node < self._base else node - 1
+            before, here = node + 1 if node < self._base else node - 1, solved[node]
             if node != self._base and before not in shapes:
-                continue
-            try:
-                here = self._solved(model, float(self.nodes[node]))
-            except LinkageVibrationError:
                 continue
             order, signs = self._continued(shapes.get(before, self._start), here.shapes)
             if not len(order):
@@ -152,16 +256,26 @@ class _Solver:
             poles[node], numbers["shapes"][node] = here.poles[order], rows
             numbers["far"][node] = here.flexibility + 2.0 * near.sum(axis=2)
             numbers["static"][node] = here.static
+        self._check(member, model, poles)
         numbers["poles"][:] = poles
-        self._check(member % len(self._between), model, poles)
 
-    def _check(self, between: int, model: LinkageModel, poles: ComplexArray) -> None:
-        """Note whether the poles of a member can be interpolated between two of its nodes."""
+    def _check(self, member: int, model: LinkageModel, poles: ComplexArray) -> None:
+        """Compare a member with its interpolation at an angle between two of its nodes.
+
+        The poles of one that cannot be interpolated are discarded.
+        """
+        between, ranked = member % len(self._between), self._ranked[member]
+        here, _ = _oscillating(model.solve(float(self._between[between])))
+        if np.isfinite(ranked).all():
+            curve = PchipInterpolator(self._at, ranked - self._ranked[0])(self._at_between[between])
+            change = _logarithms(here[self._ranks[between]]) - self._own_between[between]
+            self._missed[member] = curve - change
         if np.isfinite(poles).all():
-            here, _ = _oscillating(model.solve(float(self._between[between])))
             off = np.exp(self._matrix[between] @ np.log(poles))[:, np.newaxis] - here
             share = np.abs(off) / np.abs(here.real)
-            self.rough |= bool(share[linear_sum_assignment(share)].max() > _BETWEEN)
+            if share[linear_sum_assignment(share)].max() > _BETWEEN:
+                self._rough.append(member)
+                poles[:] = math.nan
 
     def _continued(self, before: ComplexArray, here: ComplexArray) -> tuple[IntArray, FloatArray]:
         """Return which shapes continue others, and their signs; none if that is not clear."""
@@ -174,7 +288,7 @@ class _Solver:
             order, pairs = order[:0], (order[:0], order[:0])
         return order, np.where(product[pairs].real < 0.0, -1.0, 1.0)
 
-    def _coarse(self, mechanism: Mechanism) -> LinkageModel:
+    def model(self, mechanism: Mechanism) -> LinkageModel:
         """Return the model of a member."""
         springs = tuple(
             replace(s, stiffness=replace(s.stiffness, margin=_BEYOND * s.stiffness.stroke))
@@ -183,20 +297,22 @@ class _Solver:
             for s in mechanism.springs
         )
         mechanism = replace(coarser(mechanism, *self._mesh), springs=springs)
-        return LinkageModel(mechanism, kinematics=self._model.kinematics.nearby(mechanism))
+        return LinkageModel(mechanism, kinematics=self._kinematics.nearby(mechanism))
 
     def _solved(self, model: LinkageModel, alpha3: float) -> _Modes:
         """Return the modes of a member at an angle, rad."""
         solution = model.solve(alpha3)
         poles, turn = _oscillating(solution)
         kept = slice(0, 2 * int((np.abs(poles) < self._limit).sum()) + 4)
-        participation = solution.participation(self._places)
+        participation, k = solution.participation(self._places), solution.damped.stiffness
+        slow = (k.real > MECHANISM**2) & (k.real < self._limit**2)
         return _Modes(
             poles[kept],
             np.asarray(solution.modes.shapes @ turn[:, kept]),
             np.asarray(participation @ turn[:, kept]),
             participation / solution.modes.omega**2 @ participation[: len(self._table.places)].T,
             model.forces.at_rest(solution.configuration, solution.joining, solution.coupled),
+            int(((k.real <= solution.damped.decay**2 / 4.0) & slow).sum()),
         )
 
 
@@ -227,6 +343,12 @@ def _oscillating(solution: Solution) -> tuple[ComplexArray, ComplexArray]:
     turn = np.eye(len(root)) if damped.shapes is None else damped.shapes[0]
     upper = oscillating_indices(poles)
     return poles[upper], np.asarray(turn[:, upper] / np.sqrt(2j * root[upper]))
+
+
+def _logarithms(poles: ComplexArray) -> FloatArray:
+    """Return ln(size) and ln(damping ratio) of poles, (2, n)."""
+    size = np.abs(poles)
+    return np.log([size, -poles.real / size])
 
 
 def _agree(coarse: ComplexArray, poles: ComplexArray, limit: float) -> bool:
