@@ -9,7 +9,7 @@ import re
 import tempfile
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -85,6 +85,8 @@ class Log:
         Hz and 1; NaN for an overdamped mode.
     frequency_stddevs, damping_ratio_stddevs : ndarray, (n, n_modes)
         Hz and 1; NaN where they are not known.
+    input_faults : tuple of str
+        A sentence for each fault of the inputs, as the diagnostics of the node have them.
     passes : ndarray of int, (n_jumps,)
         The first prediction after each jump of the clock to an earlier time. Stamps ascend only
         between jumps.
@@ -142,6 +144,7 @@ class Log:
     excitations_text: str
     metadata: dict[str, dict[str, str]]
     passes: IntArray
+    input_faults: tuple[str, ...]
 
     def __repr__(self) -> str:
         """Return the file and its size, in a line."""
@@ -227,7 +230,7 @@ def read_log(path: str | Path) -> Log:
     drive, at_predictions = _resonances(
         resonances, predictions, passes, [excitation.name for excitation in excitations]
     )
-    return Log(
+    log = Log(
         path=path,
         stamps=stamps,
         received=predictions[LOG_TIME],
@@ -249,8 +252,10 @@ def read_log(path: str | Path) -> Log:
         excitations_text=attachments.get(EXCITATIONS, b"").decode(errors="replace"),
         metadata=metadata,
         passes=passes,
+        input_faults=(),
         **{name.removeprefix("frf_"): predictions[name] for name in _numbers() if name != "status"},
     )
+    return replace(log, input_faults=_input_faults(log))
 
 
 def _read_messages(path: Path) -> tuple[Columns, Columns, dict[Source, Columns]]:
@@ -315,10 +320,10 @@ def gaps(log: Log) -> list[tuple[float, float]]:
     return [(times[i], times[i + 1]) for i in gap_starts(log.times).tolist()]
 
 
-def input_faults(log: Log) -> list[str]:
-    """Return a sentence for each fault of the inputs, as the diagnostics of the node have them."""
+def _input_faults(log: Log) -> tuple[str, ...]:
+    """Return what the diagnostics of the node say of the inputs, from what a log holds of them."""
     if log.table is None:
-        return []
+        return ()
     judge = InputJudge("the crank angle", log.table.alpha3_range)
     unknown, known = np.full(len(log.stamps), np.nan), log.status != Status.OUT_OF_RANGE
     columns = log.received, log.stamps, log.crank_angle, unknown, known
@@ -327,12 +332,12 @@ def input_faults(log: Log) -> list[str]:
         stamps = (1e9 * times).astype(np.int64) + log.received[0]
         for time, value in zip(stamps.tolist(), values.tolist(), strict=True):
             judge.speed(source, time, value, f"{source.value}_speed")
-    return judge.sentences()
+    return tuple(judge.sentences())
 
 
 def problems(log: Log) -> list[str]:
     """Return a sentence for each fault of the inputs, and kind of missing or invalid prediction."""
-    sentences = input_faults(log)
+    sentences = list(log.input_faults)
     if faulty := int((log.status != Status.OK).sum()):
         sentences.append(f"{faulty} of {len(log.stamps)} predictions are not OK.")
     if len(log.passes):

@@ -83,6 +83,7 @@ def drive_summary(log: Log) -> dict[str, Any]:
         "not_ok": int((log.status != Status.OK).sum()),
         "gaps": len(gaps(log)),
         "clock_jumps": len(log.passes),
+        "input_faults": list(log.input_faults),
         "mode_names": list(log.table.mode_names) if log.table else [],
         "warnings": len(warnings) if judged else None,
         "in_warning_s": _rounded(sum(e.duration for e in warnings)) if judged else None,

@@ -87,6 +87,7 @@ def review_page(log: Log) -> Page:
         "brief": ["crank_angle", *(f"f{mode + 1}" for mode in range(log.n_modes))],
         "answer": first_sentence(log),
         "calm": log.drive is not None and not warnings and durations(log.drive).calm,
+        "inputs": list(log.input_faults),
         "tables": _tables(log, parts, warnings, shown, rows, axis),
         "summary": _summary(log, warnings, missing),
         "provenance": _provenance(log, len(rows)),

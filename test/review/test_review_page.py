@@ -4,6 +4,7 @@
 
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,8 @@ from linkage_vibration.cli.main import main
 from linkage_vibration.messages.definitions import message_definition
 from linkage_vibration.prediction.verdict import Drive, episodes
 from linkage_vibration.review.log import Log, read_log
-from linkage_vibration.review.review_page import STATES
+from linkage_vibration.review.overview import drive_summary
+from linkage_vibration.review.review_page import STATES, review_page
 from linkage_vibration.support.resources import PAPER_TABLE, config_file
 from linkage_vibration.table.table import load_table
 
@@ -298,3 +300,11 @@ def test_words_of_states_are_those_of_the_message() -> None:
     assert [(name.lower(), int(value)) for name, value in named] == [
         (state, value) for value, state in enumerate(STATES)
     ]
+
+
+@pytest.mark.parametrize("faults", [[], ["All stamps are zero."]])
+def test_faults_of_the_inputs_are_named(log: Log, faults: list[str]) -> None:
+    """The page and the summary have the sentences that the log has."""
+    doubted = replace(log, input_faults=tuple(faults))
+    assert review_page(doubted).content["inputs"] == faults
+    assert drive_summary(doubted)["input_faults"] == faults

@@ -5,6 +5,7 @@ byId("subtitle").textContent = data.subtitle;
 byId("answer").textContent = data.answer ?? "";
 byId("answer").hidden = !data.answer;
 byId("answer").classList.toggle("calm", Boolean(data.calm));
+byId("inputs").append(...(data.inputs ?? []).map(sentence => element("li", {}, sentence)));
 for (const { label, value, alert } of data.summary) {
   byId("summary").append(element("div", { class: alert ? "alert" : undefined }, element("dt", {}, label), element("dd", {}, value)));
 }
