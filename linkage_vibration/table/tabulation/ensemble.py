@@ -73,8 +73,7 @@ def with_uncertainty(table: Table, sampler: Sampler, progress: Callable[[float],
     """Return a table with its deviations by uncertain numbers of its mechanism, and an ensemble.
 
     It has no ensemble without FRFs, or if too many angles would be needed. ``progress`` is called
-    with the fraction of the members that are finished. Links that are known by FRFs alone, whose
-    change with the numbers is unknown, are refused.
+    with the finished fraction of the members. Links known by FRFs alone are refused.
     """
     mechanism = sampler.model.mechanism
     uncertainty = mechanism.uncertainty
