@@ -27,7 +27,7 @@ from linkage_vibration.prediction.predictor import Predictor, Status
 from linkage_vibration.support.resources import DEFAULT_MECHANISM, config_file
 from linkage_vibration_interfaces.msg import LoadState, Resonance, TableInfo, VibrationPrediction
 from test.ros.promises.message_fields import numbers, state_is_known, unknown_speeds
-from test.support.conditions import KILOHERTZ, OK, Promised, promise
+from test.support.conditions import KILOHERTZ, OK, SPEED, SPEED_RATE, Promised, promise
 from test.support.ros_process import JOINT, SENSOR, until
 from test.support.served import shipped
 
@@ -268,6 +268,24 @@ def test_resonances(node: Promised) -> None:
     first = {stamp_of(each) for each in resonances}
     assert {stamp_of(each) for each in states[common]} <= first
     assert all("engine" not in unknown_speeds(each) for each in states[common])
+
+
+@promise("node.md#what-a-controller-subscribes-to")
+def test_values_that_go_to_and_fro(node: Promised) -> None:
+    """A speed or an angle whose values go to and fro is not known."""
+    node.tractor.healthy()
+    node.tractor.speed(engine=1500.0)
+    states = node.listen("load_state", LoadState)
+    node.peer.spin(lambda: states and "engine" not in unknown_speeds(states[-1]), "a known speed")
+    node.tractor.publish("engine_speed", SPEED, [{"data": 1500.0}, {"data": 1400.0}], SPEED_RATE)
+    node.peer.spin(lambda: "engine" in unknown_speeds(states[-1]), "a doubted speed")
+    assert states[-1].state == LoadState.STATE_UNKNOWN
+    node.tractor.speed(engine=1500.0)
+    node.peer.spin(lambda: "engine" not in unknown_speeds(states[-1]), "a known speed")
+    node.tractor.read(2.0, 2.04)
+    crank = LoadState.UNKNOWN_CRANK_ANGLE
+    node.peer.spin(lambda: states[-1].unknown_sources & crank, "a doubted angle")
+    assert states[-1].state == LoadState.STATE_UNKNOWN
 
 
 def stamp_of(message: Any) -> tuple[int, int]:
