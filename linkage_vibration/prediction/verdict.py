@@ -140,7 +140,8 @@ def drive_of(
     The log begins at ``start``, which is the time 0, and ends at ``end``, ns.
     """
     held, broken, missing = holding(stamps)
-    missing += 1e-9 * (max(0, int(stamps[0]) - start) + max(0, end - int(stamps[-1])))
+    first, last = int(stamps.min()), int(stamps.max())
+    missing += 1e-9 * (max(0, first - start) + max(0, end - last))
     n_names = resonances.states.shape[1]
     all_names = [*names, *(f"excitation {i + 1}" for i in range(len(names), n_names))]
     return Drive(
@@ -362,8 +363,8 @@ def _without_warning(drive: Drive, limits: WarningLimits) -> str:
 def not_counted(drive: Drive, excitations: Sequence[Excitation]) -> str:
     """Return whose loads are not in the total, and for how long no load is known."""
     resonances, texts = drive.resonances, []
-    if drive.times[0] >= _LATE:
-        late = f"{drive.times[0]:.1f} s"
+    if drive.times.min() >= _LATE:
+        late = f"{drive.times.min():.1f} s"
         texts.append(f"No load is known for the first {late}.")
     has_load = np.isfinite(resonances.load_ratios).any(axis=0)
     silent = [name for name, its in zip(drive.names, has_load, strict=True) if not its]
