@@ -125,7 +125,7 @@ def test_load_states_are_what_ros_reads(
         assert getattr(message, name) == value or math.isnan(value)
 
 
-@given(st.lists(st.lists(st.floats(width=32), min_size=8, max_size=8), min_size=4, max_size=4))
+@given(st.lists(st.lists(st.floats(width=32), min_size=7, max_size=7), min_size=4, max_size=4))
 def test_places_of_advice_are_what_ros_reads(numbers: list[list[float]]) -> None:
     """A ROS 2 reader finds each number of each place in its field."""
     from rclpy.serialization import deserialize_message
