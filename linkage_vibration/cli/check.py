@@ -32,6 +32,6 @@ def run(options: argparse.Namespace) -> int:
     report = check_bag(options.log, read_limits(options.limits), baseline=options.baseline)
     if options.junit:
         write_bytes(options.junit, junit_xml(report), TestKitError)
-    if report.passed:
-        print(report)
+    for line in [str(report)] if report.passed else report.input_faults:
+        print(line)
     return exit_code([f"{report.bag}: {failure}" for failure in report.failures], strict=True)

@@ -69,6 +69,8 @@ class Report:
         The picture of the drive.
     checked : tuple of str
         The limits that were checked.
+    input_faults : tuple of str
+        A sentence for each fault of the inputs, which may be the cause of a failure.
     """
 
     bag: Path
@@ -76,6 +78,7 @@ class Report:
     failures: tuple[Failure, ...]
     picture: Path | None
     checked: tuple[str, ...] = ()
+    input_faults: tuple[str, ...] = ()
 
     @property
     def passed(self) -> bool:
@@ -84,9 +87,10 @@ class Report:
 
     def __str__(self) -> str:
         """Return the report as text."""
-        if self.passed:
-            return f"{self.bag}: {self.predictions} predictions within their limits"
         lines = [f"{self.bag}: of {self.predictions} predictions", *map(str, self.failures)]
+        if self.passed:
+            lines = [f"{self.bag}: {self.predictions} predictions within their limits"]
+        lines += self.input_faults
         if self.picture is not None:
             lines.append(f"picture: {self.picture}")
         return "\n  ".join(lines)
@@ -140,7 +144,7 @@ def check_bag(
         drawn = Path(picture) if failures and picture is not None else None
         if drawn is not None:
             plot(read, drawn)
-    return Report(bag, len(read.stamps), tuple(failures), drawn, tuple(checked))
+    return Report(bag, len(read.stamps), tuple(failures), drawn, tuple(checked), read.input_faults)
 
 
 def latencies(bag: Path, log: Path) -> FloatArray:

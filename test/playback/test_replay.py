@@ -57,6 +57,8 @@ from linkage_vibration.support.resources import (
     config_file,
 )
 from linkage_vibration.table.table import load_table
+from linkage_vibration.testing.bag_checks import check_bag
+from linkage_vibration.testing.limits import Limits
 from test.support.messages import read_messages
 from test.support.motions import MOTIONS, PERCENT, read
 
@@ -269,7 +271,9 @@ def test_readings_that_go_to_and_fro(tmp_path: Path, apart: float) -> None:
     crank = [bool(m.unknown_sources & 1) for m in states]
     assert crank == [False] * 54 + [apart > 0.03] * 46
     assert {m.state for m in states[54:]} == {0 if apart > 0.03 else 1}
-    for sentences in (problems(done), log_problems(read_log(log))):
+    report = check_bag(log, Limits())
+    assert report.passed
+    for sentences in (problems(done), log_problems(read_log(log)), report.input_faults):
         assert any("go to and fro" in sentence for sentence in sentences) == (apart > 0.03)
 
 
