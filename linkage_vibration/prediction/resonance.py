@@ -426,6 +426,7 @@ class ResonanceMonitor:
                 then is None
                 or not 0 <= now - then[0] < 1e9 * _QUIET_FOR
                 or _passed(*then[1:], present)
+                or not self._ends(then[2], angles[row], speeds[:, row], source)
             ):
                 sought = np.array(self._sought(angles[row], speeds[:, row], source))
                 then = self._quiet[source] = now, present, sought
@@ -444,14 +445,7 @@ class ResonanceMonitor:
         at = np.concatenate([np.full(len(_SPEEDS), angle), tried])
         every = np.repeat(speeds[:, np.newaxis], len(at), axis=1)
         every[source, : len(_SPEEDS)] *= _SPEEDS
-        levels, limit = self.levels.at(at, every), self.limits.warning
-        unsafe = (levels.load_ratios > limit)[:, self._warns[:, 0]].any(axis=1)
-        unsafe |= levels.off_ground_share > AIRBORNE
-        # Where a load that is known now would not be known, nothing is known to be quiet.
-        unsafe |= (np.isnan(levels.load_ratios) & ~np.isnan(levels.load_ratios[_PRESENT])).any(
-            axis=1
-        )
-        quiet = (levels.total_load_ratio <= limit) & ~unsafe
+        quiet = self._are_quiet(self.levels, at, every, _PRESENT)
         chosen = []
         for values, present, rows in (
             (every[source, : len(_SPEEDS)], speeds[source], quiet[: len(_SPEEDS)]),
@@ -462,6 +456,31 @@ class ResonanceMonitor:
             nearest = int(np.where(rows, apart, math.inf).argmin())
             chosen.append(float(values[nearest]) if rows[nearest] else math.nan)
         return chosen[0], chosen[1]
+
+    def _ends(self, sought: FloatArray, angle: float, speeds: FloatArray, source: int) -> bool:
+        """Return whether a speed and an angle that were sought end a warning of this reading, too.
+
+        Those that are NaN, as nothing was found, are not looked at.
+        """
+        if self.levels is None:
+            return True
+        every = np.repeat(speeds[:, np.newaxis], 3, axis=1)
+        every[source, 1] = sought[0]
+        at = np.array([angle, angle, sought[1]])
+        quiet = self._are_quiet(self.levels, at, every, 0)[1:]
+        return bool((quiet | np.isnan(sought)).all())
+
+    def _are_quiet(
+        self, levels: LevelTable, angles: FloatArray, speeds: FloatArray, present: int
+    ) -> BoolArray:
+        """Return whether no limit is exceeded at angles and speeds, (n,); one is the present."""
+        found, limit = levels.at(angles, speeds), self.limits.warning
+        unsafe = (found.load_ratios > limit)[:, self._warns[:, 0]].any(axis=1)
+        unsafe |= found.off_ground_share > AIRBORNE
+        # Where a load that is known now would not be known, nothing is known to be quiet.
+        unknown = np.isnan(found.load_ratios)
+        unsafe |= (unknown & ~unknown[present]).any(axis=1)
+        return np.asarray((found.total_load_ratio <= limit) & ~unsafe)
 
     def _speeds_at(self, time: Integers, speeds: Sequence[ReportedSpeed]) -> FloatArray:
         """Use reported speeds; return the speeds at n times, (3, n_sources, n), NaN if unknown.
