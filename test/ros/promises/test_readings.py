@@ -28,7 +28,7 @@ from linkage_vibration.support.resources import DEFAULT_MECHANISM, config_file
 from linkage_vibration_interfaces.msg import LoadState, Resonance, TableInfo, VibrationPrediction
 from test.ros.promises.message_fields import numbers, state_is_known, unknown_speeds
 from test.support.conditions import KILOHERTZ, OK, SPEED, SPEED_RATE, Promised, promise
-from test.support.ros_process import JOINT, SENSOR, until
+from test.support.ros_process import JOINT, SENSOR, slowness, until
 from test.support.served import shipped
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -520,7 +520,8 @@ def test_diagnostics_have_numbers(node: Promised) -> None:
     node.peer.pause(1.5)
     values = node.values()
     rate = float(values["input rate [Hz]"])
-    assert rate > (900.0 if node.condition == KILOHERTZ else 40.0)
+    least = 900.0 if node.condition == KILOHERTZ else 40.0
+    assert rate > least / slowness()  # a busy machine leaves readings out
     assert 0.0 < float(values["latency p50 [ms]"]) <= float(values["latency p99 [ms]"])
     assert 0.0 <= float(values["input age [s]"]) < 1.0
     assert values["table id"] == shipped().table.table_id
