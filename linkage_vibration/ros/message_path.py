@@ -158,7 +158,6 @@ class Predicting:
         assert crank is not None
         self._crank = crank
         self._motion = crank_filter()  # another calibration is not a motion
-        self._agreement = crank_agreement(self.predictor.table.alpha3_range)
         self._names.clear()  # the joint may be another one
         self.readings.last, self._awaited = math.nan, time.monotonic()
         monitor.use(settings.warning_limits())
@@ -189,6 +188,7 @@ class Predicting:
         self.restart_count()
         self._began = self._judged = time.monotonic()
         self._subscribed = True
+        self._agreement = crank_agreement(self.predictor.table.alpha3_range)
         first, last = self.predictor.table.alpha3_range
         self.readings = ReadingWatch(last - first > math.pi, self.readings.stamps_back)
         self._speeds = {

@@ -169,13 +169,18 @@ def write_text(path: Path, text: str, error: type[LinkageVibrationError]) -> Non
 
 
 def _move_to_free_name(new: Path, target: Path) -> None:
-    """Move a file to a name that no file has."""
-    target.touch(exist_ok=False)
+    """Move a file to a name that no file has, by operations that cannot replace one."""
     try:
-        new.replace(target)
-    except OSError:
-        target.unlink()
+        os.link(new, target)
+    except FileExistsError:
         raise
+    except OSError:  # This file system has no hard links.
+        target.touch(exist_ok=False)
+        try:
+            new.replace(target)
+        except OSError:
+            target.unlink()
+            raise
 
 
 def _check_place(path: Path) -> None:

@@ -59,7 +59,7 @@ def test_it_ends_after_a_second() -> None:
     assert steps.index(False, last) - last == 11
 
 
-def test_a_clock_that_jumps_back_begins_anew() -> None:
+def test_a_clock_that_jumps_back_ends_a_doubt() -> None:
     """What disagreed at later times does not count."""
     agreement = Agreement(PTO)
     assert lost(agreement, [540.0, 0.0] * 5)[-1]
