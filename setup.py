@@ -56,6 +56,7 @@ TEST = [
     "mypy",
     "packaging",
     "pytest>=7.4.4",
+    "pytest-rerunfailures",
     "pytest-timeout",
     "pytest-xdist",
     "ruff",
