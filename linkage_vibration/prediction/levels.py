@@ -679,12 +679,6 @@ class _Samples:
         for alpha3 in at.tolist():
             row, roots = self._row(alpha3, roots)
             rows.append(row)
-        if len({len(row) for row in rows}) > 1:
-            first, last = np.degrees(self._ends)
-            raise ExcitationError(
-                f"The number of poles changes between {first:.4g} and {last:.4g} deg, so levels "
-                "cannot be tabulated; check the masses, the inertias and the dampers."
-            )
         forces = self._table.reference_forces(at)[: self._n_forces]
         return at, np.column_stack([rows, forces.T])
 
@@ -709,6 +703,8 @@ class _Samples:
     def _responses_at(self, alpha3: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return poles, numerators and all other values at an angle, as `_Layout` arranges them."""
         table, weights = self._table, np.zeros((2, len(self._places), len(self._inputs)))
+        # At its end the table uses the next piece, whose number of poles may be another.
+        alpha3 = min(alpha3, math.nextafter(self._ends[1], self._ends[0]))
         for i, load in enumerate(self._inputs):
             weights[:, [self._places.index(place) for place in load.places], i] = load.weights(
                 alpha3

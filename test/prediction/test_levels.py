@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.ground_motion import transmissibility
@@ -20,9 +21,10 @@ from linkage_vibration.prediction.excitation import (
 )
 from linkage_vibration.prediction.levels import LevelTable, first_largest
 from linkage_vibration.prediction.predictor import Predictor
-from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.readers.mechanism import mechanism_of, read_mechanism
 from linkage_vibration.support.resources import PAPER_TABLE, config_file
 from linkage_vibration.table.table import load_table
+from linkage_vibration.table.tabulation.building import build_table
 
 SPEEDS = {Source.ENGINE: 1800.0, Source.PTO: 540.0, Source.GROUND: math.nan}
 ORDERS = {
@@ -103,6 +105,27 @@ def test_levels_are_those_of_the_model(name: str) -> None:
         known = level.velocities[[3, 4, 5, 6]]
         assert level.total_velocity == pytest.approx(math.sqrt(float((known**2).sum())), rel=1e-6)
         assert np.isnan(level.velocities[[0, 1, 2, 7]]).all()  # no amplitude, and no speed
+
+
+def test_pieces_with_different_numbers_of_poles() -> None:
+    """With a heavy implement, levels are those of the unreduced model on both sides of a piece."""
+    path = config_file("three_point_linkage_on_tractor.yaml")
+    mapping = yaml.safe_load(path.read_text(encoding="utf-8"))
+    mapping["rigid_bodies"]["implement"]["mass"] = 1500.0
+    del mapping["uncertainty"]
+    mechanism = mechanism_of(mapping, path)
+    table = build_table(LinkageModel(mechanism))
+    first, between, last = table.alpha3[table.pieces].tolist()
+    poles = [len(table.frf(at, ["E1.z"], ["E1.z"]).stiffness) for at in (first, last)]
+    assert poles[0] != poles[1]
+    actual = LevelTable(Predictor(table), mechanism, excitations_from_mapping(ORDERS))
+    model = LinkageModel(mechanism, reduced=False)
+    for alpha3 in (0.5 * (first + between), between - 1e-6, between, between + 1e-6, last):
+        frf = model.solve(alpha3).frf([("E1", "z")], [("E2", "x")])
+        force = np.abs(frf.frf(np.array([4.05]))[0, 0, 0]) * 150.0 * (540.0 / 1080.0) ** 2
+        velocity = 2.0 * math.pi * 4.05 * force / math.sqrt(2.0)
+        level = level_at(actual, alpha3, speeds())
+        assert level.velocities[3] == pytest.approx(velocity, rel=2e-4)
 
 
 def test_shaft_at_rest() -> None:
