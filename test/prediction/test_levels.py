@@ -3,7 +3,9 @@
 """Levels of vibration against the model, independent samples, and themselves one by one."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -23,7 +25,7 @@ from linkage_vibration.prediction.levels import LevelTable, first_largest
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.readers.mechanism import mechanism_of, read_mechanism
 from linkage_vibration.support.resources import PAPER_TABLE, config_file
-from linkage_vibration.table.table import load_table
+from linkage_vibration.table.table import Table, load_table
 from linkage_vibration.table.tabulation.building import build_table
 
 SPEEDS = {Source.ENGINE: 1800.0, Source.PTO: 540.0, Source.GROUND: math.nan}
@@ -107,25 +109,53 @@ def test_levels_are_those_of_the_model(name: str) -> None:
         assert np.isnan(level.velocities[[0, 1, 2, 7]]).all()  # no amplitude, and no speed
 
 
-def test_pieces_with_different_numbers_of_poles() -> None:
-    """With a heavy implement, levels are those of the unreduced model on both sides of a piece."""
-    path = config_file("three_point_linkage_on_tractor.yaml")
-    mapping = yaml.safe_load(path.read_text(encoding="utf-8"))
-    mapping["rigid_bodies"]["implement"]["mass"] = 1500.0
+def with_implement(file: str, mass: float, inertia: float) -> Mechanism:
+    """Return a shipped mechanism with another implement, kg and kg m2, and no uncertain numbers."""
+    mapping = yaml.safe_load(config_file(file).read_text(encoding="utf-8"))
+    mapping["rigid_bodies"]["implement"] |= {"mass": mass, "inertia": inertia}
     del mapping["uncertainty"]
-    mechanism = mechanism_of(mapping, path)
-    table = build_table(LinkageModel(mechanism))
-    first, between, last = table.alpha3[table.pieces].tolist()
-    poles = [len(table.frf(at, ["E1.z"], ["E1.z"]).stiffness) for at in (first, last)]
-    assert poles[0] != poles[1]
-    actual = LevelTable(Predictor(table), mechanism, excitations_from_mapping(ORDERS))
+    return mechanism_of(mapping, config_file(file))
+
+
+def check_velocity(mechanism: Mechanism, table: Table, angles: Sequence[float]) -> None:
+    """Check the velocity by a force in a table with that of the unreduced model at angles, rad."""
+    levels = LevelTable(Predictor(table), mechanism, excitations_from_mapping(ORDERS))
     model = LinkageModel(mechanism, reduced=False)
-    for alpha3 in (0.5 * (first + between), between - 1e-6, between, between + 1e-6, last):
+    for alpha3 in angles:
         frf = model.solve(alpha3).frf([("E1", "z")], [("E2", "x")])
         force = np.abs(frf.frf(np.array([4.05]))[0, 0, 0]) * 150.0 * (540.0 / 1080.0) ** 2
         velocity = 2.0 * math.pi * 4.05 * force / math.sqrt(2.0)
-        level = level_at(actual, alpha3, speeds())
+        level = level_at(levels, alpha3, speeds())
         assert level.velocities[3] == pytest.approx(velocity, rel=2e-4)
+        assert math.isfinite(level.total_load_ratio)
+
+
+def test_pieces_with_different_numbers_of_poles() -> None:
+    """With a heavy implement, levels are those of the unreduced model on both sides of a piece."""
+    mechanism = with_implement("three_point_linkage_on_tractor.yaml", 1500.0, 200.0)
+    table = build_table(LinkageModel(mechanism))
+    first, end, last = table.alpha3[table.pieces].tolist()
+    poles = [len(table.frf(at, ["E1.z"], ["E1.z"]).stiffness) for at in (first, last)]
+    assert poles[0] != poles[1]
+    check_velocity(mechanism, table, [0.5 * (first + end), end - 1e-6, end, end + 1e-6, last])
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize(
+    "file",
+    ["three_point_linkage_on_tractor.yaml", *(f"starters/category_{i}.yaml" for i in range(1, 5))],
+)
+def test_implements(file: str) -> None:
+    """Levels are those of the unreduced model for light, heavy, compact and long implements."""
+    body = yaml.safe_load(config_file(file).read_text(encoding="utf-8"))["rigid_bodies"][
+        "implement"
+    ]
+    for mass, shape in product(np.geomspace(0.15, 4.0, 12), (0.5, 1.0, 2.0)):
+        mechanism = with_implement(file, body["mass"] * mass, body["inertia"] * mass * shape)
+        table = build_table(LinkageModel(mechanism))
+        first, last = table.alpha3_range
+        ends = table.alpha3[table.pieces].tolist()
+        check_velocity(mechanism, table, [*ends, *np.linspace(first, last, 5)[1:-1]])
 
 
 def test_shaft_at_rest() -> None:
