@@ -472,7 +472,7 @@ def _provenance(log: Log, n_kept: int) -> dict[str, Any]:
     text = f"all {n:,} predictions"
     if n_kept < n:
         text = f"{n_kept:,} of {n:,} predictions, with the extremes of every stretch"
-    exact = "times and angles are exact, and all other numbers have seven digits"
+    exact = "times and angles are exact, other numbers have 7 digits"
     rows = [*provenance_rows(log), ["This page holds", f"{text}; {exact}"]]
     texts = {"Parameters": log.parameters_text, "Mechanism": log.mechanism_text}
     files = [{"name": name, "text": text} for name, text in texts.items() if text]
