@@ -104,7 +104,7 @@ def _csv(advice: "Advice") -> str:
     """Return the map as CSV, with a line for each height and speed."""
     import numpy as np
 
-    from linkage_vibration.review.log import table_text
+    from linkage_vibration.messages.csv_tables import table_text
 
     angles, speeds = np.meshgrid(advice.crank_angles, advice.ground_speeds, indexing="ij")
     columns = {"crank_angle_rad": angles, "ground_speed_m_per_s": speeds}

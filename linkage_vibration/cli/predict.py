@@ -33,8 +33,8 @@ def run(options: argparse.Namespace) -> int:
     """Print one row for each angle; return 1 if one of them has no prediction."""
     import numpy as np
 
+    from linkage_vibration.messages.csv_tables import prediction_table, table_text
     from linkage_vibration.prediction.predictor import Status, fault
-    from linkage_vibration.review.log import prediction_table, table_text
     from linkage_vibration.support.atomic_files import OutputError, check_output, write_text
 
     check_output(options.csv, ".csv", list(filter(None, (options.mechanism, options.table))))

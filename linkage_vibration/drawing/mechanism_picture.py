@@ -142,9 +142,9 @@ def _load_ratios(
 
     Speeds are in rpm or m/s; loaded, (n_excitations,), are its orders with an amplitude.
     """
-    every = np.full((len(Source), len(angles) * len(speeds)), math.nan)
-    every[list(Source).index(source)] = np.tile(speeds, len(angles))
-    results = levels.at(np.repeat(angles, len(speeds)), every)
+    every = np.full((len(Source), len(speeds)), math.nan)
+    every[source.place] = speeds
+    results = levels.over(angles, every)
     unknown = (results.ground_unknown != "") & (source is Source.GROUND)
     unknown |= np.isnan(results.velocities[:, loaded]).any(axis=1)
     ratios = np.where(unknown, math.nan, results.total_load_ratio.astype(float))

@@ -9,7 +9,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.signal import find_peaks
 
 from linkage_vibration.listening.output_only import (
     ALIKE,
@@ -79,6 +78,8 @@ def wheelbase_lines(
     It is the mean of the acceleration's at speeds, m/s, as a line that follows a changing speed is
     none. One mount makes no line; NaN: the table has no FRFs at the mounts.
     """
+    from scipy.signal import find_peaks
+
     mounts = vertical_mounts(mechanism)
     if len(mounts) < 2 or not {(mount.name, "z") for mount in mounts} <= {*table.places}:
         return np.full(int(len(mounts) > 1), np.nan)

@@ -217,6 +217,9 @@ def sensor_monitor(
     """Return the monitor of sensors with the speeds that parameters fix; None without a sensor."""
     if not sensors:
         return None
+    # The search for modes needs it; no reading should wait until it is imported.
+    import scipy.signal  # noqa: F401
+
     speeds = {source: settings.fixed_speed(source) for source in Source}
     fixed = {source: speed for source, speed in speeds.items() if speed is not None}
     model = served.predictor, served.mechanism

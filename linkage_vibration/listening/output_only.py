@@ -14,7 +14,7 @@ from itertools import pairwise
 from typing import TypeVar
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 from linkage_vibration.mechanics.uncertainty import INTERVAL
@@ -160,7 +160,7 @@ def _candidate(
     estimates = pole * _median(np.array(ratios)[:, shown])
     if len(estimates) < max((1.0 - _MOST_LOST) * len(without), 4):
         return None
-    factor = float(student.ppf(0.975, len(estimates) - 1)) / INTERVAL
+    factor = float(stdtrit(len(estimates) - 1, 0.975)) / INTERVAL
     factor *= math.sqrt(len(estimates) - 1.0)
     frequency, ratio = (float(each) for each in _values(pole))
     order, k = cluster[len(cluster) // 2]

@@ -7,7 +7,6 @@ from itertools import pairwise
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.signal import butter, sosfiltfilt
 
 from linkage_vibration.mechanics.arrays import FloatArray
 
@@ -73,6 +72,8 @@ def over_phase(signals: FloatArray, predicted: FloatArray, mean: float, given: f
     A multiple of that frequency, (n,), Hz, is then the multiple of its mean over all segments. The
     signals, (n, n_channels), have the rate ``given``, the result that of `phase_rate`.
     """
+    from scipy.signal import butter, sosfiltfilt
+
     rate, values = phase_rate(mean, given), signals - signals.mean(axis=0)
     filters = [butter(2, 0.25 * mean, "highpass", fs=given, output="sos")]
     if rate < given:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 
 from linkage_vibration.drawing.intervals import gap_starts
 from linkage_vibration.errors import LinkageVibrationError
@@ -105,6 +104,8 @@ def _even_clock(sensor: Sensor, times: FloatArray) -> tuple[FloatArray, BoolArra
     Stamps are late by various delays, whose slow part is kept. A longer step is a number of missing
     samples unless the step beside it is shorter by the same time.
     """
+    from scipy.ndimage import uniform_filter1d
+
     steps, gaps = np.diff(times), gap_starts(times)
     step = float(np.median(steps))
     beside = np.pad(steps, 1, constant_values=step)

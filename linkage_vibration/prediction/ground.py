@@ -12,8 +12,8 @@ from dataclasses import dataclass, fields, replace
 from itertools import combinations
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.signal import welch
 from scipy.special import ndtr
 
 from linkage_vibration.errors import LinkageVibrationError
@@ -108,12 +108,27 @@ def profile_spectrum(distance: FloatArray, height: FloatArray) -> tuple[tuple[fl
     spacing = float(np.median(np.diff(distance)))
     even = np.arange(distance[0], distance[-1], spacing)
     heights, length = np.interp(even, distance, height), len(even) // SEGMENTS
-    n, density = welch(heights, 1.0 / spacing, nperseg=length, detrend="linear")
+    n, density = _mean_spectrum(heights, spacing, length)
     kept = slice(2, 1 + length // 4)  # A straight line is removed, with most of the first.
     n, density = n[kept], density[kept]
     part = np.floor(6.0 * np.log2(n / n[0]))
     means = [(np.exp(np.log(n[part == i]).mean()), density[part == i].mean()) for i in set(part)]
     return tuple(sorted((float(at), float(mean)) for at, mean in means))
+
+
+def _mean_spectrum(
+    heights: FloatArray, spacing: float, length: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return wavenumbers, 1/m, and one-sided densities, m3, of heights, m, in segments of a length.
+
+    Segments overlap by half; each is without its straight line, and under a Hann window.
+    """
+    segments = sliding_window_view(heights, length)[:: length - length // 2]
+    line, _ = np.linalg.qr(np.vander(np.arange(length) / length, 2))
+    window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length)
+    spectra = np.fft.rfft(window * (segments - segments @ line @ line.T))
+    density = 2.0 * spacing * (np.abs(spectra) ** 2).mean(axis=0) / (window @ window)
+    return np.fft.rfftfreq(length, spacing), density
 
 
 def power_law(spectrum: Sequence[tuple[float, float]], reference: float) -> tuple[float, float]:

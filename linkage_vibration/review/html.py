@@ -6,6 +6,7 @@ import base64
 import html
 import json
 import re
+import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
@@ -69,7 +70,7 @@ def _parts(page: Page) -> Iterator[str]:
         "uplot_css": page_file("uPlot.min.css"),
         "css": page_file("page.css"),
         "uplot_js": f"/*{page_file('uPlot.LICENSE.txt')}*/\n{page_file('uPlot.iife.min.js')}",
-        "js": f'"use strict";\n(() => {{\n{script}}})();\n',
+        "js": f'"use strict";\nwindow.opened = (async () => {{\n{script}}})();\n',
     }
     begin, end = page_file("page.html").split("{{data}}")
     yield filled(begin, texts)
@@ -132,10 +133,18 @@ def _json(value: object) -> str:
 
 
 def packed(values: NDArray[Any]) -> dict[str, Any]:
-    """Return an array as the page's script reads it: its little-endian bytes in base64."""
+    """Return an array as the page's script reads it: compressed, in base64.
+
+    The first bytes of all little-endian numbers precede all second ones, and so on. Each byte is
+    the difference to that of the number before, as neighbours are alike.
+    """
     kind = {"f": f"f{values.dtype.itemsize}", "u": "u1"}[values.dtype.kind]
-    data = np.ascontiguousarray(values).astype(f"<{kind}").tobytes()
-    return {"type": kind, "base64": base64.b64encode(data).decode()}
+    data = np.ascontiguousarray(values).astype(f"<{kind}").reshape(-1, 1).view(np.uint8).T
+    differences = np.diff(data, axis=1, prepend=np.uint8(0))
+    return {
+        "type": kind,
+        "deflate": base64.b64encode(zlib.compress(differences.tobytes())).decode(),
+    }
 
 
 def thinned(

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads a log: its predictions, its resonances and speeds, and what made them."""
 
-import csv
-import io
 import itertools
 import re
 import tempfile
@@ -36,6 +34,7 @@ from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray, IntArray
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.messages.columns import MessageColumns
+from linkage_vibration.messages.csv_tables import prediction_table, table_text, unit_suffix
 from linkage_vibration.messages.fields import Field, message_fields
 from linkage_vibration.messages.topics import ASSESSED, PREDICTION
 from linkage_vibration.prediction.excitation import Excitation, Source
@@ -367,33 +366,12 @@ def log_table(log: Log) -> dict[str, NDArray[Any]]:
     if log.resonances is not None:
         for field in resonance_fields():
             name = "resonance_state" if field.name == "state" else field.name
-            table[name + _suffix(field)] = getattr(log.resonances, field.name)
+            table[name + unit_suffix(field)] = getattr(log.resonances, field.name)
         near = np.isfinite(log.resonances.natural_frequency)
         modes = np.where(near, log.resonances.mode + 1, 0)
         names = np.array(["", *(log.mode_name(mode) for mode in range(log.n_modes))])
         table |= {"mode": modes, "mode_name": names[np.minimum(modes, log.n_modes)]}
     return table
-
-
-def prediction_table(predictions: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """Return the columns of predictions, by the names of their fields, as those of a CSV file."""
-    table: dict[str, NDArray[Any]] = {}
-    for field in message_fields(PREDICTION):
-        if field.name in predictions and field.is_sequence:
-            for mode, values in enumerate(predictions[field.name].T, 1):
-                table[f"{_singular(field.name)}_{mode}{_suffix(field)}"] = values
-        elif field.name in predictions:
-            table[field.name + _suffix(field)] = predictions[field.name]
-    return table
-
-
-def table_text(table: Mapping[str, NDArray[Any]]) -> str:
-    """Return columns, (n,), as CSV with their names in the first line."""
-    text = io.StringIO()
-    lines = csv.writer(text, lineterminator="\n")
-    lines.writerow(table)
-    lines.writerows(zip(*(column.tolist() for column in table.values()), strict=True))
-    return text.getvalue()
 
 
 def _predictions(log: Log) -> dict[str, NDArray[Any]]:
@@ -404,17 +382,6 @@ def _predictions(log: Log) -> dict[str, NDArray[Any]]:
 def _numbers() -> list[str]:
     """Return the names of the fields of a prediction that a log has as arrays of numbers."""
     return [f.name for f in message_fields(PREDICTION) if f.type in ("float64", "uint8")]
-
-
-def _suffix(field: Field) -> str:
-    """Return the unit of a number as the end of a name, such as ``_m_per_s2``; 1 has none."""
-    unit = field.unit.replace(" or ", "_or_").split()[0] if field.type.startswith("float") else "1"
-    return "" if unit == "1" else "_" + unit.lower().replace("/", "_per_").replace("^", "")
-
-
-def _singular(name: str) -> str:
-    """Return the name of one number of a sequence."""
-    return name.removesuffix("ies") + "y" if name.endswith("ies") else name.removesuffix("s")
 
 
 def _speed_times(speeds: Columns, predictions: Columns, passes: IntArray) -> FloatArray:

@@ -92,7 +92,7 @@ def review_page(log: Log) -> Page:
         "summary": _summary(log, warnings, missing),
         "provenance": _provenance(log, len(rows)),
         "shades": _shades(log, missing, axis),
-        "excitations": _excitations(log, axis),
+        **_excitations(log, axis),
         "clock": axis.knots(),
         "advice": None if outside else advice_map(log),
         "campbell": [] if outside else campbell(log, [episode.worst for episode in warnings]),
@@ -193,7 +193,7 @@ def _columns(log: Log, rows: IntArray, axis: TimeAxis) -> dict[str, NDArray[Any]
     if not np.array_equal(log.table_angle, log.crank_angle, equal_nan=True):
         columns["table_angle"] = log.table_angle[rows]
     for mode in range(log.n_modes):
-        columns[f"f{mode + 1}"] = log.natural_frequencies[rows, mode]
+        columns[f"f{mode + 1}"] = log.natural_frequencies[rows, mode].astype(np.float32)
         columns[f"s{mode + 1}"] = log.frequency_stddevs[rows, mode].astype(np.float32)
     if log.resonances is not None:
         r, names = log.resonances.rows(rows), _excitation_names(log)
@@ -304,7 +304,7 @@ def _readings(log: Log) -> Items:
     ]
     for mode, colour in enumerate(palette.mode_colours(log.n_modes)):
         name, spread = f"f{mode + 1}", {"spread": f"s{mode + 1}"} if _has_spread(log) else {}
-        line = {"colour": colour, "column": name, "unit": "Hz", "digits": 8, **spread}
+        line = {"colour": colour, "column": name, "unit": "Hz", "digits": 7, **spread}
         line["predicted"] = "peak_magnitude"
         readings.append(reading(name, _mode_name(log, mode), **line))
     readings += [
@@ -472,7 +472,7 @@ def _provenance(log: Log, n_kept: int) -> dict[str, Any]:
     text = f"all {n:,} predictions"
     if n_kept < n:
         text = f"{n_kept:,} of {n:,} predictions, with the extremes of every stretch"
-    exact = "times, angles and natural frequencies are exact"
+    exact = "times and angles are exact, other numbers have 7 digits"
     rows = [*provenance_rows(log), ["This page holds", f"{text}; {exact}"]]
     texts = {"Parameters": log.parameters_text, "Mechanism": log.mechanism_text}
     files = [{"name": name, "text": text} for name, text in texts.items() if text]
@@ -499,13 +499,26 @@ def _spans(log: Log, flags: BoolArray, axis: TimeAxis) -> list[list[float]]:
     return [times[[start, min(end, len(times) - 1)]].tolist() for start, end in runs(flags)]
 
 
-def _excitations(log: Log, axis: TimeAxis) -> Items:
-    """Return the frequency of each excitation over time; none if the log lacks their file."""
-    lines, speeds = [], all_speeds(log)
-    for excitation in log.excitations:
-        if excitation.source in speeds and not excitation.terrain:
-            times, values = speeds[excitation.source]
-            hertz = (excitation.ratio * values).astype(np.float32)
-            line = {"name": excitation.name, "style": _STYLES[excitation.source]}
-            lines.append(line | {"times": axis.place(times), "values": hertz})
-    return lines
+def _excitations(log: Log, axis: TimeAxis) -> dict[str, Any]:
+    """Return the speeds, and for each excitation the ratio of its frequency, Hz, to its speed.
+
+    There are none if the log lacks their file.
+    """
+    speeds = all_speeds(log)
+    shown = [each for each in log.excitations if each.source in speeds and not each.terrain]
+    return {
+        "speeds": {
+            source.value: {"times": axis.place(times), "values": values.astype(np.float32)}
+            for source, (times, values) in speeds.items()
+            if any(each.source is source for each in shown)
+        },
+        "excitations": [
+            {
+                "name": each.name,
+                "style": _STYLES[each.source],
+                "source": each.source.value,
+                "ratio": each.ratio,
+            }
+            for each in shown
+        ],
+    }

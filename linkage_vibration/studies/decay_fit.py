@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray
 
@@ -80,7 +80,7 @@ def variance(decays: Decays, fit: DecayFit) -> float:
 
 def without_faint(decays: Decays, fit: DecayFit, rate: float, chance: float) -> DecayFit:
     """Leave out poles that do not oscillate, or that noise makes with more than this chance."""
-    least = float(chi2.isf(chance, 2 * sum(each.shape[1] for each in decays) + 2))
+    least = float(chdtri(2 * sum(each.shape[1] for each in decays) + 2, chance))
     while len(fit.poles):
         strengths = np.where(
             _oscillates(fit.poles), gains(decays, fit, rate).sum(axis=0), -math.inf

@@ -15,8 +15,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
-from scipy.stats import chi2
-from scipy.stats import t as student
+from scipy.special import chdtri, stdtrit
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
@@ -158,7 +157,7 @@ def modes_of_decays(decays: Decays, rate: float) -> list[MeasuredMode]:
         return []
     fit = refined(decays, fit.poles[np.argsort(np.abs(fit.poles))], rate)
     values, channels = _values(fit.poles), decays[0].shape[1]
-    shown = (gains(decays, fit, rate) > chi2.isf(_SHOWN, 2 * channels)).sum(axis=0)
+    shown = (gains(decays, fit, rate) > chdtri(2 * channels, _SHOWN)).sum(axis=0)
     changes = _changes(decays, fit, rate)
     stddevs = np.maximum(_stddevs(decays, fit), np.sqrt((changes**2).mean(axis=0)))
     modes = []
@@ -220,6 +219,6 @@ def _stddevs(decays: Decays, fit: DecayFit) -> FloatArray:
         return np.asarray(np.sqrt(white))
     steps = np.linalg.pinv(curvature - fit.curvatures) @ fit.gradients[:, :, np.newaxis]
     without = np.einsum("vai,nai->nvi", slopes, steps.reshape(n, 2, count))
-    widened = float(student.ppf(0.975, n - 1)) / INTERVAL  # few decays do not tell their spread
+    widened = float(stdtrit(n - 1, 0.975)) / INTERVAL  # few decays do not tell their spread
     jackknife = (n - 1) / n * ((without - without.mean(axis=0)) ** 2).sum(axis=0)
     return np.asarray(np.sqrt(np.maximum(white, widened**2 * jackknife)))

@@ -10,6 +10,7 @@ from statistics import NormalDist
 import numpy as np
 import pytest
 from scipy.integrate import cumulative_trapezoid, trapezoid
+from scipy.signal import welch
 
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 from linkage_vibration.mechanics.description import Mechanism, Mount
@@ -29,6 +30,7 @@ from linkage_vibration.prediction.ground import (
     GroundLevels,
     GroundTable,
     Terrain,
+    _mean_spectrum,
     contract,
     ground_lines,
     ground_spectrum,
@@ -127,6 +129,17 @@ def test_spectrum_of_a_random_profile_is_that_of_its_terrain(exponent: float) ->
     roughness, actual = power_law(list(zip(n, density, strict=True)), 0.1)
     assert actual == pytest.approx(exponent, abs=0.05)
     assert roughness == pytest.approx(256e-6, rel=0.1)
+
+
+@pytest.mark.parametrize("length", [64, 125])
+def test_welch_of_scipy(length: int) -> None:
+    """Wavenumbers and densities are those of SciPy's Welch method, between 0 and the last one."""
+    heights = np.cumsum(np.random.default_rng(9).normal(size=1001)) + 1e3
+    n, density = _mean_spectrum(heights, 0.1, length)
+    expected = welch(heights, 10.0, nperseg=length, detrend="linear")
+    np.testing.assert_allclose(n, expected[0], rtol=1e-14)
+    # That of half of the rate is one-sided, too; `profile_spectrum` leaves it out.
+    np.testing.assert_allclose(density[1:-1], expected[1][1:-1], rtol=1e-9)
 
 
 def test_measured_spectrum_gives_the_level_of_the_terrain() -> None:

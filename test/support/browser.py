@@ -80,6 +80,7 @@ class Browser:
         self._wait("Page.loadEventFired")
         self.send("Page.navigate", url=page.resolve().as_uri() + moment)
         self._wait("Page.loadEventFired")
+        self.evaluate("window.opened")  # a promise of the page of a log
         self.settle()
 
     def resize(self, width: int, height: int, *, mobile: bool = False) -> None:

@@ -3,7 +3,7 @@
 
 if (data.advice) {
   const { angles, speeds, limit, drive, now, best, texts } = data.advice;
-  const loads = array(data.advice.loads), reasons = array(data.advice.reasons), nV = speeds.length, nA = angles.length;
+  const { loads, reasons } = data.advice, nV = speeds.length, nA = angles.length;
   const W = 460, H = 300, left = 50, right = 96, bottom = 40, top = 10;
   const step = { x: speeds[1] - speeds[0], y: angles[1] - angles[0] };
   const x = v => left + (v - speeds[0] + step.x / 2) / (nV * step.x) * (W - left - right);

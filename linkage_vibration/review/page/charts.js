@@ -14,7 +14,8 @@ const dashes = { dashed: [6, 4], dotted: [2, 3] };
 
 /** Add a row with a chart; its time axis has labels only if they are asked for. */
 function makeChart(spec, holder, labelled) {
-  const box = element("div", { class: "chart", id: `chart-${spec.id}` });
+  const height = (spec.height ?? 130) + (labelled ? 44 : 8);
+  const box = element("div", { class: "chart", id: `chart-${spec.id}`, style: `min-height: ${height}px` });
   const heading = element("h3", {}, spec.title);
   if (spec.unit) heading.append(element("span", { class: "unit" }, ` [${spec.unit}]`));
   const key = element("span", { class: "key" }, ...(spec.key ?? []).map(keyItem));
@@ -38,7 +39,7 @@ function makeChart(spec, holder, labelled) {
     make(width) {
       this.u?.destroy();
       this.u = new uPlot({
-        width, height: (spec.height ?? 130) + (labelled ? 44 : 8), series, bands,
+        width, height, series, bands,
         legend: { show: false }, cursor: { show: false }, padding: [6, 12, 0, 0],
         scales: { x: { time: false, range: () => view }, y: { distr: log ? 3 : 1, range: spec.range ? () => spec.range : yRange(log) } },
         axes: [timeAxis(labelled, !spec.paint), valueAxis(log, !spec.paint)],
@@ -53,12 +54,12 @@ function makeChart(spec, holder, labelled) {
     near: true,  // whether it is in sight or close to it
     stale: false,  // whether it has to be redrawn once it is near
     update() {
-      if (this.box.hidden) return;
+      if (this.box.hidden || !this.u) return;
       this.stale = false;
       this.u.setData(this.data(this.u.width));
     },
     showCursor() {
-      if (this.box.hidden) return;
+      if (this.box.hidden || !this.u) return;
       const t = time[cursor], inside = t >= view[0] && t <= view[1];
       this.line.hidden = !inside;
       this.line.classList.toggle("kept", cursor === kept);

@@ -1,5 +1,5 @@
 // Copyright 2026 The linkage_vibration authors. SPDX-License-Identifier: Apache-2.0
-// Reads the numbers of the page, and finds samples by their times.
+// Unpacks the numbers of the page, and finds samples by their times.
 
 const byId = id => document.getElementById(id);
 const data = JSON.parse(byId("data").textContent);
@@ -9,17 +9,40 @@ const DEG = 180 / Math.PI;
 const clamp = (x, low, high) => Math.min(Math.max(x, low), high);
 const TYPES = { f8: Float64Array, f4: Float32Array, u1: Uint8Array };
 
-/** A typed array from the form in which the page holds it. */
-function array({ type, base64 }) {
-  const text = atob(base64), bytes = new Uint8Array(text.length);
-  for (let i = 0; i < bytes.length; i++) bytes[i] = text.charCodeAt(i);
+if (!window.DecompressionStream) {
+  byId("subtitle").textContent = "This browser cannot unpack the numbers of this page; open it in "
+    + "Chrome or Edge from version 80, Firefox from 113, or Safari from 16.4.";
+  return;
+}
+
+/** A typed array from the form in which the page holds it: the differences of all first bytes, then of all second ones. */
+async function unpacked({ type, deflate }) {
+  const text = atob(deflate), packed = new Uint8Array(text.length);
+  for (let i = 0; i < packed.length; i++) packed[i] = text.charCodeAt(i);
+  const { readable, writable } = new DecompressionStream("deflate"), writer = writable.getWriter();
+  writer.write(packed);
+  writer.close();
+  const differences = new Uint8Array(await new Response(readable).arrayBuffer());
+  const bytes = new Uint8Array(differences.length), size = TYPES[type].BYTES_PER_ELEMENT;
+  for (let first = 0, k = 0; first < size; first++) {
+    for (let i = first, sum = 0; i < bytes.length; i += size) bytes[i] = sum = sum + differences[k++] & 255;
+  }
   return new TYPES[type](bytes.buffer);
 }
 
+/** Put typed arrays in the place of all that are packed. */
+async function unpack(holder) {
+  await Promise.all(Object.entries(holder).map(async ([key, value]) => {
+    if (value?.deflate) holder[key] = await unpacked(value);
+    else if (value && typeof value === "object") await unpack(value);
+  }));
+}
+await unpack(data);
+
 const columns = {};
-for (const [name, packed] of Object.entries(data.columns)) {
-  columns[name] = "constant" in packed
-    ? new TYPES[packed.type](data.n).fill(packed.constant ?? NaN) : array(packed);
+for (const [name, values] of Object.entries(data.columns)) {
+  columns[name] = "constant" in values
+    ? new TYPES[values.type](data.n).fill(values.constant ?? NaN) : values;
 }
 data.columns = null;
 const time = columns.time, n = data.n;

@@ -5,8 +5,7 @@ const BLOCK = 64;
 
 /** A quantity to draw: value(i), and extremes(from, to), which is fast as it uses the extremes of blocks. */
 function drawable(value) {
-  const blocks = Math.ceil(n / BLOCK);
-  const lows = new Float64Array(blocks), highs = new Float64Array(blocks);
+  let lows = null, highs = null;
   const plain = (from, to) => {
     let low = Infinity, high = -Infinity;
     for (let i = from; i < to; i++) {
@@ -16,12 +15,18 @@ function drawable(value) {
     }
     return [low, high];
   };
-  for (let b = 0; b < blocks; b++) {
-    [lows[b], highs[b]] = plain(b * BLOCK, Math.min(n, (b + 1) * BLOCK));
-  }
+  const fillBlocks = () => {
+    const blocks = Math.ceil(n / BLOCK);
+    lows = new Float64Array(blocks);
+    highs = new Float64Array(blocks);
+    for (let b = 0; b < blocks; b++) {
+      [lows[b], highs[b]] = plain(b * BLOCK, Math.min(n, (b + 1) * BLOCK));
+    }
+  };
   const extremes = (from, to) => {
     const head = Math.ceil(from / BLOCK), tail = Math.floor(to / BLOCK);
     if (head >= tail) return plain(from, to);
+    if (!lows) fillBlocks();
     let [low, high] = plain(from, head * BLOCK);
     for (let b = head; b < tail; b++) {
       if (lows[b] < low) low = lows[b];

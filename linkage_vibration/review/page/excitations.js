@@ -1,12 +1,12 @@
 // Copyright 2026 The linkage_vibration authors. SPDX-License-Identifier: Apache-2.0
 // Draws excitations and moments of resonance over charts.
 
-const excitations = (data.excitations ?? []).map(one => ({ ...one, times: array(one.times), values: array(one.values) }));
+const excitations = (data.excitations ?? []).map(one => ({ ...one, ...data.speeds[one.source] }));
 /** The moments of resonance, as rows of their table; the ground has no frequency. */
 const moments = (data.tables.find(table => table.id === "moments")?.rows ?? []).filter(row => row.y !== undefined);
 
-/** The points of an excitation in view; of long stretches only the lowest and the highest value. */
-function excitationPoints({ times, values }, wanted) {
+/** The points of an excitation in view, s and Hz; of long stretches only the lowest and the highest value. */
+function excitationPoints({ times, values, ratio }, wanted) {
   const from = Math.max(0, lowerBound(times, view[0]) - 1), to = Math.min(times.length, lowerBound(times, view[1]) + 1);
   const step = Math.max(1, Math.floor((to - from) / wanted)), points = [];
   const apart = i => i > from && times[i] - times[i - 1] > data.stale_after;
@@ -17,7 +17,7 @@ function excitationPoints({ times, values }, wanted) {
       high = Math.max(high, values[end++]);
     }
     const [one, other] = values[i] > values[end - 1] ? [high, low] : [low, high];
-    if (end > i) points.push([times[i], one], [times[end - 1], other]);
+    if (end > i) points.push([times[i], ratio * one], [times[end - 1], ratio * other]);
     const lost = end < to && !(values[end] > 0);
     if (lost || (end < to && apart(end))) points.push([null, null]);
     while (end < to && !(values[end] > 0)) end++;

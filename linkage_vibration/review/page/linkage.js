@@ -5,8 +5,7 @@ const SWING = .08, SWINGS_PER_SECOND = .5;  // amplitude as a share of the linka
 
 /** The picture of the linkage, if the log holds its model; show() updates it. */
 const linkage = data.linkage && (() => {
-  const L = data.linkage, angles = array(L.angles), places = array(L.places), shapes = array(L.shapes);
-  const joints = array(L.joints), centres = array(L.centres), ground = array(L.ground);
+  const L = data.linkage, { angles, places, shapes, joints, centres, ground } = L;
   const count = L.lengths.reduce((a, b) => a + b, 0), size = L.size;
   let left = Infinity, right = -Infinity, low = Infinity, high = -Infinity;
   for (const points of [places, ground]) {

@@ -2,10 +2,7 @@
 // Computes the receptance at the drive point from the poles and residues of the table.
 
 /** The terms of the receptance on a grid of angles, if the log holds them. */
-const frf = data.frf && {
-  ...data.frf, angles: array(data.frf.angles), terms: array(data.frf.terms),
-  residual: array(data.frf.residual), frequencies: array(data.frf.frequencies),
-};
+const frf = data.frf;
 const TERM = 7;  // numbers of a term: k, c, residue and rate; all but c are complex
 
 /** log10 |H|, m/N, at a place on the grid of angles (see gridPlace) and a frequency in Hz. */

@@ -2,7 +2,7 @@
 // Shows the page for the first time.
 
 showMoving();
-layout();
+layout(0, charts.filter(chart => chart.row.getBoundingClientRect().top < innerHeight));
 const worst = data.tables.find(table => table.first)?.rows.find(row => row.time !== undefined);
 if (worst) {
   kept = cursor = worst.index;
@@ -29,3 +29,9 @@ window.review = {
   drawn: id => charts.find(chart => chart.spec.id === id).u.data[1],
   receptance: (angle, frequency) => 10 ** logReceptance(gridPlace(angle), frequency),
 };
+// The charts out of sight follow one by one, so that the page answers in between.
+for (const chart of charts) {
+  await new Promise(done => { setTimeout(done); });
+  if (!chart.u && !chart.box.hidden) chart.make(shownWidth);
+}
+showCursorSoon();
