@@ -20,6 +20,9 @@ AGREEMENT = {
 """Differences up to the first number are noise; to and fro, a value changes by less than the second
 number per second: a hitch that is adjusted, or an engine whose governor hunts."""
 DIFFERING = 4  # changes of side, each within a second of the one before; two glitches have three
+# A step of a motion takes so many changes back: two steps up and two down count nothing, but three
+# publishers in turn, two steps up and one down, do.
+_OF_A_MOTION = 1.5
 FASTEST, LEAST_JUMP = 4.0, 0.06  # rad/s and rad; a hitch is slower, and noise is smaller
 _LASTING = 1_000_000_000  # ns
 
@@ -29,7 +32,7 @@ class Agreement:
 
     A value changes sides by a step that is larger than noise and motion, if the last such step was
     in the other direction, however many values were between both. A step in the same direction is
-    one of a motion, and takes one change back.
+    one of a motion.
     """
 
     def __init__(self, name: str, turns: bool = False) -> None:
@@ -37,7 +40,7 @@ class Agreement:
         self._noise, self._wraps = math.inf if turns else self._noise, name == HITCH
         self._fastest = FASTEST if self._wraps and not turns else math.inf
         self._last, self._step = math.nan, 0.0  # the last value, and the last large step
-        self._changed, self._count = 0, 0  # when it last changed sides, ns, and how often
+        self._changed, self._count = 0, 0.0  # when it last changed sides, ns, and how often
         self._time, self._jumped = 0, False  # the latest of the last second; whether it jumped
 
     def take(self, time: int, value: float) -> bool:
@@ -55,9 +58,9 @@ class Agreement:
             return False
         changes, self._step = step * self._step < 0.0, step
         if not changes:
-            self._count = max(self._count - 1, 0)
+            self._count = max(self._count - _OF_A_MOTION, 0.0)
             return False
-        self._count = self._count + 1 if abs(time - self._changed) <= _LASTING else 1
+        self._count = self._count + 1.0 if abs(time - self._changed) <= _LASTING else 1.0
         self._changed = time
         return self._count >= DIFFERING
 

@@ -61,6 +61,13 @@ def test_publishers_in_any_order(name: str, share: float) -> None:
     assert all(found[first:])
 
 
+def test_three_publishers_in_turn() -> None:
+    """Three publishers in turn disagree, too; a motion of two steps up and two down does not."""
+    assert all(lost(Agreement(PTO), [100.0, 320.0, 540.0] * 30)[40:])
+    glitch = [100.0, 320.0, 540.0, 320.0] * 30 + [540.0, 320.0]
+    assert not any(lost(Agreement(PTO), glitch * 3))
+
+
 @pytest.mark.parametrize("rate", [5, 10, 25, 50, 100])
 @pytest.mark.parametrize("period", [0.2, 0.5, 1.0, 2.0])
 def test_a_hitch_that_is_adjusted_agrees(rate: int, period: float) -> None:
