@@ -275,7 +275,7 @@ def test_table_without_frfs() -> None:
 
 @pytest.mark.parametrize("changes", [False, True])
 def test_number_of_poles_that_changes(monkeypatch: pytest.MonkeyPatch, changes: bool) -> None:
-    """Where a pole is lost within the stroke, the loads are refused with the angles of the stroke."""
+    """Where a pole is lost within the stroke, loads are refused with the angles of the stroke."""
     row = _Samples._row
 
     def with_fewer(samples: Any, alpha3: float, before: Any) -> Any:

@@ -96,9 +96,7 @@ class Bench:
         self.put(wait, age, joint)
         self.spin()
 
-    def put(
-        self, wait: float, age: float = 0.0, joint: str = JOINT, position: float = 2.0
-    ) -> None:
+    def put(self, wait: float, age: float = 0.0, joint: str = JOINT, position: float = 2.0) -> None:
         """Let a reading with an age (s) at its arrival wait (s) in its queue."""
         arrived = round(1e9 * (START + self.now - wait))
         message = JointState(name=[joint] * bool(joint), position=[position])
