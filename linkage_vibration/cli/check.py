@@ -22,14 +22,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print a sentence for each limit that is exceeded; return the exit code."""
+    from linkage_vibration.errors import LinkageVibrationError
     from linkage_vibration.support.atomic_files import check_output, write_bytes
     from linkage_vibration.testing.bag_checks import check_bag
-    from linkage_vibration.testing.junit import junit_xml
+    from linkage_vibration.testing.junit import junit_error, junit_xml
     from linkage_vibration.testing.limits import TestKitError, read_limits
 
     inputs = [options.log, options.limits, *filter(None, [options.baseline])]
     check_output(options.junit, ".xml", inputs)
-    report = check_bag(options.log, read_limits(options.limits), baseline=options.baseline)
+    try:
+        report = check_bag(options.log, read_limits(options.limits), baseline=options.baseline)
+    except LinkageVibrationError as error:
+        if options.junit:  # a CI service shows why there is no result
+            write_bytes(options.junit, junit_error(options.log, str(error)), TestKitError)
+        raise
     if options.junit:
         write_bytes(options.junit, junit_xml(report), TestKitError)
     for line in [str(report)] if report.passed else report.input_faults:

@@ -13,13 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from statistics import median_low
 
-from linkage_vibration.prediction.agreement import (
-    AGREEMENT,
-    DIFFERING,
-    FASTEST,
-    LEAST_JUMP,
-    Agreement,
-)
+from linkage_vibration.prediction.agreement import AGREEMENT, FASTEST, LEAST_JUMP, Agreement
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs.presets import HITCH
 from linkage_vibration.prediction.motion import wrapped_turn
@@ -217,7 +211,8 @@ class ReadingWatch:
                 window.turned += velocity * apart
             differs = self._agreement.take(round(1e9 * now), angle)
             window.differing += differs and (close or taken == 1.0)
-            if not differs:  # two sensors that agree again are not frozen
+            if not self._agreement.is_lost(round(1e9 * now)):
+                # Two sensors that agree again are not frozen.
                 self._noise.take(now, angle)
             self._angle = angle
         self.last, self._stamp, self._received = now, stamp, received
@@ -340,7 +335,7 @@ def _stamps(window: _Window, expected: Expected) -> list[Fault]:
 
 def senders_disagree(senders: Mapping[str, float], what: str, name: str) -> str:
     """Return the sentence that senders on a bus, with a value of each, disagree about an input."""
-    unit = AGREEMENT[name][1]
+    unit = AGREEMENT[name][2]
     values = {
         s: "not available" if math.isnan(v) else f"{v:.4g} {unit}" for s, v in senders.items()
     }
@@ -352,7 +347,7 @@ def _disagreement(window: _Window, publishers: _Nodes, what: str, name: str) -> 
     """Return the fault that the senders or the publishers of a value disagree, with their names."""
     absent = [math.isnan(value) for value in window.senders.values()]
     partly = any(absent) and not all(absent)  # one sender is available, and another one is not
-    if window.differing < max(DIFFERING, _SHARE * window.received) and not partly:
+    if window.differing < max(1.0, _SHARE * window.received) and not partly:
         return []
     if len(window.senders) > 1:
         return [Fault(Level.ERROR, senders_disagree(window.senders, what, name))]

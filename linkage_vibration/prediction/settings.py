@@ -282,7 +282,7 @@ class Parameters:
         "none is read."
     )
     implement_file: str = _text("the path of a YAML file").means(
-        "Implements that can be chosen by name: by the parameter implement, the service "
+        "Implements that can be chosen by name: by the parameter implement, the action "
         "`~/set_implement` or the topic `hitched_implement`."
     )
     implement: str = _text("the name of an implement in implement_file").means(
@@ -362,6 +362,7 @@ class Parameters:
             bool(self._input(name, "topic")),
             str(_path(self.can_database) or ""),
             "" if fixed or self._input(name, "scale") != 1.0 else self._chosen(name, "unit"),
+            replaced,
         )
 
     def speed_sources(self) -> dict[Source, SourceSettings]:

@@ -20,6 +20,7 @@ from linkage_vibration.support.commands import command
 _SAME_ANGLE = math.radians(2.0)  # largest difference of the crank angles of one moment in two logs
 _MOST_APART = 0.05  # largest share of the moments with a larger difference
 _LEAST_MATCHED = 0.5  # of the shorter log, by a difference of the clocks
+_SMALL = 0.1  # of the largest value of a quantity; a change of less is not judged by the value
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,6 +84,16 @@ class Quantity:
     def differs(self) -> bool:
         """Whether the logs have different numbers."""
         return abs(self.largest) > 0.0
+
+    def beyond(self, tolerance: float) -> BoolArray:
+        """Return where the logs differ by more than a share of A, (n,), or only one has a number.
+
+        A value in A counts as a tenth of the largest one at least.
+        """
+        size = np.abs(np.where(np.isfinite(self.a), self.a, 0.0))
+        allowed = tolerance * np.maximum(size, _SMALL * size.max(initial=0.0))
+        one_sided = (self.known_a != self.known_b) | (np.isfinite(self.a) != np.isfinite(self.b))
+        return np.asarray((np.abs(self.change) > allowed) | one_sided)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -281,13 +292,13 @@ def _loads(delta: Difference) -> str:
     return f"; the largest load ratio is {texts[0]} in A and {texts[1]} in B"
 
 
-def problems(delta: Difference) -> list[str]:
-    """Return a sentence that says that the logs differ, if they do."""
+def problems(delta: Difference, tolerance: float = 0.0) -> list[str]:
+    """Return a sentence that says that the logs differ, if they do; see `Quantity.beyond`."""
     n = len(delta.stamps)
     same = len(delta.a.stamps) == len(delta.b.stamps) == n and not delta.status_changes
     same &= (delta.a.drive is None) == (delta.b.drive is None) and not delta.unmatched_modes
     same &= any(q.farthest is not None for q in delta.quantities if q.key[0] == "f")
-    if same and not any(q.differs or q.one_sided for q in delta.quantities):
+    if same and not any(q.beyond(tolerance).any() for q in delta.quantities):
         return []
     return ["The logs differ."]
 

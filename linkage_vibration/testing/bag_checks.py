@@ -19,6 +19,7 @@ from linkage_vibration.messages.topics import PREDICTION
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.inputs.presets import HITCH, PRESETS
 from linkage_vibration.prediction.settings import Parameters
+from linkage_vibration.prediction.severity import listing
 from linkage_vibration.review.difference import compare, problems, sentence
 from linkage_vibration.review.log import Log, read_log
 from linkage_vibration.review.picture import plot
@@ -115,7 +116,8 @@ def check_bag(
     picture : str or Path, optional
         The PNG to write if a limit is exceeded; it shows the drive, as ``review --png`` does.
     baseline : str or Path, optional
-        A log of the same drive; any difference of the predictions is a failure.
+        A log of the same drive; a difference of the predictions by more than the
+        ``baseline_tolerance`` of the limits is a failure.
 
     Raises
     ------
@@ -140,7 +142,7 @@ def check_bag(
         checked, failures = _failures(read, limits, waits)
         if baseline is not None:
             checked.append("baseline")
-            failures += _changes(Path(baseline), read)
+            failures += _changes(Path(baseline), read, limits.baseline_tolerance or 0.0)
         drawn = Path(picture) if failures and picture is not None else None
         if drawn is not None:
             plot(read, drawn)
@@ -211,15 +213,18 @@ def _load_then(log: Log, row: int) -> str:
     return f" while {total_words(log.drive, then)}," if known else ""
 
 
-def _changes(baseline: Path, log: Log) -> list[Failure]:
+def _changes(baseline: Path, log: Log, tolerance: float) -> list[Failure]:
     """Return a failure if a log differs from an earlier one, which has to be of the same drive."""
     delta = compare(baseline, log.path)
-    if not problems(delta):
+    if not problems(delta, tolerance):
         return []
     differ = delta.a.status[delta.rows_a] != delta.b.status[delta.rows_b]
     for each in delta.quantities:
-        differ |= (each.change != 0.0) & ~(np.isnan(each.a) & np.isnan(each.b))
+        differ |= each.beyond(tolerance)
+    names = [each.name for each in delta.quantities if each.beyond(tolerance).any()]
+    beyond = f" by more than {100.0 * tolerance:g} % in {listing(names)}" if names else ""
     changed = np.ones(len(log.stamps), np.bool_)
     changed[delta.rows_b] = differ
-    words = f"the log (B) differs from {baseline} (A): {sentence(delta).rstrip('.')}, first"
+    what = sentence(delta).rstrip(".")
+    words = f"the log (B) differs from {baseline} (A){beyond}: {what}, first"
     return [_failure(log, "baseline", int(changed.argmax()), int(changed.sum()), words)]

@@ -19,7 +19,10 @@ from linkage_vibration.readers.mechanism import load_yaml
 Range = tuple[float, float]
 OF_LOADS = "load_ratio", "velocity", "warning_time", "note_time"
 """The limits that may concern one excitation only."""
-_NUMBERS = *OF_LOADS, "known_share", "gap", "latency", "duration", "clock_jumps"
+_NUMBERS = (
+    *OF_LOADS,
+    *("known_share", "gap", "latency", "duration", "clock_jumps", "baseline_tolerance"),
+)
 
 
 class TestKitError(LinkageVibrationError):
@@ -67,6 +70,9 @@ class Limits:
         Pin or cylinder that ``load_ratio`` concerns, such as "lower_link:E1"; None for all.
     windows : tuple of (float, float), optional
         Times, s from the first prediction, in which limits are checked; None for the whole bag.
+    baseline_tolerance : float, optional
+        Largest allowed change of a number against a baseline, as a share of it, or of a tenth of
+        the largest number of its kind in the baseline if that is more; None or 0 for no change.
 
     Raises
     ------
@@ -90,6 +96,7 @@ class Limits:
     excitation: str | None = None
     place: str | None = None
     windows: tuple[Range, ...] | None = None
+    baseline_tolerance: float | None = 0.05
 
     def __post_init__(self) -> None:
         """Check the limits."""

@@ -72,27 +72,34 @@ def test_limits_fail(files: Path, capsys: Any) -> None:
     ],
 )
 def test_errors(files: Path, capsys: Any, limits: str, arguments: list[str], words: str) -> None:
-    """An error of a file is not a failure of a limit: its code is 1, and no XML is written."""
+    """An error of a file is not a failure of a limit: its code is 1, and the XML has the error."""
     write_drive(files / "other.mcap", random_drive(1)[3:])
     (files / "limits.yaml").write_text(limits)
     junit = [] if "--junit" in arguments else ["--junit", "out.xml"]
     assert main(["check", "log.mcap", "--limits", "limits.yaml", *arguments, *junit]) == 1
     [line] = capsys.readouterr().err.splitlines()
     assert words in line
-    assert not (files / "out.xml").exists()
+    assert (files / "out.xml").exists() == bool(junit)
+    if junit:
+        [case] = ElementTree.parse(files / "out.xml").iter("testcase")
+        assert [each.tag for each in case] == ["error"]
+        assert words in str(case[0].text)
 
 
 def test_baseline(files: Path, capsys: Any) -> None:
     """An equal earlier log passes; another one fails with what differs most."""
     shutil.copy("log.mcap", "same.mcap")
     written(files / "changed.mcap", 2.02)
+    (files / "limits.yaml").write_text("gap: 0.11\nbaseline_tolerance: 0.001\n")
     arguments = ["check", "log.mcap", "--limits", "limits.yaml", "--baseline"]
     assert main([*arguments, "same.mcap"]) == 0
     capsys.readouterr()
     assert main([*arguments, "changed.mcap"]) == 3
     [line] = capsys.readouterr().err.splitlines()
-    assert "baseline: the log (B) differs from changed.mcap (A): " in line
+    assert "baseline: the log (B) differs from changed.mcap (A) by more than 0.1 % in " in line
     assert "exceeded 50 times" in line
+    (files / "limits.yaml").write_text("gap: 0.11\n")  # the default is 5 %
+    assert main([*arguments, "changed.mcap"]) == 0
 
 
 def test_examples_of_the_documentation(

@@ -169,8 +169,8 @@ def drive(table: Table) -> tuple[Any, Any, Any]:
     between them there are a gap, a step back, an unknown speed and angles out of the table.
     """
     low, high = table.alpha3_range
-    # The monitor alone doubts a speed that changes to and fro with each reading.
-    ramp = np.append(np.linspace(0.0, 1100.0, 1500), np.tile(np.repeat([100.0, 540.0], 2), 400))
+    # The monitor alone doubts a speed that goes to and fro without values between both sides.
+    ramp = np.append(np.linspace(0.0, 1100.0, 1500), np.tile([100.0, 320.0, 540.0, 320.0], 400))
     pto = np.concatenate([ramp, ramp[::-1], ramp])
     n = len(pto)
     times = 10_000_000 * np.arange(n)

@@ -321,6 +321,24 @@ def test_fields_of_joint_states() -> None:
 
 
 @pytest.mark.parametrize(
+    ("parameters", "words"),
+    [
+        ({"joint_name": "c"}, "Set joint_name"),
+        ({"hitch_field": "position[c]"}, "Write one of them in the brackets of hitch_field."),
+        ({"hitch_field": "velocity[c]"}, "Write one of them in the brackets of hitch_field."),
+    ],
+)
+def test_name_that_messages_do_not_have(parameters: dict[str, str], words: str) -> None:
+    """The remedy names the parameter that decides; hitch_field replaces joint_name."""
+    reader = Parameters(**parameters).crank_input(JOINTS).reader  # type: ignore[arg-type]
+    names = reader.other_names(state(["a", "b"], [1.0, 2.0], [3.0, 4.0]))
+    sentence = reader.explain_missing("/joint_states", names)
+    assert "[c]; it has a, b. " in sentence or "joint c; it has a, b. " in sentence
+    assert words in sentence
+    assert ("joint_name" in sentence) == ("joint_name" in parameters)
+
+
+@pytest.mark.parametrize(
     ("stated", "expected", "name", "words"),
     [
         ("km/h", "m/s", "ground", "is in km/h, but ground_unit is m/s; write `ground_unit: km/h`."),

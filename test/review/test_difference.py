@@ -16,7 +16,13 @@ from mcap.reader import make_reader
 from linkage_vibration.cli.main import main
 from linkage_vibration.playback.replay import WhatIf, replay
 from linkage_vibration.prediction.settings import Parameters
-from linkage_vibration.review.difference import compare, difference_summary, problems, sentence
+from linkage_vibration.review.difference import (
+    Quantity,
+    compare,
+    difference_summary,
+    problems,
+    sentence,
+)
 from linkage_vibration.review.log import ReviewError, read_log
 from linkage_vibration.support.resources import config_file
 from test.support.drive import hitch_duty_cycle
@@ -308,3 +314,25 @@ def test_folders_of_bags(drive: Path, tmp_path: Path) -> None:
     comparison = compare(tmp_path, drive)
     assert not problems(comparison)
     assert comparison.a.mechanism_text == comparison.b.mechanism_text != ""
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "beyond"),
+    [
+        (10.0, 10.49, False),
+        (10.0, 10.51, True),
+        (10.0, 9.49, True),
+        (0.2, 0.249, False),  # a tenth of the largest number, 1, counts
+        (0.2, 0.251, True),
+        (2.0, 2.11, True),
+        (math.nan, math.nan, False),
+        (10.0, math.nan, True),
+        (math.nan, 10.0, True),
+    ],
+)
+def test_tolerance(a: float, b: float, beyond: bool) -> None:
+    """Numbers may differ by 5 % of one, or of a tenth of the largest; both logs have one or none."""
+    values = np.array([10.0, a]), np.array([10.0, b])
+    each = Quantity("f1", "mode 1", "Hz", 1.0, *values, *map(np.isfinite, values))
+    assert each.beyond(0.05).tolist() == [False, beyond]
+    assert each.beyond(0.0).tolist() == [False, a != b and not (math.isnan(a) and math.isnan(b))]

@@ -177,7 +177,7 @@ def test_values_that_go_to_and_fro_are_unknown(tractor: Tractor) -> None:
         tractor.angle = math.radians(240.0) - tractor.angle
         tractor.step()
 
-    tractor.angle = math.radians(119.0)
+    tractor.angle = math.radians(118.0)
     until(lambda: tractor.received[-1].unknown_sources == CRANK, "a doubted angle", swing)
     assert tractor.received[-1].state == UNKNOWN
     tractor.angle = math.radians(120.0)

@@ -17,6 +17,7 @@ from linkage_vibration.prediction.health import Level
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.prediction.settings import Parameters, with_values
+from linkage_vibration.prediction.severity import Unknown
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.ros import arrivals, message_path
 from linkage_vibration.ros.live_inputs import live_topics
@@ -95,10 +96,10 @@ class Bench:
         self.put(wait, age, joint)
         self.spin()
 
-    def put(self, wait: float, age: float = 0.0, joint: str = JOINT) -> None:
+    def put(self, wait: float, age: float = 0.0, joint: str = JOINT, position: float = 2.0) -> None:
         """Let a reading with an age (s) at its arrival wait (s) in its queue."""
         arrived = round(1e9 * (START + self.now - wait))
-        message = JointState(name=[joint] * bool(joint), position=[2.0])
+        message = JointState(name=[joint] * bool(joint), position=[position])
         stamp = divmod(arrived - round(1e9 * age), 10**9)
         message.header.stamp.sec, message.header.stamp.nanosec = stamp
         self._put("/joint_states", message, wait)
@@ -316,3 +317,21 @@ def test_speeds_that_did_not_arrive(bench: Bench) -> None:
     )
     bench.faults()
     assert bench.path.speed_faults == []
+
+
+@pytest.mark.parametrize("apart", [0.0, 0.1])
+def test_a_doubt_survives_a_parameter(bench: Bench, apart: float) -> None:
+    """While publishers disagree, the angle stays unknown at the first reading after a new limit."""
+    bench.put_speed(0.0)
+    for i in range(10):
+        bench.now += 0.05
+        bench.put(0.0, position=2.0 + apart * (i % 2))
+        bench.spin()
+    assert bench.path.resonance is not None
+    assert bool(bench.path.resonance.unknown_sources & Unknown.CRANK_ANGLE) == bool(apart)
+    bench.path.apply(with_values(Parameters(), {"warning_load_ratio": 0.2}), bench.topics)
+    bench.now += 0.05
+    bench.put(0.0)
+    bench.spin()
+    assert bench.path.resonance.load_ratio_limit == pytest.approx(0.2)
+    assert bool(bench.path.resonance.unknown_sources & Unknown.CRANK_ANGLE) == bool(apart)

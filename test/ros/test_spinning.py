@@ -115,12 +115,19 @@ def test_goal_has_a_result_when_the_node_ends(
     peer = meet("leaving")
     feedback = list[object]()
     client: Any = ActionClient(peer.node, SetImplement, "leaving/set_implement")
-    peer.spin(client.server_is_ready, "the action")
-    goal, _ = timed(peer, client.send_goal_async(HEAVY, feedback.append))
-    future = goal.get_result_async()
-    peer.spin(lambda: feedback, "feedback")
+
+    def read_until(done: Callable[[], object], event: str) -> None:
+        """Wait with readings, as the node warns of a hitch that sends none for 5 s."""
+        until(done, event, lambda: (peer.publish(), peer.pause(0.5, done)))
+
+    read_until(client.server_is_ready, "the action")
+    sent = client.send_goal_async(HEAVY, feedback.append)
+    read_until(sent.done, "the answer to a goal")
+    future = sent.result().get_result_async()
+    read_until(lambda: feedback, "feedback")
     node.process.send_signal(signal.SIGTERM)
-    ended = timed(peer, future)[0]
+    read_until(future.done, "the result of a goal")
+    ended = future.result()
     assert ended.status == ABORTED
     assert "The table is unchanged" in ended.result.message
     assert node.stop() == 0

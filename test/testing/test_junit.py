@@ -6,15 +6,16 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from linkage_vibration.testing.bag_checks import Failure, Report
-from linkage_vibration.testing.junit import junit_xml
+from linkage_vibration.testing.junit import junit_error, junit_xml
 
 # Of junit-10.xsd, which Jenkins publishes and GitLab and GitHub's actions read: the children of
 # each element, and the attributes that it has to have and may have.
 SCHEMA = {
     "testsuites": ({"testsuite"}, set(), {"name", "time", "tests", "failures", "errors"}),
     "testsuite": ({"testcase"}, {"name"}, {"tests", "failures", "errors", "time", "timestamp"}),
-    "testcase": ({"failure"}, {"name", "classname"}, {"time"}),
+    "testcase": ({"failure", "error"}, {"name", "classname"}, {"time"}),
     "failure": (set[str](), set(), {"message", "type"}),
+    "error": (set[str](), set(), {"message", "type"}),
 }
 
 
@@ -61,3 +62,14 @@ def test_unknown_share_is_a_case() -> None:
     passed = ElementTree.fromstring(junit_xml(Report(bag, 1, (), None, ("statuses",))))
     assert passed.get("failures") == "0"
     assert list(passed.iter("failure")) == []
+
+
+def test_error() -> None:
+    """A bag that cannot be read is one test case with an error, and no failure."""
+    root = ElementTree.fromstring(junit_error(Path("drive.mcap"), "<drive> is\x1b no bag."))
+    check_element(root)
+    [suite] = root
+    for element in (root, suite):
+        assert [element.get(name) for name in ("tests", "failures", "errors")] == ["1", "0", "1"]
+    [error] = root.iter("error")
+    assert error.text == error.get("message") == "<drive> is\\x1b no bag."

@@ -57,6 +57,7 @@ class SourceSettings:
     chosen: bool  # whether a parameter names the topic
     database: str = ""  # path of the DBC file of CAN signals, or empty
     unit: str = ""  # in which the number has to be; empty if a scale converts it
+    own_field: bool = False  # whether a parameter gives the field
 
     def reader(self, schema: Schema) -> NumberReader:
         """Return the reader of the number; the schema has the fields of the messages.
@@ -77,7 +78,9 @@ class SourceSettings:
 
 
 def _field_reader(schema: Schema, source: SourceSettings) -> NumberReader:
-    return FieldReader(schema, source.type, source.field)
+    reader = FieldReader(schema, source.type, source.field)
+    reader.remedy = f"Write one of them in the brackets of {source.name}_field."
+    return reader
 
 
 def _joint_reader(schema: Schema, source: SourceSettings) -> NumberReader:
@@ -88,6 +91,8 @@ def _joint_reader(schema: Schema, source: SourceSettings) -> NumberReader:
     reader = FieldReader(schema, source.type, source.field, rates="velocity")
     reader.what, reader.kind = f"joint {last.name}", "joint"
     reader.remedy = "Set joint_name (`--joint`) to one of them, or choose another topic."
+    if source.own_field:  # joint_name is not used
+        reader.remedy = _field_reader(schema, source).remedy
     return reader
 
 

@@ -282,7 +282,7 @@ def test_values_that_go_to_and_fro(node: Promised) -> None:
     assert states[-1].state == LoadState.STATE_UNKNOWN
     node.tractor.speed(engine=1500.0)
     node.peer.spin(lambda: "engine" not in unknown_speeds(states[-1]), "a known speed")
-    node.tractor.read(2.0, 2.04)
+    node.tractor.read(2.0, 2.08)
     crank = LoadState.UNKNOWN_CRANK_ANGLE
     node.peer.spin(lambda: states[-1].unknown_sources & crank, "a doubted angle")
     assert states[-1].state == LoadState.STATE_UNKNOWN
