@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What many tests start from: the shipped mechanisms."""
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,11 @@ def pytest_pycollect_makemodule(module_path: Path, parent: Any) -> pytest.Module
     if module_path.name == "__init__.py":
         return None
     return pytest.Module.from_parent(parent, path=module_path)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Let the tests keep what programs cache beside what pytest does, not in the user's home."""
+    os.environ["XDG_CACHE_HOME"] = str(config.rootpath / ".pytest_cache" / "programs")
 
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:
