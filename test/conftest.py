@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What many tests start from: the shipped mechanisms."""
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +43,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if {"ros", "demo"} & set(item.path.relative_to(item.config.rootpath).parts):
             item.add_marker(pytest.mark.flaky(reruns=2))
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Let the tests keep what programs cache beside what pytest does, not in the user's home."""
+    os.environ["XDG_CACHE_HOME"] = str(config.rootpath / ".pytest_cache" / "programs")
 
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:

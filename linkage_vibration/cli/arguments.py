@@ -78,12 +78,12 @@ def read_table(settings: "Parameters") -> "Served":
 def read_levels(settings: "Parameters") -> "tuple[Served, Sequence[Excitation], LevelTable]":
     """Return what `read_table` does, with the excitations that parameters name and their levels."""
     from linkage_vibration.prediction.doubts import excitation_doubts
-    from linkage_vibration.prediction.levels import LevelTable
+    from linkage_vibration.prediction.levels import kept_levels
     from linkage_vibration.readers.served import read_loads
 
     served = read_table(settings)
     excitations = read_loads(settings, served, warn)
-    levels = LevelTable(served.predictor, served.mechanism, excitations)
+    levels = kept_levels(served.predictor, served.mechanism, excitations)
     for doubt in excitation_doubts(excitations, levels):
         warn(f"{settings.excitation_path()}: {doubt}")
     return served, excitations, levels

@@ -10,7 +10,7 @@ from linkage_vibration.export.constants import Constants, ExportError, constants
 from linkage_vibration.export.orders import orders_of
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.prediction.excitation import Excitation
-from linkage_vibration.prediction.levels import LevelTable
+from linkage_vibration.prediction.levels import LevelTable, kept_levels
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.table.table import Table
 
@@ -65,6 +65,6 @@ def export_of(
         )
     levels = orders = None
     if mechanism is not None and excitations:
-        levels = LevelTable(Predictor(table), mechanism, excitations)
+        levels = kept_levels(Predictor(table), mechanism, excitations)
         orders = orders_of(table, levels, excitations)
     return Export(name, table, constants_of(table, orders), levels)

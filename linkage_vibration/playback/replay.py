@@ -49,7 +49,7 @@ from linkage_vibration.prediction.inputs.presets import HITCH
 from linkage_vibration.prediction.inputs.sources import CrankInput
 from linkage_vibration.prediction.inputs.units import ANGLES
 from linkage_vibration.prediction.judge import InputJudge
-from linkage_vibration.prediction.levels import LevelTable
+from linkage_vibration.prediction.levels import kept_levels
 from linkage_vibration.prediction.motion import crank_filter, crank_resolution
 from linkage_vibration.prediction.periods import Periods, Stamps
 from linkage_vibration.prediction.predictor import Predictor, Status, predict_many
@@ -545,7 +545,7 @@ def _monitor(
     if set(fixed.values()) == {None} and topics.keys() == {HITCH}:
         return None
     excitations = read_loads(settings, served, report)
-    levels = LevelTable(served.predictor, served.mechanism, excitations)
+    levels = kept_levels(served.predictor, served.mechanism, excitations)
     limits = settings.warning_limits()
     rules = limits, settings.stale_after, levels, settings.resonance_rate
     monitor = ResonanceMonitor(excitations, *rules)

@@ -383,7 +383,9 @@ def rebuilt(
     tolerance = max(TOLERANCE, float(like.interpolation_error.max()))
     points = tuple(dict.fromkeys(point for point, _ in like.places))
     predictor = Predictor(build_table(LinkageModel(mechanism), tolerance, points, check))
-    return predictor, LevelTable(predictor, mechanism, excitations)
+    levels = LevelTable(predictor, mechanism, excitations)
+    levels.prepare()
+    return predictor, levels
 
 
 def place_name(place: Place) -> str:

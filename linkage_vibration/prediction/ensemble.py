@@ -9,6 +9,7 @@ of the table's response: modes above the band, and what coarser bodies neglect.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,6 +29,7 @@ from linkage_vibration.prediction.ground import (
     ground_squares,
     vertical_mounts,
 )
+from linkage_vibration.prediction.level_cache import Arrays, Keep, computed
 from linkage_vibration.prediction.loads import UnitLoad, soil_motion
 from linkage_vibration.table.interpolation import interpolation_matrix, stroke_variable
 from linkage_vibration.table.table import Table
@@ -233,13 +235,25 @@ class GroundMembers:
         terrain: Terrain,
         outputs: Sequence[Place],
         n_lines: int = LINES,
+        keep: Keep = computed,
     ) -> None:
-        mounts, lines = vertical_mounts(mechanism), ground_lines(terrain, n_lines // _FEWER)
-        loads = [soil_motion(f"base:{mount.name}.z", mechanism) for mount in mounts]
-        members = Members(table, loads, outputs, 0)
-        low, high = table.alpha3_range
-        self._angles = np.linspace(low, high, _N_ANGLES)
+        self._table, self._mechanism, self._terrain, self._keep = table, mechanism, terrain, keep
+        self._outputs, self._n_lines = outputs, n_lines
+        self._angles = np.linspace(*table.alpha3_range, _N_ANGLES)
         self._speeds = np.linspace(math.log(_SLOWEST), math.log(_FASTEST), _N_SPEEDS)
+
+    @cached_property
+    def logs(self) -> Singles:
+        """What is interpolated, (n_angles, n_speeds, n_members, n_outputs), at its first use."""
+        return np.asarray(self._keep("members", self._tabulated)["logs"])
+
+    def _tabulated(self) -> Arrays:
+        """Compute the `logs`."""
+        mechanism, terrain, outputs = self._mechanism, self._terrain, self._outputs
+        mounts = vertical_mounts(mechanism)
+        lines = ground_lines(terrain, self._n_lines // _FEWER)
+        loads = [soil_motion(f"base:{mount.name}.z", mechanism) for mount in mounts]
+        members = Members(self._table, loads, outputs, 0)
         omega = 2.0 * math.pi * np.tile(lines, len(mounts))[np.newaxis]
         every = np.arange(len(mounts)).repeat(len(lines))
         orders, values = [1, *[0] * (len(outputs) - 1)] * (members.n + 1), []
@@ -253,7 +267,8 @@ class GroundMembers:
         with np.errstate(divide="ignore", invalid="ignore"):
             logs = np.log(np.reshape(values, shape))
             logs = np.moveaxis(logs[:, 1:] - logs[:, :1], 3, 1)
-        self._logs = np.where(np.isposinf(logs), math.nan, logs).astype(np.float32)
+        known = np.where(np.isposinf(logs), math.nan, logs)
+        return {"logs": np.ascontiguousarray(known, np.float32)}
 
     def levels(
         self, nominal: GroundLevels, alpha3: FloatArray, speed: FloatArray, amplitudes: FloatArray
@@ -262,9 +277,11 @@ class GroundMembers:
 
         The factors of amplitudes are (n_members,); accelerations are not those of members.
         """
+        every = nominal.rows(np.arange(len(alpha3)).repeat(len(amplitudes)))
+        if np.isnan(nominal.velocity).all():
+            return every
         shares = self.shares(alpha3, speed) * (amplitudes * amplitudes)[:, np.newaxis]
         shares = shares.reshape(-1, shares.shape[-1]).T
-        every = nominal.rows(np.arange(len(alpha3)).repeat(len(amplitudes)))
         return replace(
             every, velocity=every.velocity * np.sqrt(shares[0]), forces2=every.forces2 * shares[1:]
         )
@@ -276,7 +293,7 @@ class GroundMembers:
         """
         log_speed = np.log(np.clip(speed, _SLOWEST, _FASTEST))
         rows, columns = _between(self._angles, alpha3), _between(self._speeds, log_speed)
-        logs = sum((a * b) * self._logs[i, j] for i, a in rows for j, b in columns)
+        logs = sum((a * b) * self.logs[i, j] for i, a in rows for j, b in columns)
         return np.asarray(np.exp(logs))
 
 

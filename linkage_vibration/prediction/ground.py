@@ -9,6 +9,7 @@ the power spectral density G(n) over the wavenumber n, so that levels are sums o
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -22,6 +23,7 @@ from linkage_vibration.mechanics.description import Mechanism, Mount
 from linkage_vibration.mechanics.forces import is_force
 from linkage_vibration.mechanics.model import LinkageModel, ModelError, Place
 from linkage_vibration.mechanics.response import PoleResidue
+from linkage_vibration.prediction.level_cache import Arrays, Keep, computed
 from linkage_vibration.prediction.predictor import angles_in_table
 from linkage_vibration.table.interpolation import stroke_angle, stroke_variable
 from linkage_vibration.table.table import Table
@@ -295,16 +297,18 @@ class GroundTable:
         terrain: Terrain,
         outputs: Sequence[Place] = (),
         point: Place | None = None,
+        keep: Keep = computed,
     ) -> None:
-        self._table, self._terrain = table, terrain
-        mounts = vertical_mounts(mechanism)
-        inputs = [(mount.name, "z") for mount in mounts]
-        self._n_forces, self._n_mounts = len(outputs), len(mounts)
+        self._table, self._mechanism, self._terrain, self._keep = table, mechanism, terrain, keep
+        self._mounts = mounts = vertical_mounts(mechanism)
+        self._inputs = [(mount.name, "z") for mount in mounts]
+        response = point or (mechanism.response.point, mechanism.response.direction)
+        self._outputs = [response, response, *outputs]
         self.never = _refusal(mounts, terrain)
         """Why no level of it is ever known, of `REASONS`, or 0."""
         if self.never:
             return
-        if not set(inputs) <= set(table.places) or terrain.band[1] > table.band[1]:
+        if not set(self._inputs) <= set(table.places) or terrain.band[1] > table.band[1]:
             self.never = _FRFS
         else:
             self.lines = _count(table, terrain.band)
@@ -312,16 +316,25 @@ class GroundTable:
         if self.never:
             return
         low, high = table.alpha3_range
-        count = round(min(max(_STEPS[0], (high - low) / _DEGREE), _STEPS[1]))
-        ends = stroke_variable(np.array([low, high]), table.toggles)
-        angles = stroke_angle(np.linspace(ends[0], ends[1], count + 1), table.toggles)
-        angles[[0, -1]] = low, high
+        self._count = round(min(max(_STEPS[0], (high - low) / _DEGREE), _STEPS[1]))
+        first, last = stroke_variable(np.array([low, high]), table.toggles).tolist()
+        self._ends = first, last
         self._longest = max(m.at[0] for m in mounts) - min(m.at[0] for m in mounts)
+        self._origin = np.array([[first], self._column(np.array([FASTEST]))])
+        self._steps = np.array([[(last - first) / self._count], [1.0]])
+
+    @cached_property
+    def values(self) -> NDArray[np.float32]:
+        """What is interpolated, (n_angles, n_speeds, n_rows), computed when it is first needed."""
+        return np.asarray(self._keep("ground", self._tabulated)["values"])
+
+    def _tabulated(self) -> Arrays:
+        """Compute the `values`."""
+        table, terrain, mounts, count = self._table, self._terrain, self._mounts, self._count
+        angles = stroke_angle(np.linspace(*self._ends, count + 1), table.toggles)
+        angles[[0, -1]] = table.alpha3_range
         speeds = self._speeds()
-        self._origin = np.array([[ends[0]], self._column(speeds[:1])])
-        self._steps = np.array([[(ends[1] - ends[0]) / count], [1.0]])
-        response = point or (mechanism.response.point, mechanism.response.direction)
-        places = [response, response, *outputs, *inputs]
+        places = [*self._outputs, *self._inputs]
         parts = [self._squares(angle, places, mounts) for angle in angles.tolist()]
         every = replace(parts[0], values=np.concatenate([part.values for part in parts]))
         # The acceleration has the largest share of its power at short waves, as large as forces.
@@ -330,11 +343,11 @@ class GroundTable:
         lost = contract(sharpest, speeds, lost=True)[:, np.newaxis]
         values = np.concatenate([squares, lost], axis=1) * speeds ** (1.0 - terrain.exponent)
         loads = np.broadcast_to(
-            _static_loads(mechanism, mounts, angles)[..., np.newaxis],
+            _static_loads(self._mechanism, mounts, angles)[..., np.newaxis],
             (count + 1, len(mounts), len(speeds)),
         )
         rows = np.concatenate([values, loads], axis=1)
-        self._values = np.ascontiguousarray(rows.transpose(0, 2, 1), np.float32)
+        return {"values": np.ascontiguousarray(rows.transpose(0, 2, 1), np.float32)}
 
     def _squares(
         self, alpha3: float, places: list[Place], mounts: tuple[Mount, ...]
@@ -379,13 +392,13 @@ class GroundTable:
         """Return the levels at n angles of the table, NaN where there are none, and speeds."""
         speed = speed + 0.0  # -0.0 would be faster than all speeds
         outside, unknown = np.isnan(angles), ~((speed >= 0.0) & (speed <= FASTEST))
-        if self.never:
-            rows = np.full((3 + self._n_forces, len(angles)), math.nan)
-            reason = np.full(len(angles), self.never)
-        else:
-            angles = np.where(outside, self._table.alpha3_range[0], angles)
-            rows, reason = self._looked_up(angles, np.where(unknown, 1.0, speed))
-            rows[-1, outside | unknown] = math.nan
+        rows = np.full((1 + len(self._outputs), len(angles)), math.nan)
+        reason = np.full(len(angles), self.never)
+        if not self.never:
+            if not (outside | unknown).all():
+                angles = np.where(outside, self._table.alpha3_range[0], angles)
+                rows, reason = self._looked_up(angles, np.where(unknown, 1.0, speed))
+                rows[-1, outside | unknown] = math.nan
             reason = np.where(outside, _ANGLE, np.where(unknown, _SPEED, reason))
         rows[:-1, reason > 0] = math.nan
         velocity, acceleration = np.sqrt(rows[:2])
@@ -395,12 +408,12 @@ class GroundTable:
         """Return mean squares and the share off the ground, (n_rows, n), and reasons, (n,)."""
         moving = np.minimum(np.maximum(speed, _SLOWEST), FASTEST)
         place = np.stack([stroke_variable(angles, self._table.toggles), self._column(moving)])
-        first, weights = _cubic((place - self._origin) / self._steps, self._values.shape[:2])
-        around = self._values[first[:, 0, np.newaxis], first[:, 1]]
+        first, weights = _cubic((place - self._origin) / self._steps, self.values.shape[:2])
+        around = self.values[first[:, 0, np.newaxis], first[:, 1]]
         terms = around * (weights[:, 0, np.newaxis] * weights[:, 1])[..., np.newaxis]
         # The order of a sum must not depend on the number of rows.
         sums = np.add.accumulate(terms.reshape(16, *around.shape[2:]))[-1].T
-        n, m = 2 + self._n_forces, self._n_mounts
+        n, m = len(self._outputs), len(self._mounts)
         squares = np.maximum(sums[: n + m], 0.0) * speed ** (self._terrain.exponent - 1.0)
         with np.errstate(divide="ignore"):  # a speed of 0 m/s
             share = ndtr(-sums[-m:] / np.sqrt(squares[n:])).max(axis=0)

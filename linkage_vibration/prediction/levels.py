@@ -28,6 +28,7 @@ from linkage_vibration.messages.topics import LEVELS
 from linkage_vibration.prediction.ensemble import GroundMembers, Members, draws
 from linkage_vibration.prediction.excitation import Excitation, ExcitationError, LoadKind, Source
 from linkage_vibration.prediction.ground import REASONS, GroundLevels, GroundTable
+from linkage_vibration.prediction.level_cache import Arrays, Keep, computed, level_cache
 from linkage_vibration.prediction.loads import UnitLoad, load_input
 from linkage_vibration.prediction.predictor import Predictor, angles_in_table
 from linkage_vibration.table.interpolation import stroke_angle, stroke_variable
@@ -81,6 +82,11 @@ class _Layout:
         t, o, i = self.n_terms, self.n_outputs, self.n_inputs
         return (3, t), (3, t, o, i), (3, o, i), (i,), (self.n_forces,)
 
+    @property
+    def n_values(self) -> int:
+        """Number of values at an angle."""
+        return sum(math.prod(shape) for shape in self.shapes)
+
     def split(self, values: NDArray[Any]) -> list[NDArray[Any]]:
         """Return the parts of values, (n_values, n), as arrays whose last axis is n."""
         ends = np.cumsum([math.prod(shape) for shape in self.shapes])
@@ -92,8 +98,7 @@ class _Layout:
 
         The cubics are (..., n_values); a row of which all are zero is left out.
         """
-        n_values = sum(math.prod(shape) for shape in self.shapes)
-        parts = self.split(np.arange(n_values)[:, np.newaxis])
+        parts = self.split(np.arange(self.n_values)[:, np.newaxis])
         poles, above, rest, *others = (part[..., 0] for part in parts)
         rows = np.concatenate([above.reshape(-1, self.n_outputs, self.n_inputs), rest])
         nonzero = np.asarray(cubics.any(axis=(0, 1)))
@@ -123,6 +128,14 @@ class _Forcing(NamedTuple):
     size: Reals  # rms of the load, as the multiple of a unit load; NaN if not known
 
 
+def kept_levels(
+    predictor: Predictor, mechanism: Mechanism, excitations: Sequence[Excitation]
+) -> "LevelTable":
+    """Return the levels of which parts are kept in the user's cache folder."""
+    keep = level_cache(predictor.table, mechanism, excitations)
+    return LevelTable(predictor, mechanism, excitations, keep)
+
+
 class LevelTable:
     """Levels of vibration by excitations at any angle of a predictor's table.
 
@@ -130,7 +143,11 @@ class LevelTable:
     """
 
     def __init__(
-        self, predictor: Predictor, mechanism: Mechanism, excitations: Sequence[Excitation]
+        self,
+        predictor: Predictor,
+        mechanism: Mechanism,
+        excitations: Sequence[Excitation],
+        keep: Keep = computed,
     ) -> None:
         self._predictor, table = predictor, predictor.table
         inputs, which = _unit_loads(table, mechanism, excitations)
@@ -164,16 +181,13 @@ class LevelTable:
             self._pins = np.array([[names.count(place) > 1] for place in self.force_places])
             outputs = [(mechanism.response.point, mechanism.response.direction), *rows]
             n_forces = len(self.force_places)
-            self._cells, self._layout = _sampled(table, inputs, outputs, n_forces)
-            starts, cubics = self._cells
-            self._rows, self._order = self._layout.order(cubics)
-            self._cells, self._n_values = (
-                (starts, cubics.take(self._order, axis=2)),
-                cubics.shape[-1],
-            )
+            kept = keep("cells", lambda: _sampled(table, inputs, outputs, n_forces))
+            self._cells = kept["starts"], kept["cubics"]
+            self._layout = _Layout(*kept["layout"].tolist())
+            self._rows, self._order = kept["rows"], kept["order"]
             terrain = excitations[self._terrain].terrain
             if terrain is not None:
-                self._ground = GroundTable(table, mechanism, terrain, rows)
+                self._ground = GroundTable(table, mechanism, terrain, rows, keep=keep)
         self._members: Members | None = None
         self._ground_members: GroundMembers | None = None
         if self._loaded and len(table.ensemble_alpha3):
@@ -184,8 +198,15 @@ class LevelTable:
             self._nodes = self._terms(table.ensemble_alpha3)
             if self._ground is not None and terrain is not None and not self._ground.never:
                 self._ground_members = GroundMembers(
-                    table, mechanism, terrain, outputs, self._ground.lines
+                    table, mechanism, terrain, outputs, self._ground.lines, keep
                 )
+
+    def prepare(self) -> None:
+        """Compute now what would be computed for the first levels that need it."""
+        if self._ground is not None and not self._ground.never:
+            _ = self._ground.values
+        if self._ground_members is not None:
+            _ = self._ground_members.logs
 
     @property
     def has_load_ratios(self) -> bool:
@@ -206,7 +227,7 @@ class LevelTable:
         if self._cells is None:
             return np.empty(0), np.empty((0, 4, 0)), 0, self._inputs
         starts, cubics = self._cells
-        every = np.zeros((*cubics.shape[:2], self._n_values))
+        every = np.zeros((*cubics.shape[:2], self._layout.n_values))
         every[..., self._order] = cubics
         return starts, every, self._layout.n_terms, self._inputs
 
@@ -586,13 +607,10 @@ def _mean(values: FloatArray) -> FloatArray:
     return np.where(count >= _KNOWN * values.shape[1], mean, math.nan)
 
 
-def _sampled(
-    table: Table, inputs: list[UnitLoad], outputs: list[Place], n_forces: int
-) -> tuple[tuple[FloatArray, FloatArray], _Layout]:
+def _sampled(table: Table, inputs: list[UnitLoad], outputs: list[Place], n_forces: int) -> Arrays:
     """Return poles and residues of the responses to inputs over the stroke, as cubics.
 
-    The cells begin at angles, (n_cells,), rad, and have coefficients, (n_cells, 4, n_values).
-    Beside the outputs, they have the reference forces of n_forces pins and cylinders.
+    Beside the outputs, the cubics have the reference forces of n_forces pins and cylinders.
     """
     pieces = []
     for first, last in pairwise(table.alpha3[table.pieces].tolist()):
@@ -604,7 +622,16 @@ def _sampled(
         _cubics(at, _padded(values, its_layout, layout.n_terms), lost)
         for at, values, lost, its_layout in pieces
     ]
-    return (starts, np.ascontiguousarray(np.concatenate(parts))), layout
+    cubics = np.concatenate(parts)
+    rows, order = layout.order(cubics)
+    numbers = layout.n_terms, layout.n_outputs, layout.n_inputs, layout.n_forces
+    return {
+        "starts": starts,  # (n_cells,), rad
+        "cubics": cubics.take(order, axis=2),  # (n_cells, 4, n_values)
+        "rows": rows,  # of the matrices of `_Terms`
+        "order": order,  # of the values, as places among those of the layout
+        "layout": np.array(numbers),
+    }
 
 
 def _spline(at: FloatArray, values: FloatArray) -> CubicSpline:

@@ -13,7 +13,7 @@ from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.advice import Advice, Question, advice_sentence, advise
 from linkage_vibration.prediction.excitation import KMH, Excitation, Source
-from linkage_vibration.prediction.levels import LevelTable
+from linkage_vibration.prediction.levels import LevelTable, kept_levels
 from linkage_vibration.prediction.predictor import Predictor, Status
 from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.prediction.severity import (
@@ -148,7 +148,7 @@ def log_levels(log: Log) -> LevelTable | None:
     if log.table is None or log.mechanism is None or not log.excitations:
         return None
     try:
-        return LevelTable(Predictor(log.table), log.mechanism, log.excitations)
+        return kept_levels(Predictor(log.table), log.mechanism, log.excitations)
     except LinkageVibrationError:
         return None  # The file in the log describes other excitations than those of its table.
 

@@ -39,7 +39,7 @@ from linkage_vibration.messages.topics import TABLE_INFO
 from linkage_vibration.prediction.answers import Served, place_name
 from linkage_vibration.prediction.doubts import excitation_doubts
 from linkage_vibration.prediction.excitation import Excitation
-from linkage_vibration.prediction.levels import LevelTable
+from linkage_vibration.prediction.levels import LevelTable, kept_levels
 from linkage_vibration.prediction.provenance import attachments, implement_facts
 from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.prediction.settings import NODE_NAME, ParameterError, Parameters
@@ -304,7 +304,8 @@ class LinkageVibrationNode(LifecycleNode):
         path = settings.sensor_path()
         self._sensors = live_sensors(path) if path else []
         self._excitations = excitation_files(settings.excitation_path()) | sensor_files(path)
-        levels = LevelTable(served.predictor, served.mechanism, excitations)
+        levels = kept_levels(served.predictor, served.mechanism, excitations)
+        levels.prepare()  # so that no reading waits for it
         for doubt in excitation_doubts(excitations, levels):
             self.get_logger().info(f"{settings.excitation_path()}: {doubt}")
         inputs = self._input_topics(settings)
