@@ -110,7 +110,7 @@ def window_header(
         nanosec=np.array([nanosec]),
         frame_id=np.array([frame_id], object),
         due_at=np.array([due_at]),
-        timed_by_receipt=np.array([timed_by_receipt]),
+        timed_by_receipt=np.array([timed_by_receipt], np.uint8),
         place=np.array([place]),
     )
 

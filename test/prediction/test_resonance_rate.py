@@ -18,15 +18,15 @@ from linkage_vibration.prediction.motion import Rate
 from linkage_vibration.prediction.periods import Place, Windows
 from linkage_vibration.prediction.predictor import Prediction, Predictor, Status, one_row
 from linkage_vibration.prediction.resonance import ResonanceMonitor, window_header
-from linkage_vibration.prediction.settings import (
-    DEFAULT_EXCITATIONS,
-    DEFAULT_MECHANISM,
-    DEFAULT_TABLE,
-)
 from linkage_vibration.prediction.severity import ResonanceState, WarningLimits, window_ranks
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.support.resources import config_file
+from linkage_vibration.support.resources import (
+    DEFAULT_EXCITATIONS,
+    DEFAULT_MECHANISM,
+    DEFAULT_TABLE,
+    config_file,
+)
 from linkage_vibration.table.table import load_table
 
 MS = 10**6  # ns
@@ -182,7 +182,7 @@ def test_readings_before_a_gap_have_a_message_of_their_own(later: int) -> None:
 
 
 @pytest.mark.parametrize("step", [10, 20])
-@pytest.mark.parametrize(("before", "after"), permutations([UNKNOWN, CLEAR, NOTE], 2))
+@pytest.mark.parametrize(("before", "after"), [*permutations([UNKNOWN, CLEAR, NOTE], 2)])
 def test_changes_are_published_within_120_ms(
     step: int, before: ResonanceState, after: ResonanceState
 ) -> None:
