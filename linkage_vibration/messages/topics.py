@@ -57,8 +57,9 @@ OUTPUT_TOPICS = (
         "~/resonance",
         RESONANCE,
         _OUTPUT_QOS,
-        "With predictions at `resonance_rate`, once a speed is known: where the excitation that "
-        "loads the linkage most stands beside the nearest natural frequency "
+        "At `resonance_rate`, once a speed is known, for the most severe of five readings "
+        "([windows](#windows)): where the excitation that loads the linkage most stands beside the "
+        "nearest natural frequency "
         "([excitation](excitation.md)).",
     ),
     NodeTopic(

@@ -51,10 +51,10 @@ from linkage_vibration.prediction.inputs.units import ANGLES
 from linkage_vibration.prediction.judge import InputJudge
 from linkage_vibration.prediction.levels import kept_levels
 from linkage_vibration.prediction.motion import crank_filter, crank_resolution
-from linkage_vibration.prediction.periods import Periods, Stamps
+from linkage_vibration.prediction.periods import Periods, Place, Stamps
 from linkage_vibration.prediction.predictor import Predictor, Status, predict_many
 from linkage_vibration.prediction.provenance import attachments, implement_facts
-from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor
+from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor, stamp_and_frame
 from linkage_vibration.prediction.settings import DECLARED, NODE_NAME, Parameters, with_values
 from linkage_vibration.readers.excitations import excitation_files
 from linkage_vibration.readers.sensors import SensorReader, live_sensors, sensor_files
@@ -358,8 +358,9 @@ class _Replay:
         before = np.searchsorted(readings.in_block, [speed[0] for speed in speeds])
         # There is nothing to assess before the first speed.
         first = 0 if monitor.any_speed_reported else min([len(readings), *before.tolist()])
-        due = np.zeros(len(readings), np.bool_)
-        due[first:] = monitor.periods.due(readings.due_at[first:])
+        place = np.zeros(len(readings), np.int64)
+        place[first:] = [*map(monitor.windows.place, readings.due_at[first:].tolist())]
+        due = place != Place.LEFT_OUT
         velocity, error = self._velocities(readings, due)
         earlier = np.searchsorted(np.flatnonzero(due), before).tolist()
         assessed = readings.rows(due)
@@ -369,17 +370,29 @@ class _Replay:
             assessed.time,
             [ReportedSpeed(n, *speed[1:]) for n, speed in zip(earlier, speeds, strict=True)],
             error,
+            MessageColumns(
+                sec=assessed.sec,
+                nanosec=assessed.nanosec,
+                frame_id=np.full(len(assessed), assessed.frame_id, object),
+                due_at=assessed.due_at,
+                timed_by_receipt=assessed.by_receipt,
+                place=place[due],
+            ),
         )
-        resonances.timed_by_receipt = assessed.by_receipt
-        self.done.resonances += len(assessed)
-        for kind in ASSESSED:
-            yield from _encoded(kind, resonances, block, assessed)
-        ratios_at = resonances.total_load_ratio.tolist(), assessed.due_at.tolist()
+        resonances.in_block = assessed.in_block[resonances.ends_at]
+        self.done.resonances += len(resonances)
+        # Messages with the same reading keep their order, whatever texts they have.
+        nth = np.arange(len(resonances)) - np.searchsorted(resonances.in_block, resonances.in_block)
+        for n in np.unique(nth):
+            messages = resonances.rows(nth == n)
+            for kind in ASSESSED:
+                yield from _encoded(kind, messages, block, messages)
+        ratios_at = resonances.total_load_ratio.tolist(), resonances.due_at.tolist()
         for i, ratio_at in enumerate(zip(*ratios_at, strict=True)):
             if self._adviser.is_due(*ratio_at):
-                advice, reading = self._adviser.answer(resonances.message(i)), assessed.message(i)
-                header = int(reading.sec), int(reading.nanosec), reading.frame_id
-                yield _single(ADVICE, advice, block, reading.in_block, *header)
+                message = resonances.message(i)
+                advice, row = self._adviser.answer(message), int(message.in_block)
+                yield _single(ADVICE, advice, block, row, *stamp_and_frame(message))
 
     def _agreed(self, readings: MessageColumns, predictions: MessageColumns) -> MessageColumns:
         """Return predictions without those of angles that go to and fro, which are not known."""

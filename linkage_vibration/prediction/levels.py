@@ -251,13 +251,11 @@ class LevelTable:
             values[:, static + layout.n_inputs :],
         )
 
-    def at(
-        self, alpha3: FloatArray, speeds: FloatArray, factors: FloatArray | None = None
-    ) -> MessageColumns:
+    def at(self, alpha3: FloatArray, speeds: FloatArray) -> MessageColumns:
         """Return the levels at n angles, which are the float32 fields of ``Levels.msg``.
 
-        They are NaN outside the table. Speeds are (n_sources, n), and factors those of
-        `factor_rows`. ``load_places``, (n, n_excitations), are indices of pins and cylinders.
+        They are NaN outside the table, and factors without `set_factors`. Speeds are (n_sources,
+        n). ``load_places``, (n, n_excitations), are indices of pins and cylinders.
         """
         angles, forcing = angles_in_table(alpha3, self.alpha3_range), self._forcing(speeds)
         parts = []
@@ -265,7 +263,7 @@ class LevelTable:
             terms = self._terms(angles[few])
             squares = self._squares(terms, forcing.omega[few], self._inputs)
             parts.append((squares, terms.static, terms.reference))
-        return self._levels(parts, forcing, angles, speeds[_GROUND], factors)
+        return self._levels(parts, forcing, angles, speeds[_GROUND])
 
     def over(self, alpha3: FloatArray, speeds: FloatArray) -> MessageColumns:
         """Return the levels `at` each of n angles with each of k speeds, (n k), angle by angle.
@@ -300,7 +298,6 @@ class LevelTable:
         forcing: _Forcing,
         angles: FloatArray,
         ground_speed: FloatArray,
-        factors: FloatArray | None = None,
     ) -> MessageColumns:
         """Return n levels from squares of responses, static responses and reference forces.
 
@@ -319,9 +316,6 @@ class LevelTable:
             ground = self._ground.within(angles, ground_speed)
             reasons = ground.reason
         self._evaluate(numbers, places, squares, reference, forcing, ground)
-        if factors is not None:
-            columns, of_levels = _factor_columns(len(self._inputs))
-            numbers[:, columns] = np.where(np.isnan(numbers[:, of_levels]), math.nan, factors)
         numbers[np.isnan(numbers)] = math.nan  # of one sign, so that equal levels are equal bytes
         return _level_columns(numbers, places, reasons)
 
@@ -387,7 +381,7 @@ class LevelTable:
         They are NaN where fewer than 95 % of the members are known. Above the limit of the total
         load ratio a warning begins; angles and speeds are those of `at`.
         """
-        _, of_levels = _factor_columns(len(self._inputs))
+        of_levels = _factored(len(self._inputs))
         if not self.n_members or not len(alpha3):
             return np.full((len(alpha3), len(of_levels)), math.nan)
         values = self.members(alpha3, speeds)[..., of_levels]
@@ -403,7 +397,8 @@ class LevelTable:
         self, alpha3: FloatArray, speeds: FloatArray, limit: float
     ) -> dict[str, NDArray[np.float32]]:
         """Return what `factor_rows` does by the names; NaN where a level is not known, too."""
-        columns = self.at(alpha3, speeds, self.factor_rows(alpha3, speeds, limit))
+        columns = self.at(alpha3, speeds)
+        set_factors(columns, self.factor_rows(alpha3, speeds, limit))
         return {name: getattr(columns, name) for name in FACTORS}
 
     def _forcing(self, speeds: FloatArray) -> _Forcing:
@@ -561,12 +556,10 @@ def _columns(m: int) -> dict[str, slice | int]:
 
 
 @cache
-def _factor_columns(m: int) -> tuple[IntArray, IntArray]:
-    """Return the columns of the `FACTORS` of m excitations, and of their levels."""
+def _factored(m: int) -> IntArray:
+    """Return the columns of the levels of m excitations that have `FACTORS`, in their order."""
     columns, every = _columns(m), np.arange(_unknown(0, m)[0].shape[1])
-    names = FACTORS.keys(), FACTORS.values()
-    factors, levels = (np.hstack([every[columns[name]] for name in each]) for each in names)
-    return factors, levels
+    return np.hstack([every[columns[name]] for name in FACTORS.values()])
 
 
 def _unknown(n: int, m: int) -> tuple[FloatArray, IntArray, NDArray[np.int8]]:
@@ -592,6 +585,17 @@ def _level_columns(
         total_load_places=places[:, -1],
         ground_unknown=_REASONS.take(reasons),
     )
+
+
+def set_factors(columns: MessageColumns, factors: FloatArray) -> None:
+    """Set the factors of n known levels to those of `LevelTable.factor_rows`, (n, n_factors)."""
+    end = 0
+    for name, of in FACTORS.items():
+        level = getattr(columns, of)
+        begin, end = end, end + math.prod(level.shape[1:])
+        values = factors[:, begin:end].reshape(level.shape)
+        unknown = np.isnan(level) | np.isnan(values)
+        setattr(columns, name, np.where(unknown, math.nan, values).astype(np.float32))
 
 
 def _sum(terms: Reals) -> Reals:

@@ -2,8 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which messages an output at a limited rate has, decided by their times, live and offline."""
 
+import enum
+
 import numpy as np
 from numpy.typing import NDArray
+
+PARTS = 5
+"""In so many parts of a window a reading is assessed, which is the first in its part."""
+_NEVER = -(2**63)  # ns
 
 
 class Stamps:
@@ -14,7 +20,7 @@ class Stamps:
     """
 
     def __init__(self) -> None:
-        self._stamp, self._moved = -(2**63), True
+        self._stamp, self._moved = _NEVER, True
 
     def time(self, stamp: int, receipt: int) -> tuple[int, bool]:
         """Return the time of a reading, ns, from its stamp and its receipt; whether it is that."""
@@ -43,7 +49,7 @@ class Periods:
 
     def __init__(self, rate: float = 0.0) -> None:
         self.rate = rate
-        self._last = -(2**63)
+        self._last = _NEVER
 
     def is_due(self, time: int) -> bool:
         """Return whether the next message is due, from its time, ns."""
@@ -59,3 +65,37 @@ class Periods:
         periods = np.concatenate([[self._last], times // round(1e9 / self.rate)])
         self._last = int(periods[-1])
         return np.asarray(periods[1:] != periods[:-1])
+
+
+class Place(enum.IntEnum):
+    """What a reading does to the window of readings of which the most severe is published."""
+
+    LEFT_OUT = 0  # another one has been assessed in this part
+    WAITS = 1
+    CLOSES = 2
+    ALONE = 3  # It closes, and those that wait were much earlier, or later by a clock since set.
+
+
+class Windows:
+    """Assigns readings to windows, by their times alone.
+
+    A window ends with the first reading in each period of ``rate``, Hz, and that reading belongs to
+    it: so a reading that comes a period after the one before does not wait. With 0, none waits.
+    """
+
+    def __init__(self, rate: float = 0.0) -> None:
+        self.rate = rate
+        self._part = self._time = _NEVER
+
+    def place(self, time: int) -> Place:
+        """Return what the next reading does, from its time, ns."""
+        if not self.rate:
+            return Place.CLOSES
+        length = round(1e9 / (PARTS * self.rate))
+        before, self._part = self._part, time // length
+        if self._part == before:
+            return Place.LEFT_OUT
+        apart, self._time = time - self._time, time
+        if self._part // PARTS == before // PARTS:
+            return Place.WAITS
+        return Place.CLOSES if 0 <= apart <= PARTS * length else Place.ALONE

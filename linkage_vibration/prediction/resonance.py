@@ -3,8 +3,9 @@
 """Resonances: which excitation loads the linkage most or is nearest to a mode, and its state."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +17,9 @@ from linkage_vibration.messages.columns import MessageColumns, joined
 from linkage_vibration.prediction.agreement import Agreement
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.ground import AIRBORNE
-from linkage_vibration.prediction.levels import LevelTable, unknown_levels
-from linkage_vibration.prediction.motion import speed_filter
-from linkage_vibration.prediction.periods import Periods
+from linkage_vibration.prediction.levels import LevelTable, set_factors, unknown_levels
+from linkage_vibration.prediction.motion import Rate, speed_filter
+from linkage_vibration.prediction.periods import Place, Windows
 from linkage_vibration.prediction.predictor import Prediction, one_row
 from linkage_vibration.prediction.severity import (
     CLEAR,
@@ -33,6 +34,7 @@ from linkage_vibration.prediction.severity import (
     WarningTimer,
     severities,
     states,
+    window_ranks,
 )
 
 _LATEST = 2**63 - 1  # ns
@@ -43,10 +45,17 @@ _SPEEDS = np.linspace(0.3, 1.7, 71)  # of the present speed, among which a quiet
 _PRESENT = int(np.abs(_SPEEDS - 1.0).argmin())
 _ANGLES = 91  # of the table, likewise
 _QUIET_FOR = 1.0  # s, for which the answer is used again
-_FACTORS_FOR = 0.2  # s, for which the factors of levels are used again
+_FACTORS_FOR = 1.0  # s, for which the factors of levels are used again in the same state
 _SPEED_BITS = np.array([SPEED_BITS[source] for source in Source])
 _SI = np.array([source.si for source in Source])
+_NO_SPEED = math.nan, math.nan, math.nan
 _GROUND = Source.GROUND.place
+
+
+_Speed: TypeAlias = tuple[float, float, float]
+"""A speed, rpm or m/s, its rate, and the bound of the error of that; NaN if not known."""
+_Reading: TypeAlias = tuple[Prediction, Rate, int, list[_Speed], MessageColumns]
+"""Prediction, velocity, time, ns, speeds, and header of a reading."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,6 +101,50 @@ def half_power_probability(
     return np.asarray(above - below)
 
 
+def window_header(
+    sec: int, nanosec: int, frame_id: str, due_at: int, timed_by_receipt: bool, place: Place
+) -> MessageColumns:
+    """Return what a message takes from its reading, and the place of that, (1,) each."""
+    return MessageColumns(
+        sec=np.array([sec]),
+        nanosec=np.array([nanosec]),
+        frame_id=np.array([frame_id], object),
+        due_at=np.array([due_at]),
+        timed_by_receipt=np.array([timed_by_receipt], np.uint8),
+        place=np.array([place]),
+    )
+
+
+def stamp_and_frame(message: MessageColumns) -> tuple[int, int, str]:
+    """Return the stamp of one message, s and ns, and its frame."""
+    return int(message.sec), int(message.nanosec), str(message.frame_id)
+
+
+def _by_source(speeds: Iterable[Sequence[_Speed]]) -> FloatArray:
+    """Return the speeds of n readings with their rates and errors, (3, n_sources, n)."""
+    numbers = np.array([*speeds]).reshape(-1, len(Source), 3)
+    return np.ascontiguousarray(numbers.transpose(2, 1, 0))
+
+
+def _published(columns: MessageColumns) -> tuple[Integers, Integers, int]:
+    """Return the rows of assessed readings that are published, and with which reading each is.
+
+    A window has a message of its most severe reading and, if the state has changed since, of its
+    last. The third value is the number of readings whose windows have ended.
+    """
+    closing = np.flatnonzero(columns.place >= Place.CLOSES)
+    n = int(closing[-1]) + 1 if len(closing) else 0
+    begins = columns.place[:n] == Place.ALONE
+    begins[closing[:-1] + 1] = True
+    window = np.cumsum(begins)
+    last = np.flatnonzero(np.append(window[1:] != window[:-1], [True] * (n > 0)))
+    state = columns.state[:n]
+    # Of readings that are equal, the latest counts.
+    worst = np.lexsort((columns.severity[:n], window_ranks(state), window))[last]
+    rows = np.union1d(worst, last[state[last] != state[worst]])
+    return rows, closing[np.searchsorted(closing, rows)], n
+
+
 def described(of: MessageColumns) -> MessageColumns:
     """Return assessments with what follows from their fields, one of them or n.
 
@@ -125,7 +178,8 @@ class ResonanceMonitor:
     """Compares excitation frequencies with natural frequencies, and load ratios with limits.
 
     It has no clock, so the same calls give the same answers, live or offline. Speeds are used for
-    ``stale_after`` s; predictions are assessed at a rate, Hz, at most, 0 for each.
+    ``stale_after`` s. ``windows`` places readings once a speed is reported; see `Windows` for the
+    rate, Hz.
     """
 
     def __init__(
@@ -140,7 +194,7 @@ class ResonanceMonitor:
         self.limits = limits
         self.stale_after = stale_after
         self.levels = levels
-        self.periods = Periods(rate)  # those that are to be assessed once a speed is reported
+        self.windows = Windows(rate)
         ratios = [(excitation.ratio, excitation.relative_stddev) for excitation in self.excitations]
         self._ratios, self._stddevs = np.array(ratios).T[..., np.newaxis]
         self._sources = np.array([excitation.source.place for excitation in self.excitations])
@@ -155,24 +209,34 @@ class ResonanceMonitor:
         self._names = np.array([*names, ""])  # -1: none
         used = {excitation.source for excitation in self.excitations}
         self._used = np.array([source in used for source in Source])
-        self.count = 0  # of assessments
         self._filters = {source: speed_filter(source) for source in Source}
         self._agreements = {source: Agreement(source.value) for source in Source}
-        n = len(self._filters)
-        # The last speeds: values, rates and bounds of their errors; when they were reported, ns.
-        self._speeds, self._times = np.full((3, n), math.nan), np.zeros(n, np.int64)
-        self._fixed = np.zeros(n, np.bool_)
+        # By source: the last speed, its rate and the bound of its error; when it was reported, ns.
+        self._speeds, self._times = [_NO_SPEED for _ in Source], [0 for _ in Source]
+        self._fixed = [False for _ in Source]
         self._timer = WarningTimer(len(self.excitations) + 1)  # the last is that of the total
         self.use()
+        self.restart()
         self.any_speed_reported = False  # without a speed there is nothing to assess
 
+    def restart(self) -> None:
+        """Count messages from 1, and forget the readings whose window has not ended."""
+        self.count = 0  # of messages
+        self.windows = Windows(self.windows.rate)
+        self._waiting = list[_Reading]()
+        self._open: MessageColumns | None = None  # what is assessed of a window that goes on
+
     def use(self, limits: WarningLimits | None = None, levels: LevelTable | None = None) -> None:
-        """Use other limits or other levels from now on, also for what is held between readings."""
+        """Use other limits or levels from now on; readings that wait are of the levels before."""
+        if levels is not None:
+            self._waiting, self._open = [], None
         self.limits, self.levels = limits or self.limits, levels or self.levels
         self._places = np.array([*(self.levels.force_places if self.levels else ()), ""])
         # By source: the time, ns; speed and angle then; and the quiet ones.
         self._quiet: dict[int, tuple[int, FloatArray, FloatArray]] = {}
-        self._factors_time, self._factors = _NO_PERIOD, np.empty((1, 0))
+        # When factors were last computed, ns, and the state then.
+        self._factors_time, self._factors_state = _NO_PERIOD, UNKNOWN
+        self._factors = np.empty((1, 0))
 
     def set_speed(self, source: Source, value: float, time: int) -> None:
         """Use a reported speed, rpm or m/s; its rate is estimated as `RateFilter` describes.
@@ -180,37 +244,40 @@ class ResonanceMonitor:
         It becomes unknown if it is not finite, that of a shaft is negative, or values go to and
         fro. A ground speed is negative in reverse; its magnitude counts. The time is in ns.
         """
-        self._report(source, [float(value)], [time])
-
-    def _report(self, source: Source, values: list[float], times: list[int]) -> FloatArray:
-        """Use k reported speeds; return those in use and their rates and errors, (3, k)."""
         self.any_speed_reported = True
-        rates, errors = self._filters[source].add_many(times, values)
-        speeds = np.array(values)
-        if source is Source.GROUND:
-            rates, speeds = np.where(speeds < 0.0, -rates, rates), np.abs(speeds)
-        numbers = np.array([speeds, rates, errors])
-        numbers[0, ~((speeds >= 0.0) & (speeds < math.inf))] = math.nan
-        numbers[0, [*map(self._agreements[source].loses, times, values)]] = math.nan
-        self._set(source, numbers[:, -1], times[-1], False)
-        return numbers
+        value = float(value)
+        rate, error = self._filters[source].add(time, value)
+        lost = self._agreements[source].loses(time, value)
+        if source is Source.GROUND and value < 0.0:
+            value, rate = -value, -rate
+        if lost or not 0.0 <= value < math.inf:
+            value = math.nan
+        self._set(source, (value, rate, error), time, False)
 
     def set_fixed(self, source: Source, value: float | None) -> None:
         """Fix a speed (rpm or m/s); with None, a fixed speed becomes unknown."""
         if value is not None:
             self.any_speed_reported = True
-            self._set(source, np.array([value, 0.0, 0.0]), 0, True)
+            self._set(source, (value, 0.0, 0.0), 0, True)
         elif self._fixed[source.place]:
-            self._set(source, np.full(3, math.nan), 0, False)
+            self._set(source, _NO_SPEED, 0, False)
 
     def unknown_speeds(self, time: int) -> int:
         """Return the bits of ``LoadState`` of the used speeds that are not known at a time, ns."""
-        lost = np.isnan(self._speeds_at(np.array([time]), ())[0, :, 0]) & self._used
+        lost = np.isnan([speed for speed, *_ in self._speeds_at(time)]) & self._used
         return int(_SPEED_BITS @ lost)
 
-    def _set(self, source: Source, numbers: FloatArray, time: int, fixed: bool) -> None:
+    def _set(self, source: Source, numbers: _Speed, time: int, fixed: bool) -> None:
         place = source.place
-        self._speeds[:, place], self._times[place], self._fixed[place] = numbers, time, fixed
+        self._speeds[place], self._times[place], self._fixed[place] = numbers, time, fixed
+
+    def _speeds_at(self, time: int) -> list[_Speed]:
+        """Return the speeds that are known at a time, ns, by source."""
+        limit = math.floor(min(1e9 * self.stale_after, _LATEST))
+        return [
+            numbers if fixed or abs(time - at) <= limit else _NO_SPEED
+            for numbers, at, fixed in zip(self._speeds, self._times, self._fixed, strict=True)
+        ]
 
     def assess(
         self, prediction: Prediction, velocity: float, time: int, velocity_error: float = 0.0
@@ -226,6 +293,26 @@ class ResonanceMonitor:
         resonance.state = ResonanceState(resonance.state)
         return resonance
 
+    def take(
+        self, prediction: Prediction, velocity: Rate, time: int, header: MessageColumns
+    ) -> MessageColumns | None:
+        """Take a reading that has a place; return the messages of the windows that end, if any.
+
+        The arguments are those of `assess`, and a `window_header`.
+        """
+        self._waiting.append((prediction, velocity, time, self._speeds_at(time), header))
+        if header.place[0] == Place.WAITS:
+            return None
+        waiting, self._waiting = self._waiting, []
+        predictions, velocities, times, speeds, headers = zip(*waiting, strict=True)
+        return self._answer(
+            joined([*map(one_row, predictions)]),
+            np.array(velocities).T,
+            np.array(times),
+            _by_source(speeds),
+            joined(headers),
+        )
+
     def assess_many(
         self,
         predictions: MessageColumns,
@@ -233,33 +320,68 @@ class ResonanceMonitor:
         time: Integers,
         speeds: Sequence[ReportedSpeed],
         velocity_error: FloatArray,
+        headers: MessageColumns | None = None,
     ) -> MessageColumns:
-        """Return ``Resonance``, ``Levels`` and ``LoadState`` of each of n predictions.
+        """Return ``Resonance``, ``Levels`` and ``LoadState`` of the windows of n predictions.
 
         They have ``frequency_slopes``. Velocities of the crank and bounds of their errors, (n,),
-        are in rad/s, NaN if not known; times, (n,), ns, are by the clock of the speeds.
+        are in rad/s, NaN if not known; times, (n,), ns, are by the clock of the speeds. Headers are
+        those of `take`; without them, each prediction has a message.
         """
-        reported, n = self._speeds_at(time, speeds), len(time)
+        reported, after = [], 0
+        for row, now in enumerate(time.tolist()):
+            while after < len(speeds) and speeds[after].before <= row:
+                self.set_speed(speeds[after].source, speeds[after].value, speeds[after].time)
+                after += 1
+            reported.append(self._speeds_at(now))
+        for each in speeds[after:]:
+            self.set_speed(each.source, each.value, each.time)
+        if headers is None:
+            headers = MessageColumns(place=np.full(len(time), Place.CLOSES))
         crank = np.array([velocity, velocity_error])
+        return self._answer(predictions, crank, time, _by_source(reported), headers)
+
+    def _answer(
+        self,
+        predictions: MessageColumns,
+        crank: FloatArray,
+        time: Integers,
+        speeds: FloatArray,
+        headers: MessageColumns,
+    ) -> MessageColumns:
+        """Return the messages of the windows that end with n readings.
+
+        Beside the columns of `_assess` they have those of headers, and as ``ends_at`` the index of
+        the reading, of these n, with which they are published.
+        """
+        parts, before = [], 0
         with np.errstate(all="ignore"):
-            if n <= _CHUNK:
-                return self._assess(predictions, crank, time, reported)
-            parts = []
-            for start in range(0, n, _CHUNK):
-                rows = slice(start, start + _CHUNK)
-                numbers = crank[:, rows], time[rows], reported[..., rows]
-                parts.append(self._assess(predictions.rows(rows), *numbers))
-            return joined(parts)
+            for start in range(0, max(len(time), 1), _CHUNK):
+                few = slice(start, start + _CHUNK)
+                numbers = crank[:, few], time[few], speeds[..., few]
+                parts.append(self._assess(predictions.rows(few), *numbers))
+            columns = joined(parts)
+            vars(columns).update(vars(headers), time=time)
+            if self._open is not None:
+                before, columns = len(self._open), joined([self._open, columns])
+            rows, ends, done = _published(columns)
+            self._open = columns.rows(slice(done, None)) if done < len(columns) else None
+            columns = columns.rows(rows)
+            columns.ends_at = ends - before
+            self._complete(columns)
+        return columns
 
     def _assess(
         self, predictions: MessageColumns, crank: FloatArray, time: Integers, speeds: FloatArray
     ) -> MessageColumns:
-        """Return the resonances of n predictions.
+        """Return the resonances of n predictions, but for what `_complete` adds.
 
         The crank's velocity and the bound of its error are (2, n), and speeds with their rates and
         the bounds of the errors of these (3, n_sources, n).
         """
-        levels = self._levels(predictions.crank_angle, speeds[0], time)
+        levels = unknown_levels(len(self.excitations), len(time))
+        if self.levels is not None:
+            levels = self.levels.at(predictions.crank_angle, speeds[0])
         pairs = self._pairs(predictions, crank, speeds)
         totals = levels.total_load_ratio[np.newaxis]
         ratio = np.concatenate([levels.load_ratios.T, totals], dtype=float)
@@ -291,16 +413,27 @@ class ResonanceMonitor:
         columns.unknown_sources = unknown
         shares = np.isfinite(levels.load_ratios).mean(axis=1)
         columns.known_share = shares.astype(np.float32)
-        columns.count = (self.count + 1 + np.arange(len(time))).astype(np.uint32)
-        self.count += len(time)
-        columns.quiet_speed, columns.quiet_angle = self._quieter(
-            columns.state, worst, predictions.crank_angle, speeds[0], time
+        # By what the readings of a window are ordered.
+        columns.severity = np.fmax(
+            1.0 + ratio[-1], np.take_along_axis(severity, worst[np.newaxis], 0)[0]
         )
-        columns.quiet_speed *= _SI.take(self._sources.take(worst))
         columns.load_ratio_limit = np.full(len(time), self.limits.warning)
         columns.crank_velocity, columns.crank_velocity_error = crank
-        columns.crank_angle, columns.speeds = predictions.crank_angle, speeds[0].T  # for advice
+        columns.crank_angle, columns.speeds = predictions.crank_angle, speeds[0].T
         return columns
+
+    def _complete(self, columns: MessageColumns) -> None:
+        """Add what only messages that are published have: count, factors, what ends a warning."""
+        n, speeds, angles = len(columns), columns.speeds.T, columns.crank_angle
+        columns.count = (self.count + 1 + np.arange(n)).astype(np.uint32)
+        self.count += n
+        if self.levels is not None and self.levels.n_members and n:
+            set_factors(columns, self._factor_rows(self.levels, columns))
+        worst = columns.excitation_index
+        columns.quiet_speed, columns.quiet_angle = self._quieter(
+            columns.state, worst, angles, speeds, columns.time
+        )
+        columns.quiet_speed *= _SI.take(self._sources.take(worst))
 
     def _unknown_sources(
         self, predictions: MessageColumns, speeds: FloatArray, ratio: FloatArray, beyond: BoolArray
@@ -384,23 +517,22 @@ class ResonanceMonitor:
             **vars(levels),
         )
 
-    def _levels(self, angles: FloatArray, speeds: FloatArray, time: Integers) -> MessageColumns:
-        """Return the levels of all excitations with their factors; NaN without a level table."""
-        if self.levels is None:
-            return unknown_levels(len(self.excitations), len(angles))
-        if not self.levels.n_members or not len(time):
-            return self.levels.at(angles, speeds)
+    def _factor_rows(self, levels: LevelTable, columns: MessageColumns) -> FloatArray:
+        """Return the factors of n messages, which are computed once a second and in a new state."""
         due, rows = [], []  # the rows that are evaluated, and how many of these precede each row
-        for row, now in enumerate(time.tolist()):
-            if not 0 <= now - self._factors_time < 1e9 * _FACTORS_FOR:
-                self._factors_time = now
+        moments = zip(columns.time.tolist(), columns.state.tolist(), strict=True)
+        for row, (now, state) in enumerate(moments):
+            held = 0 <= now - self._factors_time < 1e9 * _FACTORS_FOR
+            if not held or state != self._factors_state:
+                self._factors_time, self._factors_state = now, state
                 due.append(row)
             rows.append(len(due))
-        computed = self.levels.factor_rows(angles[due], speeds[:, due], self.limits.warning)
-        held = self._factors if self._factors.size else computed[:1]
-        factors = np.concatenate([held, computed])[rows]
+        angles, speeds = columns.crank_angle[due], columns.speeds[due].T
+        computed = levels.factor_rows(angles, speeds, self.limits.warning)
+        held_before = self._factors if self._factors.size else computed[:1]
+        factors = np.concatenate([held_before, computed])[rows]
         self._factors = factors[-1:]
-        return self.levels.at(angles, speeds, factors)
+        return factors
 
     def _place_names(self, places: Integers, ratio: FloatArray) -> NDArray[np.str_]:
         """Return the names of pins and cylinders, (n,); empty where the load ratio is not known."""
@@ -481,30 +613,6 @@ class ResonanceMonitor:
         unknown = np.isnan(found.load_ratios)
         unsafe |= (unknown & ~unknown[present]).any(axis=1)
         return np.asarray((found.total_load_ratio <= limit) & ~unsafe)
-
-    def _speeds_at(self, time: Integers, speeds: Sequence[ReportedSpeed]) -> FloatArray:
-        """Use reported speeds; return the speeds at n times, (3, n_sources, n), NaN if unknown.
-
-        Their rates and the bounds of the errors of these follow.
-        """
-        columns = self._speeds, self._times, self._fixed
-        numbers, times, fixed = (column[..., np.newaxis] for column in columns)
-        if speeds:
-            numbers, times, fixed = (
-                np.repeat(column, len(time), axis=-1) for column in (numbers, times, fixed)
-            )
-        for source in {report.source for report in speeds}:
-            place, of_source = source.place, [r for r in speeds if r.source is source]
-            reported = [report.time for report in of_source]
-            each = self._report(source, [report.value for report in of_source], reported)
-            last = np.searchsorted([r.before for r in of_source], np.arange(len(time)), "right") - 1
-            rows = np.flatnonzero(last >= 0)
-            numbers[:, place, rows] = each[:, last[rows]]
-            times[place, rows] = np.array(reported)[last[rows]]
-            fixed[place, rows] = False
-        limit = math.floor(min(1e9 * self.stale_after, _LATEST))
-        fresh = fixed | (np.abs(time - times) <= limit)
-        return np.where(fresh, numbers, math.nan)
 
 
 def _passed(before: FloatArray, sought: FloatArray, present: FloatArray) -> bool:

@@ -311,9 +311,10 @@ class Parameters:
         "Rate at which `~/prediction` is published, at most: for the first reading in each period "
         "of the stamps. With 0, each reading has a prediction."
     )
-    resonance_rate: float = _rate(50.0, 1.0).means(
-        "Rate at which readings are assessed for `~/resonance` and `~/load_state`, at most: the "
-        "first in each period of the stamps. With 0, each is assessed."
+    resonance_rate: float = _rate(10.0, 1.0).means(
+        "Rate at which `~/resonance`, `~/levels` and `~/load_state` are published, by the stamps: "
+        "in each period the most severe of five readings, the first in each fifth of it. With 0, "
+        "each reading."
     )
     record: bool = _switch(False).means(
         "Start an MCAP log when the node is activated. `~/start_recording` and `~/stop_recording` "

@@ -44,6 +44,7 @@ class ResonanceState(enum.IntEnum):
 
 
 UNKNOWN, CLEAR, NOTE, WARNING = np.arange(4, dtype=np.uint8)
+_RANKS = np.array([1, 0, 2, 3], np.uint8)  # of these, in a window
 
 
 class Unknown(enum.IntFlag):
@@ -132,6 +133,14 @@ def states(
     notable = np.where(np.isnan(load_ratio), apart < limits.near, load_ratio > limits.note)
     calm = np.where(notable, NOTE, CLEAR)
     return np.asarray(np.where(known, np.where(warns, WARNING, calm), UNKNOWN))
+
+
+def window_ranks(state: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return by what the readings of a window are ordered first, (n,), the most severe the highest.
+
+    Not known is worse than clear, as in a single reading; a load that is known to be high is worse.
+    """
+    return _RANKS.take(state)
 
 
 def severities(load_ratio: FloatArray, apart: FloatArray, limits: WarningLimits) -> FloatArray:

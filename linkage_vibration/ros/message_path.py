@@ -51,9 +51,9 @@ from linkage_vibration.prediction.inputs.topics import INPUT_DEPTH
 from linkage_vibration.prediction.inputs.units import ANGLES, Reading
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.motion import Rate, crank_filter, crank_resolution
-from linkage_vibration.prediction.periods import Periods, Stamps
+from linkage_vibration.prediction.periods import Periods, Place, Stamps
 from linkage_vibration.prediction.predictor import Prediction, Predictor, Status, fault
-from linkage_vibration.prediction.resonance import ResonanceMonitor
+from linkage_vibration.prediction.resonance import ResonanceMonitor, stamp_and_frame, window_header
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.prediction.severity import ResonanceState, Unknown
 from linkage_vibration.ros.arrivals import LONGEST_WAIT, Arrival, arrival, in_time, waiting
@@ -161,7 +161,7 @@ class Predicting:
         self._names.clear()  # the joint may be another one
         self.readings.last, self._awaited = math.nan, time.monotonic()
         monitor.use(settings.warning_limits())
-        monitor.stale_after, monitor.periods.rate = settings.stale_after, settings.resonance_rate
+        monitor.stale_after, monitor.windows.rate = settings.stale_after, settings.resonance_rate
         self._periods.rate = settings.prediction_rate
         for source, fixed in self._fixed.items():
             monitor.set_fixed(source, fixed)
@@ -181,7 +181,7 @@ class Predicting:
 
     def restart_count(self) -> None:
         """Count load states from 1 while the listener is paused."""
-        self._monitor.count = 0
+        self._monitor.restart()
 
     def subscribe(self) -> None:
         """Answer messages as soon as the listener starts."""
@@ -510,18 +510,17 @@ class Predicting:
         if self._periods.is_due(due_at):
             self._publish(PREDICTION, prediction, *header, answers)
             counts.latencies.append(time.monotonic() - began)
-        needed = needed and self._monitor.periods.is_due(due_at)
-        velocity, error = self._velocity(reading, stamp, needed)
+        place = self._monitor.windows.place(due_at) if needed else Place.LEFT_OUT
+        needed = place is not Place.LEFT_OUT
+        velocity = self._velocity(reading, stamp, needed)
         lost = self._agreement.loses(due_at, reading.crank_angle)
         if needed:
             # No load is known at an angle that is doubted.
             known = self.predictor.predict(math.nan, math.nan) if lost else prediction
-            self.resonance = self._monitor.assess(known, velocity, at, error)
-            self.resonance.timed_by_receipt = by_receipt
-            for kind in ASSESSED:
-                self._publish(kind, self.resonance, *header, answers)
-            if self._adviser.is_due(float(self.resonance.total_load_ratio), due_at):
-                self._publish(ADVICE, self._adviser.answer(self.resonance), *header, answers)
+            of_reading = window_header(*header, due_at, by_receipt, place)
+            windows = self._monitor.take(known, velocity, at, of_reading)
+            if windows is not None:
+                self._publish_windows(windows, answers)
         self._record(*source, *answers)
         self.readings.take(
             began,
@@ -537,6 +536,19 @@ class Predicting:
         else:
             counts.without_numbers += 1
         self._report_status(prediction)
+
+    def _publish_windows(self, windows: MessageColumns, answers: _Answers) -> None:
+        """Publish the messages of windows that have ended, with the stamps of their readings."""
+        messages = [windows.message(row) for row in range(len(windows))]
+        for kind in ASSESSED:
+            for message in messages:
+                self._publish(kind, message, *stamp_and_frame(message), answers)
+        for message in messages:
+            if self._adviser.is_due(float(message.total_load_ratio), int(message.due_at)):
+                advice = self._adviser.answer(message)
+                self._publish(ADVICE, advice, *stamp_and_frame(message), answers)
+        self.resonance = messages[-1]
+        self.resonance.state = ResonanceState(self.resonance.state)
 
     def _report_status(self, prediction: Prediction) -> None:
         """Warn of a reading that has no prediction, or one that is sensitive to its error."""

@@ -26,6 +26,7 @@ from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.loads import UnitLoad
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.resonance import ResonanceMonitor, described
+from linkage_vibration.prediction.severity import WarningLimits
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import (
     DEFAULT_TABLE,
@@ -209,21 +210,25 @@ def test_without_uncertainty_nothing_is_stated() -> None:
     assert not len(table.ensemble_alpha3)
 
 
-def test_factors_are_held_for_a_fifth_of_a_second() -> None:
-    """They are computed again after 0.2 s of stamps, and if the stamps jump back."""
+def test_factors_are_held_for_a_second() -> None:
+    """They are computed again after 1 s of stamps, if the state changes, or if stamps jump back."""
     levels = level_table()
     predictor = levels._predictor
-    stamps = [0, 199_999_999, 200_000_000, 399_999_999, 100_000_000]
-    angles = np.radians([100.0, 120.0, 140.0, 160.0, 170.0])
+    stamps = [0, 999_999_999, 1_000_000_000, 1_999_999_999, 500_000_000, 600_000_000, 700_000_000]
+    angles = np.radians([100.0, 120.0, 140.0, 160.0, 170.0, 110.0, 130.0])
     monitor = ResonanceMonitor(excitations(), levels=levels)
     monitor.set_fixed(Source.PTO, 7.0)
-    actual = [
-        described(monitor.assess(predictor.predict(angle), 0.0, time)).load_ratio_factor
-        for angle, time in zip(angles.tolist(), stamps, strict=True)
-    ]
-    fresh = levels.factors(angles, speeds(np.full(5, 7.0)), 0.33)["load_ratio_factors"][:, 0]
-    assert actual == fresh[[0, 0, 2, 2, 4]].tolist()
-    assert len(set(fresh.tolist())) == 5
+    actual, states = list[float](), list[int]()
+    for angle, time in zip(angles.tolist(), stamps, strict=True):
+        if time == stamps[-1]:
+            monitor.limits = WarningLimits(warning=1e9, note=0.0)
+        message = described(monitor.assess(predictor.predict(angle), 0.0, time))
+        actual.append(message.load_ratio_factor)
+        states.append(message.state)
+    fresh = levels.factors(angles, speeds(np.full(7, 7.0)), 0.33)["load_ratio_factors"][:, 0]
+    assert actual == fresh[[0, 0, 2, 2, 4, 4, 6]].tolist()
+    assert len(set(fresh.tolist())) == 7
+    assert len(set(states[:-1])) == 1 != len(set(states))
 
 
 def test_a_member_that_is_not_possible_is_not_known() -> None:

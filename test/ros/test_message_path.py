@@ -11,7 +11,7 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
-from linkage_vibration.messages.topics import OUTPUT_TOPICS
+from linkage_vibration.messages.topics import LOAD_STATE, OUTPUT_TOPICS
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.health import Level
 from linkage_vibration.prediction.predictor import Predictor
@@ -44,8 +44,13 @@ class Bench:
         )
         for module in (message_path, arrivals):
             monkeypatch.setattr(module, "time", clock)
-        topic = SimpleNamespace(publish=lambda data: None, topic_name="/answer")
-        outputs = {output.type: topic for output in OUTPUT_TOPICS}
+        self.published = list[str]()  # types
+        outputs = {
+            kind: SimpleNamespace(
+                publish=lambda _, kind=kind: self.published.append(kind), topic_name="/answer"
+            )
+            for kind in [output.type for output in OUTPUT_TOPICS]
+        }
         node = SimpleNamespace(
             get_clock=lambda: SimpleNamespace(ros_time_is_active=False),
             get_publishers_info_by_topic=lambda topic: self.publishers,
@@ -203,6 +208,21 @@ def test_gaps_are_counted(bench: Bench) -> None:
     bench.now += 0.1
     bench.give(0.0)
     assert bench.statistics.lost == {"/joint_states": 3}
+
+
+@pytest.mark.parametrize(("readings", "messages"), [(1, 1), (6, 1), (11, 2), (26, 3)])
+def test_windows_of_readings(bench: Bench, readings: int, messages: int) -> None:
+    """Of readings each 10 ms, from 1 ms after a tenth on, the first is published, and each tenth."""
+    bench.put_speed(0.0)
+    bench.spin()
+    bench.now += 0.101
+    for _ in range(readings):
+        bench.give(0.0)
+        bench.now += 0.01
+    counts = [kind for kind in bench.published if kind == LOAD_STATE]
+    assert len(counts) == messages
+    assert bench.path.resonance is not None
+    assert int(bench.path.resonance.count) == messages
 
 
 def publisher(kind: str) -> SimpleNamespace:

@@ -163,7 +163,8 @@ def test_simulated_clock(
         counts.append(len(recorded))
     # The speeds may change their places with the readings after them.
     assert counts[0] >= 150
-    assert 100 <= counts[1] == counts[2] <= 125
+    # One in 100 ms of the 2.5 s with a speed, and one of what waited before each jump.
+    assert 20 <= counts[1] == counts[2] <= 30
 
 
 def test_sensors_beside_predictions(
@@ -265,8 +266,12 @@ def test_modes_of_sensors(
 def test_rates_of_a_control_stack(
     start: Callable[..., Any], meet: Callable[..., Any], tmp_path: Path
 ) -> None:
-    """Of 200 readings in 1 s, 10 have a prediction and 50 a load state, live and in a replay."""
-    rates = {"prediction_rate": 10.0, "resonance_rate": 50.0, "engine_speed": 1800.0}
+    """Of 200 readings in 1 s, 10 have a prediction and a load state, live and in a replay.
+
+    Each load state comes with the first reading of a period. None is lost in a replay of a log that
+    begins within a window, nor is there one more.
+    """
+    rates = {"prediction_rate": 10.0, "resonance_rate": 10.0, "engine_speed": 1800.0}
     slow = {**rates, "prediction_rate": 0.0}  # for the peer, whose stamps are in one period
     node = start(**slow, name="control", log_directory=tmp_path)
     peer, states = meet("control"), list[bytes]()
@@ -291,11 +296,13 @@ def test_rates_of_a_control_stack(
     for k in range(200):
         peer.stamp = 5_000_000 * k - 1
         peer.publish(positions=[1.9 + 0.002 * k])
-        if k % 4 == 0:
-            peer.spin(lambda k=k: len(states) > k // 4, "a load state")
-    assert (len(peer.raw), len(states)) == (10, 50)
+        if k % 20 == 0:
+            peer.spin(lambda k=k: len(states) > k // 20, "a load state")
+    assert (len(peer.raw), len(states)) == (10, 10)
     actual = [deserialize_message(each, LoadState) for each in states]
-    assert [each.header.stamp.nanosec for each in actual] == [20_000_000 * k for k in range(50)]
+    parts = [20_000_000 * k for k in range(50)]
+    for k, each in enumerate(actual):
+        assert each.header.stamp.nanosec in parts[max(5 * k - 4, 0) : 5 * k + 1]
     assert node.stop() == 0
     [log] = tmp_path.glob("linkage_vibration_*.mcap")
     again = tmp_path / "again.mcap"
@@ -306,4 +313,4 @@ def test_rates_of_a_control_stack(
         assert [(time, data) for _, time, data in messages(again, name)] == recorded != []
     # DDS fills its payload up to a multiple of four.
     recorded = [data + b"\x00" * (-len(data) % 4) for *_, data in messages(log, topics[1])]
-    assert recorded[-50:] == states
+    assert recorded[-10:] == states
