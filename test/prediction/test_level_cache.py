@@ -100,14 +100,14 @@ def results(of: LevelTable) -> list[bytes]:
     """Return the bytes of levels with their factors, and of what a monitor reports."""
     predictor, limit = of._predictor, 0.33
     angles, at = np.linspace(*of.alpha3_range, 33), speeds(7.0, 33)
-    factors = of.factor_rows(angles, at, limit)
     monitor = ResonanceMonitor(EXCITATIONS, levels=of)
     for source, speed in zip(Source, at[:, 0], strict=True):
         monitor.set_fixed(source, float(speed))
     assessed = [monitor.assess(predictor.predict(2.8), 0.0, 10**10 + 10**8 * k) for k in range(15)]
     assert np.isfinite(assessed[-1].quiet_speed)
     assert np.isfinite(assessed[-1].total_load_ratio_factor)
-    return [all_bytes(each) for each in (of.at(angles, at, factors), *assessed)]
+    factors = [values.tobytes() for values in of.factors(angles, at, limit).values()]
+    return [*factors, *(all_bytes(each) for each in (of.at(angles, at), *assessed))]
 
 
 def test_levels_are_the_same_to_the_last_bit(
