@@ -93,15 +93,15 @@ class _Layout:
         parts = zip(np.split(values, ends[:-1]), self.shapes, strict=True)
         return [part.reshape(*shape, values.shape[1]) for part, shape in parts]
 
-    def order(self, cubics: FloatArray) -> tuple[IntArray, IntArray]:
+    def order(self, values: FloatArray) -> tuple[IntArray, IntArray]:
         """Return the rows of the matrices of `_Terms`, and the places of its values here.
 
-        The cubics are (..., n_values); a row of which all are zero is left out.
+        Values are (n, n_values); a row of which all are zero is left out.
         """
         parts = self.split(np.arange(self.n_values)[:, np.newaxis])
         poles, above, rest, *others = (part[..., 0] for part in parts)
         rows = np.concatenate([above.reshape(-1, self.n_outputs, self.n_inputs), rest])
-        nonzero = np.asarray(cubics.any(axis=(0, 1)))
+        nonzero = np.asarray(values.any(axis=0))
         used = np.flatnonzero(nonzero[rows].any(axis=(1, 2)))
         matrices = rows[used].transpose(2, 0, 1)
         return used, np.concatenate([part.ravel() for part in (poles, matrices, *others)])
@@ -622,16 +622,16 @@ def _sampled(table: Table, inputs: list[UnitLoad], outputs: list[Place], n_force
         pieces.append((*samples.refined(), samples.layout))
     layout = max((piece[3] for piece in pieces), key=lambda layout: layout.n_terms)
     starts = np.concatenate([piece[0][:-1] for piece in pieces])
+    padded = [_padded(values, its_layout, layout.n_terms) for _, values, _, its_layout in pieces]
+    rows, order = layout.order(np.concatenate(padded))
     parts = [
-        _cubics(at, _padded(values, its_layout, layout.n_terms), lost)
-        for at, values, lost, its_layout in pieces
+        _cubics(at, values[:, order], lost)
+        for (at, _, lost, _), values in zip(pieces, padded, strict=True)
     ]
-    cubics = np.concatenate(parts)
-    rows, order = layout.order(cubics)
     numbers = layout.n_terms, layout.n_outputs, layout.n_inputs, layout.n_forces
     return {
         "starts": starts,  # (n_cells,), rad
-        "cubics": cubics.take(order, axis=2),  # (n_cells, 4, n_values)
+        "cubics": np.concatenate(parts),  # (n_cells, 4, n)
         "rows": rows,  # of the matrices of `_Terms`
         "order": order,  # of the values, as places among those of the layout
         "layout": np.array(numbers),
@@ -706,15 +706,20 @@ class _Samples:
         )
         at[[0, -1]] = self._ends
         roots: ComplexArray | None = None
-        rows = []
-        for alpha3 in at.tolist():
-            row, roots = self._row(alpha3, roots)
+        rows, modes = [], self._table.evaluate(at)[:, : 2 * self._table.n_modes]
+        for alpha3, values in zip(at.tolist(), modes, strict=True):
+            row, roots = self._row(alpha3, values, roots)
             rows.append(row)
         forces = self._table.reference_forces(at)[: self._n_forces]
         return at, np.column_stack([rows, forces.T])
 
-    def _row(self, alpha3: float, before: ComplexArray | None) -> tuple[FloatArray, ComplexArray]:
-        """Return the values at an angle and its poles, in the order of those before."""
+    def _row(
+        self, alpha3: float, modes: FloatArray, before: ComplexArray | None
+    ) -> tuple[FloatArray, ComplexArray]:
+        """Return the values at an angle and its poles, in the order of those before.
+
+        The modes are natural frequencies, Hz, then damping ratios, (2 n_modes,).
+        """
         # Half of the angles of a finer division are those of the coarser one.
         if alpha3 not in self._solved:
             self._solved[alpha3] = self._responses_at(alpha3)
@@ -722,7 +727,7 @@ class _Samples:
         half = poles[2] / 2.0
         roots: ComplexArray = np.asarray(np.sqrt(half * half - poles[0] - 1j * poles[1]) - half)
         n = self._table.n_modes
-        frequencies, ratios = np.split(np.array(self._table.interpolate(alpha3)[0]), 2)
+        frequencies, ratios = np.split(modes, 2)
         wanted = 2.0 * math.pi * frequencies * (-ratios + np.sqrt(ratios**2 - 1.0 + 0j))
         previous = roots if before is None else before
         wanted = np.where(np.isnan(wanted), previous[:n], wanted)
@@ -770,8 +775,9 @@ class _Samples:
 def _in_order(wanted: ComplexArray, roots: ComplexArray) -> NDArray[np.int64]:
     """Return an order of all roots in which those nearest to the wanted ones come first."""
     rows, columns = linear_sum_assignment(np.abs(wanted[:, np.newaxis] - roots))
-    first = columns[np.argsort(rows)]
-    return np.append(first, np.setdiff1d(np.arange(len(roots)), first))
+    first, others = columns[np.argsort(rows)], np.ones(len(roots), np.bool_)
+    others[first] = False
+    return np.append(first, np.flatnonzero(others))
 
 
 def _responses(
