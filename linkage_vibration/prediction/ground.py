@@ -128,7 +128,7 @@ def _mean_spectrum(
     window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length)
     spectra = np.fft.rfft(window * (segments - segments @ line @ line.T))
     density = 2.0 * spacing * (np.abs(spectra) ** 2).mean(axis=0) / (window @ window)
-    return np.fft.rfftfreq(length, spacing), density
+    return np.asarray(np.fft.rfftfreq(length, spacing)), np.asarray(density)
 
 
 def power_law(spectrum: Sequence[tuple[float, float]], reference: float) -> tuple[float, float]:
