@@ -129,9 +129,8 @@ def _mean_spectrum(
     line, _ = np.linalg.qr(np.vander(np.arange(length) / length, 2))
     window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length)
     spectra = np.fft.rfft(window * (segments - segments @ line @ line.T))
-    power = np.asarray((np.abs(spectra) ** 2).mean(axis=0), dtype=float)
-    wavenumbers = np.asarray(np.fft.rfftfreq(length, spacing), dtype=float)
-    return wavenumbers, 2.0 * spacing / float(window @ window) * power
+    density = 2.0 * spacing * (np.abs(spectra) ** 2).mean(axis=0) / (window @ window)
+    return np.asarray(np.fft.rfftfreq(length, spacing)), np.asarray(density)
 
 
 def power_law(spectrum: Sequence[tuple[float, float]], reference: float) -> tuple[float, float]:
