@@ -75,6 +75,22 @@ class Agreement:
         return self.is_lost(time)
 
 
+class StandingClock:
+    """Whether the time of receipt stands still, by readings whose stamps go on.
+
+    Speeds do not age by such a clock, and no dwell time passes, so that no load is known.
+    """
+
+    def __init__(self) -> None:
+        self._receipt, self._stamp = -1, 0  # ns, of the first reading since the clock stands
+
+    def stands(self, receipt: int, stamp: int) -> bool:
+        """Return whether the clock stands at a reading, from its receipt and its stamp, ns."""
+        if receipt != self._receipt:
+            self._receipt, self._stamp = receipt, stamp
+        return stamp - self._stamp > _LASTING
+
+
 def crank_agreement(alpha3_range: tuple[float, float]) -> Agreement:
     """Return that of the crank angle of a table with a range, rad."""
     return Agreement(HITCH, turns=alpha3_range[1] - alpha3_range[0] > math.pi)
