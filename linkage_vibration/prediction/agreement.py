@@ -31,8 +31,7 @@ class Agreement:
     """Whether the values of an input agree; those of a crank that turns all the way always do.
 
     A value changes sides by a step that is larger than noise and motion, if the last such step was
-    in the other direction, however many values were between both. A step in the same direction is
-    one of a motion.
+    in the other direction; a step in the same direction is one of a motion.
     """
 
     def __init__(self, name: str, turns: bool = False) -> None:

@@ -118,7 +118,12 @@ def test_goal_has_a_result_when_the_node_ends(
 
     def read_until(done: Callable[[], object], event: str) -> None:
         """Wait with readings, as the node warns of a hitch that sends none for 5 s."""
-        until(done, event, lambda: (peer.publish(), peer.pause(0.5, done)))
+
+        def read() -> None:
+            peer.publish()
+            peer.pause(0.5, done)
+
+        until(done, event, read)
 
     read_until(client.server_is_ready, "the action")
     sent = client.send_goal_async(HEAVY, feedback.append)
