@@ -76,3 +76,5 @@ def _description(
         yield (
             f"Nothing holds {mechanism.name}: {left_out} left out of the table. To hold it, {fix}."
         )
+    if table.unknown_deviations:
+        yield table.unknown_deviations

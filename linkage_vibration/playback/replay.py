@@ -42,7 +42,7 @@ from linkage_vibration.playback.remapping import (
     topic_schema,
 )
 from linkage_vibration.prediction.advice import Adviser
-from linkage_vibration.prediction.agreement import crank_agreement
+from linkage_vibration.prediction.agreement import StandingClock, crank_agreement
 from linkage_vibration.prediction.answers import Described, Implement, Served, with_implement
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs.presets import HITCH
@@ -281,6 +281,7 @@ class _Replay:
         )
         self._motion = crank_filter()
         self._agreement = crank_agreement(self._predictor.table.alpha3_range)
+        self._standing = StandingClock()
         missing = {each.reader.what for each in self.speeds.values()} | self.sensors.missing
         self.done = Replayed(topic=topics[HITCH].name, missing=missing, notice=" ".join(notices))
         self.done.unreadable, self.done.fault = bags.bad_lines, bags.fault
@@ -395,10 +396,12 @@ class _Replay:
                 yield _single(ADVICE, advice, block, row, *stamp_and_frame(message))
 
     def _agreed(self, readings: MessageColumns, predictions: MessageColumns) -> MessageColumns:
-        """Return predictions without those of angles that go to and fro, which are not known."""
+        """Return predictions without those of doubted angles, or while the clock stands."""
         times, angles = readings.due_at.tolist(), readings.crank_angle.tolist()
-        lost = [*map(self._agreement.loses, times, angles)]
-        if not any(lost):
+        moments = readings.time.tolist(), readings.stamp.tolist()
+        lost = np.array([*map(self._agreement.loses, times, angles)], np.bool_)
+        lost |= np.array([*map(self._standing.stands, *moments)], np.bool_)
+        if not lost.any():
             return predictions
         known = np.where(lost, math.nan, readings.crank_angle)
         return predict_many(self._predictor, known, readings.stddev)

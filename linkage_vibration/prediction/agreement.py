@@ -31,8 +31,7 @@ class Agreement:
     """Whether the values of an input agree; those of a crank that turns all the way always do.
 
     A value changes sides by a step that is larger than noise and motion, if the last such step was
-    in the other direction, however many values were between both. A step in the same direction is
-    one of a motion.
+    in the other direction; a step in the same direction is one of a motion.
     """
 
     def __init__(self, name: str, turns: bool = False) -> None:
@@ -73,6 +72,22 @@ class Agreement:
         """Take a value at a time, ns; return whether it is not known."""
         self.take(time, value)
         return self.is_lost(time)
+
+
+class StandingClock:
+    """Whether the time of receipt stands still, by readings whose stamps go on.
+
+    Speeds do not age by such a clock, and no dwell time passes, so that no load is known.
+    """
+
+    def __init__(self) -> None:
+        self._receipt, self._stamp = -1, 0  # ns, of the first reading since the clock stands
+
+    def stands(self, receipt: int, stamp: int) -> bool:
+        """Return whether the clock stands at a reading, from its receipt and its stamp, ns."""
+        if receipt != self._receipt:
+            self._receipt, self._stamp = receipt, stamp
+        return stamp - self._stamp > _LASTING
 
 
 def crank_agreement(alpha3_range: tuple[float, float]) -> Agreement:

@@ -32,6 +32,7 @@ _TIPS = (
 )
 _ENDLESS = "No single change of speed or height within reach ends it."
 _NEVER = 2**62  # ns; a time that has not come
+_BACK = 1.0  # s; the times of two publishers differ by less, and a clock jumps back by more
 
 
 class ResonanceState(enum.IntEnum):
@@ -85,7 +86,7 @@ class WarningTimer:
     """Turns exceeded limits into warnings, which begin and end only after the dwell time.
 
     A reading at which it is not known whether a limit is exceeded changes nothing. More than 3 s of
-    such readings or without one, and a clock that jumps back, end a warning.
+    such readings or without one, and a clock that jumps back by a second, end a warning.
     """
 
     def __init__(self, n: int) -> None:
@@ -104,9 +105,12 @@ class WarningTimer:
         warns = np.zeros(exceeds.shape, np.bool_)
         least = round(1e9 * dwell)
         for row, now in enumerate(time.tolist()):
-            ended = (now - self._known > 1e9 * GAP) | (now < self._last)
+            jumps = now <= self._last - 1e9 * _BACK
+            ended = (now - self._known > 1e9 * GAP) | jumps
             self._warns[ended], self._since[ended] = False, _NEVER
-            self._last, here = now, known[:, row]
+            # Of two publishers whose times differ, the later one's counts.
+            now = self._last = now if jumps else max(now, self._last)
+            here = known[:, row]
             self._known[here | ended] = now
             differs = exceeds[:, row] != self._warns
             since = np.where(differs, np.minimum(self._since, now), _NEVER)

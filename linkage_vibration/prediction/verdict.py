@@ -169,9 +169,14 @@ def above_and_below(drive: Drive, limit: float | None = None) -> tuple[BoolArray
 
 def all_known(drive: Drive) -> BoolArray:
     """Return when the total load ratio has all of its sources, and not a part of them, (n,)."""
+    return np.asarray(np.isfinite(drive.resonances.total_load_ratio) & sources_known(drive))
+
+
+def sources_known(drive: Drive) -> BoolArray:
+    """Return when each source is known, (n,), also where no static force is to compare with."""
     of = drive.resonances
-    known = np.isfinite(of.total_load_ratio) & (of.unknown_sources == 0)
-    return np.asarray(known & (of.states != ResonanceState.UNKNOWN).all(axis=1))
+    known = (of.unknown_sources == 0) & (of.states != ResonanceState.UNKNOWN).all(axis=1)
+    return np.asarray(known)
 
 
 def durations(drive: Drive, limit: float | None = None) -> Durations:

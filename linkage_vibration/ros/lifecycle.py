@@ -300,12 +300,15 @@ class LinkageVibrationNode(LifecycleNode):
         except LogError as error:
             self.get_logger().warning(f"{error} The node predicts without.")
         self._served = served = read_served(settings, self.get_logger().info, self._on_building)
+        self._check_signals()
         self._monitored = excitations = read_loads(settings, served, self.get_logger().info)
         path = settings.sensor_path()
         self._sensors = live_sensors(path) if path else []
         self._excitations = excitation_files(settings.excitation_path()) | sensor_files(path)
         levels = kept_levels(served.predictor, served.mechanism, excitations)
+        self._check_signals()
         levels.prepare()  # so that no reading waits for it
+        self._check_signals()
         for doubt in excitation_doubts(excitations, levels):
             self.get_logger().info(f"{settings.excitation_path()}: {doubt}")
         inputs = self._input_topics(settings)

@@ -28,7 +28,7 @@ from linkage_vibration.messages.topics import (
     log_topic,
 )
 from linkage_vibration.prediction.advice import Adviser
-from linkage_vibration.prediction.agreement import crank_agreement
+from linkage_vibration.prediction.agreement import StandingClock, crank_agreement
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.health import (
     Expected,
@@ -124,7 +124,8 @@ class Predicting:
         self.measured: dict[str, tuple[float, MessageColumns]] = {}  # by sensor, with its time, s
         self._node, self._clock, self._listener = node, node.get_clock(), listener
         self._monitor, self._adviser, self._periods = monitor, Adviser(monitor), Periods()
-        self._stamps = Stamps()
+        self._stamps, self._standing = Stamps(), StandingClock()
+        self._counted = 0  # load states until the last judgement
         self._record, self._statistics, self._throttle = record, statistics, throttle
         self._sent = self._taken = 0  # messages of the hitch until the last judgement
         self._own_publishers = [*publishers.values()]
@@ -228,7 +229,10 @@ class Predicting:
             self.speed_faults = self._judge_speeds(now) if self._subscribed else []
         self.measured = {n: m for n, m in self.measured.items() if now - m[0] <= SILENT}
         self.age = max(now - self.readings.last, 0.0)  # another thread has taken it
-        idle = self.paused or self.clock_missing or not self.age <= self.stale_after
+        # While a clock stands, readings whose stamps move are assessed, and others are not.
+        waits = self.paused and self._monitor.count == self._counted
+        self._counted = self._monitor.count
+        idle = waits or self.clock_missing or not self.age <= self.stale_after
         nothing = idle or not self._monitor.any_speed_reported
         if nothing and self._subscribed and self.excitations:
             self._publish_unknown(Unknown.CRANK_ANGLE if idle else Unknown(0))
@@ -514,6 +518,7 @@ class Predicting:
         needed = place is not Place.LEFT_OUT
         velocity = self._velocity(reading, stamp, needed)
         lost = self._agreement.loses(due_at, reading.crank_angle)
+        lost |= self._standing.stands(at, stamp)
         if needed:
             # No load is known at an angle that is doubted.
             known = self.predictor.predict(math.nan, math.nan) if lost else prediction

@@ -20,13 +20,13 @@ def main(args: list[str] | None = None) -> int:
     os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)
     # The matrices are small; BLAS threads would only keep cores from the readings.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    stop_asked = _handle_signals()
-    # The import of ROS 2 and SciPy takes a second, in which signals are handled already.
+    # The import of ROS 2 and SciPy takes a second or more, in which nothing has to be completed.
+    _handle_signals(lambda number, frame: os._exit(0))
     try:
         check_versions()
         from linkage_vibration.ros.spinning import run
 
-        return run(args, stop_asked)
+        return run(args, _note_signals())
     except (OldLibraryError, ImportError) as error:
         problem = missing_library(error) if isinstance(error, ImportError) else error
         print(f"linkage_vibration_node: {problem}", file=sys.stderr)
@@ -37,7 +37,15 @@ def main(args: list[str] | None = None) -> int:
             signal.signal(number, signal.SIG_IGN)
 
 
-def _handle_signals() -> Callable[[], bool]:
+def _handle_signals(handler: Callable[[int, FrameType | None], None]) -> None:
+    """Handle the signals that end the process."""
+    for number in STOP_SIGNALS:
+        # A node that nohup started keeps running after its terminal has closed.
+        if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, handler)
+
+
+def _note_signals() -> Callable[[], bool]:
     """Only note that a signal has arrived; return a function that says whether one has.
 
     KeyboardInterrupt could interrupt a write to the log, and a second signal kill a process that is
@@ -49,10 +57,7 @@ def _handle_signals() -> Callable[[], bool]:
         nonlocal arrived
         arrived = True
 
-    for number in STOP_SIGNALS:
-        # A node that nohup started keeps running after its terminal has closed.
-        if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, note)
+    _handle_signals(note)
     return lambda: arrived
 
 

@@ -175,7 +175,7 @@ class Services:
 
     async def _predict(
         self, request: PredictVibration.Request, response: PredictVibration.Response
-    ) -> None:
+    ) -> str:
         angles, stddev = request.crank_angles, request.crank_angle_stddev
         if not 0 < len(angles) <= MAX_REQUEST:
             raise ServiceError(
@@ -196,6 +196,7 @@ class Services:
                 f"{len(failed)} of {len(angles)} angles have no prediction, the first is "
                 f"crank_angles[{failed[0]}]: {problem}."
             )
+        return predictor.table.unknown_deviations
 
     async def _get_frf(self, request: GetFrf.Request, response: GetFrf.Response) -> None:
         served, frequencies = self._served(), np.array(request.frequencies)
@@ -393,15 +394,17 @@ class Services:
             self._waiting -= 1
 
 
-def _reporting(answer: Callable[[Any, Any], Awaitable[None]]) -> Callable[..., Any]:
-    """Return the callback of a service whose response reports the error, if there is one."""
+def _reporting(answer: Callable[[Any, Any], Awaitable[str | None]]) -> Callable[..., Any]:
+    """Return the callback of a service whose response reports the error, or else a note."""
 
     async def respond(request: Any, response: Any) -> Any:
+        note: str | None = ""
         try:
-            await answer(request, response)
+            note = await answer(request, response)
         except LinkageVibrationError as error:
             response.message = str(error)
         response.success = not response.message
+        response.message = response.message or note or ""
         return response
 
     return respond

@@ -18,6 +18,7 @@ from linkage_vibration.prediction.verdict import (
     above_and_below,
     holding,
     not_counted,
+    sources_known,
 )
 from linkage_vibration.review.findings import first_sentence
 from linkage_vibration.review.log import Log
@@ -176,7 +177,7 @@ def _of_loads(log: Log, limits: Limits) -> Iterator[Quantity]:
         return
     of, name = drive.resonances, limits.excitation
     span = Span(np.arange(len(of)), drive.predictions, drive.held, drive.missing)
-    known = (of.unknown_sources == 0) & (of.states != ResonanceState.UNKNOWN).all(axis=1)
+    known = sources_known(drive)
     ratio, velocity, state = of.total_load_ratio, of.total_velocity, of.state
     if name is not None:
         i = _excitation(log, drive, name)

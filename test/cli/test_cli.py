@@ -9,17 +9,20 @@ import os
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import linkage_vibration.cli
+from linkage_vibration.cli.build import _description
 from linkage_vibration.cli.main import SUBCOMMANDS, argument_parser, main
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.support.resources import config_file
+from linkage_vibration.support.resources import DEFAULT_MECHANISM, DEFAULT_TABLE, config_file
 from linkage_vibration.table.table import load_table
 
 
@@ -289,3 +292,14 @@ def test_advise(tmp_path: Path, capsys: Any) -> None:
     assert main(["advise", "133", "30", "--angles-deg", "133", "134", "--engine-rpm", "1800"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[3].startswith("quietest speed    none: nothing permitted has a smaller load")
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_build_says_why_deviations_are_not_known(known: bool) -> None:
+    """The last line is the reason why standard deviations are NaN, if any is."""
+    mechanism = read_mechanism(config_file(DEFAULT_MECHANISM))
+    table = load_table(config_file(DEFAULT_TABLE), mechanism)
+    deviations = np.full(table.parameter_stddev.shape, 0.01 if known else math.nan)
+    changed = replace(table, parameter_stddev=deviations)
+    *_, line = _description(changed, 1, Path("table.npz"), mechanism)
+    assert line.startswith("Standard deviations are not known: too many machines") != known

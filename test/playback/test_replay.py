@@ -309,6 +309,22 @@ def test_readings_that_go_to_and_fro(tmp_path: Path, apart: float) -> None:
         assert any("go to and fro" in sentence for sentence in sentences) == (apart > 0.04)
 
 
+def test_a_clock_that_stood_still(tmp_path: Path) -> None:
+    """No load is known more than 1 s of stamps after the log time stood still, until it goes on."""
+    entries: list[Entry] = []
+    for k in range(200):
+        stamp = START + k * 20_000_000
+        logged = min(stamp, START + 10**9) if k < 190 else stamp
+        entries.append(("/joint_states", JOINT_STATE, logged, joint_state(stamp, [JOINT], [2.0])))
+    log = tmp_path / "log.mcap"
+    fixed = Parameters(ground_speed=0.0, engine_speed=500.0, pto_speed=0.0)
+    replay(write_mcap(tmp_path / "bag.mcap", entries), log, fixed)
+    states = [m for _, m in read_messages(log, "/linkage_vibration/load_state")]
+    # The log time stands from number 50 on, and 100 is exactly 1 s later.
+    crank = [bool(m.unknown_sources & 1) for m in states]
+    assert crank == [False] * 101 + [True] * 89 + [False] * 10
+
+
 def test_predictions_at_a_rate(tmp_path: Path) -> None:
     """At 10 Hz the log has the first prediction in each tenth of a second, and all else as before.
 

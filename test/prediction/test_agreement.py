@@ -8,7 +8,7 @@ from random import Random
 
 import pytest
 
-from linkage_vibration.prediction.agreement import Agreement, crank_agreement
+from linkage_vibration.prediction.agreement import Agreement, StandingClock, crank_agreement
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.inputs.presets import ENGINE, GROUND, HITCH, PTO
 from linkage_vibration.prediction.predictor import Predictor
@@ -161,3 +161,13 @@ def test_a_speed_that_is_lost_is_unknown() -> None:
         monitor.set_speed(Source.PTO, speed, k * TENTH)
         states.append(int(monitor.assess(prediction, 0.0, k * TENTH).unknown_sources))
     assert states == [0] * 5 + [4] * 16 + [0] * 4
+
+
+def test_a_clock_that_stands() -> None:
+    """A clock stands if its time is the same while stamps go on by more than a second."""
+    clock = StandingClock()
+    assert [clock.stands(5, n * TENTH) for n in range(14)] == [False] * 11 + [True] * 3
+    assert not clock.stands(6, 14 * TENTH)
+    assert not any(StandingClock().stands(5, 7) for _ in range(30))
+    coarse = StandingClock()  # a clock in steps of a second
+    assert not any(coarse.stands(n // 10, n * TENTH) for n in range(100))

@@ -64,11 +64,20 @@ def test_without_a_dwell_time_each_reading_decides() -> None:
     assert followed(range(5), exceeds, dwell=0.0) == exceeds
 
 
-@pytest.mark.parametrize(("gap", "expected"), [(2.9, True), (3.1, False), (-0.1, False)])
+@pytest.mark.parametrize(
+    ("gap", "expected"), [(2.9, True), (3.1, False), (-0.9, True), (-1.0, False)]
+)
 def test_a_gap_or_a_jump_back_ends_a_warning(gap: float, expected: bool) -> None:
-    """A warning goes on after 2.9 s without a reading, and ends after 3.1 s or a jump back."""
+    """A warning goes on after 2.9 s without a reading; 3.1 s, or a second back, end it."""
     times = [*(k / 10.0 for k in range(20)), 1.9 + gap]
     assert followed(times, [True] * 21)[19:] == [True, expected]
+
+
+@pytest.mark.parametrize("behind", [0.0, 0.7])
+def test_publishers_with_interleaved_times(behind: float) -> None:
+    """Two publishers whose times differ by less than a second warn as one of them does."""
+    times = [k / 10.0 - behind * (k % 2) for k in range(10, 40)]
+    assert followed(times, [True] * 30) == [False] * 10 + [True] * 20
 
 
 def test_a_reading_without_numbers_neither_ends_nor_restarts_a_dwell() -> None:

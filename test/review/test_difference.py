@@ -331,7 +331,7 @@ def test_folders_of_bags(drive: Path, tmp_path: Path) -> None:
     ],
 )
 def test_tolerance(a: float, b: float, beyond: bool) -> None:
-    """Numbers may differ by 5 % of one, or of a tenth of the largest; both logs have or lack it."""
+    """Numbers may differ by 5 % of one or of a tenth of the largest; both logs have one or none."""
     values = np.array([10.0, a]), np.array([10.0, b])
     each = Quantity("f1", "mode 1", "Hz", 1.0, *values, *map(np.isfinite, values))
     assert each.beyond(0.05).tolist() == [False, beyond]

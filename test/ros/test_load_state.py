@@ -164,7 +164,7 @@ def test_values_that_go_to_and_fro_are_unknown(tractor: Tractor) -> None:
     tractor.wait(CLEAR)
 
     def alternate() -> None:
-        tractor.speeds["engine"] = 3000.0 if tractor.speeds["engine"] != 3000.0 else 2900.0
+        tractor.speeds["engine"] = 3000.0 if tractor.speeds["engine"] != 3000.0 else 2500.0
         for _ in range(5):
             tractor.step()
 

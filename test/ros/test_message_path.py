@@ -2,12 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The path of a message in the node with a clock of its own: what waits too long is left out."""
 
+import math
 from collections import Counter
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from rclpy.serialization import serialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
@@ -25,6 +26,7 @@ from linkage_vibration.ros.message_path import Predicting
 from linkage_vibration.ros.statistics import Statistics
 from linkage_vibration.support.resources import PAPER_TABLE, config_file
 from linkage_vibration.table.table import load_table
+from linkage_vibration_interfaces.msg import LoadState as LoadStateMessage
 from test.support.ros_process import JOINT
 
 START = 1_700_000_000.0  # s
@@ -101,11 +103,22 @@ class Bench:
         self.put(wait, age, joint)
         self.spin()
 
-    def put(self, wait: float, age: float = 0.0, joint: str = JOINT, position: float = 2.0) -> None:
-        """Let a reading with an age (s) at its arrival wait (s) in its queue."""
+    def put(
+        self,
+        wait: float,
+        age: float = 0.0,
+        joint: str = JOINT,
+        position: float = 2.0,
+        since: float = math.inf,
+    ) -> None:
+        """Let a reading with an age (s) at its arrival wait (s) in its queue.
+
+        Its stamp is not later than the time ``since``, s.
+        """
         arrived = round(1e9 * (START + self.now - wait))
         message = JointState(name=[joint] * bool(joint), position=[position])
-        stamp = divmod(arrived - round(1e9 * age), 10**9)
+        latest = arrived if math.isinf(since) else round(1e9 * (START + since))
+        stamp = divmod(min(arrived, latest) - round(1e9 * age), 10**9)
         message.header.stamp.sec, message.header.stamp.nanosec = stamp
         self._put("/joint_states", message, wait)
 
@@ -355,3 +368,52 @@ def test_a_doubt_survives_a_parameter(bench: Bench, apart: float) -> None:
     bench.spin()
     assert bench.path.resonance.load_ratio_limit == pytest.approx(0.2)
     assert bool(bench.path.resonance.unknown_sources & Unknown.CRANK_ANGLE) == bool(apart)
+
+
+@pytest.mark.parametrize(
+    ("step", "stamps_move", "unknown_after"),
+    [(0.05, True, 1.05), (0.05, False, 1.05), (0.9, True, None)],
+)
+def test_a_clock_that_stands(
+    bench: Bench, step: float, stamps_move: bool, unknown_after: float | None
+) -> None:
+    """Once the time on /clock has stood for a second, each load state is unknown until it moves.
+
+    It stands from 2 to 6 s, or comes in steps of 0.9 s, which are no standing. The stamps of the
+    readings go on, or stand as well, so that there is one load state in a second.
+    """
+    states, sim = list[tuple[float, int]](), [0]
+    path, began = bench.path, bench.now
+    fixed = {"pto_speed": 0.0, "ground_speed": 0.0, "engine_speed": 1500.0}
+    path.apply(with_values(Parameters(), fixed), bench.topics)
+    clock = SimpleNamespace(
+        ros_time_is_active=True, now=lambda: SimpleNamespace(nanoseconds=sim[0])
+    )
+
+    def on_state(data: bytes) -> None:
+        states.append((bench.now - began, deserialize_message(data, LoadStateMessage).state))
+
+    monkey: Any = path
+    monkey._clock = clock
+    monkey._outputs[LOAD_STATE] = on_state, "/load_state"
+    for i in range(1, 161):
+        bench.now = began + 0.05 * i
+        elapsed = bench.now - began
+        stands = unknown_after is not None and 2.0 < elapsed < 5.99
+        if not stands:
+            sim[0] = 10**18 + round(1e9 * step * int(elapsed / step + 1e-6))
+        bench.put(0.0, since=began + 2.0 if stands and not stamps_move else math.inf)
+        bench.spin()
+        if i % 20 == 0:
+            path.judge(bench.now)
+    unknown = [at for at, state in states if state == LoadStateMessage.STATE_UNKNOWN]
+    if unknown_after is None:
+        assert unknown == []
+        assert len(states) > 100
+        return
+    assert unknown[0] == pytest.approx(2.0 + unknown_after, abs=1.0)
+    between = [state for at, state in states if unknown[0] <= at <= unknown[-1]]
+    assert set(between) == {LoadStateMessage.STATE_UNKNOWN}
+    assert unknown[-1] == pytest.approx(6.0, abs=1.05)
+    assert (len(unknown) > 50) == stamps_move
+    assert states[-1][1] != LoadStateMessage.STATE_UNKNOWN

@@ -27,7 +27,7 @@ from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import load_table
 from linkage_vibration_interfaces.msg import VibrationPrediction
 from test.support.messages import read_messages
-from test.support.ros_process import JOINT, until
+from test.support.ros_process import JOINT, slowness, until
 
 
 @pytest.fixture(scope="module")
@@ -167,13 +167,18 @@ def test_signals_end_it_cleanly(start: Callable[..., Any], by: signal.Signals) -
 
 
 def test_signals_at_any_moment(start: Callable[..., Any]) -> None:
-    """A signal also ends the node cleanly while it imports or loads the table."""
+    """A signal also ends the node at once and cleanly while it imports or loads the table."""
     moments = ("", signal.SIGINT), ("numpy", signal.SIGTERM), ("rclpy", signal.SIGHUP)
-    for i, (library, by) in enumerate((*moments, ("scipy", signal.SIGINT))):
+    later = ("scipy", signal.SIGINT), ("fastrtps", signal.SIGINT)
+    for i, (library, by) in enumerate((*moments, *later)):
         early = start(name=f"early_{i}")
         early.wait_for_signal_handlers()
         until(lambda early=early, library=library: early.has_loaded(library), library)
+        began = time.monotonic()
         assert early.stop(by) == 0
+        lasted = time.monotonic() - began
+        print(f"\n{library}: {lasted:.2f} s at {slowness():.1f}")
+        assert lasted < 1.5 * slowness()
         assert {line.split()[0] for line in early.printed.splitlines()} <= {"[INFO]"}
 
 

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from rclpy.task import Future
 
 from linkage_vibration.prediction.answers import Served
 from linkage_vibration.prediction.levels import LevelTable
+from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.ros.services import MAX_WAITING, Services
@@ -313,3 +314,20 @@ def test_manual(environment: dict[str, str], domain: int, tmp_path: Path) -> Non
     assert old not in lines[16]
     now, smallest = (float(line.split()[-1]) for line in lines[18:])
     assert 0.0 < smallest <= now
+
+
+def test_unknown_deviations_have_a_reason(bench: Bench) -> None:
+    """If the table does not know some standard deviations, a successful answer says why."""
+    served = bench.served[-1]
+    known = bench.call("predict", crank_angles=[2.0])
+    assert (known.success, known.message) == (True, "")
+    deviations = served.table.parameter_stddev.copy()
+    deviations[0] = math.nan
+    table = replace(served.table, parameter_stddev=deviations)
+    bench.served.append(replace(served, predictor=Predictor(table)))
+    answer = bench.call("predict", crank_angles=[2.0])
+    assert answer.success
+    assert answer.message.startswith("Standard deviations are not known where modes veer")
+    failed = bench.call("predict", crank_angles=[5.0])
+    assert not failed.success
+    assert "crank_angles[0]" in failed.message

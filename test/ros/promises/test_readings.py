@@ -278,7 +278,7 @@ def test_values_that_go_to_and_fro(node: Promised) -> None:
     node.tractor.speed(engine=1500.0)
     states = node.listen("load_state", LoadState)
     node.peer.spin(lambda: states and "engine" not in unknown_speeds(states[-1]), "a known speed")
-    node.tractor.publish("engine_speed", SPEED, [{"data": 1500.0}, {"data": 1400.0}], SPEED_RATE)
+    node.tractor.publish("engine_speed", SPEED, [{"data": 1500.0}, {"data": 1200.0}], SPEED_RATE)
     node.peer.spin(lambda: "engine" in unknown_speeds(states[-1]), "a doubted speed")
     assert states[-1].state == LoadState.STATE_UNKNOWN
     node.tractor.speed(engine=1500.0)
