@@ -67,10 +67,11 @@ def main() -> None:
         [
             f"This page shows why `resonance_rate` is {default:g} Hz by default: how much of the "
             "largest total load ratio in a second is missed by messages of the most severe of five "
-            "readings, which are published at a rate, against a message for each reading (median, 99 % and largest over all seconds with a known "
-            "load). `load` is the largest of all, `warns` for how long there is a warning, and "
-            "`CPU` the processor time of a whole replay, start included, over that of assessing "
-            "each. The shipped drive has the speeds that it holds. The moving hitches are read at "
+            "readings, which are published at a rate, against a message for each reading (median, "
+            "99 % and largest over all seconds with a known load). `load` is the largest of all, "
+            "`warns` for how long there is a warning, and `CPU` the processor time of a whole "
+            "replay, start included, over that of a message for each reading. The shipped drive "
+            "has the speeds that it holds. The moving hitches are read at "
             f"{READINGS} Hz, and swing by 0.6 rad while engine, PTO and ground speed vary.",
             table(COLUMNS, rows),
         ],
