@@ -18,9 +18,9 @@ NAMES = "prediction", "resonance", "levels", "load_state"
 TOPICS = [f"/linkage_vibration/{name}" for name in NAMES]
 RATES = {
     "each reading": (0.0, 0.0),
-    "by default": (0.0, 50.0),
-    "for a control stack": (10.0, 50.0),
-    "least": (1.0, 10.0),
+    "by default": (0.0, 10.0),
+    "for a control stack": (10.0, 10.0),
+    "least": (1.0, 1.0),
 }
 """Rates of predictions and resonances, Hz."""
 

@@ -31,7 +31,7 @@ resonances, rows = drive.resonances, np.arange(len(drive.stamps))
 expected = 2.0 * drive.damping_ratios[rows, resonances.mode] * resonances.natural_frequency
 answered = np.diff(resonances.margin, prepend=0.0) != 0.0  # by the prediction of that row
 np.testing.assert_allclose(resonances.half_power_bandwidth[answered], expected[answered], 1e-12)
-assert answered.sum() > 500
+assert answered.sum() > 100  # messages, of which there are ten in each of 20 s
 """
 
 

@@ -178,8 +178,7 @@ class ResonanceMonitor:
     """Compares excitation frequencies with natural frequencies, and load ratios with limits.
 
     It has no clock, so the same calls give the same answers, live or offline. Speeds are used for
-    ``stale_after`` s. ``windows`` places readings once a speed is reported; see `Windows` for the
-    rate, Hz.
+    ``stale_after`` s, and messages are published at the rate of `Windows`, Hz.
     """
 
     def __init__(
@@ -324,9 +323,8 @@ class ResonanceMonitor:
     ) -> MessageColumns:
         """Return ``Resonance``, ``Levels`` and ``LoadState`` of the windows of n predictions.
 
-        They have ``frequency_slopes``. Velocities of the crank and bounds of their errors, (n,),
-        are in rad/s, NaN if not known; times, (n,), ns, are by the clock of the speeds. Headers are
-        those of `take`; without them, each prediction has a message.
+        Velocities of the crank and bounds of their errors, (n,), are in rad/s; times, (n,), ns, are
+        by the clock of the speeds. Without the headers of `take`, each prediction has a message.
         """
         reported, after = [], 0
         for row, now in enumerate(time.tolist()):

@@ -225,7 +225,7 @@ def test_gaps_are_counted(bench: Bench) -> None:
 
 @pytest.mark.parametrize(("readings", "messages"), [(1, 1), (6, 1), (11, 2), (26, 3)])
 def test_windows_of_readings(bench: Bench, readings: int, messages: int) -> None:
-    """Of readings each 10 ms, from 1 ms after a tenth on, the first and each tenth is published."""
+    """Of readings each 10 ms, the first one is published, and then one in each 100 ms."""
     bench.put_speed(0.0)
     bench.spin()
     bench.now += 0.101
