@@ -87,12 +87,16 @@ class Modal:
 
     def _lines(self, band: tuple[float, float]) -> FloatArray:
         """Return angular frequencies among which maxima are sought, (n, n_lines), ascending."""
-        # A mechanism responds without limit towards 0 Hz, which is not a resonance.
-        low, high = (2.0 * math.pi * end for end in searched(band, free=self.models.free))
+        first, high = (2.0 * math.pi * end for end in searched(band, free=self.models.free))
         poles = self.frequencies
         n = len(poles)
         oscillates = (poles.imag > MECHANISM) & (np.abs(poles) < high)
-        even = np.tile(np.linspace(low, high, _EVEN), (n, 1))
+        low = np.full((n, 1), first)
+        if self.models.free:
+            # A mechanism responds without limit towards 0 Hz, which is not a resonance.
+            lowest = np.where(oscillates, np.abs(poles), high).min(axis=1, initial=high)
+            low = np.maximum(low, lowest[:, np.newaxis] / 2.0)
+        even = low + (high - low) * np.linspace(0.0, 1.0, _EVEN)
         around = poles.imag[..., np.newaxis] - poles.real[..., np.newaxis] * _AROUND
         around = np.where(oscillates[..., np.newaxis], around, high).reshape(n, -1)
         lines = np.sort(np.clip(np.hstack([even, around]), low, high), axis=1)
