@@ -11,6 +11,7 @@ or become real does not matter.
 
 import math
 from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -185,6 +186,7 @@ MODEL_ARRAYS = [each.name for each in fields(ReducedModels)][:-2]
 """Names of the arrays of reduced models."""
 
 
+@lru_cache
 def frf_pairs(n_rows: int, n_inputs: int) -> tuple[IntArray, IntArray]:
     """Return outputs and inputs of the FRFs that determine all others, (n_pairs,).
 

@@ -184,10 +184,10 @@ def _models(
     lines = _near_lines(near, check_lines(sampler.response.band, free=free)[:N_FIT])
     sums = np.array([sample.totals[:N_FIT] for sample in samples]) - lines
     side_by_side = sums.swapaxes(0, 1).reshape(N_FIT, -1)
-    weights = far.fit(side_by_side, real=viscous, rates=viscous)
-    weights = weights.reshape(len(weights), len(sums), -1).swapaxes(0, 1)
-    weights = weights.real if viscous else weights
-    return replace(near, weights=shortened(weights, near.n_inputs))
+    fitted = far.fit(side_by_side, real=viscous, rates=viscous)
+    weights = np.asarray(fitted.reshape(len(fitted), len(sums), -1).swapaxes(0, 1))
+    weights_of_kind = weights.real if viscous else weights
+    return replace(near, weights=shortened(weights_of_kind, near.n_inputs))
 
 
 def _near_lines(models: ReducedModels, omega: FloatArray) -> ComplexArray:
