@@ -141,12 +141,13 @@ def _damage(model: LinkageModel) -> str:
 
 def _bare(whole: Table) -> Table:
     """Return a table without FRFs, which is small."""
-    none = np.zeros((len(whole.alpha3), 0))
     return replace(
         whole,
         places=(),
-        term_stiffness=none.astype(complex),
-        term_decay=none,
-        participations=none.astype(complex)[:, :, np.newaxis],
-        far_residues=none[:, :, np.newaxis],
+        forces=(),
+        reduced=(),
+        static_forces=np.empty(0),
+        cell_starts=whole.cell_starts[:1],
+        cell_cubics=whole.cell_cubics[:1],
+        cell_poles=np.empty(0, complex),
     )

@@ -1,13 +1,12 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Natural frequencies and shapes of an assembly, their damping, and their tracking."""
+"""Natural frequencies and shapes of an assembly, and their damping."""
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import eig, eigh
-from scipy.optimize import linear_sum_assignment
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray, IntArray
@@ -18,10 +17,6 @@ MECHANISM = 2.0 * math.pi * 1e-2
 
 _SHIFT = (2.0 * math.pi * 1.0) ** 2  # (rad/s)^2; it is that of 1 Hz
 _SLOWEST = 1e-3  # rad/s; a mechanism mode gets this frequency if damping couples it to others
-# Modes coincide within rounding if they are nearer than this share of their frequency.
-_COINCIDENT = 1e-9
-_CLOSE = 0.1  # Modes that are farther apart, of their frequency, mix only if they are coupled.
-_TURNED = 1e-9  # rad; a smaller rotation between shapes is rounding
 _STEP = 0.1  # A Newton step converges if it is below this share of the distance to another pole.
 _DIAGONAL = 1e-9  # Smaller off-diagonal terms, as shares of the modal damping, are rounding.
 
@@ -42,10 +37,6 @@ class Modes:
     def mechanism(self) -> BoolArray:
         """Which modes strain nothing and are at 0 Hz apart from rounding, (n_modes,)."""
         return self.omega < MECHANISM
-
-    def select(self, order: IntArray, signs: FloatArray) -> "Modes":
-        """Return some of the modes, (k,), in another order and with other signs, 1 or -1."""
-        return Modes(self.omega[order], self.shapes[:, order] * signs)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,12 +135,9 @@ def damp_modes(system: CoupledSystem, omega: FloatArray, vectors: FloatArray) ->
     Viscous damping that is not proportional makes complex modes by the symmetric first-order form,
     structural by K (1 + i eta); both together are refused if they couple the modes.
     """
-    viscous = vectors.T @ system.damping @ vectors
-    loss = vectors.T @ system.loss @ vectors if system.loss.any() else np.zeros_like(viscous)
-    squared = omega**2
-    parts = (viscous, system.damping), (loss, system.loss)
-    if all(_is_diagonal(modal, matrix, vectors) for modal, matrix in parts):
-        return DampedModes(squared + 1j * np.diag(loss), np.diag(viscous).copy(), None, None)
+    viscous, loss = modal_damping(system, vectors)
+    if not any(np.count_nonzero(each - np.diag(np.diag(each))) for each in (viscous, loss)):
+        return DampedModes(omega**2 + 1j * np.diag(loss), np.diag(viscous).copy(), None, None)
     if not loss.any():
         return _viscous_modes(omega, viscous)
     if not viscous.any():
@@ -157,71 +145,22 @@ def damp_modes(system: CoupledSystem, omega: FloatArray, vectors: FloatArray) ->
     raise mixed_damping()
 
 
+def modal_damping(system: CoupledSystem, vectors: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return viscous damping and loss on undamped modes, (m, m); diagonal if they couple none."""
+    matrices = system.damping, system.loss
+    parts = [vectors.T @ each @ vectors if each.any() else 0.0 * each for each in matrices]
+    both = zip(parts, matrices, strict=True)
+    if all(_is_diagonal(modal, matrix, vectors) for modal, matrix in both):
+        parts = [np.diag(np.diag(modal)) for modal in parts]
+    viscous, loss = parts
+    return viscous, loss
+
+
 def mixed_damping() -> ModesError:
     """Return the error that viscous and structural damping occur together."""
     problem = "Viscous and structural damping occur together, and one of them couples the modes"
     hint = "give every link a rule of the same kind, or use the frequency responses from LM-FBS"
     return ModesError(f"{problem}; {hint}.")
-
-
-def track(
-    previous: FloatArray, modes: Modes, mass: FloatArray
-) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Find the modes whose shapes, (n, k), continue those of a neighbouring configuration.
-
-    Returned are their indices, signs, and (phi_i^T M phi_j)^2 with M of the uncoupled components.
-    Those add up to at most 1 over all modes, so a pair above one half has no rival.
-    """
-    product = previous.T @ mass @ modes.shapes
-    criterion = product**2
-    order = linear_sum_assignment(criterion, maximize=True)[1]
-    pairs = np.arange(len(order)), order
-    return order, np.where(product[pairs] < 0.0, -1.0, 1.0), criterion[pairs]
-
-
-def align(
-    previous: FloatArray,
-    modes: Modes,
-    mass: FloatArray,
-    order: IntArray,
-    signs: FloatArray,
-    coupling: float = _COINCIDENT,
-) -> Modes:
-    """Turn shapes of modes that coincide, or cross, in their plane to be nearest to a neighbour's.
-
-    This orthogonal Procrustes problem is solved unless it leaves out more than `coupling`: the gap
-    between modes that would cross without it, over their frequency.
-    """
-    omega = modes.omega
-    if not (np.diff(omega) < _CLOSE * omega[1:]).any():
-        return modes
-    close = np.abs(omega[:, np.newaxis] - omega) < _CLOSE * omega
-    shapes, turned = modes.shapes.copy(), False
-    product = np.zeros((len(omega), len(omega)))  # with a diagonal as large as can be
-    product[order] = signs[:, np.newaxis] * (previous.T @ mass @ shapes)
-    tracked = order.tolist()
-    others = [b for b in range(len(omega)) if b not in tracked]
-    near = [
-        (a, b, abs(omega[a] - omega[b]) / omega[b])
-        for i, a in enumerate(tracked)
-        for b in (*tracked[i + 1 :], *others)
-        if close[a, b]
-    ]
-    for _ in near:  # two at a time, until nothing turns
-        still = True
-        for a, b, apart in near:
-            sine, cosine = product[a, b] - product[b, a], product[a, a] + product[b, b]
-            angle = math.atan2(sine, cosine)
-            if abs(angle) < _TURNED or apart * abs(math.sin(2.0 * angle)) > coupling:
-                continue
-            still, turned = False, True
-            c, s = math.cos(angle), math.sin(angle)
-            turn = np.array([[c, -s], [s, c]])
-            shapes[:, [a, b]] = shapes[:, [a, b]] @ turn
-            product[:, [a, b]] = product[:, [a, b]] @ turn
-        if still:
-            break
-    return Modes(omega, shapes) if turned else modes
 
 
 def _is_diagonal(modal: FloatArray, matrix: FloatArray, vectors: FloatArray) -> bool:

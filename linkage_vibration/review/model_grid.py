@@ -78,14 +78,12 @@ def receptance_grid(mechanism: Mechanism, table: Table) -> dict[str, Any] | None
         parts = [k.real, k.imag, frf.decay, residue.real, residue.imag, rate.real, rate.imag]
         terms.append(np.column_stack(parts))
         residuals.append(frf.residual[0, 0])
-    if table.reduced:
-        terms = _continued(terms)
     return {
         "place": " ".join(place),
         "band": [max(table.band[0], 0.0), table.band[1]],
         "n_terms": terms[0].shape[0],
         "angles": angles,
-        "terms": np.array(terms),
+        "terms": np.array(_continued(terms)),
         "residual": np.column_stack([np.real(residuals), np.imag(residuals)]),
         "frequencies": table.evaluate(angles)[:, : table.n_modes],
     }

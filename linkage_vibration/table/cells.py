@@ -1,29 +1,14 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Cubic cells, by which a table looks up values and slopes.
-
-Another method of interpolation is another function that returns `Cells`, as `spline_cells` does.
-"""
+"""Cubic cells, by which a table looks up values and slopes."""
 
 from bisect import bisect_right
-from collections.abc import Iterable
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from linkage_vibration.mechanics.arrays import FloatArray, IntArray
 from linkage_vibration.table.pole_cells import PoleFinder
-
-
-def spline_cells(pieces: Iterable[tuple[FloatArray, FloatArray]]) -> "Cells":
-    """Return a cubic spline over each piece.
-
-    Pieces are the ends of their cells, (n + 1,), rad, and the values there, (n + 1, k).
-    """
-    splines = [CubicSpline(angles, values) for angles, values in pieces]
-    starts = np.concatenate([spline.x[:-1] for spline in splines])
-    return Cells(starts, np.concatenate([spline.c.swapaxes(0, 1) for spline in splines]))
 
 
 class Cells:

@@ -6,13 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
-
-NearTerms = tuple[ComplexArray, FloatArray, ComplexArray]
-"""Terms of FRFs: k and c, (n, n_terms), as in `PoleResidue`, and shapes, (n, n_places, n_terms)."""
+from linkage_vibration.mechanics.arrays import FloatArray
 
 EVEN = 1e-6  # Products are equal if their logarithms differ by less.
-_LARGE = 600.0  # A float can hold a number with this logarithm.
 _GRID = 1001  # The next point is chosen among so many in its interval.
 
 
@@ -56,16 +52,6 @@ def interpolation_matrix(points: FloatArray, at: FloatArray) -> FloatArray:
     matrix = terms / terms.sum(axis=1, keepdims=True)
     matrix[hits.any(axis=1)] = hits[hits.any(axis=1)]
     return np.asarray(matrix)
-
-
-def interpolate_positive(matrix: FloatArray, values: FloatArray) -> FloatArray:
-    """Interpolate positive values, (n_points, ...), by logarithms, limited to the range of floats.
-
-    >>> matrix = interpolation_matrix(np.array([0.0, 1.0]), np.array([0.5]))
-    >>> np.round(interpolate_positive(matrix, np.array([1.0, 100.0])), 9)
-    array([10.])
-    """
-    return np.asarray(np.exp(np.clip(matrix @ np.log(values), -_LARGE, _LARGE)))
 
 
 def stroke_variable(alpha3: FloatArray, toggles: tuple[float, float] | None) -> FloatArray:

@@ -11,6 +11,7 @@ or become real does not matter.
 
 import math
 from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -87,12 +88,16 @@ class Modal:
 
     def _lines(self, band: tuple[float, float]) -> FloatArray:
         """Return angular frequencies among which maxima are sought, (n, n_lines), ascending."""
-        # A mechanism responds without limit towards 0 Hz, which is not a resonance.
-        low, high = (2.0 * math.pi * end for end in searched(band, free=self.models.free))
+        first, high = (2.0 * math.pi * end for end in searched(band, free=self.models.free))
         poles = self.frequencies
         n = len(poles)
         oscillates = (poles.imag > MECHANISM) & (np.abs(poles) < high)
-        even = np.tile(np.linspace(low, high, _EVEN), (n, 1))
+        low = np.full((n, 1), first)
+        if self.models.free:
+            # A mechanism responds without limit towards 0 Hz, which is not a resonance.
+            lowest = np.where(oscillates, np.abs(poles), high).min(axis=1, initial=high)
+            low = np.maximum(low, lowest[:, np.newaxis] / 2.0)
+        even = low + (high - low) * np.linspace(0.0, 1.0, _EVEN)
         around = poles.imag[..., np.newaxis] - poles.real[..., np.newaxis] * _AROUND
         around = np.where(oscillates[..., np.newaxis], around, high).reshape(n, -1)
         lines = np.sort(np.clip(np.hstack([even, around]), low, high), axis=1)
@@ -181,6 +186,7 @@ MODEL_ARRAYS = [each.name for each in fields(ReducedModels)][:-2]
 """Names of the arrays of reduced models."""
 
 
+@lru_cache
 def frf_pairs(n_rows: int, n_inputs: int) -> tuple[IntArray, IntArray]:
     """Return outputs and inputs of the FRFs that determine all others, (n_pairs,).
 

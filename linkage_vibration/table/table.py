@@ -8,7 +8,7 @@ import json
 import math
 from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -20,42 +20,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.forces import magnitudes, reference
 from linkage_vibration.mechanics.kinematics import unit_question
 from linkage_vibration.mechanics.model import Place, pairs
-from linkage_vibration.mechanics.response import FarPoles, PoleResidue, sum_of_modes
+from linkage_vibration.mechanics.response import PoleResidue
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.support.atomic_files import check_suffix, refuse_pipe, write_bytes
 from linkage_vibration.support.commands import command
 from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
-from linkage_vibration.table.cells import Cells, spline_cells
-from linkage_vibration.table.interpolation import (
-    NearTerms,
-    interpolate_positive,
-    interpolation_matrix,
-    stroke_angle,
-    stroke_variable,
-)
+from linkage_vibration.table.cells import Cells
+from linkage_vibration.table.interpolation import interpolation_matrix, stroke_variable
 from linkage_vibration.table.pole_cells import PoleFinder, PolePiece
-from linkage_vibration.table.reduced import MODEL_ARRAYS, ReducedModels, from_pairs
+from linkage_vibration.table.reduced import MODEL_ARRAYS, ReducedModels
 
 IntArray = NDArray[np.int64]
 
-FORMAT = "linkage_vibration table 9"
-
-CELLS = 512
-"""Cubic cells to a piece, for lookups: their error is below 1e-8."""
+FORMAT = "linkage_vibration table 10"
 
 _CHUNK = 4096  # So many angles are looked up at a time, whose cells stay in the cache.
 _NEAR = math.radians(1.0)  # An angle closer to a toggle is near it.
 
 
-def _array(unit: str, *, pointwise: bool = False, shape: tuple[int, ...] = (0,)) -> Any:
-    """Declare an array of a table, perhaps with a row for each point, and its shape if empty."""
-    metadata = {"unit": unit, "pointwise": pointwise}
-    return field(default_factory=lambda: np.empty(shape), metadata=metadata)
+def _array(unit: str, *, shape: tuple[int, ...] = (0,)) -> Any:
+    """Declare an array of a table, and its shape if it is empty."""
+    return field(default_factory=lambda: np.empty(shape), metadata={"unit": unit})
 
 
 class TableError(LinkageVibrationError):
@@ -66,10 +56,9 @@ class TableError(LinkageVibrationError):
 class Table:
     """The values of a prediction and the terms of FRFs at angles over the stroke.
 
-    The stroke is divided into pieces, in each of which every quantity is the polynomial through its
-    points (in `interpolation.stroke_variable`). For lookups the polynomials are resampled into
-    `Cells` when they are first needed. Where damping couples the modes, reduced models are
-    interpolated instead, and the file has the cells. Arrays that do not apply are empty.
+    The stroke is divided into pieces, in each of which reduced models are polynomials through its
+    points (in `interpolation.stroke_variable`). FRFs follow from them. For lookups of values, the
+    file has cubic `Cells`. Arrays that do not apply are empty.
 
     Attributes
     ----------
@@ -78,17 +67,13 @@ class Table:
     pieces : ndarray of int, (n_pieces + 1,)
         Indices of the points that bound the pieces; from 0 to n - 1.
     natural_frequencies, damping_ratios : ndarray, (n, n_modes)
-        Hz, ascending at the first angle, then tracked by shape; 1. NaN where an overdamped mode
+        Hz, ascending at the first angle, then followed as poles; 1. NaN where an overdamped mode
         does not oscillate.
-    peak_frequencies, peak_magnitudes : ndarray, (n, n_peaks)
-        Maxima of the drive-point receptance that are the highest in `peak_band` at some angle:
-        near resonances, and at the ends of this band; Hz and m/N. Each is smooth, while the highest
-        may jump from one to another.
-    peak_notable : ndarray of bool, (n_pieces, n_peaks)
-        Which of them are high enough in a piece to be used there.
+    peak_frequencies, peak_magnitudes : ndarray, (n,)
+        The highest maximum of the drive-point receptance in `peak_band`, Hz and m/N.
     interpolation_error : ndarray, (n_pieces,)
         Bound of the relative errors of natural frequencies and damping ratios, 1: the largest
-        difference from finer polynomials over the piece, and from the model at further points.
+        difference from polynomials of fewer points over the piece, and that of its cells.
     peak_error, frf_error : float
         The same for the highest peak, frequency and magnitude, and for single FRFs (L2 norm over
         the band; NaN without FRFs), the largest of all pieces.
@@ -100,21 +85,11 @@ class Table:
         Where the linkage locks, rad, or None; where FRFs are valid, and the part of it in which
         the highest peak is sought, Hz.
     places : tuple of (point, direction)
-        Between which FRFs are available; empty if the model has no such terms.
-    term_stiffness, term_decay : ndarray, (n, n_terms)
-        k and c of each pole's term in an FRF, as in `PoleResidue`.
-    participations : complex ndarray, (n, n_places + n_forces, n_terms)
-        Shapes of the terms at the places and forces; their products are the residues. Terms are
-        only those of modes that damping does not couple.
-    far_stiffness, far_decay : ndarray, (n_far,)
-        Poles that represent all modes above the band (`response.FarPoles`).
-    far_residues : ndarray, (n, 1 + n_far, n_pairs)
-        Static flexibility and residues of those, in the order of `reduced.frf_pairs`.
+        Between which FRFs are available, the response point first; empty if there are none.
     reduced : tuple of ReducedModels, (n_pieces,)
-        Where damping couples the modes, those at the points of each piece, in place of the terms.
-        The response point is the first of their places, which the forces follow.
+        Reduced models at the points of each piece, with all `places`, which the forces follow.
     cell_starts, cell_cubics : ndarray, (n_cells,) and (n_cells, 4, 2 n_modes + 2)
-        The `Cells` where damping couples the modes; otherwise they are made from the polynomials.
+        The `Cells`.
     cell_poles : complex ndarray, (n_direct, 2, n_branches)
         Poles at both ends of the cells that have no cubics, as `PoleFinder` takes them.
     frequency_stddev, damping_ratio_stddev : ndarray, (n, n_modes)
@@ -154,13 +129,12 @@ class Table:
         Of the mechanism from which it was built, and of the package that built it.
     """
 
-    alpha3: FloatArray = _array("rad", pointwise=True)
+    alpha3: FloatArray = _array("rad")
     pieces: IntArray = _array("1")
-    natural_frequencies: FloatArray = _array("Hz", pointwise=True)
-    damping_ratios: FloatArray = _array("1", pointwise=True)
-    peak_frequencies: FloatArray = _array("Hz", pointwise=True)
-    peak_magnitudes: FloatArray = _array("m/N", pointwise=True)
-    peak_notable: BoolArray = _array("1")
+    natural_frequencies: FloatArray = _array("Hz")
+    damping_ratios: FloatArray = _array("1")
+    peak_frequencies: FloatArray = _array("Hz")
+    peak_magnitudes: FloatArray = _array("m/N")
     interpolation_error: FloatArray = _array("1")
     peak_error: float = math.nan
     frf_error: float = math.nan
@@ -171,13 +145,7 @@ class Table:
     peak_band: tuple[float, float]
     places: tuple[Place, ...] = ()
     forces: tuple[Place, ...] = ()
-    term_stiffness: ComplexArray = _array("rad^2/s^2", pointwise=True)
-    term_decay: FloatArray = _array("rad/s", pointwise=True)
-    participations: ComplexArray = _array("1/sqrt(kg)", pointwise=True)
-    far_stiffness: ComplexArray = _array("rad^2/s^2")
-    far_decay: FloatArray = _array("rad/s")
-    far_residues: FloatArray | ComplexArray = _array("m/N, then 1/kg", pointwise=True)
-    static_forces: FloatArray = _array("N", pointwise=True)
+    static_forces: FloatArray = _array("N")
     reference_force: float | None = None
     reduced: tuple[ReducedModels, ...] = ()
     cell_starts: FloatArray = _array("rad")
@@ -185,8 +153,8 @@ class Table:
     cell_poles: ComplexArray = _array("rad/s")
     mode_names: tuple[str, ...] = ()
     mode_shares: FloatArray = _array("1", shape=(0, 3))
-    frequency_stddev: FloatArray = _array("Hz", pointwise=True)
-    damping_ratio_stddev: FloatArray = _array("1", pointwise=True)
+    frequency_stddev: FloatArray = _array("Hz")
+    damping_ratio_stddev: FloatArray = _array("1")
     parameter_stddev: FloatArray = _array("1", shape=(2, 0, 0))
     ensemble_alpha3: FloatArray = _array("rad")
     ensemble_coordinates: FloatArray = _array("1")
@@ -327,14 +295,9 @@ class Table:
         first, last = self.alpha3_range
         if not first <= alpha3 <= last:
             self._refuse_outside(np.array([alpha3]))
-        n, n_peaks, low, high = self._layout
         values = self.cells.values(alpha3)
-        frequency = magnitude = -1.0
-        for at, size in zip(values[n : n + n_peaks], values[n + n_peaks :], strict=True):
-            if size > magnitude and low <= at <= high:
-                frequency, magnitude = at, size
         starts, errors = self._errors
-        return values[:n], frequency, magnitude, errors[bisect_right(starts, alpha3) - 1]
+        return values[:-2], values[-2], values[-1], errors[bisect_right(starts, alpha3) - 1]
 
     def evaluate(self, alpha3: FloatArray) -> FloatArray:
         """Evaluate the values of a prediction at many angles, (n,), rad, within the range.
@@ -352,16 +315,10 @@ class Table:
         """
         alpha3 = np.asarray(alpha3, dtype=float)
         self._refuse_outside(alpha3)
-        n, n_peaks, low, high = self._layout
-        result = np.empty((len(alpha3), n + 2))
+        result = np.empty((len(alpha3), 2 * self.n_modes + 2))
         for start in range(0, len(alpha3), _CHUNK):
             chunk = alpha3[start : start + _CHUNK]
-            values = self.cells.many_values(chunk)
-            at, size = values[:, n : n + n_peaks], values[:, n + n_peaks :]
-            best = np.where((low <= at) & (at <= high), size, -1.0).argmax(axis=1)[:, np.newaxis]
-            rows = slice(start, start + len(chunk))
-            result[rows, :n] = values[:, :n]
-            result[rows, n:] = np.hstack([np.take_along_axis(x, best, 1) for x in (at, size)])
+            result[start : start + len(chunk)] = self.cells.many_values(chunk)
         return result
 
     def _refuse_outside(self, alpha3: FloatArray) -> None:
@@ -389,28 +346,6 @@ class Table:
         )
         rows = data.to_xarray().rename(row="alpha3")
         return rows.assign_coords(alpha3=self.alpha3, mode_name=("mode", list(self.mode_names)))
-
-    def polynomials(self, piece: int, alpha3: FloatArray) -> FloatArray:
-        """Evaluate the values of a piece without cells, (n, 2 n_modes + 2 n_peaks).
-
-        Parameters
-        ----------
-        piece, alpha3
-            Its index; angles in it, (n,), rad.
-        """
-        points, matrix = self._polynomial(piece, alpha3)
-        notable = self.peak_notable[piece]
-        frequencies = interpolate_positive(matrix, self.natural_frequencies[points])
-        others = matrix @ np.hstack([self.damping_ratios, self.peak_frequencies])[points]
-        magnitudes = np.zeros((len(matrix), len(notable)))
-        heights = self.peak_magnitudes[points][:, notable]
-        magnitudes[:, notable] = interpolate_positive(matrix, heights)
-        return np.hstack([frequencies, others, magnitudes])
-
-    def thinned(self, kept: BoolArray) -> "Table":
-        """Return the table with some of its points, (n,); the ends of all pieces are kept."""
-        rows = {name: self._arrays[name][kept] for name in _POINTWISE if name in self._arrays}
-        return replace(self, pieces=np.cumsum(kept)[self.pieces] - 1, **rows)
 
     def slopes(self, alpha3: float) -> list[float]:
         """Return slopes with alpha3 at an angle (rad) within the range, 2 n_modes.
@@ -455,17 +390,7 @@ class Table:
                 raise TableError(f"{problem}. {hint}.")
         o = [rows.index(place) for place in outputs]
         i = [self.places.index(place) for place in inputs]
-        piece, at = self._piece(alpha3), np.array([alpha3])
-        if self.reduced:
-            return self._pole_pieces[piece].modal(at).frf(0, o, i)
-        k, c, shapes = (each[0] for each in self.terms(piece, at))
-        residues = shapes[o][:, np.newaxis] * shapes[i][np.newaxis]
-        points, matrix = self._polynomial(piece, at)
-        far = np.tensordot(matrix[0], self.far_residues[points], axes=1)
-        full = from_pairs(far, len(rows), len(self.places))[o][:, i]
-        without_rates = np.concatenate([full, 0.0 * full[:, :, 1:]], axis=2)
-        poles = FarPoles(self.far_stiffness, self.far_decay)
-        return sum_of_modes(k, c, residues).with_far(poles, without_rates)
+        return self._pole_pieces[self._piece(alpha3)].modal(np.array([alpha3])).frf(0, o, i)
 
     @cached_property
     def force_places(self) -> tuple[str, ...]:
@@ -506,19 +431,6 @@ class Table:
         """
         return reference(self.forces_at_rest(alpha3), self.reference_force)
 
-    def terms(self, piece: int, alpha3: FloatArray) -> NearTerms:
-        """Return the terms of FRFs in a piece.
-
-        Parameters
-        ----------
-        piece, alpha3
-            Its index; angles in it, (n,), rad.
-        """
-        points, matrix = self._polynomial(piece, alpha3)
-        k = np.exp(matrix @ np.log(self.term_stiffness[points]))
-        shapes = np.tensordot(matrix, self.participations[points], axes=1)
-        return k, matrix @ self.term_decay[points], shapes
-
     def _polynomial(self, piece: int, alpha3: FloatArray) -> tuple[slice, FloatArray]:
         """Return the points of a piece, and their weights at angles, (n, n_points)."""
         points = slice(int(self.pieces[piece]), int(self.pieces[piece + 1]) + 1)
@@ -532,17 +444,12 @@ class Table:
 
     @cached_property
     def _pole_pieces(self) -> list[PolePiece]:
-        """The pieces in which poles are found by reduced models."""
+        """The pieces with their reduced models."""
         ends = zip(self.reduced, pairwise(self.pieces.tolist()), strict=True)
         return [
             PolePiece(self.alpha3[first : last + 1], models, self.toggles, self.peak_band)
             for models, (first, last) in ends
         ]
-
-    @cached_property
-    def _layout(self) -> tuple[int, int, float, float]:
-        """Numbers of values before those of the peaks and of peaks, and their band (Hz)."""
-        return 2 * self.n_modes, self.peak_frequencies.shape[1], *widened(self.peak_band)
 
     @cached_property
     def _errors(self) -> tuple[list[float], list[float]]:
@@ -551,22 +458,11 @@ class Table:
 
     @cached_property
     def cells(self) -> Cells:
-        """What looks up values: stored cells, or the polynomials of each piece, resampled.
-
-        It has 2 n_modes + 2 n_peaks of them, as `interpolate` uses them.
-        """
-        if self.reduced:
-            direct = np.isposinf(self.cell_cubics[:, 3]).any(axis=1)
-            bounds, rows = np.append(self.cell_starts, self.alpha3[-1]), np.cumsum(direct) - 1
-            finder = PoleFinder(self._pole_pieces, bounds, rows, self.cell_poles, self.n_modes)
-            return Cells(self.cell_starts, self.cell_cubics, finder)
-        pieces: list[tuple[FloatArray, FloatArray]] = []
-        for piece, ends in enumerate(pairwise(self.alpha3[self.pieces].tolist())):
-            first, last = stroke_variable(np.array(ends), self.toggles)
-            at = stroke_angle(np.linspace(first, last, CELLS + 1), self.toggles)
-            at[[0, -1]] = ends
-            pieces.append((at, self.polynomials(piece, at)))
-        return spline_cells(pieces)
+        """What looks up values: 2 n_modes, then the frequency and the height of the peak."""
+        direct = np.isposinf(self.cell_cubics[:, 3]).any(axis=1)
+        bounds, rows = np.append(self.cell_starts, self.alpha3[-1]), np.cumsum(direct) - 1
+        finder = PoleFinder(self._pole_pieces, bounds, rows, self.cell_poles, self.n_modes)
+        return Cells(self.cell_starts, self.cell_cubics, finder)
 
     @property
     def _arrays(self) -> dict[str, Any]:
@@ -587,7 +483,6 @@ class Table:
 UNITS = {each.name: each.metadata["unit"] for each in fields(Table) if each.metadata}
 """Arrays of a table, by their names."""
 
-_POINTWISE = [each.name for each in fields(Table) if each.metadata.get("pointwise")]
 _FACTS = [each.name for each in fields(Table) if each.name not in (*UNITS, "reduced")]
 
 
@@ -675,7 +570,7 @@ def _table(metadata: dict[str, Any], arrays: dict[str, Any]) -> Table:
         facts["frf_error"] = math.nan
     reduced = []
     for i in range(metadata["reduced"]):
-        parts = {name: arrays.pop(f"reduced_{i}_{name}") for name in MODEL_ARRAYS}
+        parts = {k: arrays.pop(f"reduced_{i}_{k}", np.empty(0)) for k in MODEL_ARRAYS}
         n_inputs = parts["shapes"].shape[1] - len(facts["forces"])
         reduced.append(ReducedModels(**parts, n_inputs=n_inputs, free=facts["free_modes"] > 0))
     return Table(**arrays, **facts, reduced=tuple(reduced))

@@ -1,27 +1,18 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Modes: orthogonality, precision, mechanism modes, damping, tracking."""
+"""Modes: orthogonality, precision, mechanism modes, damping."""
 
 import math
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from linkage_vibration.mechanics.coupling import CoupledSystem
 from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.mechanics.modes import (
-    Modes,
-    ModesError,
-    align,
-    damp_modes,
-    solve_modes,
-    track,
-)
+from linkage_vibration.mechanics.modes import ModesError, damp_modes, solve_modes
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.mechanics.response import pole_residue
 
@@ -95,19 +86,6 @@ def test_stiff_spring_tends_to_the_clamp(mapping: Any, model: LinkageModel) -> N
         assert (frequencies < clamped).all()
         before = frequencies
     np.testing.assert_allclose(before, clamped, rtol=1e-4)
-
-
-@given(st.permutations(range(4)), st.lists(st.sampled_from([-1.0, 1.0]), min_size=4, max_size=4))
-def test_tracking_undoes_order_and_sign(order: list[int], signs: list[float]) -> None:
-    """Modes found in another order and with other signs are put back as they were."""
-    rng = np.random.default_rng(5)
-    mass = np.diag(rng.uniform(1.0, 5.0, 6))
-    shapes = eigh(np.diag(rng.uniform(1.0, 9.0, 6)) + 0.3, mass)[1][:, :4]
-    shuffled = Modes(np.arange(4.0)[order], shapes[:, order] * signs)
-    tracked = shuffled.select(*track(shapes[:, :2], shuffled, mass)[:2])
-    np.testing.assert_array_equal(tracked.omega, [0.0, 1.0])
-    np.testing.assert_allclose(tracked.shapes, shapes[:, :2], atol=1e-12)
-    np.testing.assert_allclose((shapes.T @ mass @ shapes) ** 2, np.eye(4), atol=1e-12)
 
 
 CHAIN = 1e4 * (2 * np.eye(4) - np.eye(4, k=1) - np.eye(4, k=-1))
@@ -186,28 +164,3 @@ def test_mixed_damping_is_refused() -> None:
     modes, vectors = solve_modes(coupled)
     with pytest.raises(ModesError, match="same kind"):
         damp_modes(coupled, modes.omega, vectors)
-
-
-@pytest.mark.parametrize("turn", [0.3, 2.0])
-@pytest.mark.parametrize("apart", [0.0, 1e-12])
-def test_coincident_modes_are_turned_to_their_neighbours(turn: float, apart: float) -> None:
-    """Two modes of one frequency come in any mixture; they are turned to the neighbour's shapes."""
-    before = np.eye(4)[:, :3]
-    mixed = np.eye(4)
-    mixed[:2, :2] = [[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]]
-    modes = Modes(np.array([1.0, 1.0 + apart, 2.0, 3.0]), mixed)
-    aligned = align(before, modes, np.eye(4), *track(before, modes, np.eye(4))[:2])
-    order, signs, mac = track(before, aligned, np.eye(4))
-    np.testing.assert_allclose(aligned.select(order, signs).shapes, before, atol=1e-9)
-    assert (mac > 1.0 - 1e-9).all()
-
-
-def test_modes_that_veer_keep_their_own_shapes() -> None:
-    """A mixture that a coupling makes is not undone unless the coupling may be left out."""
-    turn, gap = math.pi / 5.0, 1e-3
-    mixed = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
-    modes = Modes(np.array([1.0, 1.0 + gap]), mixed)
-    order, signs, _ = track(np.eye(2), modes, np.eye(2))
-    assert align(np.eye(2), modes, np.eye(2), order, signs, coupling=0.5 * gap) is modes
-    turned = align(np.eye(2), modes, np.eye(2), order, signs, coupling=2.0 * gap)
-    np.testing.assert_allclose(np.abs(turned.shapes), np.eye(2), atol=1e-9)

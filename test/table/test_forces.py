@@ -79,7 +79,7 @@ def test_points_of_frfs_do_not_limit_forces(mapping: Any) -> None:
     mapping["input"]["range_deg"] = [120.0, 130.0]
     model = LinkageModel(mechanism_from_mapping(mapping))
     table = build_table(model, points=["E2"])
-    assert table.places == (("E2", "x"), ("E2", "z"))
+    assert table.places == (("E1", "z"), ("E2", "x"), ("E2", "z"))
     assert table.force_places == model.force_places
     force, alpha3, lines = (
         [("upper_link:P2", "force_x")],

@@ -46,7 +46,7 @@ def test_shipped_table_is_that_of_the_shipped_mechanism(
     np.testing.assert_allclose(
         shipped.interpolation_error, built.interpolation_error, rtol=1e-2, atol=1e-9
     )
-    assert len(table_bytes(shipped)) < 150_000
+    assert len(table_bytes(shipped)) < 350_000
 
 
 def test_lookup_one_by_one_and_many_at_once(small: Table) -> None:
@@ -82,7 +82,7 @@ def test_frf_of_some_places(small: Table) -> None:
 
 def test_frf_that_the_table_does_not_have(small: Table) -> None:
     """Angles outside the range and unknown places are refused, with a list of those available."""
-    with pytest.raises(TableError, match=r"no FRF at P1 z; it has these: E1 x, "):
+    with pytest.raises(TableError, match=r"no FRF at P1 z; it has these: E1 z, E1 x, "):
         small.frf(2.0, [("P1", "z")], [("E1", "z")])
     with pytest.raises(TableError, match="outside the table"):
         small.frf(4.0, [("E1", "z")], [("E1", "z")])
@@ -114,8 +114,7 @@ def test_dataset_of_a_table(small: Table) -> None:
     assert float(at.alpha3) == small.alpha3[3]
     assert float(at.natural_frequencies) == pytest.approx(small.natural_frequencies[3, 1])
     assert float(at.damping_ratios) == pytest.approx(small.damping_ratios[3, 1])
-    highest = small.peak_magnitudes[3].argmax()
-    assert float(at.frf_peak_frequency) == pytest.approx(small.peak_frequencies[3, highest])
+    assert float(at.frf_peak_frequency) == pytest.approx(small.peak_frequencies[3])
     assert str(at.mode_name.values) == small.mode_names[1]
     assert data.frf_peak_magnitude.attrs == {"units": "m/N"}
     assert len(data.to_dataframe()) == len(small.alpha3) * small.n_modes
@@ -160,14 +159,15 @@ def test_damage_in_any_byte_is_refused(model: LinkageModel, tmp_path: Path, step
     """With any one byte changed the file is refused, or is still the same table."""
     path = tmp_path / "small.npz"
     smallest = build_table(model, 0.5)
-    none = np.zeros((len(smallest.alpha3), 0), dtype=complex)
     bare = replace(
         smallest,
         places=(),
-        term_stiffness=none,
-        term_decay=none.real,
-        participations=none[:, :, np.newaxis],
-        far_residues=none[:, :, np.newaxis],
+        forces=(),
+        reduced=(),
+        static_forces=np.empty(0),
+        cell_starts=smallest.cell_starts[:1],
+        cell_cubics=smallest.cell_cubics[:1],
+        cell_poles=np.empty(0, complex),
     )
     save_table(bare, path)
     sound = path.read_bytes()

@@ -17,14 +17,13 @@ norm, by the derivative of a Lorentzian: a hundred times e at a damping ratio of
 FRF_FLOOR = 1e-5
 """Best tolerance of FRFs, since far poles represent the modes above the band."""
 
-ROUNDING = 1e-11
-"""Least relative error that a table reports: rounding of the solutions."""
-
 MARGIN = 1.02
 """Factor of the errors found, since the worst place lies between those compared."""
 
-_SHARPER = 5.0  # Peaks change more between points than where their error is measured.
-_EQUAL_AT_MOST = 0.1  # Maxima whose heights differ by this share are never equal.
+CELL_SHARE = 0.05
+"""Share of the tolerance that the error of a cubic cell may have."""
+
+_CELL = 1e-9  # Larger errors of cells make a table hardly smaller.
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,14 +38,9 @@ class Accuracy:
         return LOOSER * self.frequency
 
     @property
-    def refined_peak(self) -> float:
-        """Tolerance of the same, at the points by which pieces are refined."""
-        return LOOSER / _SHARPER * self.frequency
-
-    @property
-    def equal_height(self) -> float:
-        """Relative difference up to which two maxima are of one height."""
-        return min(self.refined_peak, _EQUAL_AT_MOST)
+    def cell(self) -> float:
+        """Largest error of a value in a cubic cell."""
+        return min(_CELL, CELL_SHARE * self.frequency)
 
     @property
     def frf(self) -> float:
@@ -62,7 +56,6 @@ class Bounds:
     peak: float  # frequency and magnitude of the highest peak
     frf: float  # FRFs between the places, L2 norm over the band; 0 without FRFs
     slope: float  # slopes of natural frequencies, divided by these, 1/rad
-    far: float = 0.0  # the part of `frf` that is due to far poles, where they may be added
 
     def meet(self, accuracy: Accuracy) -> bool:
         """Return whether the errors are small enough; slopes have no tolerance."""

@@ -2,33 +2,29 @@
 # SPDX-License-Identifier: Apache-2.0
 """Divides the stroke into pieces and refines them until the table meets its tolerance."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
+from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.mechanics.response import N_FAR
+from linkage_vibration.mechanics.response import searched
+from linkage_vibration.support.version import VERSION
+from linkage_vibration.table.pole_cells import oscillating, values_of
 from linkage_vibration.table.table import Table, TableError
-from linkage_vibration.table.tabulation.accuracy import TOLERANCE, Accuracy, Bounds
-from linkage_vibration.table.tabulation.assembly import assemble, bound_errors, thin, with_bounds
-from linkage_vibration.table.tabulation.coupled import build_coupled
+from linkage_vibration.table.tabulation.accuracy import TOLERANCE, Accuracy
+from linkage_vibration.table.tabulation.cell_making import cell_arrays
 from linkage_vibration.table.tabulation.ensemble import with_uncertainty
 from linkage_vibration.table.tabulation.naming import with_mode_names
-from linkage_vibration.table.tabulation.refinement import (
-    Piece,
-    first_points,
-    halves,
-    more_points,
-    refine,
-    refine_pieces,
-)
-from linkage_vibration.table.tabulation.sampling import ModesAreCoupled, Sampler
-from linkage_vibration.table.tabulation.tracking import Tracker
+from linkage_vibration.table.tabulation.piece_refinement import RefinedPiece, refine
+from linkage_vibration.table.tabulation.refinement import first_points, refine_pieces
+from linkage_vibration.table.tabulation.sampling import Sampler
 
 _FINEST, _COARSEST = 1e-11, 1.0  # Rounding prevents finer ones; coarser tables have no use.
 _SHARE = 0.25  # of the work before the ensemble is added, if there is one
-_MORE_FAR, _MOST_FAR = 2, 8  # Far poles are added if their error is above half of the tolerance.
 
 
 def build_table(
@@ -39,13 +35,11 @@ def build_table(
 ) -> Table:
     """Tabulate the values of predictions over the stroke, to a tolerance.
 
-    Every quantity is a polynomial in `stroke_variable`. The model is solved at the points of a Leja
-    sequence; the next three, and one where these change the polynomials most, measure the error of
-    the polynomials through the previous points, and join them while it is above the tolerance. A
-    piece of the stroke is halved if it needs more than 48 points, or if the highest peak passes to
-    a maximum that does not exist in the whole piece. Modes are tracked from point to point by their
-    shapes; where a shape might continue two others, a point is added between. Where modes seem to
-    cross, the model is solved to decide whether they cross or veer.
+    Reduced models with the poles in reach of the band are polynomials in `stroke_variable`. The
+    model is solved at the points of a Leja sequence; the next three measure the error of the
+    polynomials through the previous points, and join them while it is above the tolerance. A piece
+    of the stroke is halved if it needs more than 48 points. The subspace of all poles is followed
+    from point to point, so that it does not matter how they cross, veer, or become real.
 
     Parameters
     ----------
@@ -57,7 +51,7 @@ def build_table(
     points : sequence of str, optional
         Points between which the table has FRFs; by default all that move and the mounts
         of a base, if they are no more than eight, otherwise the response point. A model from
-        measured FRFs has none.
+        measured FRFs has none. The response point in its direction is always one of them.
     progress : callable
         Called with the finished fraction of the work after each solution of the model, and after
         each member of the ensemble of a mechanism with uncertain numbers.
@@ -66,17 +60,18 @@ def build_table(
     ------
     TableError
         If the tolerance is invalid, or cannot be met with `MOST_SOLUTIONS` solutions; if the model
-        has too few modes, or hardly any response; if a mode cannot be tracked.
+        has too few modes, or hardly any response; if poles cannot be followed.
     """
     if not _FINEST <= tolerance < _COARSEST:
         hint = f"give one from {_FINEST:g} to less than {_COARSEST:g}"
         raise TableError(f"A tolerance of {tolerance:g} is invalid or cannot be met; {hint}.")
     share = _SHARE if model.mechanism.uncertainty else 1.0
     sampler = Sampler(model, points, lambda finished: progress(share * finished))
-    try:
-        table = _build(sampler, tolerance)
-    except ModesAreCoupled:
-        table = build_coupled(sampler, Accuracy(tolerance))
+    accuracy, waiting = Accuracy(tolerance), [first_points([], *sampler.ends)]
+    pieces = refine_pieces(
+        sampler, waiting, lambda fitted: refine(sampler, fitted, accuracy), accuracy
+    )
+    table = _table(sampler, sorted(pieces, key=lambda each: float(each.piece.alpha3[0])))
     table = with_mode_names(_with_static_forces(table, sampler), sampler)
     return with_uncertainty(table, sampler, lambda done: progress(share + (1.0 - share) * done))
 
@@ -93,47 +88,60 @@ def _with_static_forces(table: Table, sampler: Sampler) -> Table:
     return replace(table, static_forces=np.array(forces))
 
 
-def _build(sampler: Sampler, tolerance: float) -> Table:
-    """Build the table of a linkage whose modes damping does not couple."""
-    tracker, accuracy = Tracker(sampler, tolerance), Accuracy(tolerance)
-    for variable in sampler.ends:
-        sampler.at(variable)
-    sampler.check_rounding(accuracy)
-    reason = f"its modes or peaks change too quickly for a tolerance of {tolerance:g}"
+def _table(sampler: Sampler, pieces: Sequence[RefinedPiece]) -> Table:
+    """Make the table from pieces over the whole stroke, ascending."""
+    angles = [each.piece.alpha3 for each in pieces]
+    alpha3 = np.unique(np.concatenate(angles))  # each piece begins where the one before it ends
+    bounds, modes = [each.bounds for each in pieces], sampler.response.modes
+    without = sampler.measured or sampler.free_modes > 0
+    table = Table(
+        alpha3=alpha3,
+        pieces=np.cumsum([0, *(len(each) - 1 for each in angles)]).astype(np.int64),
+        natural_frequencies=np.zeros((len(alpha3), modes)),
+        interpolation_error=np.array([each.values for each in bounds]),
+        peak_error=max(each.peak for each in bounds),
+        frf_error=math.nan if without else max(each.frf for each in bounds),
+        slope_error=max(each.slope for each in bounds),
+        free_modes=sampler.free_modes,
+        toggles=sampler.toggles,
+        band=sampler.response.band,
+        peak_band=searched(sampler.response.peak_band, free=sampler.free_modes > 0),
+        places=() if without else sampler.pole_places,
+        forces=sampler.forces,
+        reference_force=sampler.response.reference_force,
+        reduced=tuple(each.piece.models for each in pieces),
+        model_hash=sampler.model.mechanism.model_hash,
+        mechanism_name=sampler.model.mechanism.name,
+        package_version=VERSION,
+        **cell_arrays([each.cells for each in pieces], modes, sampler.model.mechanism.name),
+    )
+    values = table.evaluate(alpha3)
+    variables = sorted({x for each in pieces for x in each.points})
+    stddev = _deviations(sampler, values[:, :modes], variables)
+    return replace(
+        table,
+        natural_frequencies=values[:, :modes],
+        damping_ratios=values[:, modes : 2 * modes],
+        peak_frequencies=values[:, -2],
+        peak_magnitudes=values[:, -1],
+        frequency_stddev=stddev[0],
+        damping_ratio_stddev=stddev[1],
+    )
 
-    def refined(waiting: list[list[float]]) -> list[Piece]:
-        return refine_pieces(
-            sampler, waiting, lambda fitted: refine(tracker, fitted, accuracy) or reason, accuracy
-        )
 
-    pieces = refined([first_points(sampler.solved, *sampler.ends)])
-    tried: set[tuple[float, float]] = set()  # the ends of pieces that have received more points
-    measured: dict[tuple[int, Piece], Bounds] = {}
-    n_far = N_FAR
-    while True:
-        pieces.sort(key=lambda piece: piece.ends)
-        tracked = tracker.follow(sorted({x for p in pieces for x in (*p.fitted, *p.held)}))
-        finer = assemble(sampler, [piece.finer for piece in pieces], tracked, accuracy, n_far)
-        table = thin(finer, pieces)
-        for index, piece in enumerate(pieces):
-            if (n_far, piece) not in measured:
-                bounds = bound_errors(table, finer, index, piece, tracked, sampler)
-                measured[n_far, piece] = bounds
-        all_bounds = [measured[n_far, piece] for piece in pieces]
-        if max(bounds.far for bounds in all_bounds) > accuracy.frf / 2.0 and n_far < _MOST_FAR:
-            n_far += _MORE_FAR
-            continue
-        both = zip(pieces, all_bounds, strict=True)
-        poor = [piece for piece, bounds in both if not bounds.meet(accuracy)]
-        if not poor:
-            return with_bounds(table, all_bounds)
-        sampler.finish(sum(piece.ends[0] - piece.ends[1] for piece in poor))
-        waiting: list[list[float]] = []
-        for piece in poor:
-            if piece.ends in tried:  # more points did not help
-                waiting += halves(sampler.solved, *piece.ends)
-            else:
-                tried.add(piece.ends)
-                waiting.append(sorted(piece.fitted + more_points(piece.fitted)))
-        pieces = [piece for piece in pieces if piece not in poor]
-        pieces += refined(waiting)
+def _deviations(
+    sampler: Sampler, frequencies: FloatArray, variables: Sequence[float]
+) -> FloatArray:
+    """Return standard deviations by the noise of links of the modes of a table, (2, n, n_modes).
+
+    They are those of the identified modes nearest to its frequencies, Hz, at stroke variables.
+    """
+    if not sampler.measured:
+        return np.empty((2, 0))
+    deviations = []
+    for row, variable in zip(frequencies, variables, strict=True):
+        sample = sampler.at(variable)
+        assert sample.deviations is not None
+        apart = np.abs(np.subtract.outer(row, values_of(oscillating(sample.poles))[0]))
+        deviations.append(sample.deviations[:, linear_sum_assignment(apart**2)[1]])
+    return np.array(deviations).swapaxes(0, 1)

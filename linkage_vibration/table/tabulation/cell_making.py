@@ -6,6 +6,7 @@ A cell is halved until its cubics give the values in its middle. No cubic follow
 meet, so the smallest cells there have none, and a lookup in them finds the poles itself.
 """
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -16,9 +17,6 @@ import numpy as np
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 from linkage_vibration.table.pole_cells import PolePiece, nearest, values_of
 from linkage_vibration.table.table import TableError
-
-CELL_ERROR = 1e-9
-"""Relative error of the values in a cell."""
 
 CELL_ROUNDING = 1e-12
 """Further error of a damping ratio in a cell, 1: rounding of a pole, relative to the pole."""
@@ -47,12 +45,14 @@ class Cell:
     # Coefficients of powers of the share of the cell, highest first.
     values: FloatArray | None = None  # (2, 4, n): frequencies (Hz) and ratios of the first poles
     peak: FloatArray | None = None  # (4, 2): Hz and m/N
+    # Shares of it at which poles cross, or veer within a shorter step than that to its nodes.
+    crossings: list[float] = field(default_factory=list)
     branches: dict[int, tuple[int, int]] = field(default_factory=dict)
     """For each branch its index among the first and among the last poles, -1 where it has none."""
 
 
-def make_cells(piece: PolePiece) -> list[Cell]:
-    """Divide a piece into cells, ascending."""
+def make_cells(piece: PolePiece, error: float) -> list[Cell]:
+    """Divide a piece into cells, ascending, whose values have at most a relative error."""
 
     def angles(places: list[int]) -> FloatArray:
         """Return the angles of places in units, rad."""
@@ -70,7 +70,8 @@ def make_cells(piece: PolePiece) -> list[Cell]:
         for row in rows:
             start, end = angles([row[0], row[3]]).tolist()
             poles, peaks = zip(*(evaluated[x] for x in row), strict=True)
-            cell = _cell(start, end, poles, np.array(peaks))
+            cell = _cell(start, end, poles, np.array(peaks), error)
+            _check_crossings(cell, piece, error)
             if smallest or (cell.values is not None and cell.peak is not None):
                 done.append(cell)
             else:
@@ -79,14 +80,16 @@ def make_cells(piece: PolePiece) -> list[Cell]:
     return sorted(done, key=lambda cell: cell.start)
 
 
-def _cell(start: float, end: float, poles: Sequence[ComplexArray], peaks: FloatArray) -> Cell:
+def _cell(
+    start: float, end: float, poles: Sequence[ComplexArray], peaks: FloatArray, error: float
+) -> Cell:
     """Return a cell with its cubics, if they agree with the poles and the peak in the middle."""
     nodes, middle = poles[:4], poles[4]
     cell = Cell(start, end, nodes[0], nodes[3], nearest(nodes[0], nodes[3]))
     coefficients = _COEFFICIENTS @ peaks[:4]
     # The peak may be at 0 Hz, so a small part of the highest frequency of poles is its scale.
     scale = np.maximum(peaks[4], [_LOW * np.abs(middle).max(initial=0.0), 0.0])
-    if (np.abs(_AT_MIDDLE @ peaks[:4] - peaks[4]) <= CELL_ERROR * scale).all():
+    if (np.abs(_AT_MIDDLE @ peaks[:4] - peaks[4]) <= error * scale).all():
         cell.peak = coefficients
     if len({len(each) for each in poles}) > 1:
         return cell
@@ -96,16 +99,46 @@ def _cell(start: float, end: float, poles: Sequence[ComplexArray], peaks: FloatA
         order = nearest(expected, node)
         path.append(node[[order[j] for j in range(len(node))]])
     cell.follows = order
-    values = values_of(np.array(path))
-    values_there = np.tensordot(_AT_MIDDLE, values, (0, 1))
-    imaginary = np.sqrt(np.maximum(1.0 - values_there[1] ** 2, 0.0))
-    there = nearest(2.0 * math.pi * values_there[0] * (-values_there[1] + 1j * imaginary), middle)
-    exact = values_of(middle[[there[j] for j in range(len(middle))]])
-    off, limit = np.abs(values_there - exact), CELL_ERROR * exact
-    limit[1] += CELL_ROUNDING
-    if (off <= limit).all():
-        cell.values = np.tensordot(_COEFFICIENTS, values, (1, 1)).swapaxes(0, 1)
+    coefficients = np.tensordot(_COEFFICIENTS, values_of(np.array(path)), (1, 1)).swapaxes(0, 1)
+    if _agree(0.5, coefficients, middle, error):
+        cell.values, cell.crossings = coefficients, _crossings(np.array(path).imag)
     return cell
+
+
+def _check_crossings(cell: Cell, piece: PolePiece, error: float) -> None:
+    """Remove the cubics of a cell with poles that do not cross where the cubics do."""
+    for share in cell.crossings:
+        poles, _ = piece.evaluate(np.array([cell.start + share * (cell.end - cell.start)]))
+        if cell.values is not None and not _agree(share, cell.values, poles[0], error):
+            cell.values = None
+
+
+def _agree(share: float, cubics: FloatArray, poles: ComplexArray, error: float) -> bool:
+    """Return whether cubics give the frequencies and ratios of poles at a share of their cell."""
+    values = np.tensordot(np.vander([share], 4)[0], cubics, (0, 1))
+    if values.shape[1] != len(poles):
+        return False
+    imaginary = np.sqrt(np.maximum(1.0 - values[1] ** 2, 0.0))
+    there = nearest(2.0 * math.pi * values[0] * (-values[1] + 1j * imaginary), poles)
+    exact = values_of(poles[[there[j] for j in range(len(poles))]])
+    off, limit = np.abs(values - exact), error * exact
+    limit[1] += CELL_ROUNDING
+    return bool((off <= limit).all())
+
+
+def _crossings(path: FloatArray) -> list[float]:
+    """Return shares of a cell at which two poles cross, from imaginary parts at its nodes, (4, n).
+
+    Poles that veer within a short step seem to cross too, and only there do they not.
+    """
+    shares = list[float]()
+    for i, j in itertools.combinations(range(path.shape[1]), 2):
+        apart = path[:, i] - path[:, j]
+        if apart.min() < 0.0 < apart.max():
+            roots = np.roots(_COEFFICIENTS @ apart)
+            real = roots.real[np.abs(roots.imag) < _SAME]
+            shares += real[(real > 0.0) & (real < 1.0)].tolist()
+    return shares
 
 
 def follow_branches(pieces: Sequence[list[Cell]]) -> tuple[list[float], dict[int, float]]:

@@ -34,7 +34,6 @@ from linkage_vibration.table.interpolation import (
 )
 from linkage_vibration.table.table import Table, TableError
 from linkage_vibration.table.tabulation.sampling import Sampler
-from linkage_vibration.table.tabulation.tracking import UNCLEAR
 
 _ALL = 10**6
 _COARSER = (4, 2), (8, 4), (_ALL, _ALL)  # elements and modes of links that are tried for members
@@ -45,6 +44,7 @@ _MOST_ROUGH = 0.05  # of members and of deviations may be off by more; they are 
 _MISSED = 0.3  # Deviations are not known where interpolation misses a member by this share of them,
 _SKEW = 1.0  # A distribution is skew from this standardised third moment on.
 _LEAST = 1e-4  # and by this.
+_UNCLEAR = 0.5  # MAC up to which a shape may continue two: its sum over all modes is 1.
 _NEAR = 0.03  # A pole of coarser bodies may be off by this share of its decay.
 N_ANGLES = 257
 """Even angles over the range at which a table has the standard deviations."""
@@ -283,7 +283,7 @@ class _Solver:
         criterion = np.abs(product) ** 2 / np.outer(*sizes)
         order = linear_sum_assignment(criterion, maximize=True)[1]
         pairs = np.arange(len(order)), order
-        if len(order) < len(product) or (criterion[pairs] <= UNCLEAR).any():
+        if len(order) < len(product) or (criterion[pairs] <= _UNCLEAR).any():
             order, pairs = order[:0], (order[:0], order[:0])
         return order, np.where(product[pairs].real < 0.0, -1.0, 1.0)
 

@@ -3,28 +3,31 @@
 """Solves the model at angles of the stroke, each once, and keeps the values for a table."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
 
-from linkage_vibration.mechanics.arrays import FloatArray, IntArray
+from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import GROUND
 from linkage_vibration.mechanics.model import LinkageModel, Place, Solution
-from linkage_vibration.mechanics.modes import MECHANISM, DampedModes, Modes, ModesError
-from linkage_vibration.mechanics.response import PoleResidue, in_reach
+from linkage_vibration.mechanics.modes import MECHANISM, ModesError
+from linkage_vibration.mechanics.response import in_reach
 from linkage_vibration.table.interpolation import stroke_angle, stroke_variable
 from linkage_vibration.table.pole_cells import oscillating, values_of
 from linkage_vibration.table.table import TableError
 from linkage_vibration.table.tabulation.accuracy import LOOSER, Accuracy
-from linkage_vibration.table.tabulation.peaks import SILENT, heights
-from linkage_vibration.table.tabulation.subspaces import PoleSample, mass_root, sample_poles
+from linkage_vibration.table.tabulation.subspaces import (
+    PoleSample,
+    mass_root,
+    sample_identified,
+    sample_poles,
+)
 
 _REMEMBERED = 64  # So many solutions of the model are kept.
-_SPARE = 4  # So many further modes may continue a tracked one.
 _MANY = 8  # Up to so many points of a mechanism all have FRFs by default.
+_SILENT = float(np.finfo(float).tiny)  # m/N; a response that is not higher is none.
 _UNDAMPED = 1e-12  # A damping ratio below it is only rounding.
 MOST_SOLUTIONS = 3000
 """Solutions of the model for one table: ten times those of the most difficult shipped linkage."""
@@ -33,50 +36,12 @@ _CLEAR = 5.0  # Polynomials meet a tolerance of so many roundings.
 _SHORTEST = 1e-7  # No joint sensor resolves this share of the stroke, 1e-5 deg of 90 deg.
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Terms:
-    """The terms of the FRFs between the places at one angle, with every mode."""
-
-    damped: DampedModes
-    rows: FloatArray  # (n_rows, n): matrix that turns shapes into those at places and forces
-    participations: FloatArray  # (n_rows, n_modes): of the undamped modes
-    n_inputs: int  # number of the places, which the forces follow
-
-
 @dataclass(frozen=True, slots=True)
 class Rounding:
     """Relative errors that rounding causes in a solution."""
 
     values: float = 0.0  # of natural frequencies and damping ratios
     frf: float = 0.0  # of FRFs, L2 norm over the band
-
-
-@dataclass(frozen=True, eq=False)
-class Sample:
-    """The solution of the model at one angle, as far as a table needs it."""
-
-    alpha3: float  # rad
-    modes: Modes  # the lowest elastic modes: those in reach of the band, and a few more
-    frequencies: FloatArray  # (n,), Hz
-    ratios: FloatArray  # (n,): their damping ratios
-    reach: int  # how many of them are in reach of the band
-    # (2, n): frequency (Hz) and magnitude (m/N) of the maximum of the drive-point receptance near
-    # each mode; NaN where there is none.
-    peaks: FloatArray
-    edges: FloatArray  # (2, 2): the same at the ends of the peak's band
-    drive: PoleResidue  # the drive-point receptance
-    terms: Terms | None = None  # None if the model has no such terms
-    # (2, n): standard deviations of frequencies (Hz) and ratios by the noise of measured links.
-    deviations: FloatArray | None = None
-
-    @cached_property
-    def gaps(self) -> FloatArray:
-        """Least relative gap between the first 2, 3, ... n modes."""
-        return np.minimum.accumulate(np.diff(np.log(self.frequencies)))
-
-
-class ModesAreCoupled(Exception):  # noqa: N818 - it is no error
-    """Damping couples the modes, so that poles are to be sampled instead."""
 
 
 class Sampler:
@@ -89,13 +54,10 @@ class Sampler:
         # The names and the deviations of modes use the same solutions; each takes up to megabytes.
         self.solution = lru_cache(_REMEMBERED)(model.solve)
         self.response = model.mechanism.response
-        self._from_frfs = model.measured_frequencies is not None
-        self.places = () if self._from_frfs else _places(model, points)
-        # It weights the comparison of shapes; those that are identified need no mass.
-        self.mass = np.eye(len(model.interface)) if self._from_frfs else model.system.mass
+        self.measured = model.measured_frequencies is not None
+        self.places = () if self.measured else _places(model, points)
         toggles = model.kinematics.toggles
         self.toggles = None if toggles is None else (toggles[0].alpha3, toggles[1].alpha3)
-        self.samples: dict[float, Sample] = {}
         self._poles: dict[float, PoleSample] = {}
         self._roundings: dict[float, Rounding] = {}  # by the angle, rad
         self.free_modes = 0  # modes at 0 Hz, which are not sampled
@@ -108,7 +70,7 @@ class Sampler:
     @cached_property
     def forces(self) -> tuple[Place, ...]:
         """The forces for which the table has FRFs; none of a linkage that moves freely."""
-        if self._from_frfs or self.solution(self.angle(self.ends[0])).modes.mechanism.any():
+        if self.measured or self.solution(self.angle(self.ends[0])).modes.mechanism.any():
             return ()
         return self.model.forces.places
 
@@ -134,12 +96,32 @@ class Sampler:
             return self._angles[variable]
         return float(stroke_angle(np.array([variable]), self.toggles)[0])
 
-    def at(self, variable: float) -> Sample:
-        """Return the sample at a stroke variable, which is solved once."""
-        if variable not in self.samples:
-            self.samples[variable] = self._solve(self.angle(variable))
+    def at(self, variable: float) -> PoleSample:
+        """Return the poles at a stroke variable, which are found once."""
+        if variable not in self._poles:
+            alpha3 = self.angle(variable)
+            sample = self._identified(alpha3) if self.measured else self._solved_at(alpha3)
+            self._poles[variable] = sample
+            self._check(sample)
             self._progress(1.0 - self._unfinished)
-        return self.samples[variable]
+        return self._poles[variable]
+
+    def _identified(self, alpha3: float) -> PoleSample:
+        """Return the poles at an angle, rad, by the FRFs of links."""
+        self._count(alpha3)
+        identified = self.model.identify(alpha3)
+        self._check_count(len(identified.identified.poles), alpha3)
+        return sample_identified(identified, self.response)
+
+    def _solved_at(self, alpha3: float) -> PoleSample:
+        """Return the poles at an angle, rad, by the matrices of links."""
+        solution = self._checked_solution(alpha3)
+        try:
+            sample = sample_poles(solution, self._mass_root, self.pole_places, self.forces)
+        except ModesError as error:
+            raise TableError(f"At alpha3 = {math.degrees(alpha3):.3f} deg: {error}") from None
+        self._note_rounding(solution, values_of(oscillating(sample.poles))[1])
+        return sample
 
     def rounding(self, variables: Sequence[float]) -> Rounding:
         """Return the largest errors by rounding at some of the points that are solved."""
@@ -200,23 +182,10 @@ class Sampler:
         """Count a part of the stroke, in its variable, as finished; a negative one is reopened."""
         self._unfinished = min(max(self._unfinished - length / self.length, 0.0), 1.0)
 
-    def poles_at(self, variable: float) -> PoleSample:
-        """Return the poles at a stroke variable of a linkage whose damping couples its modes."""
-        if variable not in self._poles:
-            alpha3 = self.angle(variable)
-            solution = self._checked_solution(alpha3)
-            with _names_angle(alpha3):
-                sample = sample_poles(solution, self._mass_root, self.pole_places, self.forces)
-            self._poles[variable] = sample
-            self._note_rounding(solution, values_of(oscillating(sample.poles))[1])
-            self._check(sample)
-            self._progress(1.0 - self._unfinished)
-        return self._poles[variable]
-
     @property
     def solved(self) -> list[float]:
-        """Stroke variables at which the model is solved: for poles, if damping couples modes."""
-        return list(self._poles or self.samples)
+        """Stroke variables at which the model is solved."""
+        return list(self._poles)
 
     @cached_property
     def _mass_root(self) -> FloatArray:
@@ -249,75 +218,14 @@ class Sampler:
 
     def _check(self, sample: PoleSample) -> None:
         """Refuse a linkage with an undamped mode in the band, or one that does not respond."""
-        poles = sample.poles[sample.poles.imag > MECHANISM]
+        poles, name = sample.poles[sample.poles.imag > MECHANISM], self.model.mechanism.name
         poles = poles[np.abs(poles) < 2.0 * math.pi * self.response.band[1]]
         if (-poles.real <= _UNDAMPED * np.abs(poles)).any():
-            raise _undamped(self.model.mechanism.name)
-        if np.abs(sample.totals[:, 0]).max() <= SILENT:
-            raise _silent(self.model.mechanism.name)
-
-    def _solve(self, alpha3: float) -> Sample:
-        if self._from_frfs:
-            self._count(alpha3)
-            identified = self.model.identify(alpha3)
-            self._check_count(len(identified.modes.omega), alpha3)
-            every, drive = np.arange(len(identified.modes.omega)), identified.drive_point
-            sample = self._sample(alpha3, identified.modes, identified.damping_ratios, every, drive)
-            deviations = np.array([identified.frequency_stddev, identified.damping_ratio_stddev])
-            return replace(sample, deviations=deviations)
-        solution = self._checked_solution(alpha3)
-        with _names_angle(alpha3):
-            coupled = solution.damped.shapes is not None
-        if coupled:
-            raise ModesAreCoupled
-        elastic, ratios = np.flatnonzero(~solution.modes.mechanism), solution.damping_ratios
-        self._note_rounding(solution, ratios[elastic])
-        sample = self._sample(alpha3, solution.modes, ratios, elastic, solution.drive_point)
-        return replace(sample, terms=self._terms(solution))
-
-    def _sample(
-        self, alpha3: float, modes: Modes, ratios: FloatArray, elastic: IntArray, drive: PoleResidue
-    ) -> Sample:
-        band, name = self.response.peak_band, self.model.mechanism.name
-        reach = int(in_reach(modes.omega[elastic] ** 2, self.response.band).sum())
-        kept = elastic[: max(self.response.modes, reach) + _SPARE]
-        lost = len(modes.omega) - len(drive.decay)  # mechanism modes have no term there
-        peaks = np.array(drive.local_peaks(kept - lost, band))
-        edges = np.abs(drive.frf(np.array(band))[:, 0, 0])
-        edges = np.array([band, np.where(np.isfinite(edges), edges, 0.0)])
-        if np.isinf(peaks).any():
-            raise _undamped(name)
-        if max(edges[1].max(), heights(peaks[0], peaks[1], band).max()) <= SILENT:
-            raise _silent(name)
-        frequencies = modes.omega[kept] / (2.0 * math.pi)
-        shapes = modes.select(kept, np.ones(len(kept)))
-        return Sample(alpha3, shapes, frequencies, ratios[kept], reach, peaks, edges, drive)
-
-    def _terms(self, solution: Solution) -> Terms | None:
-        """Return the FRFs between the places, and the participations in their residues."""
-        if not self.places or solution.modes.mechanism.any():
-            return None
-        rows = self.model.output_rows([*self.places, *self.forces], solution.configuration)
-        undamped = rows @ solution.modes.shapes[: rows.shape[1]]
-        return Terms(solution.damped, rows, undamped, len(self.places))
-
-
-@contextmanager
-def _names_angle(alpha3: float) -> Iterator[None]:
-    """Add the angle (rad) to the error that the modes cannot be found there."""
-    try:
-        yield
-    except ModesError as error:
-        raise TableError(f"At alpha3 = {math.degrees(alpha3):.3f} deg: {error}") from None
-
-
-def _undamped(name: str) -> TableError:
-    problem = f"{name} has an undamped mode, so its receptance has no highest value"
-    return TableError(f"{problem}; give its links damping.")
-
-
-def _silent(name: str) -> TableError:
-    return TableError(f"{name} does not respond at response.drive_point; choose another point.")
+            problem = f"{name} has an undamped mode, so its receptance has no highest value"
+            raise TableError(f"{problem}; give its links damping.")
+        if np.abs(sample.totals[:, 0]).max() <= _SILENT:
+            problem = f"{name} does not respond at response.drive_point"
+            raise TableError(f"{problem}; choose another point.")
 
 
 def _places(model: LinkageModel, points: Sequence[str] | None) -> tuple[Place, ...]:

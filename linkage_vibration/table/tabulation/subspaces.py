@@ -8,7 +8,7 @@ compare: displacements and, for viscous damping, velocities.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -16,8 +16,8 @@ from scipy.linalg import schur
 
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray, solve_stack
 from linkage_vibration.mechanics.description import Response
-from linkage_vibration.mechanics.model import LinkageModel, Place, Solution
-from linkage_vibration.mechanics.modes import mixed_damping
+from linkage_vibration.mechanics.model import IdentifiedSolution, LinkageModel, Place, Solution
+from linkage_vibration.mechanics.modes import MECHANISM, mixed_damping, modal_damping
 from linkage_vibration.mechanics.response import reach, searched
 from linkage_vibration.table.reduced import Numbers, frf_pairs
 
@@ -75,6 +75,8 @@ class PoleSample:
     generator: Numbers  # (k, k): has the poles as its eigenvalues, or k for structural damping
     whole: Subspace  # that of all k poles
     totals: ComplexArray  # (N_FIT + N_CHECK, n_pairs): FRFs at `check_lines`, m/N
+    # (2, n): standard deviations of frequencies (Hz) and ratios by the noise of measured links.
+    deviations: FloatArray | None = None
     _subspaces: dict[tuple[int, ...], Subspace] = field(default_factory=dict)  # by their poles
 
     @cached_property
@@ -136,43 +138,111 @@ def sample_poles(
 
     The root is that of `mass_root`; the places and forces are those for which FRFs are needed.
     """
-    model, coupled = solution.model, solution.coupled
-    response = model.mechanism.response
-    omega = np.maximum(solution.modes.omega, _SLOWEST)
-    viscous = solution.vectors.T @ coupled.damping @ solution.vectors
-    loss = solution.vectors.T @ coupled.loss @ solution.vectors
+    coupled, vectors = solution.coupled, solution.vectors
+    viscous, loss = modal_damping(coupled, vectors)
     if loss.any() and viscous.any():
         raise mixed_damping()
-    moved_places = solution.participation([*places, *forces])
-    turned = root @ solution.modes.shapes  # with orthonormal columns
-    scale = reach(response.band)
-    limit = _WIDER * max(reach(response.band), float(omega[min(response.modes, len(omega)) - 1]))
-    if loss.any():
-        t, q, poles, others = _structural(omega, loss, limit)
-        states, above = turned @ q, q.T @ turned.T
-        inertia = q.T @ q
-        stiffness = inertia @ t
-    else:
-        q, v, others = _viscous(omega, viscous, limit, response)
-        states = np.vstack([turned @ q, turned @ v / scale])
-        inertia = q.T @ viscous @ q + q.T @ v + v.T @ q
-        above = np.hstack([(q.T @ viscous + v.T) @ turned.T, scale * q.T @ turned.T])
-        # Unlike -inertia t, this has an error that is the square of the error of the subspace, so
-        # that rounding of the highest poles does not affect the lowest.
-        stiffness = np.asarray((q.T * omega**2) @ q - v.T @ v)
-        t = np.asarray(-np.linalg.solve(inertia, stiffness))
-        poles = np.linalg.eigvals(t).astype(complex)
-    basis, turn = np.linalg.qr(states)  # a basis that is well-conditioned
-    back = np.linalg.inv(turn)
-    inertia, stiffness = back.T @ inertia @ back, back.T @ stiffness @ back
-    left = np.asarray(np.linalg.solve(inertia, back.T @ above))
-    shapes = moved_places @ q @ back
-    shapes = shapes if viscous.any() else shapes.astype(complex)
-    whole = Subspace(basis, left, inertia, stiffness, shapes)
-    totals = _totals(solution, omega, viscous, loss, moved_places, len(places))
-    alpha3 = solution.configuration.alpha3
+    motion = _Motion(
+        np.maximum(solution.modes.omega, _SLOWEST),
+        viscous,
+        loss,
+        root @ solution.modes.shapes,
+        solution.participation([*places, *forces]),
+        len(places),
+    )
     free = bool(solution.modes.mechanism.any())
-    return PoleSample(alpha3, not loss.any(), free, poles, others, turn @ t @ back, whole, totals)
+    return motion.sample(solution.configuration.alpha3, solution.model.mechanism.response, free)
+
+
+def sample_identified(identified: IdentifiedSolution, response: Response) -> PoleSample:
+    """Return the poles that are identified from FRFs, and their subspace.
+
+    The only place is that of the highest peak; no mass makes the shapes orthogonal.
+    """
+    modes = identified.identified
+    omega = modes.omega
+    viscous, loss = np.diag(2.0 * modes.damping_ratios * omega), np.zeros((len(omega), len(omega)))
+    motion = _Motion(omega, viscous, loss, identified.modes.shapes, modes.shapes[:1], 1)
+    sample = motion.sample(identified.configuration.alpha3, response, free=False, orthogonal=False)
+    deviations = np.array([identified.frequency_stddev, identified.damping_ratio_stddev])
+    return replace(sample, deviations=deviations)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Motion:
+    """The equations of motion at one angle on n undamped modes."""
+
+    omega: FloatArray  # (n,), rad/s
+    viscous: FloatArray  # (n, n)
+    loss: FloatArray  # (n, n)
+    turned: FloatArray  # (n_dofs, n): the shapes, whose products are those by the mass
+    rows: FloatArray  # (n_rows, n): displacements at places, and forces
+    n_inputs: int
+
+    def sample(
+        self, alpha3: float, response: Response, free: bool, *, orthogonal: bool = True
+    ) -> PoleSample:
+        """Return the poles and their subspace; ``orthogonal`` says that the shapes are."""
+        scale, viscous = reach(response.band), not self.loss.any()
+        elastic = self.omega[self.omega >= MECHANISM]
+        limit = _WIDER * max(scale, float(elastic[min(response.modes, len(elastic)) - 1]))
+        if viscous:
+            q, v, others = self._viscous(limit, response)
+            states = np.vstack([self.turned @ q, self.turned @ v / scale])
+            inertia = q.T @ self.viscous @ q + q.T @ v + v.T @ q
+            parts = (q.T @ self.viscous + v.T) @ self.turned.T, scale * q.T @ self.turned.T
+            above = np.hstack(parts)
+            # Unlike -inertia t, this has an error that is the square of the error of the subspace,
+            # so that rounding of the highest poles does not affect the lowest.
+            stiffness = np.asarray((q.T * self.omega**2) @ q - v.T @ v)
+            t = np.asarray(-np.linalg.solve(inertia, stiffness))
+            poles = np.linalg.eigvals(t).astype(complex)
+        else:
+            t, q, poles, others = _structural(self.omega, self.loss, limit)
+            states, above = self.turned @ q, q.T @ self.turned.T
+            inertia = q.T @ q
+            stiffness = inertia @ t
+        basis, turn = np.linalg.qr(states)  # a basis that is well-conditioned
+        back = np.linalg.inv(turn)
+        inertia, stiffness = back.T @ inertia @ back, back.T @ stiffness @ back
+        left = basis.conj().T
+        if orthogonal:
+            left = np.asarray(np.linalg.solve(inertia, back.T @ above))
+        shapes = self.rows @ q @ back
+        whole = Subspace(basis, left, inertia, stiffness, shapes if viscous else shapes + 0j)
+        totals = self._totals(check_lines(response.band, free=free))
+        return PoleSample(alpha3, viscous, free, poles, others, turn @ t @ back, whole, totals)
+
+    @property
+    def _is_diagonal(self) -> bool:
+        """Whether damping couples no modes."""
+        return all(not (each - np.diag(np.diag(each))).any() for each in (self.viscous, self.loss))
+
+    def _viscous(self, limit: float, response: Response) -> tuple[Numbers, Numbers, ComplexArray]:
+        """Return displacements and velocities of the poles up to a limit, and the other poles."""
+        if not self._is_diagonal:
+            return _viscous(self.omega, self.viscous, limit, response)
+        half = np.diag(self.viscous) / 2.0
+        root = np.sqrt(half**2 - self.omega**2 + 0j)
+        poles = np.array([root - half, -root - half])
+        near = np.abs(poles).min(axis=0) < limit
+        chosen, none = np.eye(len(half))[:, near], np.zeros((len(half), int(near.sum())))
+        others = poles[:, ~near].ravel()
+        both = np.hstack([chosen, none]), np.hstack([none, chosen])
+        return *both, others[others.imag >= 0.0]
+
+    def _totals(self, lines: FloatArray) -> ComplexArray:
+        """Return the FRFs with every mode at some lines, rad/s, (n_lines, n_pairs)."""
+        outputs, inputs = frf_pairs(len(self.rows), self.n_inputs)
+        squared, w = self.omega**2, lines[:, np.newaxis]
+        if self._is_diagonal:
+            dynamic = squared + 1j * np.diag(self.loss) - w**2 + 1j * w * np.diag(self.viscous)
+            return np.asarray((1.0 / dynamic) @ (self.rows[outputs] * self.rows[inputs]).T)
+        w = w[:, np.newaxis]
+        dynamic = np.diag(squared) + 1j * self.loss - w**2 * np.eye(len(squared))
+        dynamic = dynamic + 1j * w * self.viscous
+        frf = self.rows @ solve_stack(dynamic, self.rows[: self.n_inputs].T.astype(complex))
+        return np.asarray(frf[:, outputs, inputs])
 
 
 def _viscous(
@@ -204,24 +274,6 @@ def _structural(
     # The poles are the eigenvalues of the inverse of the leading block.
     poles = 1j * np.sqrt(1.0 / values)
     return np.linalg.inv(t[:k, :k]), z[:, :k], poles[:k], poles[k:]
-
-
-def _totals(
-    solution: Solution,
-    omega: FloatArray,
-    viscous: FloatArray,
-    loss: FloatArray,
-    moved_places: FloatArray,
-    n_inputs: int,
-) -> ComplexArray:
-    """Return the FRFs with every mode, (n_lines, n_pairs), from the equations of motion."""
-    free = bool(solution.modes.mechanism.any())
-    lines = check_lines(solution.model.mechanism.response.band, free=free)
-    outputs, inputs = frf_pairs(len(moved_places), n_inputs)
-    w = lines[:, np.newaxis, np.newaxis]
-    dynamic = np.diag(omega**2) + 1j * loss - w**2 * np.eye(len(omega)) + 1j * w * viscous
-    frf = moved_places @ solve_stack(dynamic, moved_places[:n_inputs].T.astype(complex))
-    return np.asarray(frf[:, outputs, inputs])
 
 
 def continue_set(here: Subspace, there: PoleSample, count: int) -> tuple[IntArray, bool, IntArray]:

@@ -12,7 +12,6 @@ from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.tabulation import build_table
-from linkage_vibration.table.tabulation.peaks import notable
 from test.support.crossing import STROKE, crossing_crank
 
 
@@ -83,23 +82,3 @@ def test_sharp_peaks_are_not_missed(mechanism: Mechanism) -> None:
         assert table.interpolate(float(angle))[2] == pytest.approx(exact.magnitude, rel=1e-2)
     assert max(seen) < 0.9
     assert min(seen) < 0.2
-
-
-def test_which_maxima_tell_the_highest() -> None:
-    """Two that swap both count, a low one and one beyond the band do not; the band's end stays."""
-    x, first = np.linspace(-1.0, 1.0, 9), np.ones(9)
-    at = np.column_stack([10.0 * first, 20.0 * first, 30.0 * first, 90.0 * first, 50.0 * first])
-    sizes = np.column_stack([2.0 + x, 2.0 - x, 0.1 * first, 9.0 * first, 0.2 * first])
-    chosen = notable(at, sizes, (0.0, 50.0), 1e-4, strict=True)
-    assert chosen is not None
-    assert chosen.tolist() == [True, True, False, False, False]
-
-
-@pytest.mark.parametrize(("strict", "served"), [(False, True), (True, False)])
-def test_a_maximum_that_is_not_there_all_along(strict: bool, served: bool) -> None:
-    """One that vanishes where it is nearly the highest asks for shorter pieces if they are long."""
-    sizes = np.column_stack([np.ones(5), [0.9, 0.85, 0.5, np.nan, np.nan]])
-    at = np.where(np.isnan(sizes), np.nan, [10.0, 20.0])
-    assert (notable(at, sizes, (0.0, 50.0), 1e-4, strict=strict) is not None) is served
-    sizes[0, 1] = 1.1  # the highest itself
-    assert notable(at, sizes, (0.0, 50.0), 1e-4, strict=strict) is None

@@ -67,7 +67,7 @@ CASES = {
 def test_frfs_with_every_mode(mapping: Any, name: str) -> None:
     """All modes together give the FRFs of the assembly, solved line by line."""
     model, sampler, variable = sampled(mapping, CASES[name])
-    sample = sampler.poles_at(variable)
+    sample = sampler.at(variable)
     solution = sampler.solution(sample.alpha3)
     band, response = model.mechanism.response.band, model.mechanism.response
     drive = (response.point, response.direction)

@@ -1,11 +1,12 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Refines pieces of a table of a linkage whose damping couples the modes.
+"""Refines pieces of a table.
 
 The errors of reduced models between the points are bounded by those through fewer points.
 """
 
 import math
+import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -15,27 +16,17 @@ import numpy as np
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray
 from linkage_vibration.mechanics.description import Response
 from linkage_vibration.mechanics.response import far_poles, reach, searched
-from linkage_vibration.table.interpolation import interpolation_matrix, stroke_angle
+from linkage_vibration.table.interpolation import (
+    interpolation_matrix,
+    stroke_angle,
+    stroke_variable,
+)
 from linkage_vibration.table.pole_cells import PolePiece, oscillating, values_of
 from linkage_vibration.table.reduced import EVERY, Modal, ReducedModels, frf_pairs, shortened
-from linkage_vibration.table.table import Table
-from linkage_vibration.table.tabulation.accuracy import MARGIN, Accuracy, Bounds
-from linkage_vibration.table.tabulation.assembly import bare_table, with_bounds
-from linkage_vibration.table.tabulation.cell_making import (
-    CELL_ERROR,
-    CELL_ROUNDING,
-    Cell,
-    cell_arrays,
-    make_cells,
-)
+from linkage_vibration.table.tabulation.accuracy import CELL_SHARE, MARGIN, Accuracy, Bounds
+from linkage_vibration.table.tabulation.cell_making import CELL_ROUNDING, Cell, make_cells
 from linkage_vibration.table.tabulation.frf_errors import frf_norm, frf_norms, worst_share
-from linkage_vibration.table.tabulation.refinement import (
-    MOST,
-    dense,
-    first_points,
-    more_points,
-    refine_pieces,
-)
+from linkage_vibration.table.tabulation.refinement import MOST, dense, more_points
 from linkage_vibration.table.tabulation.sampling import Rounding, Sampler
 from linkage_vibration.table.tabulation.subspaces import (
     N_CHECK,
@@ -48,11 +39,13 @@ from linkage_vibration.table.tabulation.subspaces import (
 )
 
 _NARROW = 64  # A step below this part of a piece is not halved to distinguish poles.
+_LONG = 0.01  # In pieces above this share of the stroke, each identified mode exists everywhere.
 _END = 1.0 / 200.0  # In this share of the band, at its end, far poles are least accurate.
 _FAR_ANGLES = 33  # The error by far poles is evaluated at so many angles of a piece.
 _BETWEEN = 24  # If poles need more points to be followed, the piece is halved.
 _NEARLY_REAL = 1e-3  # A pole with a smaller share of imaginary part is nearly real.
 _EPS = 4.0 * float(np.finfo(float).eps)  # Eigenvalues are rounded by this share of the matrix.
+_SLOPE_ROUNDING = 4.0  # Slopes were found to be off by 2.5 times what follows from rounded values.
 _CELL_SLOPE = 32.0  # The slope of a cubic is wrong by so many errors in its middle, over its width.
 
 
@@ -60,19 +53,24 @@ _CELL_SLOPE = 32.0  # The slope of a cubic is wrong by so many errors in its mid
 class RefinedPiece:
     """A piece of the stroke that meets the tolerance."""
 
+    points: list[float]  # its stroke variables
     piece: PolePiece
     bounds: Bounds
     cells: list[Cell]
 
 
-def _needed(sample: PoleSample, response: Response) -> IntArray:
-    """Return the indices of the poles in reach of the band, and of the lowest modes."""
+def _needed(sample: PoleSample, response: Response, most: int) -> IntArray:
+    """Return the indices of the poles in reach of the band, and of the lowest modes.
+
+    At most the lowest of a number of poles are returned.
+    """
     poles = sample.poles
     wanted = np.abs(poles) < reach(response.band)
-    upper = poles[poles.imag > 0.0]
-    for pole in upper[np.argsort(np.abs(upper))][: response.modes]:
+    upper = oscillating(poles)
+    for pole in upper[: response.modes]:
         wanted |= np.abs(np.abs(poles) - abs(pole)) <= 1e-9 * abs(pole)
-    return np.flatnonzero(wanted)
+    lowest = np.argsort(np.abs(poles), kind="stable")[:most]
+    return np.intersect1d(lowest, np.flatnonzero(wanted))
 
 
 def _follow(sampler: Sampler, points: list[float]) -> dict[float, IntArray] | None:
@@ -82,17 +80,21 @@ def _follow(sampler: Sampler, points: list[float]) -> dict[float, IntArray] | No
     variables of the points, or None if the piece must be halved.
     """
     points, base = list(points), len(points) // 2
-    most = len(points) + _BETWEEN
-    start = _needed(sampler.poles_at(points[base]), sampler.response)
+    most, response = len(points) + _BETWEEN, sampler.response
+    counts = {len(sampler.at(x).poles) for x in points} if sampler.measured else {sys.maxsize}
+    if len(counts) > 1 and points[-1] - points[0] > _LONG * sampler.length:
+        return None
+    least = min(counts)  # Modes that are identified at some angles only are left out.
+    start = _needed(sampler.at(points[base]), response, least)
     while len(points) < most:
         sets: dict[float, IntArray] = {points[base]: start}
         for i in (*range(base + 1, len(points)), *range(base - 1, -1, -1)):
             before = points[i - 1 if i > base else i + 1]
-            sample, set_there = sampler.poles_at(points[i]), sets[before]
-            here = sampler.poles_at(before).subspace(set_there)
+            sample, set_there = sampler.at(points[i]), sets[before]
+            here = sampler.at(before).subspace(set_there)
             chosen, clear, rival = continue_set(here, sample, len(set_there))
             sets[points[i]] = chosen
-            missing = np.setdiff1d(_needed(sample, sampler.response), chosen)
+            missing = np.setdiff1d(_needed(sample, response, least), chosen)
             if clear and not len(missing):
                 continue
             step = abs(points[i] - before)
@@ -110,7 +112,7 @@ def _follow(sampler: Sampler, points: list[float]) -> dict[float, IntArray] | No
     return None
 
 
-def _refine(sampler: Sampler, fitted: list[float], accuracy: Accuracy) -> RefinedPiece | str:
+def refine(sampler: Sampler, fitted: list[float], accuracy: Accuracy) -> RefinedPiece | str:
     """Add points until poles, peaks and FRFs of the reduced models meet the tolerance.
 
     It returns the piece, or the reason why it must be halved.
@@ -121,7 +123,7 @@ def _refine(sampler: Sampler, fitted: list[float], accuracy: Accuracy) -> Refine
         sets = _follow(sampler, finer)
         if sets is None:
             return "a pole in reach of the band cannot be distinguished from others"
-        samples, chosen = [sampler.poles_at(x) for x in finer], [sets[x] for x in finer]
+        samples, chosen = [sampler.at(x) for x in finer], [sets[x] for x in finer]
         spaces = [sample.subspace(each) for sample, each in zip(samples, chosen, strict=True)]
         left = spaces[len(spaces) // 2].left  # one basis for all points
         try:
@@ -136,11 +138,13 @@ def _refine(sampler: Sampler, fitted: list[float], accuracy: Accuracy) -> Refine
             values = rounding(fine, response) + sampler.rounding(finer).values
             alpha3 = sampler.angle(finer[0])
             sampler.refuse_rounding(Rounding(values), alpha3, accuracy, 1.0 / 2.0)
-            far_error = MARGIN * _far_error(samples, fine, response.band)
-            far_error += sampler.rounding(finer).frf
+            far_error = 0.0  # A table of identified modes has no FRFs.
+            if not sampler.measured:
+                far_error = MARGIN * _far_error(samples, fine, response.band)
+                far_error += sampler.rounding(finer).frf
             compared = compare(coarse, fine, response, accuracy, far_error, values)
             if compared is not None:
-                return compared
+                return RefinedPiece(finer, fine, *compared)
         fitted = finer
     return f"the poles or the peak change too quickly for a tolerance of {accuracy.frequency:g}"
 
@@ -162,7 +166,8 @@ def _models(
     both = list(zip(samples, sets, strict=True))
     outside = [np.append(sample.others, np.delete(sample.poles, chosen)) for sample, chosen in both]
     poles = np.concatenate(outside)
-    poles = poles[poles.imag >= 0.0]
+    # The static flexibility replaces identified modes at the end of the band.
+    poles = poles[(poles.imag >= 0.0) & (not sampler.measured)]
     stiffness = np.abs(poles) ** 2 + 0j if viscous else -(poles**2)
     decay = -2.0 * poles.real if viscous else np.zeros(len(poles))
     far = far_poles(stiffness, decay, searched(sampler.response.band, free=free), N_FAR)
@@ -177,10 +182,12 @@ def _models(
         free=free,
     )
     lines = _near_lines(near, check_lines(sampler.response.band, free=free)[:N_FIT])
-    sums = [sample.totals[:N_FIT] for sample in samples] - lines
-    weights = np.array([far.fit(each, real=viscous, rates=viscous) for each in sums])
-    weights = weights.real if viscous else weights
-    return replace(near, weights=shortened(weights, near.n_inputs))
+    sums = np.array([sample.totals[:N_FIT] for sample in samples]) - lines
+    side_by_side = sums.swapaxes(0, 1).reshape(N_FIT, -1)
+    fitted = far.fit(side_by_side, real=viscous, rates=viscous)
+    weights = np.asarray(fitted.reshape(len(fitted), len(sums), -1).swapaxes(0, 1))
+    weights_of_kind = weights.real if viscous else weights
+    return replace(near, weights=shortened(weights_of_kind, near.n_inputs))
 
 
 def _near_lines(models: ReducedModels, omega: FloatArray) -> ComplexArray:
@@ -225,44 +232,6 @@ def _far_error(samples: Sequence[PoleSample], piece: PolePiece, band: tuple[floa
             norms[pairs] = np.linalg.norm(each * error, axis=0)
             worst = max(worst, worst_share(norms, size))
     return worst
-
-
-def build_coupled(sampler: Sampler, accuracy: Accuracy) -> Table:
-    """Build the table of a linkage whose damping couples its modes."""
-    waiting = [first_points(sampler.solved, *sampler.ends)]
-    pieces = refine_pieces(
-        sampler, waiting, lambda fitted: _refine(sampler, fitted, accuracy), accuracy
-    )
-    return _table(sampler, sorted(pieces, key=lambda each: float(each.piece.alpha3[0])))
-
-
-def _table(sampler: Sampler, pieces: Sequence[RefinedPiece]) -> Table:
-    """Make the table from pieces over the whole stroke, ascending."""
-    angles = [each.piece.alpha3 for each in pieces]
-    alpha3 = np.unique(np.concatenate(angles))  # each piece begins where the one before it ends
-    ends = np.cumsum([0, *(len(each) - 1 for each in angles)])
-    n, modes = len(alpha3), sampler.response.modes
-    cells = [piece.cells for piece in pieces]
-    table = replace(
-        bare_table(sampler, alpha3, ends),
-        peak_band=searched(sampler.response.peak_band, free=sampler.free_modes > 0),
-        natural_frequencies=np.zeros((n, modes)),
-        peak_frequencies=np.zeros((n, 1)),
-        peak_notable=np.ones((len(pieces), 1), dtype=np.bool_),
-        places=() if sampler.free_modes else sampler.pole_places,
-        forces=sampler.forces,
-        reduced=tuple(each.piece.models for each in pieces),
-        **cell_arrays(cells, modes, sampler.model.mechanism.name),
-    )
-    table = with_bounds(table, [piece.bounds for piece in pieces])
-    values = table.evaluate(alpha3)
-    return replace(
-        table,
-        natural_frequencies=values[:, :modes],
-        damping_ratios=values[:, modes : 2 * modes],
-        peak_frequencies=values[:, -2:-1],
-        peak_magnitudes=values[:, -1:],
-    )
 
 
 def rounding(piece: PolePiece, response: Response) -> float:
@@ -336,8 +305,8 @@ def compare(
     accuracy: Accuracy,
     far_error: float,
     rounding: float,
-) -> RefinedPiece | None:
-    """Return a piece with its cells and by how much fewer points change it; None if too much.
+) -> tuple[Bounds, list[Cell]] | None:
+    """Return by how much fewer points change a piece, and its cells; None if it is too much.
 
     Far poles cause the relative error ``far_error`` of FRFs; ``rounding`` is that of values.
     """
@@ -347,7 +316,9 @@ def compare(
     )
     if _worst(errors) > accuracy.frequency:
         return None  # before cells are made, which takes longer
-    cells = make_cells(fine)
+    # Smaller cells would follow rounding, and their slopes even more.
+    cell_error = max(accuracy.cell, min(rounding, CELL_SHARE * accuracy.frequency))
+    cells = make_cells(fine, cell_error)
     angles = np.array([[cell.start, (cell.start + cell.end) / 2.0] for cell in cells]).ravel()
     before, after = coarse.modal(angles), fine.modal(angles)
     off = [_worst([each]) for each in _pole_errors(before.frequencies, after.frequencies, response)]
@@ -366,12 +337,16 @@ def compare(
         for (here, there), step in zip(pairwise(errors), np.diff(all_over), strict=True)
         if here.shape == there.shape
     )
+    # Polynomials through points that rounding moves have other slopes.
+    matrix = interpolation_matrix(fine.variables, stroke_variable(all_over, fine.toggles))
+    steps = np.abs(np.diff(matrix, axis=0)).sum(axis=1)
+    slope += _SLOPE_ROUNDING * rounding * float((steps / np.diff(all_over)).max())
     widths = [cell.end - cell.start for cell in cells if cell.values is not None]
-    slope += _CELL_SLOPE * CELL_ERROR / min(widths, default=math.inf)
+    slope += _CELL_SLOPE * cell_error / min(widths, default=math.inf)
     # The error of a cubic in its middle is a little more than half of its largest.
-    rest = 2.0 * CELL_ERROR + rounding
+    rest = 2.0 * cell_error + rounding
     bounds = Bounds(values + rest, peak + rest, frf + rounding, float(slope))
-    return RefinedPiece(fine, bounds, cells) if bounds.meet(accuracy) else None
+    return (bounds, cells) if bounds.meet(accuracy) else None
 
 
 def _worst(errors: Sequence[FloatArray]) -> float:
