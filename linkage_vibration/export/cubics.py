@@ -87,14 +87,10 @@ class _Joiner:
         """Return the cell after the longest joined cell that begins with this cell."""
         breaks = np.flatnonzero(~self._joins[first:])
         end = first + 1 + int(breaks[0]) if len(breaks) else len(self._cubics)
-        good, step = first + 1, 1
-        while good < end and self._holds(first, min(good + step, end)):
-            good, step = min(good + step, end), 2 * step
-        bad = min(good + step, end + 1)
-        while bad - good > 1:
-            middle = (good + bad) // 2
-            good, bad = (middle, bad) if self._holds(first, middle) else (good, middle)
-        return good
+        after = first + 1
+        while after < end and self._holds(first, after + 1):
+            after += 1
+        return after
 
     def cubic(self, first: int, after: int) -> FloatArray:
         """Return the cubics, (4, k), with the values and slopes of cells at both ends.
