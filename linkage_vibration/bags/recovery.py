@@ -108,12 +108,10 @@ class Recovery:
     rest: int = 0  # byte at which another file begins that is not read; 0 without one
 
 
-def recover(
-    source: Path, output: Path, progress: Callable[[int], object] | None = None
-) -> Recovery:
+def recover(source: Path, output: Path) -> Recovery:
     """Write the readable part of an MCAP file to a new one, or raise a `RecoveryError`.
 
-    A chunk with a wrong CRC is lost. ``progress`` gets bytes; without it, a bar on a terminal does.
+    A chunk with a wrong CRC is lost. A bar on a terminal shows the progress.
     """
     try:
         refuse_pipe(source)
@@ -127,7 +125,7 @@ def recover(
         replacement(output, RecoveryError, new_only=True) as new,
         new.open("wb") as stream,
     ):
-        rescue = _Rescue(_Source(source, file), output, stream, progress or shown.update)
+        rescue = _Rescue(_Source(source, file), output, stream, shown.update)
         rescue.scan()
         return rescue.finish()
 

@@ -35,11 +35,9 @@ def extremes(cubics: FloatArray, widths: FloatArray) -> tuple[FloatArray, FloatA
     return values.min(axis=0), values.max(axis=0)
 
 
-def largest_sizes(cubics: FloatArray, widths: FloatArray) -> FloatArray:
-    """Return the largest magnitudes of cubics, (n, 4, k), in all cells, (k,)."""
-    with np.errstate(invalid="ignore"):
-        sizes = np.nanmax(np.abs(extremes(cubics, widths)), axis=(0, 1), initial=0.0)
-    return np.asarray(sizes)
+def largest_sizes(cubics: FloatArray) -> FloatArray:
+    """Return the largest magnitudes of cubics, (n, 4, k), where cells begin, (k,)."""
+    return np.asarray(np.nanmax(np.abs(cubics[:, 3]), axis=0, initial=0.0))
 
 
 def _value(cubics: FloatArray, t: FloatArray) -> FloatArray:
@@ -78,10 +76,9 @@ class _Joiner:
         last = moved(cubics, self._widths)
         self._last = last[:, 3], last[:, 2]
         with np.errstate(invalid="ignore"):
-            largest = np.nanmax(np.abs(self._first[0]), axis=0, initial=0.0)
             step = np.abs(self._first[0][1:] - self._last[0][:-1])
         unequal = np.isnan(self._first[0][1:]) != np.isnan(self._last[0][:-1])
-        self._joins = ~(unequal | (step > _SAME * largest)).any(axis=1)
+        self._joins = ~(unequal | (step > _SAME * largest_sizes(cubics))).any(axis=1)
 
     def longest(self, first: int) -> int:
         """Return the cell after the longest joined cell that begins with this cell."""
