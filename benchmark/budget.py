@@ -169,9 +169,13 @@ def uncertain(model: LinkageModel) -> list[Entry]:
     assert uncertainty is not None
     numbers, correlation = uncertainty.numbers, np.array(uncertainty.correlation)
     rates = []
-    for number in numbers:
-        low, high = (over_the_stroke(LinkageModel(side)) for side in number.sides)
-        rates.append((high - low) * number.deviation / (2.0 * number.step))
+    for i, number in enumerate(numbers):
+        values = [other.value for other in numbers]
+        sides = []
+        for steps in (-0.01, 0.01):
+            values[i] = number.moved(steps)
+            sides.append(over_the_stroke(LinkageModel(uncertainty.described(values))))
+        rates.append((sides[1] - sides[0]) / 0.02)
     changes = np.array(rates)  # (n_numbers, n_angles, 4)
     damping = np.array(["damping" in number.path for number in numbers])
 

@@ -25,7 +25,6 @@ from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.mechanics.paths import number_at, split_paths, with_numbers
-from linkage_vibration.mechanics.sensitivity import Sensitivity
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.studies.calibration import (
     CalibrationTask,
@@ -35,6 +34,7 @@ from linkage_vibration.studies.calibration import (
     read_calibration,
     write_mechanism,
 )
+from linkage_vibration.studies.unknowns import log_changes
 from linkage_vibration.support.resources import config_file
 
 FloatArray = NDArray[np.float64]
@@ -198,7 +198,10 @@ def _score(
         write_mechanism(task, result, Path(folder) / "calibrated.yaml")
         calibrated = LinkageModel(read_mechanism(Path(folder) / "calibrated.yaml"))
     solution = calibrated.solve(alpha3)
-    predicted = Sensitivity(calibrated).at(solution, 1e4).stddev[:modes]
+    uncertainty = calibrated.mechanism.uncertainty
+    assert uncertainty is not None
+    changes = log_changes(calibrated, [alpha3], 1e4)[0][:, :modes]
+    predicted = np.sqrt((changes * (np.array(uncertainty.correlation) @ changes)).sum(axis=0))
     off = np.log(solution.natural_frequencies[:modes] / exact) / predicted
     names = (*result.names, *(f"predicted mode {mode + 1}" for mode in range(modes)))
     stated = np.append(result.stated, np.full(modes, math.nan))

@@ -21,11 +21,11 @@ from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.description import Cylinder, Mechanism, Uncertainty
 from linkage_vibration.mechanics.model import LinkageModel, Solution
 from linkage_vibration.mechanics.paths import split_paths, with_numbers
-from linkage_vibration.mechanics.sensitivity import Sensitivity
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.readers.mechanism import load_yaml, mechanism_of
 from linkage_vibration.readers.targets import Target
 from linkage_vibration.studies.calibration import CalibrationTask, calibrate, write_mechanism
+from linkage_vibration.studies.unknowns import log_changes
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.tabulation import build_table
 
@@ -305,11 +305,14 @@ def largest_shares(mapping: dict[str, Any], alpha3: float, mode: int, count: int
         The description; rad; index of the mode; how many numbers.
     """
     model = LinkageModel(mechanism_of(mapping, Path("description")))
-    sensitivity, solution = Sensitivity(model), model.solve(alpha3)
+    uncertainty, solution = model.mechanism.uncertainty, model.solve(alpha3)
+    assert uncertainty is not None
     highest = 1.01 * float(solution.natural_frequencies[mode])
-    shares = sensitivity.at(solution, highest).shares(mode)
+    changes = log_changes(model, [alpha3], highest)[0][:, mode]
+    parts = changes * (np.array(uncertainty.correlation) @ changes)
+    shares = parts / parts.sum()
     best = np.argsort(shares)[::-1][:count].tolist()
-    return ", ".join(f"{sensitivity.numbers[i].path} {100.0 * shares[i]:.0f} %" for i in best)
+    return ", ".join(f"{uncertainty.numbers[i].path} {100.0 * shares[i]:.0f} %" for i in best)
 
 
 def draw(result: dict[str, Scatter], picture: Path) -> None:

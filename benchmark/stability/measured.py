@@ -248,7 +248,8 @@ def _faults(model: LinkageModel) -> str:
             """Return the refusal of a file, without the folder."""
             dofs = np.array([str(dof) for dof in case.link.dofs])[:keep]
             np.savez(path, frequencies=case.lines, frf=2.0 * frf[:, :keep, :keep], dofs=dofs)
-            message = _refusal(lambda: read_frfs(path, case.link.dofs))
+            link = next(each for each in model.mechanism.links if each.name == case.link.name)
+            message = _refusal(lambda: link.positions(case.link.dofs, read_frfs(path).dofs))
             return message.replace(f"{folder}/", "")
 
         unequal = clean.copy()

@@ -144,7 +144,7 @@ def with_frfs_from_file(
         path = Path(folder) / "link.npz"
         names = np.array([str(dof) for dof in component.dofs])
         np.savez(path, frequencies=lines, frf=frf * link.count, dofs=names)
-        measured = dataclasses.replace(link, body=read_frfs(path, component.dofs))
+        measured = dataclasses.replace(link, body=read_frfs(path))
     links = (*mechanism.links[:at], measured, *mechanism.links[at + 1 :])
     return LinkageModel(dataclasses.replace(mechanism, links=links))
 

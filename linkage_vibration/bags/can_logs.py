@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from linkage_vibration.bags.message_types import CAN_FRAME
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.support.missing_library import needed
 from linkage_vibration.support.progress import byte_bar
 from linkage_vibration.support.version import check_versions
 
@@ -214,10 +215,8 @@ def _check_times(times: NDArray[np.int64]) -> None:
 
 def _rows(file: BinaryIO, suffix: str, lines: "_Lines") -> Iterator[_Row]:
     """Yield the frames of a log, and count the lines of a text that are bad."""
-    try:
+    with needed("can", "needs python-can", CanLogError):
         import can
-    except ImportError:
-        raise CanLogError("needs python-can; run `pip install linkage_vibration[can]`.") from None
     text: Any = lines
     if suffix == ".blf":
         start, reader = _blf_start(file), can.BLFReader(file)

@@ -14,6 +14,7 @@ from linkage_vibration.bags.can_frames import EXTENDED, FLAGS, PAYLOAD
 from linkage_vibration.bags.can_signals import Bits, CanSignal, j1939_key
 from linkage_vibration.bags.schemas import FieldError
 from linkage_vibration.support.atomic_files import refuse_pipe
+from linkage_vibration.support.missing_library import needed
 from linkage_vibration.support.version import check_versions
 
 if TYPE_CHECKING:
@@ -67,12 +68,8 @@ def dbc_signal(path: Path, name: str) -> CanSignal:
 def _load(path: Path, changed: int) -> "Database":
     """Return the content of a file that was changed at a time, ns."""
     check_versions("cantools")
-    try:
+    with needed("can", f"Reading {path} needs cantools", DbcError):
         from cantools.database.can import Database
-    except ImportError:
-        raise DbcError(
-            f"Reading {path} needs cantools; run `pip install linkage_vibration[can]`."
-        ) from None
     try:
         refuse_pipe(path)
         # Other messages than ours may overlap themselves; ours is checked by itself.

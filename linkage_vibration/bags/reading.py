@@ -5,6 +5,7 @@
 Every failure is a `BagError`.
 """
 
+import re
 import shutil
 import sqlite3
 from collections.abc import Iterator
@@ -14,7 +15,7 @@ from functools import partial
 from pathlib import Path
 from shlex import quote
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, BinaryIO, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import yaml
 import zstandard
@@ -32,6 +33,7 @@ from linkage_vibration.bags.recovery import JoinedError, repair
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.support.atomic_files import refuse_pipe
 from linkage_vibration.support.commands import command
+from linkage_vibration.support.missing_library import needed
 from linkage_vibration.support.progress import read_with_bar
 from linkage_vibration.support.version import check_versions
 from linkage_vibration.support.yaml_size import refuse_unbounded
@@ -44,6 +46,7 @@ if TYPE_CHECKING:
 
 # By suffix: the first bytes of a file, and what saves the rest of an incomplete one.
 _MAGIC = {".bag": b"#ROSBAG V2.0", ".mcap": MAGIC, ".db3": b"SQLite format 3\0"}
+_BAG_HEADER = 4096  # bytes of the first record of a bag of ROS 1, which is padded
 _BESIDE = ("-wal", "-journal")  # ends of the names of files that SQLite has not merged yet
 
 
@@ -63,13 +66,9 @@ class BagFile:
 def open_files(path: Path, stack: ExitStack) -> Iterator[BagFile]:
     """Open the files of a bag, which the stack closes, or raise a `BagError`."""
     check_versions("rosbags")
-    try:
+    with needed("bags", "Reading bags needs rosbags", BagError):
         from rosbags.rosbag1 import Reader as Reader1
         from rosbags.rosbag2 import Reader as Reader2
-    except ImportError:
-        raise BagError(
-            "Reading bags needs rosbags; run `pip install linkage_vibration[bags]`."
-        ) from None
     with bag_errors(path):
         files, is_packed = _files(path)
     for each in files:
@@ -191,27 +190,16 @@ def _check_end(file: Path, kind: str, reader: Any) -> None:
             page = (int.from_bytes(head[16:18], "big") & ~1) or 2**16
             end = page * int.from_bytes(head[28:], "big")
         else:
-            opened.readline()
-            fields = _header_fields(opened)
-            reader.bio.seek(fields[b"index_pos"])
-            for _ in range(fields[b"conn_count"]):
+            [index] = re.findall(rb"index_pos=(.{8})", opened.read(_BAG_HEADER), re.DOTALL)
+            reader.bio.seek(int.from_bytes(index, "little"))
+            for _ in reader.connections:
                 reader.read_connection()
-            for _ in range(fields[b"chunk_count"]):
+            for _ in reader.chunk_infos:
                 reader.read_chunk_info()
             end = reader.bio.tell()
         opened.seek(end)
         if opened.read(len(_MAGIC[kind])) == _MAGIC[kind]:
             raise JoinedError(file, end)
-
-
-def _header_fields(file: BinaryIO) -> dict[bytes, int]:
-    """Return the numbers in the header of a record of a bag of ROS 1."""
-    header, fields = file.read(int.from_bytes(file.read(4), "little")), {}
-    while header:
-        end = 4 + int.from_bytes(header[:4], "little")
-        name, _, value = header[4:end].partition(b"=")
-        fields[name], header = int.from_bytes(value, "little"), header[end:]
-    return fields
 
 
 @contextmanager

@@ -6,8 +6,8 @@ Own code because the reader of mcap stops at the first damaged record, and so lo
 of which this saves 87 % (`python -m benchmark.libraries`). An MCAP file is a magic number and
 records, each with an opcode, a length and a content. Most messages are in chunk records, which have
 a CRC. Every record is checked before its length is used; after a damaged one, reading continues at
-the next intact one, which may begin inside of it. If a definition is found only behind messages
-that need it, the file is read once more.
+the next intact one, which may begin inside of it. The summary is read first, as it may have the
+only intact definitions.
 """
 
 import errno
@@ -17,7 +17,7 @@ import re
 import struct
 import zlib
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from shlex import quote
@@ -58,6 +58,9 @@ _RECORDS: dict[int, Any] = {
     for opcode in Opcode
     if opcode not in (Opcode.CHUNK, Opcode.MESSAGE, Opcode.MESSAGE_INDEX)
 }
+_DEFINITIONS = (Opcode.SCHEMA, Opcode.CHANNEL)
+_DATA_END = RECORD.pack(Opcode.DATA_END, 4)  # a CRC and the summary follow
+_TAIL = 2**24  # bytes at the end in which the summary is sought
 _MOST_UNKNOWN = 64  # bytes at the end of a record, of fields of a later version of MCAP
 # How far a definition can be trusted: alone, in a chunk with a CRC, in a summary with a CRC.
 _ALONE, _IN_CHUNK, _IN_SUMMARY = range(3)
@@ -105,12 +108,10 @@ class Recovery:
     rest: int = 0  # byte at which another file begins that is not read; 0 without one
 
 
-def recover(
-    source: Path, output: Path, progress: Callable[[int], object] | None = None
-) -> Recovery:
+def recover(source: Path, output: Path) -> Recovery:
     """Write the readable part of an MCAP file to a new one, or raise a `RecoveryError`.
 
-    A chunk with a wrong CRC is lost. ``progress`` gets bytes; without it, a bar on a terminal does.
+    A chunk with a wrong CRC is lost. A bar on a terminal shows the progress.
     """
     try:
         refuse_pipe(source)
@@ -124,12 +125,8 @@ def recover(
         replacement(output, RecoveryError, new_only=True) as new,
         new.open("wb") as stream,
     ):
-        rescue = _Rescue(_Source(source, file), output, stream, progress or shown.update)
-        if rescue.scan():
-            stream.seek(0)
-            stream.truncate()
-            rescue = _Rescue(rescue.source, output, stream, lambda count: None, rescue.definitions)
-            rescue.scan()
+        rescue = _Rescue(_Source(source, file), output, stream, shown.update)
+        rescue.scan()
         return rescue.finish()
 
 
@@ -208,11 +205,10 @@ class _Rescue:
         output: Path,
         stream: io.BufferedWriter,
         progress: Callable[[int], object],
-        definitions: Mapping[_Key, tuple[int, _Definition]] | None = None,
     ) -> None:
         self.source = source
         # The definitions that were read, with the trust in each; and those in the output.
-        self.definitions = dict(definitions or {})
+        self.definitions: dict[_Key, tuple[int, _Definition]] = {}
         self._written: dict[_Key, _Definition] = {}
         self._output = output
         self._stream = stream
@@ -223,7 +219,6 @@ class _Rescue:
         self._loose: list[bytes] = []
         self._loose_bytes = 0
         self._lost: Counter[int] = Counter()
-        self._undefined: set[int] = set()  # channels of lost messages
         self._statistics: records.Statistics | None = None
         self._chunked = False
         # Messages of the last chunk that no index has counted yet.
@@ -231,34 +226,41 @@ class _Rescue:
         self._damages: list[str] = []
         self._rest = 0
 
-    def scan(self) -> bool:
-        """Save everything that is readable; return whether a second scan can save more."""
-        place = max(self.source.end - FOOTER.size, 0)
-        self._read_summary(int.from_bytes(self.source.read(place, 8), "little"))
+    def scan(self) -> None:
+        """Save everything that is readable."""
+        self._read_summary()
         self._read_records()
-        definitions = {key: record for key, (_, record) in self.definitions.items()}
-        if not (self._file or definitions):
+        if not (self._file or self.definitions):
             remedy = repair(self.source.path) or "give an MCAP file"
             raise RecoveryError(f"{self.source.path} has no readable record; {remedy}.")
-        return (
-            any((records.Channel, channel) in definitions for channel in self._undefined)
-            or any(definitions[key] != record for key, record in self._written.items())
-            or (self._file is not None and self._file.profile != self._output_profile())
-        )
 
-    def _read_summary(self, start: int) -> None:
-        """Take definitions and statistics of a summary that begins here, if its CRC is right."""
+    def _read_summary(self) -> None:
+        """Take the definitions of the summary of a complete file, and its statistics with a CRC."""
         source, end = self.source, self.source.end - RECORD.size - FOOTER.size
+        tail = max(end - _TAIL, 0)
+        found = source.read(tail, end - tail).rfind(_DATA_END)
         footer = source.read(max(end, 0), RECORD.size + FOOTER.size)
-        if not (source.complete and max(end - LONGEST_RECORD, 1) <= start <= end):
+        stated = int.from_bytes(footer[RECORD.size : RECORD.size + 8], "little")
+        # If bytes are missing before it, the summary is not where the footer says; but behind the
+        # beginning of another file, it is that of this other one.
+        behind = tail + found + len(_DATA_END) + 4
+        if behind > stated and source.read(behind - stated, len(MAGIC)) == MAGIC:
             return
-        # The CRC covers the footer as well, up to the CRC itself.
-        summary = source.read(start, end - start)
-        if zlib.crc32(footer[:-4], zlib.crc32(summary)) != int.from_bytes(footer[-4:], "little"):
-            return
+        for start in (stated, behind):
+            if source.complete and max(end - LONGEST_RECORD, 1) <= start <= end:
+                summary = source.read(start, end - start)
+                # The CRC covers the footer as well, up to the CRC itself.
+                crc = zlib.crc32(footer[:-4], zlib.crc32(summary))
+                if crc == int.from_bytes(footer[-4:], "little"):
+                    self._take_summary(summary, _IN_SUMMARY)
+                    return
+        if source.complete and found >= 0:
+            self._take_summary(source.read(start, max(end - start, 0)), _ALONE)
+
+    def _take_summary(self, summary: bytes, trust: int) -> None:
         for opcode, begin, stop in split_records(summary):
-            if opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS):
-                self._take_other(_parse(opcode, summary[begin:stop]), _IN_SUMMARY)
+            if opcode in _DEFINITIONS or (opcode == Opcode.STATISTICS and trust == _IN_SUMMARY):
+                self._take_other(_parse(opcode, summary[begin:stop]), trust)
 
     def _read_records(self) -> None:
         """Save the intact records, and go on at the next one behind or inside of a damaged one."""
@@ -290,7 +292,7 @@ class _Rescue:
         if not source.complete:
             self._damages.append(f"byte {source.end}: the end is missing")
 
-    def _resume_at(self, offset: int, skipped: Collection[int] = ()) -> int:
+    def _resume_at(self, offset: int, skipped: tuple[int, ...] = ()) -> int:
         """Return the offset of the next intact record that is not skipped, or the file's end."""
         source = self.source
         while (offset := source.next_data(offset)) < source.end:
@@ -370,9 +372,6 @@ class _Rescue:
             # An index without its chunk still counts the messages of the chunk.
             if self._chunk.pop(channel, None) != size // 16:
                 self._lost[channel] += size // 16
-        elif opcode == Opcode.DATA_END and self._statistics is None:
-            # If bytes are missing, the summary is not where the footer says.
-            self._read_summary(offset + RECORD.size + len(body))
         elif opcode != Opcode.STATISTICS:
             self._take_other(_parse(opcode, body, longer=True), _ALONE)
         return ""
@@ -395,8 +394,7 @@ class _Rescue:
         if cut or len(content) != size or not intact:
             # The end of the file may cut the chunk off; or its bytes are missing, and it would end
             # within the record behind it.
-            inside = (Opcode.SCHEMA, Opcode.CHANNEL)
-            if not cut or self._resume_at(offset + 1, inside) < self.source.end:
+            if not cut or self._resume_at(offset + 1, _DEFINITIONS) < self.source.end:
                 return f"a chunk of {len(body)} bytes"
             self._damages.append(f"byte {offset}: a chunk that the end of the file cuts off")
             trust = _ALONE
@@ -404,7 +402,7 @@ class _Rescue:
         for opcode, start, end in parts:
             if opcode == Opcode.MESSAGE and end - start >= MESSAGE.size:
                 messages.append(content[start - RECORD.size : end])
-            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            elif opcode in _DEFINITIONS:
                 self._take_other(_parse(opcode, content[start:end], longer=True), trust)
         for message in messages:
             self._take_message(message)
@@ -416,7 +414,6 @@ class _Rescue:
         self._chunk[channel] += 1
         if (records.Channel, channel) not in self.definitions:
             self._lost[channel] += 1
-            self._undefined.add(channel)
             return
         self._register(channel)
         self._loose.append(record)
@@ -469,13 +466,11 @@ class _Rescue:
     def _output_file(self) -> McapFile:
         """Return the output, which begins with the profile."""
         if self._file is None:
-            self._file = McapFile(self._stream, self._output_profile())
+            # If the header is lost, the definitions tell its profile.
+            encodings = {getattr(each, "encoding", "") for _, each in self.definitions.values()}
+            of_types = "ros2" if encodings & {"ros2msg", "ros2idl"} else ""
+            self._file = McapFile(self._stream, self._profile or of_types)
         return self._file
-
-    def _output_profile(self) -> str:
-        """Return the profile of the header or, if that is lost, of the definitions."""
-        encodings = {getattr(each, "encoding", "") for _, each in self.definitions.values()}
-        return self._profile or ("ros2" if encodings & {"ros2msg", "ros2idl"} else "")
 
     def finish(self) -> Recovery:
         """Complete the output."""

@@ -3,7 +3,7 @@
 """The fields of message types, and the paths to the numbers in them."""
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Any, TypeAlias
@@ -58,12 +58,22 @@ def schema_of_store(store: Any, type_name: str) -> Schema:
 
     Types that it does not know are left out.
     """
+    known = store.fielddefs
+    return schema_by(
+        type_name,
+        lambda name: [_field(*each) for each in known[name][1]] if name in known else None,
+    )
+
+
+def schema_by(
+    type_name: str, fields_of: Callable[[str], Sequence[SchemaField] | None]
+) -> dict[str, tuple[SchemaField, ...]]:
+    """Return the fields of a type and of those that it contains; None for one not known."""
     schema: dict[str, tuple[SchemaField, ...]] = {}
     waiting = [type_name]
     while waiting:
         name = waiting.pop()
-        if name not in schema and name in store.fielddefs:
-            listed = [_field(each, content) for each, content in store.fielddefs[name][1]]
+        if name not in schema and (listed := fields_of(name)) is not None:
             schema[name] = tuple(listed) or EMPTY
             waiting += [field.type for field in listed if "/" in field.type]
     return schema

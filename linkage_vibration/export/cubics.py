@@ -35,11 +35,9 @@ def extremes(cubics: FloatArray, widths: FloatArray) -> tuple[FloatArray, FloatA
     return values.min(axis=0), values.max(axis=0)
 
 
-def largest_sizes(cubics: FloatArray, widths: FloatArray) -> FloatArray:
-    """Return the largest magnitudes of cubics, (n, 4, k), in all cells, (k,)."""
-    with np.errstate(invalid="ignore"):
-        sizes = np.nanmax(np.abs(extremes(cubics, widths)), axis=(0, 1), initial=0.0)
-    return np.asarray(sizes)
+def largest_sizes(cubics: FloatArray) -> FloatArray:
+    """Return the largest magnitudes of cubics, (n, 4, k), where cells begin, (k,)."""
+    return np.asarray(np.nanmax(np.abs(cubics[:, 3]), axis=0, initial=0.0))
 
 
 def _value(cubics: FloatArray, t: FloatArray) -> FloatArray:
@@ -78,23 +76,18 @@ class _Joiner:
         last = moved(cubics, self._widths)
         self._last = last[:, 3], last[:, 2]
         with np.errstate(invalid="ignore"):
-            largest = np.nanmax(np.abs(self._first[0]), axis=0, initial=0.0)
             step = np.abs(self._first[0][1:] - self._last[0][:-1])
         unequal = np.isnan(self._first[0][1:]) != np.isnan(self._last[0][:-1])
-        self._joins = ~(unequal | (step > _SAME * largest)).any(axis=1)
+        self._joins = ~(unequal | (step > _SAME * largest_sizes(cubics))).any(axis=1)
 
     def longest(self, first: int) -> int:
         """Return the cell after the longest joined cell that begins with this cell."""
         breaks = np.flatnonzero(~self._joins[first:])
         end = first + 1 + int(breaks[0]) if len(breaks) else len(self._cubics)
-        good, step = first + 1, 1
-        while good < end and self._holds(first, min(good + step, end)):
-            good, step = min(good + step, end), 2 * step
-        bad = min(good + step, end + 1)
-        while bad - good > 1:
-            middle = (good + bad) // 2
-            good, bad = (middle, bad) if self._holds(first, middle) else (good, middle)
-        return good
+        after = first + 1
+        while after < end and self._holds(first, after + 1):
+            after += 1
+        return after
 
     def cubic(self, first: int, after: int) -> FloatArray:
         """Return the cubics, (4, k), with the values and slopes of cells at both ends.

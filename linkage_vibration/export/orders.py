@@ -57,8 +57,7 @@ def _forces_of(
     is_complex, n = bool(residues[:, :, 1].any()), len(residues)
     parts = residues if is_complex else residues[:, :, ::2]
     cubics = np.concatenate([parts.reshape(n, 4, -1), others], axis=2)
-    limits = _FORCE_ERROR * largest_sizes(cubics, np.diff(ends))
-    starts, cubics = joined_cells(ends, cubics, limits)
+    starts, cubics = joined_cells(ends, cubics, _FORCE_ERROR * largest_sizes(cubics))
     return ForceConstants(components, is_complex, starts, cubics.astype(np.float32))
 
 

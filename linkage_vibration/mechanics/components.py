@@ -37,8 +37,6 @@ class Component:
     damping: FloatArray  # (n, n)
     loss_factor: float  # structural damping: the stiffness is K (1 + i eta)
     drawing: Drawing | None  # None where the shape of the body is unknown
-    # (n_body, n): from these coordinates to all of the body's own; None if it was not reduced.
-    basis: FloatArray | None = None
 
     def translation(self, along: FloatArray, angle: float) -> FloatArray:
         """Return the coordinates, (n,), if a turned body moves by (2,) along the global axes, m."""

@@ -9,6 +9,7 @@ ground's is pinned to the ground. This defines the whole topology.
 import dataclasses
 import hashlib
 import json
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -297,10 +298,13 @@ class UncertainNumber:
     path: str  # its paths, as `paths.split_paths` takes them
     value: float  # as in the description
     deviation: float  # its standard deviation, in the same unit
-    step: float  # by which the number differs in `sides`
+    step: float  # by which the number may differ to both sides, at least
     relative: bool  # whether its logarithm is normal, rather than the number itself
-    # The mechanisms with the number smaller and larger by `step`.
-    sides: "tuple[Mechanism, Mechanism]" = field(compare=False, repr=False)
+
+    def moved(self, steps: float) -> float:
+        """Return the number after a change by so many of its standard deviations."""
+        change = self.deviation * steps
+        return self.value * math.exp(change / self.value) if self.relative else self.value + change
 
 
 @dataclass(frozen=True, slots=True)
@@ -439,12 +443,8 @@ class Mechanism:
         `reduced` is as `Body.component` takes it.
         """
         links = [link.body.component(link, self, reduced=reduced) for link in self.links]
-        return (*links, *self.rigid_components())
-
-    def rigid_components(self) -> tuple[Component, ...]:
-        """Return the component of every rigid body, and of the base."""
         rigid = [body.component(self.damping) for body in self.rigid_bodies]
-        return (*rigid, *([] if self.base is None else [self.base.component()]))
+        return (*links, *rigid, *([] if self.base is None else [self.base.component()]))
 
 
 def coarser(mechanism: Mechanism, elements: int, modes: int) -> Mechanism:

@@ -107,7 +107,7 @@ def identify(
         problem = f"No mode is visible between {band[0]:g} and {band[1]:g} Hz"
         raise IdentificationError(f"{problem}; {hint}.")
     _check_resolution(frequencies, poles[modes])
-    _check_complete(omega, frf, poles[modes | ~inside], band)
+    _check_complete(omega, frf, poles[modes | ~inside])
     poles, residues = poles[modes], residues[modes]
     return IdentifiedModes(poles, _shapes(poles, residues))
 
@@ -140,9 +140,7 @@ def _in_band(
     return frequencies, frf
 
 
-def _check_complete(
-    omega: FloatArray, frf: ComplexArray, poles: ComplexArray, band: tuple[float, float]
-) -> None:
+def _check_complete(omega: FloatArray, frf: ComplexArray, poles: ComplexArray) -> None:
     """Refuse modes that leave most of the FRFs unexplained near any frequency.
 
     Near a missing peak nearly everything is left; noise of 10 % leaves 10 %.

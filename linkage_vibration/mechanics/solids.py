@@ -97,7 +97,7 @@ def sparse_craig_bampton(
     stiffness: sparse.csc_array,
     n_interface: int,
     n_modes: int,
-    mirror: sparse.csr_array | None = None,
+    mirror: sparse.csr_array,
 ) -> Reduction:
     """Reduce to interface DoFs and fixed-interface modes, as `reduction.craig_bampton` does.
 
@@ -116,8 +116,7 @@ def sparse_craig_bampton(
     if not (pivots > SINGULAR).all():
         raise not_held(n_interface)
     extension = -factor.solve(stiffness[i, b].toarray())
-    reflect = None if mirror is None else mirror[i, i]
-    squares, shapes = _fixed_interface_modes(k_ii, m_ii, factor.solve, n_modes, reflect)
+    squares, shapes = _fixed_interface_modes(k_ii, m_ii, factor.solve, n_modes, mirror[i, i])
 
     transformation = np.eye(mass.shape[0], n_interface + len(squares))
     transformation[i, b] = extension
@@ -134,13 +133,13 @@ def _fixed_interface_modes(
     mass: sparse.csc_array,
     solve: Callable[[FloatArray], FloatArray],
     n_modes: int,
-    mirror: sparse.csr_array | None,
+    mirror: sparse.csr_array,
 ) -> tuple[FloatArray, FloatArray]:
     """Return the lowest omega^2 and mass-normalised shapes, those of the right symmetry alone."""
     n = mass.shape[0]
     if n_modes == 0:
         return np.zeros(0), np.zeros((n, 0))
-    asked = n_modes if mirror is None else 2 * n_modes
+    asked = 2 * n_modes
     while True:
         whole = n <= _DENSE or asked >= n // 2
         if whole:
@@ -151,8 +150,7 @@ def _fixed_interface_modes(
             squares, shapes = eigsh(stiffness, asked, mass, sigma=0.0, OPinv=inverse, v0=start)
             ascending = np.argsort(squares)
             squares, shapes = squares[ascending], shapes[:, ascending]
-        if mirror is not None:
-            squares, shapes = _symmetric(squares, shapes, mass, mirror)
+        squares, shapes = _symmetric(squares, shapes, mass, mirror)
         if whole or len(squares) >= n_modes or asked > 8 * n_modes:
             return squares[:n_modes], shapes[:, :n_modes]
         asked *= 2

@@ -110,11 +110,11 @@ def _number(
     deviation *= abs(values[0]) if relative else 1.0
     step = max(_STEP * deviation, _LEAST_STEP * abs(values[0]))
     try:
-        sides = [dict.fromkeys(places, values[0] + change) for change in (-step, step)]
-        low, high = (parse(with_numbers(mapping, side.items())) for side in sides)
+        for change in (-step, step):
+            parse(with_numbers(mapping, [(place, values[0] + change) for place in places]))
     except MechanismError as error:
         raise keys.error(path, f"the number cannot vary by {step:.3g} ({error}).") from None
-    return UncertainNumber(path, values[0], deviation, step, relative, (low, high))
+    return UncertainNumber(path, values[0], deviation, step, relative)
 
 
 def _most_like(path: str, paths: list[str]) -> str:

@@ -136,20 +136,10 @@ def parse_dofs(names: Sequence[object]) -> list[InterfaceDof | None]:
 
 
 def choose_rows(
-    labels: Sequence[InterfaceDof | None], wanted: Sequence[InterfaceDof] | None
+    labels: Sequence[InterfaceDof | None],
 ) -> tuple[tuple[InterfaceDof, ...], list[int]]:
-    """Return the interface DoFs and the row of each, in the order wanted (by default all).
-
-    A FileError is raised if a wanted DoF is missing, or there is none at all.
-    """
-    named = [dof for dof in labels if dof is not None]
-    dofs = tuple(named if wanted is None else wanted)
-    for dof in dofs:
-        if dof not in named:
-            raise FileError(
-                f"has no DoF {dof}; add it to dofs, which now holds "
-                f"{', '.join(map(str, named)) or 'none'}."
-            )
-    if not dofs:
+    """Return the interface DoFs and the row of each; a FileError is raised if there is none."""
+    named = {dof: row for row, dof in enumerate(labels) if dof is not None}
+    if not named:
         raise FileError("has no interface DoF in dofs; write them as 'P1 x'.")
-    return dofs, [labels.index(dof) for dof in dofs]
+    return tuple(named), list(named.values())

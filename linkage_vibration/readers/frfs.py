@@ -40,6 +40,7 @@ from linkage_vibration.readers.component_files import (
     parse_dofs,
 )
 from linkage_vibration.readers.frf_faults import check_faults, name_frf
+from linkage_vibration.support.missing_library import needed
 
 _FRF = 4  # function type
 _DIRECTIONS = {1: ("x", 1.0), 2: ("y", 1.0), 3: ("z", 1.0), 5: ("theta", -1.0)}
@@ -67,27 +68,26 @@ _Function = tuple[FloatArray, ComplexArray]
 
 def read_frfs(
     path: Path,
-    dofs: Sequence[InterfaceDof] | None = None,
     nodes: Mapping[int, str] | None = None,
     points: Mapping[str, Point] | None = None,
     mass: float | None = None,
 ) -> Frfs:
     """Read and check the receptances of a component from ``.npz``, ``.uff`` or ``.unv``.
 
-    DoFs that are not given are free; ``nodes`` are the points of a UFF file's nodes. A
-    ComponentFileError says how FRFs contradict the points, m, or the mass, kg, of one equal link.
+    ``nodes`` are the points of a UFF file's nodes. A ComponentFileError says how FRFs contradict
+    the points, m, or the mass, kg, of one equal link.
     """
     kind = path.suffix.lower()
     if kind not in (".npz", ".uff", ".unv"):
         raise ComponentFileError(f"{path}: is not a file of FRFs; give a .npz, .uff or .unv file.")
     with file_errors(path):
-        frfs = _read_npz(path, dofs) if kind == ".npz" else _read_uff(path, dofs, nodes or {})
+        frfs = _read_npz(path) if kind == ".npz" else _read_uff(path, nodes or {})
         _check_values(frfs)
         check_faults(frfs, points, mass)
     return replace(frfs, mass=mass)
 
 
-def _read_npz(path: Path, wanted: Sequence[InterfaceDof] | None) -> Frfs:
+def _read_npz(path: Path) -> Frfs:
     arrays = load_npz(path, ("frequencies", "frf", "dofs"))
     frequencies, frf = arrays["frequencies"], arrays["frf"]
     if frequencies.ndim != 1 or frequencies.dtype.kind not in "fiu":
@@ -101,31 +101,30 @@ def _read_npz(path: Path, wanted: Sequence[InterfaceDof] | None) -> Frfs:
             f"by {len(labels)} by {len(labels)}, as there are {len(frequencies)} frequencies and "
             f"{len(labels)} dofs."
         )
-    dofs, rows = choose_rows(labels, wanted)
+    dofs, rows = choose_rows(labels)
     chosen = frf[:, rows][:, :, rows].astype(np.complex128)
     return Frfs(dofs, frequencies.astype(np.float64), chosen)
 
 
-def _read_uff(path: Path, wanted: Sequence[InterfaceDof] | None, nodes: Mapping[int, str]) -> Frfs:
+def _read_uff(path: Path, nodes: Mapping[int, str]) -> Frfs:
     functions: dict[_Pair, _Function] = {}
     for data_set in _data_sets(path):
         if data_set["type"] == 164:
             _check_system(data_set)
             continue
         pair, sign = _pair(data_set, nodes)
-        if pair is None or not (wanted is None or set(pair) <= set(wanted)):
+        if pair is None:
             continue
         if pair in functions:
             raise FileError(f"has the FRF of {name_frf(*pair)} twice; remove one.")
         frequencies, values = _receptance(data_set, f"the FRF of {name_frf(*pair)}")
         functions[pair] = frequencies, sign * values
-    measured = list(dict.fromkeys(dof for pair in functions for dof in pair))
-    if not measured:
+    dofs = tuple(dict.fromkeys(dof for pair in functions for dof in pair))
+    if not dofs:
         raise FileError(
             "holds no FRF (function type 4) between nodes that are mapped to points "
             f"({', '.join(f'{node}: {point}' for node, point in nodes.items()) or 'none'})."
         )
-    dofs, _ = choose_rows(measured, wanted)
     first, (lines, _) = next(iter(functions.items()))
     for pair, (other, _) in functions.items():
         if len(other) != len(lines) or not np.allclose(other, lines, rtol=1e-5, atol=0.0):
@@ -147,12 +146,8 @@ def _read_uff(path: Path, wanted: Sequence[InterfaceDof] | None, nodes: Mapping[
 
 def _data_sets(path: Path) -> list[dict[str, Any]]:
     """Return the data sets 58 (functions) and 164 (units) of a UFF file."""
-    try:
+    with needed("uff", "needs pyuff to be read", FileError):
         import pyuff
-    except ImportError:
-        raise FileError(
-            "needs pyuff to be read; run `pip install linkage_vibration[uff]`."
-        ) from None
     check_file(path)
     # pyuff raises plain exceptions; infinite numbers are reported later.
     with file_errors(path, Exception), np.errstate(all="ignore"):

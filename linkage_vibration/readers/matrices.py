@@ -5,8 +5,8 @@
 A file holds ``mass``, ``stiffness`` and optionally ``damping``, which are square, real and
 symmetric, in kg, m, N, s and rad, and ``dofs``, an array with one text for each row: a point and a
 direction (``P1 x``, ``P1 theta``), or ``-`` for an inner coordinate, physical or modal. Rows after
-the last entry, and named rows that are not wanted, are inner coordinates too and move freely. In
-the planar model, however, rows named y are held, as the plane of motion is a plane of symmetry.
+the last entry are inner coordinates too. In the planar model, rows named y are held, as the plane
+of motion is a plane of symmetry.
 
 Matrix Market and MATLAB files become such a file by ``scipy.io.mmread``, ``scipy.io.loadmat`` and
 ``numpy.savez``.
@@ -51,11 +51,10 @@ _RESISTS = 1e-4
 _FASTEST = 1e30  # 1/s2 or 1/s, greatest plausible ratio to the mass
 
 
-def read_matrices(path: Path, dofs: Sequence[InterfaceDof] | None = None) -> Matrices:
+def read_matrices(path: Path) -> Matrices:
     """Read and check the matrices of a component from ``.npz``.
 
-    The interface DoFs are in the order given (by default all of the file). Rows named y are held.
-    A ComponentFileError names the file and the fix.
+    Rows named y are held. A ComponentFileError names the file and the fix.
     """
     if path.suffix.lower() != ".npz":
         raise ComponentFileError(
@@ -69,7 +68,7 @@ def read_matrices(path: Path, dofs: Sequence[InterfaceDof] | None = None) -> Mat
         matrices = {"mass": arrays["mass"], **arrays}
         for name, matrix in matrices.items():
             _check_kind(name, matrix, _size(matrices["mass"]))
-        dofs, order, labels = _order(names, dofs, len(matrices["mass"]))
+        dofs, order, labels = _order(names, len(matrices["mass"]))
         for name, matrix in matrices.items():
             matrix = matrix.astype(np.float64)[np.ix_(order, order)]
             _check(labels, name, matrix, matrix if name == "mass" else matrices["mass"])
@@ -79,7 +78,7 @@ def read_matrices(path: Path, dofs: Sequence[InterfaceDof] | None = None) -> Mat
 
 
 def _order(
-    names: Sequence[object], wanted: Sequence[InterfaceDof] | None, n: int
+    names: Sequence[object], n: int
 ) -> tuple[tuple[InterfaceDof, ...], NDArray[np.intp], list[str]]:
     """Return the interface DoFs, and the row and the name of each row to keep, theirs first."""
     if len(names) > n:
@@ -87,7 +86,7 @@ def _order(
     named = parse_dofs(names)
     held = {row for row, dof in enumerate(named) if dof and dof.direction == "y"}
     there = [None if row in held else dof for row, dof in enumerate(named)]
-    dofs, rows = choose_rows(there, wanted)
+    dofs, rows = choose_rows(there)
     order = np.array(rows + sorted(set(range(n)) - held.union(rows)))
     labels = [
         str(named[row])

@@ -22,6 +22,7 @@ from linkage_vibration.mechanics.bodies.matrices import Matrices
 from linkage_vibration.mechanics.description import Material
 from linkage_vibration.mechanics.solids import Pin, solid_matrices
 from linkage_vibration.readers.component_files import FileError, check_file, file_errors
+from linkage_vibration.support.missing_library import needed
 
 _VOLUMES = ("tetra", "tetra10")
 _SURFACES = ("triangle", "triangle6")
@@ -42,14 +43,10 @@ def mesh_matrices(
     DoFs: x, z and, for `rotations`, theta of each. The modes follow, without damping.
     """
     with file_errors(path):
-        try:
+        with needed("fe", "needs scikit-fem and meshio", FileError):
             nodes, elements, surfaces = _read_mesh(path)
             tied = _pins(points, pins, nodes, surfaces)
             mass, stiffness = _assemble(path, nodes, elements, material)
-        except ImportError:
-            raise FileError(
-                "needs scikit-fem and meshio; run `pip install linkage_vibration[fe]`."
-            ) from None
         return solid_matrices(mass, stiffness, nodes, tied, modes, rotations)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from linkage_vibration.bags.schemas import EMPTY, Schema, SchemaField
+from linkage_vibration.bags.schemas import Schema, SchemaField, schema_by
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.messages.topics import OUTPUT_TOPICS
 from linkage_vibration.prediction.excitation import Source
@@ -116,16 +116,12 @@ def installed_schema(type_name: str) -> Schema:
 
     It raises an ImportError or an AttributeError if its package is not installed, or lacks it.
     """
-    schema: dict[str, tuple[SchemaField, ...]] = {}
-    waiting = [type_name]
-    while waiting:
-        name = waiting.pop()
-        if name not in schema:
-            described: dict[str, Any] = message_class(name).get_fields_and_field_types()
-            listed = [_field(each, text) for each, text in described.items()]
-            schema[name] = tuple(listed) or EMPTY
-            waiting += [each.type for each in listed if "/" in each.type]
-    return schema
+
+    def fields_of(name: str) -> list[SchemaField]:
+        described: dict[str, Any] = message_class(name).get_fields_and_field_types()
+        return [_field(each, text) for each, text in described.items()]
+
+    return schema_by(type_name, fields_of)
 
 
 def _field(name: str, text: str) -> SchemaField:

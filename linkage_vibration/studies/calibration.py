@@ -146,7 +146,7 @@ class _Unknowns:
     def values(self, x: FloatArray) -> FloatArray:
         """Return the numbers, (n,), SI."""
         fitted, steps = np.split(x, [len(self.parameters)])
-        others = [_moved(number, step) for number, step in zip(self.others, steps, strict=True)]
+        others = [number.moved(step) for number, step in zip(self.others, steps, strict=True)]
         return np.concatenate([np.exp(fitted), others])
 
     def changes(self, x: FloatArray) -> FloatArray:
@@ -317,14 +317,6 @@ def _unknowns(calibration: CalibrationTask) -> _Unknowns:
 def _exact(mapping: dict[str, Any]) -> dict[str, Any]:
     """Return a description without uncertainty."""
     return {key: value for key, value in mapping.items() if key != "uncertainty"}
-
-
-def _moved(number: UncertainNumber, steps: float) -> float:
-    """Return a number that has changed by so many of its standard deviations."""
-    change = number.deviation * steps
-    if number.relative:
-        return number.value * math.exp(change / number.value)
-    return number.value + change
 
 
 def _change(number: UncertainNumber, value: float) -> float:

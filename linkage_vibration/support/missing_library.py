@@ -2,8 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Says in one sentence which library is missing, and how it is installed."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from linkage_vibration.errors import LinkageVibrationError
+
 _PIP_NAMES = {"mcap_ros2": "mcap-ros2-support", "yaml": "PyYAML"}
 _INTERFACES = "linkage_vibration_interfaces"
+
+
+@contextmanager
+def needed(extra: str, problem: str, error: type[LinkageVibrationError]) -> Iterator[None]:
+    """Turn a failure to import a library into an error that names the extra which installs it."""
+    try:
+        yield
+    except ImportError:
+        raise error(f"{problem}; run `pip install linkage_vibration[{extra}]`.") from None
 
 
 def missing_library(error: ImportError) -> str:

@@ -27,8 +27,8 @@ def test_extremes_of_cubics() -> None:
 def test_largest_sizes() -> None:
     """They are magnitudes, and those of cells without cubics do not count."""
     cubics = np.array([[0.0, 0.0, 2.0, -7.0], [np.nan] * 4, [0.0, 0.0, 1.0, 4.0]])[..., np.newaxis]
-    np.testing.assert_array_equal(largest_sizes(cubics, np.ones(3)), [7.0])
-    np.testing.assert_array_equal(largest_sizes(cubics[1:2], np.ones(1)), [0.0])
+    np.testing.assert_array_equal(largest_sizes(cubics), [7.0])
+    np.testing.assert_array_equal(largest_sizes(cubics[1:2]), [0.0])
 
 
 @pytest.mark.parametrize("share", [1e-8, 1e-5, 1e-2])
@@ -37,7 +37,7 @@ def test_joined_cells(share: float) -> None:
     table = load_table(config_file(PAPER_TABLE))
     starts, cubics = table.cells.arrays
     ends = np.append(starts, table.alpha3_range[1])
-    limits = share * largest_sizes(cubics, np.diff(ends))
+    limits = share * largest_sizes(cubics)
     fewer = Cells(*joined_cells(ends, cubics, limits))
     angles = np.linspace(*table.alpha3_range, 20_001)
     off = np.abs(fewer.many_values(angles) - table.cells.many_values(angles)) / limits

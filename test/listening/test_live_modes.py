@@ -17,7 +17,6 @@ from linkage_vibration.listening.live_modes import NOTED, LiveModes
 from linkage_vibration.listening.output_only import Steps
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.mechanics.sensitivity import Sensitivity
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.messages.encoding import encode_message
 from linkage_vibration.messages.topics import MEASURED
@@ -28,6 +27,7 @@ from linkage_vibration.readers.served import read_served
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import load_table
 from test.listening.test_signals import sensor
+from test.support.first_order import first_order
 
 NS = 10**9
 START = 1_700_000_010 * NS  # ns; a multiple of 30 s
@@ -127,9 +127,10 @@ def test_sentence() -> None:
     modes = LiveModes([], ())
     modes.use(load_table(config_file(f"tables/{FILE}.npz")), mechanism, 50.0)
     assert modes.sentence() == ""
-    changes = Sensitivity(LinkageModel(mechanism))
-    rates = changes.at(LinkageModel(mechanism).solve(2.5), 60.0).log_frequencies[:, HEAVE]
-    first, second = (changes.numbers[i].path for i in np.argsort(-np.abs(rates))[:2])
+    rates = first_order(LinkageModel(mechanism), [2.5], HEAVE + 1)[0, :, HEAVE]
+    assert mechanism.uncertainty is not None
+    numbers = mechanism.uncertainty.numbers
+    first, second = (numbers[i].path for i in np.argsort(-np.abs(rates))[:2])
     modes._modes = (replace(MODE, predicted_stddev=0.0425),)  # 1.96 deviations
     assert modes.sentence() == ""
     modes._modes = (MODE, replace(MODE, mode=2, frequency=9.9, doubt="an order"))

@@ -33,7 +33,8 @@ def test_sparse_reduction_is_the_dense_one(shape: tuple[int, int], modes: int) -
     """Both give the same matrices but for the signs of modes: all at once, few, or all of them."""
     mass, stiffness = frame(*shape)
     dense = craig_bampton(mass, stiffness, 6, modes)
-    reduced = sparse_craig_bampton(sparse.csc_array(mass), sparse.csc_array(stiffness), 6, modes)
+    matrices = sparse.csc_array(mass), sparse.csc_array(stiffness)
+    reduced = sparse_craig_bampton(*matrices, 6, modes, sparse.identity(len(mass), format="csr"))
     assert reduced.mass.shape == dense.mass.shape
     for each, other in ((reduced.mass, dense.mass), (reduced.stiffness, dense.stiffness)):
         np.testing.assert_allclose(np.abs(each), np.abs(other), atol=1e-9)
@@ -71,7 +72,8 @@ def test_interior_that_can_move() -> None:
     stiffness[31] = stiffness[:, 31] = 0.0
     stiffness[[30, 31], [30, 31]], stiffness[[30, 31], [31, 30]] = 0.1, -0.1
     with pytest.raises(ReductionError, match="6 interface DoFs held the component can still move"):
-        sparse_craig_bampton(sparse.csc_array(mass), sparse.csc_array(stiffness), 6, 3)
+        matrices = sparse.csc_array(mass), sparse.csc_array(stiffness)
+        sparse_craig_bampton(*matrices, 6, 3, sparse.identity(len(mass), format="csr"))
 
 
 def test_ties_move_as_rigid_bodies() -> None:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Standard deviations of numbers are read by their paths, and errors name the remedy."""
 
+import math
 import pickle
 from dataclasses import replace
 from typing import Any
@@ -31,8 +32,9 @@ def test_deviations_are_those_of_the_numbers(mapping: Any, mechanism: Mechanism)
     deviations = {number.path: number.deviation for number in actual.numbers}
     assert deviations == pytest.approx({MASS: 80.0, HEIGHT: 0.0016, INERTIA: 40.0})
     assert actual.correlation == ((1.0, 0.0, 0.5), (0.0, 1.0, 0.0), (0.5, 0.0, 1.0))
-    low, high = actual.numbers[0].sides
-    assert low.rigid_bodies[0].mass < mechanism.rigid_bodies[0].mass < high.rigid_bodies[0].mass
+    mass = mechanism.rigid_bodies[0].mass
+    assert actual.numbers[0].moved(-1.0) == pytest.approx(mass * math.exp(-80.0 / mass))
+    assert actual.numbers[1].moved(0.0) == actual.numbers[1].value
 
 
 def test_another_process_has_the_same_numbers(mapping: Any) -> None:

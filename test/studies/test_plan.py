@@ -281,3 +281,17 @@ def test_the_first_of_equal_unknowns_is_named(
     _, reason = needed_tolerance(mechanism_from_mapping(mapping), (0.0, 400.0), [1.0, 1.5])
     named = f"springs.{names[path == 'second']}.stiffness"
     assert f"Measure next: {named}, which causes 50 % of the variance." in reason
+
+
+def test_correlated_numbers_add_up() -> None:
+    """Two equal springs whose numbers have the correlation 0.8 cause sqrt(1.8) times as much."""
+    mapping = yaml.safe_load(config_file("stephenson_six_bar.yaml").read_text())
+    mapping["springs"]["other"] = dict(mapping["springs"]["stay"])
+    names = [f"springs.{name}.stiffness" for name in ("stay", "other")]
+    tolerances = []
+    for value in (0.0, 0.8):
+        claims: dict[str, Any] = {"relative": dict.fromkeys(names, 0.2)}
+        claims["correlations"] = [{"between": names, "value": value}]
+        described = mechanism_from_mapping({**mapping, "uncertainty": claims})
+        tolerances.append(needed_tolerance(described, (0.0, 400.0), [1.0])[0])
+    assert tolerances[1] / tolerances[0] == pytest.approx(1.8**0.5, rel=1e-9)

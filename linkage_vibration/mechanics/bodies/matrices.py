@@ -54,7 +54,6 @@ def component_of(link: Link, mechanism: Mechanism, body: Matrices, *, reduced: b
     drawing = body.drawing and replace(
         body.drawing, displacement=body.drawing.displacement[:, :, order]
     )
-    t = None
     if reduced:
         try:
             reduction = craig_bampton(mass, stiffness, len(wanted), link.modes)
@@ -67,4 +66,4 @@ def component_of(link: Link, mechanism: Mechanism, body: Matrices, *, reduced: b
     if viscous is None:
         viscous = rule.viscous(mass, stiffness)
     mass, stiffness, viscous = (link.count * each for each in (mass, stiffness, viscous))
-    return Component(link.name, wanted, mass, stiffness, viscous, rule.loss_factor, drawing, t)
+    return Component(link.name, wanted, mass, stiffness, viscous, rule.loss_factor, drawing)
