@@ -21,7 +21,7 @@ from linkage_vibration.prediction.excitation import (
     Source,
     excitations_from_mapping,
 )
-from linkage_vibration.prediction.levels import LevelTable, _Samples, first_largest
+from linkage_vibration.prediction.levels import LevelTable, first_largest
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.readers.mechanism import mechanism_of, read_mechanism
 from linkage_vibration.support.resources import PAPER_TABLE, config_file
@@ -324,21 +324,3 @@ def test_table_without_frfs() -> None:
     assert np.isnan(level.amplifications).all()
     with pytest.raises(ExcitationError, match="has no FRFs to compute a level from; leave"):
         LevelTable(predictor, mechanism, excitations_from_mapping(ORDERS))
-
-
-@pytest.mark.parametrize("changes", [False, True])
-def test_number_of_poles_that_changes(monkeypatch: pytest.MonkeyPatch, changes: bool) -> None:
-    """Where a pole is lost within the stroke, loads are refused with the angles of the stroke."""
-    row = _Samples._row
-
-    def with_fewer(samples: Any, alpha3: float, before: Any) -> Any:
-        values, roots = row(samples, alpha3, before)
-        return (values[:-1] if changes and alpha3 > 2.0 else values), roots
-
-    monkeypatch.setattr(_Samples, "_row", with_fewer)
-    if not changes:
-        assert shipped("three_point_linkage")[0].has_load_ratios
-        return
-    words = r"number of poles changes between 90 and 180 deg, so levels cannot be tabulated; check"
-    with pytest.raises(ExcitationError, match=words):
-        shipped("three_point_linkage")
