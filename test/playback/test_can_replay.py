@@ -152,11 +152,12 @@ def test_fixed_hitch_position(tmp_path: Path) -> None:
     assert columns[PREDICTION_TOPIC]["crank_angle"].tolist() == actual["crank_angle"][:1].tolist()
 
 
-@pytest.mark.parametrize(("rpm", "percent"), [(1851.0, 50.0), (1849.0, 49.6)])
+@pytest.mark.parametrize(("rpm", "percent"), [(1861.0, 53.2), (1859.0, 52.8)])
 def test_senders_that_disagree(tmp_path: Path, rpm: float, percent: float) -> None:
     """Two engines and two hitches are named if their values differ, unless one is chosen.
 
-    Values agree up to 50 rpm, and up to 0.03 rad, which are 1.9 % of the stroke of a quarter turn.
+    Each 20 ms, engines agree up to 50 + 500 * 0.02 rpm. Each 0.1 s, hitches agree up to 0.03 + 0.5 *
+    0.1 rad, which are 5.1 % of the stroke of a quarter turn.
     """
     times = [EPOCH + k * SECOND // 10 for k in range(40)]
     hitches = (
@@ -165,7 +166,7 @@ def test_senders_that_disagree(tmp_path: Path, rpm: float, percent: float) -> No
     )
     frames = [*hitches[0], *hitches[1], *engine(rpm=1800.0), *engine(source=1, rpm=rpm)]
     actual = problems(replayed(tmp_path, frames)[0])
-    assert bool(actual) == (rpm == 1851.0)
+    assert bool(actual) == (rpm == 1861.0)
     if actual:
         of_engine, of_hitch = actual
         assert "CAN signal rear_hitch_position on /can0 disagree (" in of_hitch
