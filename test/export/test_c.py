@@ -367,9 +367,9 @@ def test_command(tmp_path: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch) -
     assert names == {f"{prefix}.h", f"{prefix}.c", f"{prefix}_test.c"}
     out = capsys.readouterr().out
     equal = r"The numbers are those of the table, to the last bit\."
-    assert re.search(rf" 512 cells, 13\d{{4}} bytes of constants\. {equal}", out)
+    assert re.search(rf" 117 cells, 3\d{{4}} bytes of constants\. {equal}", out)
     header = Path(f"new/folder/{prefix}.h").read_text()
-    assert re.search(rf" 512 cells; 13\d{{4}} bytes of constants\.\n \* {equal}", header)
+    assert re.search(rf" 117 cells; 3\d{{4}} bytes of constants\.\n \* {equal}", header)
 
 
 @pytest.mark.parametrize(
