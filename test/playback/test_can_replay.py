@@ -152,12 +152,12 @@ def test_fixed_hitch_position(tmp_path: Path) -> None:
     assert columns[PREDICTION_TOPIC]["crank_angle"].tolist() == actual["crank_angle"][:1].tolist()
 
 
-@pytest.mark.parametrize(("rpm", "percent"), [(1861.0, 53.2), (1859.0, 52.8)])
+@pytest.mark.parametrize(("rpm", "percent"), [(1861.0, 53.2), (1859.0, 51.6)])
 def test_senders_that_disagree(tmp_path: Path, rpm: float, percent: float) -> None:
     """Two engines and two hitches are named if their values differ, unless one is chosen.
 
-    Each 20 ms, engines agree up to 50 + 500 * 0.02 rpm. Each 0.1 s, hitches agree up to 0.03 + 0.5 *
-    0.1 rad, which are 5.1 % of the stroke of a quarter turn.
+    Engines that send each 20 ms agree up to 50 + 500 * 0.02 rpm, and hitches that send each 0.1 s
+    up to 0.03 + 0.5 * 0.1 rad (5.1 % of a quarter turn), if a step is no jump (from 3.8 % on).
     """
     times = [EPOCH + k * SECOND // 10 for k in range(40)]
     hitches = (
@@ -171,7 +171,7 @@ def test_senders_that_disagree(tmp_path: Path, rpm: float, percent: float) -> No
         of_engine, of_hitch = actual
         assert "CAN signal rear_hitch_position on /can0 disagree (" in of_hitch
         assert "rear_hitch_position@0x26: " in of_hitch
-        assert "(engine_speed@0x00: 1800 rpm, engine_speed@0x01: 1851 rpm); set eng" in of_engine
+        assert "(engine_speed@0x00: 1800 rpm, engine_speed@0x01: 1861 rpm); set eng" in of_engine
     chosen = {"hitch_field": "rear_hitch_position@0xF0", "engine_field": "engine_speed@0x00"}
     assert not problems(replayed(tmp_path, frames, with_values(ON_CAN, chosen))[0])
 
