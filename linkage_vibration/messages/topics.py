@@ -73,9 +73,9 @@ OUTPUT_TOPICS = (
         "~/load_state",
         LOAD_STATE,
         _OUTPUT_QOS,
-        "With each resonance, and once a second while no reading arrives or a simulated time "
-        "stands still, for controllers: the state, which sources are not known, the total load "
-        "ratio with its limit, and which speed or crank angle ends a warning.",
+        "With each resonance, and once a second while no reading arrives or a simulated time and "
+        "the stamps stand still, for controllers: the state, which sources are not known, the "
+        "total load ratio with its limit, and which speed or crank angle ends a warning.",
     ),
     NodeTopic(
         "~/advice",

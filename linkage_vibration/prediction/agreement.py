@@ -19,7 +19,9 @@ AGREEMENT = {
 }
 """Differences up to the first number are noise; to and fro, a value changes by less than the second
 number per second: a hitch that is adjusted, or an engine whose governor hunts."""
-DIFFERING = 4  # changes of side, each within a second of the one before; two glitches have three
+DIFFERING = (
+    5  # changes of side, each within a second of the one before; an engine that starts has four
+)
 # A step of a motion takes so many changes back: two steps up and two down count nothing, but three
 # publishers in turn, two steps up and one down, do.
 _OF_A_MOTION = 1.5

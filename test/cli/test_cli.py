@@ -57,7 +57,7 @@ def test_build_writes_a_table(tmp_path: Path, printed: Mechanism) -> None:
     table = load_table(tmp_path / "three_point_linkage_as_printed.npz", printed)
     assert f"{table.interpolation_error.max():.1e}" in done.stdout
     assert table.table_id in done.stdout
-    assert table.places == (("E1", "x"), ("E1", "z"))
+    assert table.places == (("E1", "z"), ("E1", "x"))  # that of the response first
     assert " solutions" in done.stdout
 
 

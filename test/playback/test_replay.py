@@ -44,7 +44,7 @@ from linkage_vibration.prediction.motion import crank_filter, crank_resolution
 from linkage_vibration.prediction.parameter_files import read_parameters
 from linkage_vibration.prediction.predictor import Predictor, Status
 from linkage_vibration.prediction.resonance import ResonanceMonitor, described
-from linkage_vibration.prediction.settings import ParameterError, Parameters
+from linkage_vibration.prediction.settings import ParameterError, Parameters, with_values
 from linkage_vibration.prediction.severity import ResonanceState
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
@@ -317,7 +317,8 @@ def test_a_clock_that_stood_still(tmp_path: Path) -> None:
         logged = min(stamp, START + 10**9) if k < 190 else stamp
         entries.append(("/joint_states", JOINT_STATE, logged, joint_state(stamp, [JOINT], [2.0])))
     log = tmp_path / "log.mcap"
-    fixed = Parameters(ground_speed=0.0, engine_speed=500.0, pto_speed=0.0)
+    speeds = {"ground_speed": 0.0, "engine_speed": 500.0, "pto_speed": 0.0}
+    fixed = with_values(Parameters(), speeds | {"resonance_rate": 0.0})
     replay(write_mcap(tmp_path / "bag.mcap", entries), log, fixed)
     states = [m for _, m in read_messages(log, "/linkage_vibration/load_state")]
     # The log time stands from number 50 on, and 100 is exactly 1 s later.

@@ -33,14 +33,14 @@ def test_noise_and_motion(name: str, noise: float, rate: float, step: int) -> No
     """Publishers whose values differ by no more than noise and motion agree; others do not."""
     apart = noise + rate * 1e-9 * step
     assert lost(Agreement(name), [0.0, 0.999 * apart] * 20, step) == [False] * 40
-    assert lost(Agreement(name), [0.0, 1.001 * apart] * 20, step) == [False] * 5 + [True] * 35
+    assert lost(Agreement(name), [0.0, 1.001 * apart] * 20, step) == [False] * 6 + [True] * 34
 
 
 @pytest.mark.parametrize("size", [1, 2, 3, 7])
 def test_publishers_in_turn(size: int) -> None:
     """Two publishers whose values come in turn, each several times, disagree from then on."""
     values = ([540.0] * size + [500.0] * size) * 10
-    assert lost(Agreement(PTO), values) == [n >= 5 * size for n in range(len(values))]
+    assert lost(Agreement(PTO), values) == [n >= 6 * size for n in range(len(values))]
 
 
 @pytest.mark.parametrize("name", [HITCH, PTO])
@@ -119,7 +119,7 @@ def test_it_ends_after_a_second() -> None:
     """The value is known again once none has gone to and fro for more than 1 s."""
     steps = lost(Agreement(ENGINE), [2000.0, 800.0] * 5 + [2000.0] * 20)
     last = 10  # the first 2000 after the last 800 goes to and fro, too
-    assert steps == [False] * 5 + [True] * 16 + [False] * 9
+    assert steps == [False] * 6 + [True] * 15 + [False] * 9
     assert steps.index(False, last) - last == 11
 
 
@@ -160,7 +160,7 @@ def test_a_speed_that_is_lost_is_unknown() -> None:
     for k, speed in enumerate([540.0, 100.0] * 5 + [540.0] * 15):
         monitor.set_speed(Source.PTO, speed, k * TENTH)
         states.append(int(monitor.assess(prediction, 0.0, k * TENTH).unknown_sources))
-    assert states == [0] * 5 + [4] * 16 + [0] * 4
+    assert states == [0] * 6 + [4] * 15 + [0] * 4
 
 
 def test_a_clock_that_stands() -> None:

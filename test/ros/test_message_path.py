@@ -363,7 +363,7 @@ def test_a_doubt_survives_a_parameter(bench: Bench, apart: float) -> None:
     assert bench.path.resonance is not None
     assert bool(bench.path.resonance.unknown_sources & Unknown.CRANK_ANGLE) == bool(apart)
     bench.path.apply(with_values(Parameters(), {"warning_load_ratio": 0.2}), bench.topics)
-    bench.now += 0.05
+    bench.now += 0.1
     bench.put(0.0)
     bench.spin()
     assert bench.path.resonance.load_ratio_limit == pytest.approx(0.2)
@@ -409,11 +409,11 @@ def test_a_clock_that_stands(
     unknown = [at for at, state in states if state == LoadStateMessage.STATE_UNKNOWN]
     if unknown_after is None:
         assert unknown == []
-        assert len(states) > 100
+        assert len(states) > 50
         return
     assert unknown[0] == pytest.approx(2.0 + unknown_after, abs=1.0)
-    between = [state for at, state in states if unknown[0] <= at <= unknown[-1]]
+    between = [state for at, state in states if unknown[0] <= at < unknown[-1]]
     assert set(between) == {LoadStateMessage.STATE_UNKNOWN}
     assert unknown[-1] == pytest.approx(6.0, abs=1.05)
-    assert (len(unknown) > 50) == stamps_move
+    assert (len(unknown) > 20) == stamps_move
     assert states[-1][1] != LoadStateMessage.STATE_UNKNOWN

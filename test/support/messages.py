@@ -41,6 +41,13 @@ def read_messages(path: Path, topic: str) -> Iterator[tuple[int, Any]]:
             yield message.log_time, decoded
 
 
+def read_stamped(path: Path, topic: str) -> Iterator[tuple[int, Any]]:
+    """Yield the stamps, ns, and the messages of a topic of an MCAP file."""
+    for _, message in read_messages(path, topic):
+        stamp = message.header.stamp
+        yield stamp.sec * 10**9 + stamp.nanosec, message
+
+
 def plain(value: Any) -> Any:
     """Return a decoded message of any reader as dicts, lists and numbers; NaN as a string."""
     # Constants have capital letters; additions of a reader begin with an underscore.

@@ -31,7 +31,7 @@ from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.testing.bag_checks import check_bag
 from linkage_vibration.testing.limits import Limits, TestKitError
-from test.support.messages import read_messages
+from test.support.messages import read_messages, read_stamped
 from test.support.random_resonances import random_drive, write_drive
 
 DRIVE = config_file("drives/hitch_duty_cycle.mcap")
@@ -80,10 +80,10 @@ def test_a_drive_within_its_limits(log: Path) -> None:
 
 def test_load_ratio_is_that_of_the_resonances(log: Path) -> None:
     """The reported moment is that of the largest load ratio in the log."""
-    resonances = dict(read_messages(log, RESONANCE_TOPIC))
+    resonances = dict(read_stamped(log, RESONANCE_TOPIC))
     actual = [
         (message.total_load_ratio, time, resonances[time].excitation)
-        for time, message in read_messages(log, LEVELS_TOPIC)
+        for time, message in read_stamped(log, LEVELS_TOPIC)
         if not math.isnan(message.total_load_ratio)
     ]
     largest, time, excitation = max(actual)
@@ -155,11 +155,11 @@ def test_status_comes_before_loads_that_are_not_known() -> None:
 
 def test_failures_name_the_load(log: Path) -> None:
     """Load, place and excitation of the moment are in the failure of any limit."""
-    messages = dict(read_messages(log, LEVELS_TOPIC))
+    messages = dict(read_stamped(log, LEVELS_TOPIC))
     [failure] = check_bag(log, Limits(load_ratio=1e-4, known_share=None)).failures
     about = messages[failure.time]
     assert f"in {about.total_load_place} is {about.total_load_ratio:.2g}" in failure.words
-    excitation = dict(read_messages(log, RESONANCE_TOPIC))[failure.time].excitation
+    excitation = dict(read_stamped(log, RESONANCE_TOPIC))[failure.time].excitation
     assert f"(most severe: {excitation}), more than 0.0001" in failure.words
     failure = check_bag(log, Limits(gap=0.001)).failures[0]
     assert " while the load ratio in " in failure.words

@@ -15,7 +15,7 @@ from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.testing.bag_checks import Failure, check_bag
 from linkage_vibration.testing.limits import Limits, TestKitError
-from test.support.messages import read_messages
+from test.support.messages import read_messages, read_stamped
 from test.support.random_resonances import (
     CLEAR,
     NOTE,
@@ -215,7 +215,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize("excitation", [None, "pto_shaft 1"])
 def test_velocity(log: Path, excitation: str | None) -> None:
     """The velocity is that of the messages, of all excitations or of one."""
-    levels = read_messages(log, f"{NODE}/levels")
+    levels = read_stamped(log, f"{NODE}/levels")
     info = {name: i for i, name in enumerate(_names(log))}
     values = [
         (m.total_velocity if excitation is None else m.velocities[info[excitation]], time)
