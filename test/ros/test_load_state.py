@@ -251,8 +251,7 @@ def test_a_simulated_time_that_stands_still_is_unknown(
 
 def test_the_pto_is_slowed(tractor: Tractor, environment: dict[str, str]) -> None:
     """The example asks for less while nothing is known, and for the quiet speed in a warning."""
-    tractor.wait(CLEAR)
-    load = float(tractor.received[-1].total_load_ratio)
+    load = float(tractor.wait(CLEAR).total_load_ratio)
     asked: list[float] = []
     node = tractor.peer.node
     node.create_subscription(Float64, "pto_speed_command", lambda m: asked.append(m.data), 10)
