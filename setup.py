@@ -56,7 +56,6 @@ TEST = [
     "mypy",
     "packaging",
     "pytest>=7.4.4",
-    "pytest-rerunfailures",
     "pytest-timeout",
     "pytest-xdist",
     "ruff",

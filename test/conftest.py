@@ -35,16 +35,6 @@ def pytest_pycollect_makemodule(module_path: Path, parent: Any) -> pytest.Module
     return pytest.Module.from_parent(parent, path=module_path)
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Run a test of processes up to three times; a fault fails each time, a busy machine does not.
-
-    pytest counts what ran again and passed as "rerun", and so does not hide it.
-    """
-    for item in items:
-        if {"ros", "demo"} & set(item.path.relative_to(item.config.rootpath).parts):
-            item.add_marker(pytest.mark.flaky(reruns=2))
-
-
 def pytest_configure(config: pytest.Config) -> None:
     """Let the tests keep what programs cache beside what pytest does, not in the user's home."""
     os.environ["XDG_CACHE_HOME"] = str(config.rootpath / ".pytest_cache" / "programs")

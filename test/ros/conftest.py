@@ -4,17 +4,14 @@
 
 import os
 import sys
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from itertools import count
-from typing import Any
 
 import pytest
 
 from linkage_vibration.demo.domain import reserve_domain
 from test.support.ros_process import Peer, RunningNode, peer_of, start_node
-
-FAILED = pytest.StashKey[bool]()
 
 
 @pytest.fixture(scope="session")
@@ -36,36 +33,12 @@ def domain(environment: dict[str, str]) -> int:
     return int(environment["ROS_DOMAIN_ID"])
 
 
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, Any]:
-    """Remember whether a test has failed."""
-    report = yield
-    item.stash[FAILED] = report.failed
-    return report
-
-
-@pytest.fixture(scope="session")
-def nodes() -> Iterator[list[RunningNode]]:
-    """Return the list of all nodes that tests have started, which all end at last."""
-    started: list[RunningNode] = []
-    yield started
-    end_all(started)
-
-
-def end_all(nodes: list[RunningNode]) -> None:
-    """End nodes that still run, and take them out of the list."""
-    while nodes:
-        node = nodes.pop()
-        if node.process.poll() is None:
-            node.process.kill()
-            node.process.wait()
-
-
 @pytest.fixture(scope="module")
 def start(
-    environment: dict[str, str], tmp_path_factory: pytest.TempPathFactory, nodes: list[RunningNode]
+    environment: dict[str, str], tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Callable[..., RunningNode]]:
     """Return a function that starts a node; every node ends with the tests of the module."""
+    nodes: list[RunningNode] = []
 
     def begin(*arguments: str, **options: object) -> RunningNode:
         output = tmp_path_factory.mktemp("node") / "printed.txt"
@@ -73,20 +46,10 @@ def start(
         return nodes[-1]
 
     yield begin
-    end_all(nodes)
-
-
-@pytest.fixture(autouse=True)
-def no_node_of_a_failure(
-    request: pytest.FixtureRequest, nodes: list[RunningNode]
-) -> Iterator[None]:
-    """End the nodes that a failed test has started: it runs again with nodes of the same names."""
-    before = len(nodes)
-    yield
-    if request.node.stash.get(FAILED, False):
-        own = nodes[before:]
-        del nodes[before:]
-        end_all(own)
+    for node in nodes:
+        if node.process.poll() is None:
+            node.process.kill()
+            node.process.wait()
 
 
 @pytest.fixture(scope="module")
