@@ -29,7 +29,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 in_two := -n 2 --dist loadfile
 in_venv = @. $(venv)/bin/activate &&
 # Tests of processes measure times, which a busy machine exceeds. A fault fails again.
-once_more = { echo "The tests that failed run once more:" && \
+once_more = { test $$? = 1 && echo "The tests that failed run once more:" && \
 	python -m pytest --last-failed --last-failed-no-failures none; }
 
 .PHONY: demo test lint ament coverage docs bench setup clean

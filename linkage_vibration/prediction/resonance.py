@@ -130,7 +130,8 @@ def _published(columns: MessageColumns) -> tuple[Integers, Integers, int]:
     """Return the rows of assessed readings that are published, and with which reading each is.
 
     A window has a message of its most severe reading and, if the state has changed since, of its
-    last. The third value is the number of readings whose windows have ended.
+    last. What waited before a gap is late, and is no all-clear any more. The third value is the
+    number of readings whose windows have ended.
     """
     closing = np.flatnonzero(columns.place >= Place.CLOSES)
     n = int(closing[-1]) + 1 if len(closing) else 0
@@ -142,6 +143,8 @@ def _published(columns: MessageColumns) -> tuple[Integers, Integers, int]:
     # Of readings that are equal, the latest counts.
     worst = np.lexsort((columns.severity[:n], window_ranks(state), window))[last]
     rows = np.union1d(worst, last[state[last] != state[worst]])
+    late = columns.place[last[np.searchsorted(last, rows)]] == Place.WAITS
+    rows = rows[~(late & (state[rows] == CLEAR))]
     return rows, closing[np.searchsorted(closing, rows)], n
 
 

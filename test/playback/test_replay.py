@@ -299,10 +299,10 @@ def test_readings_that_go_to_and_fro(tmp_path: Path, apart: float) -> None:
     done = replay(write_mcap(tmp_path / "bag.mcap", entries), log, settings)
     assert done.statuses[Status.OK] == 100
     states = [m for _, m in read_messages(log, "/linkage_vibration/load_state")]
-    # The fourth change of side is number 55: those before are 52 to 54, and 51 is only a step.
+    # The fifth change of side is number 56: those before are 52 to 55, and 51 is only a step.
     crank = [bool(m.unknown_sources & 1) for m in states]
-    assert crank == [False] * 55 + [apart > 0.04] * 45
-    assert {m.state for m in states[55:]} == {0 if apart > 0.04 else 1}
+    assert crank == [False] * 56 + [apart > 0.04] * 44
+    assert {m.state for m in states[56:]} == {0 if apart > 0.04 else 1}
     report = check_bag(log, Limits())
     assert report.passed
     for sentences in (problems(done), log_problems(read_log(log)), report.input_faults):

@@ -181,6 +181,15 @@ def test_readings_before_a_gap_have_a_message_of_their_own(later: int) -> None:
     assert published(readings) == expected
 
 
+@pytest.mark.parametrize("later", [5000, -5000])
+@pytest.mark.parametrize("state", [CLEAR, UNKNOWN])
+def test_no_all_clear_is_late(state: ResonanceState, later: int) -> None:
+    """What waits before a gap or a jump is published late if it is not known, and not if clear."""
+    readings = [*at_50_hz(CLEAR, state, CLEAR), (later, RPM[CLEAR])]
+    waited = [(later, 20, UNKNOWN)] if state is UNKNOWN else []
+    assert published(readings) == [(0, 0, CLEAR), *waited, (later, later, CLEAR)]
+
+
 @pytest.mark.parametrize("step", [10, 20])
 @pytest.mark.parametrize(("before", "after"), [*permutations([UNKNOWN, CLEAR, NOTE], 2)])
 def test_changes_are_published_within_120_ms(
