@@ -127,12 +127,12 @@ def _by_source(speeds: Iterable[Sequence[_Speed]]) -> FloatArray:
 
 
 def _published(columns: MessageColumns) -> tuple[Integers, Integers, int]:
-    """Return the rows of assessed readings that are published, and with which reading each is.
+    """Return the rows that are published, with which reading each is, and how many are done.
 
-    A window has a message of its most severe reading and, if the state has changed since, of its
-    last. What waited before a gap is late, and is no all-clear any more. The third value is the
-    number of readings whose windows have ended.
+    What waited before a gap is late, and is no all-clear any more.
     """
+    # A window has a message of its most severe reading and, if the state has changed since, of
+    # its last. The readings of windows that have ended are done.
     closing = np.flatnonzero(columns.place >= Place.CLOSES)
     n = int(closing[-1]) + 1 if len(closing) else 0
     begins = columns.place[:n] == Place.ALONE
