@@ -157,17 +157,22 @@ def test_every_message_arrives_in_order(tmp_path: Path, compression: str) -> Non
     assert read == sorted((at, cdr(k)) for k, at in enumerate(times))
 
 
-def test_disk_that_does_not_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Writing continues, and messages that do not fit are counted in the file."""
-    monkeypatch.setattr(module, "QUEUE_MESSAGES", 1000)
-    answers = threading.Event()
-    stuck = threading.Event()
+def disk_that_hangs(monkeypatch: pytest.MonkeyPatch) -> tuple[threading.Event, threading.Event]:
+    """Let the disk hang until the first event; the second says that something waits for it."""
+    answers, stuck = threading.Event(), threading.Event()
 
     def fsync(_: int) -> None:
         stuck.set()
         answers.wait()
 
     monkeypatch.setattr(os, "fsync", fsync)
+    return answers, stuck
+
+
+def test_disk_that_does_not_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Writing continues, and messages that do not fit are counted in the file."""
+    monkeypatch.setattr(module, "QUEUE_MESSAGES", 1000)
+    answers, stuck = disk_that_hangs(monkeypatch)
     log = recorder(tmp_path)
     log.start()
     write(log, range(10))
@@ -199,13 +204,7 @@ def test_queue_is_bounded_in_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 def test_stop_does_not_wait_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """If the disk hangs, `stop` returns, and the error says how to complete the log."""
     monkeypatch.setattr(module, "DRAIN_TIME", 0.2)
-    answers, stuck = threading.Event(), threading.Event()
-
-    def fsync(_: int) -> None:
-        stuck.set()
-        answers.wait()
-
-    monkeypatch.setattr(os, "fsync", fsync)
+    answers, stuck = disk_that_hangs(monkeypatch)
     log = recorder(tmp_path)
     log.start()
     write(log, range(10))
