@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The base class of every error that this package raises on purpose."""
 
-from collections.abc import Mapping
+from copyreg import __newobj__  # type: ignore[attr-defined]
 from typing import Any
 
 
@@ -27,13 +27,4 @@ class LinkageVibrationError(Exception):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return the function that rebuilds this error, and what it needs."""
-        return _restored, (type(self), self.args, self.__dict__)
-
-
-def _restored(
-    kind: type[LinkageVibrationError], args: tuple[object, ...], attributes: Mapping[str, object]
-) -> LinkageVibrationError:
-    """Rebuild a pickled error without its constructor, which may take other arguments."""
-    error = kind.__new__(kind, *args)
-    error.__dict__.update(attributes)
-    return error
+        return __newobj__, (type(self), *self.args), vars(self)

@@ -30,9 +30,7 @@ if TYPE_CHECKING:
 QUEUE_MESSAGES = 50_000
 QUEUE_BYTES = 32 * 2**20
 POLL_PERIOD = 0.02  # s; short, so that a batch does not hold Python's lock for long
-FLUSH_PERIOD = (
-    0.5  # s; a killed process loses the messages of this time, and of the write in progress
-)
+FLUSH_PERIOD = 0.5  # s; a killed process loses the messages of this time, and of a write
 RETRY_PERIOD = 2.0  # s between attempts to begin a file after a failure
 DRAIN_TIME = 5.0  # s that `stop` waits for a slow disk
 
@@ -373,12 +371,10 @@ class Recorder:
         shares = _SHARES if limits.delete_oldest else 1
         for name, needed in (("split_size", least), ("disk_limit", shares * least)):
             if 0 < (limit := getattr(limits, name)) < needed:
-                # The parameters in the log have more digits with the larger limit.
-                digits = len(str(needed)) - len(str(limit))
-                needed += needed // (least // 2) * digits * self._times_attached(f"{name}: {limit}")
+                # The parameters in the log have more digits with a larger limit.
                 raise _LimitError(
                     f"{name} is {limit} bytes, but a log without messages already has "
-                    f"{least // 2}; set it to {needed} or more."
+                    f"{least // 2}; set it to {needed + _MARGIN} or more."
                 )
         largest = limits.split_size or math.inf
         if not limits.disk_limit:
@@ -399,11 +395,6 @@ class Recorder:
                 "again."
             )
         return largest
-
-    def _times_attached(self, text: str) -> int:
-        """Return how often a line is in the attachments."""
-        line = f"{text}\n".encode()
-        return sum(attachment.data.count(line) for attachment in self._provenance.attachments)
 
     def _delete(self, path: Path) -> bool:
         """Delete and report a log, and return true, unless another recorder has it open."""

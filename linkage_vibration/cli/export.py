@@ -7,7 +7,6 @@ response to each order where its amplitude and the FRFs of the table are known.
 """
 
 import argparse
-from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -40,7 +39,7 @@ def run(options: argparse.Namespace) -> int:
     from linkage_vibration.support.atomic_files import (
         check_output,
         check_outputs,
-        new_folder,
+        make_folder,
         write_files,
     )
     from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
@@ -53,9 +52,10 @@ def run(options: argparse.Namespace) -> int:
     export = _export(options, path)
     constants, table = export.constants, export.table
     files = _files(options, export)
-    with new_folder(options.c, ExportError) if options.c else nullcontext():
-        check_outputs(list(files), inputs)
-        write_files({file: [data] for file, data in files.items()}, ExportError)
+    if options.c:
+        make_folder(options.c, ExportError)
+    check_outputs(list(files), inputs)
+    write_files({file: [data] for file, data in files.items()}, ExportError)
     for file in files:
         print(f"Written: {file}")
     print(

@@ -42,16 +42,9 @@ from linkage_vibration.ros.endpoints import subscribe
 from linkage_vibration.ros.precedence import rest
 from linkage_vibration.support.own_process import call_in_process
 from linkage_vibration.table.table import Table
+from linkage_vibration_interfaces import srv
 from linkage_vibration_interfaces.action import SetImplement
 from linkage_vibration_interfaces.msg import Advice, VibrationPrediction
-from linkage_vibration_interfaces.srv import (
-    Advise,
-    GetFrf,
-    GetGroundLevels,
-    GetModeShapes,
-    GetTable,
-    PredictVibration,
-)
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -100,22 +93,16 @@ class Services:
         group = ReentrantCallbackGroup()
         offer: Any = partial(node.create_service, callback_group=group)
         self._services = [
-            offer(PredictVibration, "~/predict", _reporting(self._predict)),
-            offer(GetFrf, "~/get_frf", _reporting(self._get_frf)),
-            offer(GetGroundLevels, "~/get_ground_levels", _reporting(self._get_ground_levels)),
-            offer(GetModeShapes, "~/get_mode_shapes", _reporting(self._get_mode_shapes)),
-            offer(GetTable, "~/get_table", _reporting(self._get_table)),
-            offer(Advise, "~/advise", _reporting(self._advise)),
+            offer(srv.PredictVibration, "~/predict", _reporting(self._predict)),
+            offer(srv.GetFrf, "~/get_frf", _reporting(self._get_frf)),
+            offer(srv.GetGroundLevels, "~/get_ground_levels", _reporting(self._get_ground_levels)),
+            offer(srv.GetModeShapes, "~/get_mode_shapes", _reporting(self._get_mode_shapes)),
+            offer(srv.GetTable, "~/get_table", _reporting(self._get_table)),
+            offer(srv.Advise, "~/advise", _reporting(self._advise)),
         ]
-        action = ActionServer(
-            node,
-            SetImplement,
-            "~/set_implement",
-            self._on_goal,
-            cancel_callback=lambda _: CancelResponse.ACCEPT,
-            callback_group=group,
-        )
-        self._actions = [action]
+        accept: Any = {"cancel_callback": lambda _: CancelResponse.ACCEPT, "callback_group": group}
+        name = "~/set_implement"
+        self._actions = [ActionServer(node, SetImplement, name, self._on_goal, **accept)]
         self._subscriptions: list[Any] = []
         if served().implements is not None:
             self._subscriptions = [subscribe(node, String, HITCHED_TOPIC, self._on_hitched)]
@@ -174,7 +161,7 @@ class Services:
             self._node.destroy_subscription(subscription)
 
     async def _predict(
-        self, request: PredictVibration.Request, response: PredictVibration.Response
+        self, request: srv.PredictVibration.Request, response: srv.PredictVibration.Response
     ) -> str:
         angles, stddev = request.crank_angles, request.crank_angle_stddev
         if not 0 < len(angles) <= MAX_REQUEST:
@@ -198,37 +185,32 @@ class Services:
             )
         return predictor.table.unknown_deviations
 
-    async def _get_frf(self, request: GetFrf.Request, response: GetFrf.Response) -> None:
-        served, frequencies = self._served(), np.array(request.frequencies)
-        places, angle, exact = (request.outputs, request.inputs), request.crank_angle, request.exact
-        answer = await self._away(
-            answers.answer_frf, served, angle, *places, frequencies, exact=exact
-        )
+    async def _answered(self, response: Any, ask: Callable[..., T], *args: Any, **kwargs: Any) -> T:
+        """Give a response what a function of the mechanism in use answers, and return that."""
+        served = self._served()
+        answer = await self._away(ask, served, *args, **kwargs)
         _fill(response, served, answer)
+        return answer
+
+    async def _get_frf(self, request: srv.GetFrf.Request, response: srv.GetFrf.Response) -> None:
+        asked = request.crank_angle, request.outputs, request.inputs, np.array(request.frequencies)
+        answer = await self._answered(response, answers.answer_frf, *asked, exact=request.exact)
         response.real, response.imaginary = _numbers(answer.frf.real), _numbers(answer.frf.imag)
 
-    async def _get_ground_levels(
-        self, request: GetGroundLevels.Request, response: GetGroundLevels.Response
-    ) -> None:
-        served, speed = self._served(), abs(request.ground_speed)
-        asked = request.crank_angle, speed, request.outputs
-        answer = await self._away(answers.answer_ground, served, self._excitations, *asked)
-        _fill(response, served, answer)
+    async def _get_ground_levels(self, request: srv.GetGroundLevels.Request, response: Any) -> None:
+        asked = self._excitations, request.crank_angle, abs(request.ground_speed), request.outputs
+        await self._answered(response, answers.answer_ground, *asked)
 
-    async def _get_mode_shapes(
-        self, request: GetModeShapes.Request, response: GetModeShapes.Response
-    ) -> None:
-        served = self._served()
-        answer = await self._away(answers.answer_mode_shapes, served, request.crank_angle)
-        _fill(response, served, answer)
+    async def _get_mode_shapes(self, request: srv.GetModeShapes.Request, response: Any) -> None:
+        await self._answered(response, answers.answer_mode_shapes, request.crank_angle)
 
-    async def _get_table(self, _: object, response: GetTable.Response) -> None:
+    async def _get_table(self, _: object, response: srv.GetTable.Response) -> None:
         served = self._served()
         response.table = array("B", await self._away(lambda: served.table_file))
         response.table_id = served.table.table_id
         response.mechanism = served.mechanism_text
 
-    async def _advise(self, request: Advise.Request, response: Advise.Response) -> None:
+    async def _advise(self, request: srv.Advise.Request, response: srv.Advise.Response) -> None:
         angles = request.crank_angle_min, request.crank_angle_max
         speeds = request.ground_speed_min, request.ground_speed_max
         present = [request.engine_speed, request.pto_speed, abs(request.ground_speed)]
@@ -249,40 +231,26 @@ class Services:
         response.advice = deserialize_message(encoded, Advice)
         _fill(response, served, advised)
 
-    async def _set_implement(
-        self, request: SetImplement.Goal, response: SetImplement.Result
-    ) -> None:
-        centre = tuple(request.centre_of_gravity)
-        implement = answers.Implement(request.rigid_body, request.mass, request.inertia, centre)
-        try:
-            if request.name and implement != answers.Implement("", 0.0, 0.0, ()):
-                raise ServiceError("name has its own properties; leave all other fields empty.")
-            await self._replace(self._served(), request.name or implement)
-        except LinkageVibrationError as error:
-            response.message = f"The table is unchanged: {error}"
-        with suppress(LinkageVibrationError):
-            response.table_id = self._served().table.table_id
-        if self._pending:
-            self._later(self._follow)
-
     async def _on_goal(self, goal: Any) -> SetImplement.Result:
         """Use another implement, with progress; a client may cancel it."""
         clock, result = Clock(clock_type=ClockType.STEADY_TIME), SetImplement.Result()
         self._goals += 1
         timer = self._node.create_timer(FEEDBACK_PERIOD, lambda: self._report(goal), clock=clock)
         try:
-            await self._set_implement(goal.request, result)
+            await self._replace(self._served(), _implement(goal.request))
+        except LinkageVibrationError as error:
+            result.message = f"The table is unchanged: {error}"
         finally:
             self._node.destroy_timer(timer)
             # rclpy sends the result in a task of its own, which may follow the first of these.
             self._later(lambda: self._later(self._sent))
+        with suppress(LinkageVibrationError):
+            result.table_id = self._served().table.table_id
+        if self._pending:
+            self._later(self._follow)
         result.success = not result.message
-        if result.success:
-            goal.succeed()
-        elif goal.is_cancel_requested:
-            goal.canceled()
-        else:
-            goal.abort()
+        end = goal.canceled if goal.is_cancel_requested else goal.abort
+        (goal.succeed if result.success else end)()
         return result
 
     def _later(self, call: Callable[[], object]) -> None:
@@ -394,6 +362,15 @@ class Services:
             self._waiting -= 1
 
 
+def _implement(request: SetImplement.Goal) -> answers.Implement | str:
+    """Return the implement of a goal, or its name."""
+    centre = tuple(request.centre_of_gravity)
+    implement = answers.Implement(request.rigid_body, request.mass, request.inertia, centre)
+    if request.name and implement != answers.Implement("", 0.0, 0.0, ()):
+        raise ServiceError("name has its own properties; leave all other fields empty.")
+    return request.name or implement
+
+
 def _reporting(answer: Callable[[Any, Any], Awaitable[str | None]]) -> Callable[..., Any]:
     """Return the callback of a service whose response reports the error, or else a note."""
 
@@ -411,7 +388,7 @@ def _reporting(answer: Callable[[Any, Any], Awaitable[str | None]]) -> Callable[
 
 
 def _predict(
-    predictor: Predictor, request: PredictVibration.Request, stamp: tuple[int, int]
+    predictor: Predictor, request: srv.PredictVibration.Request, stamp: tuple[int, int]
 ) -> tuple[list[VibrationPrediction], list[int], NDArray[np.float64]]:
     """Return predictions, the indices of angles without one, and shares; rest between them.
 

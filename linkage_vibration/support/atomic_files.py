@@ -68,20 +68,6 @@ def make_folder(folder: Path, error: type[LinkageVibrationError]) -> None:
         ) from None
 
 
-@contextmanager
-def new_folder(folder: Path, error: type[LinkageVibrationError]) -> Iterator[None]:
-    """Create a folder as `make_folder` does, and remove it if the context fails and it is empty."""
-    created = [each for each in (folder, *folder.parents) if not each.exists()]
-    try:
-        make_folder(folder, error)
-        yield
-    except BaseException:
-        with suppress(OSError):
-            for each in created:
-                each.rmdir()
-        raise
-
-
 def check_suffix(path: Path, suffix: str) -> None:
     """Refuse an output with another suffix than that of its format; it may have none."""
     if path.suffix.lower().replace(".yml", ".yaml") not in ("", suffix):

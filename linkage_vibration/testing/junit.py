@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Writes the result of a check as JUnit XML, which CI services show."""
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -11,38 +12,28 @@ from linkage_vibration.testing.bag_checks import Report
 
 def junit_xml(report: Report) -> bytes:
     """Return a report as a test suite with one test case for each limit that was checked."""
-    failures = {failure.limit: str(failure) for failure in reversed(report.failures)}
-    names = [*dict.fromkeys([*report.checked, *failures])]
-    suites, suite = _suite(len(names), len(failures), 0)
-    for name in names:
-        case = ElementTree.SubElement(suite, "testcase", classname=str(report.bag), name=name)
-        if name in failures:
-            text = "\n".join(str(each) for each in report.failures if each.limit == name)
-            failure = ElementTree.SubElement(case, "failure", message=failures[name], type="limit")
-            failure.text = text
-    return _as_bytes(suites)
+    cases: dict[str, list[str]] = {name: [] for name in report.checked}
+    for failure in report.failures:
+        cases.setdefault(failure.limit, []).append(str(failure))
+    return _xml(report.bag, cases, "failure", "limit")
 
 
 def junit_error(bag: Path, problem: str) -> bytes:
     """Return the error that nothing could be checked as a test suite with one test case."""
-    suites, suite = _suite(1, 0, 1)
-    case = ElementTree.SubElement(suite, "testcase", classname=str(bag), name="check")
-    text = printable(problem)
-    ElementTree.SubElement(case, "error", message=text, type="error").text = text
-    return _as_bytes(suites)
+    return _xml(bag, {"check": [printable(problem)]}, "error", "error")
 
 
-def _suite(
-    tests: int, failures: int, errors: int
-) -> tuple[ElementTree.Element, ElementTree.Element]:
-    """Return the root of a file, and the only suite in it, with their counts."""
-    counts = {"tests": str(tests), "failures": str(failures), "errors": str(errors)}
+def _xml(bag: Path, cases: Mapping[str, Sequence[str]], tag: str, kind: str) -> bytes:
+    """Return a file with one suite, whose cases pass or have lines of a failure or an error."""
+    failed = str(sum(map(bool, cases.values())))
+    counts = {"tests": str(len(cases)), "failures": "0", "errors": "0", f"{tag}s": failed}
     suites = ElementTree.Element("testsuites", counts)
-    counts |= {"name": "linkage-vibration check"}
-    return suites, ElementTree.SubElement(suites, "testsuite", counts)
-
-
-def _as_bytes(suites: ElementTree.Element) -> bytes:
+    suite = ElementTree.SubElement(suites, "testsuite", counts, name="linkage-vibration check")
+    for name, lines in cases.items():
+        case = ElementTree.SubElement(suite, "testcase", classname=str(bag), name=name)
+        if lines:
+            problem = ElementTree.SubElement(case, tag, message=lines[0], type=kind)
+            problem.text = "\n".join(lines)
     ElementTree.indent(suites)
     data: bytes = ElementTree.tostring(suites, encoding="utf-8", xml_declaration=True)
     return data

@@ -19,12 +19,7 @@ import linkage_vibration
 from linkage_vibration.bags.recovery import recover
 from linkage_vibration.cli.main import SUBCOMMANDS, argument_parser, main
 from linkage_vibration.playback.replay import replay
-from linkage_vibration.support.atomic_files import (
-    OutputError,
-    check_outputs,
-    new_folder,
-    write_bytes,
-)
+from linkage_vibration.support.atomic_files import OutputError, check_outputs, write_bytes
 from linkage_vibration.support.exit_codes import ended_by_signals
 from linkage_vibration.support.resources import config_file
 from test.support.failing.runs import outcomes
@@ -419,17 +414,6 @@ def test_signal_during_an_import(files: Path, name: str, number: signal.Signals)
     )
     assert (done.returncode, done.stderr) == (128 + number, b"")
     assert contents(files) == before
-
-
-def test_ended_export_leaves_no_folder(files: Path) -> None:
-    """A folder that a command created is removed if a signal ends it, but no folder with files."""
-    for folder in ("new/inner", "old/inner"):
-        with pytest.raises(SystemExit), new_folder(Path(folder), OutputError):
-            if "old" in folder:
-                Path("old/mine").touch()
-            raise SystemExit(143)
-    assert not Path("new").exists()
-    assert [path.name for path in Path("old").iterdir()] == ["mine"]
 
 
 @pytest.mark.parametrize(

@@ -5,23 +5,10 @@
 import numpy as np
 import pytest
 
-from linkage_vibration.export.cubics import extremes, joined_cells, largest_sizes, moved
+from linkage_vibration.export.cubics import joined_cells, largest_sizes
 from linkage_vibration.support.resources import PAPER_TABLE, config_file
 from linkage_vibration.table.cells import Cells
 from linkage_vibration.table.table import load_table
-
-
-def test_extremes_of_cubics() -> None:
-    """They are those of the four kinds of cubics whose extremes are known on paper."""
-    cubics = np.array([[1.0, -3.0, 0.0, 5.0], [0, 1.0, -2.0, 0], [0, 0, 2.0, 1.0], [0, 0, 0, 7.0]])
-    low, high = extremes(cubics[:, :, np.newaxis], np.array([3.0, 3.0, 3.0, 3.0]))
-    np.testing.assert_allclose(low[:, 0], [1.0, -1.0, 1.0, 7.0])  # at 2, 1, 0 and anywhere
-    np.testing.assert_allclose(high[:, 0], [5.0, 3.0, 7.0, 7.0])
-    low, high = extremes(cubics[:1, :, np.newaxis], np.array([1.0]))  # before the extreme at 2
-    assert (low[0, 0], high[0, 0]) == (3.0, 5.0)
-    np.testing.assert_array_equal(
-        moved(cubics[:1, :, np.newaxis], np.array([2.0]))[0, :, 0], [1.0, 3.0, 0.0, 1.0]
-    )
 
 
 def test_largest_sizes() -> None:

@@ -3,9 +3,12 @@
 """What the tests of several readers share: files spoilt at random."""
 
 import random
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
 
 import pytest
+
+from linkage_vibration.errors import LinkageVibrationError
 
 Mutations = Callable[[bytes, int], Iterator[bytes]]
 
@@ -22,6 +25,20 @@ def mutations() -> Mutations:
             yield _spoilt(content, rng)
 
     return spoil
+
+
+def refuse_spoilt(path: Path, contents: Iterable[bytes], read: Callable[[], object]) -> None:
+    """Read contents of a file; more than 50 give one sentence, and nothing else is raised."""
+    refused = 0
+    for content in contents:
+        path.write_bytes(content)
+        try:
+            read()
+        except LinkageVibrationError as error:
+            assert str(error).startswith(str(path))
+            assert "\n" not in str(error)
+            refused += 1
+    assert refused > 50
 
 
 def _spoilt(content: bytes, rng: random.Random) -> bytes:

@@ -13,7 +13,6 @@ import pytest
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
-from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.bodies.beam import element_matrices
 from linkage_vibration.mechanics.bodies.matrices import Matrices
 from linkage_vibration.mechanics.description import Material
@@ -23,6 +22,7 @@ from linkage_vibration.mechanics.sections.rectangle import rectangle
 from linkage_vibration.readers import component_files
 from linkage_vibration.readers.component_files import ComponentFileError
 from linkage_vibration.readers.matrices import read_matrices
+from test.readers.conftest import refuse_spoilt
 
 FloatArray = NDArray[np.float64]
 ENDS = ["A x", "A z", "A theta", "B x", "B z", "B theta"]
@@ -300,13 +300,4 @@ def inside(path: Path, spoil: Callable[[bytes, int], Iterator[bytes]]) -> Iterat
 def test_spoilt_files(tmp_path: Path, mutations: Callable[[bytes, int], Iterator[bytes]]) -> None:
     """Each of 200 damaged files is read or gives one sentence; nothing else is raised."""
     path = dense_npz(tmp_path, bar())
-    refused = 0
-    for content in inside(path, mutations):
-        path.write_bytes(content)
-        try:
-            read_matrices(path)
-        except LinkageVibrationError as error:
-            assert str(error).startswith(str(path.parent))
-            assert "\n" not in str(error)
-            refused += 1
-    assert refused > 50
+    refuse_spoilt(path, inside(path, mutations), lambda: read_matrices(path))

@@ -19,7 +19,6 @@ from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterValue
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
@@ -27,12 +26,11 @@ from linkage_vibration.prediction.inputs.units import HitchCurve, HitchScale
 from linkage_vibration.prediction.predictor import Predictor, Status
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import load_table
-from linkage_vibration_interfaces.msg import LoadState, Resonance, TableInfo, VibrationPrediction
+from linkage_vibration_interfaces.msg import LoadState, Resonance, VibrationPrediction
 from test.support.messages import read_messages
 from test.support.ros_process import JOINT, SENSOR, until
 
 UNKNOWN_TYPE = ParameterMessage(name="sign", value=ParameterValue(type=77))
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 @pytest.fixture(scope="module")
@@ -124,23 +122,6 @@ def test_publisher_that_dies_and_returns(peer: Any, environment: dict[str, str])
             process.kill()
             process.wait()
     assert peer.ask([JOINT], [2.0]).status == Status.OK
-
-
-def test_late_subscribers_receive_the_model(peer: Any, predictor: Predictor) -> None:
-    """Table and mechanism are on a latched topic."""
-    received: list[Any] = []
-    peer.node.create_subscription(TableInfo, "robust/table_info", received.append, LATCHED)
-    peer.spin(lambda: received)
-    [info] = received
-    assert list(info.mode_names) == list(predictor.table.mode_names)
-    assert list(info.mode_body_shares) == predictor.table.mode_shares[:, 1].tolist()
-    assert info.table_id == predictor.table.table_id
-    assert (info.n_modes, info.mechanism_name) == (6, "three_point_linkage_on_tractor")
-    assert (info.crank_angle_first, info.crank_angle_last) == predictor.table.alpha3_range
-    assert (info.band_low, info.band_high) == (0.0, 200.0)
-    assert (info.peak_band_low, info.peak_band_high) == (4.7, 200.0)
-    assert "E1.z" in info.places
-    assert info.mechanism == config_file("three_point_linkage_on_tractor.yaml").read_text()
 
 
 def test_resonance_follows_the_engine(start: Callable[..., Any], peer: Any) -> None:
