@@ -57,7 +57,7 @@ def sprung(spring: dict[str, Any]) -> LinkageModel:
 def stiffness(model: LinkageModel, alpha3: float) -> float:
     """Return the stiffness of the only spring."""
     (spring,) = model.mechanism.springs
-    return spring_stiffness(spring, model.mechanism, model.kinematics.at(alpha3))
+    return float(spring_stiffness(spring, model.mechanism, model.kinematics.at(alpha3)))
 
 
 def test_oil_on_a_joint_has_the_stiffness_of_its_volume_and_lever() -> None:

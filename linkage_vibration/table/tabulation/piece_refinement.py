@@ -130,11 +130,14 @@ def refine(sampler: Sampler, fitted: list[float], accuracy: Accuracy) -> Refined
             spaces = [space.on(left) for space in spaces]
         except np.linalg.LinAlgError:
             return "the shapes of the poles change too quickly"
-        fine = _piece(sampler, finer, _models(sampler, samples, chosen, spaces))
-        fewer = fine.models.at(fine.variables, fine.variables[np.isin(finer, fitted)])
-        coarse = _piece(sampler, fitted, fewer)
-        others = [sample for x, sample in zip(finer, samples, strict=True) if x not in fitted]
-        if not misses(coarse, others, response, accuracy):
+        near = _near_models(sampler, samples, spaces)
+        kept, fine = np.isin(finer, fitted), _piece(sampler, finer, near)
+        fewer = near.at(fine.variables, fine.variables[kept])
+        others = [sample for sample, known in zip(samples, kept, strict=True) if not known]
+        if not misses(_piece(sampler, fitted, fewer), others, response, accuracy):
+            fine = replace(fine, models=_with_far(sampler, samples, chosen, near))
+            fewer = fine.models.at(fine.variables, fine.variables[kept])
+            coarse = _piece(sampler, fitted, fewer)
             values = rounding(fine, response) + sampler.rounding(finer).values
             alpha3 = sampler.angle(finer[0])
             sampler.refuse_rounding(Rounding(values), alpha3, accuracy, 1.0 / 2.0)
@@ -155,14 +158,27 @@ def _piece(sampler: Sampler, variables: list[float], models: ReducedModels) -> P
     return PolePiece(alpha3, models, sampler.toggles, sampler.response.peak_band)
 
 
-def _models(
-    sampler: Sampler,
-    samples: Sequence[PoleSample],
-    sets: Sequence[IntArray],
-    spaces: Sequence[Subspace],
+def _near_models(
+    sampler: Sampler, samples: Sequence[PoleSample], spaces: Sequence[Subspace]
 ) -> ReducedModels:
-    """Return the reduced models at the points of a piece."""
-    viscous, free = samples[0].viscous, any(sample.free for sample in samples)
+    """Return the reduced models at the points of a piece, without far poles."""
+    return ReducedModels(
+        inertia=np.array([space.inertia for space in spaces]),
+        stiffness=np.array([space.stiffness for space in spaces]),
+        shapes=np.array([space.shapes for space in spaces]),
+        weights=np.zeros((len(spaces), 1, 0)),
+        far_stiffness=np.empty(0, complex),
+        far_decay=np.empty(0),
+        n_inputs=len(spaces[0].shapes) - len(sampler.forces),
+        free=any(sample.free for sample in samples),
+    )
+
+
+def _with_far(
+    sampler: Sampler, samples: Sequence[PoleSample], sets: Sequence[IntArray], near: ReducedModels
+) -> ReducedModels:
+    """Return reduced models at the points of a piece with the far poles of the band."""
+    viscous, free = samples[0].viscous, near.free
     both = list(zip(samples, sets, strict=True))
     outside = [np.append(sample.others, np.delete(sample.poles, chosen)) for sample, chosen in both]
     poles = np.concatenate(outside)
@@ -171,23 +187,14 @@ def _models(
     stiffness = np.abs(poles) ** 2 + 0j if viscous else -(poles**2)
     decay = -2.0 * poles.real if viscous else np.zeros(len(poles))
     far = far_poles(stiffness, decay, searched(sampler.response.band, free=free), N_FAR)
-    near = ReducedModels(
-        inertia=np.array([space.inertia for space in spaces]),
-        stiffness=np.array([space.stiffness for space in spaces]),
-        shapes=np.array([space.shapes for space in spaces]),
-        weights=np.empty(0),
-        far_stiffness=far.stiffness,
-        far_decay=far.decay,
-        n_inputs=len(spaces[0].shapes) - len(sampler.forces),
-        free=free,
-    )
     lines = _near_lines(near, check_lines(sampler.response.band, free=free)[:N_FIT])
     sums = np.array([sample.totals[:N_FIT] for sample in samples]) - lines
     side_by_side = sums.swapaxes(0, 1).reshape(N_FIT, -1)
     fitted = far.fit(side_by_side, real=viscous, rates=viscous)
     weights = np.asarray(fitted.reshape(len(fitted), len(sums), -1).swapaxes(0, 1))
     weights_of_kind = weights.real if viscous else weights
-    return replace(near, weights=shortened(weights_of_kind, near.n_inputs))
+    weights = shortened(weights_of_kind, near.n_inputs)
+    return replace(near, weights=weights, far_stiffness=far.stiffness, far_decay=far.decay)
 
 
 def _near_lines(models: ReducedModels, omega: FloatArray) -> ComplexArray:
