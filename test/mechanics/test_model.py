@@ -191,8 +191,8 @@ def test_a_stack_has_the_solutions_of_each_angle(model: LinkageModel) -> None:
         np.testing.assert_allclose(row.configuration.angles, alone.configuration.angles, rtol=1e-13)
         np.testing.assert_allclose(row.natural_frequencies, alone.natural_frequencies, rtol=1e-9)
         np.testing.assert_allclose(row.damping_ratios, alone.damping_ratios, rtol=1e-9)
-        moved = (np.abs(x) for x in (stack.participation(place)[i], alone.participation(place)))
-        np.testing.assert_allclose(*moved, rtol=1e-6, atol=1e-9)
+        moved, expected = np.abs(stack.participation(place)[i]), np.abs(alone.participation(place))
+        np.testing.assert_allclose(moved, expected, rtol=1e-6, atol=1e-9)
         at_rest = model.forces.at_rest(alone.configuration, alone.joining)
         np.testing.assert_allclose(forces[i], at_rest, rtol=1e-9, atol=1e-9 * np.abs(at_rest).max())
 
