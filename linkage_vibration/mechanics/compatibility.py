@@ -51,9 +51,8 @@ class Joining:
 def row_space(compatibility: FloatArray, labels: Sequence[str]) -> tuple[FloatArray, FloatArray]:
     """Return orthonormal bases, (rank, n) of what the rows of B span, and (n, n - rank) of motions.
 
-    Those of a stack of B have an axis before. Joints that are closed twice repeat rows, which are
-    left out. Rows that nearly repeat others are refused: keeping them would magnify rounding, and
-    leaving them out would free a joint.
+    Those of a stack of B have an axis before. Repeated rows are left out. Rows that nearly repeat
+    others are refused: keeping them would magnify rounding, and leaving them out free a joint.
     """
     left, values, right = np.linalg.svd(compatibility)
     largest = values.max(axis=-1, initial=0.0)[..., np.newaxis]

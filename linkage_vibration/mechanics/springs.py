@@ -156,7 +156,7 @@ def _column(
 ) -> FloatArray:
     """Return the stiffness of the oil along the cylinder, N/m."""
     travel = length - cylinder.closed_length
-    off = (travel < -cylinder.margin) | (travel > cylinder.stroke + cylinder.margin)
+    off = ~((travel >= -cylinder.margin) & (travel <= cylinder.stroke + cylinder.margin))
     if off.any():
         at, far = f"alpha3 = {_degrees(configuration, off):.2f} deg", np.extract(off, length)[0]
         fits = f"{cylinder.closed_length:g} to {cylinder.closed_length + cylinder.stroke:g} m long"
