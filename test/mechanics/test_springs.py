@@ -209,6 +209,16 @@ def test_piston_beyond_its_end_is_refused() -> None:
     assert caught.value.path == "springs.oil.cylinder"
 
 
+def test_a_stack_names_the_first_angle_beyond_the_end() -> None:
+    """Of three angles, the first at which the piston is beyond its end is named."""
+    pin, foot = np.array([-0.064, 0.385]), np.array([-0.050, 0.025])
+    length = math.dist(pin + 0.090 * np.array([-math.sin(1.8), math.cos(1.8)]), foot)
+    model = sprung(_cylinder(closed_length=length - 0.005, stroke=0.01))
+    assert model.stack(np.array([1.8, 1.8001])).vectors.shape[0] == 2
+    with pytest.raises(MechanismError, match=r"apart at alpha3 = 114\.59 deg"):
+        model.stack(np.array([1.8, 2.0, 2.1]))
+
+
 def damped(spring: dict[str, Any], hertz: float) -> LinkageModel:
     """Return an arm of 1 kg m2 about its pin on the ground, with a spring for that frequency."""
     arm = {
