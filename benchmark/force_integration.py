@@ -217,8 +217,8 @@ class PinForces:
         weight = np.zeros(len(self._system.mass))
         for part in self._system.components:
             if part.name != GROUND:
-                down, angle = np.array([0.0, -GRAVITY]), configuration.angle(part.name)
-                weight[self._system.rows[part.name]] = part.mass @ part.translation(down, angle)
+                down, turn = np.array([0.0, -GRAVITY]), configuration.turn(part.name)
+                weight[self._system.rows[part.name]] = part.mass @ part.translation(down, turn)
         return weight
 
     def _into(

@@ -3,15 +3,34 @@
 """Types of arrays, runs of flags, and what stacks of matrices need."""
 
 import itertools
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import fields
+from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 BoolArray = NDArray[np.bool_]
 ComplexArray = NDArray[np.complex128]
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
+T = TypeVar("T", bound=Any)
+
+
+def side_by_side(parts: Sequence[ArrayLike], shape: tuple[int, ...], axis: int) -> FloatArray:
+    """Return parts, each broadcast to a shape, along a further axis."""
+    both = np.empty((len(parts), *shape))
+    for i, part in enumerate(parts):
+        both[i] = part
+    return np.ascontiguousarray(np.moveaxis(both, 0, axis))
+
+
+def rows_of(stack: T) -> list[T]:
+    """Return the rows of a dataclass all of whose arrays have an axis before."""
+    given = {f.name: getattr(stack, f.name) for f in fields(stack)}
+    arrays = {name: value for name, value in given.items() if isinstance(value, np.ndarray)}
+    rows = zip(*arrays.values(), strict=True)
+    return [type(stack)(**given | dict(zip(arrays, row, strict=True))) for row in rows]
 
 
 def symmetric(matrices: NDArray[Any]) -> NDArray[Any]:

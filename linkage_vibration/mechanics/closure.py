@@ -46,12 +46,13 @@ class Pins:
     ground: FloatArray  # (n_rows,): contribution of the ends on the ground
 
     def at(self, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the gaps, (2 n_pins + 1,), and d(gaps)/d(pose), (2 n_pins + 1, 3 n_bodies)."""
-        angles = pose[2::3]
+        """Return gaps, (..., n_rows), and d(gaps)/d(pose), (..., n_rows, 3 n_bodies), of poses."""
+        angles = pose[..., 2::3]
         c, s = np.cos(angles), np.sin(angles)
-        gaps = self.positions @ pose + self.cosines @ c + self.sines @ s + self.ground
-        jacobian = self.positions.copy()
-        jacobian[:, 2::3] = self.sines * c - self.cosines * s
+        gaps = pose @ self.positions.T + c @ self.cosines.T + s @ self.sines.T + self.ground
+        jacobian = np.tile(self.positions, (*pose.shape[:-1], 1, 1))
+        turning = self.sines * c[..., np.newaxis, :] - self.cosines * s[..., np.newaxis, :]
+        jacobian[..., 2::3] = turning
         return gaps, jacobian
 
     def placed(self, angles: FloatArray, weights: FloatArray | float = 1.0) -> FloatArray:

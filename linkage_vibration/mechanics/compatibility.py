@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
+from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, side_by_side
 from linkage_vibration.mechanics.base import mount_springs
 from linkage_vibration.mechanics.components import CENTRE_OF_GRAVITY, Component, FrfComponent
 from linkage_vibration.mechanics.description import GROUND, Mechanism, Spring
@@ -35,7 +35,10 @@ class CouplingError(LinkageVibrationError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Joining:
-    """All that joins the components in one configuration, on the interface DoFs u."""
+    """All that joins the components in one configuration, on the interface DoFs u.
+
+    In a stack of configurations, each array has an axis before.
+    """
 
     compatibility: FloatArray  # (n_constraints, n): B, of B u = 0
     labels: tuple[str, ...]  # (n_constraints,): what each row of B belongs to
@@ -48,21 +51,23 @@ class Joining:
 def row_space(compatibility: FloatArray, labels: Sequence[str]) -> tuple[FloatArray, FloatArray]:
     """Return orthonormal bases, (rank, n) of what the rows of B span, and (n, n - rank) of motions.
 
-    Joints that are closed twice repeat rows, which are left out. Rows that nearly repeat others are
-    refused: keeping them would magnify rounding, and leaving them out would free a joint.
+    Those of a stack of B have an axis before. Repeated rows are left out. Rows that nearly repeat
+    others are refused: keeping them would magnify rounding, and leaving them out free a joint.
     """
     left, values, right = np.linalg.svd(compatibility)
-    rank = int((values > _ZERO * values.max(initial=0.0)).sum())
-    if rank and values[rank - 1] < _CLEAR * values[0]:
-        unclear = values[:rank] < _CLEAR * values[0]
-        shares = np.abs(left[:, :rank][:, unclear]).max(axis=1)
+    largest = values.max(axis=-1, initial=0.0)[..., np.newaxis]
+    rank = int((values > _ZERO * largest).sum(axis=-1).max())
+    unclear = values[..., :rank] < _CLEAR * largest
+    for row in np.argwhere(unclear.any(axis=-1))[:1]:
+        at = tuple(row)
+        shares = np.abs(left[at][:, :rank][:, unclear[at]]).max(axis=1)
         names = dict.fromkeys(np.array(labels)[shares > _INVOLVED].tolist())
         raise CouplingError(
-            f"Some constraints nearly repeat others ({values[rank - 1] / values[0]:.1e} of the "
-            f"largest singular value): {'; '.join(names)}. Close each joint once, and let the two "
-            "sides of a repeated one agree to the last digit."
+            f"Some constraints nearly repeat others ({values[at][rank - 1] / values[at][0]:.1e} of "
+            f"the largest singular value): {'; '.join(names)}. Close each joint once, and let the "
+            "two sides of a repeated one agree to the last digit."
         )
-    return right[:rank], right[rank:].T
+    return right[..., :rank, :], right[..., rank:, :].swapaxes(-1, -2)
 
 
 class InterfaceMap:
@@ -102,29 +107,30 @@ class InterfaceMap:
         return held
 
     def displacement(self, body: str, point: str, configuration: Configuration) -> FloatArray:
-        """Return the (2, n) matrix that turns u into a point's global x and z displacement."""
-        rows = np.zeros((2, len(self)))
+        """Return the (..., 2, n) matrix that turns u into a point's global x and z displacement."""
+        rows = np.zeros((*configuration.angles.shape[:-1], 2, len(self)))
         if body in self._centres:
             local, centre = self._mechanism.local_points(body)[point], self._centres[body]
             arm = configuration.place(body, local) - configuration.place(body, centre)
             x, z, theta = self._places[body, CENTRE_OF_GRAVITY]
-            rows[0, x] = rows[1, z] = 1.0
-            rows[0, theta], rows[1, theta] = -arm[1], arm[0]
+            rows[..., 0, x] = rows[..., 1, z] = 1.0
+            rows[..., 0, theta], rows[..., 1, theta] = -arm[..., 1], arm[..., 0]
             return rows
         if body == GROUND:
             return rows
         x, z = self._places[body, point][:2]
-        rows[:, [x, z]] = configuration.turn(body)
+        rows[..., [x, z]] = configuration.turn(body)
         return rows
 
     def join(self, configuration: Configuration) -> Joining:
         """Return what joins the components in a configuration."""
+        shape = configuration.angles.shape[:-1]
         rows: dict[str, FloatArray] = {}
         for point, first, second in self._mechanism.joints:
             apart = self.displacement(first, point, configuration)
             apart -= self.displacement(second, point, configuration)
-            for direction, row in zip("xz", apart, strict=True):
-                rows[f"pin {point} of {first} and {second} in {direction}"] = row
+            for i, direction in enumerate("xz"):
+                rows[f"pin {point} of {first} and {second} in {direction}"] = apart[..., i, :]
         for link in self._mechanism.links:
             if link.clamped is not None:
                 turn = self._turn(link.name, link.clamped) - self._turn(GROUND, link.clamped)
@@ -132,14 +138,17 @@ class InterfaceMap:
         springs, mounts = self._mechanism.springs, mount_springs(self._mechanism.base)
         stretches = [self._elongation(spring, configuration) for spring in springs]
         for mount, axis in mounts:
-            stretches.append(self.displacement(GROUND, mount.name, configuration)[axis])
+            stretches.append(self.displacement(GROUND, mount.name, configuration)[..., axis, :])
         stiffness = [spring_stiffness(each, self._mechanism, configuration) for each in springs]
         damping = [s.damping + s.retardation * k for s, k in zip(springs, stiffness, strict=True)]
         stiffness += [mount.stiffness[axis] for mount, axis in mounts]
         damping += [mount.damping[axis] for mount, axis in mounts]
-        elongation = np.array(stretches).reshape(-1, len(self))
-        both = np.array(stiffness), np.array(damping)
-        return Joining(np.array(list(rows.values())), tuple(rows), elongation, *both)
+        compatibility, elongation = (
+            side_by_side(parts, (*shape, len(self)), -2)
+            for parts in (list(rows.values()), stretches)
+        )
+        both = (side_by_side(numbers, shape, -1) for numbers in (stiffness, damping))
+        return Joining(compatibility, tuple(rows), elongation, *both)
 
     def _elongation(self, spring: Spring, configuration: Configuration) -> FloatArray:
         first, second = spring.bodies
@@ -148,7 +157,7 @@ class InterfaceMap:
         unit, _ = spring_line(spring, self._mechanism, configuration)
         ends = zip(spring.bodies, spring.points, strict=True)
         start, end = (self.displacement(*end, configuration) for end in ends)
-        return np.asarray(unit @ (end - start))
+        return np.asarray((unit[..., np.newaxis, :] @ (end - start))[..., 0, :])
 
     def _turn(self, body: str, point: str) -> FloatArray:
         """Return the row that picks the rotation of a body at a point, (n,)."""

@@ -6,8 +6,8 @@ A component is invariant: its numbers are in its own axes and are computed once.
 compatibility matrix that couples the components changes with the configuration.
 """
 
-import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -26,7 +26,7 @@ class Drawing:
     displacement: FloatArray  # (n_points, 3, n): local x, z and theta of each point per coordinate
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Component:
     """A body known by its matrices."""
 
@@ -38,18 +38,22 @@ class Component:
     loss_factor: float  # structural damping: the stiffness is K (1 + i eta)
     drawing: Drawing | None  # None where the shape of the body is unknown
 
-    def translation(self, along: FloatArray, angle: float) -> FloatArray:
-        """Return the coordinates, (n,), if a turned body moves by (2,) along the global axes, m."""
+    def translation(self, along: FloatArray, turn: FloatArray) -> FloatArray:
+        """Return the coordinates, (..., n), if a body moves by (2,) along the global axes, m.
+
+        The matrices, (..., 2, 2), turn its components into global ones.
+        """
         if self.dofs[0].point != CENTRE_OF_GRAVITY:  # a rigid body has the global axes
-            c, s = math.cos(angle), math.sin(angle)
-            along = np.array([[c, s], [-s, c]]) @ along
-        local = dict(zip(("x", "z"), along.tolist(), strict=True))
-        ends = np.array([local.get(dof.direction, 0.0) for dof in self.dofs])
-        n = len(ends)
+            along = along @ turn
+        return np.asarray(along @ self._moved)
+
+    @cached_property
+    def _moved(self) -> FloatArray:
+        """The coordinates if the body moves by 1 m along its x and z axes, (2, n)."""
+        ends = np.array([[dof.direction == axis for dof in self.dofs] for axis in "xz"], float)
+        n = ends.shape[1]
         inner, cross = self.stiffness[n:, n:], self.stiffness[n:, :n]
-        if n == len(self.stiffness):
-            return ends
-        return np.concatenate([ends, -np.linalg.solve(inner, cross @ ends)])
+        return np.hstack([ends, -np.linalg.solve(inner, cross @ ends.T).T])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from linkage_vibration.mechanics.arrays import (
     ComplexArray,
@@ -38,7 +37,7 @@ class UncoupledSystem:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CoupledSystem:
-    """The assembly in one configuration."""
+    """The assembly in one configuration, or with an axis before in a stack of them."""
 
     mass: FloatArray  # (m, m): on the generalised coordinates q; SI
     stiffness: FloatArray  # (m, m)
@@ -48,8 +47,9 @@ class CoupledSystem:
 
     def expand(self, coordinates: FloatArray) -> FloatArray:
         """Turn columns of q, (m, k), into columns of u and inner coordinates, (n, k)."""
-        free = self.basis.shape[1]
-        return np.vstack([self.basis @ coordinates[:free], coordinates[free:]])
+        free = self.basis.shape[-1]
+        moved = self.basis @ coordinates[..., :free, :]
+        return np.concatenate([moved, coordinates[..., free:, :]], axis=-2)
 
     def restrict(self, rows: FloatArray) -> FloatArray:
         """Turn rows on the interface DoFs, (k, n_interface), into rows on q, (k, m)."""
@@ -61,14 +61,14 @@ def uncoupled_system(components: Sequence[Component]) -> UncoupledSystem:
     """Put components side by side, every interface DoF before every inner coordinate."""
     is_inner = np.concatenate([np.arange(len(c.mass)) >= len(c.dofs) for c in components])
     places = np.argsort(is_inner, kind="stable")
-    order, ends = np.ix_(places, places), np.cumsum([len(c.mass) for c in components])
-    rows = np.split(np.argsort(places), ends[:-1])
-    parts = ((c.mass, c.stiffness, c.damping, c.loss_factor * c.stiffness) for c in components)
+    rows = np.split(np.argsort(places), np.cumsum([len(c.mass) for c in components])[:-1])
+    matrices = np.zeros((4, len(places), len(places)))
+    for c, at in zip(components, rows, strict=True):
+        parts = c.mass, c.stiffness, c.damping, c.loss_factor * c.stiffness
+        matrices[:, at[:, np.newaxis], at] = parts
+    names = [c.name for c in components]
     return UncoupledSystem(
-        tuple(components),
-        int((~is_inner).sum()),
-        {c.name: at for c, at in zip(components, rows, strict=True)},
-        *(block_diag(*matrices)[order] for matrices in zip(*parts, strict=True)),
+        tuple(components), int((~is_inner).sum()), dict(zip(names, rows, strict=True)), *matrices
     )
 
 
@@ -78,16 +78,16 @@ def couple(system: UncoupledSystem, joining: Joining) -> CoupledSystem:
     Constraints that repeat others have no effect.
     """
     _, basis = row_space(joining.compatibility, joining.labels)
-    stretch = joining.elongation @ basis
+    stretch, none = joining.elongation @ basis, np.zeros((1, 1))
     springs, dampers = (
-        stretch.T @ (weights[:, np.newaxis] * stretch)
+        stretch.swapaxes(-1, -2) @ (weights[..., np.newaxis] * stretch)
         for weights in (joining.stiffness, joining.damping)
     )
     return CoupledSystem(
-        _congruent(system, system.mass, basis, 0.0),
+        _congruent(system, system.mass, basis, none),
         _congruent(system, system.stiffness, basis, springs),
         _congruent(system, system.damping, basis, dampers),
-        _congruent(system, system.loss, basis, 0.0),
+        _congruent(system, system.loss, basis, none),
         basis,
     )
 
@@ -129,13 +129,18 @@ def assembled_frf(
 
 
 def _congruent(
-    system: UncoupledSystem, matrix: FloatArray, basis: FloatArray, springs: FloatArray | float
+    system: UncoupledSystem, matrix: FloatArray, basis: FloatArray, springs: FloatArray
 ) -> FloatArray:
     """Return L^T A L of a matrix A, (n, n), symmetric to the last bit.
 
     `springs`, (m, m), are added on the coordinates of the basis.
     """
-    n = system.n_interface
-    interface = symmetric(basis.T @ matrix[:n, :n] @ basis + springs)
-    side = basis.T @ matrix[:n, n:]
-    return np.block([[interface, side], [side.T, matrix[n:, n:]]])
+    n, m, across = system.n_interface, basis.shape[-1], basis.swapaxes(-1, -2)
+    size = len(matrix) - n + m
+    result = np.zeros((*basis.shape[:-2], size, size))
+    if matrix.any():
+        result[..., :m, m:] = side = across @ matrix[:n, n:]
+        result[..., m:, :m], result[..., m:, m:] = side.swapaxes(-1, -2), matrix[n:, n:]
+        springs = across @ matrix[:n, :n] @ basis + springs
+    result[..., :m, :m] = symmetric(springs)
+    return result

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.arrays import FloatArray, IntArray
+from linkage_vibration.mechanics.arrays import FloatArray, IntArray, rows_of
 from linkage_vibration.mechanics.compatibility import CouplingError, Joining
 from linkage_vibration.mechanics.coupling import CoupledSystem, UncoupledSystem, couple
 from linkage_vibration.mechanics.description import GROUND, Link, Mechanism, PointForces
@@ -69,6 +69,8 @@ def reference(static: FloatArray, given: float | None) -> FloatArray:
 
 def _at_rest(coupled: CoupledSystem, weight: FloatArray) -> FloatArray:
     """Return how far weights, (n,), N, move the components, (n,); NaN if nothing carries them."""
+    if coupled.mass.ndim > 2:  # There is one assembly for each weight.
+        return np.array([_at_rest(*each) for each in zip(rows_of(coupled), weight, strict=True)])
     n = len(coupled.basis)
     load = np.concatenate([coupled.basis.T @ weight[:n], weight[n:]])
     size = np.diag(coupled.stiffness)
@@ -124,7 +126,8 @@ class Forces:
         self, places: Sequence[tuple[str, str]], configuration: Configuration, joining: Joining
     ) -> FloatArray:
         """Return the forces at places per coordinate of the uncoupled components, (n_places, n)."""
-        rows = np.zeros((len(places), len(self.system.mass)))
+        shape = configuration.angles.shape[:-1]
+        rows = np.zeros((len(places), *shape, len(self.system.mass)))
         names = dict.fromkeys(name for name, _ in places)
         forces_at = {name: self._forces_at(name, configuration, joining) for name in names}
         for row, (name, direction) in zip(rows, places, strict=True):
@@ -132,8 +135,8 @@ class Forces:
             if direction not in forces:
                 available = ", ".join(forces) or "no force"
                 raise ForceError(f"{name} has no {direction}; it has: {available}.")
-            row[at] = forces[direction]
-        return rows
+            row[..., at] = forces[direction]
+        return np.moveaxis(rows, 0, -2)
 
     def _forces_at(
         self, name: str, configuration: Configuration, joining: Joining
@@ -143,12 +146,15 @@ class Forces:
             link, point = self._end(name)
             ends = self._ends[link.name][point]
             pin = configuration.turn(link.name) @ ends.pin
-            rows = zip((*_COMPONENTS, *_SECTION), (*pin, *ends.section), strict=True)
+            forces = (*np.moveaxis(pin, -2, 0), *ends.section)
+            rows = zip((*_COMPONENTS, *_SECTION), forces, strict=True)
             return self.system.rows[link.name], dict(rows)
         i = self._springs.index(name)
         spring, at = self.mechanism.springs[i], slice(self.system.n_interface)
-        share = tension_share(spring, self.mechanism, configuration) * joining.stiffness[i]
-        return at, {"force": share * joining.elongation[i]} if has_force(spring) else {}
+        if not has_force(spring):
+            return at, {}
+        share = tension_share(spring, self.mechanism, configuration) * joining.stiffness[..., i]
+        return at, {"force": share[..., np.newaxis] * joining.elongation[..., i, :]}
 
     @cached_property
     def _springs(self) -> list[str]:
@@ -167,17 +173,19 @@ class Forces:
     def at_rest(
         self, configuration: Configuration, joining: Joining, coupled: CoupledSystem | None = None
     ) -> FloatArray:
-        """Return the forces at `places` under the weight, (n_places,), N.
+        """Return the forces at `places` under the weight, (..., n_places), N.
 
         They are NaN where nothing carries the weight. The base rests on its mounts without it. The
         system that is coupled there is given if it is known.
         """
         moved, load = self.moved_by_weight(configuration, joining, coupled)
-        forces = np.asarray(self.rows(self.places, configuration, joining) @ moved)
+        rows = self.rows(self.places, configuration, joining)
+        forces = np.asarray((rows @ moved[..., np.newaxis])[..., 0])
         # What pins exert on a body; unlike elements, this counts the weight between its nodes, too.
-        reactions = self.system.stiffness @ moved - load
+        reactions = moved @ self.system.stiffness - load
         for i, link, at in self._pins:
-            forces[i : i + 2] = configuration.turn(link.name) @ reactions[at] / link.count
+            pin = configuration.turn(link.name) @ reactions[..., at, np.newaxis] / link.count
+            forces[..., i : i + 2] = pin[..., 0]
         return forces
 
     @cached_property
@@ -201,17 +209,18 @@ class Forces:
     ) -> tuple[FloatArray, FloatArray]:
         """Return how the weight moves the components, NaN where nothing carries it, and the weight.
 
-        Both are (n,) on the coordinates, m and N. The base is without weight unless asked for.
+        Both are (..., n) on the coordinates, m and N. The base is without weight unless asked for.
         """
-        load, down = np.zeros(len(self.system.mass)), np.array([0.0, -GRAVITY])
+        shape, down = configuration.angles.shape[:-1], np.array([0.0, -GRAVITY])
+        load = np.zeros((*shape, len(self.system.mass)))
         for part in self.system.components:
             if with_base or part.name != GROUND:
-                moved = part.translation(down, configuration.angle(part.name))
-                load[self.system.rows[part.name]] = part.mass @ moved
+                moved = part.translation(down, configuration.turn(part.name))
+                load[..., self.system.rows[part.name]] = moved @ part.mass
         try:
             return _at_rest(coupled or couple(self.system, joining), load), load
         except CouplingError:
-            return np.full(len(load), math.nan), load
+            return np.full_like(load, math.nan), load
 
     def _end(self, name: str) -> tuple[Link, str]:
         """Return the link and the point of a name such as lower_link:E1."""

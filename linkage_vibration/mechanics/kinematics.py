@@ -15,6 +15,7 @@ import copy
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -80,6 +81,8 @@ class KinematicsError(LinkageVibrationError):
 class Configuration:
     """The pose of every body at one input angle, and its rate of change with that angle.
 
+    In a stack of configurations, `Kinematics.stack`, each array and number has an axis before.
+
     Attributes
     ----------
     alpha3 : float
@@ -117,8 +120,8 @@ class Configuration:
 
     @cached_property
     def _turns(self) -> dict[str, FloatArray]:
-        both = zip(self.bodies, self.angles.tolist(), strict=True)
-        return {GROUND: np.eye(2), **{body: rotation(angle) for body, angle in both}}
+        turns = np.ascontiguousarray(rotation(self.angles))
+        return {GROUND: np.eye(2), **dict(zip(self.bodies, turns, strict=True))}
 
     def place(self, body: str, local: Point) -> FloatArray:
         """Return the global x and z, (2,), m, of a point.
@@ -133,7 +136,7 @@ class Configuration:
         if body == GROUND:
             return np.array(local)
         arm = self.turn(body) @ np.array(local)
-        return np.asarray(self.origins[self.bodies.index(body)] + arm)
+        return np.asarray(self.origins[..., self.bodies.index(body), :] + arm)
 
     def place_rate(self, body: str, local: Point) -> FloatArray:
         """Return d(place)/d(alpha3) of a point, (2,), m/rad.
@@ -162,10 +165,13 @@ def unit_question(alpha3: float, low: float, high: float) -> str:
     return ""
 
 
-def rotation(angle: float) -> FloatArray:
-    """Return the (2, 2) matrix that turns a body's own components into global ones."""
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array([[c, -s], [s, c]])
+def rotation(angle: float | FloatArray) -> FloatArray:
+    """Return the (2, 2) matrix that turns a body's own components into global ones.
+
+    Of angles, (k, n), those of one column after the other are returned, (n, k, 2, 2).
+    """
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, s], [-s, c]]).T
 
 
 def rotation_derivative(angle: float) -> FloatArray:
@@ -265,20 +271,51 @@ class Kinematics:
         if np.ndim(alpha3):
             hint = "call it for each of them, or `build_table` and give all to `Predictor.predict`"
             raise LinkageVibrationError(f"alpha3 is an array, but one angle is solved; {hint}.")
+        return self._configuration(alpha3, *self._closed_at(alpha3))
+
+    def stack(self, angles: FloatArray) -> Configuration:
+        """Return the configurations at input angles, (k,), rad, as one with an axis before.
+
+        The first one at which the linkage cannot close is refused, as `at` refuses it.
+        """
+        closed = None
+        if (self._away(angles) > 0.0).all():
+            within = np.array([self._within(each) for each in angles.tolist()])
+            closed = self._close(self._guess(self._evenly(within)), self._input, within)
+        if closed is None:  # One by one, the first that does not close is found.
+            pose, rate = zip(*map(self._closed_at, angles.tolist()), strict=True)
+            closed = np.array(pose), np.array(rate)
+        return self._configuration(angles, *closed)
+
+    def _configuration(self, alpha3: Any, pose: FloatArray, rate: FloatArray) -> Configuration:
+        """Return the configuration of a closed pose and its rate, (..., 3 n), lengths scaled."""
+        scale = np.array([self._length, self._length, 1.0])
+        bodies, rates = (rows.reshape(*rows.shape[:-1], -1, 3) * scale for rows in (pose, rate))
+        poses = bodies[..., :2], bodies[..., 2], rates[..., :2], rates[..., 2]
+        return Configuration(alpha3, self._bodies, *poses, toggle_distance=self._away(alpha3))
+
+    def _away(self, alpha3: Any) -> Any:
+        """Return how far input angles are from the nearer toggle, rad."""
         low, high = self.closable_range
-        if not low < alpha3 < high:
-            raise self._out_of_reach(alpha3)
-        alpha, (first, last) = alpha3, self._traced
-        if not first <= alpha <= last:  # the input turns all the way: later turns repeat these
-            alpha = first + (alpha - first) % self._period
-        closed = self._close(self._guess(self._evenly(alpha)), self._input, alpha)
+        return np.minimum(alpha3 - low, high - alpha3)
+
+    def _within(self, alpha3: float) -> float:
+        """Return the angle in the traced turns, which later turns of the input repeat."""
+        first, last = self._traced
+        if first <= alpha3 <= last:
+            return alpha3
+        return float(first + (alpha3 - first) % self._period)
+
+    def _closed_at(self, alpha3: float) -> tuple[FloatArray, FloatArray]:
+        """Return the closed pose at an input angle, rad, and its rate."""
+        low, high = self.closable_range
+        closed = None
+        if low < alpha3 < high:
+            alpha = self._within(alpha3)
+            closed = self._close(self._guess(self._evenly(alpha)), self._input, alpha)
         if closed is None:
             raise self._out_of_reach(alpha3)
-        scale = np.array([self._length, self._length, 1.0])
-        bodies, rates = (rows.reshape(-1, 3) * scale for rows in closed)
-        poses = bodies[:, :2], bodies[:, 2], rates[:, :2], rates[:, 2]
-        away = min(alpha3 - low, high - alpha3)
-        return Configuration(alpha3, self._bodies, *poses, toggle_distance=away)
+        return closed
 
     def nearby(self, mechanism: Mechanism) -> "Kinematics":
         """Return the kinematics of a mechanism whose points differ little, with these toggles."""
@@ -306,30 +343,32 @@ class Kinematics:
         return KinematicsError(alpha3, low if below else high, question)
 
     def _close(
-        self, pose: FloatArray, direction: FloatArray, target: float
+        self, pose: FloatArray, direction: FloatArray, target: float | FloatArray
     ) -> tuple[FloatArray, FloatArray] | None:
-        """Return the closed pose with ``direction @ pose == target`` by Newton's method, or None.
+        """Return closed poses with ``pose @ direction == target`` by Newton's method, or None.
 
-        The second array is d(pose)/d(target), which points along the curve of closed poses.
+        They are (..., 3 n), of as many targets, (...). The second array is d(pose)/d(target), which
+        points along the curve of closed poses.
         """
         try:
             for _ in range(30):
                 gaps, matrix = self._pins.at(pose)
-                matrix[-1] = direction
-                gaps[-1] = direction @ pose - target
-                step = np.linalg.solve(matrix, gaps)
-                size = float(np.abs(step).max())
-                if not size < 2.0:  # far from any solution, or not a number
+                matrix[..., -1, :] = direction
+                gaps[..., -1] = pose @ direction - target
+                step = np.linalg.solve(matrix, gaps[..., np.newaxis])[..., 0]
+                size = np.abs(step).max(axis=-1)
+                if not (size < 2.0).all():  # far from any solution, or not a number
                     return None
                 pose = pose - step
-                if size < _TOLERANCE * (1.0 + float(np.abs(pose).max())):
+                if (size < _TOLERANCE * (1.0 + np.abs(pose).max(axis=-1))).all():
                     break
             gaps, matrix = self._pins.at(pose)
             # Near a toggle rounding limits the steps, so the gaps of the pins decide.
-            if float(np.abs(gaps[:-1]).max()) > _TOLERANCE:
+            if float(np.abs(gaps[..., :-1]).max()) > _TOLERANCE:
                 return None
-            matrix[-1] = direction
-            return pose, np.linalg.solve(matrix, np.eye(len(pose))[-1])
+            matrix[..., -1, :] = direction
+            rate = np.linalg.solve(matrix, np.eye(pose.shape[-1])[:, -1:])[..., 0]
+            return pose, np.asarray(rate)
         except np.linalg.LinAlgError:
             return None
 

@@ -10,7 +10,14 @@ from functools import cached_property
 import numpy as np
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from linkage_vibration.mechanics.arrays import (
+    BoolArray,
+    ComplexArray,
+    FloatArray,
+    IntArray,
+    rows_of,
+    side_by_side,
+)
 from linkage_vibration.mechanics.assembly_poles import Assembly
 from linkage_vibration.mechanics.compatibility import InterfaceMap, Joining
 from linkage_vibration.mechanics.components import Component, FrfComponent
@@ -111,7 +118,7 @@ class LinkageModel:
         return uncoupled_system([c for c in self.components if isinstance(c, Component)])
 
     def rows(self, places: Sequence[Place | str], configuration: Configuration) -> FloatArray:
-        """Return the displacements at places per interface DoF, (n_places, n_interface).
+        """Return the displacements at places per interface DoF, (..., n_places, n_interface).
 
         Parameters
         ----------
@@ -124,7 +131,7 @@ class LinkageModel:
             If a point or a direction does not exist, or if a place is one of a force, as a force
             inside the linkage does not excite it.
         """
-        rows = []
+        rows, moved = [], dict[str, FloatArray]()
         for point, direction in pairs(places):
             if is_force((point, direction)):
                 problem = f"The {direction} at {point} is an output of FRFs of matrices, no input"
@@ -135,9 +142,10 @@ class LinkageModel:
             if direction not in ("x", "z"):
                 hint = "use x or z, as the model is planar"
                 raise ModelError(f"Point {point} has no direction {direction}; {hint}.")
-            moved = self.interface.displacement(bodies[-1], point, configuration)
-            rows.append(moved["xz".index(direction)])
-        return np.array(rows).reshape(len(rows), len(self.interface))
+            if point not in moved:
+                moved[point] = self.interface.displacement(bodies[-1], point, configuration)
+            rows.append(moved[point][..., "xz".index(direction), :])
+        return side_by_side(rows, (*configuration.angles.shape[:-1], len(self.interface)), -2)
 
     @cached_property
     def forces(self) -> Forces:
@@ -214,13 +222,14 @@ class LinkageModel:
         forces = [is_force(place) for place in places]
         if not any(forces):
             return self.rows(places, configuration)
-        rows, of_force = np.zeros((len(places), len(self.system.mass))), np.array(forces)
+        shape, of_force = (*configuration.angles.shape[:-1], len(places)), np.array(forces)
+        rows, n = np.zeros((*shape, len(self.system.mass))), len(self.interface)
         joining = joining or self.interface.join(configuration)
         loaded = [place for place in places if is_force(place)]
-        rows[of_force] = self.forces.rows(loaded, configuration, joining)
+        rows[..., of_force, :] = self.forces.rows(loaded, configuration, joining)
         if not all(forces):
             moved = [place for place in places if not is_force(place)]
-            rows[~of_force, : len(self.interface)] = self.rows(moved, configuration)
+            rows[..., ~of_force, :n] = self.rows(moved, configuration)
         return rows
 
     def solve(self, alpha3: float) -> "Solution":
@@ -233,7 +242,16 @@ class LinkageModel:
         CouplingError, ModelError
             If it cannot be assembled.
         """
-        configuration = self.kinematics.at(alpha3)
+        return self._solved(self.kinematics.at(alpha3))
+
+    def stack(self, angles: FloatArray) -> "Solution":
+        """Solve the assembly at input angles, (k,), rad, as one solution with an axis before.
+
+        `Solution.rows` returns those at each angle. The errors are those of `solve`.
+        """
+        return self._solved(self.kinematics.stack(angles))
+
+    def _solved(self, configuration: Configuration) -> "Solution":
         joining = self.interface.join(configuration)
         coupled = couple(self.system, joining)
         modes, vectors = solve_modes(coupled)
@@ -471,6 +489,13 @@ class Solution:
         angle = math.degrees(self.configuration.alpha3)
         return f"Solution({self.model.mechanism.name} at {angle:g} deg)"
 
+    @property
+    def rows(self) -> list["Solution"]:
+        """The solutions at the angles of a stack, in their order."""
+        stacks = self.configuration, self.joining, self.coupled, self.modes
+        parts = zip(*map(rows_of, stacks), self.vectors, strict=True)
+        return [Solution(self.model, *part) for part in parts]
+
     @cached_property
     def natural_frequencies(self) -> FloatArray:
         """Natural frequencies, Hz, ascending: one for each of the `modes`, 0 Hz for a mechanism.
@@ -526,7 +551,7 @@ class Solution:
     def participation(self, places: Sequence[Place | str]) -> FloatArray:
         """Displacement or force of each undamped, mass-normalised shape, (n_places, n_modes)."""
         rows = self.model.output_rows(places, self.configuration, self.joining)
-        return np.asarray(rows @ self.modes.shapes[: rows.shape[1]])
+        return np.asarray(rows @ self.modes.shapes[..., : rows.shape[-1], :])
 
     def frf(
         self,

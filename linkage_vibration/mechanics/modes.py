@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import eig, eigh
+from scipy.linalg import eigh
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray, IntArray
@@ -121,11 +121,16 @@ def solve_modes(system: CoupledSystem) -> tuple[Modes, FloatArray]:
     M phi = mu (K + s M) phi with mu = 1 / (omega^2 + s) gives the lowest frequencies to full
     precision, where the highest leave 1e-7; the small shift s allows a mechanism mode.
     """
-    mu, vectors = eigh(system.mass, system.stiffness + _SHIFT * system.mass)
+    shape = system.mass.shape
+    both = (system.mass, system.stiffness + _SHIFT * system.mass)
+    pencils = zip(*(each.reshape(-1, *shape[-2:]) for each in both), strict=True)
+    solved = zip(*(eigh(*pencil) for pencil in pencils), strict=True)
+    mu, vectors = (np.array(each)[..., ::-1] for each in solved)
+    mu, vectors = mu.reshape(shape[:-1]), vectors.reshape(shape)
     # If mu is only rounding, its limit keeps the compliance phi^2 / omega^2 of the mode right.
-    mu, vectors = np.maximum(mu, 1e-17 * mu[-1])[::-1], vectors[:, ::-1]
+    mu = np.maximum(mu, 1e-17 * mu[..., :1])
     omega = np.sqrt(np.maximum(1.0 / mu - _SHIFT, 0.0))
-    vectors = vectors / np.sqrt(mu)
+    vectors = vectors / np.sqrt(mu)[..., np.newaxis, :]
     return Modes(omega, system.expand(vectors)), vectors
 
 
@@ -165,6 +170,8 @@ def mixed_damping() -> ModesError:
 
 def _is_diagonal(modal: FloatArray, matrix: FloatArray, vectors: FloatArray) -> bool:
     """Return whether off-diagonal terms are small against the diagonal ones that they couple."""
+    if not modal.any():
+        return True
     diagonal = np.abs(np.diag(modal))
     scale = np.sqrt(np.outer(diagonal, diagonal))
     off = np.abs(modal - np.diag(np.diag(modal)))
@@ -186,8 +193,10 @@ def _viscous_modes(omega: FloatArray, viscous: FloatArray) -> DampedModes:
     """
     n = len(omega)
     omega = np.maximum(omega, _SLOWEST)
-    w = np.diag(omega)
-    poles, vectors = eig(np.block([[np.zeros((n, n)), w], [-w, -viscous]]))
+    matrix = np.zeros((2 * n, 2 * n))
+    matrix[:n, n:] = np.diag(omega)
+    matrix[n:, :n], matrix[n:, n:] = -matrix[:n, n:], -viscous
+    poles, vectors = (np.asarray(each, dtype=np.complex128) for each in np.linalg.eig(matrix))
     shapes = vectors[n:] / poles
     poles = _refined(poles, shapes, omega, viscous)
     # x^T [[D, I], [I, 0]] x with x = (psi, lambda psi), by which the residues are scaled.
@@ -223,8 +232,10 @@ def _structural_modes(omega: FloatArray, loss: FloatArray) -> DampedModes:
     """Solve (W^2 + i L) psi = k psi as 1/k y = (I + i W^-1 L W^-1)^-1 W^-2 y, psi = W^-1 y."""
     w = np.maximum(omega, _SLOWEST)
     flexibility = np.linalg.inv(np.eye(len(w)) + 1j * loss / np.outer(w, w))
-    values, vectors = eig(flexibility / w**2)
+    values, vectors = np.linalg.eig(flexibility / w**2)
     shapes = vectors / w[:, np.newaxis]
     shapes = shapes / np.sqrt((shapes**2).sum(axis=0))
     order = np.argsort(-np.abs(values), kind="stable")
-    return DampedModes(1.0 / values[order], np.zeros(len(w)), shapes[np.newaxis][:, :, order], None)
+    return DampedModes(
+        1.0 / (values[order] + 0j), np.zeros(len(w)), shapes[np.newaxis][:, :, order], None
+    )

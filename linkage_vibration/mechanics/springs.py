@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.mechanics.description import (
     Cylinder,
     Mechanism,
@@ -29,9 +29,11 @@ _MOST_HOSE = 100.0  # largest ratio of the volumes of hoses and cylinder
 _SOFTEST = 1e5  # Pa, the bulk modulus of air
 _SAME_PLACE = 1e-9  # m; the ends of a spring meet if they are nearer to one another
 
+Values = float | FloatArray
 
-def spring_stiffness(spring: Spring, mechanism: Mechanism, configuration: Configuration) -> float:
-    """Return the stiffness of a spring, N/m or N m/rad."""
+
+def spring_stiffness(spring: Spring, mechanism: Mechanism, configuration: Configuration) -> Values:
+    """Return the stiffness of a spring, N/m or N m/rad, in each configuration."""
     if isinstance(spring.stiffness, float):
         return spring.stiffness
     _, length = spring_line(spring, mechanism, configuration)
@@ -47,14 +49,15 @@ def has_force(spring: Spring) -> bool:
     return on_line and spring.stiffness != 0.0
 
 
-def tension_share(spring: Spring, mechanism: Mechanism, configuration: Configuration) -> float:
+def tension_share(spring: Spring, mechanism: Mechanism, configuration: Configuration) -> Values:
     """Return the tension of one of the equal parts of a spring, per N or N m of the spring."""
     if not isinstance(spring.stiffness, Cylinder):
         return 1.0
     if spring.stiffness.ends is None:
         return 1.0 / spring.stiffness.count
     lever = spring.stiffness.count * _lever(spring, mechanism, configuration)
-    return 1.0 / (lever or math.nan)  # A cylinder without a lever holds nothing.
+    # A cylinder without a lever holds nothing.
+    return np.asarray(1.0 / np.where(lever == 0.0, math.nan, lever))
 
 
 def read_stiffness(keys: Keys) -> float | Cylinder:
@@ -99,18 +102,23 @@ def _ends(spring: Spring, mechanism: Mechanism) -> list[tuple[str, Point]]:
 
 def spring_line(
     spring: Spring, mechanism: Mechanism, configuration: Configuration
-) -> tuple[FloatArray, float]:
-    """Return the direction from the first end of a spring to the second, (2,), and its length."""
+) -> tuple[FloatArray, FloatArray]:
+    """Return the directions from the first end of a spring to the second, (..., 2), and lengths."""
     first, second = _ends(spring, mechanism)
     away = configuration.place(*second) - configuration.place(*first)
-    length = math.hypot(*away)
-    if length < _SAME_PLACE:
+    length = np.hypot(away[..., 0], away[..., 1])
+    if (length < _SAME_PLACE).any():
         between = len(spring.points) == 2
         hint = "put it on the joint instead" if between else "correct base_end or rod_end"
-        where = f"alpha3 = {math.degrees(configuration.alpha3):.3f} deg"
+        where = f"alpha3 = {_degrees(configuration, length < _SAME_PLACE):.3f} deg"
         problem = f"its two ends meet at {where}, so it has no direction there; {hint}."
         raise MechanismError(f"springs.{spring.name}", problem)
-    return away / length, length
+    return away / length[..., np.newaxis], length
+
+
+def _degrees(configuration: Configuration, where: BoolArray) -> float:
+    """Return the first of the angles alpha3 that are flagged, deg."""
+    return math.degrees(np.extract(where, configuration.alpha3)[0])
 
 
 def length_and_rate(
@@ -119,7 +127,7 @@ def length_and_rate(
     """Return the length of a spring, m, and d(length)/d(alpha3), its lever about the crank, m."""
     unit, length = spring_line(spring, mechanism, configuration)
     first, second = (configuration.place_rate(*end) for end in _ends(spring, mechanism))
-    return length, float(unit @ (second - first))
+    return float(length), float(unit @ (second - first))
 
 
 def oil_pressure(cylinder: Cylinder, tension: float) -> float:
@@ -133,34 +141,41 @@ def oil_pressure(cylinder: Cylinder, tension: float) -> float:
     return abs(tension) / area if area else math.nan
 
 
-def _lever(spring: Spring, mechanism: Mechanism, configuration: Configuration) -> float:
+def _lever(spring: Spring, mechanism: Mechanism, configuration: Configuration) -> FloatArray:
     """Return the lever of a cylinder about its pin, m."""
     unit, _ = spring_line(spring, mechanism, configuration)
     body, pin = spring.bodies[0], spring.points[0]
     start = configuration.place(body, mechanism.local_points(body)[pin])
     arm = configuration.place(*_ends(spring, mechanism)[1]) - start  # to the end that turns
-    return float(unit @ np.array([-arm[1], arm[0]]))  # this end moves across the arm
+    # This end moves across the arm.
+    return np.asarray(unit[..., 1] * arm[..., 0] - unit[..., 0] * arm[..., 1])
 
 
-def _column(name: str, cylinder: Cylinder, length: float, configuration: Configuration) -> float:
+def _column(
+    name: str, cylinder: Cylinder, length: FloatArray, configuration: Configuration
+) -> FloatArray:
     """Return the stiffness of the oil along the cylinder, N/m."""
     travel = length - cylinder.closed_length
-    at = f"alpha3 = {math.degrees(configuration.alpha3):.2f} deg"
-    if not -cylinder.margin <= travel <= cylinder.stroke + cylinder.margin:
+    off = ~((travel >= -cylinder.margin) & (travel <= cylinder.stroke + cylinder.margin))
+    if off.any():
+        at, far = f"alpha3 = {_degrees(configuration, off):.2f} deg", np.extract(off, length)[0]
         fits = f"{cylinder.closed_length:g} to {cylinder.closed_length + cylinder.stroke:g} m long"
-        problem = f"its ends are {length:.4g} m apart at {at}, but it is {fits}; correct the ends, "
+        problem = f"its ends are {far:.4g} m apart at {at}, but it is {fits}; correct the ends, "
         raise MechanismError(f"springs.{name}.cylinder", f"{problem}closed_length or stroke.")
     bore = math.pi / 4.0 * cylinder.bore**2
     sides = [(bore, travel)]
     if cylinder.rod is not None:
         ring = bore - math.pi / 4.0 * cylinder.rod**2
         sides.append((ring, cylinder.stroke - travel))
-    stiffness = 0.0
+    stiffness = np.zeros_like(length)
     for area, height in sides:
         volume = cylinder.hose_volume + area * height
-        if cylinder.count * cylinder.bulk_modulus * area**2 > STIFFEST * volume:
-            problem = f"at {at} its oil is only {height:.2g} m high, and as stiff as a rigid body"
+        low = cylinder.count * cylinder.bulk_modulus * area**2 > STIFFEST * volume
+        if low.any():
+            at, least = f"{_degrees(configuration, low):.2f} deg", np.extract(low, height)[0]
+            problem = f"at alpha3 = {at} its oil is only {least:.2g} m high, and as stiff as a "
+            problem += "rigid body"
             hint = "give hose_volume, or correct closed_length"
             raise MechanismError(f"springs.{name}.cylinder", f"{problem}; {hint}.")
-        stiffness += cylinder.count * cylinder.bulk_modulus * area**2 / volume
+        stiffness = stiffness + cylinder.count * cylinder.bulk_modulus * area**2 / volume
     return stiffness

@@ -4,14 +4,14 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray
-from linkage_vibration.mechanics.modes import oscillating_indices
+from linkage_vibration.mechanics.modes import MECHANISM, oscillating_indices
 from linkage_vibration.table.interpolation import stroke_angle, stroke_variable
 from linkage_vibration.table.reduced import Modal, ReducedModels
 
@@ -46,15 +46,33 @@ class PolePiece:
         """Return the poles and residues at angles, rad."""
         return self.models.at(self.variables, stroke_variable(alpha3, self.toggles)).modal
 
+    def drive(self, alpha3: FloatArray) -> Modal:
+        """Return the poles at angles, rad, and residues of the place of the highest peak alone."""
+        return self._driven.at(self.variables, stroke_variable(alpha3, self.toggles)).modal
+
+    @cached_property
+    def _driven(self) -> ReducedModels:
+        shapes, weights = self.models.shapes[:, :1], self.models.weights[:, :, :1]
+        return replace(self.models, shapes=shapes, weights=weights, n_inputs=1)
+
     def evaluate(self, alpha3: FloatArray) -> tuple[list[ComplexArray], FloatArray]:
         """Return the oscillating poles (rad/s) at each of some angles, and the peaks, (n, 2)."""
-        modal = self.modal(alpha3)
-        return [oscillating(poles) for poles in modal.frequencies], modal.highest(self.peak_band)
+        modal = self.drive(alpha3)
+        return oscillating_rows(modal.frequencies), modal.highest(self.peak_band)
 
 
 def oscillating(poles: ComplexArray) -> ComplexArray:
     """Return the poles that oscillate, of each pair the upper, (k,), rad/s, by magnitude."""
     return np.asarray(poles[oscillating_indices(poles)])
+
+
+def oscillating_rows(poles: ComplexArray) -> list[ComplexArray]:
+    """Return what `oscillating` returns of each row of poles, (n, order), rad/s."""
+    size = np.abs(poles)
+    upper = (poles.imag > 0.0) & (size >= MECHANISM)
+    order = np.argsort(np.where(upper, size, math.inf), axis=1, kind="stable")
+    rows = np.take_along_axis(poles, order, axis=1)
+    return [row[:n] for row, n in zip(rows, upper.sum(axis=1).tolist(), strict=True)]
 
 
 def values_of(poles: ComplexArray) -> FloatArray:

@@ -20,7 +20,7 @@ from linkage_vibration.mechanics.description import (
     ModalRatio,
     Rayleigh,
 )
-from linkage_vibration.mechanics.kinematics import Kinematics
+from linkage_vibration.mechanics.kinematics import Kinematics, KinematicsError
 from linkage_vibration.mechanics.model import LinkageModel, ModelError
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.mechanics.response import PoleResidue
@@ -179,3 +179,30 @@ def test_a_band_keeps_antiresonances_and_the_static_limit(model: LinkageModel) -
     np.testing.assert_allclose(static.frf(lines[:1]), exact[:1], rtol=1e-12)
     receptances = solution.frf(places, places, band=(0.0, 200.0)).frf(lines)
     np.testing.assert_allclose(receptances, exact, rtol=1e-4)
+
+
+def test_a_stack_has_the_solutions_of_each_angle(model: LinkageModel) -> None:
+    """Angles that are solved together have the poses, forces and modes of each solved alone."""
+    angles = np.radians([90.0, 127.0, 180.0])
+    stack, place = model.stack(angles), [(model.mechanism.response.point, "z")]
+    forces = model.forces.at_rest(stack.configuration, stack.joining, stack.coupled)
+    for i, (row, angle) in enumerate(zip(stack.rows, angles.tolist(), strict=True)):
+        alone = model.solve(angle)
+        np.testing.assert_allclose(row.configuration.angles, alone.configuration.angles, rtol=1e-13)
+        np.testing.assert_allclose(row.natural_frequencies, alone.natural_frequencies, rtol=1e-9)
+        np.testing.assert_allclose(row.damping_ratios, alone.damping_ratios, rtol=1e-9)
+        moved, expected = np.abs(stack.participation(place)[i]), np.abs(alone.participation(place))
+        np.testing.assert_allclose(moved, expected, rtol=1e-6, atol=1e-9)
+        at_rest = model.forces.at_rest(alone.configuration, alone.joining)
+        np.testing.assert_allclose(forces[i], at_rest, rtol=1e-9, atol=1e-9 * np.abs(at_rest).max())
+
+
+def test_a_stack_refuses_the_first_angle_that_does_not_close(model: LinkageModel) -> None:
+    """Among angles that close, one that does not is refused by the sentence of `solve`."""
+    beyond = math.radians(204.0)  # The toggle is at 203.70 deg.
+    with pytest.raises(KinematicsError) as alone:
+        model.solve(beyond)
+    with pytest.raises(KinematicsError) as together:
+        model.stack(np.array([1.6, beyond, 4.0]))
+    assert str(together.value) == str(alone.value)
+    assert model.stack(np.array([1.6, math.radians(203.6)])).vectors.ndim == 3

@@ -57,7 +57,7 @@ def sprung(spring: dict[str, Any]) -> LinkageModel:
 def stiffness(model: LinkageModel, alpha3: float) -> float:
     """Return the stiffness of the only spring."""
     (spring,) = model.mechanism.springs
-    return spring_stiffness(spring, model.mechanism, model.kinematics.at(alpha3))
+    return float(spring_stiffness(spring, model.mechanism, model.kinematics.at(alpha3)))
 
 
 def test_oil_on_a_joint_has_the_stiffness_of_its_volume_and_lever() -> None:
@@ -207,6 +207,16 @@ def test_piston_beyond_its_end_is_refused() -> None:
     with pytest.raises(MechanismError, match=r"apart at alpha3 = 114\.59 deg") as caught:
         sprung(_cylinder(stroke=0.01)).solve(2.0)
     assert caught.value.path == "springs.oil.cylinder"
+
+
+def test_a_stack_names_the_first_angle_beyond_the_end() -> None:
+    """Of three angles, the first at which the piston is beyond its end is named."""
+    pin, foot = np.array([-0.064, 0.385]), np.array([-0.050, 0.025])
+    length = math.dist(pin + 0.090 * np.array([-math.sin(1.8), math.cos(1.8)]), foot)
+    model = sprung(_cylinder(closed_length=length - 0.005, stroke=0.01))
+    assert model.stack(np.array([1.8, 1.8001])).vectors.shape[0] == 2
+    with pytest.raises(MechanismError, match=r"apart at alpha3 = 114\.59 deg"):
+        model.stack(np.array([1.8, 2.0, 2.1]))
 
 
 def damped(spring: dict[str, Any], hertz: float) -> LinkageModel:

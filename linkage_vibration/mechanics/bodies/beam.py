@@ -14,6 +14,7 @@ A node moves by u and w along the local x and z axes and turns by theta from x t
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -39,8 +40,10 @@ from linkage_vibration.mechanics.sections import SHAPES
 U, W, THETA = range(3)
 """Order of the coordinates of a node."""
 
+_POWERS = hilbert(4)  # integrals of s^i s^j from 0 to 1
 _COORDINATE = {"x": U, "z": W, "theta": THETA}
 _SAME_PLACE = 1e-9  # Places that are nearer, as a share of the beam's length, are one place.
+_REMEMBERED = 64  # Elements of one kind occur often in a link, and again in its forces.
 _HEAVIEST = 1e6  # kg; no link is heavier, but numbers in millimetres or tonnes give more
 
 
@@ -235,6 +238,7 @@ def _nodes_of(points: Sequence[tuple[str, Point]], nodes: FloatArray) -> dict[st
     return {name: node for node, name in owner.items()}
 
 
+@lru_cache(_REMEMBERED)
 def element_matrices(
     length: float, section: Section, material: Material
 ) -> tuple[FloatArray, FloatArray]:
@@ -271,6 +275,6 @@ def _bending_element(
     theta_start = np.array([0.0, length, 0.0, 0.0])
     w = np.array([[1.0, 0.0, 0.0, 0.0], theta_start - phi / 2.0 * a3, a2, a3])
     theta = np.array([theta_start, 2.0 * a2, 3.0 * a3]) / length
-    mass = length * (line_mass * w.T @ hilbert(4) @ w + rotary * theta.T @ hilbert(3) @ theta)
+    mass = length * (line_mass * w.T @ _POWERS @ w + rotary * theta.T @ _POWERS[:3, :3] @ theta)
     pure, sheared = np.outer(even, even), 3.0 / (1.0 + phi) * np.outer(odd, odd)
     return symmetric(mass), rigidity / length**3 * (pure + sheared)

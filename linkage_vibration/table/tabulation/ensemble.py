@@ -88,7 +88,7 @@ def with_uncertainty(table: Table, sampler: Sampler, progress: Callable[[float],
     for n_nodes in _N_NODES:
         n = max(len(uncertainty.numbers), N_PAIRS)
         solver, drawn = _Solver(table, sampler, n_nodes, 1 + 2 * n), list[FloatArray]()
-        solver.keep(0, *solver.solve(known.setdefault(0, (solver.model(mechanism), {}))))
+        solver.keep(0, *solver.solve(solver.own, 0))
         pairs = islice(member_pairs(len(uncertainty.numbers)), n + n // _FEW_LOST)
         for k, row in enumerate(pairs, 1):
             if len(drawn) == n or (solver.rough and n_nodes != _N_NODES[-1]):
@@ -98,11 +98,12 @@ def with_uncertainty(table: Table, sampler: Sampler, progress: Callable[[float],
                 for at, each in zip((k, -k), values, strict=True):
                     if at not in known:
                         known[at] = solver.model(uncertainty.described(each)), {}
-                both = [solver.solve(known[at]) for at in (k, -k)]
+                members = 1 + len(drawn), 1 + n + len(drawn)
+                both = [solver.solve(known[x], i) for x, i in zip((k, -k), members, strict=True)]
             except LinkageVibrationError:  # numbers that are not possible
                 continue
-            for i, each in enumerate(both):
-                solver.keep(1 + i * n + len(drawn), *each)
+            for i, each in zip(members, both, strict=True):
+                solver.keep(i, *each)
             drawn.append(row)
             progress(len(drawn) / n)
         stddev = solver.deviations()
@@ -137,7 +138,7 @@ class _Solver:
         exact = [_oscillating(sampler.solution(angle))[0] for angle in few]
         for self._mesh in _COARSER:
             model = self.model(sampler.model.mechanism)
-            coarse = [_oscillating(model.solve(angle))[0] for angle in few]
+            coarse = [_oscillating(each)[0] for each in model.stack(np.array(few)).rows]
             if all(_agree(*both, self._limit) for both in zip(coarse, exact, strict=True)):
                 break
         self._mass = model.system.mass
@@ -146,7 +147,9 @@ class _Solver:
         angles = self.nodes, self._between
         self._at, self._at_between = (stroke_variable(x, table.toggles) for x in angles)
         self._matrix = interpolation_matrix(self._at, self._at_between)
-        solved = [self._solved(model, angle) for angle in self.nodes.tolist()]
+        modes = self._solved(model, every)
+        self.own = model, dict(zip(every.tolist(), modes, strict=True))
+        solved = modes[::2]
         n_kept = max(table.n_modes, *(int((np.abs(x.poles) < self._limit).sum()) for x in solved))
         gaps = [
             np.diff(np.log(np.abs(x.poles[: n_kept + 1]))).min(initial=math.inf) for x in solved
@@ -169,9 +172,8 @@ class _Solver:
         }
         # Of the modes of the table, in the order of their frequencies, ln(frequency) and ln(ratio).
         self._ranks, self._n_overdamped = self._ranks_of(solved), [x.n_overdamped for x in solved]
-        own = [_oscillating(model.solve(angle))[0] for angle in self._between.tolist()]
-        both = zip(own, self._ranks, strict=False)
-        self._own_between = [_logarithms(poles[ranks]) for poles, ranks in both]
+        both = zip(modes[1::2], self._ranks, strict=False)
+        self._own_between = [_logarithms(own.poles[ranks]) for own, ranks in both]
         self._ranked = unknown(np.float64, n_nodes, 2, table.n_modes)
         self._missed = unknown(np.float64, 2, table.n_modes)  # by interpolation of these
 
@@ -220,19 +222,20 @@ class _Solver:
         return np.ascontiguousarray(stddev.swapaxes(0, 1))
 
     def solve(
-        self, known: tuple[LinkageModel, dict[float, _Modes]]
-    ) -> tuple[LinkageModel, list[_Modes]]:
-        """Return the model of a member, and its modes at the nodes; an end may fail at once.
+        self, known: tuple[LinkageModel, dict[float, _Modes]], member: int
+    ) -> tuple[LinkageModel, list[_Modes], _Modes]:
+        """Return the model of a member, and its modes at the nodes and at one angle between two.
 
         Modes that are known at some angles are taken, and those at others are added.
         """
-        (model, modes), nodes = known, self.nodes.tolist()
-        for angle in (nodes[-1], *nodes[:-1]):
-            if angle not in modes:
-                modes[angle] = self._solved(model, angle)
-        return model, [modes[angle] for angle in nodes]
+        model, modes = known
+        angles = [*self.nodes.tolist(), float(self._between[member % len(self._between)])]
+        if new := [angle for angle in angles if angle not in modes]:
+            modes.update(zip(new, self._solved(model, np.array(new)), strict=True))
+        *solved, check = (modes[angle] for angle in angles)
+        return model, solved, check
 
-    def keep(self, member: int, model: LinkageModel, solved: list[_Modes]) -> None:
+    def keep(self, member: int, model: LinkageModel, solved: list[_Modes], check: _Modes) -> None:
         """Keep the numbers of a member: its poles are followed from node to node."""
         numbers = {k: a[member] for k, a in self.arrays.items()}
         poles = np.full(numbers["poles"].shape, math.nan, dtype=complex)
@@ -255,16 +258,15 @@ class _Solver:
             poles[node], numbers["shapes"][node] = here.poles[order], rows
             numbers["far"][node] = here.flexibility + 2.0 * near.sum(axis=2)
             numbers["static"][node] = here.static
-        self._check(member, model, poles)
+        self._check(member, check.poles, poles)
         numbers["poles"][:] = poles
 
-    def _check(self, member: int, model: LinkageModel, poles: ComplexArray) -> None:
-        """Compare a member with its interpolation at an angle between two of its nodes.
+    def _check(self, member: int, here: ComplexArray, poles: ComplexArray) -> None:
+        """Compare the poles of a member at an angle between two nodes with its interpolation.
 
         The poles of one that cannot be interpolated are discarded.
         """
         between, ranked = member % len(self._between), self._ranked[member]
-        here, _ = _oscillating(model.solve(float(self._between[between])))
         if np.isfinite(ranked).all():
             curve = PchipInterpolator(self._at, ranked - self._ranked[0])(self._at_between[between])
             change = _logarithms(here[self._ranks[between]]) - self._own_between[between]
@@ -298,21 +300,26 @@ class _Solver:
         mechanism = replace(coarser(mechanism, *self._mesh), springs=springs)
         return LinkageModel(mechanism, kinematics=self._kinematics.nearby(mechanism))
 
-    def _solved(self, model: LinkageModel, alpha3: float) -> _Modes:
-        """Return the modes of a member at an angle, rad."""
-        solution = model.solve(alpha3)
-        poles, turn = _oscillating(solution)
-        kept = slice(0, 2 * int((np.abs(poles) < self._limit).sum()) + 4)
-        participation, k = solution.participation(self._places), solution.damped.stiffness
-        slow = (k.real > MECHANISM**2) & (k.real < self._limit**2)
-        return _Modes(
-            poles[kept],
-            np.asarray(solution.modes.shapes @ turn[:, kept]),
-            np.asarray(participation @ turn[:, kept]),
-            participation / solution.modes.omega**2 @ participation[: len(self._table.places)].T,
-            model.forces.at_rest(solution.configuration, solution.joining, solution.coupled),
-            int(((k.real <= solution.damped.decay**2 / 4.0) & slow).sum()),
-        )
+    def _solved(self, model: LinkageModel, angles: FloatArray) -> list[_Modes]:
+        """Return the modes of a member at angles, rad."""
+        stack, solved = model.stack(angles), []
+        static = model.forces.at_rest(stack.configuration, stack.joining, stack.coupled)
+        each = zip(stack.rows, stack.participation(self._places), static, strict=True)
+        for solution, participation, at_rest in each:
+            poles, turn = _oscillating(solution)
+            kept = slice(0, 2 * int((np.abs(poles) < self._limit).sum()) + 4)
+            into, k = participation[: len(self._table.places)], solution.damped.stiffness
+            slow = (k.real > MECHANISM**2) & (k.real < self._limit**2)
+            modes = _Modes(
+                poles[kept],
+                np.asarray(solution.modes.shapes @ turn[:, kept]),
+                np.asarray(participation @ turn[:, kept]),
+                participation / solution.modes.omega**2 @ into.T,
+                at_rest,
+                int(((k.real <= solution.damped.decay**2 / 4.0) & slow).sum()),
+            )
+            solved.append(modes)
+        return solved
 
 
 def first_widest(gaps: FloatArray) -> int:

@@ -21,7 +21,7 @@ from linkage_vibration.table.interpolation import (
     stroke_angle,
     stroke_variable,
 )
-from linkage_vibration.table.pole_cells import PolePiece, oscillating, values_of
+from linkage_vibration.table.pole_cells import PolePiece, oscillating, oscillating_rows, values_of
 from linkage_vibration.table.reduced import EVERY, Modal, ReducedModels, frf_pairs, shortened
 from linkage_vibration.table.tabulation.accuracy import CELL_SHARE, MARGIN, Accuracy, Bounds
 from linkage_vibration.table.tabulation.cell_making import CELL_ROUNDING, Cell, make_cells
@@ -130,11 +130,14 @@ def refine(sampler: Sampler, fitted: list[float], accuracy: Accuracy) -> Refined
             spaces = [space.on(left) for space in spaces]
         except np.linalg.LinAlgError:
             return "the shapes of the poles change too quickly"
-        fine = _piece(sampler, finer, _models(sampler, samples, chosen, spaces))
-        fewer = fine.models.at(fine.variables, fine.variables[np.isin(finer, fitted)])
-        coarse = _piece(sampler, fitted, fewer)
-        others = [sample for x, sample in zip(finer, samples, strict=True) if x not in fitted]
-        if not misses(coarse, others, response, accuracy):
+        near = _near_models(sampler, samples, spaces)
+        kept, fine = np.isin(finer, fitted), _piece(sampler, finer, near)
+        fewer = near.at(fine.variables, fine.variables[kept])
+        others = [sample for sample, known in zip(samples, kept, strict=True) if not known]
+        if not misses(_piece(sampler, fitted, fewer), others, response, accuracy):
+            fine = replace(fine, models=_with_far(sampler, samples, chosen, near))
+            fewer = fine.models.at(fine.variables, fine.variables[kept])
+            coarse = _piece(sampler, fitted, fewer)
             values = rounding(fine, response) + sampler.rounding(finer).values
             alpha3 = sampler.angle(finer[0])
             sampler.refuse_rounding(Rounding(values), alpha3, accuracy, 1.0 / 2.0)
@@ -155,14 +158,27 @@ def _piece(sampler: Sampler, variables: list[float], models: ReducedModels) -> P
     return PolePiece(alpha3, models, sampler.toggles, sampler.response.peak_band)
 
 
-def _models(
-    sampler: Sampler,
-    samples: Sequence[PoleSample],
-    sets: Sequence[IntArray],
-    spaces: Sequence[Subspace],
+def _near_models(
+    sampler: Sampler, samples: Sequence[PoleSample], spaces: Sequence[Subspace]
 ) -> ReducedModels:
-    """Return the reduced models at the points of a piece."""
-    viscous, free = samples[0].viscous, any(sample.free for sample in samples)
+    """Return the reduced models at the points of a piece, without far poles."""
+    return ReducedModels(
+        inertia=np.array([space.inertia for space in spaces]),
+        stiffness=np.array([space.stiffness for space in spaces]),
+        shapes=np.array([space.shapes for space in spaces]),
+        weights=np.zeros((len(spaces), 1, 0)),
+        far_stiffness=np.empty(0, complex),
+        far_decay=np.empty(0),
+        n_inputs=len(spaces[0].shapes) - len(sampler.forces),
+        free=any(sample.free for sample in samples),
+    )
+
+
+def _with_far(
+    sampler: Sampler, samples: Sequence[PoleSample], sets: Sequence[IntArray], near: ReducedModels
+) -> ReducedModels:
+    """Return reduced models at the points of a piece with the far poles of the band."""
+    viscous, free = samples[0].viscous, near.free
     both = list(zip(samples, sets, strict=True))
     outside = [np.append(sample.others, np.delete(sample.poles, chosen)) for sample, chosen in both]
     poles = np.concatenate(outside)
@@ -171,23 +187,14 @@ def _models(
     stiffness = np.abs(poles) ** 2 + 0j if viscous else -(poles**2)
     decay = -2.0 * poles.real if viscous else np.zeros(len(poles))
     far = far_poles(stiffness, decay, searched(sampler.response.band, free=free), N_FAR)
-    near = ReducedModels(
-        inertia=np.array([space.inertia for space in spaces]),
-        stiffness=np.array([space.stiffness for space in spaces]),
-        shapes=np.array([space.shapes for space in spaces]),
-        weights=np.empty(0),
-        far_stiffness=far.stiffness,
-        far_decay=far.decay,
-        n_inputs=len(spaces[0].shapes) - len(sampler.forces),
-        free=free,
-    )
     lines = _near_lines(near, check_lines(sampler.response.band, free=free)[:N_FIT])
     sums = np.array([sample.totals[:N_FIT] for sample in samples]) - lines
     side_by_side = sums.swapaxes(0, 1).reshape(N_FIT, -1)
     fitted = far.fit(side_by_side, real=viscous, rates=viscous)
     weights = np.asarray(fitted.reshape(len(fitted), len(sums), -1).swapaxes(0, 1))
     weights_of_kind = weights.real if viscous else weights
-    return replace(near, weights=shortened(weights_of_kind, near.n_inputs))
+    weights = shortened(weights_of_kind, near.n_inputs)
+    return replace(near, weights=weights, far_stiffness=far.stiffness, far_decay=far.decay)
 
 
 def _near_lines(models: ReducedModels, omega: FloatArray) -> ComplexArray:
@@ -236,7 +243,7 @@ def _far_error(samples: Sequence[PoleSample], piece: PolePiece, band: tuple[floa
 
 def rounding(piece: PolePiece, response: Response) -> float:
     """Return by how much rounding may change a frequency, ratio or resonance, relative."""
-    modal = piece.modal(piece.angles)
+    modal = piece.drive(piece.angles)
     models = modal.models
     matrices = -np.linalg.solve(models.inertia, models.stiffness)
     poles, right = np.linalg.eig(matrices)
@@ -251,7 +258,7 @@ def rounding(piece: PolePiece, response: Response) -> float:
     moved = moved if models.viscous else moved / 2.0  # of the square of a pole
     worst = 0.0
     for all_poles, shift in zip(modal.frequencies, moved, strict=True):
-        exact = _not_real(_compared(all_poles, response))
+        exact = _not_real(_compared(oscillating(all_poles), response))
         nearest_poles = np.abs(exact[:, np.newaxis] - all_poles).argmin(axis=1)
         shares = (shift[nearest_poles] + CELL_ROUNDING) / values_of(exact)[1]
         worst = max(worst, float(shares.max(initial=0.0)))
@@ -262,23 +269,24 @@ def misses(
     piece: PolePiece, samples: Sequence[PoleSample], response: Response, accuracy: Accuracy
 ) -> bool:
     """Return whether poles in reach differ too much from those of samples elsewhere."""
-    modal = piece.modal(np.array([sample.alpha3 for sample in samples]))
-    errors = _pole_errors(modal.frequencies, [sample.poles for sample in samples], response)
+    modal = piece.drive(np.array([sample.alpha3 for sample in samples]))
+    exact = [oscillating(sample.poles) for sample in samples]
+    errors = _pole_errors(modal.frequencies, exact, response)
     return _worst(errors) > accuracy.frequency
 
 
 def _pole_errors(
-    approximate: Iterable[ComplexArray], exact: Iterable[ComplexArray], response: Response
+    approximate: ComplexArray, exact: Iterable[ComplexArray], response: Response
 ) -> list[FloatArray]:
     """Return the relative errors of the poles of which a table gives values, at each angle.
 
     Those of an angle are (2, k), of natural frequencies and of damping ratios, each of the nearest
-    pole; they are infinite if no pole oscillates.
+    pole; they are infinite if no pole oscillates. All the exact ones oscillate.
     """
     errors = []
-    for poles, all_poles in zip(approximate, exact, strict=True):
+    for candidates, all_poles in zip(oscillating_rows(approximate), exact, strict=True):
         # Where two poles are about to become real, only the angle at which they do differs.
-        wanted, candidates = _not_real(_compared(all_poles, response)), oscillating(poles)
+        wanted = _not_real(_compared(all_poles, response))
         if len(wanted) and not len(candidates):
             errors.append(np.full((2, len(wanted)), math.inf))
             continue
@@ -287,9 +295,8 @@ def _pole_errors(
     return errors
 
 
-def _compared(poles: ComplexArray, response: Response) -> ComplexArray:
+def _compared(upper: ComplexArray, response: Response) -> ComplexArray:
     """Return those of the oscillating poles of which a table gives values or resonances."""
-    upper = oscillating(poles)
     return upper[: max(response.modes, int((np.abs(upper) < reach(response.band)).sum()))]
 
 
@@ -311,25 +318,27 @@ def compare(
     Far poles cause the relative error ``far_error`` of FRFs; ``rounding`` is that of values.
     """
     all_over = stroke_angle(dense(fine.variables[0], fine.variables[-1])[::2], fine.toggles)
-    errors = _pole_errors(
-        coarse.modal(all_over).frequencies, fine.modal(all_over).frequencies, response
-    )
+    there = oscillating_rows(fine.drive(all_over).frequencies)
+    errors = _pole_errors(coarse.drive(all_over).frequencies, there, response)
     if _worst(errors) > accuracy.frequency:
         return None  # before cells are made, which takes longer
     # Smaller cells would follow rounding, and their slopes even more.
     cell_error = max(accuracy.cell, min(rounding, CELL_SHARE * accuracy.frequency))
     cells = make_cells(fine, cell_error)
     angles = np.array([[cell.start, (cell.start + cell.end) / 2.0] for cell in cells]).ravel()
-    before, after = coarse.modal(angles), fine.modal(angles)
-    off = [_worst([each]) for each in _pole_errors(before.frequencies, after.frequencies, response)]
+    before, after = coarse.drive(angles), fine.drive(angles)
+    there = oscillating_rows(after.frequencies)
+    off = [_worst([each]) for each in _pole_errors(before.frequencies, there, response)]
     values = max(*off, _worst(errors))
     compared_band = searched(response.band, free=after.models.free)
     peak, frf = _peak_error(before, after, response.peak_band), far_error
     # Fewer points leave the largest errors between them.
     between = stroke_angle((coarse.variables[1:] + coarse.variables[:-1]) / 2.0, coarse.toggles)
     rows = np.searchsorted(angles[:-1], between).tolist()
-    for row in {int(np.argmax(off)), *rows} if not after.models.free else ():
-        approximate, exact = (each.frf(row, EVERY, EVERY) for each in (before, after))
+    rows = [] if after.models.free else sorted({int(np.argmax(off)), *rows})
+    pairs = [each.modal(angles[rows]) for each in (coarse, fine)] if rows else []
+    for row in range(len(rows)):
+        approximate, exact = (each.frf(row, EVERY, EVERY) for each in pairs)
         norms = frf_norms(approximate, exact, compared_band)
         frf = max(frf, far_error + worst_share(*norms))
     slope = max(

@@ -238,9 +238,8 @@ class _Motion:
         if self._is_diagonal:
             dynamic = squared + 1j * np.diag(self.loss) - w**2 + 1j * w * np.diag(self.viscous)
             return np.asarray((1.0 / dynamic) @ (self.rows[outputs] * self.rows[inputs]).T)
-        w = w[:, np.newaxis]
-        dynamic = np.diag(squared) + 1j * self.loss - w**2 * np.eye(len(squared))
-        dynamic = dynamic + 1j * w * self.viscous
+        dynamic = 1j * (self.loss + w[:, np.newaxis] * self.viscous)
+        np.einsum("kii->ki", dynamic)[:] += squared - w**2
         frf = self.rows @ solve_stack(dynamic, self.rows[: self.n_inputs].T.astype(complex))
         return np.asarray(frf[:, outputs, inputs])
 
