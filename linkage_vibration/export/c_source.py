@@ -158,6 +158,7 @@ def _facts(export: Export) -> str:
     lines += [f"M{label[1:]}" for label in export.mode_labels]
     lines += [f"{len(constants.starts)} cells; {constants.size} bytes of constants."]
     lines += [export.accuracy] + [constants.gap_text] * bool(constants.gaps)
+    lines += [table.unknown_deviations] * bool(table.unknown_deviations)
     wrapped = [text for line in lines for text in textwrap.wrap(comment(line), _WIDTH) or [""]]
     return "\n".join(f" * {line}".rstrip() for line in wrapped)
 

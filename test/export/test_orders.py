@@ -210,8 +210,8 @@ def test_states_over_a_drive(case: Case) -> None:
 def test_a_small_step_back_of_the_time_ends_no_warning(
     case: Case, back: float, expected: bool
 ) -> None:
-    """A load above its limit warns after 1 s, and then goes on unless time goes back by a second."""
-    table, known, excitations, library = case
+    """A load above its limit warns after 1 s, and goes on unless the time goes back by a second."""
+    table, known, _, library = case
     if not known.force_places:
         return
     times = np.rint(1e9 * np.append(np.arange(20) / 10.0, 1.9 - back)).astype(np.int64)

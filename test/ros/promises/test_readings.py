@@ -247,6 +247,7 @@ def test_table_info(node: Promised, predictor: Predictor) -> None:
     assert (info.crank_angle_first, info.crank_angle_last) == predictor.table.alpha3_range
     assert (info.band_low, info.band_high) == (0.0, 200.0)
     assert (info.peak_band_low, info.peak_band_high) == (4.7, 200.0)
+    assert info.unknown_deviations == ""
 
 
 @promise("node.md#topics")
