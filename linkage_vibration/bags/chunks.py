@@ -62,6 +62,11 @@ class ChunkLog(LogWriter):
         self._under_way.result()
         self._under_way = self._pool.submit(self._file.add_chunk, content, begins)
 
+    def add_metadata(self, name: str, data: Mapping[str, str]) -> None:
+        """Add a metadata record, as the base class does."""
+        self._under_way.result()
+        super().add_metadata(name, data)
+
     def close(self) -> None:
         """Write the summary, and close the file."""
         self._under_way.result()

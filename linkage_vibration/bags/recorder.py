@@ -37,6 +37,7 @@ DRAIN_TIME = 5.0  # s that `stop` waits for a slow disk
 # Names of metadata records.
 PROVENANCE_METADATA = "linkage_vibration"
 RECORDING_METADATA = "linkage_vibration.recording"
+FAULTS_METADATA = "linkage_vibration.input_faults"
 
 # Free bytes, beyond those of an empty log, that a retry needs, so that a full disk stays usable.
 _ROOM_TO_RESUME = 2**20

@@ -67,7 +67,7 @@ def run(options: argparse.Namespace) -> int:
     if options.csv:
         many = predictor.predict(np.radians(degrees), math.radians(options.angle_stddev_deg))
         columns = {name: each for name, each in vars(many).items() if name != "table_id"}
-        table = {"crank_angle_deg": np.array(degrees)} | prediction_table(columns)
+        table = {"crank_angle_deg": np.array(degrees)} | prediction_table(columns, reason)
         write_text(options.csv, table_text(table), OutputError)
         print(f"Written: {options.csv}")
     return 0 if good else 1

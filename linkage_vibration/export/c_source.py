@@ -19,7 +19,7 @@ from linkage_vibration.export.orders import ForceConstants, OrderConstants
 from linkage_vibration.messages.fields import message_constants, message_fields
 from linkage_vibration.messages.topics import LEVELS, LOAD_STATE, PREDICTION, RESONANCE
 from linkage_vibration.prediction.excitation import LoadKind, Source
-from linkage_vibration.prediction.severity import DEFAULT_LIMITS, GAP
+from linkage_vibration.prediction.severity import BACK, DEFAULT_LIMITS, GAP
 from linkage_vibration.support.version import VERSION
 
 _TEMPLATES = Path(__file__).with_name("templates")
@@ -158,6 +158,7 @@ def _facts(export: Export) -> str:
     lines += [f"M{label[1:]}" for label in export.mode_labels]
     lines += [f"{len(constants.starts)} cells; {constants.size} bytes of constants."]
     lines += [export.accuracy] + [constants.gap_text] * bool(constants.gaps)
+    lines += [table.unknown_deviations] * bool(table.unknown_deviations)
     wrapped = [text for line in lines for text in textwrap.wrap(comment(line), _WIDTH) or [""]]
     return "\n".join(f" * {line}".rstrip() for line in wrapped)
 
@@ -199,7 +200,7 @@ def _order_values(orders: OrderConstants) -> dict[str, str]:
         rows.append(f"    {{{sources.index(excitation.source)}u, {numbers}, {last}}}")
     components = orders.forces.components if orders.forces else ()
     limits = DEFAULT_LIMITS
-    dwell, gap = (f"INT64_C({round(1e9 * time)})" for time in (limits.dwell, GAP))
+    dwell, gap, back = (f"INT64_C({round(1e9 * time)})" for time in (limits.dwell, GAP, BACK))
     return {
         "order_names": _texts(excitation.name for excitation in orders.excitations),
         "n_orders": str(len(rows)),
@@ -210,6 +211,7 @@ def _order_values(orders: OrderConstants) -> dict[str, str]:
         "components": ", ".join(f"{count}u" for count in components),
         "limits": f"{_literals([limits.warning, limits.note, limits.near])}, {dwell}",
         "gap": gap,
+        "back": back,
         "highest_omega": literal(2.0 * math.pi * orders.highest_frequency),
     }
 

@@ -211,6 +211,7 @@ def _texts(
     listed = [pair for pair in enumerate(variables) if pair[1].causality != "independent"]
     outputs = [i for i, (_, variable) in enumerate(listed, 1) if variable.causality == "output"]
     about = f"Predicted vibration, by table {export.table.table_id}. {export.accuracy}"
+    about = f"{about} {export.table.unknown_deviations}".rstrip()
     return {
         "name": _escaped(export.table.mechanism_name),
         "about": _escaped(about),

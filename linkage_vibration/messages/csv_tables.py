@@ -7,14 +7,20 @@ import io
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from linkage_vibration.messages.fields import Field, message_fields
 from linkage_vibration.messages.topics import PREDICTION
 
 
-def prediction_table(predictions: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """Return the columns of predictions, by the names of their fields, as those of a CSV file."""
+def prediction_table(
+    predictions: Mapping[str, NDArray[Any]], why: str = ""
+) -> dict[str, NDArray[Any]]:
+    """Return the columns of predictions, by the names of their fields, as those of a CSV file.
+
+    If a reason is given why deviations are not known, it stands beside those that are NaN.
+    """
     table: dict[str, NDArray[Any]] = {}
     for field in message_fields(PREDICTION):
         if field.name in predictions and field.is_sequence:
@@ -22,6 +28,10 @@ def prediction_table(predictions: Mapping[str, NDArray[Any]]) -> dict[str, NDArr
                 table[f"{_singular(field.name)}_{mode}{unit_suffix(field)}"] = values
         elif field.name in predictions:
             table[field.name + unit_suffix(field)] = predictions[field.name]
+    if why:
+        lost = np.isnan(predictions["damping_ratio_stddevs"])
+        unknown = (lost & np.isfinite(predictions["damping_ratios"])).any(axis=-1)
+        table["unknown_deviations"] = np.where(unknown, why, "")
     return table
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from linkage_vibration.bags.blocks import Block, Integers
 from linkage_vibration.bags.chunks import ChunkLog, Messages
 from linkage_vibration.bags.numbers import LeftOut
-from linkage_vibration.bags.recorder import PROVENANCE_METADATA, package_versions
+from linkage_vibration.bags.recorder import FAULTS_METADATA, PROVENANCE_METADATA, package_versions
 from linkage_vibration.bags.streams import Bags, BagTopic, open_bags
 from linkage_vibration.bags.writing import Topic
 from linkage_vibration.listening.live import second, sensor_monitor
@@ -225,8 +225,10 @@ def replay(
                     log.write(run.messages(block))
                     done += len(block)
                     progress(done, total)
+                run.done.input_faults = run.judge.sentences()
+                numbered = {str(i): text for i, text in enumerate(run.done.input_faults, 1)}
+                log.add_metadata(FAULTS_METADATA, numbered)
             _refuse_empty(run.done, bags, run.crank)
-    run.done.input_faults = run.judge.sentences()
     return run.done
 
 

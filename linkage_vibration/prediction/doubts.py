@@ -19,6 +19,7 @@ from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.paths import split_paths
 from linkage_vibration.mechanics.springs import length_and_rate, oil_pressure
 from linkage_vibration.prediction.excitation import KMH, RPM, Excitation, LoadKind, Source
+from linkage_vibration.prediction.ground import AIRBORNE
 from linkage_vibration.prediction.levels import LevelTable
 
 _STEEL, _WIDEST = 7850.0, 6.0  # kg/m3 and m: no implement is a solid bar of steel of this width
@@ -41,6 +42,7 @@ _SPEEDS = {  # from slow to fast, in the unit of each speed
 }
 _UNITS = {True: {"km/h": 1.0 / KMH}, False: {"rad/s": 0.5 / math.pi / RPM, "Hz": 1.0 / RPM}}
 _UNLOADS = 1.0  # A ratio above 0.71 lifts a pin off its seat in each period, where models end.
+_WORKING = 10.0 / KMH  # m/s; the roughest field is worked at about this speed
 _ROUGH = "about 0.5 is plausible on a farm track at 30 km/h, so check the units of amplitudes"
 
 
@@ -70,21 +72,28 @@ def linkage_doubts(model: LinkageModel) -> Iterator[str]:
 def excitation_doubts(excitations: Sequence[Excitation], levels: LevelTable) -> Iterator[str]:
     """Yield a sentence for each number of excitations that is not plausible.
 
-    The last ones are about load ratios: those of each order at the speed of its amplitude.
+    The last ones are about load ratios, those of each order at the speed of its amplitude, and
+    about tyres that leave the ground at 10 km/h.
     """
     own = [_odd(excitation) for excitation in excitations]
     yield from dict.fromkeys(filter(None, own))
-    rows = [i for i, each in enumerate(excitations) if each.load and not own[i]]
+    loads = [bool(each.load or each.terrain) for each in excitations]
+    rows = [i for i, loaded in enumerate(loads) if loaded and not own[i]]
     if not rows or not levels.has_load_ratios:
         return
     speeds = np.full((len(Source), len(rows)), math.nan)
     for column, i in enumerate(rows):
         load, source = excitations[i].load, excitations[i].source
-        speeds[source.place, column] = load.speed if load else math.nan
+        speeds[source.place, column] = load.speed if load else _WORKING
     angles = np.linspace(*levels.alpha3_range, 9)
-    ratios = levels.over(angles, speeds).load_ratios.reshape(len(angles), len(rows), -1)
+    over_all = levels.over(angles, speeds)
+    ratios = over_all.load_ratios.reshape(len(angles), len(rows), -1)
+    off = over_all.off_ground_share.reshape(len(angles), len(rows))
     for column, i in enumerate(rows):
         excitation, over = excitations[i], np.nan_to_num(ratios[:, column, i])
+        if excitation.terrain and (share := np.nan_to_num(off[:, column]).max()) > AIRBORNE:
+            text = f"A tyre is off the ground for {share:.2g} of the time at 10 km/h on"
+            yield f"{text} {excitation.name}; 0 to 0.1 is plausible, so check terrain and tyres."
         if excitation.load and over.max() > _UNLOADS:
             at = math.degrees(angles[over.argmax()])
             where = f"of {excitation.name} at alpha3 = {at:.0f} deg and its at_speed"

@@ -36,7 +36,8 @@ _USUAL = 30  # the usual rate is the median of so many windows, so that it follo
 _FALLEN = 0.6  # a rate below this share of the usual one is a fault
 _FEW = 10  # readings; if fewer arrive while others are left out, their rate is not known
 _GAP = 0.15  # s; over longer gaps that the node makes itself, a motion is not known
-_NO_NUMBERS = 0.1  # more than this share of readings that are no number is a fault
+_NO_NUMBERS = 0.1  # more than this share of readings that are no number is a fault,
+_REPEATED = 0.1  # and of those that have the stamp of the one before
 
 _IMPLAUSIBLE_AFTER = 3.0  # s; a starter turns an engine slowly for a shorter time
 _PLAUSIBLE = {
@@ -107,6 +108,7 @@ class _Window:
     received: int = 0  # values, and of these:
     invalid: int = 0
     unstamped: int = 0
+    repeated: int = 0  # stamps that are those of the reading before
     differing: int = 0  # values that go to and fro
     senders: dict[str, float] = field(default_factory=dict)  # on one bus, with their last values
     jumps: int = 0  # changes that are too fast, and the largest of them
@@ -186,6 +188,7 @@ class ReadingWatch:
         if stamp:
             least, most = window.ages
             window.ages = min(least, age), max(most, age)
+            window.repeated += stamp == self._stamp
         else:
             window.unstamped += 1
         if sender:
@@ -203,7 +206,7 @@ class ReadingWatch:
             close = apart < (_FRESH if taken == 1.0 else _GAP)
             step = angle - self._angle + wrapped_turn(angle, self._angle)
             size = abs(step)
-            if size > LEAST_JUMP + self._fastest * apart:
+            if apart >= 0.0 and size > LEAST_JUMP + self._fastest * apart:  # else a clock jumps
                 window.jumps += 1
                 window.largest = max(window.largest, size)
             if step == step and velocity == velocity and close:  # neither is NaN
@@ -325,6 +328,11 @@ def _stamps(window: _Window, expected: Expected) -> list[Fault]:
         sentences.append(
             f"The stamps of {window.unstamped} of {window.received} readings are zero, so that "
             "motion and delays are not known; set header.stamp where the message is published."
+        )
+    if window.repeated > max(1.0, _REPEATED * window.received):
+        sentences.append(
+            f"{window.repeated} of {window.received} stamps of readings are those of the reading "
+            "before, so that motion is not known; set header.stamp to the time of each reading."
         )
     if expected.stale_after < least < math.inf:
         sentences.append(f"The stamps of the readings are {least:.1f} s old; {advice}")

@@ -7,16 +7,22 @@ import re
 from collections.abc import Iterable
 from itertools import repeat
 
+from linkage_vibration.prediction.agreement import StandingClock
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.health import (
     Expected,
     Fault,
+    Level,
     ReadingWatch,
     SpeedWatch,
     turns_without_engine,
 )
 
 _SECOND = 10**9  # ns
+_STANDS = (
+    "The time of receipt stood still while the stamps of readings went on, so that no load is "
+    "known; record with a clock that goes, or leave out use_sim_time."
+)
 _NUMBER = re.compile(r"-?\d[\d.e+-]*")
 
 
@@ -37,6 +43,7 @@ class InputJudge:
         low, high = alpha3_range
         self._expected = Expected(name, "", False, low, high, offset, stale_after, 0.0, None)
         self._readings = ReadingWatch(high - low > math.pi)
+        self._standing, self._stands = StandingClock(), False
         self._began: int | None = None  # ns, when the first message arrived
         self._speeds: dict[Source, SpeedWatch] = {}
         self._judged: dict[Source | None, int] = {}  # ns; None: the readings
@@ -60,6 +67,7 @@ class InputJudge:
             if self._is_due(None, arrived):
                 self._judge_readings(now)
             self._taken = True
+            self._stands |= self._standing.stands(arrived, stamp)
             values = stamp, arrived, angle, velocity
             self._readings.take(now, *values, known=in_table, sender=sender)
 
@@ -90,7 +98,8 @@ class InputJudge:
     def _at(self, time: int) -> float:
         """Return a time, ns, in s of the drive."""
         self._began = time if self._began is None else self._began
-        self._last = now = 1e-9 * (time - self._began)
+        now = 1e-9 * (time - self._began)
+        self._last = max(self._last, now)
         return now
 
     def _is_due(self, what: Source | None, now: int) -> bool:
@@ -104,6 +113,8 @@ class InputJudge:
         if self._taken:  # a gap has a sentence of its own
             self._taken = False
             self._note(now, self._readings.judge(now, 1.0, self._expected))
+            self._note(now, [Fault(Level.WARN, _STANDS)] * self._stands)
+            self._stands = False
 
     def _judge_speed(self, source: Source, now: float) -> None:
         watches = self._speeds

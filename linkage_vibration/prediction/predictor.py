@@ -228,7 +228,7 @@ class Predictor:
         ----------
         alpha3 : float, or ndarray, (n,)
             rad. An array gives columns with the names of the attributes of `Prediction`, which have
-            n rows.
+            n rows. Their text ``unknown_deviations`` says why standard deviations are NaN.
         stddev : float, or ndarray, (n,)
             Standard deviation of alpha3, rad. That of the frequencies is computed to first order,
             abs(df/dalpha3) stddev. This is too small at an extremum of a frequency, where only the
@@ -375,4 +375,5 @@ def predict_many(predictor: Predictor, alpha3: FloatArray, stddev: FloatArray) -
         interpolation_error=single[2],
         table_id=table.table_id,
         damping_ratio_stddevs=ratio_stddevs,
+        unknown_deviations=table.unknown_deviations,
     )

@@ -32,7 +32,7 @@ _TIPS = (
 )
 _ENDLESS = "No single change of speed or height within reach ends it."
 _NEVER = 2**62  # ns; a time that has not come
-_BACK = 1.0  # s; the times of two publishers differ by less, and a clock jumps back by more
+BACK = 1.0  # s; the times of two publishers differ by less, and a clock jumps back by more
 
 
 class ResonanceState(enum.IntEnum):
@@ -105,7 +105,7 @@ class WarningTimer:
         warns = np.zeros(exceeds.shape, np.bool_)
         least = round(1e9 * dwell)
         for row, now in enumerate(time.tolist()):
-            jumps = now <= self._last - 1e9 * _BACK
+            jumps = now <= self._last - 1e9 * BACK
             ended = (now - self._known > 1e9 * GAP) | jumps
             self._warns[ended], self._since[ended] = False, _NEVER
             # Of two publishers whose times differ, the later one's counts.

@@ -3,7 +3,7 @@
 """What a drive did to the linkage: its warnings, its excitations by load, and the words for them.
 
 A message holds until the next one. If that is more than `severity.GAP` later, or earlier, then a
-message holds for a median step, and a warning ends.
+message holds for a median step. A warning ends there too, unless it is less than `BACK` earlier.
 """
 
 import math
@@ -18,6 +18,7 @@ from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.ground import AIRBORNE
 from linkage_vibration.prediction.severity import (
+    BACK,
     GAP,
     SPEED_BITS,
     ResonanceState,
@@ -118,12 +119,12 @@ def holding(stamps: NDArray[np.int64]) -> tuple[FloatArray, BoolArray, float]:
     The last value is the time between messages for which none holds, s. Stamps, (n,), are in ns.
     """
     steps = np.diff(stamps) / 1e9
-    broken = (steps < 0.0) | (steps > GAP)
-    usual = steps[~broken] if not broken.all() else steps[steps > 0.0]
+    steady = (steps >= 0.0) & (steps <= GAP)
+    usual = steps[steady] if steady.any() else steps[steps > 0.0]
     median = float(np.median(usual)) if len(usual) else 0.0
-    held = np.append(np.where(broken, median, steps), median)
+    held = np.append(np.where(steady, steps, median), median)
     missing = float((steps - median)[steps > GAP].sum())
-    return held, np.concatenate([[True], broken]), missing
+    return held, np.concatenate([[True], (steps <= -BACK) | (steps > GAP)]), missing
 
 
 def drive_of(

@@ -34,6 +34,7 @@ from linkage_vibration.review.log import Log
 
 _HEIGHTS = 91, 1  # heights and speeds that are tried for the sentence
 _SAME = 1e-3  # relative: a load that is computed again is that of the message
+DOUBTFUL = "The inputs are doubtful, so what follows may be wrong. "
 _OUTSIDE = Status.OUT_OF_RANGE, Status.INVALID_ANGLE
 
 
@@ -80,7 +81,7 @@ def first_sentence(log: Log) -> str:
     verdict = drive_sentence(
         log.drive, limits, log.mode_label, log.excitations, partial(ending, log)
     )
-    return f"{verdict} {advice}".rstrip()
+    return f"{DOUBTFUL * bool(log.input_faults)}{verdict} {advice}".rstrip()
 
 
 def ending(log: Log, row: int) -> str:

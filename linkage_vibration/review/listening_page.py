@@ -133,7 +133,13 @@ def answers(log: Log, sensors: Sequence[Heard], modes: Sequence[DriveMode]) -> l
     off.sort(key=lambda pair: -abs(math.log(pair[1].measured / pair[1].predicted)))
     first = " ".join(_contradiction(*pair) for pair in off)
     each = [f"{_orders_answer(sensor)}{_load_answer(sensor)}" for sensor in sensors]
-    return [*([first] if first else []), modes_answer(log, modes, sensors), *each]
+    return [*([first] if first else []), modes_answer(log, modes, sensors), *each, *_unknown(log)]
+
+
+def _unknown(log: Log) -> list[str]:
+    """Return why standard deviations of the predictions are not known, if any is not."""
+    why = log.table.unknown_deviations if log.table else ""
+    return [why] if why and np.isnan(log.damping_ratio_stddevs).any() else []
 
 
 def is_calm(sensors: Sequence[Heard], modes: Sequence[DriveMode]) -> bool:

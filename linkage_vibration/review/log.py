@@ -28,7 +28,7 @@ from linkage_vibration.bags.message_columns import (
 )
 from linkage_vibration.bags.message_types import FLOAT64
 from linkage_vibration.bags.reading import mcap_files
-from linkage_vibration.bags.recorder import RECORDING_METADATA
+from linkage_vibration.bags.recorder import FAULTS_METADATA, RECORDING_METADATA
 from linkage_vibration.drawing.intervals import gap_starts, in_passes, one_after_the_other
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray, IntArray
@@ -155,8 +155,12 @@ class Log:
         return int(self.natural_frequencies.shape[1])
 
     def to_xarray(self) -> Any:
-        """Return the predictions over ``time``, their stamps, as an `xarray.Dataset`."""
-        data = MessageColumns(**_predictions(self)).to_xarray().rename(row="time")
+        """Return the predictions over ``time``, their stamps, as an `xarray.Dataset`.
+
+        Its attribute ``unknown_deviations`` says why standard deviations are NaN, if any are.
+        """
+        why = {} if self.table is None else {"unknown_deviations": self.table.unknown_deviations}
+        data = MessageColumns(**_predictions(self), **why).to_xarray().rename(row="time")
         return data.assign_coords(time=self.stamps.astype("datetime64[ns]"))
 
     def to_pandas(self) -> Any:
@@ -320,7 +324,12 @@ def gaps(log: Log) -> list[tuple[float, float]]:
 
 
 def _input_faults(log: Log) -> tuple[str, ...]:
-    """Return what the diagnostics of the node say of the inputs, from what a log holds of them."""
+    """Return what the diagnostics of the node say of the inputs, from what a log holds of them.
+
+    A replay has read the inputs themselves, and has written what it found.
+    """
+    if FAULTS_METADATA in log.metadata:
+        return tuple(log.metadata[FAULTS_METADATA].values())
     if log.table is None:
         return ()
     judge = InputJudge("the crank angle", log.table.alpha3_range)
@@ -362,7 +371,8 @@ def csv_text(log: Log) -> str:
 
 def log_table(log: Log) -> dict[str, NDArray[Any]]:
     """Return the columns of a log, (n,), by the names of their fields, as its CSV file has them."""
-    table = {"stamp_ns": log.stamps} | prediction_table(_predictions(log))
+    why = "" if log.table is None else log.table.unknown_deviations
+    table = {"stamp_ns": log.stamps} | prediction_table(_predictions(log), why)
     if log.resonances is not None:
         for field in resonance_fields():
             name = "resonance_state" if field.name == "state" else field.name

@@ -107,6 +107,7 @@ def drive_summary(log: Log) -> dict[str, Any]:
             "table_id": log.table_id,
             "mechanism": log.table.mechanism_name if log.table else None,
             "model_hash": log.table.model_hash if log.table else None,
+            "unknown_deviations": log.table.unknown_deviations if log.table else None,
         },
     }
 
@@ -126,14 +127,16 @@ def overview_html(drives: Sequence[tuple[dict[str, Any], str]], failures: Sequen
     calm = [_is_calm(drive) for drive, _ in drives]
     table = table_tag("Drives", head, rows, [quote(page) for _, page in drives], calm)
     hint = "Each row is a drive. Choose its name to see its page. Green: no warning, and no load "
-    hint += f"above the limit, known for at least {100.0 * KNOWN:.0f} % of the drive."
+    hint += f"above the limit, known for at least {100.0 * KNOWN:.0f} % of the drive, and no doubt "
+    hint += "about the inputs."
     return plain_html("Drives", [hint], notes + table)
 
 
 def _is_calm(drive: dict[str, Any]) -> bool:
     """Return whether a drive of `drive_summary` is called calm, as its page is."""
     known = (drive["known_share"] or 0.0) >= KNOWN
-    return known and not drive["warnings"] and drive["above_limit_s"] == 0.0
+    sure = known and not drive["input_faults"]
+    return sure and not drive["warnings"] and drive["above_limit_s"] == 0.0
 
 
 def _cells(drive: dict[str, Any], name: str) -> list[str]:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from linkage_vibration.bags.recorder import FAULTS_METADATA
 from linkage_vibration.drawing import palette
 from linkage_vibration.mechanics.arrays import BoolArray, IntArray, runs
 from linkage_vibration.prediction.excitation import Source
@@ -86,7 +87,7 @@ def review_page(log: Log) -> Page:
         "mode_labels": [_mode_name(log, mode) for mode in range(log.n_modes)],
         "brief": ["crank_angle", *(f"f{mode + 1}" for mode in range(log.n_modes))],
         "answer": first_sentence(log),
-        "calm": log.drive is not None and not warnings and durations(log.drive).calm,
+        "calm": _is_calm(log, warnings),
         "inputs": list(log.input_faults),
         "tables": _tables(log, parts, warnings, shown, rows, axis),
         "summary": _summary(log, warnings, missing),
@@ -148,10 +149,17 @@ def provenance_rows(log: Log) -> list[list[str]]:
     else:
         rows.append(["Model", "the log does not hold the table that made it"])
     for name, record in log.metadata.items():
-        if name != "rosbag2" and record:
+        if name not in ("rosbag2", FAULTS_METADATA) and record:
             text = ", ".join(f"{key} {value}" for key, value in record.items())
             rows.append([f"Record {name}", text])
     return rows
+
+
+def _is_calm(log: Log, warnings: Sequence[Episode]) -> bool:
+    """Return whether nothing exceeded a limit, as far as inputs that are not doubted can say."""
+    if log.drive is None or warnings or log.input_faults:
+        return False
+    return durations(log.drive).calm
 
 
 def clock(time: float, whole: float) -> str:

@@ -91,6 +91,7 @@ class Report:
         lines = [f"{self.bag}: of {self.predictions} predictions", *map(str, self.failures)]
         if self.passed:
             lines = [f"{self.bag}: {self.predictions} predictions within their limits"]
+            lines[0] += ", but the inputs are doubtful:" * bool(self.input_faults)
         lines += self.input_faults
         if self.picture is not None:
             lines.append(f"picture: {self.picture}")

@@ -6,8 +6,10 @@ import math
 import re
 import subprocess
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 from typing import Any
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
@@ -18,6 +20,7 @@ from linkage_vibration.export.c_source import c_files, c_sources
 from linkage_vibration.export.constants import Constants, ExportError, _gaps, constants_of
 from linkage_vibration.export.expected import NUMBERS, angles_to_test
 from linkage_vibration.export.exported import NAME, export_of
+from linkage_vibration.export.fmu import fmu_bytes
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.prediction.predictor import Predictor, predict_many
@@ -320,6 +323,19 @@ def test_export_is_repeatable(paper: Table) -> None:
     assert not any("malloc" in text for text in files.values())
     assert paper.table_id in files[f"{NAME}.h"]
     assert paper.mechanism_name in files[f"{NAME}.h"]
+
+
+@pytest.mark.parametrize("unknown", [False, True])
+def test_header_and_fmu_say_why_deviations_are_not_known(tractor: Table, unknown: bool) -> None:
+    """If a deviation is NaN, the header and the description of an FMU have the table's reason."""
+    deviations = tractor.parameter_stddev.copy()
+    deviations[:, :, 0] = math.nan if unknown else 0.01
+    export = export_of(replace(tractor, parameter_stddev=deviations))
+    header = " ".join(c_sources(export)[f"{export.name}.h"].replace("\n * ", " ").split())
+    with ZipFile(BytesIO(fmu_bytes(export, compiled=False))) as fmu:
+        description = fmu.read("modelDescription.xml").decode()
+    for text in (header, description):
+        assert ("Standard deviations are not known where modes veer" in text) == unknown
 
 
 def test_table_with_meeting_poles_is_refused() -> None:

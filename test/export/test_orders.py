@@ -206,6 +206,23 @@ def test_states_over_a_drive(case: Case) -> None:
     assert (len(entered) >= 4) == bool(known.force_places)
 
 
+@pytest.mark.parametrize(("back", "expected"), [(0.999, True), (1.0, False)])
+def test_a_small_step_back_of_the_time_ends_no_warning(
+    case: Case, back: float, expected: bool
+) -> None:
+    """A load above its limit warns after 1 s, and goes on unless the time goes back by a second."""
+    table, known, _, library = case
+    if not known.force_places:
+        return
+    times = np.rint(1e9 * np.append(np.arange(20) / 10.0, 1.9 - back)).astype(np.int64)
+    angles = np.full(len(times), np.mean(table.alpha3_range))
+    predicted = library.predict(angles, 0.0 * angles)
+    assessed = library.assess(predicted, np.tile([1000.0, 540.0, math.nan], (len(times), 1)))
+    limits = WarningLimits(warning=0.0, note=0.0, dwell=1.0)
+    warns = library.judge(predicted, assessed, times, limits)[:, 0] == ResonanceState.WARNING
+    assert warns.tolist() == [False] * 10 + [True] * 10 + [expected]
+
+
 def equal_numbers(done: subprocess.CompletedProcess[str]) -> tuple[int, int]:
     """Return how many numbers are equal, and of how many."""
     equal, of = map(int, re.findall(r"^(\d+) of (\d+) numbers", done.stdout)[0])

@@ -50,6 +50,8 @@ from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.review.log import problems as log_problems
 from linkage_vibration.review.log import read_log
+from linkage_vibration.review.overview import drive_summary, overview_html
+from linkage_vibration.review.review_page import review_page
 from linkage_vibration.support.atomic_files import OutputError
 from linkage_vibration.support.resources import (
     DEFAULT_EXCITATIONS,
@@ -307,6 +309,49 @@ def test_readings_that_go_to_and_fro(tmp_path: Path, apart: float) -> None:
     assert report.passed
     for sentences in (problems(done), log_problems(read_log(log)), report.input_faults):
         assert any("go to and fro" in sentence for sentence in sentences) == (apart > 0.04)
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        ("frozen", "turned the crank by 0.29 rad, but the position by 0 rad"),
+        ("repeated", "stamps of readings are those of the reading before"),
+        ("degrees", "are in degrees (115), but radians are expected"),
+        ("boot", "s old; synchronise the clocks"),
+        ("engine", "The engine speed on /engine_speed has been 157 rpm, which is not plausible"),
+        ("none", ""),
+    ],
+)
+def test_what_the_judge_finds_stands_in_every_output(
+    tmp_path: Path, fault: str, words: str
+) -> None:
+    """Replay, log, page, JSON and both checks have the same sentences, and none is green."""
+    entries: list[Entry] = []
+    for k in range(250):
+        time = START + k * 20_000_000
+        stamp = {"repeated": START + k // 8 * 160_000_000, "boot": 10**12 + time - START}
+        angle = 115.0 if fault == "degrees" else 2.0
+        velocity = [0.3] if fault == "frozen" else [0.0]
+        reading = joint_state(stamp.get(fault, time), [JOINT], [angle], velocity=velocity)
+        entries.append(("/joint_states", JOINT_STATE, time, reading))
+        engine = 157.0 if fault == "engine" else 1500.0
+        entries.append(("/engine_speed", FLOAT64, time, float64(engine)))
+    bag, log = write_mcap(tmp_path / "bag.mcap", entries), tmp_path / "log.mcap"
+    settings = Parameters(ground_speed=0.0, pto_speed=0.0)
+    done, limits = replay(bag, log, settings), Limits(load_ratio=0.33)
+    read = read_log(log)
+    found = done.input_faults
+    assert [words in sentence for sentence in found] == [True] * bool(words)
+    reports = [check_bag(log, limits), check_bag(bag, limits, settings)]
+    summary, page = drive_summary(read), review_page(read).content
+    for sentences in (read.input_faults, *(each.input_faults for each in reports)):
+        assert [*sentences] == found
+    assert summary["input_faults"] == page["inputs"] == found
+    sound = fault == "none"
+    assert page["calm"] == sound
+    assert (" class=calm" in overview_html([(summary, "log.html")], [])) == sound
+    assert page["answer"].startswith("No load exceeded") == sound
+    assert str(reports[0]).endswith("within their limits") == sound
 
 
 def test_a_clock_that_stood_still(tmp_path: Path) -> None:

@@ -10,9 +10,11 @@ import copy
 import math
 import re
 from argparse import Namespace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
@@ -234,6 +236,26 @@ def test_a_load_beyond_the_weight_is_doubted(
         assert text.startswith("The load ratio of shaft 0.01 at alpha3 = ")
         assert f", {share:g}, is above 1:" in text
         assert text.endswith("; an amplitude of 1.3e+02 would have 1, so check its unit.")
+
+
+@pytest.mark.parametrize(("rougher", "doubted"), [(40.0, False), (100.0, True)])
+def test_a_ground_that_tyres_leave_is_doubted(rougher: float, doubted: bool) -> None:
+    """At 10 km/h a tyre is off a field for less than a fifth of the time."""
+    name = "three_point_linkage_on_tractor"
+    [ground] = [e for e in read_excitations(config_file("excitations.yaml")) if e.terrain]
+    shipped = Predictor(load_table(config_file(f"tables/{name}.npz")))
+    assert ground.terrain is not None
+    terrain = replace(ground.terrain, roughness=rougher * ground.terrain.roughness)
+    rough = [replace(ground, terrain=terrain)]
+    levels = LevelTable(shipped, read_mechanism(config_file(f"{name}.yaml")), rough)
+    speed = np.array([[math.nan], [math.nan], [10.0 / 3.6]])
+    share = float(levels.over(np.array([2.0]), speed).off_ground_share[0])
+    assert (share > 0.2) == doubted
+    text = " ".join(excitation_doubts(rough, levels))
+    assert bool(text) == doubted
+    if doubted:
+        assert text.startswith("A tyre is off the ground for 0.2")
+        assert text.endswith("so check terrain and tyres.")
 
 
 def test_a_load_ratio_above_1_is_doubted() -> None:

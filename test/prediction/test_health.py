@@ -219,7 +219,8 @@ def test_missing_readings() -> None:
     watch.refuse("A joint state has 1 names but 0 positions.")
     assert watch.judge(3.0, 1.0, EXPECTED)[0].level is Level.ERROR
     for now in (12.5, 13.5):
-        watch.take(now, START, START, 2.0, 0.0, known=True)
+        stamp = START + round(now * SECOND)
+        watch.take(now, stamp, stamp, 2.0, 0.0, known=True)
     assert "This was 10 s ago" in watch.judge(12.9, 1.0, EXPECTED)[0].sentence
     assert watch.judge(14.0, 1.0, EXPECTED) == []
     assert watch.judge(14.4, 1.0, EXPECTED) == []
@@ -456,7 +457,8 @@ def noise_then_still(
     times += [times[-1] + (i + 1) / last_rate for i in range(repeats)]
     watch = ReadingWatch()
     for now, angle in zip(times, angles + angles[-1:] * repeats, strict=True):
-        watch.take(now, START, START, angle, math.nan, known=True)
+        stamp = START + round(now * SECOND)
+        watch.take(now, stamp, stamp, angle, math.nan, known=True)
     return watch.judge(times[-1], times[-1], EXPECTED)
 
 

@@ -47,6 +47,7 @@ def test_sound_readings() -> None:
         (lambda k: 2.0 + 0.5 * (k == 250), None, "readings of the crank angle jump by up to 0.5"),
         (lambda k: math.nan, None, "No reading of the crank angle is a number"),
         (None, lambda k: 0, "The stamps of 50 of 50 readings are zero"),
+        (None, lambda k: START + k // 8 * 8 * STEP, "stamps of readings are those of the reading"),
         (None, lambda k: START + k * STEP + 3600 * 10**9, "are 3600.0 s in the future"),
         (None, lambda k: 10**12 + k * STEP, "The stamps of the readings are 1767224600.0 s old"),
         (None, lambda k: START + k * STEP - 1_100_000_000, "The stamps of the readings are 1.1 s"),
@@ -59,6 +60,33 @@ def test_faults_of_readings(
     [sentence] = judged(angle or (lambda k: 2.0), stamp or (lambda k: START + k * STEP), offset=0.0)
     assert words in sentence
     assert sentence.endswith(" of 10 seconds).")
+
+
+def test_a_few_stamps_that_repeat() -> None:
+    """One in ten stamps may be that of the reading before, and not more."""
+    assert judged(stamp=lambda k: START + (k - (k % 10 == 0)) * STEP) == []
+    assert judged(stamp=lambda k: START + (k - (k % 8 == 0)) * STEP)
+
+
+def test_a_clock_that_jumps_back_is_no_jump_of_the_crank() -> None:
+    """After a step back of 5 s at the same angle, no jump is named; one of 0.5 rad later is."""
+    for jump, expected in ((0.0, 0), (0.5, 1)):
+        judge = InputJudge("the crank angle", RANGE)
+        for k in range(500):
+            time = START + k * STEP - 5 * 10**9 * (k >= 250)
+            judge.readings([time], [time], [2.0 + jump * (k >= 300)], [math.nan], [True])
+        assert sum("jump by up to" in sentence for sentence in judge.sentences()) == expected
+
+
+@pytest.mark.parametrize(("stands", "expected"), [(51, 0), (52, 1)])
+def test_a_time_of_receipt_that_stands_still(stands: int, expected: int) -> None:
+    """It is named after more than 1 s of stamps: the 51 readings before are 0 to 1 s apart."""
+    judge = InputJudge("the crank angle", RANGE)
+    for k in range(200):
+        arrived = START + max(k - stands + 1, 0) * STEP
+        judge.readings([arrived], [START + k * STEP], [2.0], [0.0], [True])
+    found = [s for s in judge.sentences() if s.startswith("The time of receipt stood still")]
+    assert len(found) == expected
 
 
 def test_stamps_that_are_nearly_old() -> None:

@@ -3,6 +3,7 @@
 """A log is read as it was written."""
 
 import csv
+import importlib.util
 import io
 import math
 import sys
@@ -22,7 +23,9 @@ from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.settings import Parameters
+from linkage_vibration.review.listening_page import answers
 from linkage_vibration.review.log import ReviewError, _read_model, csv_text, gaps, read_log
+from linkage_vibration.review.overview import drive_summary
 from linkage_vibration.support.resources import PAPER_MECHANISM, PAPER_TABLE, config_file
 from linkage_vibration.table.table import load_table
 from test.support.messages import read_messages
@@ -143,6 +146,29 @@ def test_table_of_pandas(drive: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(LinkageVibrationError, match=r"`pip install linkage_vibration\[xarray\]`"):
         log.to_pandas()
+
+
+@pytest.mark.parametrize("unknown", [False, True])
+def test_deviations_that_are_not_known_have_a_reason(drive: Path, unknown: bool) -> None:
+    """CSV, dataset, JSON and the answers of `listen` have the table's reason beside NaN alone."""
+    log = read_log(drive)
+    assert log.table is not None
+    names = "frequency_stddevs", "damping_ratio_stddevs"
+    changed = {name: getattr(log, name).copy() for name in names}
+    why = "Standard deviations are not known where modes veer too quickly"
+    spread = np.full((2, 9, log.n_modes), 0.01)
+    if unknown:
+        spread[0, 3, 1] = math.nan
+        for values in changed.values():
+            values[7, 1] = math.nan
+    log = replace(log, **changed, table=replace(log.table, parameter_stddev=spread))
+    rows = list(csv.DictReader(io.StringIO(csv_text(log))))
+    reasons = [i for i, row in enumerate(rows) if row.get("unknown_deviations", "").startswith(why)]
+    assert reasons == [7] * unknown
+    assert drive_summary(log)["model"]["unknown_deviations"].startswith(why) == unknown
+    assert answers(log, [], ())[-1].startswith(why) == unknown
+    if importlib.util.find_spec("xarray"):
+        assert log.to_xarray().attrs["unknown_deviations"].startswith(why) == unknown
 
 
 def test_bare_log(write_log: Any, tmp_path: Path) -> None:

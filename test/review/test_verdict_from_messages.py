@@ -12,7 +12,7 @@ import pytest
 
 from linkage_vibration.cli.main import main
 from linkage_vibration.prediction.verdict import contributions, durations, episodes, worst_message
-from linkage_vibration.review.findings import first_sentence
+from linkage_vibration.review.findings import DOUBTFUL, first_sentence
 from linkage_vibration.review.log import Log, read_log
 from test.support.random_resonances import (
     Message,
@@ -101,6 +101,8 @@ def test_summary(drive: tuple[list[Message], Path], capsys: Any) -> None:
 def check_sentence(messages: list[Message], log: Log) -> str:
     """Return the sentence of a log, which has the numbers of messages and is not better."""
     sentence = first_sentence(log)
+    assert sentence.startswith(DOUBTFUL) == bool(log.input_faults)
+    sentence = sentence.removeprefix(DOUBTFUL)
     warnings, worst = warnings_of(messages), worst_of(messages)
     if worst is None:
         assert "not known" in sentence
@@ -146,6 +148,7 @@ def test_page(drive: tuple[list[Message], Path], tmp_path: Path) -> None:
     assert sentence in html.unescape(text)
     above, below, unknown = durations_of(messages)
     calm = not (warnings or above) and below >= 0.95 * (below + unknown)
+    calm = calm and not read_log(path).input_faults
     assert ('"calm": true' in text) == calm
     begin = text.index('"tables": ') + len('"tables": ')
     tables = {each["id"]: each["rows"] for each in json.JSONDecoder().raw_decode(text[begin:])[0]}

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 import rclpy
+from builtin_interfaces.msg import Time
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.task import Future
@@ -26,6 +27,7 @@ from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.ros.lifecycle import _table_info
 from linkage_vibration.ros.services import MAX_WAITING, Services
 from linkage_vibration.support.resources import config_file, share_directory
 from linkage_vibration.table.table import load_table
@@ -328,6 +330,8 @@ def test_unknown_deviations_have_a_reason(bench: Bench) -> None:
     answer = bench.call("predict", crank_angles=[2.0])
     assert answer.success
     assert answer.message.startswith("Standard deviations are not known where modes veer")
+    info = _table_info(bench.served[-1], (), Time())
+    assert info.unknown_deviations == answer.message
     failed = bench.call("predict", crank_angles=[5.0])
     assert not failed.success
     assert "crank_angles[0]" in failed.message

@@ -4,7 +4,8 @@
 
 Nothing here calls the verdict of the package, which is compared with it. A message holds until the
 next one; if that is more than 3 s later, or earlier, it holds for the median of all other steps.
-The last message holds for this median as well.
+The last message holds for this median as well. A gap ends a warning, and so does a clock that goes
+back by a second or more.
 """
 
 import itertools
@@ -32,6 +33,7 @@ START = 1_767_225_600 * 10**9  # ns
 UNKNOWN, CLEAR, NOTE, WARNING = range(4)  # as in LoadState.msg
 SEVEREST_LAST = UNKNOWN, CLEAR, NOTE, WARNING
 LONGEST = 3_000_000_000  # ns, a step that is no gap
+BACK = 1_000_000_000  # ns, a step back of a clock that jumps; messages come late by less
 NAMES = "engine 1", "engine 3", "engine 6", "rotor 1"
 EXCITATIONS = b"""
 engine: {speed: engine, orders: [1, 3, 6]}
@@ -191,7 +193,7 @@ def warnings_of(messages: list[Message]) -> list[tuple[float, float, float]]:
     actual: list[list[float]] = []
     held, inside, last = holding_times(messages), False, START
     for message, time in zip(messages, held, strict=True):
-        broken = not 0 <= message.stamp - last <= LONGEST
+        broken = not -BACK < message.stamp - last <= LONGEST
         last = message.stamp
         if message.state != WARNING:
             inside = False
@@ -240,7 +242,7 @@ def rows_of(messages: list[Message]) -> list[Row]:
                 note += time
             if state == WARNING:
                 warning += time
-                count += not inside or not 0 <= message.stamp - last <= LONGEST
+                count += not inside or not -BACK < message.stamp - last <= LONGEST
             inside, last = state == WARNING, message.stamp
         rows.append(Row(name, largest, warning, note, count))
     known = [row for row in rows if row.largest == row.largest]

@@ -251,6 +251,7 @@ def test_table_info(node: Promised, predictor: Predictor) -> None:
     assert list(info.mode_names) == list(predictor.table.mode_names)
     assert list(info.mode_body_shares) == predictor.table.mode_shares[:, 1].tolist()
     assert "E1.z" in info.places
+    assert info.unknown_deviations == ""
 
 
 @promise("node.md#topics")
