@@ -112,7 +112,7 @@ def model_squares(
     and frequencies are (m,). Without a speed or beyond the band of the table they are NaN.
     """
     response, m = model.mechanism.response, len(scene.excitations)
-    loads = [load_input(each, built, model.mechanism) for each in scene.excitations]
+    loads = [load_input(each.load, each.name, built, model.mechanism) for each in scene.excitations]
     mounts = vertical_mounts(model.mechanism)
     inputs = list(dict.fromkeys(place for load in loads for place in load.places))
     outputs = [(response.point, response.direction), *model.forces.places]

@@ -18,8 +18,9 @@ from linkage_vibration.mechanics.kinematics import Configuration
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.paths import split_paths
 from linkage_vibration.mechanics.springs import length_and_rate, oil_pressure
-from linkage_vibration.prediction.excitation import KMH, RPM, Excitation, LoadKind, Source
+from linkage_vibration.prediction.excitation import KMH, RPM, Excitation, Source
 from linkage_vibration.prediction.levels import LevelTable
+from linkage_vibration.prediction.loads import BASE_DISPLACEMENT
 
 _STEEL, _WIDEST = 7850.0, 6.0  # kg/m3 and m: no implement is a solid bar of steel of this width
 _PUMP = 200e5  # Pa; the pumps of tractors reach about this pressure
@@ -116,7 +117,7 @@ def _odd(excitation: Excitation) -> str:
         has = f"an at_speed of {load.speed:g} {source.unit}, and {source.label} speeds are"
         hint = f"; write {' or '.join(fits)}" if fits else ""
         return f"{entry} has {has} {slow:g} to {fast:g} {source.unit}{hint}."
-    if load.kind is LoadKind.BASE_DISPLACEMENT and load.amplitude > _RUNOUT:
+    if load.kind == BASE_DISPLACEMENT and load.amplitude > _RUNOUT:
         has = f"a base_displacement of {load.amplitude:g} m, and tyres run out by millimetres"
         return f"{name} has {has}; write {load.amplitude / 1e3:g} if it is in mm."
     return ""

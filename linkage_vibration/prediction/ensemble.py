@@ -30,7 +30,7 @@ from linkage_vibration.prediction.ground import (
     vertical_mounts,
 )
 from linkage_vibration.prediction.level_cache import Arrays, Keep, computed
-from linkage_vibration.prediction.loads import UnitLoad, soil_motion
+from linkage_vibration.prediction.loads import UnitLoad, soil_motion, weights_at
 from linkage_vibration.table.interpolation import interpolation_matrix, stroke_variable
 from linkage_vibration.table.table import Table
 
@@ -209,15 +209,14 @@ class Members:
     def _weights(self, loads: Sequence[UnitLoad], alpha3: float) -> FloatArray:
         """Return the weights of loads at an angle, (n_loads, 2, n_members, n_places)."""
         table, mounts = self._table, self._table.ensemble_mounts.astype(float)
-        weights = np.zeros((len(loads), 2, self.n + 1, len(table.places)))
+        nominal = weights_at(loads, table.places, alpha3).transpose(2, 0, 1)
+        weights = nominal[:, :, np.newaxis].repeat(self.n + 1, axis=2)
         for row, load in zip(weights, loads, strict=True):
-            for kind, values in enumerate(load.weights(alpha3)):
-                for i, (place, value) in enumerate(zip(load.places, values.tolist(), strict=True)):
-                    factor: FloatArray | float = 1.0
-                    if load.mounts and value:  # the stiffness or the damping of a mount
-                        coefficients = mounts[:, load.mounts[i], kind, "xz".index(place[1])]
-                        factor = coefficients / coefficients[0]
-                    row[kind, :, table.places.index(place)] += value * factor
+            # The stiffness and the damping of a mount are numbers of the member.
+            for mount, place in zip(load.mounts, load.places, strict=False):
+                of_place = row[..., table.places.index(place)]
+                numbers = np.where(of_place, mounts[:, mount, :, "xz".index(place[1])].T, 1.0)
+                of_place *= numbers / numbers[:, :1]
         return weights
 
 

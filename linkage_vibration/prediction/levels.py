@@ -26,10 +26,17 @@ from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.messages.fields import message_fields
 from linkage_vibration.messages.topics import LEVELS
 from linkage_vibration.prediction.ensemble import GroundMembers, Members, draws
-from linkage_vibration.prediction.excitation import Excitation, ExcitationError, LoadKind, Source
+from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.ground import REASONS, GroundLevels, GroundTable
 from linkage_vibration.prediction.level_cache import Arrays, Keep, computed, level_cache
-from linkage_vibration.prediction.loads import UnitLoad, load_input
+from linkage_vibration.prediction.loads import (
+    ExcitationError,
+    UnitLoad,
+    load_input,
+    load_powers,
+    unit_sizes,
+    weights_at,
+)
 from linkage_vibration.prediction.predictor import Predictor, angles_in_table
 from linkage_vibration.table.interpolation import stroke_angle, stroke_variable
 from linkage_vibration.table.table import Table
@@ -160,9 +167,7 @@ class LevelTable:
         self._rms = np.array([x.amplitude / math.sqrt(2.0) if x else math.nan for x in loads])
         self._speed = np.array([load.speed if load else 1.0 for load in loads])
         self._exponent = np.array([load.exponent if load else 0.0 for load in loads])
-        self._accelerated = np.array(
-            [x is not None and x.kind is LoadKind.BASE_ACCELERATION for x in loads]
-        )
+        self._powers = load_powers(loads)
         self._loaded = any(excitation.load or excitation.terrain for excitation in excitations)
         self._ground: GroundTable | None = None
         self._terrain = next(
@@ -193,8 +198,8 @@ class LevelTable:
         if self._loaded and len(table.ensemble_alpha3):
             self._members = Members(table, inputs, outputs, n_forces, self._table_responses)
             amplitudes, frequencies = draws(excitations, self._members.n)
-            amplitudes /= np.where(self._accelerated[:, np.newaxis], frequencies**2, 1.0)
-            self._draws = amplitudes.T, frequencies.T
+            amplitudes = unit_sizes(amplitudes.T, frequencies.T, self._powers)
+            self._draws = amplitudes, frequencies.T
             self._nodes = self._terms(table.ensemble_alpha3)
             if self._ground is not None and terrain is not None and not self._ground.never:
                 self._ground_members = GroundMembers(
@@ -415,8 +420,7 @@ class LevelTable:
             defined = np.where((speed >= 0.0) & (omega <= self._top), 1.0, math.nan)
             omega = np.where(np.isnan(defined), 1.0, omega)
             size = self._rms * (speed / self._speed) ** self._exponent
-            # The unit load of the soil is a displacement, of which this is the acceleration.
-            size = np.where(self._accelerated, size / (omega * omega), size)
+            size = unit_sizes(size, omega, self._powers)
             size = np.where(speed == 0.0, 0.0 * self._rms, size)
             return _Forcing(omega, defined, size * defined)
 
@@ -528,9 +532,9 @@ def _unit_loads(
                 f"{table.mechanism_name} has no FRFs to compute a level from; leave the "
                 "amplitude out."
             )
-        key = ("", "") if load is None else (load.kind.value, load.place)
+        key = ("", "") if load is None else (load.kind.key, load.place)
         if key not in inputs:
-            inputs[key] = load_input(excitation, table, mechanism)
+            inputs[key] = load_input(load, excitation.name, table, mechanism)
         which.append(list(inputs).index(key))
     return list(inputs.values()), which
 
@@ -738,14 +742,10 @@ class _Samples:
 
     def _responses_at(self, alpha3: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return poles, numerators and all other values at an angle, as `_Layout` arranges them."""
-        table, weights = self._table, np.zeros((2, len(self._places), len(self._inputs)))
         # At its end the table uses the next piece, whose number of poles may be another.
         alpha3 = min(alpha3, math.nextafter(self._ends[1], self._ends[0]))
-        for i, load in enumerate(self._inputs):
-            weights[:, [self._places.index(place) for place in load.places], i] = load.weights(
-                alpha3
-            )
-        frf, rate = table.frf(alpha3, self._outputs, self._places).driven(*weights)
+        weights = weights_at(self._inputs, self._places, alpha3)
+        frf, rate = self._table.frf(alpha3, self._outputs, self._places).driven(*weights)
         a, b, rest = frf.residues, frf.rates, frf.residual
         terms = a[0] / frf.stiffness
         static = np.abs(terms.sum(axis=1) + rest[0])

@@ -11,14 +11,10 @@ import pytest
 from scipy.integrate import trapezoid
 
 from linkage_vibration.messages.columns import MessageColumns
-from linkage_vibration.prediction.excitation import (
-    Excitation,
-    ExcitationError,
-    Source,
-    excitations_from_mapping,
-)
+from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
 from linkage_vibration.prediction.ground import AIRBORNE, ground_spectrum
 from linkage_vibration.prediction.levels import LevelTable
+from linkage_vibration.prediction.loads import ExcitationError
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.prediction.resonance import described as with_derived
