@@ -20,9 +20,9 @@ from linkage_vibration.messages.fields import message_constants, message_fields
 from linkage_vibration.messages.topics import ADVICE
 from linkage_vibration.prediction.excitation import KMH, Excitation, Source
 from linkage_vibration.prediction.levels import LevelTable
-from linkage_vibration.prediction.predictor import angles_in_table
 from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.prediction.severity import ratio_words
+from linkage_vibration.table.interpolation import angles_in_table
 
 NOW, HEIGHT, SPEED, BOTH = message_constants(ADVICE).values()
 """The places of the message."""

@@ -24,8 +24,7 @@ from linkage_vibration.mechanics.forces import is_force
 from linkage_vibration.mechanics.model import LinkageModel, ModelError, Place
 from linkage_vibration.mechanics.response import PoleResidue
 from linkage_vibration.prediction.level_cache import Arrays, Keep, computed
-from linkage_vibration.prediction.predictor import angles_in_table
-from linkage_vibration.table.interpolation import stroke_angle, stroke_variable
+from linkage_vibration.table.interpolation import angles_in_table, stroke_angle, stroke_variable
 from linkage_vibration.table.table import Table
 
 Reasons = NDArray[np.int8]

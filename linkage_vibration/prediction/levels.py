@@ -23,8 +23,6 @@ from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArr
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import Place
 from linkage_vibration.messages.columns import MessageColumns
-from linkage_vibration.messages.fields import message_fields
-from linkage_vibration.messages.topics import LEVELS
 from linkage_vibration.prediction.ensemble import GroundMembers, Members, draws
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.ground import REASONS, GroundLevels, GroundTable
@@ -37,8 +35,8 @@ from linkage_vibration.prediction.loads import (
     unit_sizes,
     weights_at,
 )
-from linkage_vibration.prediction.predictor import Predictor, angles_in_table
-from linkage_vibration.table.interpolation import stroke_angle, stroke_variable
+from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.table.interpolation import angles_in_table, stroke_angle, stroke_variable
 from linkage_vibration.table.table import Table
 
 Reals = NDArray[np.floating[Any]]
@@ -60,6 +58,14 @@ FACTORS = {
 A factor is exp of the standard deviation of the level's logarithm over the ensemble, and the
 probability is the share of its members whose level exceeds the limit of a warning."""
 
+_OF_EACH = (
+    *("velocities", "velocity_factors", "accelerations", "amplifications"),
+    *("load_ratios", "load_ratio_factors"),
+)
+_OF_ALL = (
+    *("total_velocity", "total_velocity_factor", "total_acceleration", "total_load_ratio"),
+    *("total_load_ratio_factor", "warning_probability", "off_ground_share"),
+)
 _KNOWN = 0.95  # Factors are known where at least this share of the members is.
 _STATIC = 1e-5  # of the magnitudes of its terms: a static response below is only rounding
 _SAME = 1.0 - 1e-6  # of the square of a load ratio; a smaller difference is rounding
@@ -193,11 +199,16 @@ class LevelTable:
             terrain = excitations[self._terrain].terrain
             if terrain is not None:
                 self._ground = GroundTable(table, mechanism, terrain, rows, keep=keep)
+        self.has_load_ratios = self._cells is not None and bool(self.force_places)
+        """Whether the table gives the loads of excitations in pins, up to its highest frequency."""
+        self.n_members = 0
+        """Number of members of the ensemble by which factors are known, or 0."""
         self._members: Members | None = None
         self._ground_members: GroundMembers | None = None
         if self._loaded and len(table.ensemble_alpha3):
             self._members = Members(table, inputs, outputs, n_forces, self._table_responses)
-            amplitudes, frequencies = draws(excitations, self._members.n)
+            self.n_members = self._members.n
+            amplitudes, frequencies = draws(excitations, self.n_members)
             amplitudes = unit_sizes(amplitudes.T, frequencies.T, self._powers)
             self._draws = amplitudes, frequencies.T
             self._nodes = self._terms(table.ensemble_alpha3)
@@ -212,11 +223,6 @@ class LevelTable:
             _ = self._ground.values
         if self._ground_members is not None:
             _ = self._ground_members.logs
-
-    @property
-    def has_load_ratios(self) -> bool:
-        """Whether the table gives the loads of excitations in pins, up to its highest frequency."""
-        return self._cells is not None and bool(self.force_places)
 
     @property
     def alpha3_range(self) -> tuple[float, float]:
@@ -257,7 +263,7 @@ class LevelTable:
         )
 
     def at(self, alpha3: FloatArray, speeds: FloatArray) -> MessageColumns:
-        """Return the levels at n angles, which are the float32 fields of ``Levels.msg``.
+        """Return the levels at n angles, by the names of the fields of ``Levels.msg``.
 
         They are NaN outside the table, and factors without `set_factors`. Speeds are (n_sources,
         n). ``load_places``, (n, n_excitations), are indices of pins and cylinders.
@@ -375,11 +381,6 @@ class LevelTable:
         numbers, at = self.members(alpha3, speeds), _columns(len(self._inputs))
         return numbers[..., at["total_load_ratio"]].T, numbers[..., at["total_velocity"]].T
 
-    @property
-    def n_members(self) -> int:
-        """Number of members of the ensemble by which factors are known, or 0."""
-        return 0 if self._members is None else self._members.n
-
     def factor_rows(self, alpha3: FloatArray, speeds: FloatArray, limit: float) -> FloatArray:
         """Return the `FACTORS` of levels at n angles, (n, n_factors), in the order of the names.
 
@@ -398,12 +399,31 @@ class LevelTable:
             factors[:, -1:] = _mean(np.where(np.isnan(total), total, total > limit))
         return factors
 
+    def set_factors(
+        self,
+        columns: MessageColumns,
+        due: Sequence[int],
+        which: Sequence[int],
+        held: FloatArray,
+        limit: float,
+    ) -> FloatArray:
+        """Set the factors of n messages, and return those of the last one, (1, n_factors).
+
+        Those of the rows that are due are computed. `which`, (n,), are the indices of the factors
+        of each message among these, after those that are held, (1, n_factors), or (1, 0) at first.
+        """
+        angles, speeds = columns.crank_angle[due], columns.speeds[due].T
+        computed = self.factor_rows(angles, speeds, limit)
+        factors = np.concatenate([held if held.size else computed[:1], computed])[which]
+        _set_factors(columns, factors)
+        return np.asarray(factors[-1:])
+
     def factors(
         self, alpha3: FloatArray, speeds: FloatArray, limit: float
     ) -> dict[str, NDArray[np.float32]]:
         """Return what `factor_rows` does by the names; NaN where a level is not known, too."""
         columns = self.at(alpha3, speeds)
-        set_factors(columns, self.factor_rows(alpha3, speeds, limit))
+        _set_factors(columns, self.factor_rows(alpha3, speeds, limit))
         return {name: getattr(columns, name) for name in FACTORS}
 
     def _forcing(self, speeds: FloatArray) -> _Forcing:
@@ -550,13 +570,10 @@ def _columns(m: int) -> dict[str, slice | int]:
 
     Those of each excitation have m columns, and those of all together one.
     """
-    columns: dict[str, slice | int] = {}
-    end = 0
-    for field in message_fields(LEVELS):
-        if field.type == "float32":
-            columns[field.name] = slice(end, end + m) if field.is_sequence else end
-            end += m if field.is_sequence else 1
-    return columns
+    of_each: dict[str, slice | int] = {
+        name: slice(i * m, (i + 1) * m) for i, name in enumerate(_OF_EACH)
+    }
+    return of_each | {name: len(_OF_EACH) * m + i for i, name in enumerate(_OF_ALL)}
 
 
 @cache
@@ -568,8 +585,7 @@ def _factored(m: int) -> IntArray:
 
 def _unknown(n: int, m: int) -> tuple[FloatArray, IntArray, NDArray[np.int8]]:
     """Return n unknown levels of m excitations: numbers, places, and reasons of the ground."""
-    width = sum(1 if isinstance(each, int) else m for each in _columns(m).values())
-    numbers = np.full((n, width), math.nan)
+    numbers = np.full((n, len(_OF_EACH) * m + len(_OF_ALL)), math.nan)
     return numbers, np.zeros((n, m + 1), np.int64), np.zeros(n, np.int8)
 
 
@@ -591,7 +607,7 @@ def _level_columns(
     )
 
 
-def set_factors(columns: MessageColumns, factors: FloatArray) -> None:
+def _set_factors(columns: MessageColumns, factors: FloatArray) -> None:
     """Set the factors of n known levels to those of `LevelTable.factor_rows`, (n, n_factors)."""
     end = 0
     for name, of in FACTORS.items():

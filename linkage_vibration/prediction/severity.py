@@ -45,7 +45,7 @@ class ResonanceState(enum.IntEnum):
 
 
 UNKNOWN, CLEAR, NOTE, WARNING = np.arange(4, dtype=np.uint8)
-_RANKS = np.array([1, 0, 2, 3], np.uint8)  # of these, in a window
+WINDOW_RANKS = np.array([1, 0, 2, 3], np.uint8)  # of these, in a window
 
 
 class Unknown(enum.IntFlag):
@@ -128,32 +128,20 @@ def states(
     known: BoolArray,
     warns: BoolArray,
     limits: WarningLimits,
-) -> NDArray[np.uint8]:
-    """Return the states of excitations, all arrays (n_excitations, n).
+) -> tuple[NDArray[np.uint8], FloatArray]:
+    """Return the states of excitations, and by what those in the same state are ordered.
+
+    All arrays are (n_excitations, n). The largest load ratios come first, then, where they are not
+    known, the smallest margins.
 
     Load ratios are NaN if not known; ``apart`` are magnitudes of the relative margins to the
     nearest modes; ``known``: the speed is; ``warns``: what `WarningTimer` says.
     """
-    notable = np.where(np.isnan(load_ratio), apart < limits.near, load_ratio > limits.note)
-    calm = np.where(notable, NOTE, CLEAR)
-    return np.asarray(np.where(known, np.where(warns, WARNING, calm), UNKNOWN))
-
-
-def window_ranks(state: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return by what the readings of a window are ordered first, (n,), the most severe the highest.
-
-    Not known is worse than clear, as in a single reading; a load that is known to be high is worse.
-    """
-    return _RANKS.take(state)
-
-
-def severities(load_ratio: FloatArray, apart: FloatArray, limits: WarningLimits) -> FloatArray:
-    """Return by what excitations in the same state are ordered, the largest first.
-
-    Load ratios come first, then, where they are not known, the smallest margin.
-    """
+    unknown = np.isnan(load_ratio)
+    notable = np.where(unknown, apart < limits.near, load_ratio > limits.note)
+    state = np.where(known, np.where(warns, WARNING, np.where(notable, NOTE, CLEAR)), UNKNOWN)
     nearness = limits.near / np.maximum(limits.near + apart, 1e-300)
-    return np.asarray(np.where(np.isnan(load_ratio), nearness, 1.0 + load_ratio))
+    return state, np.where(unknown, nearness, 1.0 + load_ratio)
 
 
 def speed_words(source: Source, value: float) -> str:

@@ -39,12 +39,6 @@ ORDERS = tuple(
     each for each in read_excitations(config_file("excitations.yaml")) if not each.terrain
 )
 SOIL = {"speed": "pto", "orders": [1.5], "at": "base.z", "at_speed": 540.0}
-    "speed": "pto",
-    "orders": [1.5],
-    "at": "base.z",
-    "at_speed": 540,
-    "base_acceleration": [0.3],
-}
 [ROAD] = excitations_from_mapping({"road": SOIL | {"base_acceleration": [0.3]}})
 UNBALANCE = LoadKind("unbalance", "kg m", FORCE.unit_load, power=2)
 ROTOR = replace(ROAD, name="rotor", load=Load(UNBALANCE, "E2.x", 0.02, 540.0, 1.0, 0.0))
