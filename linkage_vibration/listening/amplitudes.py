@@ -11,7 +11,7 @@ import numpy as np
 from linkage_vibration.listening.orders import Orders
 from linkage_vibration.listening.transfer import Transfer
 from linkage_vibration.mechanics.arrays import FloatArray
-from linkage_vibration.prediction.ensemble import draws
+from linkage_vibration.prediction.ensemble import load_factors
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.loads import given_kinds
 
@@ -118,7 +118,9 @@ def measure_orders(
     An order is detected in at least the fewest windows.
     """
     n_members = units.shape[1] - 1
-    factors = draws(excitations, n_members)[0] if n_members else np.empty((len(excitations), 0))
+    factors = (
+        load_factors(excitations, n_members)[0] if n_members else np.empty((len(excitations), 0))
+    )
     rows = []
     for i, excitation in enumerate(excitations):
         squares, noise = orders.squares[:, i], orders.noise[:, i]

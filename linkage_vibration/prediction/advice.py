@@ -103,7 +103,7 @@ def advise(
     alpha3 = np.repeat(angles, len(speeds))
     columns = np.repeat(question.speeds[:, np.newaxis], len(speeds), axis=1)
     columns[_GROUND] = speeds
-    results, every = levels.over(angles, columns), np.tile(columns, len(angles))
+    results, every = levels.at_all_pairs(angles, columns), np.tile(columns, len(angles))
     reasons, texts = _reasons(levels, excitations, results, alpha3, every)
     load, velocity = (
         np.where(reasons, math.nan, total.astype(float))

@@ -83,7 +83,7 @@ def excitation_doubts(excitations: Sequence[Excitation], levels: LevelTable) -> 
         load, source = excitations[i].load, excitations[i].source
         speeds[source.place, column] = load.speed if load else math.nan
     angles = np.linspace(*levels.alpha3_range, 9)
-    ratios = levels.over(angles, speeds).load_ratios.reshape(len(angles), len(rows), -1)
+    ratios = levels.at_all_pairs(angles, speeds).load_ratios.reshape(len(angles), len(rows), -1)
     for column, i in enumerate(rows):
         excitation, over = excitations[i], np.nan_to_num(ratios[:, column, i])
         if excitation.load and over.max() > _UNLOADS:

@@ -23,7 +23,7 @@ from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArr
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import Place
 from linkage_vibration.messages.columns import MessageColumns
-from linkage_vibration.prediction.ensemble import GroundMembers, Members, draws
+from linkage_vibration.prediction.ensemble import EnsembleResponses, GroundMembers, load_factors
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.ground import REASONS, GroundLevels, GroundTable
 from linkage_vibration.prediction.level_cache import Arrays, Keep, computed, level_cache
@@ -42,11 +42,11 @@ from linkage_vibration.table.table import Table
 Reals = NDArray[np.floating[Any]]
 """Those of the ensemble have single precision."""
 
-ERROR = 1e-4
+MAX_RESPONSE_ERROR = 1e-4
 """Largest error of a response between the angles at which the table was evaluated, over the sum of
 the magnitudes of its terms; where it is larger, levels are not known."""
 
-FACTORS = {
+DEVIATION_FIELDS = {
     "velocity_factors": "velocities",
     "load_ratio_factors": "load_ratios",
     "total_velocity_factor": "total_velocity",
@@ -66,9 +66,9 @@ _OF_ALL = (
     *("total_velocity", "total_velocity_factor", "total_acceleration", "total_load_ratio"),
     *("total_load_ratio_factor", "warning_probability", "off_ground_share"),
 )
-_KNOWN = 0.95  # Factors are known where at least this share of the members is.
-_STATIC = 1e-5  # of the magnitudes of its terms: a static response below is only rounding
-_SAME = 1.0 - 1e-6  # of the square of a load ratio; a smaller difference is rounding
+_MIN_KNOWN_SHARE = 0.95  # Factors are known where at least this share of the members is.
+_MIN_STATIC_SHARE = 1e-5  # of the sizes of its terms; a smaller static response is rounding
+_SAME_SQUARE = 1.0 - 1e-6  # of the square of a load ratio; a smaller difference is rounding
 _SILENT = 1e-30  # A smaller level has no logarithm.
 _FIRST_CELLS, _MOST_CELLS = 32, 512  # of a piece of the table
 _GROUND = Source.GROUND.place
@@ -203,23 +203,25 @@ class LevelTable:
         """Whether the table gives the loads of excitations in pins, up to its highest frequency."""
         self.n_members = 0
         """Number of members of the ensemble by which factors are known, or 0."""
-        self._members: Members | None = None
+        self._members: EnsembleResponses | None = None
         self._ground_members: GroundMembers | None = None
         if self._loaded and len(table.ensemble_alpha3):
-            self._members = Members(table, inputs, outputs, n_forces, self._table_responses)
+            self._members = EnsembleResponses(
+                table, inputs, outputs, n_forces, self._table_responses
+            )
             self.n_members = self._members.n
-            amplitudes, frequencies = draws(excitations, self.n_members)
+            amplitudes, frequencies = load_factors(excitations, self.n_members)
             amplitudes = unit_sizes(amplitudes.T, frequencies.T, self._powers)
             self._draws = amplitudes, frequencies.T
             self._nodes = self._terms(table.ensemble_alpha3)
-            if self._ground is not None and terrain is not None and not self._ground.never:
+            if self._ground is not None and terrain is not None and not self._ground.refusal:
                 self._ground_members = GroundMembers(
                     table, mechanism, terrain, outputs, self._ground.lines, keep
                 )
 
     def prepare(self) -> None:
         """Compute now what would be computed for the first levels that need it."""
-        if self._ground is not None and not self._ground.never:
+        if self._ground is not None and not self._ground.refusal:
             _ = self._ground.values
         if self._ground_members is not None:
             _ = self._ground_members.logs
@@ -276,7 +278,7 @@ class LevelTable:
             parts.append((squares, terms.static, terms.reference))
         return self._levels(parts, forcing, angles, speeds[_GROUND])
 
-    def over(self, alpha3: FloatArray, speeds: FloatArray) -> MessageColumns:
+    def at_all_pairs(self, alpha3: FloatArray, speeds: FloatArray) -> MessageColumns:
         """Return the levels `at` each of n angles with each of k speeds, (n k), angle by angle.
 
         What does not change with the speeds, (n_sources, k), is computed once for each angle, (n,).
@@ -324,7 +326,7 @@ class LevelTable:
         np.divide(magnitude, static.take(self._inputs, axis=1), out=amplifications)
         ground = None
         if self._ground is not None:
-            ground = self._ground.within(angles, ground_speed)
+            ground = self._ground.at_table_angles(angles, ground_speed)
             reasons = ground.reason
         self._evaluate(numbers, places, squares, reference, forcing, ground)
         numbers[np.isnan(numbers)] = math.nan  # of one sign, so that equal levels are equal bytes
@@ -357,7 +359,7 @@ class LevelTable:
         squares = members.responses(angles, modes, omega, self._inputs) ** 2
         squares = squares[:, :, 0] + squares[:, :, 1]
         if self._ground is not None:
-            rolling = self._ground.within(angles, speeds[_GROUND])
+            rolling = self._ground.at_table_angles(angles, speeds[_GROUND])
             if self._ground_members is not None:
                 amplitudes = self._draws[0][:, self._terrain]
                 rolling = self._ground_members.levels(rolling, angles, speeds[_GROUND], amplitudes)
@@ -382,7 +384,7 @@ class LevelTable:
         return numbers[..., at["total_load_ratio"]].T, numbers[..., at["total_velocity"]].T
 
     def factor_rows(self, alpha3: FloatArray, speeds: FloatArray, limit: float) -> FloatArray:
-        """Return the `FACTORS` of levels at n angles, (n, n_factors), in the order of the names.
+        """Return the `DEVIATION_FIELDS` at n angles, (n, n_factors), in the order of the names.
 
         They are NaN where fewer than 95 % of the members are known. Above the limit of the total
         load ratio a warning begins; angles and speeds are those of `at`.
@@ -424,7 +426,7 @@ class LevelTable:
         """Return what `factor_rows` does by the names; NaN where a level is not known, too."""
         columns = self.at(alpha3, speeds)
         _set_factors(columns, self.factor_rows(alpha3, speeds, limit))
-        return {name: getattr(columns, name) for name in FACTORS}
+        return {name: getattr(columns, name) for name in DEVIATION_FIELDS}
 
     def _forcing(self, speeds: FloatArray) -> _Forcing:
         """Return what excitations do at speeds, (n_sources, n), which often are the last ones."""
@@ -535,7 +537,7 @@ def first_largest(values: Reals, largest: Reals) -> IntArray:
 
     Both pins of a light link carry the same force, so that the last bit would decide.
     """
-    return np.asarray((values >= _SAME * largest[..., np.newaxis, :]).argmax(axis=-2))
+    return np.asarray((values >= _SAME_SQUARE * largest[..., np.newaxis, :]).argmax(axis=-2))
 
 
 def _unit_loads(
@@ -566,7 +568,7 @@ def unknown_levels(n_excitations: int, n: int) -> MessageColumns:
 
 @cache
 def _columns(m: int) -> dict[str, slice | int]:
-    """Return the columns of each level of m excitations, and of the `FACTORS`.
+    """Return the columns of each level of m excitations, and of the `DEVIATION_FIELDS`.
 
     Those of each excitation have m columns, and those of all together one.
     """
@@ -578,9 +580,9 @@ def _columns(m: int) -> dict[str, slice | int]:
 
 @cache
 def _factored(m: int) -> IntArray:
-    """Return the columns of the levels of m excitations that have `FACTORS`, in their order."""
+    """Return the columns of the levels of m excitations that have `DEVIATION_FIELDS`, in order."""
     columns, every = _columns(m), np.arange(_unknown(0, m)[0].shape[1])
-    return np.hstack([every[columns[name]] for name in FACTORS.values()])
+    return np.hstack([every[columns[name]] for name in DEVIATION_FIELDS.values()])
 
 
 def _unknown(n: int, m: int) -> tuple[FloatArray, IntArray, NDArray[np.int8]]:
@@ -610,7 +612,7 @@ def _level_columns(
 def _set_factors(columns: MessageColumns, factors: FloatArray) -> None:
     """Set the factors of n known levels to those of `LevelTable.factor_rows`, (n, n_factors)."""
     end = 0
-    for name, of in FACTORS.items():
+    for name, of in DEVIATION_FIELDS.items():
         level = getattr(columns, of)
         begin, end = end, end + math.prod(level.shape[1:])
         values = factors[:, begin:end].reshape(level.shape)
@@ -628,7 +630,7 @@ def _mean(values: FloatArray) -> FloatArray:
     finite = ~np.isnan(values)
     count = finite.sum(axis=1)
     mean = _sum(np.where(finite, values, 0.0)) / count
-    return np.where(count >= _KNOWN * values.shape[1], mean, math.nan)
+    return np.where(count >= _MIN_KNOWN_SHARE * values.shape[1], mean, math.nan)
 
 
 def _sampled(table: Table, inputs: list[UnitLoad], outputs: list[Place], n_forces: int) -> Arrays:
@@ -714,7 +716,7 @@ class _Samples:
         while True:
             at, values = self._along(2 * cells)
             interpolated = _spline(at[::2], values[::2])(at[1::2])
-            wrong = ~(self._errors(interpolated, values[1::2]) <= ERROR)
+            wrong = ~(self._errors(interpolated, values[1::2]) <= MAX_RESPONSE_ERROR)
             if not wrong.any() or cells >= _MOST_CELLS:
                 return at, values, wrong.repeat(2)
             cells *= 2
@@ -765,7 +767,7 @@ class _Samples:
         a, b, rest = frf.residues, frf.rates, frf.residual
         terms = a[0] / frf.stiffness
         static = np.abs(terms.sum(axis=1) + rest[0])
-        significant = static > _STATIC * (np.abs(terms).sum(axis=1) + np.abs(rest[0]))
+        significant = static > _MIN_STATIC_SHARE * (np.abs(terms).sum(axis=1) + np.abs(rest[0]))
         others = [rest.real, rest.imag, rate.real, np.where(significant, static, math.nan)]
         return (
             np.array([frf.stiffness.real, frf.stiffness.imag, frf.decay]),

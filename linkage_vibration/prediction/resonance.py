@@ -16,7 +16,7 @@ from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.messages.columns import MessageColumns, joined
 from linkage_vibration.prediction.agreement import Agreement
 from linkage_vibration.prediction.excitation import Excitation, Source
-from linkage_vibration.prediction.ground import AIRBORNE
+from linkage_vibration.prediction.ground import MAX_OFF_GROUND
 from linkage_vibration.prediction.levels import LevelTable, unknown_levels
 from linkage_vibration.prediction.motion import Rate, speed_filter
 from linkage_vibration.prediction.periods import Place, Windows
@@ -42,7 +42,7 @@ _CHUNK = 512  # predictions that are assessed together, so that their numbers st
 
 _SPEEDS = np.linspace(0.3, 1.7, 71)  # of the present speed, among which a quiet one is sought
 _PRESENT = int(np.abs(_SPEEDS - 1.0).argmin())
-_ANGLES = 91  # of the table, likewise
+_N_ANGLES = 91  # of the table, among which a quiet one is sought
 _QUIET_FOR = 1.0  # s, for which the answer is used again
 _FACTORS_FOR = 1.0  # s, for which the factors of levels are used again in the same state
 _SPEED_BITS = np.array([SPEED_BITS[source] for source in Source])
@@ -400,7 +400,7 @@ class ResonanceMonitor:
         totals = levels.total_load_ratio[np.newaxis]
         ratio = np.concatenate([levels.load_ratios.T, totals], dtype=float)
         # No level is known while a tyre is in the air, but that is no reason to be calm.
-        airborne = self._rolling & (levels.off_ground_share > AIRBORNE)
+        airborne = self._rolling & (levels.off_ground_share > MAX_OFF_GROUND)
         ratio[:-1][airborne] = math.inf
         # A load that the table could give is not calm because it is beyond the table's frequencies.
         beyond = self._loaded & ~np.isnan(pairs.speed) & np.isnan(levels.velocities.T)
@@ -581,7 +581,7 @@ class ResonanceMonitor:
         if self.levels is None:
             return math.nan, math.nan
         low, high = self.levels.alpha3_range
-        tried = np.linspace(low, high, _ANGLES)
+        tried = np.linspace(low, high, _N_ANGLES)
         at = np.concatenate([np.full(len(_SPEEDS), angle), tried])
         every = np.repeat(speeds[:, np.newaxis], len(at), axis=1)
         every[source, : len(_SPEEDS)] *= _SPEEDS
@@ -616,7 +616,7 @@ class ResonanceMonitor:
         """Return whether no limit is exceeded at angles and speeds, (n,); one is the present."""
         found, limit = levels.at(angles, speeds), self.limits.warning
         unsafe = (found.load_ratios > limit)[:, self._warns[:, 0]].any(axis=1)
-        unsafe |= found.off_ground_share > AIRBORNE
+        unsafe |= found.off_ground_share > MAX_OFF_GROUND
         # Where a load that is known now would not be known, nothing is known to be quiet.
         unknown = np.isnan(found.load_ratios)
         unsafe |= (unknown & ~unknown[present]).any(axis=1)

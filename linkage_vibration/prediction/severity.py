@@ -19,7 +19,7 @@ from linkage_vibration.bags.blocks import Integers
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.excitation import KMH, Excitation, Source
-from linkage_vibration.prediction.ground import AIRBORNE
+from linkage_vibration.prediction.ground import MAX_OFF_GROUND
 
 GAP = 3.0
 """Readings that are farther apart, s, do not belong to the same warning."""
@@ -233,7 +233,7 @@ def present_sentence(resonance: MessageColumns, excitations: Sequence[Excitation
     if beyond and math.isfinite(resonance.total_velocity):
         tail += f" Beyond the frequencies of the table, and so not known: {listing(beyond)}."
     unknown_load = math.isnan(resonance.total_load_ratio)
-    airborne = resonance.off_ground_share > AIRBORNE
+    airborne = resonance.off_ground_share > MAX_OFF_GROUND
     if resonance.state == ResonanceState.WARNING and (airborne or not unknown_load):
         return f"{_warning(resonance, excitations)}{tail}"
     if unknown_load:

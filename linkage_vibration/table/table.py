@@ -40,7 +40,7 @@ IntArray = NDArray[np.int64]
 FORMAT = "linkage_vibration table 10"
 
 _CHUNK = 4096  # So many angles are looked up at a time, whose cells stay in the cache.
-_NEAR = math.radians(1.0)  # An angle closer to a toggle is near it.
+_NEAR = math.radians(1.0)  # Predictions are marked as near a toggle within this angle of it.
 
 
 def _array(unit: str, *, shape: tuple[int, ...] = (0,)) -> Any:

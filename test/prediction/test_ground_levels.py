@@ -12,7 +12,7 @@ from scipy.integrate import trapezoid
 
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
-from linkage_vibration.prediction.ground import AIRBORNE, ground_spectrum
+from linkage_vibration.prediction.ground import MAX_OFF_GROUND, ground_spectrum
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.loads import ExcitationError
 from linkage_vibration.prediction.predictor import Predictor
@@ -199,7 +199,7 @@ def test_a_tyre_in_the_air_is_a_warning(predictor: Predictor) -> None:
     """The level is not known there, and the total is that of the orders alone, but not calm."""
     rough = described(terrain={"class": "F"})
     actual = assessed(predictor, rough, SPEED)
-    assert actual.off_ground_share > AIRBORNE
+    assert actual.off_ground_share > MAX_OFF_GROUND
     assert math.isnan(actual.load_ratio)
     assert actual.total_load_ratio == 0.0
     assert actual.state == ResonanceState.WARNING
@@ -208,7 +208,7 @@ def test_a_tyre_in_the_air_is_a_warning(predictor: Predictor) -> None:
     assert "The level of the ground is not known: a tyre is off the ground" in text
     if not math.isnan(actual.quiet_speed):
         after = assessed(predictor, rough, float(actual.quiet_speed))
-        assert after.off_ground_share <= AIRBORNE
+        assert after.off_ground_share <= MAX_OFF_GROUND
 
 
 def test_an_unknown_ground_is_not_clear(predictor: Predictor) -> None:
