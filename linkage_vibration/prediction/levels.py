@@ -179,7 +179,6 @@ class LevelTable:
         self._terrain = next(
             (i for i, excitation in enumerate(excitations) if excitation.terrain), 0
         )
-        self._last: tuple[bytes, _Forcing] | None = None  # speeds, and what excitations do at them
         self._cells: tuple[FloatArray, FloatArray] | None = None
         self.force_places = table.force_places if self._loaded else ()
         """Pins and cylinders, whose names are those of the table."""
@@ -270,7 +269,7 @@ class LevelTable:
         They are NaN outside the table, and factors without `set_factors`. Speeds are (n_sources,
         n). ``load_places``, (n, n_excitations), are indices of pins and cylinders.
         """
-        angles, forcing = angles_in_table(alpha3, self.alpha3_range), self._forcing(speeds)
+        angles, forcing = angles_in_table(alpha3, self.alpha3_range), self._forcing_at(speeds)
         parts = []
         for few in self._chunks(len(angles)):
             terms = self._terms(angles[few])
@@ -428,14 +427,8 @@ class LevelTable:
         _set_factors(columns, self.factor_rows(alpha3, speeds, limit))
         return {name: getattr(columns, name) for name in DEVIATION_FIELDS}
 
-    def _forcing(self, speeds: FloatArray) -> _Forcing:
-        """Return what excitations do at speeds, (n_sources, n), which often are the last ones."""
-        key, last = speeds.tobytes(), self._last
-        if last is None or last[0] != key:
-            last = self._last = key, self._forcing_at(speeds)
-        return last[1]
-
     def _forcing_at(self, speeds: FloatArray) -> _Forcing:
+        """Return what excitations do at speeds, (n_sources, n)."""
         with np.errstate(all="ignore"):
             speed = speeds.take(self._sources, axis=0).T
             omega = self._omega * speed
