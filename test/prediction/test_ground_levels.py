@@ -169,7 +169,7 @@ def test_levels_over_angles_and_speeds_are_those_of_each_pair(predictor: Predict
     levels = levels_of(predictor, read_excitations(config_file("excitations.yaml")))
     angles = np.append(np.linspace(1.4, 3.2, 70), math.nan)
     speeds = np.array([[1800.0] * 4, [math.nan] * 4, [0.0, 3.0, 9.0, math.nan]])
-    together = vars(levels.over(angles, speeds))
+    together = vars(levels.at_all_pairs(angles, speeds))
     each = vars(levels.at(np.repeat(angles, 4), np.tile(speeds, len(angles))))
     assert np.isfinite(each["total_load_ratio"]).sum() > 100
     for name, values in each.items():
