@@ -131,11 +131,8 @@ def states(
 ) -> tuple[NDArray[np.uint8], FloatArray]:
     """Return the states of excitations, and by what those in the same state are ordered.
 
-    All arrays are (n_excitations, n). The largest load ratios come first, then, where they are not
-    known, the smallest margins.
-
-    Load ratios are NaN if not known; ``apart`` are magnitudes of the relative margins to the
-    nearest modes; ``known``: the speed is; ``warns``: what `WarningTimer` says.
+    All are (n_excitations, n). Load ratios, NaN if not known, come first; then margins, of which
+    ``apart`` are the sizes. ``known``: the speed is; ``warns``: what `WarningTimer` says.
     """
     unknown = np.isnan(load_ratio)
     notable = np.where(unknown, apart < limits.near, load_ratio > limits.note)
