@@ -23,7 +23,7 @@ from linkage_vibration.mechanics.description import Mount, Uncertainty
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.paths import split_paths, with_numbers
 from linkage_vibration.mechanics.response import PoleResidue
-from linkage_vibration.prediction.ensemble import draws as member_factors
+from linkage_vibration.prediction.ensemble import load_factors as member_factors
 from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
 from linkage_vibration.prediction.ground import Terrain, vertical_mounts
 from linkage_vibration.prediction.levels import LevelTable
@@ -112,7 +112,7 @@ def model_squares(
     and frequencies are (m,). Without a speed or beyond the band of the table they are NaN.
     """
     response, m = model.mechanism.response, len(scene.excitations)
-    loads = [load_input(each, built, model.mechanism) for each in scene.excitations]
+    loads = [load_input(each.load, each.name, built, model.mechanism) for each in scene.excitations]
     mounts = vertical_mounts(model.mechanism)
     inputs = list(dict.fromkeys(place for load in loads for place in load.places))
     outputs = [(response.point, response.direction), *model.forces.places]

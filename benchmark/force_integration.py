@@ -26,7 +26,14 @@ from linkage_vibration.mechanics.coupling import UncoupledSystem
 from linkage_vibration.mechanics.description import GROUND
 from linkage_vibration.mechanics.kinematics import Configuration
 from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.prediction.excitation import Excitation, LoadKind, Source
+from linkage_vibration.prediction.excitation import Excitation, Source
+from linkage_vibration.prediction.loads import (
+    BASE_ACCELERATION,
+    BASE_DISPLACEMENT,
+    FORCE,
+    MOMENT,
+    LoadKind,
+)
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -227,10 +234,10 @@ class PinForces:
         """Return the force on each coordinate of a unit load, (n,)."""
         kind, place = first
         point, _, direction = place.rpartition(".")
-        if kind is LoadKind.FORCE:
+        if kind == FORCE:
             [into] = self._widened(self._model.rows([(point, direction)], configuration))
             return np.asarray(into)
-        if kind is LoadKind.MOMENT:
+        if kind == MOMENT:
             name = GROUND if place == "base" else place
             into = np.zeros(len(self._system.mass))
             into[self._system.rows[name][2]] = 1.0  # the rotation of a rigid body
@@ -257,8 +264,8 @@ class PinForces:
             phase = 2.0 * math.pi * each.ratio * travelled
             size = each.load.amplitude * (now / each.load.speed) ** each.load.exponent
             values = size * np.sin(phase)
-            if each.load.kind in (LoadKind.BASE_ACCELERATION, LoadKind.BASE_DISPLACEMENT):
-                assert each.load.kind is LoadKind.BASE_DISPLACEMENT
+            if each.load.kind in (BASE_ACCELERATION, BASE_DISPLACEMENT):
+                assert each.load.kind == BASE_DISPLACEMENT
                 row, omega = self._mount(each.load.place), 2.0 * math.pi * each.ratio * now
                 values = joining.stiffness[row] * values
                 values = values + joining.damping[row] * size * omega * np.cos(phase)

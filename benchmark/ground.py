@@ -26,10 +26,10 @@ from linkage_vibration.mechanics.response import PoleResidue
 from linkage_vibration.prediction.ground import (
     GroundTable,
     Terrain,
-    contract,
     ground_lines,
     ground_squares,
     ground_transfer,
+    mean_squares,
     vertical_mounts,
 )
 from linkage_vibration.readers.mechanism import read_mechanism
@@ -302,7 +302,7 @@ def errors_of_lines() -> tuple[FloatArray, FloatArray]:
         )
         twice = shipped.frf(alpha3, [response, response, *forces], inputs)
         transfer = ground_transfer(twice, mounts, lines)
-        summed = contract(ground_squares(transfer, orders, mounts, CLASS_C, lines), speeds)
+        summed = mean_squares(ground_squares(transfer, orders, mounts, CLASS_C, lines), speeds)
         level = lookup.at(np.full(len(speeds), alpha3), speeds)
         looked_up = np.vstack([level.velocity, level.acceleration, np.sqrt(level.forces2)])
         true = in_places(exact, forces)

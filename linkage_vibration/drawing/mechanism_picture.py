@@ -144,7 +144,7 @@ def _load_ratios(
     """
     every = np.full((len(Source), len(speeds)), math.nan)
     every[source.place] = speeds
-    results = levels.over(angles, every)
+    results = levels.at_all_pairs(angles, every)
     unknown = (results.ground_unknown != "") & (source is Source.GROUND)
     unknown |= np.isnan(results.velocities[:, loaded]).any(axis=1)
     ratios = np.where(unknown, math.nan, results.total_load_ratio.astype(float))

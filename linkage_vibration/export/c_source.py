@@ -18,7 +18,7 @@ from linkage_vibration.export.exported import Export
 from linkage_vibration.export.orders import ForceConstants, OrderConstants
 from linkage_vibration.messages.fields import message_constants, message_fields
 from linkage_vibration.messages.topics import LEVELS, LOAD_STATE, PREDICTION, RESONANCE
-from linkage_vibration.prediction.excitation import LoadKind, Source
+from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.severity import BACK, DEFAULT_LIMITS, GAP
 from linkage_vibration.support.version import VERSION
 
@@ -189,14 +189,14 @@ def _order_values(orders: OrderConstants) -> dict[str, str]:
     """Return what stands for the excitations in their templates."""
     rows, sources = [], list(Source)
     for excitation, which in zip(orders.excitations, orders.inputs, strict=True):
-        load, rms, soil = excitation.load, math.nan, False
+        load, rms, power = excitation.load, math.nan, 0
         speed, exponent = 1.0, 0.0
         if load is not None:
             rms, speed, exponent = load.amplitude / math.sqrt(2.0), load.speed, load.exponent
-            soil = load.kind is LoadKind.BASE_ACCELERATION
+            power = load.kind.power
         ratio = excitation.ratio
         numbers = _literals([ratio, 2.0 * math.pi * ratio, rms, speed, exponent])
-        last = f"{soil:d}, {which}u, {excitation.warns:d}u"
+        last = f"{power}, {which}u, {excitation.warns:d}u"
         rows.append(f"    {{{sources.index(excitation.source)}u, {numbers}, {last}}}")
     components = orders.forces.components if orders.forces else ()
     limits = DEFAULT_LIMITS

@@ -10,7 +10,7 @@ import numpy as np
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.export.orders import OrderConstants
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
-from linkage_vibration.prediction.predictor import covers_a_turn
+from linkage_vibration.table.interpolation import covers_a_turn
 from linkage_vibration.table.table import Table, widened
 
 FARTHEST = 1e6

@@ -12,7 +12,8 @@ from linkage_vibration.export.constants import FARTHEST, Constants
 from linkage_vibration.export.exported import Export
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.prediction.excitation import Source
-from linkage_vibration.prediction.predictor import Predictor, angles_in_table, predict_many
+from linkage_vibration.prediction.predictor import Predictor, predict_many
+from linkage_vibration.table.interpolation import angles_in_table
 
 PER_MODE = (
     "natural_frequencies",

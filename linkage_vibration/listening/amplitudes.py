@@ -11,8 +11,9 @@ import numpy as np
 from linkage_vibration.listening.orders import Orders
 from linkage_vibration.listening.transfer import Transfer
 from linkage_vibration.mechanics.arrays import FloatArray
-from linkage_vibration.prediction.ensemble import draws
-from linkage_vibration.prediction.excitation import Excitation, LoadKind, Source
+from linkage_vibration.prediction.ensemble import load_factors
+from linkage_vibration.prediction.excitation import Excitation, Source
+from linkage_vibration.prediction.loads import given_kinds
 
 FEWEST = 5
 """Windows of a drive in which an order is detected."""
@@ -117,7 +118,9 @@ def measure_orders(
     An order is detected in at least the fewest windows.
     """
     n_members = units.shape[1] - 1
-    factors = draws(excitations, n_members)[0] if n_members else np.empty((len(excitations), 0))
+    factors = (
+        load_factors(excitations, n_members)[0] if n_members else np.empty((len(excitations), 0))
+    )
     rows = []
     for i, excitation in enumerate(excitations):
         squares, noise = orders.squares[:, i], orders.noise[:, i]
@@ -195,7 +198,7 @@ def amplitude_numbers(
     sure = {row.excitation.name: row for row in rows if row.relative_stddev <= _SURE}
     numbers = []
     for name, entry in content.items():
-        kind = next((kind.value for kind in LoadKind if kind.value in entry), "")
+        kind = next((kind.key for kind in given_kinds(entry)), "")
         orders = entry.get("orders")
         if not kind or not isinstance(orders, list):
             continue

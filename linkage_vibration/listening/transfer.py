@@ -10,9 +10,9 @@ import numpy as np
 from linkage_vibration.listening.signals import SignalError
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray
 from linkage_vibration.mechanics.description import Mechanism
-from linkage_vibration.prediction.ensemble import Members
-from linkage_vibration.prediction.excitation import Excitation, LoadKind
-from linkage_vibration.prediction.loads import load_input
+from linkage_vibration.prediction.ensemble import EnsembleResponses
+from linkage_vibration.prediction.excitation import Excitation
+from linkage_vibration.prediction.loads import load_input, load_powers, unit_sizes, weights_at
 from linkage_vibration.readers.sensors import Sensor
 from linkage_vibration.table.table import Table
 
@@ -42,16 +42,12 @@ class Transfer:
                 f"of {', '.join(known) or 'none'}, or build a table with --frf-points."
             )
         self.loaded = [i for i, excitation in enumerate(excitations) if excitation.load is not None]
-        self._loads = [load_input(excitations[i], table, mechanism) for i in self.loaded]
-        self._accelerated = np.array(
-            [
-                excitation.load is not None and excitation.load.kind is LoadKind.BASE_ACCELERATION
-                for excitation in excitations
-            ]
-        )[self.loaded]
-        self._members: Members | None = None
+        loaded = [excitations[i] for i in self.loaded]
+        self._loads = [load_input(each.load, each.name, table, mechanism) for each in loaded]
+        self._powers = load_powers([each.load for each in loaded])
+        self._members: EnsembleResponses | None = None
         if len(table.ensemble_alpha3) and self._loads:
-            self._members = Members(table, self._loads, self._outputs, 0, self._at_nodes)
+            self._members = EnsembleResponses(table, self._loads, self._outputs, 0, self._at_nodes)
         self.n_members = self._members.n if self._members else 0
         self.alpha3_range = table.alpha3_range
 
@@ -71,16 +67,12 @@ class Transfer:
             responses.append(parts[:, 0] + 1j * parts[:, 1])
         gains = np.sqrt((np.abs(np.concatenate(responses)) ** 2).sum(axis=2))
         gains = gains * (w**2 if self.sensor.accelerates else 1.0)
-        gains = gains / np.where(self._accelerated, w**2, 1.0)
-        return np.asarray(np.where(known, gains, math.nan))
+        return np.asarray(np.where(known, unit_sizes(gains, w, self._powers), math.nan))
 
     def _nominal(self, alpha3: float, omega: FloatArray) -> ComplexArray:
         """Return responses of the table to unit loads, (n_loaded, n_outputs)."""
         places = list(dict.fromkeys(place for load in self._loads for place in load.places))
-        weights = np.zeros((2, len(places), len(omega)))
-        for column, load in enumerate(self._loads):
-            for part, each in zip(weights, load.weights(alpha3), strict=True):
-                part[[places.index(place) for place in load.places], column] = each
+        weights = weights_at(self._loads, places, alpha3)
         # All loads together: a table yields one large response much faster than many small ones.
         response, rate = self._table.frf(alpha3, self._outputs, places).driven(*weights)
         of_each: IntArray = np.arange(len(omega))

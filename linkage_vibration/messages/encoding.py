@@ -154,3 +154,8 @@ def _encode_alike(
     for name, value in values.items():
         messages[name] = value
     return rows
+
+
+def stamp_and_frame(message: MessageColumns) -> tuple[int, int, str]:
+    """Return the stamp of one message, s and ns, and its frame."""
+    return int(message.sec), int(message.nanosec), str(message.frame_id)

@@ -24,7 +24,7 @@ from linkage_vibration.listening.live import second, sensor_monitor
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.messages.columns import MessageColumns
-from linkage_vibration.messages.encoding import encode_columns, encode_message
+from linkage_vibration.messages.encoding import encode_columns, encode_message, stamp_and_frame
 from linkage_vibration.messages.topics import (
     ADVICE,
     ASSESSED,
@@ -54,7 +54,7 @@ from linkage_vibration.prediction.motion import crank_filter, crank_resolution
 from linkage_vibration.prediction.periods import Periods, Place, Stamps
 from linkage_vibration.prediction.predictor import Predictor, Status, predict_many
 from linkage_vibration.prediction.provenance import attachments, implement_facts
-from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor, stamp_and_frame
+from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor
 from linkage_vibration.prediction.settings import DECLARED, NODE_NAME, Parameters, with_values
 from linkage_vibration.readers.excitations import excitation_files
 from linkage_vibration.readers.sensors import SensorReader, live_sensors, sensor_files

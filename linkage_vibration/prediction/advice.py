@@ -20,9 +20,9 @@ from linkage_vibration.messages.fields import message_constants, message_fields
 from linkage_vibration.messages.topics import ADVICE
 from linkage_vibration.prediction.excitation import KMH, Excitation, Source
 from linkage_vibration.prediction.levels import LevelTable
-from linkage_vibration.prediction.predictor import angles_in_table
 from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.prediction.severity import ratio_words
+from linkage_vibration.table.interpolation import angles_in_table
 
 NOW, HEIGHT, SPEED, BOTH = message_constants(ADVICE).values()
 """The places of the message."""
@@ -103,7 +103,7 @@ def advise(
     alpha3 = np.repeat(angles, len(speeds))
     columns = np.repeat(question.speeds[:, np.newaxis], len(speeds), axis=1)
     columns[_GROUND] = speeds
-    results, every = levels.over(angles, columns), np.tile(columns, len(angles))
+    results, every = levels.at_all_pairs(angles, columns), np.tile(columns, len(angles))
     reasons, texts = _reasons(levels, excitations, results, alpha3, every)
     load, velocity = (
         np.where(reasons, math.nan, total.astype(float))

@@ -18,9 +18,10 @@ from linkage_vibration.mechanics.kinematics import Configuration
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.paths import split_paths
 from linkage_vibration.mechanics.springs import length_and_rate, oil_pressure
-from linkage_vibration.prediction.excitation import KMH, RPM, Excitation, LoadKind, Source
-from linkage_vibration.prediction.ground import AIRBORNE
+from linkage_vibration.prediction.excitation import KMH, RPM, Excitation, Source
+from linkage_vibration.prediction.ground import MAX_OFF_GROUND
 from linkage_vibration.prediction.levels import LevelTable
+from linkage_vibration.prediction.loads import BASE_DISPLACEMENT
 
 _STEEL, _WIDEST = 7850.0, 6.0  # kg/m3 and m: no implement is a solid bar of steel of this width
 _PUMP = 200e5  # Pa; the pumps of tractors reach about this pressure
@@ -86,12 +87,12 @@ def excitation_doubts(excitations: Sequence[Excitation], levels: LevelTable) -> 
         load, source = excitations[i].load, excitations[i].source
         speeds[source.place, column] = load.speed if load else _WORKING
     angles = np.linspace(*levels.alpha3_range, 9)
-    over_all = levels.over(angles, speeds)
+    over_all = levels.at_all_pairs(angles, speeds)
     ratios = over_all.load_ratios.reshape(len(angles), len(rows), -1)
     off = over_all.off_ground_share.reshape(len(angles), len(rows))
     for column, i in enumerate(rows):
         excitation, over = excitations[i], np.nan_to_num(ratios[:, column, i])
-        if excitation.terrain and (share := np.nan_to_num(off[:, column]).max()) > AIRBORNE:
+        if excitation.terrain and (share := np.nan_to_num(off[:, column]).max()) > MAX_OFF_GROUND:
             text = f"A tyre is off the ground for {share:.2g} of the time at 10 km/h on"
             yield f"{text} {excitation.name}; 0 to 0.1 is plausible, so check terrain and tyres."
         if excitation.load and over.max() > _UNLOADS:
@@ -125,7 +126,7 @@ def _odd(excitation: Excitation) -> str:
         has = f"an at_speed of {load.speed:g} {source.unit}, and {source.label} speeds are"
         hint = f"; write {' or '.join(fits)}" if fits else ""
         return f"{entry} has {has} {slow:g} to {fast:g} {source.unit}{hint}."
-    if load.kind is LoadKind.BASE_DISPLACEMENT and load.amplitude > _RUNOUT:
+    if load.kind == BASE_DISPLACEMENT and load.amplitude > _RUNOUT:
         has = f"a base_displacement of {load.amplitude:g} m, and tyres run out by millimetres"
         return f"{name} has {has}; write {load.amplitude / 1e3:g} if it is in mm."
     return ""

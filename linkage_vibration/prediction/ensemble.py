@@ -21,27 +21,29 @@ from linkage_vibration.mechanics.forces import magnitudes, reference
 from linkage_vibration.mechanics.model import Place
 from linkage_vibration.prediction.excitation import Excitation
 from linkage_vibration.prediction.ground import (
-    LINES,
+    N_FREQUENCIES,
     GroundLevels,
     Terrain,
-    contract,
     ground_lines,
     ground_squares,
+    mean_squares,
     vertical_mounts,
 )
 from linkage_vibration.prediction.level_cache import Arrays, Keep, computed
-from linkage_vibration.prediction.loads import UnitLoad, soil_motion
+from linkage_vibration.prediction.loads import UnitLoad, soil_motion, weights_at
 from linkage_vibration.table.interpolation import interpolation_matrix, stroke_variable
 from linkage_vibration.table.table import Table
 
 Singles = NDArray[np.float32]
 
-_FEWER = 4  # A fourth of the lines of a ground shows how members differ from the mechanism itself.
-_SLOWEST, _FASTEST = 0.3, 30.0  # m/s; beyond these speeds they differ as there
+_FEWER = 4  # Ratios of members to the mechanism need a fourth of the frequencies of its levels.
+_SLOWEST, _FASTEST = 0.3, 30.0  # m/s; the ratios are tabulated between these, and constant beyond
 _N_ANGLES, _N_SPEEDS = 25, 128
 
 
-def draws(excitations: Sequence[Excitation], n_members: int) -> tuple[FloatArray, FloatArray]:
+def load_factors(
+    excitations: Sequence[Excitation], n_members: int
+) -> tuple[FloatArray, FloatArray]:
     """Return factors of amplitudes and of frequencies of the members, (n_excitations, n_members).
 
     ln(amplitude) and frequency are normal. Members of opposite signs, in both halves, have the same
@@ -100,7 +102,7 @@ class _Modes(NamedTuple):
         return np.asarray(responses)
 
 
-class Members:
+class EnsembleResponses:
     """Finds responses of the members to unit loads, as `levels.LevelTable` needs them.
 
     ``table_responses`` returns the table's, (n, 2, n_excitations, n_outputs), at nodes, (n,), and
@@ -209,15 +211,14 @@ class Members:
     def _weights(self, loads: Sequence[UnitLoad], alpha3: float) -> FloatArray:
         """Return the weights of loads at an angle, (n_loads, 2, n_members, n_places)."""
         table, mounts = self._table, self._table.ensemble_mounts.astype(float)
-        weights = np.zeros((len(loads), 2, self.n + 1, len(table.places)))
+        nominal = weights_at(loads, table.places, alpha3).transpose(2, 0, 1)
+        weights = nominal[:, :, np.newaxis].repeat(self.n + 1, axis=2)
         for row, load in zip(weights, loads, strict=True):
-            for kind, values in enumerate(load.weights(alpha3)):
-                for i, (place, value) in enumerate(zip(load.places, values.tolist(), strict=True)):
-                    factor: FloatArray | float = 1.0
-                    if load.mounts and value:  # the stiffness or the damping of a mount
-                        coefficients = mounts[:, load.mounts[i], kind, "xz".index(place[1])]
-                        factor = coefficients / coefficients[0]
-                    row[kind, :, table.places.index(place)] += value * factor
+            # The stiffness and the damping of a mount are numbers of the member.
+            for mount, place in zip(load.mounts, load.places, strict=False):
+                of_place = row[..., table.places.index(place)]
+                numbers = np.where(of_place, mounts[:, mount, :, "xz".index(place[1])].T, 1.0)
+                of_place *= numbers / numbers[:, :1]
         return weights
 
 
@@ -234,7 +235,7 @@ class GroundMembers:
         mechanism: Mechanism,
         terrain: Terrain,
         outputs: Sequence[Place],
-        n_lines: int = LINES,
+        n_lines: int = N_FREQUENCIES,
         keep: Keep = computed,
     ) -> None:
         self._table, self._mechanism, self._terrain, self._keep = table, mechanism, terrain, keep
@@ -253,7 +254,7 @@ class GroundMembers:
         mounts = vertical_mounts(mechanism)
         lines = ground_lines(terrain, self._n_lines // _FEWER)
         loads = [soil_motion(f"base:{mount.name}.z", mechanism) for mount in mounts]
-        members = Members(self._table, loads, outputs, 0)
+        members = EnsembleResponses(self._table, loads, outputs, 0)
         omega = 2.0 * math.pi * np.tile(lines, len(mounts))[np.newaxis]
         every = np.arange(len(mounts)).repeat(len(lines))
         orders, values = [1, *[0] * (len(outputs) - 1)] * (members.n + 1), []
@@ -262,7 +263,7 @@ class GroundMembers:
             transfer = (responses[:, 0] + 1j * responses[:, 1]).swapaxes(1, 2)
             transfer = transfer.reshape(-1, len(mounts), len(lines))
             squares = ground_squares(transfer, orders, mounts, terrain, lines)
-            values.append(contract(squares, np.exp(self._speeds)))
+            values.append(mean_squares(squares, np.exp(self._speeds)))
         shape = _N_ANGLES, members.n + 1, len(outputs), _N_SPEEDS
         with np.errstate(divide="ignore", invalid="ignore"):
             logs = np.log(np.reshape(values, shape))

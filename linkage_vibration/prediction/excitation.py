@@ -7,10 +7,10 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.description import MechanismError
 from linkage_vibration.mechanics.keys import Keys
 from linkage_vibration.prediction.ground import Terrain, power_law
+from linkage_vibration.prediction.loads import ExcitationError, Load, given_kinds
 
 RPM = 1.0 / 60.0
 """1/min in Hz."""
@@ -27,10 +27,6 @@ _WITHIN_CLASS = 0.2  # of amplitudes: a class reaches from half to twice its mea
 Spectrum = tuple[tuple[float, float], ...]
 """Wavenumbers, 1/m, and power spectral densities of a profile, m3."""
 ReadProfile = Callable[[str], Spectrum]
-
-
-class ExcitationError(LinkageVibrationError):
-    """A description of excitations is invalid."""
 
 
 class Source(enum.Enum):
@@ -59,27 +55,6 @@ class Source(enum.Enum):
     def si(self) -> float:
         """The speed 1 in SI units, rad/s or m/s, in which messages have it."""
         return 1.0 if self is Source.GROUND else 2.0 * math.pi * RPM
-
-
-class LoadKind(enum.Enum):
-    """What an excitation does to the mechanism; the values are keys of its description."""
-
-    FORCE = "force"  # N
-    MOMENT = "moment"  # N m
-    BASE_ACCELERATION = "base_acceleration"  # m/s^2, of the soil under the mounts of a base
-    BASE_DISPLACEMENT = "base_displacement"  # m, of that soil, such as the runout of a tyre
-
-
-@dataclass(frozen=True, slots=True)
-class Load:
-    """The amplitude of an excitation, and where it acts."""
-
-    kind: LoadKind
-    place: str  # a point and direction, a rigid body (moment), or soil such as "base:rear_axle.z"
-    amplitude: float  # half of peak to peak, N, N m, m/s^2 or m
-    speed: float  # at which it has this amplitude, rpm or m/s
-    exponent: float  # the amplitude grows with this power of the speed
-    relative_stddev: float  # of the amplitude
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,18 +187,18 @@ def _radius(keys: Keys) -> float:
 
 def _loads(keys: Keys, orders: list[float]) -> list[Load | None]:
     """Return the load of each order; None without amplitudes."""
-    kinds = [kind for kind in LoadKind if kind.value in keys]
+    kinds = given_kinds(keys)
     if not kinds:
         return [None] * len(orders)
     if len(kinds) > 1:
         raise keys.error(
-            kinds[1].value, f"{kinds[0].value} is given too; describe each under a name of its own."
+            kinds[1].key, f"{kinds[0].key} is given too; describe each under a name of its own."
         )
     kind = kinds[0]
-    amplitudes = keys.numbers(kind.value)
+    amplitudes = keys.numbers(kind.key)
     if len(amplitudes) != len(orders) or min(amplitudes) < 0.0:
         raise keys.error(
-            kind.value, f"give one number for each of the {len(orders)} orders, none below zero."
+            kind.key, f"give one number for each of the {len(orders)} orders, none below zero."
         )
     place, speed = keys.text("at"), _number(keys, "at_speed")
     exponent = _number(keys, "exponent", -_STEEPEST, _STEEPEST, default=0.0)

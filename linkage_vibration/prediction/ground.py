@@ -24,19 +24,18 @@ from linkage_vibration.mechanics.forces import is_force
 from linkage_vibration.mechanics.model import LinkageModel, ModelError, Place
 from linkage_vibration.mechanics.response import PoleResidue
 from linkage_vibration.prediction.level_cache import Arrays, Keep, computed
-from linkage_vibration.prediction.predictor import angles_in_table
-from linkage_vibration.table.interpolation import stroke_angle, stroke_variable
+from linkage_vibration.table.interpolation import angles_in_table, stroke_angle, stroke_variable
 from linkage_vibration.table.table import Table
 
 Reasons = NDArray[np.int8]
 
-LINES = 512
+N_FREQUENCIES = 512
 """Frequencies, even in their logarithm, over which levels are summed."""
 
 SEGMENTS = 8
 """A measured profile is divided into so many parts, and those that overlap them by half."""
 
-LOST, AIRBORNE = 0.2, 0.2
+MAX_UNKNOWN_POWER, MAX_OFF_GROUND = 0.2, 0.2
 """Largest share of the power of the acceleration at wavelengths that are not known, and of the time
 that a tyre is off the ground, with which a level is known, 1."""
 
@@ -58,9 +57,9 @@ REASONS = (
 _BASE, _SOIL, _FRFS, _LUGS, _PROFILE, _OFF, _STATIC, _ANGLE, _SPEED, _LIGHT = range(1, len(REASONS))
 FASTEST, _SLOWEST = 100.0, 0.1  # m/s; slower, the mounts move as if they did not share a profile
 _STEP, _PHASE = 0.02, 1.5  # largest steps between speeds: of ln(speed), and of a delay's phase, rad
-_STEPS, _DEGREE = (32, 128), math.radians(1.0)  # numbers of steps between angles, one to a degree
-_MOST_LINES, _WIDTH = 4096, 1.5  # lines, and steps between them to the half-width of a resonance
-_LOADS = 19  # angles at which static loads are computed
+_ANGLE_STEPS, _DEGREE = (32, 128), math.radians(1.0)  # least and most steps, and their size
+_MAX_FREQUENCIES, _PER_HALF_WIDTH = 4096, 1.5  # most of them, and how many resolve a half-width
+_N_LOAD_ANGLES = 19  # angles at which static loads are computed
 
 
 class GroundError(LinkageVibrationError):
@@ -142,7 +141,7 @@ def power_law(spectrum: Sequence[tuple[float, float]], reference: float) -> tupl
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GroundSquares:
-    """Coefficients from which mean squares at any speed follow (`contract`)."""
+    """Coefficients from which mean squares at any speed follow (`mean_squares`)."""
 
     terrain: Terrain
     frequencies: FloatArray  # (n_f,), Hz, even in their logarithm
@@ -178,7 +177,7 @@ def _refusal(mounts: Sequence[Mount], terrain: Terrain) -> int:
     return 0 if terrain.raised else _SOIL
 
 
-def ground_lines(terrain: Terrain, count: int = LINES) -> FloatArray:
+def ground_lines(terrain: Terrain, count: int = N_FREQUENCIES) -> FloatArray:
     """Return frequencies of the band of a terrain, even in their logarithm, (count,), Hz."""
     return np.asarray(np.geomspace(*terrain.band, count))
 
@@ -223,24 +222,26 @@ def ground_squares(
     return GroundSquares(terrain, frequencies, apart, np.stack(values, axis=1).astype(np.float32))
 
 
-def contract(squares: GroundSquares, speeds: FloatArray, *, lost: bool = False) -> FloatArray:
+def mean_squares(
+    squares: GroundSquares, speeds: FloatArray, *, uncovered: bool = False
+) -> FloatArray:
     """Return mean squares at speeds above 0 m/s, (n_out, n_speeds).
 
-    They are those of the wavelengths that the terrain knows, or with `lost` those of all others.
+    They are those of the wavelengths that the terrain knows, or if `uncovered` those of all others.
     """
-    weights = _weights(squares, speeds[:, np.newaxis], lost)
+    weights = _weights(squares, speeds[:, np.newaxis], uncovered)
     values = squares.values.reshape(len(squares.values), -1)
     return np.asarray((values @ weights.T).astype(np.float64))
 
 
-def _weights(squares: GroundSquares, speeds: FloatArray, lost: bool) -> NDArray[np.float32]:
+def _weights(squares: GroundSquares, speeds: FloatArray, uncovered: bool) -> NDArray[np.float32]:
     """Return what coefficients are multiplied with at speeds, (n_speeds, 1), in their order."""
     f, terrain = squares.frequencies, squares.terrain
     step = math.log(f[1] / f[0])
     # A limit between two lines cuts a part of what the nearer one stands for.
     low, high = (np.log(n * speeds) - np.log(f) for n in terrain.wavenumbers)
     covered = np.clip(0.5 + high / step, 0.0, 1.0) * np.clip(0.5 - low / step, 0.0, 1.0)
-    size = terrain.psd(f, speeds) * f * step * (1.0 - covered if lost else covered)
+    size = terrain.psd(f, speeds) * f * step * (1.0 - covered if uncovered else covered)
     size[:, [0, -1]] /= 2.0
     parts = [size]
     angles = 2.0 * math.pi * f * (squares.apart[:, np.newaxis, np.newaxis] / speeds)
@@ -258,10 +259,10 @@ def ground_spectrum(
     alpha3: float,
     speed: float,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return frequencies, (LINES,), Hz, and the density of a velocity, m2/s2/Hz, or a force, N2/Hz.
+    """Return frequencies, Hz, and the density of a velocity, m2/s2/Hz, or of a force, N2/Hz.
 
-    It is NaN at waves that the terrain does not know. A GroundError is raised if the mechanism has
-    no base on two mounts, a tool is in the soil, or the speed, m/s, is not above 0.
+    Both are (N_FREQUENCIES,), NaN at waves that the terrain does not know. A GroundError is raised
+    without a base on two mounts, with a tool in the soil, or if the speed, m/s, is not above 0.
     """
     mounts, f = vertical_mounts(mechanism), ground_lines(terrain)
     if refused := _refusal(mounts, terrain) or (0 if 0.0 < speed < math.inf else _SPEED):
@@ -304,19 +305,19 @@ class GroundTable:
         self._inputs = [(mount.name, "z") for mount in mounts]
         response = point or (mechanism.response.point, mechanism.response.direction)
         self._outputs = [response, response, *outputs]
-        self.never = _refusal(mounts, terrain)
+        self.refusal = _refusal(mounts, terrain)
         """Why no level of it is ever known, of `REASONS`, or 0."""
-        if self.never:
+        if self.refusal:
             return
         if not set(self._inputs) <= set(table.places) or terrain.band[1] > table.band[1]:
-            self.never = _FRFS
+            self.refusal = _FRFS
         else:
             self.lines = _count(table, terrain.band)
-            self.never = _LIGHT if self.lines > _MOST_LINES else 0
-        if self.never:
+            self.refusal = _LIGHT if self.lines > _MAX_FREQUENCIES else 0
+        if self.refusal:
             return
         low, high = table.alpha3_range
-        self._count = round(min(max(_STEPS[0], (high - low) / _DEGREE), _STEPS[1]))
+        self._count = round(min(max(_ANGLE_STEPS[0], (high - low) / _DEGREE), _ANGLE_STEPS[1]))
         first, last = stroke_variable(np.array([low, high]), table.toggles).tolist()
         self._ends = first, last
         self._longest = max(m.at[0] for m in mounts) - min(m.at[0] for m in mounts)
@@ -339,8 +340,8 @@ class GroundTable:
         every = replace(parts[0], values=np.concatenate([part.values for part in parts]))
         # The acceleration has the largest share of its power at short waves, as large as forces.
         sharpest = replace(parts[0], values=np.stack([part.values[1] for part in parts]))
-        squares = contract(every, speeds).reshape(count + 1, len(places), -1)
-        lost = contract(sharpest, speeds, lost=True)[:, np.newaxis]
+        squares = mean_squares(every, speeds).reshape(count + 1, len(places), -1)
+        lost = mean_squares(sharpest, speeds, uncovered=True)[:, np.newaxis]
         values = np.concatenate([squares, lost], axis=1) * speeds ** (1.0 - terrain.exponent)
         loads = np.broadcast_to(
             _static_loads(self._mechanism, mounts, angles)[..., np.newaxis],
@@ -386,15 +387,15 @@ class GroundTable:
             problem = f"{len(alpha3)} angles do not belong to {len(speed)} speeds"
             raise GroundError(f"{problem}; give one for each, or one for all.")
         alpha3, speed = np.broadcast_arrays(alpha3, speed)
-        return self.within(angles_in_table(alpha3, self._table.alpha3_range), speed)
+        return self.at_table_angles(angles_in_table(alpha3, self._table.alpha3_range), speed)
 
-    def within(self, angles: FloatArray, speed: FloatArray) -> GroundLevels:
+    def at_table_angles(self, angles: FloatArray, speed: FloatArray) -> GroundLevels:
         """Return the levels at n angles of the table, NaN where there are none, and speeds."""
         speed = speed + 0.0  # -0.0 would be faster than all speeds
         outside, unknown = np.isnan(angles), ~((speed >= 0.0) & (speed <= FASTEST))
         rows = np.full((1 + len(self._outputs), len(angles)), math.nan)
-        reason = np.full(len(angles), self.never)
-        if not self.never:
+        reason = np.full(len(angles), self.refusal)
+        if not self.refusal:
             if not (outside | unknown).all():
                 angles = np.where(outside, self._table.alpha3_range[0], angles)
                 rows, reason = self._looked_up(angles, np.where(unknown, 1.0, speed))
@@ -417,8 +418,8 @@ class GroundTable:
         squares = np.maximum(sums[: n + m], 0.0) * speed ** (self._terrain.exponent - 1.0)
         with np.errstate(divide="ignore"):  # a speed of 0 m/s
             share = ndtr(-sums[-m:] / np.sqrt(squares[n:])).max(axis=0)
-        reason = np.where(share > AIRBORNE, _OFF, np.where(np.isnan(share), _STATIC, 0))
-        lost = sums[n + m] > LOST * (sums[1] + sums[n + m])
+        reason = np.where(share > MAX_OFF_GROUND, _OFF, np.where(np.isnan(share), _STATIC, 0))
+        lost = sums[n + m] > MAX_UNKNOWN_POWER * (sums[1] + sums[n + m])
         if lost.any():
             pitch, finest = self._terrain.lug_pitch, self._terrain.wavenumbers[1]
             lugs = pitch is not None and finest == 0.5 / pitch
@@ -429,12 +430,12 @@ class GroundTable:
 
 
 def _count(table: Table, band: tuple[float, float]) -> int:
-    """Return how many lines show the sharpest resonance in a band; a power of 2 times `LINES`."""
+    """Return how many frequencies, `N_FREQUENCIES` 2^k, show the sharpest resonance in a band."""
     at = table.natural_frequencies
     ratios = table.damping_ratios[(at >= band[0]) & (at <= band[1])]
     sharpest = max(float(np.fmin.reduce(ratios, initial=1.0)), 1e-9)
-    needed = _WIDTH * math.log(band[1] / band[0]) / sharpest
-    return LINES << max(0, math.ceil(math.log2(needed / LINES)))
+    needed = _PER_HALF_WIDTH * math.log(band[1] / band[0]) / sharpest
+    return N_FREQUENCIES << max(0, math.ceil(math.log2(needed / N_FREQUENCIES)))
 
 
 def _cubic(place: FloatArray, counts: tuple[int, ...]) -> tuple[IntArray, FloatArray]:
@@ -456,7 +457,7 @@ def _static_loads(
     """Return the loads of mounts under the weight at angles, (n, n_mounts), N; NaN if unknown."""
     assert mechanism.base is not None
     which = [mechanism.base.mounts.index(mount) for mount in mounts]
-    few = np.linspace(alpha3[0], alpha3[-1], _LOADS)
+    few = np.linspace(alpha3[0], alpha3[-1], _N_LOAD_ANGLES)
     try:
         model = LinkageModel(mechanism)
         loads = np.array([model.mount_loads(angle)[which] for angle in few.tolist()])

@@ -25,7 +25,7 @@ LASTING = 10.0  # s; a fault that comes and goes has ended when it has not come 
 
 _EARLIEST = -(2**63)  # ns
 _WAITING = 100_000  # at most so many readings wait for the next judgement
-_SHARE = 0.02  # publishers disagree if at least this share of the values go to and fro
+_SHARE = 0.02  # Publishers disagree if this share of the values, or more, go to and fro.
 
 _NOISY = 100  # a sensor is noisy only if it repeated no value in the last so many changes,
 _TURNING = 0.3  # and if this share of them reversed the direction

@@ -23,25 +23,30 @@ from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArr
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import Place
 from linkage_vibration.messages.columns import MessageColumns
-from linkage_vibration.messages.fields import message_fields
-from linkage_vibration.messages.topics import LEVELS
-from linkage_vibration.prediction.ensemble import GroundMembers, Members, draws
-from linkage_vibration.prediction.excitation import Excitation, ExcitationError, LoadKind, Source
+from linkage_vibration.prediction.ensemble import EnsembleResponses, GroundMembers, load_factors
+from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.ground import REASONS, GroundLevels, GroundTable
 from linkage_vibration.prediction.level_cache import Arrays, Keep, computed, level_cache
-from linkage_vibration.prediction.loads import UnitLoad, load_input
-from linkage_vibration.prediction.predictor import Predictor, angles_in_table
-from linkage_vibration.table.interpolation import stroke_angle, stroke_variable
+from linkage_vibration.prediction.loads import (
+    ExcitationError,
+    UnitLoad,
+    load_input,
+    load_powers,
+    unit_sizes,
+    weights_at,
+)
+from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.table.interpolation import angles_in_table, stroke_angle, stroke_variable
 from linkage_vibration.table.table import Table
 
 Reals = NDArray[np.floating[Any]]
 """Those of the ensemble have single precision."""
 
-ERROR = 1e-4
+MAX_RESPONSE_ERROR = 1e-4
 """Largest error of a response between the angles at which the table was evaluated, over the sum of
 the magnitudes of its terms; where it is larger, levels are not known."""
 
-FACTORS = {
+DEVIATION_FIELDS = {
     "velocity_factors": "velocities",
     "load_ratio_factors": "load_ratios",
     "total_velocity_factor": "total_velocity",
@@ -53,9 +58,17 @@ FACTORS = {
 A factor is exp of the standard deviation of the level's logarithm over the ensemble, and the
 probability is the share of its members whose level exceeds the limit of a warning."""
 
-_KNOWN = 0.95  # Factors are known where at least this share of the members is.
-_STATIC = 1e-5  # of the magnitudes of its terms: a static response below is only rounding
-_SAME = 1.0 - 1e-6  # of the square of a load ratio; a smaller difference is rounding
+_OF_EACH = (
+    *("velocities", "velocity_factors", "accelerations", "amplifications"),
+    *("load_ratios", "load_ratio_factors"),
+)
+_OF_ALL = (
+    *("total_velocity", "total_velocity_factor", "total_acceleration", "total_load_ratio"),
+    *("total_load_ratio_factor", "warning_probability", "off_ground_share"),
+)
+_MIN_KNOWN_SHARE = 0.95  # Factors are known where at least this share of the members is.
+_MIN_STATIC_SHARE = 1e-5  # of the sizes of its terms; a smaller static response is rounding
+_SAME_SQUARE = 1.0 - 1e-6  # of the square of a load ratio; a smaller difference is rounding
 _SILENT = 1e-30  # A smaller level has no logarithm.
 _FIRST_CELLS, _MOST_CELLS = 32, 512  # of a piece of the table
 _GROUND = Source.GROUND.place
@@ -160,15 +173,12 @@ class LevelTable:
         self._rms = np.array([x.amplitude / math.sqrt(2.0) if x else math.nan for x in loads])
         self._speed = np.array([load.speed if load else 1.0 for load in loads])
         self._exponent = np.array([load.exponent if load else 0.0 for load in loads])
-        self._accelerated = np.array(
-            [x is not None and x.kind is LoadKind.BASE_ACCELERATION for x in loads]
-        )
+        self._powers = load_powers(loads)
         self._loaded = any(excitation.load or excitation.terrain for excitation in excitations)
         self._ground: GroundTable | None = None
         self._terrain = next(
             (i for i, excitation in enumerate(excitations) if excitation.terrain), 0
         )
-        self._last: tuple[bytes, _Forcing] | None = None  # speeds, and what excitations do at them
         self._cells: tuple[FloatArray, FloatArray] | None = None
         self.force_places = table.force_places if self._loaded else ()
         """Pins and cylinders, whose names are those of the table."""
@@ -188,30 +198,32 @@ class LevelTable:
             terrain = excitations[self._terrain].terrain
             if terrain is not None:
                 self._ground = GroundTable(table, mechanism, terrain, rows, keep=keep)
-        self._members: Members | None = None
+        self.has_load_ratios = self._cells is not None and bool(self.force_places)
+        """Whether the table gives the loads of excitations in pins, up to its highest frequency."""
+        self.n_members = 0
+        """Number of members of the ensemble by which factors are known, or 0."""
+        self._members: EnsembleResponses | None = None
         self._ground_members: GroundMembers | None = None
         if self._loaded and len(table.ensemble_alpha3):
-            self._members = Members(table, inputs, outputs, n_forces, self._table_responses)
-            amplitudes, frequencies = draws(excitations, self._members.n)
-            amplitudes /= np.where(self._accelerated[:, np.newaxis], frequencies**2, 1.0)
-            self._draws = amplitudes.T, frequencies.T
+            self._members = EnsembleResponses(
+                table, inputs, outputs, n_forces, self._table_responses
+            )
+            self.n_members = self._members.n
+            amplitudes, frequencies = load_factors(excitations, self.n_members)
+            amplitudes = unit_sizes(amplitudes.T, frequencies.T, self._powers)
+            self._draws = amplitudes, frequencies.T
             self._nodes = self._terms(table.ensemble_alpha3)
-            if self._ground is not None and terrain is not None and not self._ground.never:
+            if self._ground is not None and terrain is not None and not self._ground.refusal:
                 self._ground_members = GroundMembers(
                     table, mechanism, terrain, outputs, self._ground.lines, keep
                 )
 
     def prepare(self) -> None:
         """Compute now what would be computed for the first levels that need it."""
-        if self._ground is not None and not self._ground.never:
+        if self._ground is not None and not self._ground.refusal:
             _ = self._ground.values
         if self._ground_members is not None:
             _ = self._ground_members.logs
-
-    @property
-    def has_load_ratios(self) -> bool:
-        """Whether the table gives the loads of excitations in pins, up to its highest frequency."""
-        return self._cells is not None and bool(self.force_places)
 
     @property
     def alpha3_range(self) -> tuple[float, float]:
@@ -252,12 +264,12 @@ class LevelTable:
         )
 
     def at(self, alpha3: FloatArray, speeds: FloatArray) -> MessageColumns:
-        """Return the levels at n angles, which are the float32 fields of ``Levels.msg``.
+        """Return the levels at n angles, by the names of the fields of ``Levels.msg``.
 
         They are NaN outside the table, and factors without `set_factors`. Speeds are (n_sources,
         n). ``load_places``, (n, n_excitations), are indices of pins and cylinders.
         """
-        angles, forcing = angles_in_table(alpha3, self.alpha3_range), self._forcing(speeds)
+        angles, forcing = angles_in_table(alpha3, self.alpha3_range), self._forcing_at(speeds)
         parts = []
         for few in self._chunks(len(angles)):
             terms = self._terms(angles[few])
@@ -265,7 +277,7 @@ class LevelTable:
             parts.append((squares, terms.static, terms.reference))
         return self._levels(parts, forcing, angles, speeds[_GROUND])
 
-    def over(self, alpha3: FloatArray, speeds: FloatArray) -> MessageColumns:
+    def at_all_pairs(self, alpha3: FloatArray, speeds: FloatArray) -> MessageColumns:
         """Return the levels `at` each of n angles with each of k speeds, (n k), angle by angle.
 
         What does not change with the speeds, (n_sources, k), is computed once for each angle, (n,).
@@ -313,7 +325,7 @@ class LevelTable:
         np.divide(magnitude, static.take(self._inputs, axis=1), out=amplifications)
         ground = None
         if self._ground is not None:
-            ground = self._ground.within(angles, ground_speed)
+            ground = self._ground.at_table_angles(angles, ground_speed)
             reasons = ground.reason
         self._evaluate(numbers, places, squares, reference, forcing, ground)
         numbers[np.isnan(numbers)] = math.nan  # of one sign, so that equal levels are equal bytes
@@ -346,7 +358,7 @@ class LevelTable:
         squares = members.responses(angles, modes, omega, self._inputs) ** 2
         squares = squares[:, :, 0] + squares[:, :, 1]
         if self._ground is not None:
-            rolling = self._ground.within(angles, speeds[_GROUND])
+            rolling = self._ground.at_table_angles(angles, speeds[_GROUND])
             if self._ground_members is not None:
                 amplitudes = self._draws[0][:, self._terrain]
                 rolling = self._ground_members.levels(rolling, angles, speeds[_GROUND], amplitudes)
@@ -370,13 +382,8 @@ class LevelTable:
         numbers, at = self.members(alpha3, speeds), _columns(len(self._inputs))
         return numbers[..., at["total_load_ratio"]].T, numbers[..., at["total_velocity"]].T
 
-    @property
-    def n_members(self) -> int:
-        """Number of members of the ensemble by which factors are known, or 0."""
-        return 0 if self._members is None else self._members.n
-
     def factor_rows(self, alpha3: FloatArray, speeds: FloatArray, limit: float) -> FloatArray:
-        """Return the `FACTORS` of levels at n angles, (n, n_factors), in the order of the names.
+        """Return the `DEVIATION_FIELDS` at n angles, (n, n_factors), in the order of the names.
 
         They are NaN where fewer than 95 % of the members are known. Above the limit of the total
         load ratio a warning begins; angles and speeds are those of `at`.
@@ -393,30 +400,42 @@ class LevelTable:
             factors[:, -1:] = _mean(np.where(np.isnan(total), total, total > limit))
         return factors
 
+    def set_factors(
+        self,
+        columns: MessageColumns,
+        due: Sequence[int],
+        which: Sequence[int],
+        held: FloatArray,
+        limit: float,
+    ) -> FloatArray:
+        """Set the factors of n messages, and return those of the last one, (1, n_factors).
+
+        Those of the rows that are due are computed. `which`, (n,), are the indices of the factors
+        of each message among these, after those that are held, (1, n_factors), or (1, 0) at first.
+        """
+        angles, speeds = columns.crank_angle[due], columns.speeds[due].T
+        computed = self.factor_rows(angles, speeds, limit)
+        factors = np.concatenate([held if held.size else computed[:1], computed])[which]
+        _set_factors(columns, factors)
+        return np.asarray(factors[-1:])
+
     def factors(
         self, alpha3: FloatArray, speeds: FloatArray, limit: float
     ) -> dict[str, NDArray[np.float32]]:
         """Return what `factor_rows` does by the names; NaN where a level is not known, too."""
         columns = self.at(alpha3, speeds)
-        set_factors(columns, self.factor_rows(alpha3, speeds, limit))
-        return {name: getattr(columns, name) for name in FACTORS}
-
-    def _forcing(self, speeds: FloatArray) -> _Forcing:
-        """Return what excitations do at speeds, (n_sources, n), which often are the last ones."""
-        key, last = speeds.tobytes(), self._last
-        if last is None or last[0] != key:
-            last = self._last = key, self._forcing_at(speeds)
-        return last[1]
+        _set_factors(columns, self.factor_rows(alpha3, speeds, limit))
+        return {name: getattr(columns, name) for name in DEVIATION_FIELDS}
 
     def _forcing_at(self, speeds: FloatArray) -> _Forcing:
+        """Return what excitations do at speeds, (n_sources, n)."""
         with np.errstate(all="ignore"):
             speed = speeds.take(self._sources, axis=0).T
             omega = self._omega * speed
             defined = np.where((speed >= 0.0) & (omega <= self._top), 1.0, math.nan)
             omega = np.where(np.isnan(defined), 1.0, omega)
             size = self._rms * (speed / self._speed) ** self._exponent
-            # The unit load of the soil is a displacement, of which this is the acceleration.
-            size = np.where(self._accelerated, size / (omega * omega), size)
+            size = unit_sizes(size, omega, self._powers)
             size = np.where(speed == 0.0, 0.0 * self._rms, size)
             return _Forcing(omega, defined, size * defined)
 
@@ -511,7 +530,7 @@ def first_largest(values: Reals, largest: Reals) -> IntArray:
 
     Both pins of a light link carry the same force, so that the last bit would decide.
     """
-    return np.asarray((values >= _SAME * largest[..., np.newaxis, :]).argmax(axis=-2))
+    return np.asarray((values >= _SAME_SQUARE * largest[..., np.newaxis, :]).argmax(axis=-2))
 
 
 def _unit_loads(
@@ -528,9 +547,9 @@ def _unit_loads(
                 f"{table.mechanism_name} has no FRFs to compute a level from; leave the "
                 "amplitude out."
             )
-        key = ("", "") if load is None else (load.kind.value, load.place)
+        key = ("", "") if load is None else (load.kind.key, load.place)
         if key not in inputs:
-            inputs[key] = load_input(excitation, table, mechanism)
+            inputs[key] = load_input(load, excitation.name, table, mechanism)
         which.append(list(inputs).index(key))
     return list(inputs.values()), which
 
@@ -542,30 +561,26 @@ def unknown_levels(n_excitations: int, n: int) -> MessageColumns:
 
 @cache
 def _columns(m: int) -> dict[str, slice | int]:
-    """Return the columns of each level of m excitations, and of the `FACTORS`.
+    """Return the columns of each level of m excitations, and of the `DEVIATION_FIELDS`.
 
     Those of each excitation have m columns, and those of all together one.
     """
-    columns: dict[str, slice | int] = {}
-    end = 0
-    for field in message_fields(LEVELS):
-        if field.type == "float32":
-            columns[field.name] = slice(end, end + m) if field.is_sequence else end
-            end += m if field.is_sequence else 1
-    return columns
+    of_each: dict[str, slice | int] = {
+        name: slice(i * m, (i + 1) * m) for i, name in enumerate(_OF_EACH)
+    }
+    return of_each | {name: len(_OF_EACH) * m + i for i, name in enumerate(_OF_ALL)}
 
 
 @cache
 def _factored(m: int) -> IntArray:
-    """Return the columns of the levels of m excitations that have `FACTORS`, in their order."""
+    """Return the columns of the levels of m excitations that have `DEVIATION_FIELDS`, in order."""
     columns, every = _columns(m), np.arange(_unknown(0, m)[0].shape[1])
-    return np.hstack([every[columns[name]] for name in FACTORS.values()])
+    return np.hstack([every[columns[name]] for name in DEVIATION_FIELDS.values()])
 
 
 def _unknown(n: int, m: int) -> tuple[FloatArray, IntArray, NDArray[np.int8]]:
     """Return n unknown levels of m excitations: numbers, places, and reasons of the ground."""
-    width = sum(1 if isinstance(each, int) else m for each in _columns(m).values())
-    numbers = np.full((n, width), math.nan)
+    numbers = np.full((n, len(_OF_EACH) * m + len(_OF_ALL)), math.nan)
     return numbers, np.zeros((n, m + 1), np.int64), np.zeros(n, np.int8)
 
 
@@ -587,10 +602,10 @@ def _level_columns(
     )
 
 
-def set_factors(columns: MessageColumns, factors: FloatArray) -> None:
+def _set_factors(columns: MessageColumns, factors: FloatArray) -> None:
     """Set the factors of n known levels to those of `LevelTable.factor_rows`, (n, n_factors)."""
     end = 0
-    for name, of in FACTORS.items():
+    for name, of in DEVIATION_FIELDS.items():
         level = getattr(columns, of)
         begin, end = end, end + math.prod(level.shape[1:])
         values = factors[:, begin:end].reshape(level.shape)
@@ -608,7 +623,7 @@ def _mean(values: FloatArray) -> FloatArray:
     finite = ~np.isnan(values)
     count = finite.sum(axis=1)
     mean = _sum(np.where(finite, values, 0.0)) / count
-    return np.where(count >= _KNOWN * values.shape[1], mean, math.nan)
+    return np.where(count >= _MIN_KNOWN_SHARE * values.shape[1], mean, math.nan)
 
 
 def _sampled(table: Table, inputs: list[UnitLoad], outputs: list[Place], n_forces: int) -> Arrays:
@@ -694,7 +709,7 @@ class _Samples:
         while True:
             at, values = self._along(2 * cells)
             interpolated = _spline(at[::2], values[::2])(at[1::2])
-            wrong = ~(self._errors(interpolated, values[1::2]) <= ERROR)
+            wrong = ~(self._errors(interpolated, values[1::2]) <= MAX_RESPONSE_ERROR)
             if not wrong.any() or cells >= _MOST_CELLS:
                 return at, values, wrong.repeat(2)
             cells *= 2
@@ -738,18 +753,14 @@ class _Samples:
 
     def _responses_at(self, alpha3: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return poles, numerators and all other values at an angle, as `_Layout` arranges them."""
-        table, weights = self._table, np.zeros((2, len(self._places), len(self._inputs)))
         # At its end the table uses the next piece, whose number of poles may be another.
         alpha3 = min(alpha3, math.nextafter(self._ends[1], self._ends[0]))
-        for i, load in enumerate(self._inputs):
-            weights[:, [self._places.index(place) for place in load.places], i] = load.weights(
-                alpha3
-            )
-        frf, rate = table.frf(alpha3, self._outputs, self._places).driven(*weights)
+        weights = weights_at(self._inputs, self._places, alpha3)
+        frf, rate = self._table.frf(alpha3, self._outputs, self._places).driven(*weights)
         a, b, rest = frf.residues, frf.rates, frf.residual
         terms = a[0] / frf.stiffness
         static = np.abs(terms.sum(axis=1) + rest[0])
-        significant = static > _STATIC * (np.abs(terms).sum(axis=1) + np.abs(rest[0]))
+        significant = static > _MIN_STATIC_SHARE * (np.abs(terms).sum(axis=1) + np.abs(rest[0]))
         others = [rest.real, rest.imag, rate.real, np.where(significant, static, math.nan)]
         return (
             np.array([frf.stiffness.real, frf.stiffness.imag, frf.decay]),

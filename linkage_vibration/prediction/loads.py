@@ -1,24 +1,28 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Turns loads of excitations into forces at the places between which a table has FRFs."""
+"""The kinds of loads, and how each acts as forces at the places between which a table has FRFs."""
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.arrays import FloatArray, IntArray
 from linkage_vibration.mechanics.base import mount_springs
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.ground_motion import soil_places
 from linkage_vibration.mechanics.kinematics import Kinematics
 from linkage_vibration.mechanics.model import Place
-from linkage_vibration.prediction.excitation import Excitation, ExcitationError, Load, LoadKind
 from linkage_vibration.support.commands import command
 from linkage_vibration.table.table import Table
 
 Weights = Callable[[float], tuple[FloatArray, FloatArray]]
+
+
+class ExcitationError(LinkageVibrationError):
+    """A description of excitations is invalid."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,42 +39,90 @@ class UnitLoad:
     mounts: tuple[int, ...] = ()
 
 
-def load_input(excitation: Excitation, table: Table, mechanism: Mechanism) -> UnitLoad:
-    """Return the input of an excitation; without a load, a force at the response point.
+@dataclass(frozen=True, slots=True)
+class LoadKind:
+    """What an excitation does to the mechanism."""
+
+    key: str  # of its amplitudes in a description
+    unit: str  # of an amplitude
+    # Returns the unit load at what the key `at` names, of a mechanism; the words begin its errors.
+    unit_load: Callable[[str, Mechanism, str], UnitLoad] = field(repr=False)
+    power: int = 0  # Unit loads are amplitudes times this power of the angular frequency.
+
+
+@dataclass(frozen=True, slots=True)
+class Load:
+    """The amplitude of an excitation, and where it acts."""
+
+    kind: LoadKind
+    place: str  # a point and direction, a rigid body (moment), or soil such as "base:rear_axle.z"
+    amplitude: float  # half of peak to peak, in the unit of the kind
+    speed: float  # at which it has this amplitude, rpm or m/s
+    exponent: float  # the amplitude grows with this power of the speed
+    relative_stddev: float  # of the amplitude
+
+
+def given_kinds(keys: Iterable[str]) -> list[LoadKind]:
+    """Return the kinds of which a description has amplitudes."""
+    given = set(keys)
+    return [kind for kind in LOAD_KINDS if kind.key in given]
+
+
+def load_powers(loads: Sequence[Load | None]) -> IntArray:
+    """Return the power of omega of each load, (n_loads,); 0 without a load."""
+    return np.array([load.kind.power if load else 0 for load in loads], np.int64)
+
+
+def unit_sizes(sizes: FloatArray, omega: FloatArray, powers: IntArray) -> FloatArray:
+    """Return sizes of loads, in their units, as multiples of unit loads at frequencies, rad/s.
+
+    The last axis is that of the loads, whose `load_powers` are (n_loads,).
+    """
+    for power in {*powers.tolist()} - {0}:
+        factor = math.prod([omega] * abs(power))
+        scaled = sizes / factor if power < 0 else sizes * factor
+        sizes = np.where(powers == power, scaled, sizes)
+    return sizes
+
+
+def weights_at(loads: Sequence[UnitLoad], places: Sequence[Place], alpha3: float) -> FloatArray:
+    """Return both weights of unit loads at places, (2, n_places, n_loads), at an input angle."""
+    weights = np.zeros((2, len(places), len(loads)))
+    for i, load in enumerate(loads):
+        weights[:, [places.index(place) for place in load.places], i] = load.weights(alpha3)
+    return weights
+
+
+def load_input(load: Load | None, name: str, table: Table, mechanism: Mechanism) -> UnitLoad:
+    """Return the unit load of an excitation with a name; without a load, at the response point.
 
     An ExcitationError says that the mechanism has no such place, or its table no FRF there.
     """
-    load, response = excitation.load, mechanism.response
+    response = mechanism.response
     if load is None:
-        return _force((response.point, response.direction))
-    load_place = _input(load, mechanism, f"excitation {excitation.name}")
-    missing = sorted(
-        {point for point, direction in load_place.places if (point, direction) not in table.places}
-    )
+        return _force_at((response.point, response.direction))
+    unit_load = load.kind.unit_load(load.place, mechanism, f"excitation {name}")
+    missing = sorted({place[0] for place in unit_load.places if place not in table.places})
     if missing:
         raise ExcitationError(
-            f"excitation {excitation.name}: the table has no FRF at {', '.join(missing)}, where "
+            f"excitation {name}: the table has no FRF at {', '.join(missing)}, where "
             f"{load.place} acts; name them and {response.point} in "
             f"`{command('build FILE --frf-points')}`, and give that table in table_file."
         )
-    return load_place
+    return unit_load
 
 
-def _input(load: Load, mechanism: Mechanism, where: str) -> UnitLoad:
-    if load.kind in (LoadKind.BASE_ACCELERATION, LoadKind.BASE_DISPLACEMENT):
-        return soil_motion(load.place, mechanism, where)
-    if load.kind is LoadKind.MOMENT:
-        return _moment(load.place, mechanism, where)
-    point, _, direction = load.place.rpartition(".")
+def _force(name: str, mechanism: Mechanism, where: str) -> UnitLoad:
+    point, _, direction = name.rpartition(".")
     if not mechanism.owners(point) or direction not in ("x", "z"):
         raise ExcitationError(
-            f"{where}: the mechanism {mechanism.name} has no place {load.place}; give a point and "
+            f"{where}: the mechanism {mechanism.name} has no place {name}; give a point and "
             f"a direction, such as {mechanism.response.point}.z."
         )
-    return _force((point, direction))
+    return _force_at((point, direction))
 
 
-def _force(place: Place) -> UnitLoad:
+def _force_at(place: Place) -> UnitLoad:
     weights = np.ones(1), np.zeros(1)
     return UnitLoad((place,), lambda alpha3: weights)
 
@@ -133,3 +185,12 @@ def _moment(body: str, mechanism: Mechanism, where: str) -> UnitLoad:
         return np.array([-x, -z, x, z]), np.zeros(4)
 
     return UnitLoad(tuple(places), weights)
+
+
+FORCE = LoadKind("force", "N", _force)
+MOMENT = LoadKind("moment", "N m", _moment)
+# The unit load of the soil under the mounts of a base is a displacement.
+BASE_ACCELERATION = LoadKind("base_acceleration", "m/s²", soil_motion, power=-2)
+BASE_DISPLACEMENT = LoadKind("base_displacement", "m", soil_motion)  # as the runout of a tyre
+LOAD_KINDS = FORCE, MOMENT, BASE_ACCELERATION, BASE_DISPLACEMENT
+"""All kinds of loads; a new one needs no more than its entry."""

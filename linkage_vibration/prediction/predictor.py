@@ -14,12 +14,11 @@ from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.kinematics import unit_question
 from linkage_vibration.messages.columns import MessageColumns
+from linkage_vibration.table.interpolation import angles_in_table
 from linkage_vibration.table.table import Table
 
 _UNCERTAIN_FREQUENCY, _UNCERTAIN_RATIO = 1.0, 20.0  # %
 _FARTHEST_ANGLE = 1e6  # deg; beyond it, nobody is asked whether the joint's zero is turns off
-_TURN = 2.0 * math.pi
-_FARTHEST = 1e6  # rad; a larger angle is too coarse to be reduced to one turn
 
 
 class Status(enum.IntEnum):
@@ -155,38 +154,6 @@ def fault(prediction: Prediction, alpha3_range: tuple[float, float]) -> str:
     return ""
 
 
-def one_row(prediction: Prediction) -> MessageColumns:
-    """Return what resonances are assessed by, as columns of one row."""
-    names = "natural_frequencies", "damping_ratios", "frequency_slopes", "frequency_stddevs"
-    return MessageColumns(
-        crank_angle=np.array([prediction.crank_angle]),
-        table_id=prediction.table_id,
-        **{name: getattr(prediction, name)[np.newaxis] for name in names},
-    )
-
-
-def angles_in_table(alpha3: FloatArray, alpha3_range: tuple[float, float]) -> FloatArray:
-    """Return the angles of a table that are the same positions, rad, (n,); NaN if there are none.
-
-    Whole turns are removed if the crank turns all the way; otherwise one, for a sensor that wraps.
-    """
-    low, high = alpha3_range
-    with np.errstate(invalid="ignore"):  # an infinite angle
-        turned = low + (alpha3 - low) % _TURN
-    if covers_a_turn(alpha3_range):
-        near, turned = np.abs(alpha3) < _FARTHEST, np.minimum(turned, high)
-    else:
-        # More than one turn would let angles in degrees pass for radians.
-        near = (np.abs(alpha3 - turned) < 1.5 * _TURN) & (turned <= high)
-    inside = (low <= alpha3) & (alpha3 <= high)
-    return np.where(inside, alpha3, np.where(near, turned, math.nan))
-
-
-def covers_a_turn(alpha3_range: tuple[float, float]) -> bool:
-    """Return whether a table over these angles, rad, belongs to a crank that turns all the way."""
-    return alpha3_range[1] - alpha3_range[0] >= _TURN * (1.0 - 1e-12)
-
-
 class Predictor:
     """Predicts from a table.
 
@@ -258,11 +225,11 @@ class Predictor:
         angle = self.angle_in_table(alpha3)
         if angle is None:
             return self._refuse(alpha3)
-        values, peak_frequency, peak_magnitude, error = self.table.interpolate(angle)
+        (values, peak_frequency, peak_magnitude, error), slopes, parameters = self.table.at(angle)
         n = self._n_modes
-        slopes = self.table.slopes(angle)
-        parts = zip(*self._parts(angle, stddev, values, slopes, error), strict=True)
-        stddevs = [math.sqrt(a * a + b * b + c * c + d * d) for a, b, c, d in parts]
+        parts = self._parts(angle, stddev, values, slopes, error, parameters)
+        each = zip(*parts, strict=True)
+        stddevs = [math.sqrt(a * a + b * b + c * c + d * d) for a, b, c, d in each]
         modes = np.array([*values, *slopes[:n], *stddevs]).reshape(5, n)
         frequencies, ratios, frequency_slopes, frequency_stddevs, ratio_stddevs = modes
         sound = self._sound_low <= angle <= self._sound_high
@@ -291,16 +258,21 @@ class Predictor:
         angle = self.angle_in_table(float(alpha3))
         if angle is None:
             return Shares(*np.full((4, 2, self._n_modes), math.nan))
-        values, _, _, error = self.table.interpolate(angle)
-        parts = self._parts(angle, stddev, values, self.table.slopes(angle), error)
+        (values, _, _, error), slopes, parameters = self.table.at(angle)
+        parts = self._parts(angle, stddev, values, slopes, error, parameters)
         return Shares(*np.array(parts).reshape(4, 2, self._n_modes))
 
     def _parts(
-        self, angle: float, stddev: float, values: list[float], slopes: list[float], error: float
+        self,
+        angle: float,
+        stddev: float,
+        values: list[float],
+        slopes: list[float],
+        error: float,
+        parameters: list[float],
     ) -> tuple[list[float], ...]:
         """Return the parts of the standard deviations of values, each (2 n_modes,)."""
         n = self._n_modes
-        parameters = self.table.parameter_deviations(angle)
         parameters[:n] = [part * value for part, value in zip(parameters, values[:n], strict=False)]
         noise = [0.0] * (2 * n)
         if self._measured:

@@ -5,7 +5,7 @@
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +16,11 @@ from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.messages.columns import MessageColumns, joined
 from linkage_vibration.prediction.agreement import Agreement
 from linkage_vibration.prediction.excitation import Excitation, Source
-from linkage_vibration.prediction.ground import AIRBORNE
-from linkage_vibration.prediction.levels import LevelTable, set_factors, unknown_levels
+from linkage_vibration.prediction.ground import MAX_OFF_GROUND
+from linkage_vibration.prediction.levels import LevelTable, unknown_levels
 from linkage_vibration.prediction.motion import Rate, speed_filter
 from linkage_vibration.prediction.periods import Place, Windows
-from linkage_vibration.prediction.predictor import Prediction, one_row
+from linkage_vibration.prediction.predictor import Prediction
 from linkage_vibration.prediction.severity import (
     CLEAR,
     DEFAULT_LIMITS,
@@ -28,13 +28,12 @@ from linkage_vibration.prediction.severity import (
     SPEED_BITS,
     UNKNOWN,
     WARNING,
+    WINDOW_RANKS,
     ResonanceState,
     Unknown,
     WarningLimits,
     WarningTimer,
-    severities,
     states,
-    window_ranks,
 )
 
 _LATEST = 2**63 - 1  # ns
@@ -43,7 +42,7 @@ _CHUNK = 512  # predictions that are assessed together, so that their numbers st
 
 _SPEEDS = np.linspace(0.3, 1.7, 71)  # of the present speed, among which a quiet one is sought
 _PRESENT = int(np.abs(_SPEEDS - 1.0).argmin())
-_ANGLES = 91  # of the table, likewise
+_N_ANGLES = 91  # of the table, among which a quiet one is sought
 _QUIET_FOR = 1.0  # s, for which the answer is used again
 _FACTORS_FOR = 1.0  # s, for which the factors of levels are used again in the same state
 _SPEED_BITS = np.array([SPEED_BITS[source] for source in Source])
@@ -52,9 +51,20 @@ _NO_SPEED = math.nan, math.nan, math.nan
 _GROUND = Source.GROUND.place
 
 
+class Header(NamedTuple):
+    """What a message takes from its reading, and the place of that in its window."""
+
+    sec: int
+    nanosec: int
+    frame_id: str
+    due_at: int  # ns
+    timed_by_receipt: bool
+    place: Place
+
+
 _Speed: TypeAlias = tuple[float, float, float]
 """A speed, rpm or m/s, its rate, and the bound of the error of that; NaN if not known."""
-_Reading: TypeAlias = tuple[Prediction, Rate, int, list[_Speed], MessageColumns]
+_Reading: TypeAlias = tuple[Prediction, Rate, int, list[_Speed], Header]
 """Prediction, velocity, time, ns, speeds, and header of a reading."""
 
 
@@ -101,23 +111,25 @@ def half_power_probability(
     return np.asarray(above - below)
 
 
-def window_header(
-    sec: int, nanosec: int, frame_id: str, due_at: int, timed_by_receipt: bool, place: Place
-) -> MessageColumns:
-    """Return what a message takes from its reading, and the place of that, (1,) each."""
+def rows_of(predictions: Sequence[Prediction]) -> MessageColumns:
+    """Return what resonances are assessed by, as columns of n predictions of one table."""
+    names = "natural_frequencies", "damping_ratios", "frequency_slopes", "frequency_stddevs"
+    columns = {name: np.array([getattr(each, name) for each in predictions]) for name in names}
+    angles = np.array([each.crank_angle for each in predictions])
+    return MessageColumns(crank_angle=angles, table_id=predictions[0].table_id, **columns)
+
+
+def window_headers(headers: Sequence[Header]) -> MessageColumns:
+    """Return what messages take from their readings, (n,) each."""
+    sec, nanosec, frame_id, due_at, timed_by_receipt, place = zip(*headers, strict=True)
     return MessageColumns(
-        sec=np.array([sec]),
-        nanosec=np.array([nanosec]),
-        frame_id=np.array([frame_id], object),
-        due_at=np.array([due_at]),
-        timed_by_receipt=np.array([timed_by_receipt], np.uint8),
-        place=np.array([place]),
+        sec=np.array(sec),
+        nanosec=np.array(nanosec),
+        frame_id=np.array(frame_id, object),
+        due_at=np.array(due_at),
+        timed_by_receipt=np.array(timed_by_receipt, np.uint8),
+        place=np.array(place),
     )
-
-
-def stamp_and_frame(message: MessageColumns) -> tuple[int, int, str]:
-    """Return the stamp of one message, s and ns, and its frame."""
-    return int(message.sec), int(message.nanosec), str(message.frame_id)
 
 
 def _by_source(speeds: Iterable[Sequence[_Speed]]) -> FloatArray:
@@ -141,7 +153,7 @@ def _published(columns: MessageColumns) -> tuple[Integers, Integers, int]:
     last = np.flatnonzero(np.append(window[1:] != window[:-1], [True] * (n > 0)))
     state = columns.state[:n]
     # Of readings that are equal, the latest counts.
-    worst = np.lexsort((columns.severity[:n], window_ranks(state), window))[last]
+    worst = np.lexsort((columns.severity[:n], WINDOW_RANKS.take(state), window))[last]
     rows = np.union1d(worst, last[state[last] != state[worst]])
     late = columns.place[last[np.searchsorted(last, rows)]] == Place.WAITS
     rows = rows[~(late & (state[rows] == CLEAR))]
@@ -290,29 +302,29 @@ class ResonanceMonitor:
         ns, is by the clock of the speeds.
         """
         velocities, errors = np.array([[velocity], [velocity_error]])
-        row = one_row(prediction)
+        row = rows_of([prediction])
         resonance = self.assess_many(row, velocities, np.array([time]), (), errors).message(0)
         resonance.state = ResonanceState(resonance.state)
         return resonance
 
     def take(
-        self, prediction: Prediction, velocity: Rate, time: int, header: MessageColumns
+        self, prediction: Prediction, velocity: Rate, time: int, header: Header
     ) -> MessageColumns | None:
         """Take a reading that has a place; return the messages of the windows that end, if any.
 
-        The arguments are those of `assess`, and a `window_header`.
+        The arguments are those of `assess`, and a `Header`.
         """
         self._waiting.append((prediction, velocity, time, self._speeds_at(time), header))
-        if header.place[0] == Place.WAITS:
+        if header.place is Place.WAITS:
             return None
         waiting, self._waiting = self._waiting, []
         predictions, velocities, times, speeds, headers = zip(*waiting, strict=True)
         return self._answer(
-            joined([*map(one_row, predictions)]),
+            rows_of(predictions),
             np.array(velocities).T,
             np.array(times),
             _by_source(speeds),
-            joined(headers),
+            window_headers(headers),
         )
 
     def assess_many(
@@ -380,14 +392,15 @@ class ResonanceMonitor:
         The crank's velocity and the bound of its error are (2, n), and speeds with their rates and
         the bounds of the errors of these (3, n_sources, n).
         """
-        levels = unknown_levels(len(self.excitations), len(time))
-        if self.levels is not None:
+        if self.levels is None:
+            levels = unknown_levels(len(self.excitations), len(time))
+        else:
             levels = self.levels.at(predictions.crank_angle, speeds[0])
         pairs = self._pairs(predictions, crank, speeds)
         totals = levels.total_load_ratio[np.newaxis]
         ratio = np.concatenate([levels.load_ratios.T, totals], dtype=float)
         # No level is known while a tyre is in the air, but that is no reason to be calm.
-        airborne = self._rolling & (levels.off_ground_share > AIRBORNE)
+        airborne = self._rolling & (levels.off_ground_share > MAX_OFF_GROUND)
         ratio[:-1][airborne] = math.inf
         # A load that the table could give is not calm because it is beyond the table's frequencies.
         beyond = self._loaded & ~np.isnan(pairs.speed) & np.isnan(levels.velocities.T)
@@ -402,8 +415,7 @@ class ResonanceMonitor:
         # The ground is near no mode, so only a load ratio says something about it.
         near = pairs.apart < np.where(beyond, self.limits.near, math.inf)
         assessable = np.where(self._rolling, known[:-1], near)
-        state = states(ratio[:-1], pairs.apart, assessable, warns[:-1], self.limits)
-        severity = severities(ratio[:-1], pairs.apart, self.limits)
+        state, severity = states(ratio[:-1], pairs.apart, assessable, warns[:-1], self.limits)
         highest = np.maximum.reduce(state)
         worst = np.where(state == highest, severity, -1.0).argmax(axis=0)
         columns = self._columns(predictions, pairs, levels, worst, highest == UNKNOWN)
@@ -429,7 +441,7 @@ class ResonanceMonitor:
         columns.count = (self.count + 1 + np.arange(n)).astype(np.uint32)
         self.count += n
         if self.levels is not None and self.levels.n_members and n:
-            set_factors(columns, self._factor_rows(self.levels, columns))
+            self._set_factors(self.levels, columns)
         worst = columns.excitation_index
         columns.quiet_speed, columns.quiet_angle = self._quieter(
             columns.state, worst, angles, speeds, columns.time
@@ -518,8 +530,8 @@ class ResonanceMonitor:
             **vars(levels),
         )
 
-    def _factor_rows(self, levels: LevelTable, columns: MessageColumns) -> FloatArray:
-        """Return the factors of n messages, which are computed once a second and in a new state."""
+    def _set_factors(self, levels: LevelTable, columns: MessageColumns) -> None:
+        """Set the factors of n messages, which are computed once a second and in a new state."""
         due, rows = [], []  # the rows that are evaluated, and how many of these precede each row
         moments = zip(columns.time.tolist(), columns.state.tolist(), strict=True)
         for row, (now, state) in enumerate(moments):
@@ -528,12 +540,7 @@ class ResonanceMonitor:
                 self._factors_time, self._factors_state = now, state
                 due.append(row)
             rows.append(len(due))
-        angles, speeds = columns.crank_angle[due], columns.speeds[due].T
-        computed = levels.factor_rows(angles, speeds, self.limits.warning)
-        held_before = self._factors if self._factors.size else computed[:1]
-        factors = np.concatenate([held_before, computed])[rows]
-        self._factors = factors[-1:]
-        return factors
+        self._factors = levels.set_factors(columns, due, rows, self._factors, self.limits.warning)
 
     def _place_names(self, places: Integers, ratio: FloatArray) -> NDArray[np.str_]:
         """Return the names of pins and cylinders, (n,); empty where the load ratio is not known."""
@@ -574,7 +581,7 @@ class ResonanceMonitor:
         if self.levels is None:
             return math.nan, math.nan
         low, high = self.levels.alpha3_range
-        tried = np.linspace(low, high, _ANGLES)
+        tried = np.linspace(low, high, _N_ANGLES)
         at = np.concatenate([np.full(len(_SPEEDS), angle), tried])
         every = np.repeat(speeds[:, np.newaxis], len(at), axis=1)
         every[source, : len(_SPEEDS)] *= _SPEEDS
@@ -609,7 +616,7 @@ class ResonanceMonitor:
         """Return whether no limit is exceeded at angles and speeds, (n,); one is the present."""
         found, limit = levels.at(angles, speeds), self.limits.warning
         unsafe = (found.load_ratios > limit)[:, self._warns[:, 0]].any(axis=1)
-        unsafe |= found.off_ground_share > AIRBORNE
+        unsafe |= found.off_ground_share > MAX_OFF_GROUND
         # Where a load that is known now would not be known, nothing is known to be quiet.
         unknown = np.isnan(found.load_ratios)
         unsafe |= (unknown & ~unknown[present]).any(axis=1)

@@ -19,7 +19,7 @@ from linkage_vibration.bags.blocks import Integers
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.excitation import KMH, Excitation, Source
-from linkage_vibration.prediction.ground import AIRBORNE
+from linkage_vibration.prediction.ground import MAX_OFF_GROUND
 
 GAP = 3.0
 """Readings that are farther apart, s, do not belong to the same warning."""
@@ -45,7 +45,7 @@ class ResonanceState(enum.IntEnum):
 
 
 UNKNOWN, CLEAR, NOTE, WARNING = np.arange(4, dtype=np.uint8)
-_RANKS = np.array([1, 0, 2, 3], np.uint8)  # of these, in a window
+WINDOW_RANKS = np.array([1, 0, 2, 3], np.uint8)  # of these, in a window
 
 
 class Unknown(enum.IntFlag):
@@ -128,32 +128,17 @@ def states(
     known: BoolArray,
     warns: BoolArray,
     limits: WarningLimits,
-) -> NDArray[np.uint8]:
-    """Return the states of excitations, all arrays (n_excitations, n).
+) -> tuple[NDArray[np.uint8], FloatArray]:
+    """Return the states of excitations, and by what those in the same state are ordered.
 
-    Load ratios are NaN if not known; ``apart`` are magnitudes of the relative margins to the
-    nearest modes; ``known``: the speed is; ``warns``: what `WarningTimer` says.
+    All are (n_excitations, n). Load ratios, NaN if not known, come first; then margins, of which
+    ``apart`` are the sizes. ``known``: the speed is; ``warns``: what `WarningTimer` says.
     """
-    notable = np.where(np.isnan(load_ratio), apart < limits.near, load_ratio > limits.note)
-    calm = np.where(notable, NOTE, CLEAR)
-    return np.asarray(np.where(known, np.where(warns, WARNING, calm), UNKNOWN))
-
-
-def window_ranks(state: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return by what the readings of a window are ordered first, (n,), the most severe the highest.
-
-    Not known is worse than clear, as in a single reading; a load that is known to be high is worse.
-    """
-    return _RANKS.take(state)
-
-
-def severities(load_ratio: FloatArray, apart: FloatArray, limits: WarningLimits) -> FloatArray:
-    """Return by what excitations in the same state are ordered, the largest first.
-
-    Load ratios come first, then, where they are not known, the smallest margin.
-    """
+    unknown = np.isnan(load_ratio)
+    notable = np.where(unknown, apart < limits.near, load_ratio > limits.note)
+    state = np.where(known, np.where(warns, WARNING, np.where(notable, NOTE, CLEAR)), UNKNOWN)
     nearness = limits.near / np.maximum(limits.near + apart, 1e-300)
-    return np.asarray(np.where(np.isnan(load_ratio), nearness, 1.0 + load_ratio))
+    return state, np.where(unknown, nearness, 1.0 + load_ratio)
 
 
 def speed_words(source: Source, value: float) -> str:
@@ -245,7 +230,7 @@ def present_sentence(resonance: MessageColumns, excitations: Sequence[Excitation
     if beyond and math.isfinite(resonance.total_velocity):
         tail += f" Beyond the frequencies of the table, and so not known: {listing(beyond)}."
     unknown_load = math.isnan(resonance.total_load_ratio)
-    airborne = resonance.off_ground_share > AIRBORNE
+    airborne = resonance.off_ground_share > MAX_OFF_GROUND
     if resonance.state == ResonanceState.WARNING and (airborne or not unknown_load):
         return f"{_warning(resonance, excitations)}{tail}"
     if unknown_load:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, runs
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.excitation import Excitation, Source
-from linkage_vibration.prediction.ground import AIRBORNE
+from linkage_vibration.prediction.ground import MAX_OFF_GROUND
 from linkage_vibration.prediction.severity import (
     BACK,
     GAP,
@@ -164,7 +164,7 @@ def above_and_below(drive: Drive, limit: float | None = None) -> tuple[BoolArray
     """
     of = drive.resonances
     limits = of.load_ratio_limit if limit is None else np.float32(limit)
-    above = np.asarray((of.total_load_ratio > limits) | (of.off_ground_share > AIRBORNE))
+    above = np.asarray((of.total_load_ratio > limits) | (of.off_ground_share > MAX_OFF_GROUND))
     return above, np.asarray(all_known(drive) & np.isfinite(limits) & ~above)
 
 
@@ -332,8 +332,8 @@ def _excess(drive: Drive, rows: BoolArray) -> str:
     parts = []
     if (drive.resonances.total_load_ratio > drive.resonances.load_ratio_limit).any():
         parts.append(f"loads exceeded {_limit_words(drive)}")
-    if not parts or (drive.resonances.off_ground_share[rows] > AIRBORNE).any():
-        parts.append(f"tyres were off the ground for more than {AIRBORNE:g} of the time,")
+    if not parts or (drive.resonances.off_ground_share[rows] > MAX_OFF_GROUND).any():
+        parts.append(f"tyres were off the ground for more than {MAX_OFF_GROUND:g} of the time,")
     text = " or ".join(parts).rstrip("," if len(parts) == 1 else "")
     return f"{text[0].upper()}{text[1:]}"
 

@@ -12,9 +12,9 @@ from linkage_vibration.messages.fields import message_fields
 from linkage_vibration.messages.topics import TABLE_INFO
 from linkage_vibration.prediction.answers import Described, Implements, Served, with_implement
 from linkage_vibration.prediction.doubts import linkage_doubts
-from linkage_vibration.prediction.excitation import Excitation, ExcitationError
+from linkage_vibration.prediction.excitation import Excitation
 from linkage_vibration.prediction.ground import vertical_mounts
-from linkage_vibration.prediction.loads import load_input
+from linkage_vibration.prediction.loads import ExcitationError, load_input
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.settings import ParameterError, Parameters
 from linkage_vibration.readers.excitations import read_excitations
@@ -116,7 +116,7 @@ def _check_room(path: Path, **counts: int) -> None:
 def _acts(excitation: Excitation, served: Served) -> bool:
     """Return whether a mechanism and its table have the places at which an excitation acts."""
     try:
-        load_input(excitation, served.table, served.mechanism)
+        load_input(excitation.load, excitation.name, served.table, served.mechanism)
     except ExcitationError:
         return False
     return excitation.terrain is None or len(vertical_mounts(served.mechanism)) > 1

@@ -33,7 +33,6 @@ from linkage_vibration.listening.signals import Signal, known_at
 from linkage_vibration.listening.spectra import levels, spectrogram
 from linkage_vibration.listening.transfer import Transfer
 from linkage_vibration.mechanics.arrays import FloatArray
-from linkage_vibration.prediction.excitation import LoadKind
 from linkage_vibration.prediction.verdict import KNOWN
 from linkage_vibration.review.findings import all_speeds, log_limits
 from linkage_vibration.review.html import COVERAGE, picture_tag, plain_html, table_tag
@@ -43,8 +42,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _LABELLED = 5  # orders with a name in the picture
-_UNITS = {LoadKind.FORCE: "N", LoadKind.MOMENT: "N m"}
-_UNITS |= {LoadKind.BASE_ACCELERATION: "m/s²", LoadKind.BASE_DISPLACEMENT: "m"}
 _CANNOT = (
     "A signal at one place shows neither the forces in the pins nor a mode that does not move it; "
     "the ground's part is not predicted at a sensor. One drive does not validate the model."
@@ -348,7 +345,7 @@ def _orders_table(sensor: Heard) -> str:
         text, load = "", row.excitation.load
         if load is not None and not math.isnan(row.amplitude):
             text = f"{_short(row.amplitude, 3)} ± {100.0 * row.relative_stddev:.0f} %, not "
-            text += f"{load.amplitude:g} {_UNITS[load.kind]}"
+            text += f"{load.amplitude:g} {load.kind.unit}"
         rows.append([*cells, text])
     return _table(f"Orders at {sensor.signal.sensor.name}", head, rows)
 

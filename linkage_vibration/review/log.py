@@ -39,13 +39,14 @@ from linkage_vibration.messages.fields import Field, message_fields
 from linkage_vibration.messages.topics import ASSESSED, PREDICTION
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.judge import InputJudge
-from linkage_vibration.prediction.predictor import Status, angles_in_table, covers_a_turn
+from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.provenance import EXCITATIONS, PARAMETERS
 from linkage_vibration.prediction.resonance import described
 from linkage_vibration.prediction.verdict import Drive, drive_of
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.commands import command
+from linkage_vibration.table.interpolation import angles_in_table, covers_a_turn
 from linkage_vibration.table.table import Table, TableError, load_table
 
 _EACH = "states", "load_ratios", "velocities"  # what a log keeps of each excitation

@@ -13,12 +13,7 @@ from linkage_vibration.bags.recorder import FAULTS_METADATA
 from linkage_vibration.drawing import palette
 from linkage_vibration.mechanics.arrays import BoolArray, IntArray, runs
 from linkage_vibration.prediction.excitation import Source
-from linkage_vibration.prediction.predictor import (
-    Status,
-    angles_in_table,
-    largest_deviations,
-    uncertain_modes,
-)
+from linkage_vibration.prediction.predictor import Status, largest_deviations, uncertain_modes
 from linkage_vibration.prediction.severity import ResonanceState, ratio_words
 from linkage_vibration.prediction.verdict import (
     Contribution,
@@ -43,6 +38,7 @@ from linkage_vibration.review.html import Page, thinned
 from linkage_vibration.review.log import Log, gaps
 from linkage_vibration.review.model_grid import linkage_grid, receptance_grid
 from linkage_vibration.review.time_axis import TimeAxis, time_axis
+from linkage_vibration.table.interpolation import angles_in_table
 
 Items = list[dict[str, Any]]  # as the scripts of the page read them
 

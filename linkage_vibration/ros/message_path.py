@@ -17,7 +17,7 @@ from linkage_vibration.bags.writing import Topic
 from linkage_vibration.listening.live import SensorMonitor, second
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.messages.columns import MessageColumns
-from linkage_vibration.messages.encoding import encode_message
+from linkage_vibration.messages.encoding import encode_message, stamp_and_frame
 from linkage_vibration.messages.topics import (
     ADVICE,
     ASSESSED,
@@ -53,7 +53,7 @@ from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.motion import Rate, crank_filter, crank_resolution
 from linkage_vibration.prediction.periods import Periods, Place, Stamps
 from linkage_vibration.prediction.predictor import Prediction, Predictor, Status, fault
-from linkage_vibration.prediction.resonance import ResonanceMonitor, stamp_and_frame, window_header
+from linkage_vibration.prediction.resonance import Header, ResonanceMonitor
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.prediction.severity import ResonanceState, Unknown
 from linkage_vibration.ros.arrivals import LONGEST_WAIT, Arrival, arrival, in_time, waiting
@@ -522,7 +522,7 @@ class Predicting:
         if needed:
             # No load is known at an angle that is doubted.
             known = self.predictor.predict(math.nan, math.nan) if lost else prediction
-            of_reading = window_header(*header, due_at, by_receipt, place)
+            of_reading = Header(*header, due_at, by_receipt, place)
             windows = self._monitor.take(known, velocity, at, of_reading)
             if windows is not None:
                 self._publish_windows(windows, answers)

@@ -1,7 +1,8 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Polynomial interpolation on points that are added where the error is largest."""
+"""Angles of a table, and polynomial interpolation on points where the error is largest."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -9,6 +10,8 @@ import numpy as np
 from linkage_vibration.mechanics.arrays import FloatArray
 
 EVEN = 1e-6  # Products are equal if their logarithms differ by less.
+_TURN = 2.0 * math.pi
+_FARTHEST = 1e6  # rad; a larger angle is too coarse to be reduced to one turn
 _GRID = 1001  # The next point is chosen among so many in its interval.
 
 
@@ -72,3 +75,25 @@ def stroke_angle(variable: FloatArray, toggles: tuple[float, float] | None) -> F
         return variable
     middle, half = (toggles[0] + toggles[1]) / 2.0, (toggles[1] - toggles[0]) / 2.0
     return np.asarray(middle - half * np.cos(variable))
+
+
+def angles_in_table(alpha3: FloatArray, alpha3_range: tuple[float, float]) -> FloatArray:
+    """Return the angles of a table that are the same positions, rad, (n,); NaN if there are none.
+
+    Whole turns are removed if the crank turns all the way; otherwise one, for a sensor that wraps.
+    """
+    low, high = alpha3_range
+    with np.errstate(invalid="ignore"):  # an infinite angle
+        turned = low + (alpha3 - low) % _TURN
+    if covers_a_turn(alpha3_range):
+        near, turned = np.abs(alpha3) < _FARTHEST, np.minimum(turned, high)
+    else:
+        # More than one turn would let angles in degrees pass for radians.
+        near = (np.abs(alpha3 - turned) < 1.5 * _TURN) & (turned <= high)
+    inside = (low <= alpha3) & (alpha3 <= high)
+    return np.where(inside, alpha3, np.where(near, turned, math.nan))
+
+
+def covers_a_turn(alpha3_range: tuple[float, float]) -> bool:
+    """Return whether a table over these angles, rad, belongs to a crank that turns all the way."""
+    return alpha3_range[1] - alpha3_range[0] >= _TURN * (1.0 - 1e-12)

@@ -40,7 +40,7 @@ IntArray = NDArray[np.int64]
 FORMAT = "linkage_vibration table 10"
 
 _CHUNK = 4096  # So many angles are looked up at a time, whose cells stay in the cache.
-_NEAR = math.radians(1.0)  # An angle closer to a toggle is near it.
+_NEAR = math.radians(1.0)  # Predictions are marked as near a toggle within this angle of it.
 
 
 def _array(unit: str, *, shape: tuple[int, ...] = (0,)) -> Any:
@@ -346,6 +346,12 @@ class Table:
         )
         rows = data.to_xarray().rename(row="alpha3")
         return rows.assign_coords(alpha3=self.alpha3, mode_name=("mode", list(self.mode_names)))
+
+    def at(
+        self, alpha3: float
+    ) -> tuple[tuple[list[float], float, float, float], list[float], list[float]]:
+        """Return what `interpolate`, `slopes` and `parameter_deviations` do at an angle, rad."""
+        return self.interpolate(alpha3), self.slopes(alpha3), self.parameter_deviations(alpha3)
 
     def slopes(self, alpha3: float) -> list[float]:
         """Return slopes with alpha3 at an angle (rad) within the range, 2 n_modes.

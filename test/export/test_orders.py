@@ -18,6 +18,7 @@ from linkage_vibration.export.c_source import c_files, c_sources
 from linkage_vibration.export.exported import NAME, Export, export_of
 from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
 from linkage_vibration.prediction.levels import LevelTable
+from linkage_vibration.prediction.loads import FORCE, Load, LoadKind
 from linkage_vibration.prediction.predictor import Predictor, predict_many
 from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor, ResonanceState
 from linkage_vibration.prediction.severity import WarningLimits
@@ -37,8 +38,12 @@ from test.support.programs import require
 ORDERS = tuple(
     each for each in read_excitations(config_file("excitations.yaml")) if not each.terrain
 )
+SOIL = {"speed": "pto", "orders": [1.5], "at": "base.z", "at_speed": 540.0}
+[ROAD] = excitations_from_mapping({"road": SOIL | {"base_acceleration": [0.3]}})
+UNBALANCE = LoadKind("unbalance", "kg m", FORCE.unit_load, power=2)
+ROTOR = replace(ROAD, name="rotor", load=Load(UNBALANCE, "E2.x", 0.02, 540.0, 1.0, 0.0))
 CASES = {
-    "tractor with amplitudes": (DEFAULT_MECHANISM, DEFAULT_TABLE, ORDERS),
+    "tractor with amplitudes": (DEFAULT_MECHANISM, DEFAULT_TABLE, (*ORDERS, ROAD, ROTOR)),
     "paper without amplitudes": (
         PAPER_MECHANISM,
         PAPER_TABLE,

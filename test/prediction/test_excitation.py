@@ -7,13 +7,8 @@ from typing import Any
 
 import pytest
 
-from linkage_vibration.prediction.excitation import (
-    ExcitationError,
-    Load,
-    LoadKind,
-    Source,
-    excitations_from_mapping,
-)
+from linkage_vibration.prediction.excitation import Source, excitations_from_mapping
+from linkage_vibration.prediction.loads import FORCE, ExcitationError, Load
 
 
 def test_orders_of_shafts_and_tyres() -> None:
@@ -74,7 +69,7 @@ def test_amplitudes_of_each_order() -> None:
     """Every order has its own amplitude, and all share place, speed and growth."""
     given = {**LOAD, "exponent": 2, "amplitude_stddev": 0.5, "no_warning": [2]}
     first, two = excitations_from_mapping({"rotor": {**given, "frequency_stddev": 0.01}})
-    assert first.load == Load(LoadKind.FORCE, "E1.z", 3.0, 540.0, 2.0, 0.5)
+    assert first.load == Load(FORCE, "E1.z", 3.0, 540.0, 2.0, 0.5)
     assert two.load is not None
     assert (two.load.amplitude, two.relative_stddev) == (4.0, 0.01)
     assert (first.warns, two.warns) == (True, False)
@@ -143,4 +138,4 @@ def test_what_is_not_described() -> None:
     assert (single.ratio, two.ratio) == (pytest.approx(1.0 / 60.0), pytest.approx(2.0 / 60.0))
     assert (single.load, single.relative_stddev, single.warns) == (None, 0.0, True)
     first, _ = excitations_from_mapping({"rotor": LOAD})
-    assert first.load == Load(LoadKind.FORCE, "E1.z", 3.0, 540.0, 0.0, 0.0)
+    assert first.load == Load(FORCE, "E1.z", 3.0, 540.0, 0.0, 0.0)

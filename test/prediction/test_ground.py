@@ -24,18 +24,18 @@ from linkage_vibration.prediction.answers import (
 )
 from linkage_vibration.prediction.excitation import excitations_from_mapping
 from linkage_vibration.prediction.ground import (
-    AIRBORNE,
+    MAX_OFF_GROUND,
     REASONS,
     GroundError,
     GroundLevels,
     GroundTable,
     Terrain,
     _mean_spectrum,
-    contract,
     ground_lines,
     ground_spectrum,
     ground_squares,
     ground_transfer,
+    mean_squares,
     power_law,
     profile_spectrum,
 )
@@ -91,7 +91,7 @@ def test_mass_on_two_mounts_has_the_level_of_its_closed_form(
     squares = ground_squares(transfer, [1], mounts, terrain, lines)
     fine = np.linspace(0.3, 20.0, 400_001)
     exact = level_on_class_c(closed_heave(fine, wheelbase, speed), fine, speed)
-    level = contract(squares, np.array([speed]))[0, 0]
+    level = mean_squares(squares, np.array([speed]))[0, 0]
     assert math.sqrt(level) == pytest.approx(exact, rel=1e-4)
 
 
@@ -156,10 +156,12 @@ def test_measured_spectrum_gives_the_level_of_the_terrain() -> None:
     transfer = ground_transfer(heave(), mounts, lines)
     speeds = np.array([1.0, 8.0])
     exact, lost = (
-        contract(ground_squares(transfer, [1], mounts, terrain, lines), speeds)[0],
-        contract(ground_squares(transfer, [1], mounts, measured, lines), speeds, lost=True)[0],
+        mean_squares(ground_squares(transfer, [1], mounts, terrain, lines), speeds)[0],
+        mean_squares(
+            ground_squares(transfer, [1], mounts, measured, lines), speeds, uncovered=True
+        )[0],
     )
-    actual = contract(ground_squares(transfer, [1], mounts, measured, lines), speeds)[0]
+    actual = mean_squares(ground_squares(transfer, [1], mounts, measured, lines), speeds)[0]
     assert math.sqrt(actual[1] / exact[1]) == pytest.approx(1.0, abs=0.05)
     assert lost[1] < 1e-3 * actual[1]
     assert 0.01 * exact[0] < lost[0] < exact[0]
@@ -182,7 +184,7 @@ def test_mounts_do_not_act_together_if_the_delay_is_long(wheelbase: float, speed
     fine = np.linspace(0.3, 20.0, 200_001)
     density = 256e-6 * (fine / speed / 0.1) ** -2.0 / speed
     together = trapezoid(np.abs(closed_heave(fine, 0.0, speed)) ** 2 * density, fine)
-    level = contract(squares, np.array([speed]))[0, 0]
+    level = mean_squares(squares, np.array([speed]))[0, 0]
     assert level == pytest.approx(together / 2.0, rel=1e-3)
 
 
@@ -201,7 +203,9 @@ def test_three_mounts() -> None:
         residual=first.residual[:, [0, 0, 0]],
     )
     transfer = ground_transfer(frf, mounts, lines)
-    level = contract(ground_squares(transfer, [1], mounts, terrain, lines), np.array([speed]))[0, 0]
+    level = mean_squares(ground_squares(transfer, [1], mounts, terrain, lines), np.array([speed]))[
+        0, 0
+    ]
     fine = np.linspace(0.3, 20.0, 200_001)
     late = sum(np.exp(-2j * math.pi * fine * x / speed) for x in (0.0, 4.0, 2.5)) / 3.0
     exact = level_on_class_c(closed_heave(fine, 0.0, speed) * late, fine, speed)
@@ -306,7 +310,7 @@ def test_answer_has_levels_and_spectra_at_any_place(
         near = np.interp(answer.frequencies, FINE, fine)
         np.testing.assert_allclose(density[::50], near[::50], rtol=0.01)
     assert answer.reasons == ("", "", "")
-    assert 0.0 < answer.off_ground_share < AIRBORNE
+    assert 0.0 < answer.off_ground_share < MAX_OFF_GROUND
     assert asking(150.0, 11.0).levels.tolist() == answer.levels[:1].tolist()  # the drive point
 
 

@@ -11,14 +11,10 @@ import pytest
 from scipy.integrate import trapezoid
 
 from linkage_vibration.messages.columns import MessageColumns
-from linkage_vibration.prediction.excitation import (
-    Excitation,
-    ExcitationError,
-    Source,
-    excitations_from_mapping,
-)
-from linkage_vibration.prediction.ground import AIRBORNE, ground_spectrum
+from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
+from linkage_vibration.prediction.ground import MAX_OFF_GROUND, ground_spectrum
 from linkage_vibration.prediction.levels import LevelTable
+from linkage_vibration.prediction.loads import ExcitationError
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.prediction.resonance import described as with_derived
@@ -173,7 +169,7 @@ def test_levels_over_angles_and_speeds_are_those_of_each_pair(predictor: Predict
     levels = levels_of(predictor, read_excitations(config_file("excitations.yaml")))
     angles = np.append(np.linspace(1.4, 3.2, 70), math.nan)
     speeds = np.array([[1800.0] * 4, [math.nan] * 4, [0.0, 3.0, 9.0, math.nan]])
-    together = vars(levels.over(angles, speeds))
+    together = vars(levels.at_all_pairs(angles, speeds))
     each = vars(levels.at(np.repeat(angles, 4), np.tile(speeds, len(angles))))
     assert np.isfinite(each["total_load_ratio"]).sum() > 100
     for name, values in each.items():
@@ -203,7 +199,7 @@ def test_a_tyre_in_the_air_is_a_warning(predictor: Predictor) -> None:
     """The level is not known there, and the total is that of the orders alone, but not calm."""
     rough = described(terrain={"class": "F"})
     actual = assessed(predictor, rough, SPEED)
-    assert actual.off_ground_share > AIRBORNE
+    assert actual.off_ground_share > MAX_OFF_GROUND
     assert math.isnan(actual.load_ratio)
     assert actual.total_load_ratio == 0.0
     assert actual.state == ResonanceState.WARNING
@@ -212,7 +208,7 @@ def test_a_tyre_in_the_air_is_a_warning(predictor: Predictor) -> None:
     assert "The level of the ground is not known: a tyre is off the ground" in text
     if not math.isnan(actual.quiet_speed):
         after = assessed(predictor, rough, float(actual.quiet_speed))
-        assert after.off_ground_share <= AIRBORNE
+        assert after.off_ground_share <= MAX_OFF_GROUND
 
 
 def test_an_unknown_ground_is_not_clear(predictor: Predictor) -> None:

@@ -19,7 +19,7 @@ from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.mechanics.paths import split_paths, with_numbers
-from linkage_vibration.prediction.ensemble import GroundMembers, Members
+from linkage_vibration.prediction.ensemble import EnsembleResponses, GroundMembers
 from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
 from linkage_vibration.prediction.ground import Terrain, ground_spectrum
 from linkage_vibration.prediction.levels import LevelTable
@@ -241,7 +241,9 @@ def test_a_member_that_is_not_possible_is_not_known() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         whole, without = (
-            Members(each, loads, [place], 0).at(np.array([2.0])).responses(omega, first)[0]
+            EnsembleResponses(each, loads, [place], 0)
+            .at(np.array([2.0]))
+            .responses(omega, first)[0]
             for each in (table, replace(table, ensemble_poles=poles))
         )
     assert np.isnan(without[3]).all()

@@ -15,13 +15,9 @@ import yaml
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.ground_motion import transmissibility
 from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.prediction.excitation import (
-    Excitation,
-    ExcitationError,
-    Source,
-    excitations_from_mapping,
-)
+from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
 from linkage_vibration.prediction.levels import LevelTable, first_largest
+from linkage_vibration.prediction.loads import ExcitationError
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.readers.mechanism import mechanism_of, read_mechanism
 from linkage_vibration.support.resources import PAPER_TABLE, config_file

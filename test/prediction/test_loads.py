@@ -2,14 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Unit loads as forces at places: their sums and their moments are those of the load."""
 
+import math
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from linkage_vibration.listening.amplitudes import MeasuredOrder, amplitude_numbers
+from linkage_vibration.listening.transfer import Transfer
+from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.prediction import loads
 from linkage_vibration.prediction.excitation import excitations_from_mapping
-from linkage_vibration.prediction.loads import UnitLoad, load_input
+from linkage_vibration.prediction.levels import LevelTable
+from linkage_vibration.prediction.loads import LoadKind, UnitLoad, load_input
+from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import load_table
@@ -23,7 +31,7 @@ def unit_load(kind: str, at: str) -> UnitLoad:
     """Return the input of a load at a place or on a body."""
     keys: dict[str, Any] = {"speed": "pto", "orders": [1], kind: [5.0], "at": at, "at_speed": 540.0}
     [excitation] = excitations_from_mapping({"load": keys})
-    return load_input(excitation, TABLE, MECHANISM)
+    return load_input(excitation.load, excitation.name, TABLE, MECHANISM)
 
 
 @pytest.mark.parametrize("body", ["implement", "base"])
@@ -74,3 +82,47 @@ def test_force_is_one() -> None:
     load = unit_load("force", "E2.x")
     assert load.places == (("E2", "x"),)
     assert [part.tolist() for part in load.weights(2.0)] == [[1.0], [0.0]]
+
+
+def unbalance_at(name: str, mechanism: Mechanism, where: str) -> UnitLoad:
+    """Return a force of 1 N, which `LoadKind.power` multiplies by omega^2."""
+    point, _, direction = name.partition(".")
+    return UnitLoad(((point, direction),), lambda alpha3: (np.ones(1), np.zeros(1)))
+
+
+UNBALANCE = LoadKind("unbalance", "kg m", unbalance_at, power=2)
+SPEED, SIZE = 900.0, 0.02  # rpm, kg m
+OMEGA = 2.0 * math.pi * SPEED / 60.0
+ROTOR: dict[str, Any] = {"speed": "pto", "orders": [1], "at": "E2.x", "at_speed": SPEED}
+ANGLE, SPEEDS = np.array([2.0]), np.array([[math.nan], [SPEED], [math.nan]])
+
+
+@pytest.fixture
+def unbalanced(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """Return the description of a kind of load whose entry is all that is new."""
+    monkeypatch.setattr(loads, "LOAD_KINDS", (*loads.LOAD_KINDS, UNBALANCE))
+    return ROTOR | {"unbalance": [SIZE]}
+
+
+def test_new_kind_of_load_is_one_entry(unbalanced: dict[str, Any]) -> None:
+    """An unbalance acts like a force of omega^2 times it, in levels, members and sensors.
+
+    What was measured of it is written at its key.
+    """
+    sensor: Any = SimpleNamespace(name="box", at="E2", accelerates=True)
+    known = []
+    for keys in unbalanced, ROTOR | {"force": [SIZE * OMEGA**2]}:
+        [rotor] = excitations = excitations_from_mapping({"rotor": keys})
+        levels = LevelTable(Predictor(TABLE), MECHANISM, excitations)
+        at = levels.at(ANGLE, SPEEDS)
+        gains = Transfer(TABLE, MECHANISM, excitations, sensor).gains(2.0, np.array([OMEGA]))
+        assert rotor.load is not None
+        known.append([at.velocities, at.load_ratios, levels.members(ANGLE, SPEEDS)])
+        known[-1].append(rotor.load.amplitude * gains)
+        row = MeasuredOrder(rotor, 9, 1.0, 1.0, 1.0, 1.0, 0.03, 0.1, is_detected=True)
+        assert ([*keys][-1], ["0.03"]) in [
+            (where[1], values) for where, values in amplitude_numbers([row], {"rotor": keys})
+        ]
+    for of_unbalance, of_force in zip(*known, strict=True):
+        assert np.isfinite(of_unbalance).any()
+        np.testing.assert_allclose(of_unbalance, of_force, rtol=1e-5)

@@ -11,14 +11,14 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from linkage_vibration.messages.columns import MessageColumns, joined
+from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.motion import Rate
 from linkage_vibration.prediction.periods import Place, Windows
-from linkage_vibration.prediction.predictor import Prediction, Predictor, Status, one_row
-from linkage_vibration.prediction.resonance import ResonanceMonitor, window_header
-from linkage_vibration.prediction.severity import ResonanceState, WarningLimits, window_ranks
+from linkage_vibration.prediction.predictor import Prediction, Predictor, Status
+from linkage_vibration.prediction.resonance import Header, ResonanceMonitor, rows_of, window_headers
+from linkage_vibration.prediction.severity import WINDOW_RANKS, ResonanceState, WarningLimits
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import (
@@ -102,7 +102,7 @@ def take(
     place = watch.windows.place(stamp * MS)
     if place is Place.LEFT_OUT:
         return None
-    header = window_header(0, stamp, "", stamp, False, place)
+    header = Header(0, stamp, "", stamp, False, place)
     return watch.take(prediction, Rate(0.0, 0.0), stamp * MS, header)
 
 
@@ -116,10 +116,10 @@ def in_blocks(readings: Readings, size: int) -> Published:
     assessed = [each for each in every if each[2] is not Place.LEFT_OUT]
     for start in range(0, len(assessed), size):
         block = assessed[start : start + size]
-        rows = joined([one_row(PREDICTION)] * len(block))
+        rows = rows_of([PREDICTION] * len(block))
         rows.natural_frequencies = np.array([[10.0 * RPM[CLEAR] / rpm] for _, rpm, _ in block])
         stamps, zero = np.array([stamp for stamp, *_ in block]), np.zeros(len(block))
-        headers = joined([window_header(0, s, "", s, False, place) for s, _, place in block])
+        headers = window_headers([Header(0, s, "", s, False, place) for s, _, place in block])
         windows = watch.assess_many(rows, zero, stamps * MS, (), zero, headers)
         ends = stamps[windows.ends_at].tolist()
         published += zip(ends, windows.nanosec.tolist(), windows.state.tolist(), strict=True)
@@ -160,7 +160,7 @@ def test_not_known_is_never_clear() -> None:
     assert published(readings) == [first, (100, 100, NOTE)]
     readings = at_50_hz(CLEAR, UNKNOWN, NOTE, CLEAR, UNKNOWN, UNKNOWN)
     assert published(readings) == [first, (100, 40, NOTE), (100, 100, UNKNOWN)]
-    order = sorted(ResonanceState, key=lambda state: window_ranks(np.array([state]))[0])
+    order = sorted(ResonanceState, key=lambda state: WINDOW_RANKS[state])
     assert order == [CLEAR, UNKNOWN, NOTE, WARNING]
 
 

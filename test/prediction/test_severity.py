@@ -117,7 +117,7 @@ def test_states_on_both_sides_of_each_limit() -> None:
     known = np.array([True] * 5 + [True, False])
     warns = np.array([False] * 5 + [True, False])
     ratio, apart, known, warns = (v[:, np.newaxis] for v in (ratio, apart, known, warns))
-    actual = states(ratio, apart, known, warns, WarningLimits())[:, 0]
+    actual = states(ratio, apart, known, warns, WarningLimits())[0][:, 0]
     assert actual.tolist() == [CLEAR, NOTE, NOTE, CLEAR, NOTE, WARNING, UNKNOWN]
 
 

@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.prediction.excitation import ExcitationError, Source
+from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.levels import LevelTable
+from linkage_vibration.prediction.loads import ExcitationError
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.served import read_described, read_loads, read_served

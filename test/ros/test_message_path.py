@@ -3,8 +3,13 @@
 """The path of a message in the node with a clock of its own: what waits too long is left out."""
 
 import math
+import re
+import sys
 from collections import Counter
-from types import SimpleNamespace
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from types import FrameType, SimpleNamespace
 from typing import Any
 
 import pytest
@@ -15,27 +20,35 @@ from std_msgs.msg import Float64
 from linkage_vibration.messages.topics import LOAD_STATE, OUTPUT_TOPICS
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.health import Level
+from linkage_vibration.prediction.levels import kept_levels
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.prediction.settings import Parameters, with_values
 from linkage_vibration.prediction.severity import Unknown
 from linkage_vibration.readers.excitations import read_excitations
+from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.ros import arrivals, message_path
 from linkage_vibration.ros.live_inputs import live_topics
 from linkage_vibration.ros.message_path import Predicting
 from linkage_vibration.ros.statistics import Statistics
-from linkage_vibration.support.resources import PAPER_TABLE, config_file
+from linkage_vibration.support.resources import (
+    DEFAULT_MECHANISM,
+    DEFAULT_TABLE,
+    PAPER_TABLE,
+    config_file,
+)
 from linkage_vibration.table.table import load_table
 from linkage_vibration_interfaces.msg import LoadState as LoadStateMessage
 from test.support.ros_process import JOINT
 
+PACKAGE = Path(message_path.__file__).parents[1]
 START = 1_700_000_000.0  # s
 
 
 class Bench:
     """A path of messages whose clock is set by hand."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, table: str = PAPER_TABLE) -> None:
         self.now, self.numbers = 100.0, Counter[str]()
         self.statistics, self.recorded, self.times = Statistics(), list[str](), list[int]()
         self.queues = dict[str, list[tuple[bytes, dict[str, int]]]]()
@@ -65,11 +78,15 @@ class Bench:
         )
         throttle = SimpleNamespace(warn=lambda *_: None, report=lambda *_: None)
         self.topics = live_topics(Parameters(), lambda name: f"/{name}")
+        predictor = Predictor(load_table(config_file(table)))
+        self.monitor = ResonanceMonitor(
+            read_excitations(Parameters().excitation_path()), rate=Parameters().resonance_rate
+        )
         self.path = Predicting(
             *(node, listener, outputs, Parameters()),  # type: ignore[arg-type]
             self.topics,
-            Predictor(load_table(config_file(PAPER_TABLE))),
-            ResonanceMonitor(read_excitations(Parameters().excitation_path())),
+            predictor,
+            self.monitor,
             None,
             self._record,
             self.statistics,
@@ -417,3 +434,58 @@ def test_a_clock_that_stands(
     assert unknown[-1] == pytest.approx(6.0, abs=1.05)
     assert (len(unknown) > 20) == stamps_move
     assert states[-1][1] != LoadStateMessage.STATE_UNKNOWN
+
+
+def entered(call: Callable[[], None]) -> list[str]:
+    """Return the files of the package that a call enters from others, in this order."""
+    files, stack = list[str](), [""]
+
+    def follow(frame: FrameType, event: str, _: object) -> None:
+        path = Path(frame.f_code.co_filename)
+        if event == "call":
+            inside = path.is_relative_to(PACKAGE)
+            stack.append(path.relative_to(PACKAGE).as_posix() if inside else stack[-1])
+            if stack[-1] != stack[-2]:
+                files.append(stack[-1])
+        elif event == "return" and len(stack) > 1:
+            stack.pop()
+
+    sys.setprofile(follow)
+    try:
+        call()
+    finally:
+        sys.setprofile(None)
+    return files
+
+
+def test_walk_of_a_reading(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A reading that ends a window walks through the files in the order that CONTRIBUTING tells.
+
+    It enters each that predicts or judges at most twice, but for two of times and velocities.
+    """
+    bench = Bench(monkeypatch, DEFAULT_TABLE)
+    mechanism = read_mechanism(config_file(DEFAULT_MECHANISM))
+    # Tabulating the ground takes long.
+    excitations = [replace(each, terrain=None) for each in bench.monitor.excitations]
+    bench.monitor.use(levels=kept_levels(bench.path.predictor, mechanism, excitations))
+    walks = []
+    for _ in range(12):
+        bench.now += 0.02
+        bench.put_speed(0.001, 2000.0)
+        bench.put_speed(0.001, 540.0, "/pto_speed")
+        bench.spin()
+        bench.put(0.001)
+        before = len(bench.published)
+        files = entered(bench.spin)
+        if LOAD_STATE in bench.published[before:]:
+            walks.append(files)
+    walk = walks[-1]
+    text = (Path(__file__).parents[2] / "CONTRIBUTING.md").read_text()
+    text = text.partition("## The walk")[2].partition("\n## ")[0]
+    told = re.findall(r"^\d+\. `([\w/]+\.py)`", text, re.MULTILINE)
+    assert len(told) == 10
+    firsts = [walk.index(file) for file in told]
+    assert firsts == sorted(firsts)
+    often = {"prediction/motion.py": 3, "prediction/periods.py": 3}
+    counts = Counter(file for file in walk if file.startswith(("prediction/", "table/")))
+    assert {file: n for file, n in counts.items() if n > often.get(file, 2)} == {}
