@@ -249,7 +249,7 @@ def test_a_ground_that_tyres_leave_is_doubted(rougher: float, doubted: bool) -> 
     rough = [replace(ground, terrain=terrain)]
     levels = LevelTable(shipped, read_mechanism(config_file(f"{name}.yaml")), rough)
     speed = np.array([[math.nan], [math.nan], [10.0 / 3.6]])
-    share = float(levels.over(np.array([2.0]), speed).off_ground_share[0])
+    share = float(levels.at_all_pairs(np.array([2.0]), speed).off_ground_share[0])
     assert (share > 0.2) == doubted
     text = " ".join(excitation_doubts(rough, levels))
     assert bool(text) == doubted
