@@ -47,6 +47,7 @@ STEPS = (
     "log_readers",
     "can_bus",
     "input_memory",
+    "commands",
     "replay",
     "long_bag",
     "review_page",

@@ -52,7 +52,8 @@ def png_bytes(figure: "Figure", **style: Any) -> bytes:
     if style:
         figure.savefig(png, format="png", **style)
     else:
-        FigureCanvasAgg(figure).print_png(png)  # savefig draws a figure with a layout twice
+        canvas: Any = FigureCanvasAgg(figure)
+        canvas.print_png(png)  # savefig draws a figure with a layout twice
     return png.getvalue()
 
 
