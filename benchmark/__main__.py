@@ -29,7 +29,6 @@ STEPS = (
     "budget",
     "speed",
     "speed.paper_job",
-    "fuzz",
     "measured_faults",
     "working_hour",
     "motion",
