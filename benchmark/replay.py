@@ -36,7 +36,7 @@ RATE = 1000  # Hz
 SECONDS = 600
 NAMES = ["front_axle_steering_joint", "hitch_rockshaft_joint", "rear_pto_joint"]
 START = 1_767_225_600 * 10**9  # ns
-SPEEDS_EVERY = 50  # joint states
+SPEEDS_RATE = 20  # Hz, a divisor of the rate of joint states
 SPEEDS = {"/engine_speed": 1800.0, "/pto_speed": 540.0, "/ground_speed": 3.0}  # rpm, rpm, m/s
 TRACTOR = Parameters()
 COLUMNS = ["linkage", "bag", "joint states", "messages/s", "times real time", "CPU [us/message]"]
@@ -138,7 +138,7 @@ def profiled(bag: Path, output: Path, settings: Parameters) -> list[list[str]]:
     return [[name, f"{100 * took / total:.0f} %"] for name, took in [*named, ("rest", rest)]]
 
 
-def joint_states(seconds: int, motion: float = 0.5) -> Iterator[tuple[int, Any]]:
+def joint_states(seconds: int, motion: float = 0.5, rate: int = RATE) -> Iterator[tuple[int, Any]]:
     """Yield the times (ns) and messages of the joint states; the hitch swings at rad/s."""
     store = get_typestore(Stores.LATEST)
     state, header, stamp = (
@@ -146,22 +146,24 @@ def joint_states(seconds: int, motion: float = 0.5) -> Iterator[tuple[int, Any]]
         for name in (JOINT_STATE, "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
     )
     random = np.random.default_rng(1)
-    for k in range(seconds * RATE):
-        now = START + k * 10**9 // RATE
-        angle = 2.3 + 0.6 * np.sin(motion * k / RATE) + random.normal(scale=1e-4)
+    for k in range(seconds * rate):
+        now = START + k * 10**9 // rate
+        angle = 2.3 + 0.6 * np.sin(motion * k / rate) + random.normal(scale=1e-4)
         yield (
             now,
             state(
                 header=header(stamp=stamp(now // 10**9, now % 10**9), frame_id="base_link"),
                 name=NAMES,
-                position=np.array([0.01 * k / RATE, angle, 56.5 * k / RATE]),
-                velocity=np.array([0.01, 0.6 * motion * np.cos(motion * k / RATE), 56.5]),
+                position=np.array([0.01 * k / rate, angle, 56.5 * k / rate]),
+                velocity=np.array([0.01, 0.6 * motion * np.cos(motion * k / rate), 56.5]),
                 effort=np.array([]),
             ),
         )
 
 
-def write_mcap(path: Path, seconds: int, *, speeds: bool = False, motion: float = 0.5) -> Path:
+def write_mcap(
+    path: Path, seconds: int, *, speeds: bool = False, motion: float = 0.5, rate: int = RATE
+) -> Path:
     """Write the joint states to MCAP as rosbag2 does, with chunks of 768 KiB."""
     store = get_typestore(Stores.LATEST)
     float64 = store.types["std_msgs/msg/Float64"]
@@ -176,10 +178,10 @@ def write_mcap(path: Path, seconds: int, *, speeds: bool = False, motion: float 
             channels.append(
                 writer.register_channel(topic, "cdr", schema, {"offered_qos_profiles": ""})
             )
-        for k, (now, message) in enumerate(joint_states(seconds, motion)):
-            if k % SPEEDS_EVERY == 0:
+        for k, (now, message) in enumerate(joint_states(seconds, motion, rate)):
+            if k * SPEEDS_RATE % rate == 0:
                 for channel, speed in zip(channels[1:], SPEEDS.values(), strict=speeds):
-                    value = float64(speed * (1.0 + 0.1 * np.sin(0.1 * k / RATE)))
+                    value = float64(speed * (1.0 + 0.1 * np.sin(0.1 * k / rate)))
                     data = store.serialize_cdr(value, "std_msgs/msg/Float64")
                     writer.add_message(channel, now, bytes(data), now)
             data = store.serialize_cdr(message, JOINT_STATE)

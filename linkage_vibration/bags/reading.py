@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from shlex import quote
 from tempfile import TemporaryDirectory
@@ -67,8 +68,7 @@ def open_files(path: Path, stack: ExitStack) -> Iterator[BagFile]:
     """Open the files of a bag, which the stack closes, or raise a `BagError`."""
     check_versions("rosbags")
     with needed("bags", "Reading bags needs rosbags", BagError):
-        from rosbags.rosbag1 import Reader as Reader1
-        from rosbags.rosbag2 import Reader as Reader2
+        import rosbags.interfaces  # noqa: F401
     with bag_errors(path):
         files, is_packed = _files(path)
     for each in files:
@@ -79,7 +79,9 @@ def open_files(path: Path, stack: ExitStack) -> Iterator[BagFile]:
             if kind == ".mcap":
                 reader = read_mcap(file, stack)
             elif kind in (".bag", ".db3"):
-                reader = stack.enter_context((Reader1 if kind == ".bag" else Reader2)(file))
+                # Their imports take a tenth of the time of a short replay.
+                rosbag = import_module(f"rosbags.rosbag{1 if kind == '.bag' else 2}")
+                reader = stack.enter_context(rosbag.Reader(file))
                 _check_end(file, kind, reader)
             else:
                 reader = read_can_log(file)

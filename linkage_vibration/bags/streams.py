@@ -390,8 +390,8 @@ def _store(connections: "Sequence[Connection]") -> Any:
             text = re.sub(r"^(\s*)byte\b", r"\1int8", text, flags=re.MULTILINE)  # as in ROS 1
         types = get_types_from_idl(text) if is_idl else get_types_from_msg(text, msgtype)
         if _HEADER in types:  # that of ROS 2 has no sequence number
-            latest = get_typestore(Stores.LATEST)
-            types |= {name: latest.fielddefs[name] for name in (_TIME, _HEADER)}
+            types |= get_types_from_msg("int32 sec\nuint32 nanosec", _TIME)
+            types |= get_types_from_msg(f"{_TIME} stamp\nstring frame_id", _HEADER)
         store.register({name: kind for name, kind in types.items() if name not in store.fielddefs})
     return store
 

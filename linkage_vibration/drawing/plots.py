@@ -45,9 +45,15 @@ def write_png(figure: "Figure", picture: Path, **style: Any) -> None:
 
 def png_bytes(figure: "Figure", **style: Any) -> bytes:
     """Return a figure as the content of a PNG file."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
     png = io.BytesIO()
     _find_fonts(figure)
-    figure.savefig(png, format="png", **style)
+    if style:
+        figure.savefig(png, format="png", **style)
+    else:
+        canvas: Any = FigureCanvasAgg(figure)
+        canvas.print_png(png)  # savefig draws a figure with a layout twice
     return png.getvalue()
 
 

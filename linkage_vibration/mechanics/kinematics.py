@@ -15,10 +15,10 @@ import copy
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from scipy.linalg import solve_banded
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray
@@ -201,11 +201,49 @@ def _pins(mechanism: Mechanism, length: float) -> Pins:
     return Pins(positions, cosines, sines, ground)
 
 
+def _spline(x: FloatArray, y: FloatArray) -> "_Spline":
+    """Return the not-a-knot spline through values, (n, m), at n places, which are at least four.
+
+    It equals SciPy's CubicSpline to the last bit. Its module takes half a second to import.
+    """
+    steps = np.diff(x)
+    step, slope = steps[:, np.newaxis], np.diff(y, axis=0) / steps[:, np.newaxis]
+    ends = np.array([x[2] - x[0], x[-1] - x[-3]])
+    bands = np.zeros((3, len(x)))
+    bands[0, 1:] = ends[0], *steps[:-1]
+    bands[1] = steps[1], *2.0 * (steps[:-1] + steps[1:]), steps[-2]
+    bands[2, :-1] = *steps[1:], ends[1]
+    right = np.empty_like(y)
+    right[1:-1] = 3.0 * (step[1:] * slope[:-1] + step[:-1] * slope[1:])
+    first = (step[0] + 2.0 * ends[0]) * step[1] * slope[0] + step[0] ** 2 * slope[1]
+    last = step[-1] ** 2 * slope[-2] + (2.0 * ends[1] + step[-1]) * step[-2] * slope[-1]
+    right[0], right[-1] = first / ends[0], last / ends[1]
+    rates = solve_banded((1, 1), bands, right)
+    bend = (rates[:-1] + rates[1:] - 2.0 * slope) / step
+    return _Spline(
+        x, np.stack([y[:-1], rates[:-1], (slope - rates[:-1]) / step - bend, bend / step])
+    )
+
+
 def _same_place(pose: FloatArray, other: FloatArray) -> bool:
     """Return whether two poses differ by no more than full turns of the bodies."""
     difference = pose - other
     difference[2::3] = np.sin(difference[2::3] / 2.0)
     return bool(np.abs(difference).max() < 1e-6)
+
+
+class _Spline(NamedTuple):
+    """A cubic for each interval between knots, (n,), with coefficients (4, n - 1, m)."""
+
+    knots: FloatArray
+    coefficients: FloatArray
+
+    def __call__(self, at: FloatArray) -> FloatArray:
+        """Return the values at places."""
+        i = self.knots[1:-1].searchsorted(at, "right")
+        s = (at - self.knots[i])[..., np.newaxis]
+        c = self.coefficients[:, i]
+        return np.asarray(c[0] + c[1] * s + c[2] * (s * s) + c[3] * (s * s * s))
 
 
 class Kinematics:
@@ -400,7 +438,7 @@ class Kinematics:
         self._period = 2.0 * math.pi * ((alphas[-1] - alphas[0]) // (4.0 * math.pi))
         even = self._evenly(alphas)
         apart = np.append(np.diff(even) > _APART, True)
-        self._guess = CubicSpline(even[apart], poses[apart])
+        self._guess = _spline(even[apart], poses[apart])
         self._check_stroke(mechanism)
 
     def _walk(

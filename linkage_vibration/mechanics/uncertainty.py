@@ -56,12 +56,26 @@ def read_uncertainty(
     ``value``. ``parse`` returns the mechanism of a changed mapping.
     """
     numbers: dict[str, UncertainNumber] = {}
+    # Counts are exact, and the file of a link is read as it is.
+    split = [place.split(".") for place in number_paths(mapping)]
+    free = [parts for parts in split if parts[-1] not in _COUNTS and "file" not in parts]
+    valid = [".".join(parts) for parts in free if parts[0] in _ROOTS]
     for kind in ("relative", "absolute"):
         for path in keys.names(kind):
             if path in numbers:
                 raise keys[kind].error(path, "it is also under relative; give it once.")
-            numbers[path] = _number(keys[kind], path, mapping, parse, relative=kind == "relative")
+            numbers[path] = _number(keys[kind], path, mapping, valid, relative=kind == "relative")
     refuse_shared(mapping, list(numbers), keys.path)
+    try:
+        _vary(mapping, list(numbers.values()), parse)  # at once, as that takes some milliseconds
+    except MechanismError:
+        for path, number in numbers.items():
+            try:
+                _vary(mapping, [number], parse)
+            except MechanismError as error:
+                problem = f"the number cannot vary by {number.step:.3g} ({error})."
+                kind = "relative" if number.relative else "absolute"
+                raise keys[kind].error(path, problem) from None
     correlation = _correlation(keys, list(numbers))
     kept = [i for i, number in enumerate(numbers.values()) if number.deviation > 0.0]
     rows = correlation[np.ix_(kept, kept)].tolist()
@@ -83,21 +97,12 @@ def _described(
 
 
 def _number(
-    keys: Keys,
-    path: str,
-    mapping: dict[str, Any],
-    parse: Callable[[dict[str, Any]], Mechanism],
-    *,
-    relative: bool,
+    keys: Keys, path: str, mapping: dict[str, Any], valid: Sequence[str], *, relative: bool
 ) -> UncertainNumber:
-    """Read the standard deviation of one number, and change the number a little."""
+    """Read the standard deviation of one number, which is at valid paths."""
     hint = "5 % of the number are 0.05" if relative else "give a standard deviation"
     deviation = keys.number(path, least=0.0, most=1.0 if relative else math.inf, hint=hint)
     places = split_paths(path)
-    # Counts are exact, and the file of a link is read as it is.
-    split = [place.split(".") for place in number_paths(mapping)]
-    free = [parts for parts in split if parts[-1] not in _COUNTS and "file" not in parts]
-    valid = [".".join(parts) for parts in free if parts[0] in _ROOTS]
     for place in places:
         if place not in valid:
             near = f"the paths that are most like it are {_most_like(place, valid)}"
@@ -109,15 +114,23 @@ def _number(
         raise keys.error(path, "the number is 0, so that a share of it is 0; put it in absolute.")
     deviation *= abs(values[0]) if relative else 1.0
     step = max(_STEP * deviation, _LEAST_STEP * abs(values[0]))
-    try:
-        for change in (-step, step):
-            parse(with_numbers(mapping, [(place, values[0] + change) for place in places]))
-    except MechanismError as error:
-        raise keys.error(path, f"the number cannot vary by {step:.3g} ({error}).") from None
     return UncertainNumber(path, values[0], deviation, step, relative)
 
 
-def _most_like(path: str, paths: list[str]) -> str:
+def _vary(
+    mapping: dict[str, Any],
+    numbers: Sequence[UncertainNumber],
+    parse: Callable[[dict[str, Any]], Mechanism],
+) -> None:
+    """Parse a mapping whose numbers are changed by their steps, up and down in turn, and back."""
+    for sign in (-1.0, 1.0):
+        steps = [sign * (-1.0) ** i * number.step for i, number in enumerate(numbers)]
+        pairs = zip(numbers, steps, strict=True)
+        changed = [(p, each.value + by) for each, by in pairs for p in split_paths(each.path)]
+        parse(with_numbers(mapping, changed))
+
+
+def _most_like(path: str, paths: Sequence[str]) -> str:
     return ", ".join(difflib.get_close_matches(path, paths, 3, 0.0))
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -20,7 +20,6 @@ from linkage_vibration.bags.numbers import LeftOut
 from linkage_vibration.bags.recorder import FAULTS_METADATA, PROVENANCE_METADATA, package_versions
 from linkage_vibration.bags.streams import Bags, BagTopic, open_bags
 from linkage_vibration.bags.writing import Topic
-from linkage_vibration.listening.live import second, sensor_monitor
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.messages.columns import MessageColumns
@@ -60,7 +59,9 @@ from linkage_vibration.readers.excitations import excitation_files
 from linkage_vibration.readers.sensors import SensorReader, live_sensors, sensor_files
 from linkage_vibration.readers.served import read_described, read_loads, read_served
 from linkage_vibration.support.atomic_files import check_outputs, replacement
-from linkage_vibration.table.tabulation import build_table
+
+if TYPE_CHECKING:
+    from linkage_vibration.listening.live import SensorMonitor
 
 REPLAY_METADATA = "linkage_vibration.replay"
 _SpeedRow: TypeAlias = tuple[int, Source, float, int]  # row, speed, value, time (ns)
@@ -443,8 +444,12 @@ class _Sensors:
         self.missing = {sensor.topic for sensor, topic in every_pair if topic is None}
         self.topics = [topic for _, topic in pairs]
         self._readers = [SensorReader(s, t.type, topic_schema(bags, t)) for s, t in pairs]
-        excitations = read_loads(settings, served) if pairs else ()
-        self.monitor = sensor_monitor([s for s, _ in pairs], served, excitations, settings)
+        self.monitor: SensorMonitor | None = None
+        if pairs:
+            from linkage_vibration.listening.live import sensor_monitor
+
+            excitations = read_loads(settings, served)
+            self.monitor = sensor_monitor([s for s, _ in pairs], served, excitations, settings)
 
     def messages(
         self,
@@ -462,6 +467,8 @@ class _Sensors:
         monitor = self.monitor
         if monitor is None:
             return
+        from linkage_vibration.listening.live import second
+
         events: list[tuple[int, int, Callable[[], MessageColumns | None], int, str]] = []
         for row, source, value, time in speeds:
             events.append((row, 0, partial(monitor.set_speed, source, value, time), 0, ""))
@@ -520,6 +527,8 @@ def _served(settings: Parameters, what_if: WhatIf, building: Callable[[float], o
     inertia = body.inertia if what_if.inertia is None else what_if.inertia
     implement = Implement(body.name, mass, inertia, ())
     changed, text = with_implement(mechanism, described.mechanism_text, implement)
+    from linkage_vibration.table.tabulation import build_table
+
     table = build_table(LinkageModel(changed), progress=building)
     return Described(changed, text).served(Predictor(table))
 

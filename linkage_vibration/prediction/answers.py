@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import yaml
@@ -30,10 +30,11 @@ from linkage_vibration.prediction.ground import (
     ground_lines,
     ground_spectrum,
 )
-from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.table.table import Table, table_bytes
-from linkage_vibration.table.tabulation import TOLERANCE, build_table
+
+if TYPE_CHECKING:
+    from linkage_vibration.prediction.levels import LevelTable
 
 Places = tuple[Place, ...]
 
@@ -367,7 +368,7 @@ def progress_file(wanted: Path) -> Path:
 
 def rebuilt(
     mechanism: Mechanism, like: Table, excitations: Sequence[Excitation], wanted: Path
-) -> tuple[Predictor, LevelTable]:
+) -> "tuple[Predictor, LevelTable]":
     """Build the tables of a changed mechanism, with the places and the accuracy of the old table.
 
     If another process removes the folder ``wanted``, building stops with a `ServingError`. The
@@ -378,6 +379,9 @@ def rebuilt(
         if not wanted.exists():
             raise ServingError("Building the table was cancelled.")
         progress_file(wanted).write_text(f"{finished:.3f}")
+
+    from linkage_vibration.prediction.levels import LevelTable
+    from linkage_vibration.table.tabulation import TOLERANCE, build_table
 
     check(0.0)
     tolerance = max(TOLERANCE, float(like.interpolation_error.max()))

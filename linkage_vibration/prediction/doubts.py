@@ -8,6 +8,7 @@ Each doubt is a sentence, which names a plausible number. No doubt stops anythin
 import math
 from collections.abc import Iterator, Sequence
 from itertools import combinations
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,8 +21,10 @@ from linkage_vibration.mechanics.paths import split_paths
 from linkage_vibration.mechanics.springs import length_and_rate, oil_pressure
 from linkage_vibration.prediction.excitation import KMH, RPM, Excitation, Source
 from linkage_vibration.prediction.ground import MAX_OFF_GROUND
-from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.loads import BASE_DISPLACEMENT
+
+if TYPE_CHECKING:
+    from linkage_vibration.prediction.levels import LevelTable
 
 _STEEL, _WIDEST = 7850.0, 6.0  # kg/m3 and m: no implement is a solid bar of steel of this width
 _PUMP = 200e5  # Pa; the pumps of tractors reach about this pressure
@@ -70,7 +73,7 @@ def linkage_doubts(model: LinkageModel) -> Iterator[str]:
         yield from _tips(mechanism.base, loads, stroke)
 
 
-def excitation_doubts(excitations: Sequence[Excitation], levels: LevelTable) -> Iterator[str]:
+def excitation_doubts(excitations: Sequence[Excitation], levels: "LevelTable") -> Iterator[str]:
     """Yield a sentence for each number of excitations that is not plausible.
 
     The last ones are about load ratios, those of each order at the speed of its amplitude, and

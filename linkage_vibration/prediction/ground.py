@@ -13,9 +13,9 @@ from functools import cached_property
 from itertools import combinations
 
 import numpy as np
+import scipy
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray
@@ -417,7 +417,7 @@ class GroundTable:
         n, m = len(self._outputs), len(self._mounts)
         squares = np.maximum(sums[: n + m], 0.0) * speed ** (self._terrain.exponent - 1.0)
         with np.errstate(divide="ignore"):  # a speed of 0 m/s
-            share = ndtr(-sums[-m:] / np.sqrt(squares[n:])).max(axis=0)
+            share = scipy.special.ndtr(-sums[-m:] / np.sqrt(squares[n:])).max(axis=0)
         reason = np.where(share > MAX_OFF_GROUND, _OFF, np.where(np.isnan(share), _STATIC, 0))
         lost = sums[n + m] > MAX_UNKNOWN_POWER * (sums[1] + sums[n + m])
         if lost.any():

@@ -19,7 +19,6 @@ from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.readers.component_files import ComponentFileError
 from linkage_vibration.readers.frfs import read_frfs
 from linkage_vibration.readers.matrices import read_matrices
-from linkage_vibration.readers.meshes import mesh_matrices
 from linkage_vibration.support.atomic_files import refuse_pipe
 from linkage_vibration.support.resources import DEFAULT_MECHANISM, config_file
 from linkage_vibration.support.yaml_size import refuse_unbounded
@@ -107,6 +106,8 @@ def _frfs(keys: Keys, points: dict[str, Point], path: Path) -> Body:
 
 
 def _mesh(keys: Keys, points: dict[str, Point], path: Path) -> Body:
+    from linkage_vibration.readers.meshes import mesh_matrices
+
     file, modes = keys["file"], keys.integer("modes", default=20)
     material = read_material(file["material"])
     pins = {point: file["pins"].text(point) for point in file["pins"]}

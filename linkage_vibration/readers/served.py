@@ -22,7 +22,6 @@ from linkage_vibration.readers.implements import read_implements
 from linkage_vibration.readers.mechanism import load_yaml, mechanism_of
 from linkage_vibration.support.commands import command
 from linkage_vibration.table.table import load_table, refuse_other
-from linkage_vibration.table.tabulation import build_table
 
 
 def read_served(
@@ -48,6 +47,8 @@ def read_served(
             refuse_other(table, table_path, mechanism, quote(str(path)))
             return described.served(Predictor(table))
         why = "its implement is not that of the table"
+    from linkage_vibration.table.tabulation import build_table
+
     if report:
         saves = f"`{command(f'build {quote(str(path))}')}` saves a table, which then loads at once"
         report(f"Building the table of {path}, as {why}; {saves}.")

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
+import scipy
 
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray
 from linkage_vibration.mechanics.modes import MECHANISM, oscillating_indices
@@ -87,7 +87,7 @@ def nearest(poles: ComplexArray, other: ComplexArray) -> dict[int, int]:
     The sum of squares of the distances is least, as that of distances can be equal in either order.
     If the numbers differ, the farthest remain without a partner.
     """
-    pairs = linear_sum_assignment(np.abs(poles[:, np.newaxis] - other) ** 2)
+    pairs = scipy.optimize.linear_sum_assignment(np.abs(poles[:, np.newaxis] - other) ** 2)
     return dict(zip(pairs[0].tolist(), pairs[1].tolist(), strict=True))
 
 

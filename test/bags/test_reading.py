@@ -211,9 +211,10 @@ def test_what_is_no_bag(tmp_path: Path) -> None:
 
 def test_missing_rosbags(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without the extra, the error names the command that installs it."""
-    monkeypatch.setitem(sys.modules, "rosbags.rosbag2", None)
+    store = store_of("mcap")
+    monkeypatch.setitem(sys.modules, "rosbags.interfaces", None)
     with pytest.raises(BagError, match=r"pip install linkage_vibration\[bags\]"):
-        read(tmp_path / "a.bag", "/joints")
+        read(tmp_path / "a.bag", "/joints", store=store)
 
 
 @pytest.mark.parametrize("kind", ["mcap", "db3"])

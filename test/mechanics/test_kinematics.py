@@ -12,10 +12,16 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.description import Mechanism, MechanismError
-from linkage_vibration.mechanics.kinematics import Configuration, Kinematics, KinematicsError
+from linkage_vibration.mechanics.kinematics import (
+    Configuration,
+    Kinematics,
+    KinematicsError,
+    _spline,
+)
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 
@@ -390,3 +396,13 @@ def test_four_bar_toggles_in_closed_form(crank: float, coupler: float, rocker: f
     low, high = Kinematics(four_bar(1.0, crank, coupler, rocker)).closable_range
     assert low == pytest.approx(expected_low, abs=1e-9)
     assert high == pytest.approx(expected_high, abs=1e-9)
+
+
+@pytest.mark.parametrize("n", [4, 5, 40])
+def test_the_spline_is_that_of_scipy(n: int) -> None:
+    """Values between, at and beyond the knots are those of another program."""
+    random = np.random.default_rng(n)
+    x, y = np.cumsum(random.uniform(0.01, 1.0, n)), random.standard_normal((n, 6))
+    at = np.append(np.linspace(x[0] - 0.1, x[-1] + 0.1, 101), x)
+    np.testing.assert_allclose(_spline(x, y)(at), CubicSpline(x, y)(at), rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(_spline(x, y)(at[7]), CubicSpline(x, y)(at[7]), rtol=1e-12)

@@ -97,6 +97,21 @@ def test_errors_name_the_key_and_the_remedy(mapping: Any, claims: Any, message: 
     assert caught.value.path.startswith("uncertainty")
 
 
+@pytest.mark.parametrize("deviation", [0.0, 1e-6])
+def test_a_number_at_its_limit_cannot_vary(mapping: Any, deviation: float) -> None:
+    """A damping ratio of 1 is refused by its path, also beside others; one just below is not."""
+    mapping["damping"] = {"rule": "modal_ratio", "ratio": 1.0}
+    mapping["uncertainty"] = {
+        "relative": {MASS: 0.1, INERTIA: 0.1},
+        "absolute": {"damping.ratio": deviation},
+    }
+    with pytest.raises(MechanismError, match="cannot vary by 1e-06") as caught:
+        mechanism_from_mapping(mapping)
+    assert caught.value.path == "uncertainty.absolute.damping.ratio"
+    mapping["damping"]["ratio"] = 0.999
+    mechanism_from_mapping(mapping)
+
+
 def test_errors_of_the_mechanism_come_first(mapping: Any) -> None:
     """A misspelt key is named itself, not by the first number that is uncertain."""
     mapping["uncertainty"] = {"relative": {MASS: 0.1}}

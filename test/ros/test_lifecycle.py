@@ -95,6 +95,34 @@ def entities(node: Any) -> dict[str, int]:
     return {kind: sum(len(list(getattr(each, kind))) for each in both) for kind in kinds}
 
 
+def test_levels_are_ready_before_the_first_reading(
+    managed: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The transition to inactive computes all levels, while nothing is subscribed yet."""
+    from linkage_vibration.ros import lifecycle
+
+    read, subscribed = lifecycle.kept_levels, []
+
+    def kept(*arguments: Any) -> Any:
+        levels = read(*arguments)
+        prepare = levels.prepare
+
+        def prepared() -> None:
+            prepare()
+            subscribed.append(entities(node)["subscriptions"])
+
+        monkeypatch.setattr(levels, "prepare", prepared)
+        return levels
+
+    monkeypatch.setattr(lifecycle, "kept_levels", kept)
+    node = managed()
+    before = entities(node)["subscriptions"]
+    assert node.trigger_configure() is SUCCESS
+    assert subscribed == [before]
+    assert node.trigger_activate() is SUCCESS
+    assert entities(node)["subscriptions"] > before
+
+
 @pytest.mark.parametrize("count", [20, pytest.param(60, marks=pytest.mark.nightly)])
 def test_many_lifecycles_leave_nothing_behind(
     managed: Callable[..., Any], tmp_path: Path, count: int

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
+import scipy
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray
@@ -112,12 +112,12 @@ class HitchCurve:
         return self.pairs[0::2]
 
     @cached_property
-    def curve(self) -> PchipInterpolator:
+    def curve(self) -> "scipy.interpolate.PchipInterpolator":
         """The crank angle over the position, rad."""
-        return PchipInterpolator(self.points, self.pairs[1::2])
+        return scipy.interpolate.PchipInterpolator(self.points, self.pairs[1::2])
 
     @cached_property
-    def slope(self) -> PchipInterpolator:
+    def slope(self) -> "scipy.interpolate.PchipInterpolator":
         """Its derivative, rad per unit of the position."""
         return self.curve.derivative()
 
