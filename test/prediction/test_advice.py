@@ -63,8 +63,8 @@ class Levels:
     def __init__(self, n_members: int = 64) -> None:
         self.members = MEMBERS[:n_members]
 
-    def over(self, alpha3: Any, speeds: Any) -> MessageColumns:
-        """Return what `LevelTable.over` returns."""
+    def at_all_pairs(self, alpha3: Any, speeds: Any) -> MessageColumns:
+        """Return what `LevelTable.at_all_pairs` returns."""
         alpha3, speeds = np.repeat(alpha3, speeds.shape[1]), np.tile(speeds, len(alpha3))
         inside = (alpha3 >= 1.5) & (alpha3 <= 3.0)
         v = speeds[GROUND]

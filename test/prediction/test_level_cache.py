@@ -205,7 +205,7 @@ def test_another_code_or_arithmetic_has_its_own_files(
     monkeypatch.setattr(cache_module, "__file__", str(copied))
     assert level_cache(*shipped).key == keys[0]
     ground = copied.with_name("ground.py")
-    ground.write_text(ground.read_text().replace("LINES = 512", "LINES = 256"))
+    ground.write_text(ground.read_text().replace("N_FREQUENCIES = 512", "N_FREQUENCIES = 256"))
     keys.append(level_cache(*shipped).key)
     assert len({*keys}) == len(keys)
 
