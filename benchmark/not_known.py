@@ -111,7 +111,6 @@ ROWS = (
         "no deviation, without a reason",
         "All have deviations (`python -m benchmark uncertainty`); where one is not known, "
         "`predict` says why.",
-        "table/tabulation/test_deviations.py::test_near_a_veering_they_hold_or_are_unknown "
         "table/tabulation/test_deviations.py::test_machines_that_do_not_close_leave_no_deviation "
         "cli/test_cli.py::test_build_says_why_deviations_are_not_known",
     ),

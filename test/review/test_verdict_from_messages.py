@@ -215,9 +215,7 @@ def test_page(drive: tuple[list[Message], Path], tmp_path: Path) -> None:
     assert main(["review", str(path), "-o", str(page)]) == 0
     text = page.read_text()
     assert sentence in html.unescape(text)
-    above, below, unknown = durations_of(messages)
-    calm = not (warnings or above) and below >= 0.95 * (below + unknown)
-    assert ('"calm": true' in text) == calm
+    assert ('"calm": true' in text) == is_calm(messages)
     begin = text.index('"tables": ') + len('"tables": ')
     tables = {each["id"]: each["rows"] for each in json.JSONDecoder().raw_decode(text[begin:])[0]}
     shown = [line["cells"] for line in tables["contributions"]]
