@@ -316,7 +316,7 @@ def _outside(window: _Window, expected: Expected) -> list[Fault]:
     elif min(angles) > expected.last:
         side = "above"
     degrees = (f"{math.degrees(a):.4g}" for a in (expected.first, expected.last, angles[-1]))
-    sentence = "All crank angles of {} are {} the table's {} to {} deg ({} deg); {}"
+    sentence = "All values of {} are {} the table's {} to {} deg ({} deg); {}"
     return [Fault(Level.ERROR, sentence.format(expected.name, side, *degrees, advice))]
 
 

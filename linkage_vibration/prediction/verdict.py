@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a drive did to the linkage: its warnings, its excitations by load, and the words for them.
 
-A message holds until the next one. If that is more than `severity.GAP` later, or earlier, then a
-message holds for a median step. A warning ends there too, unless it is less than `BACK` earlier.
+A message holds until the next one, and messages of one stamp share this time. If the next one is
+more than `severity.GAP` later, or earlier, then a message holds for a median step, but not longer
+than this gap. A warning ends there too, unless the next one is less than `BACK` earlier.
 """
 
 import math
@@ -119,10 +120,12 @@ def holding(stamps: NDArray[np.int64]) -> tuple[FloatArray, BoolArray, float]:
     The last value is the time between messages for which none holds, s. Stamps, (n,), are in ns.
     """
     steps = np.diff(stamps) / 1e9
-    steady = (steps >= 0.0) & (steps <= GAP)
-    usual = steps[steady] if steady.any() else steps[steps > 0.0]
-    median = float(np.median(usual)) if len(usual) else 0.0
-    held = np.append(np.where(steady, steps, median), median)
+    broken = (steps < 0.0) | (steps > GAP)
+    usual = steps[(steps > 0.0) & (broken.all() | ~broken)]
+    median = min(float(np.median(usual)), GAP) if len(usual) else 0.0
+    group = np.cumsum(np.append(0, steps != 0.0))  # messages of one stamp, which share its time
+    held = np.bincount(group, np.append(np.where(broken, median, steps), median))
+    held = (held / np.bincount(group))[group]
     missing = float((steps - median)[steps > GAP].sum())
     return held, np.concatenate([[True], (steps <= -BACK) | (steps > GAP)]), missing
 
@@ -254,7 +257,8 @@ def contributions(drive: Drive) -> list[Contribution]:
 
 def _rank(part: Contribution) -> tuple[float, float]:
     """Return by what excitations are sorted: known load ratios first, the largest before others."""
-    return -1.0 if math.isnan(part.load_ratio) else -2.0 - part.load_ratio, -part.note_time
+    note_time = round(part.note_time, 9)  # Rounding does not order equal times.
+    return -1.0 if math.isnan(part.load_ratio) else -2.0 - part.load_ratio, -note_time
 
 
 def drive_sentence(
@@ -352,9 +356,10 @@ def _without_warning(drive: Drive, limits: WarningLimits) -> str:
     limit = f"the limit of {_limit_words(drive)}"
     above, _ = above_and_below(drive)
     what = _excess(drive, above)
-    if spent.above and drive.broken.all() and len(drive.broken) > 1:
+    if above.any() and (drive.broken[1:].all() or not spent.above):
         often = f"in {int(above.sum())} of {len(above)} readings"
-        return f"{what} {often}; more than {GAP:g} s apart, they cannot warn."
+        why = f"more than {GAP:g} s apart, they cannot warn"
+        return f"{what} {often}; {why if spent.above else 'their stamps do not say for how long'}."
     if spent.above:
         never = f"never for {limits.dwell:g} s, so nothing warned"
         return f"{what} for {spent.above:.1f} s in all, but {never}."

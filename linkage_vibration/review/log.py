@@ -416,7 +416,8 @@ def _resonances(
         return None, None
     stamps, places = header_stamps(predictions), predictions[PLACE]
     taken = header_stamps(columns)
-    later = np.searchsorted(places[passes], columns[PLACE], side="right")
+    begins = np.minimum.reduceat(places, passes)  # The earliest stamp may be written later.
+    later = np.searchsorted(begins, columns[PLACE], side="right")
     order = np.lexsort((taken, later))
     rows, there = np.zeros(len(stamps), np.int64), np.zeros(len(stamps), np.bool_)
     predicted = np.zeros(len(taken), np.int64)  # the prediction that each resonance belongs to

@@ -27,6 +27,7 @@ from linkage_vibration.prediction.verdict import (
     drive_sentence,
     durations,
     ground_and_orders,
+    holding,
 )
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import DEFAULT_MECHANISM, DEFAULT_TABLE, config_file
@@ -252,6 +253,27 @@ def test_a_tyre_off_the_ground_is_no_load_that_is_known() -> None:
     quiet = present_sentence(calm, rolls)
     assert quiet.startswith("No load is known. The level of the ground is not known: ")
     assert quiet.count("is not known") == 1  # the reason stands once
+
+
+def test_how_long_messages_hold() -> None:
+    """Messages of one stamp share its time; one holds for at most 3 s, and the rest is unknown."""
+    held, _, missing = holding(np.array([0, 0, 100, 100, 200]) * 10**6)
+    assert (held.tolist(), missing) == (pytest.approx([0.05, 0.05, 0.05, 0.05, 0.1]), 0.0)
+    for step, holds, lost in ((2.9, 2.9, 0.0), (5.0, 3.0, 4.0)):
+        held, _, missing = holding(np.array([0, step, 2.0 * step]) * 1e9)
+        assert (held.tolist(), missing) == (pytest.approx([holds] * 3), pytest.approx(lost))
+    held, _, missing = holding(np.zeros(3))
+    assert (held.tolist(), missing) == ([0.0] * 3, 0.0)
+
+
+def test_stamps_that_stand_still_hide_no_load(excitations: tuple[Excitation, ...]) -> None:
+    """A load above its limit is said where the stamps do not say for how long, and no other."""
+    text = sentence(drive([NOTE] * 2, [0.34, 0.32], step=0.0), excitations)
+    assert "in 1 of 2 readings; their stamps do not say for how long." in text
+    text = sentence(drive([CLEAR] * 2, [0.32, 0.32], step=0.0), excitations)
+    assert text.startswith(
+        "Whether loads exceeded the limit of 0.33 of the static force is not known;"
+    )
 
 
 def test_sparse_readings_cannot_warn(excitations: tuple[Excitation, ...]) -> None:

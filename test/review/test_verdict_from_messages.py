@@ -5,16 +5,27 @@
 import html
 import json
 import math
+from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from linkage_vibration.bags import streams
 from linkage_vibration.cli.main import main
 from linkage_vibration.prediction.verdict import contributions, durations, episodes, worst_message
-from linkage_vibration.review.findings import DOUBTFUL, first_sentence
+from linkage_vibration.review import findings
+from linkage_vibration.review import log as logs
+from linkage_vibration.review.findings import DOUBTFUL, first_sentence, load_problems
 from linkage_vibration.review.log import Log, read_log
+from linkage_vibration.review.overview import drive_summary, overview_html
+from linkage_vibration.testing import bag_checks
+from linkage_vibration.testing.limits import Limits
 from test.support.random_resonances import (
+    CLEAR,
     Message,
     durations_of,
     holding_times,
@@ -41,8 +52,11 @@ def drive(
 
 def test_verdict(drive: tuple[list[Message], Path]) -> None:
     """Warnings, their durations, the order of the rows and the worst moment are those of a loop."""
-    messages, path = drive
-    log = read_log(path)
+    check_verdict(drive[0], read_log(drive[1]))
+
+
+def check_verdict(messages: list[Message], log: Log) -> None:
+    """Compare warnings, rows, durations and the worst moment with those of a loop."""
     assert log.drive is not None
     assert log.drive.held == pytest.approx(holding_times(messages), abs=1e-9)
     actual = [
@@ -64,7 +78,12 @@ def test_verdict(drive: tuple[list[Message], Path]) -> None:
         at = worst_message(log.drive)
         time = 1e-9 * (worst.stamp - int(log.stamps[0]))
         assert log.drive.times[at] == pytest.approx(time, abs=1e-6)
-        assert log.drive.angles[at] == pytest.approx(worst.angle)
+        # A message has no angle, so that of any with its stamp may be meant.
+        angles = [each.angle for each in messages if each.stamp == worst.stamp]
+        assert np.isclose(angles, log.drive.angles[at], rtol=SINGLE, atol=0.0).any()
+    spent = durations(log.drive)
+    known = spent.above, spent.below, spent.unknown
+    assert known == pytest.approx(durations_of(messages), rel=SINGLE, abs=1e-6)
 
 
 def test_summary(drive: tuple[list[Message], Path], capsys: Any) -> None:
@@ -76,9 +95,11 @@ def test_summary(drive: tuple[list[Message], Path], capsys: Any) -> None:
     [actual] = content["drives"]
     warnings, worst = warnings_of(messages), worst_of(messages)
     above, below, unknown = durations_of(messages)
-    assert actual["warnings"] == len(warnings)
+    judged = worst is not None or above > 0.0
+    assert actual["warnings"] == (len(warnings) if judged else None)
     keys = "above_limit_s", "below_limit_s", "unknown_s", "known_share"
-    share = (above + below) / (above + below + unknown)
+    known = above + below
+    share = known / (known + unknown) if known else 0.0
     numbers = [above, below, unknown, share]
     assert [actual[key] for key in keys] == pytest.approx(numbers, rel=1e-5, abs=1e-9)
     limits = sorted({message.limit for message in messages})
@@ -114,27 +135,77 @@ def check_sentence(messages: list[Message], log: Log) -> str:
         total = sum(duration for _, duration, _ in warnings)
         often = "one warning" if len(warnings) == 1 else f"{len(warnings)} warnings"
         assert f"{often} of {total:.1f} s" in sentence
-    above, below, unknown = durations_of(messages)
-    calm = not above and below >= 0.95 * (below + unknown)
+    calm = is_calm(messages)
     assert sentence.startswith("No load exceeded") == calm
-    assert sentence.startswith(("Loads exceeded", "Tyres were")) == (above > 0.0)
+    above = any(message.total > message.limit for message in messages)
+    assert sentence.startswith(("Loads exceeded", "Tyres were")) == (above or bool(warnings))
     return sentence
+
+
+def is_calm(messages: list[Message]) -> bool:
+    """Return whether nothing was above its limit, and at least 95 % of the drive are known."""
+    if warnings_of(messages) or any(message.total > message.limit for message in messages):
+        return False
+    _, below, unknown = durations_of(messages)
+    return below > 0.0 and below >= 0.95 * (below + unknown)
+
+
+def check_answers(messages: list[Message], log: Log) -> None:
+    """Compare the colour, the exit code of `--strict` and `check` with what the messages say."""
+    calm, summary = is_calm(messages), drive_summary(log)
+    assert (" class=calm" in overview_html([(summary, "page.html")], [])) == calm
+    assert (not load_problems(log)) == calm
+    limit = 0.2
+    same = [replace(message, limit=limit, state=CLEAR) for message in messages]
+    assert bag_checks.check_bag(log.path, Limits(load_ratio=limit)).passed <= is_calm(same)
+
+
+def prepare_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let all drives share what follows from their model and from the types of their messages."""
+    kept: tuple[tuple[Any, str, Callable[..., str]], ...] = (
+        (streams, "_store", lambda connections: connections[0].msgtype),
+        (logs, "_read_model", lambda _, table_id: table_id),
+        (logs, "topic_types", lambda _: ""),
+        (bag_checks, "topic_types", lambda _: ""),
+        (findings, "kept_levels", lambda predictor, *_: predictor.table.table_id),
+    )
+    for module, name, key in kept:
+        monkeypatch.setattr(module, name, once(getattr(module, name), key))
+    monkeypatch.setattr(bag_checks, "read_log", lru_cache(1)(read_log))
+
+
+def once(function: Callable[..., Any], key: Callable[..., str]) -> Callable[..., Any]:
+    """Return a function that returns the same for arguments of the same key."""
+    known: dict[str, Any] = {}
+
+    def read(*arguments: Any) -> Any:
+        name = key(*arguments)
+        if name not in known:
+            known[name] = function(*arguments)
+        return known[name]
+
+    return read
+
+
+def check_drive(folder: Path, seed: int) -> list[Message]:
+    """Compare all answers about a random drive with its messages, which are returned."""
+    messages = random_drive(seed)
+    path = write_drive(folder / f"{seed}.mcap", messages)
+    log = bag_checks.read_log(path)
+    check_verdict(messages, log)
+    check_sentence(messages, log)
+    check_answers(messages, log)
+    path.unlink()
+    return messages
 
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("hundred", range(1, 101))
-def test_ten_thousand_drives(tmp_path: Path, hundred: int) -> None:
-    """No duration and no sentence about 10,000 drives is better than their messages."""
-    for seed in range(100 * hundred, 100 * hundred + 100):
-        messages = random_drive(seed)
-        path = write_drive(tmp_path / f"{seed}.mcap", messages)
-        test_verdict((messages, path))
-        log = read_log(path)
-        assert log.drive is not None
-        spent = durations(log.drive)
-        known = spent.above, spent.below, spent.unknown
-        assert known == pytest.approx(durations_of(messages), rel=SINGLE, abs=1e-9), seed
-        check_sentence(messages, log)
+def test_ten_thousand_drives(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, hundred: int) -> None:
+    """No duration, sentence or colour of 10,000 drives is better than their messages."""
+    prepare_once(monkeypatch)
+    drives = [check_drive(tmp_path, seed) for seed in range(100 * hundred, 100 * hundred + 100)]
+    assert 3 < sum(map(is_calm, drives)) < 50  # Both sides are there.
 
 
 def test_page(drive: tuple[list[Message], Path], tmp_path: Path) -> None:
@@ -146,9 +217,7 @@ def test_page(drive: tuple[list[Message], Path], tmp_path: Path) -> None:
     assert main(["review", str(path), "-o", str(page)]) == 0
     text = page.read_text()
     assert sentence in html.unescape(text)
-    above, below, unknown = durations_of(messages)
-    calm = not (warnings or above) and below >= 0.95 * (below + unknown)
-    calm = calm and not read_log(path).input_faults
+    calm = is_calm(messages) and not read_log(path).input_faults
     assert ('"calm": true' in text) == calm
     begin = text.index('"tables": ') + len('"tables": ')
     tables = {each["id"]: each["rows"] for each in json.JSONDecoder().raw_decode(text[begin:])[0]}

@@ -4,14 +4,16 @@
 
 Nothing here calls the verdict of the package, which is compared with it. A message holds until the
 next one; if that is more than 3 s later, or earlier, it holds for the median of all other steps.
-The last message holds for this median as well. A gap ends a warning, and so does a clock that goes
-back by a second or more.
+The last message holds for this median as well. If all are further apart, it is the median of these
+steps, but at most 3 s. Messages of one stamp share the time for which it holds. A gap ends a
+warning, and so does a clock that goes back by a second or more.
 """
 
 import itertools
 import math
 import statistics
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -32,6 +34,15 @@ from linkage_vibration.table.table import load_table, table_bytes
 START = 1_767_225_600 * 10**9  # ns
 UNKNOWN, CLEAR, NOTE, WARNING = range(4)  # as in LoadState.msg
 SEVEREST_LAST = UNKNOWN, CLEAR, NOTE, WARNING
+CRANK_ANGLE, ENGINE, PTO, GROUND, GROUND_LEVEL = (
+    1,
+    2,
+    4,
+    8,
+    16,
+)  # bits of sources, as in LoadState.msg
+FAULTS = "none", "lost", "outside", "zero", "repeated"
+SHARES, CALM_SHARES = (0.6, 0.1, 0.1, 0.05, 0.15), (0.9, 0.02, 0.02, 0.02, 0.04)
 LONGEST = 3_000_000_000  # ns, a step that is no gap
 BACK = 1_000_000_000  # ns, a step back of a clock that jumps; messages come late by less
 NAMES = "engine 1", "engine 3", "engine 6", "rotor 1"
@@ -74,30 +85,63 @@ class Row:
 
 
 def random_drive(seed: int) -> list[Message]:
-    """Return messages with gaps, jumps of the clock, rates of 1 to 50 Hz, notes and warnings.
+    """Return messages with gaps, jumps of the clock, rates of 0.01 to 50 Hz, notes and warnings.
 
-    Some stamps are earlier than the one before, for one message or for more, and limits change.
+    Some stamps are zero, repeated, or earlier than the one before, for one message or for more.
+    Sources are lost for a while, angles are outside the table, and limits change.
     """
     rng = np.random.default_rng(seed)
     messages: list[Message] = []
     now, known = START, rng.random(len(NAMES)) < 0.75  # whose amplitude is known
-    for _ in range(int(rng.integers(2, 7))):
-        step = round(1e9 / rng.choice([1.0, 10.0, 50.0]))
+    calm = rng.random() < 0.4  # nothing is above a limit, so that only what is not known matters
+    sparse = rng.random() < 0.1
+    zero = rng.random() < 0.02  # all stamps are
+    for _ in range(int(rng.integers(1, 6))):
+        rate = rng.choice([0.3, 0.2, 0.01] if sparse else [0.3, 1.0, 10.0, 10.0, 50.0, 50.0])
+        step = round(1e9 / rate)
         limit = float(np.float32(rng.choice([0.33, 0.33, 0.2, 0.5])))
-        for _ in range(int(rng.integers(1, 5))):
+        for _ in range(int(rng.integers(1, 4))):
             states = rng.choice([CLEAR, NOTE, WARNING, UNKNOWN], len(NAMES), p=[0.4, 0.3, 0.2, 0.1])
-            for _ in range(int(rng.integers(1, 40))):
+            fault = rng.choice(FAULTS, p=CALM_SHARES if calm else SHARES)
+            lost = int(rng.choice([ENGINE, PTO, GROUND])) if fault == "lost" else 0
+            for i in range(int(rng.integers(1, 20))):
                 late = int(rng.integers(2, 6)) * step if rng.random() < 0.02 else 0
-                messages.append(_message(rng, now - late, states, known, limit))
-                now += step + int(rng.integers(-step // 20, step // 20 + 1))
+                at = 0 if zero or fault == "zero" else now - late
+                if calm:
+                    states = np.full(len(NAMES), CLEAR)
+                message = _message(rng, at, states, known, limit)
+                if calm:
+                    message = _calmed(message)
+                message = replace(message, unknown=message.unknown | lost)
+                messages.append(_outside(message) if fault == "outside" else message)
+                if fault != "repeated" or i % 4 == 3:
+                    now += step + int(rng.integers(-step // 20, step // 20 + 1))
         change = rng.random()
-        if change < 0.4:
+        if change < (0.1 if calm else 0.4):
             now += int(rng.integers(LONGEST + 1, 4000 * 10**9))  # a gap
         elif change < 0.6:
-            now -= int(rng.integers(2 * step, 30 * 10**9))  # the clock jumps back
+            now -= int(rng.integers(2 * step, 2 * step + 30 * 10**9))  # the clock jumps back
         elif change < 0.7:
             now -= 3 * step  # by no more than a few messages
     return messages
+
+
+def _calmed(message: Message) -> Message:
+    """Return a message of which nothing is above its limit."""
+    ratios = tuple(0.1 * min(ratio, message.limit) for ratio in message.ratios)
+    total = float(np.float32(np.sqrt(np.nansum(np.square(ratios)))))
+    total = math.nan if math.isnan(message.total) else total
+    return replace(message, state=CLEAR, ratios=ratios, total=total, unknown=0)
+
+
+def _outside(message: Message) -> Message:
+    """Return a message of a crank angle that is outside the table, of which nothing is known."""
+    none, n = math.nan, len(NAMES)
+    unknown = message.unknown | CRANK_ANGLE
+    angle = message.angle + math.pi
+    return Message(
+        message.stamp, angle, UNKNOWN, (UNKNOWN,) * n, (none,) * n, none, "", unknown, message.limit
+    )
 
 
 def _message(
@@ -108,7 +152,7 @@ def _message(
     moving = states != UNKNOWN
     ratios = np.where(known & moving, drawn, np.float32(np.nan)).astype(np.float32)
     total = float(np.float32(np.sqrt(np.nansum(ratios**2)))) if (known & moving).any() else math.nan
-    of_total = int(rng.choice([CLEAR, NOTE, WARNING])) if total == total else UNKNOWN
+    of_total = int(rng.integers(CLEAR, WARNING + 1)) if total == total else UNKNOWN
     state = max([*states.tolist(), of_total], key=SEVEREST_LAST.index)
     order = [
         (SEVEREST_LAST.index(int(each)), -1.0 if math.isnan(ratio) else float(ratio))
@@ -123,15 +167,16 @@ def _message(
         tuple(map(float, ratios)),
         total,
         "" if state == UNKNOWN else NAMES[worst],
-        int(rng.choice([0, 2, 4, 16], p=[0.85, 0.05, 0.05, 0.05])),
+        int(rng.choice([ENGINE, PTO, GROUND_LEVEL])) if rng.random() < 0.15 else 0,
         limit,
     )
 
 
-def write_drive(path: Path, messages: list[Message]) -> Path:
-    """Write the log of a node that published these messages."""
+@cache
+def _model() -> tuple[Predictor, str, list[Topic], list[Attachment]]:
+    """Return what all logs share: the predictor, the name of its table, topics and attachments."""
     table = load_table(config_file(PAPER_TABLE))
-    predictor, qos = Predictor(table), offered_qos_profiles()
+    qos = offered_qos_profiles()
     topics = [Topic(n, k, message_definition(k), type_hash(k), qos) for n, k in TOPICS.items()]
     files = {
         "mechanism.yaml": config_file(PAPER_MECHANISM).read_bytes(),
@@ -140,13 +185,19 @@ def write_drive(path: Path, messages: list[Message]) -> Path:
         "parameters.yaml": b"linkage_vibration:\n  ros__parameters: {}\n",
     }
     attachments = [Attachment(name, "application/yaml", data) for name, data in files.items()]
+    return Predictor(table), table.table_id, topics, attachments
+
+
+def write_drive(path: Path, messages: list[Message]) -> Path:
+    """Write the log of a node that published these messages."""
+    predictor, table_id, topics, attachments = _model()
     with LogWriter(path, topics, attachments) as log:
         for message in messages:
             header = (*divmod(message.stamp, 10**9), "")
             prediction = predictor.predict(message.angle)
             data = encode_message(PREDICTION, prediction, *header)
             log.write("/linkage_vibration/prediction", data, message.stamp, message.stamp)
-            assessed = _assessed(message, table.table_id)
+            assessed = _assessed(message, table_id)
             for topic, kind in zip(list(TOPICS)[1:], ASSESSED, strict=True):
                 data = encode_message(kind, assessed, *header)
                 log.write(topic, data, message.stamp, message.stamp)
@@ -181,11 +232,24 @@ def _assessed(message: Message, table_id: str) -> Any:
 
 def holding_times(messages: list[Message]) -> list[float]:
     """Return for how long each message holds, s."""
+    groups = [list(same) for _, same in itertools.groupby(messages, lambda each: each.stamp)]
+    ends = [later[0].stamp for later in groups[1:]]
+    usual, held = usual_step(messages), list[float]()
+    for same, end in itertools.zip_longest(groups, ends, fillvalue=None):
+        assert same is not None
+        step = -1 if end is None else end - same[0].stamp
+        held += [1e-9 * (step if 0 < step <= LONGEST else usual) / len(same)] * len(same)
+    return held
+
+
+def usual_step(messages: list[Message]) -> float:
+    """Return the median step between two stamps that is no gap, ns; at most the longest one."""
     steps = [later.stamp - each.stamp for each, later in itertools.pairwise(messages)]
-    usual = [step for step in steps if 0 <= step <= LONGEST]
-    median = statistics.median(usual) if usual else 0
-    held = [step if 0 <= step <= LONGEST else median for step in steps]
-    return [1e-9 * step for step in [*held, median]]
+    forward = [step for step in steps if step > 0]
+    usual = [step for step in forward if step <= LONGEST]
+    if any(0 <= step <= LONGEST for step in steps):
+        return statistics.median(usual) if usual else 0.0
+    return min(statistics.median(forward), LONGEST) if forward else 0.0
 
 
 def warnings_of(messages: list[Message]) -> list[tuple[float, float, float]]:
@@ -224,7 +288,7 @@ def durations_of(messages: list[Message]) -> tuple[float, float, float]:
             unknown += time
     for before, after in itertools.pairwise(messages):
         if after.stamp - before.stamp > LONGEST:
-            unknown += 1e-9 * (after.stamp - before.stamp) - held[-1]
+            unknown += 1e-9 * (after.stamp - before.stamp - usual_step(messages))
     return above, below, unknown
 
 
@@ -248,7 +312,7 @@ def rows_of(messages: list[Message]) -> list[Row]:
     known = [row for row in rows if row.largest == row.largest]
     others = [row for row in rows if row.largest != row.largest]
     known.sort(key=lambda row: -row.largest)
-    others.sort(key=lambda row: -row.note)
+    others.sort(key=lambda row: -round(row.note, 9))
     return known + others
 
 
