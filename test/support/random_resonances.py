@@ -34,13 +34,8 @@ from linkage_vibration.table.table import load_table, table_bytes
 START = 1_767_225_600 * 10**9  # ns
 UNKNOWN, CLEAR, NOTE, WARNING = range(4)  # as in LoadState.msg
 SEVEREST_LAST = UNKNOWN, CLEAR, NOTE, WARNING
-CRANK_ANGLE, ENGINE, PTO, GROUND, GROUND_LEVEL = (
-    1,
-    2,
-    4,
-    8,
-    16,
-)  # bits of sources, as in LoadState.msg
+# Bits of sources, as in LoadState.msg.
+CRANK_ANGLE, ENGINE, PTO, GROUND, GROUND_LEVEL = 1, 2, 4, 8, 16
 FAULTS = "none", "lost", "outside", "zero", "repeated"
 SHARES, CALM_SHARES = (0.6, 0.1, 0.1, 0.05, 0.15), (0.9, 0.02, 0.02, 0.02, 0.04)
 LONGEST = 3_000_000_000  # ns, a step that is no gap
