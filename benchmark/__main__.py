@@ -29,6 +29,7 @@ STEPS = (
     "budget",
     "speed",
     "speed.paper_job",
+    "fuzz",
     "measured_faults",
     "working_hour",
     "motion",
