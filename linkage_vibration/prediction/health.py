@@ -188,7 +188,7 @@ class ReadingWatch:
         if stamp:
             least, most = window.ages
             window.ages = min(least, age), max(most, age)
-            window.repeated += stamp == self._stamp
+            window.repeated += stamp == self._stamp and not sender  # A bus stamps by arrival.
         else:
             window.unstamped += 1
         if sender:

@@ -300,7 +300,7 @@ def test_dataset_of_predictions(predictor: Predictor) -> None:
     data = many.to_xarray()
     np.testing.assert_array_equal(data.frequency_slopes.sel(mode=3), many.frequency_slopes[:, 2])
     np.testing.assert_array_equal(data.crank_angle, [1.7, 2.3])
-    assert data.attrs == {"table_id": predictor.table.table_id}
+    assert data.attrs == {"table_id": predictor.table.table_id, "unknown_deviations": ""}
 
 
 def test_parts_of_a_deviation(predictor: Predictor) -> None:

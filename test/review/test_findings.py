@@ -168,21 +168,22 @@ def test_overview_of_logs_with_one_name(write_log: Any, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("warnings", "above", "known", "calm"),
+    ("warnings", "above", "known", "faults", "calm"),
     [
-        (0, 0.0, 0.95, True),
-        (0, 0.0, 0.949, False),
-        (0, 0.1, 1.0, False),
-        (1, 0.0, 1.0, False),
-        (None, None, 0.0, False),
+        (0, 0.0, 0.95, [], True),
+        (0, 0.0, 0.949, [], False),
+        (0, 0.1, 1.0, [], False),
+        (1, 0.0, 1.0, [], False),
+        (0, 0.0, 1.0, ["All stamps are zero."], False),
+        (None, None, 0.0, [], False),
     ],
 )
 def test_rows_of_an_overview_are_green_as_their_pages(
-    log: Log, warnings: int | None, above: float | None, known: float, calm: bool
+    log: Log, warnings: int | None, above: float | None, known: float, faults: list[str], calm: bool
 ) -> None:
-    """A row is green without a warning and a load above the limit, known for 95 % of the drive."""
+    """A row is green without warning, load above the limit, and doubt, known for 95 % of it."""
     row = drive_summary(log) | {"warnings": warnings, "above_limit_s": above}
-    page = overview_html([(row | {"known_share": known}, "a.html")], [])
+    page = overview_html([(row | {"known_share": known, "input_faults": faults}, "a.html")], [])
     assert ("<tr class=calm>" in page) == calm == ("<tr class=alarm>" not in page)
 
 
