@@ -405,7 +405,8 @@ class Kinematics:
             if float(np.abs(gaps[..., :-1]).max()) > _TOLERANCE:
                 return None
             matrix[..., -1, :] = direction
-            rate = np.linalg.solve(matrix, np.eye(pose.shape[-1])[:, -1:])[..., 0]
+            last = np.broadcast_to(np.eye(pose.shape[-1])[:, -1:], (*pose.shape, 1))
+            rate = np.linalg.solve(matrix, last)[..., 0]
             return pose, np.asarray(rate)
         except np.linalg.LinAlgError:
             return None
