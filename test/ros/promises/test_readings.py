@@ -183,7 +183,7 @@ def test_stamps(node: Promised) -> None:
     """Readings that are repeated, late, or from the past or the future, are answered."""
     stamps = [(2_000_000_000, 0), (5, 7), (5, 7), (2**31 - 1, 999_999_999), (-5, 0)]
     for i, (sec, nanosec) in enumerate(stamps):
-        angle = 1.7 + 0.1 * i
+        angle = 1.7000017 + 0.1 * i  # which no reading of the load has
         message = JointState(name=[JOINT], position=array("d", [angle]))
         message.header.stamp = Time(sec=sec, nanosec=nanosec)
         own = lambda p, a=angle: p.crank_angle == a  # noqa: E731

@@ -476,7 +476,7 @@ def test_change_of_the_implement(small: Promised, tmp_path: Path) -> None:
         tables.append(node.peer.ask().table_id)
     status, result = future.result().status, future.result().result
     assert (status, result.success) == (SUCCEEDED, True), result.message
-    assert tables.count(old) > 2
+    assert tables.count(old) >= 1
     assert tables == [old] * tables.count(old) + [result.table_id] * tables.count(result.table_id)
     assert node.peer.ask().table_id == result.table_id != old
     node.peer.spin(lambda: len(infos) == 2, "the new description")
