@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """How much deviations of damping depend on the draws: ``python -m benchmark.drawn_members``.
 
-A starter is solved in the middle of its stroke: sets of 1000 models that are drawn independently,
-the first as in `benchmark.uncertainty`, and members of ensembles with other draws than the table's.
+A starter is solved in the middle of its stroke: 1000 models that are drawn independently, as in
+`benchmark.uncertainty`, and the members of ensembles with other draws than those of the table.
 """
 
 import math
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmark.report import machine, publish, table
-from benchmark.uncertainty import coarse, described, modes_of, sampled
+from benchmark.uncertainty import ANGLES, SAMPLES, coarse, described, modes_of, sampled
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.uncertainty import rotation
 from linkage_vibration.readers.mechanism import mechanism_of
@@ -23,7 +23,6 @@ FloatArray = NDArray[np.float64]
 NAME = "starters/category_2.yaml"
 OWN = 7  # the seed of the draws of tables
 OTHERS = range(100, 124)
-SETS, PART = 4, 250
 
 
 def members(seed: int) -> FloatArray:
@@ -46,26 +45,28 @@ def lognormal(ratios: FloatArray) -> FloatArray:
 def main() -> None:
     """Compare the deviations by all draws, and publish them."""
     mechanism = mechanism_of(described(NAME), Path("description"))
-    first, last = mechanism.stroke
-    angles = np.array([first, (first + last) / 2.0, last])  # models shall close at the ends, too
-    parts = [sampled(described(NAME), angles, PART, seed)[:, 1, 1] for seed in range(4 * SETS)]
-    closing = [each[np.isfinite(each).all(axis=1)] for each in parts]
-    sets = [np.concatenate(closing[4 * i : 4 * i + 4]) for i in range(SETS)]
-    whole = np.concatenate(sets)
+    angles, middle = np.linspace(*mechanism.stroke, ANGLES), ANGLES // 2
+    parts = [sampled(described(NAME), angles, SAMPLES // 4, i) for i in range(4)]
+    whole = np.concatenate(parts)[:, middle, 1]
+    whole = whole[np.isfinite(whole).all(axis=1)]
     ensembles = [members(seed)[:, 1] for seed in OTHERS]
     pool, own = np.concatenate(ensembles), members(OWN)[:, 1]
     true = pool.std(axis=0)
     fourth = ((whole - whole.mean(axis=0)) ** 4).mean(axis=0) / whole.std(axis=0) ** 4
-    columns = [
-        *(lognormal(own) / each.std(axis=0) - 1.0 for each in sets),
-        lognormal(own) / whole.std(axis=0) - 1.0,
-        np.sqrt((fourth - 1.0) / (4.0 * PART * 4)),
-        lognormal(own) / true - 1.0,
-        (np.array([lognormal(each) for each in ensembles]) / true).std(axis=0),
-    ]
+    errors = np.sqrt((fourth - 1.0) / (4.0 * len(whole)))
+    scatter = (np.array([lognormal(each) for each in ensembles]) / true).std(axis=0)
     rows = [
-        [str(mode), *(f"{100.0 * value:.1f} %" for value in values)]
-        for mode, values in enumerate(zip(*columns, strict=True), 1)
+        [str(mode + 1), *(f"{100.0 * value:.1f} %" for value in values)]
+        for mode, values in enumerate(
+            zip(
+                lognormal(own) / whole.std(axis=0) - 1.0,
+                errors,
+                lognormal(own) / true - 1.0,
+                scatter,
+                whole.std(axis=0) / true - 1.0,
+                strict=True,
+            )
+        )
     ]
     n = len(own)
     publish(
@@ -74,22 +75,21 @@ def main() -> None:
         [
             "This page compares standard deviations of the damping ratios of "
             f"`{NAME}` in the middle of its stroke: by the {n} members whose numbers are drawn "
-            f"first for a table, by {SETS} sets of 1000 models that are drawn independently, of "
-            f"which {len(whole)} close at the ends and in the middle of the stroke, and by the "
-            f"{len(pool)} members of {len(ensembles)} ensembles of other draws. All have the "
-            "stated standard deviations and correlations, each ensemble exactly, and the models in "
-            "the mean. The table also leaves out two opposite members that do not close over the "
-            "stroke, which this page does not. A deviation of "
+            f"first for a table, by {len(whole)} models that are drawn independently and close "
+            f"over the stroke, and by the {len(pool)} members of {len(ensembles)} ensembles of "
+            "other draws. All have the stated standard deviations and correlations, each ensemble "
+            "exactly, and the models in the mean. The table also leaves out two opposite members "
+            "that do not close over the stroke, which this page does not. A deviation of "
             f"{n} independent normal numbers would have a standard error of "
             f"{100.0 / math.sqrt(2.0 * (n - 1)):.1f} %.",
             table(
                 [
                     "mode",
-                    *(f"members over set {i}" for i in range(1, SETS + 1)),
-                    "members over all sets",
-                    "standard error of a set",
+                    "members over models",
+                    "standard error of the models",
                     "members over all ensembles",
                     "scatter of ensembles",
+                    "models over all ensembles",
                 ],
                 rows,
             ),
