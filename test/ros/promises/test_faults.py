@@ -132,8 +132,10 @@ def test_frozen_sensor(node: Promised) -> None:
 @promise("node.md#diagnostics")
 def test_wrong_velocity(node: Promised) -> None:
     """A velocity that is always 0 while the positions move is a WARN."""
-    n = round(5.0 * node.tractor.rate)  # 5 s to and fro, so that a second has no whole period
-    steps = [2.3 + 0.3 * math.sin(2.0 * math.pi * i / n) for i in range(n)]
+    # A second, which is judged, shall have no whole period.
+    moving = [2.3 + 0.3 * math.sin(2.0 * math.pi * i / 1300) for i in range(1300)]
+    rate = node.tractor.rate
+    steps = moving[:: max(1, round(200.0 / rate))]
     shows(node, "input", WARN, "The velocity of joint", lambda t: t.read(*steps, velocity=[0.0]))
 
 
