@@ -60,7 +60,7 @@ def drive_summary(log: Log) -> dict[str, Any]:
         limits = [_rounded(limit) for limit in np.unique(drive.resonances.load_ratio_limit)]
         spent = durations(drive)
         judged = bool(np.isfinite(drive.resonances.total_load_ratio).any()) or spent.above > 0.0
-    if drive is not None and np.isfinite(drive.resonances.total_load_ratio).any():
+    if drive is not None and drive.may_be_worst.any():
         row = worst_message(drive)
         at = drive.resonances.message(row)
         worst = {

@@ -23,6 +23,7 @@ from linkage_vibration.prediction.verdict import (
     durations,
     episodes,
     ground_and_orders,
+    worst_message,
 )
 from linkage_vibration.review.advice_map import advice_map
 from linkage_vibration.review.campbell import campbell
@@ -367,7 +368,8 @@ def _tables(
     for episode in shown:
         at = drive.resonances.message(episode.worst)
         hertz = at.excitation_frequency
-        cells = [clock(episode.start, whole), f"{at.total_load_ratio:.3f}", at.total_load_place]
+        ratio = "doubted" if drive.doubted[episode.worst] else f"{at.total_load_ratio:.3f}"
+        cells = [clock(episode.start, whole), ratio, at.total_load_place]
         cells += [at.excitation, "" if math.isnan(hertz) else f"{hertz:.1f}"]
         row = {"cells": [*cells, f"{episode.duration:.2f}"], "length": episode.duration}
         row["severity"] = float(severity[episode.worst])
@@ -435,9 +437,9 @@ def _load_cards(log: Log, warnings: Sequence[Episode]) -> list[tuple[str, str, b
     unknown = not warnings and not spent.known_share
     alarm = bool(warnings) or not spent.calm
     cards = [("Warnings", "not known" if unknown else text, alarm)]
-    ratio, velocity = resonances.total_load_ratio, resonances.total_velocity
-    if np.isfinite(ratio).any():
-        row = int(np.nanargmax(ratio))
+    velocity = np.where(drive.doubted, math.nan, resonances.total_velocity)
+    if drive.may_be_worst.any():
+        row = worst_message(drive)
         at = resonances.message(row)
         load = f"{ratio_words(at.total_load_ratio)} in {at.total_load_place or 'the pins'}"
         static = _static_force(log, at.total_load_place, float(drive.angles[row]))

@@ -71,7 +71,7 @@ class Report:
     checked : tuple of str
         The limits that were checked.
     input_faults : tuple of str
-        A sentence for each fault of the inputs, which may be the cause of a failure.
+        A sentence for each fault of the inputs that the limits allow.
     """
 
     bag: Path
@@ -147,7 +147,9 @@ def check_bag(
         drawn = Path(picture) if failures and picture is not None else None
         if drawn is not None:
             plot(read, drawn)
-    return Report(bag, len(read.stamps), tuple(failures), drawn, tuple(checked), read.input_faults)
+    refused = any(failure.limit == "input_faults" for failure in failures)
+    faults = () if refused else read.input_faults
+    return Report(bag, len(read.stamps), tuple(failures), drawn, tuple(checked), faults)
 
 
 def latencies(bag: Path, log: Path) -> FloatArray:
@@ -185,11 +187,10 @@ def _failures(log: Log, limits: Limits, latency: FloatArray) -> tuple[list[str],
             sizes = np.where(each.exceeded, np.nan_to_num(each.size), -np.inf)
             at, count = int(sizes.argmax()), int(each.exceeded.sum())
             words, row = each.words(at), int(each.predictions[at])
-            if each.limit == "load_ratio":
-                of_loads.append(_failure(log, each.limit, row, count, words))
-            else:
-                these = of_loads if each.limit in OF_LOADS else failures
-                these.append(_failure(log, each.limit, row, count, words + _load_then(log, row)))
+            if each.limit not in ("load_ratio", "input_faults"):
+                words += _load_then(log, row)
+            these = of_loads if each.limit in OF_LOADS else failures
+            these.append(_failure(log, each.limit, row, count, words))
     unsure = min(found, key=lambda each: each.known_share, default=None)
     if unsure is not None and unsure.known_share < (limits.known_share or 0.0):
         share = max(0, math.floor(round(1000.0 * unsure.known_share, 6))) / 10.0

@@ -87,6 +87,8 @@ def quantities(log: Log, limits: Limits, latency: FloatArray) -> Iterator[Quanti
     span = _span(log.times, np.arange(len(held)), held, missing, limits)
     yield from _of_the_bag(log, limits, span)
     yield from _of_predictions(log, limits, span)
+    if limits.input_faults is not None:
+        yield from _faults(log, limits, span)
     yield from _of_loads(log, limits)
     if limits.latency is not None:
         most = -math.inf, limits.latency
@@ -142,6 +144,19 @@ def _of_the_bag(log: Log, limits: Limits, span: Span) -> Iterator[Quantity]:
         gaps = _span(times[:-1], np.arange(len(steps)), steps, 0.0, limits)
         allowed = -math.inf, limits.gap
         yield gaps.quantity("gap", steps[gaps.rows], allowed, "no prediction for {:.3f} s")
+
+
+def _faults(log: Log, limits: Limits, span: Span) -> Iterator[Quantity]:
+    """Yield the faults of the inputs, within windows if there are any."""
+    times, found = log.received[span.rows], list[tuple[str, int]]()
+    for fault in log.faults:
+        inside = [(times >= begin) & (times <= end) for begin, end in fault.times]
+        there = np.any(inside, axis=0)
+        if limits.windows is None or there.any():
+            found.append((fault.sentence.rstrip("."), int(span.predictions[there.argmax()])))
+    for sentence, row in found or [("", 0)]:
+        exceeded = np.array([len(found) > (limits.input_faults or 0)])
+        yield Quantity("input_faults", np.array([row]), exceeded, np.zeros(1), _always(sentence))
 
 
 def _of_predictions(log: Log, limits: Limits, span: Span) -> Iterator[Quantity]:
@@ -227,7 +242,9 @@ def _load_ratio(
             raise TestKitError(f"place is {limits.place!r}; {log.path} has only {every}.")
         # While another place is loaded more, only a bound is known of the load here.
         above = (ratio > most) & (place == limits.place)
-    quantity = Quantity("load_ratio", span.predictions, above, ratio, words)
+    # A load that is doubted is not named where another one exceeds the limit, too.
+    sizes = ratio * ~drive.doubted
+    quantity = Quantity("load_ratio", span.predictions, above, sizes, words)
     return span.assessed(quantity, above | below, why)
 
 
@@ -273,6 +290,7 @@ def _drive_within(log: Log, drive: Drive, limits: Limits) -> Drive | None:
         angles=drive.angles[span.rows],
         predictions=span.predictions,
         missing=span.missing,
+        doubted=drive.doubted[span.rows],
     )
 
 

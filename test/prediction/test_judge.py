@@ -29,7 +29,7 @@ def judged(
         known = RANGE[0] <= angle(k) <= RANGE[1]
         arrived = START + k * STEP
         judge.readings([arrived], [stamp(k)], [angle(k)], [velocity], [known])
-    return judge.sentences()
+    return [fault.sentence for fault in judge.faults()]
 
 
 def test_sound_readings() -> None:
@@ -75,7 +75,7 @@ def test_a_clock_that_jumps_back_is_no_jump_of_the_crank() -> None:
         for k in range(500):
             time = START + k * STEP - 5 * 10**9 * (k >= 250)
             judge.readings([time], [time], [2.0 + jump * (k >= 300)], [math.nan], [True])
-        assert sum("jump by up to" in sentence for sentence in judge.sentences()) == expected
+        assert sum("jump by up to" in fault.sentence for fault in judge.faults()) == expected
 
 
 @pytest.mark.parametrize(("stands", "expected"), [(51, 0), (52, 1)])
@@ -85,7 +85,7 @@ def test_a_time_of_receipt_that_stands_still(stands: int, expected: int) -> None
     for k in range(200):
         arrived = START + max(k - stands + 1, 0) * STEP
         judge.readings([arrived], [START + k * STEP], [2.0], [0.0], [True])
-    found = [s for s in judge.sentences() if s.startswith("The time of receipt stood still")]
+    found = [f for f in judge.faults() if f.sentence.startswith("The time of receipt stood still")]
     assert len(found) == expected
 
 
@@ -107,7 +107,7 @@ def speeds(source: Source, value: Callable[[int], float], step: int = 100_000_00
     judge = InputJudge("the crank angle", RANGE)
     for k in range(100):
         judge.speed(source, START + k * step, value(k), f"/{source.value}_speed")
-    return judge.sentences()
+    return [fault.sentence for fault in judge.faults()]
 
 
 @pytest.mark.parametrize(
@@ -146,5 +146,5 @@ def test_a_pto_without_an_engine() -> None:
         for k in range(10 * seconds):
             judge.speed(Source.ENGINE, START + k * 100_000_000, 0.0, "/engine_speed")
             judge.speed(Source.PTO, START + k * 100_000_000, 540.0, "/pto_speed")
-        found = [s for s in judge.sentences() if "so one of both is wrong" in s]
+        found = [f for f in judge.faults() if "so one of both is wrong" in f.sentence]
         assert len(found) == expected

@@ -327,6 +327,6 @@ def test_words_of_states_are_those_of_the_message() -> None:
 @pytest.mark.parametrize("faults", [[], ["All stamps are zero."]])
 def test_faults_of_the_inputs_are_named(log: Log, faults: list[str]) -> None:
     """The page and the summary have the sentences that the log has."""
-    doubted = replace(log, input_faults=tuple(faults))
+    doubted = replace(log, faults=tuple(InputFault(text, 0, False, []) for text in faults))
     assert review_page(doubted).content["inputs"] == faults
     assert drive_summary(doubted)["input_faults"] == faults
