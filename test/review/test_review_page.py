@@ -13,6 +13,7 @@ import pytest
 
 from linkage_vibration.cli.main import main
 from linkage_vibration.messages.definitions import message_definition
+from linkage_vibration.prediction.judge import InputFault
 from linkage_vibration.prediction.verdict import Drive, episodes
 from linkage_vibration.review.log import Log, read_log
 from linkage_vibration.review.overview import drive_summary
