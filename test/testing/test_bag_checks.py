@@ -148,9 +148,10 @@ def test_what_is_not_known_fails(log: Path) -> None:
 
 def test_status_comes_before_loads_that_are_not_known() -> None:
     """A drive outside the table has no load because of that, which the report says."""
-    first, second = check_bag(DRIVE, Limits(load_ratio=0.33), Parameters(offset=4.0)).failures
-    assert (first.limit, second.limit) == ("statuses", "known_share")
-    assert "are outside 90 to 180 deg: check offset or sign" in second.words
+    failures = check_bag(DRIVE, Limits(load_ratio=0.33), Parameters(offset=4.0)).failures
+    causes = ["statuses", "input_faults", "known_share"]
+    assert [*dict.fromkeys(each.limit for each in failures)] == causes
+    assert "are outside 90 to 180 deg: check offset or sign" in failures[-1].words
 
 
 def test_failures_name_the_load(log: Path) -> None:
@@ -191,7 +192,7 @@ def test_baseline(log: Path, tmp_path: Path, same: bool) -> None:
     settings = Parameters(offset=0.0 if same else -0.01)
     report = check_bag(DRIVE, Limits(baseline_tolerance=0.0), settings, baseline=log)
     assert report.passed == same
-    assert report.checked == ("statuses", "baseline")
+    assert report.checked == ("statuses", "input_faults", "baseline")
     if not same:
         [failure] = report.failures
         assert (failure.limit, failure.seconds, failure.count) == ("baseline", 0.0, 2000)
