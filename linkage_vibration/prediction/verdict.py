@@ -458,7 +458,8 @@ def _cause_at(drive: Drive, row: int) -> str:
 def _load_at(drive: Drive, row: int) -> str:
     """Return the load at a message in words: how much, where, when, and by what."""
     at = drive.resonances.message(row)
-    total = load_words(at.total_load_ratio, at.total_load_ratio_factor, at.total_load_place)
+    factor, why = at.total_load_ratio_factor, at.unknown_factors
+    total = load_words(at.total_load_ratio, factor, at.total_load_place, why)
     angle = math.degrees(drive.angles[row])
     return f"{total} at {drive.times[row]:.2f} s and {angle:.1f} deg{_cause_at(drive, row)}"
 

@@ -237,9 +237,9 @@ def read_log(path: str | Path) -> Log:
     attachments, metadata = _read_provenance(path)
     table, mechanism, mechanism_text, excitations = _read_model(attachments, table_id)
     parameters_text = attachments.get(PARAMETERS, b"").decode(errors="replace")
-    drive, at_predictions = _resonances(
-        resonances, predictions, passes, [excitation.name for excitation in excitations]
-    )
+    names = [excitation.name for excitation in excitations]
+    why = table.unknown_factors if table else "the log does not hold the table that made it"
+    drive, at_predictions = _resonances(resonances, predictions, passes, names, why)
     log = Log(
         path=path,
         stamps=stamps,
@@ -397,10 +397,14 @@ def log_table(log: Log) -> dict[str, NDArray[Any]]:
     """Return the columns of a log, (n,), by the names of their fields, as its CSV file has them."""
     why = "" if log.table is None else log.table.unknown_deviations
     table = {"stamp_ns": log.stamps} | prediction_table(_predictions(log), why)
-    if log.resonances is not None:
+    if log.resonances is not None and log.drive is not None:
         for field in resonance_fields():
             name = "resonance_state" if field.name == "state" else field.name
             table[name + unit_suffix(field)] = getattr(log.resonances, field.name)
+        of = log.resonances
+        lost = np.isnan(of.load_ratio_factor) & np.isfinite(of.load_ratio)
+        lost |= np.isnan(of.total_load_ratio_factor) & np.isfinite(of.total_load_ratio)
+        table["unknown_factors"] = np.where(lost, log.drive.resonances.unknown_factors, "")
         near = np.isfinite(log.resonances.natural_frequency)
         modes = np.where(near, log.resonances.mode + 1, 0)
         names = np.array(["", *(log.mode_name(mode) for mode in range(log.n_modes))])
@@ -429,11 +433,12 @@ def _speed_times(speeds: Columns, predictions: Columns, passes: IntArray) -> Flo
 
 
 def _resonances(
-    columns: Columns, predictions: Columns, passes: IntArray, names: Sequence[str]
+    columns: Columns, predictions: Columns, passes: IntArray, names: Sequence[str], why: str
 ) -> tuple[Drive | None, MessageColumns | None]:
     """Return all resonances, and the latest at each prediction; None if there are none.
 
-    Resonances belong to the pass within which they were written.
+    Resonances belong to the pass within which they were written, and `why` is the reason of factors
+    that are NaN.
     """
     if not len(columns.get("state", ())):
         return None, None
@@ -462,7 +467,7 @@ def _resonances(
     shown = resonance_fields()
     kept = {*_EACH, LOG_TIME, *(field.name for field in shown)}
     # As they were written: a stamp that is earlier than the one before ended the warnings.
-    messages = MessageColumns(**{n: c for n, c in every.items() if n in kept})
+    messages = MessageColumns(**{n: c for n, c in every.items() if n in kept}, unknown_factors=why)
     angles, start, end = predictions["crank_angle"][predicted], int(stamps[0]), int(stamps[-1])
     drive = drive_of(taken, start, messages, angles, names, predicted, end)
     values: dict[str, Any] = {}

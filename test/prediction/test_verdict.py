@@ -66,6 +66,7 @@ def drive(whole: list[int], totals: list[float], step: float = 1.0, **fields: An
         "load_ratios": np.stack([total, np.full(n, np.nan, np.float32)], axis=1),
         "total_load_ratio": total,
         "total_load_ratio_factor": np.full(n, np.nan, np.float32),
+        "unknown_factors": "",
         "total_load_place": np.full(n, "lower_link:V1"),
         "load_place": np.full(n, "lower_link:V1"),
         "unknown_sources": np.full(n, ENGINE_SPEED),
