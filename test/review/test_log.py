@@ -182,10 +182,10 @@ def test_factors_that_are_not_known_have_a_reason(drive: Path, unknown: bool) ->
     row = worst_message(log.drive)
     at = int(log.drive.predictions[row])
     for columns, i in ((log.drive.resonances, row), (log.resonances, at)):
-        factors = columns.total_load_ratio_factor.copy()
-        factors[i] = math.nan if unknown else factors[i]
-        columns.total_load_ratio_factor = factors
-    why, lost = "fewer than 95 % of the models with other numbers had this load", set[int]()
+        factors = np.full(columns.load_ratio.shape, 1.1, np.float32)
+        columns.load_ratio_factor, columns.total_load_ratio_factor = factors, factors.copy()
+        columns.total_load_ratio_factor[i] = math.nan if unknown else 1.1
+    why, lost = "no number of the mechanism is uncertain", set[int]()
     rows = list(csv.DictReader(io.StringIO(csv_text(log))))
     for i, values in enumerate(rows):
         for name in ("load_ratio", "total_load_ratio"):
@@ -203,10 +203,11 @@ def test_why_a_table_has_no_factors(drive: Path) -> None:
     """Without uncertain numbers, or without an ensemble of models, the reason is another one."""
     table = read_log(drive).table
     assert table is not None
-    table = replace(table, ensemble_alpha3=np.empty(0))
+    assert table.unknown_factors == "no number of the mechanism is uncertain"
+    table = replace(table, parameter_stddev=np.full((2, 9, table.n_modes), 0.01))
     assert table.unknown_factors.startswith("models with other numbers cannot be interpolated")
-    certain = replace(table, parameter_stddev=np.empty((2, 0, 0)))
-    assert certain.unknown_factors == "no number of the mechanism is uncertain"
+    table = replace(table, ensemble_alpha3=np.ones(2))
+    assert table.unknown_factors.startswith("fewer than 95 % of the models with other numbers had")
 
 
 def test_bare_log(write_log: Any, tmp_path: Path) -> None:

@@ -28,6 +28,9 @@ from linkage_vibration.messages.topics import (
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.settings import Parameters
+from linkage_vibration.review.log import read_log
+from linkage_vibration.review.overview import drive_summary
+from linkage_vibration.review.review_page import review_page
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.testing.bag_checks import check_bag
 from linkage_vibration.testing.limits import Limits, TestKitError
@@ -144,6 +147,8 @@ def test_what_is_not_known_fails(log: Path) -> None:
     assert (failure.limit, failure.seconds, failure.count) == ("known_share", 0.0, 1)
     assert "known for 0 % of the drive whether load_ratio is exceeded" in failure.words
     assert check_bag(log, Limits(load_ratio=1e3, known_share=0.0)).passed
+    read = read_log(log)
+    assert (drive_summary(read)["known_share"], review_page(read).content["calm"]) == (0.0, False)
 
 
 def test_status_comes_before_loads_that_are_not_known() -> None:
