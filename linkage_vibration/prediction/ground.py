@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """How strongly the ground under the wheels shakes the response point and loads pins and cylinders.
 
-Both wheels of each mount of the base follow the tracks of the mount before it. Tracks are random,
-with the power spectral density G(n) over the wavenumber n, so that levels are sums over frequencies.
+The wheels of all mounts of the base follow one another on two tracks. The heights are random, with
+the power spectral density G(n) over the wavenumber n, so that levels are sums over frequencies.
 """
 
 import math
@@ -106,9 +106,9 @@ class Terrain:
     def coherence(self, n: FloatArray, apart: float) -> FloatArray:
         """Return the cross density of parallel tracks, apart by m, over the density of one.
 
-        An isotropic plane with the exponent w has the density (n^2 + m^2)^-(w + 1)/2, whose Fourier
-        transform over the wavenumber m across is 2^(1-v) x^v K_v(x) / Gamma(v) times that at 0, with
-        v = w / 2 and x = 2 pi n apart.
+        An isotropic plane of the exponent w has the density (n^2 + m^2)^-(w + 1)/2, whose Fourier
+        transform over the wavenumber m across is 2^(1-v) x^v K_v(x) / Gamma(v) but for a factor,
+        with v = w / 2 and x = 2 pi n apart.
         """
         if apart == 0.0:
             return np.ones_like(n)
