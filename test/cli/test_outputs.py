@@ -362,60 +362,6 @@ def test_failed_table_leaves_no_page(files: Path, capsys: Any, option: str) -> N
     assert [name for name in contents(files) if name.startswith(".")] == []
 
 
-INTERRUPTED = """
-import os, signal, sys
-
-library, number = sys.argv[1], int(sys.argv[2])
-sys.argv[1:] = sys.argv[3:]
-
-class Interrupter:
-    def find_spec(self, name, path=None, target=None):
-        if name == library:
-            sys.meta_path.remove(self)
-            try:
-                os.kill(os.getpid(), number)
-                for _ in range(10**5):
-                    pass
-            except BaseException:  # as extensions turn any exception into an ImportError
-                if name.startswith("linkage_vibration"):
-                    raise
-                raise ImportError("interrupted") from None
-
-sys.meta_path.insert(0, Interrupter())
-from linkage_vibration.cli.__main__ import main
-sys.exit(main())
-"""
-
-
-@pytest.mark.parametrize(
-    ("name", "number"),
-    [
-        ("linkage_vibration.support.exit_codes", signal.SIGINT),
-        ("argparse", signal.SIGINT),
-        ("importlib.metadata", signal.SIGHUP),
-        ("numpy", signal.SIGINT),
-        ("zstandard", signal.SIGTERM),
-    ],
-)
-def test_signal_during_an_import(files: Path, name: str, number: signal.Signals) -> None:
-    """A signal that arrives while a library is imported, also the first one, ends the command."""
-    before = contents(files)
-    command = [sys.executable, "-c", INTERRUPTED, name, str(int(number))]
-    done = subprocess.run(
-        [*command, "replay", "drive.mcap", "-o", "new.mcap"],
-        capture_output=True,
-        timeout=60,
-        check=False,
-        preexec_fn=lambda: (
-            signal.signal(number, signal.default_int_handler)
-            if number == signal.SIGINT
-            else signal.signal(number, signal.SIG_DFL)
-        ),
-    )
-    assert (done.returncode, done.stderr) == (128 + number, b"")
-    assert contents(files) == before
-
-
 @pytest.mark.parametrize(
     ("command", "kind"),
     [
