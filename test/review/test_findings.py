@@ -223,7 +223,7 @@ def test_messages_that_were_dropped_are_a_problem(log: Log) -> None:
 
 def test_summary_is_json(drive: Path, jumping: Path, capsys: Any, log: Log) -> None:
     """The same as JSON, with null for what is not known."""
-    assert main(["summary", str(drive), str(jumping)]) == 0
+    assert main(["review", str(drive), str(jumping), "--json"]) == 0
     first, second = json.loads(capsys.readouterr().out)["drives"]
     assert first["sentence"] == first_sentence(log)
     assert first["worst"]["load_ratio_factor"] is None
@@ -241,7 +241,7 @@ def test_summary_is_json(drive: Path, jumping: Path, capsys: Any, log: Log) -> N
 
 def test_summary_names_a_log_that_is_cut(overview: Path, tmp_path: Path, capsys: Any) -> None:
     """Of three logs, two are printed and the third is named; without any, the command fails."""
-    assert main(["summary", str(overview)]) == 3
+    assert main(["review", str(overview), "--json"]) == 3
     output = capsys.readouterr()
     content = json.loads(output.out)
     assert [Path(each["log"]).name for each in content["drives"]] == ["drive.mcap", "jumping.mcap"]
@@ -249,7 +249,7 @@ def test_summary_names_a_log_that_is_cut(overview: Path, tmp_path: Path, capsys:
     assert failure["log"] == str(overview / "cut.mcap")
     assert "cut.mcap is damaged" in failure["error"]
     assert failure["error"] in output.err
-    assert main(["summary", str(overview / "cut.mcap")]) == 1
+    assert main(["review", str(overview / "cut.mcap"), "--json"]) == 1
     output = capsys.readouterr()
     assert "cut.mcap is damaged" in output.err
     assert output.out == ""
@@ -284,7 +284,7 @@ def test_strict_summary(
         for k in range(100)
     ]
     path = str(write_drive(tmp_path / "drive.mcap", messages))
-    assert main(["summary", path, "--strict"]) == code
+    assert main(["review", path, "--json", "--strict"]) == code
     assert said in capsys.readouterr().err
 
 
