@@ -276,8 +276,8 @@ def test_pipe_as_input(files: Path, option: str) -> None:
 @pytest.mark.parametrize(
     "command",
     [
-        "measure 120:pipe.csv",
-        "measure 120:pipe.mcap",
+        "measure 120:pipe.csv --mechanism linkage.yaml",
+        "measure 120:pipe.mcap --mechanism linkage.yaml",
         "calibrate fit.yaml -o new.yaml",
         "replay drive.mcap --params-file parameters.yaml -o new.mcap",
     ],
@@ -410,7 +410,7 @@ def test_signal_during_an_import(files: Path, name: str, number: signal.Signals)
     before = contents(files)
     command = [sys.executable, "-c", INTERRUPTED, name, str(int(number))]
     done = subprocess.run(
-        [*command, "replay", "drive.mcap", "-o", "new.mcap"],
+        [*command, "replay", "drive.mcap", "-o", "new.mcap", "--table", "table.npz"],
         capture_output=True,
         timeout=60,
         check=False,
