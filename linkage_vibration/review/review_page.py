@@ -13,7 +13,7 @@ from linkage_vibration.bags.recorder import FAULTS_METADATA
 from linkage_vibration.drawing import palette
 from linkage_vibration.mechanics.arrays import BoolArray, IntArray, runs
 from linkage_vibration.prediction.excitation import Source
-from linkage_vibration.prediction.predictor import Status, largest_deviations, uncertain_modes
+from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.severity import ResonanceState, ratio_words
 from linkage_vibration.prediction.verdict import (
     Contribution,
@@ -25,10 +25,10 @@ from linkage_vibration.prediction.verdict import (
     ground_and_orders,
 )
 from linkage_vibration.review.advice_map import advice_map
-from linkage_vibration.review.campbell import campbell
 from linkage_vibration.review.findings import (
     all_speeds,
     first_sentence,
+    is_calm,
     log_limits,
     never_in_table,
     number,
@@ -83,7 +83,7 @@ def review_page(log: Log) -> Page:
         "mode_labels": [_mode_name(log, mode) for mode in range(log.n_modes)],
         "brief": ["crank_angle", *(f"f{mode + 1}" for mode in range(log.n_modes))],
         "answer": first_sentence(log),
-        "calm": _is_calm(log, warnings),
+        "calm": is_calm(log),
         "inputs": list(log.input_faults),
         "tables": _tables(log, parts, warnings, shown, rows, axis),
         "summary": _summary(log, warnings, missing),
@@ -92,7 +92,6 @@ def review_page(log: Log) -> Page:
         **_excitations(log, axis),
         "clock": axis.knots(),
         "advice": None if outside else advice_map(log),
-        "campbell": [] if outside else campbell(log, [episode.worst for episode in warnings]),
         "stale_after": number(log, "stale_after", _STALE_AFTER),
     }
     if outside:  # Nothing but the angle is known, and empty charts show nothing.
@@ -149,13 +148,6 @@ def provenance_rows(log: Log) -> list[list[str]]:
             text = ", ".join(f"{key} {value}" for key, value in record.items())
             rows.append([f"Record {name}", text])
     return rows
-
-
-def _is_calm(log: Log, warnings: Sequence[Episode]) -> bool:
-    """Return whether nothing exceeded a limit, as far as inputs that are not doubted can say."""
-    if log.drive is None or warnings or log.input_faults:
-        return False
-    return durations(log.drive).calm
 
 
 def clock(time: float, whole: float) -> str:
@@ -398,16 +390,8 @@ def _summary(log: Log, warnings: Sequence[Episode], missing: list[tuple[float, f
             if len(oscillating):
                 parts.insert(0, f"{oscillating.min():.2f} to {oscillating.max():.2f} Hz")
             add(_mode_name(log, mode), ", ".join(parts))
-        peak = int(np.nanargmax(log.peak_magnitude))
-        height, frequency = log.peak_magnitude[peak], log.peak_frequency[peak]
-        add("Highest FRF peak", f"{height:.3g} m/N at {frequency:.2f} Hz")
     for label, value, alert in _load_cards(log, warnings):
         add(label, value, alert=alert)
-    deviations = log.frequency_stddevs, log.damping_ratios, log.damping_ratio_stddevs
-    if uncertain := uncertain_modes(log.natural_frequencies, *deviations, log.mode_label):
-        text = f"{len(uncertain)} of {log.n_modes}: {_largest_deviations(log)}"
-        # They are expected if numbers of the mechanism are uncertain.
-        add("Uncertain modes", text, alert=log.table is None or not log.table.uncertain)
     if log.table is not None and (reason := log.table.unknown_deviations):
         add("Standard deviations", reason)
     faulty = int((log.status != Status.OK).sum())
@@ -435,16 +419,13 @@ def _load_cards(log: Log, warnings: Sequence[Episode]) -> list[tuple[str, str, b
     unknown = not warnings and not spent.known_share
     alarm = bool(warnings) or not spent.calm
     cards = [("Warnings", "not known" if unknown else text, alarm)]
-    ratio, velocity = resonances.total_load_ratio, resonances.total_velocity
+    ratio = resonances.total_load_ratio
     if np.isfinite(ratio).any():
         row = int(np.nanargmax(ratio))
         at = resonances.message(row)
         load = f"{ratio_words(at.total_load_ratio)} in {at.total_load_place or 'the pins'}"
         static = _static_force(log, at.total_load_place, float(drive.angles[row]))
         cards.append(("Largest load", f"{load}{static}", False))
-    if np.isfinite(velocity).any():
-        text = f"{1e3 * np.nanmax(velocity):.3g} mm/s rms, at the response point"
-        cards.append(("Strongest vibration", text, False))
     return cards
 
 
@@ -455,13 +436,6 @@ def _static_force(log: Log, place: str, alpha3: float) -> str:
     angle = angles_in_table(np.array([alpha3]), log.table.alpha3_range)
     force = log.table.reference_forces(angle)[log.table.force_places.index(place), 0]
     return f"; the static force there is {1e-3 * force:.3g} kN"
-
-
-def _largest_deviations(log: Log) -> str:
-    """Return the largest relative standard deviations of the modes in words."""
-    frequency = largest_deviations(log.natural_frequencies, log.frequency_stddevs).max()
-    ratio = largest_deviations(log.damping_ratios, log.damping_ratio_stddevs).max()
-    return f"standard deviation up to {frequency:.2g} % (frequency), {ratio:.2g} % (damping)"
 
 
 def _span(seconds: float) -> str:
