@@ -57,7 +57,7 @@ class Listener:
     def subscribe(self, kind: Any, topic: str, on_message: Callable[..., None], depth: int) -> Any:
         """Return a subscription to a topic; see `linkage_vibration.ros.endpoints.subscribe`."""
         try:
-            subscription = subscribe(self._node, kind, topic, on_message, input_depth=depth)
+            subscription = subscribe(self._node, kind, topic, on_message, depth)
         except RuntimeError:  # of rcl; DDS has one type for each topic in a process
             raise ParameterError(
                 f"Topic {topic} cannot be read as {kind.__module__.partition('.')[0]}/msg/"
