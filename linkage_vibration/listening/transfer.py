@@ -74,10 +74,9 @@ class Transfer:
         places = list(dict.fromkeys(place for load in self._loads for place in load.places))
         weights = weights_at(self._loads, places, alpha3)
         # All loads together: a table yields one large response much faster than many small ones.
-        response, rate = self._table.frf(alpha3, self._outputs, places).driven(*weights)
+        response = self._table.frf(alpha3, self._outputs, places).driven(*weights)
         of_each: IntArray = np.arange(len(omega))
-        at = response.frf(omega / (2.0 * math.pi))[of_each, :, of_each]
-        return np.asarray(at + 1j * omega[:, np.newaxis] * rate.T)
+        return np.asarray(response.frf(omega / (2.0 * math.pi))[of_each, :, of_each])
 
     def _at_nodes(self, nodes: IntArray, omega: FloatArray) -> FloatArray:
         pairs = zip(self._table.ensemble_alpha3[nodes].tolist(), omega, strict=True)

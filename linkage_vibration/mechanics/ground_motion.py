@@ -59,7 +59,7 @@ def transmissibility(
         places = ", ".join(".".join(place) for place in soil_places(mechanism))
         places = places or "none, as the mechanism has no base"
         raise ModelError(f"The soil has no motion {'.'.join(soil)}; name one of: {places}.")
-    out = solution.participation(outputs)
+    out = solution.powers(outputs)
     springs, axis = mount_springs(mechanism.base), "xz".index(soil[1])
     first = len(solution.joining.stiffness) - len(springs)
     which = [
@@ -70,4 +70,4 @@ def transmissibility(
     joining, modes = solution.joining, solution.modes.shapes
     into = joining.elongation[which] @ modes[: joining.elongation.shape[1]]
     parts = pole_residue(solution.damped, out, into)
-    return parts.driven(joining.stiffness[which, np.newaxis], joining.damping[which, np.newaxis])[0]
+    return parts.driven(joining.stiffness[which, np.newaxis], joining.damping[which, np.newaxis])

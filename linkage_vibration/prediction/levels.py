@@ -756,8 +756,8 @@ class _Samples:
         # At its end the table uses the next piece, whose number of poles may be another.
         alpha3 = min(alpha3, math.nextafter(self._ends[1], self._ends[0]))
         weights = weights_at(self._inputs, self._places, alpha3)
-        frf, rate = self._table.frf(alpha3, self._outputs, self._places).driven(*weights)
-        a, b, rest = frf.residues, frf.rates, frf.residual
+        frf = self._table.frf(alpha3, self._outputs, self._places).driven(*weights)
+        a, b, rest, rate = frf.residues, frf.rates, frf.residual, frf.residual_rate
         terms = a[0] / frf.stiffness
         static = np.abs(terms.sum(axis=1) + rest[0])
         significant = static > _MIN_STATIC_SHARE * (np.abs(terms).sum(axis=1) + np.abs(rest[0]))

@@ -131,8 +131,9 @@ def provenance_rows(log: Log) -> list[list[str]]:
         low, high = (DEG * angle for angle in table.alpha3_range)
         errors = (
             f"natural frequencies and damping ratios {table.interpolation_error.max():.1e}, "
-            f"FRF peak {table.peak_error:.1e}, FRFs {table.frf_error:.1e}, slopes "
-            f"{table.slope_error:.1e} per rad; bounds against the model"
+            f"FRF peak {table.peak_error:.1e}, FRFs {table.frf_error:.1e}, forces "
+            f"{table.force_error:.1e}, slopes {table.slope_error:.1e} per rad; bounds against the "
+            "model"
         )
         rows += [
             ["Mechanism", f"{table.mechanism_name}, model {table.model_hash[:12]}"],

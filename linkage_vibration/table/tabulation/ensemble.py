@@ -304,17 +304,19 @@ class _Solver:
         """Return the modes of a member at angles, rad."""
         stack, solved = model.stack(angles), []
         static = model.forces.at_rest(stack.configuration, stack.joining, stack.coupled)
-        each = zip(stack.rows, stack.participation(self._places), static, strict=True)
-        for solution, participation, at_rest in each:
+        each = zip(stack.rows, stack.powers(self._places), static, strict=True)
+        for solution, powers, at_rest in each:
             poles, turn = _oscillating(solution)
             kept = slice(0, 2 * int((np.abs(poles) < self._limit).sum()) + 4)
-            into, k = participation[: len(self._table.places)], solution.damped.stiffness
+            turn, s = turn[:, kept], poles[kept]
+            rows = sum(s**i * (power @ turn) for i, power in enumerate(powers))
+            rest, k = powers[0].real, solution.damped.stiffness
             slow = (k.real > MECHANISM**2) & (k.real < self._limit**2)
             modes = _Modes(
-                poles[kept],
-                np.asarray(solution.modes.shapes @ turn[:, kept]),
-                np.asarray(participation @ turn[:, kept]),
-                participation / solution.modes.omega**2 @ into.T,
+                s,
+                np.asarray(solution.modes.shapes @ turn),
+                np.asarray(rows),
+                rest / solution.modes.omega**2 @ rest[: len(self._table.places)].T,
                 at_rest,
                 int(((k.real <= solution.damped.decay**2 / 4.0) & slow).sum()),
             )
