@@ -171,15 +171,12 @@ class Forces:
         """Return indices of coordinates, and rows on them of the forces at a name by direction."""
         if name not in self._springs:
             link, point = self._end(name)
-            part, section = self._parts[link.name], self._ends[link.name][point]
-            ends = [part.dofs.index(InterfaceDof(point, axis)) for axis in "xz"]
-            loss = 1j * part.loss_factor if part.loss_factor else 0.0
-            own = np.array([(1.0 + loss) * part.stiffness, part.damping, part.mass])[:, ends]
-            pin = configuration.turn(link.name)[..., np.newaxis, :, :] @ own / link.count
-            elastic = np.array([section, 0.0 * section, 0.0 * section]).swapaxes(0, 1)
+            pin = self._on_link(link, point, joining)
+            pin = configuration.turn(link.name)[..., np.newaxis, :, :] @ pin / link.count
+            elastic = np.zeros((len(_SECTION), 3, len(self.system.mass)))
+            elastic[:, 0, self.system.rows[link.name]] = self._ends[link.name][point]
             forces = (*np.moveaxis(pin, -2, 0), *elastic)
-            rows = zip((*_COMPONENTS, *_SECTION), forces, strict=True)
-            return self.system.rows[link.name], dict(rows)
+            return slice(None), dict(zip((*_COMPONENTS, *_SECTION), forces, strict=True))
         i = self._springs.index(name)
         spring, at = self.mechanism.springs[i], slice(self.system.n_interface)
         if not has_force(spring):
@@ -188,6 +185,19 @@ class Forces:
         share = tension_share(spring, self.mechanism, configuration)
         force = np.stack([*(share * each for each in both), 0.0 * both[0]], axis=-1)
         return at, {"force": force[..., np.newaxis] * joining.elongation[..., np.newaxis, i, :]}
+
+    def _on_link(self, link: Link, point: str, joining: Joining) -> NDArray[Any]:
+        """Return what pins at a point exert on a link, (3, 2, n): beside springs, what moves it."""
+        system, dofs = self.system, self._parts[link.name].dofs
+        at = system.rows[link.name][[dofs.index(InterfaceDof(point, axis)) for axis in "xz"]]
+        lossy = system.stiffness + 1j * system.loss if system.loss.any() else system.stiffness
+        own = np.array([lossy[at], system.damping[at], system.mass[at]])
+        rows = np.broadcast_to(own, (*joining.stiffness.shape[:-1], *own.shape)).copy()
+        stretch = joining.elongation
+        for i, weights in enumerate((joining.stiffness, joining.damping)):
+            pulled = stretch[..., at].swapaxes(-1, -2) * weights[..., np.newaxis, :]
+            rows[..., i, :, : system.n_interface] += pulled @ stretch
+        return rows
 
     @cached_property
     def _springs(self) -> list[str]:

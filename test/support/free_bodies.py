@@ -1,0 +1,78 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Forces of bodies that are cut free, solved line by line: no modes, no table, no rows of forces.
+
+Each body has its own equation of motion, and what its pins exert on it are the Lagrange multipliers
+of B u = 0. A spring or damper exerts (k + i w c) times its elongation on both of its bodies.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linkage_vibration.mechanics.description import GROUND
+from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.mechanics.springs import tension_share
+
+Array = NDArray[np.float64]
+
+
+def forces_by_cuts(
+    model: LinkageModel, alpha3: float, frequencies: Array, inputs: Sequence[tuple[str, str]]
+) -> NDArray[np.complex128]:
+    """Return the forces of a model per force at inputs, (n_freq, n_forces, n_inputs), N/N.
+
+    They are in the order of its places of forces, at frequencies in Hz.
+    """
+    rows = model.rows(inputs, model.kinematics.at(alpha3))
+    load = np.zeros((len(model.system.mass), len(inputs)))
+    load[: rows.shape[1]] = rows.T
+    return np.array([_solved(model, alpha3, 2j * math.pi * f, load) for f in frequencies])
+
+
+def static_forces_by_cuts(model: LinkageModel, alpha3: float) -> Array:
+    """Return the components of the forces under the weight of all but the base, (n_forces,), N."""
+    system, configuration = model.system, model.kinematics.at(alpha3)
+    load = np.zeros((len(system.mass), 1))
+    for part in system.components:
+        if part.name != GROUND:
+            down = part.translation(np.array([0.0, -9.80665]), configuration.turn(part.name))
+            load[system.rows[part.name], 0] = part.mass @ down
+    return np.asarray(_solved(model, alpha3, 0j, load)[:, 0].real)
+
+
+def _solved(model: LinkageModel, alpha3: float, s: complex, load: Array) -> NDArray[np.complex128]:
+    """Return the forces by loads, (n, k), that grow as exp(s t): (n_forces, k)."""
+    system, configuration = model.system, model.kinematics.at(alpha3)
+    joining, n = model.interface.join(configuration), len(system.mass)
+    b, stretch = (
+        np.pad(rows, ((0, 0), (0, n - rows.shape[1])))
+        for rows in (joining.compatibility, joining.elongation)
+    )
+    law = joining.stiffness + s * joining.damping
+    bodies = system.stiffness + s * system.damping + s**2 * system.mass + 1j * system.loss * bool(s)
+    bodies = bodies + stretch.T @ (law[:, np.newaxis] * stretch)
+    scale = np.abs(bodies).max()
+    whole = np.block([[bodies, scale * b.T], [scale * b, np.zeros((len(b), len(b)))]])
+    solved = np.linalg.solve(whole, np.vstack([load, np.zeros((len(b), load.shape[1]))]))
+    moved, pulls = solved[:n], scale * solved[n:]
+    mechanism, forces = model.mechanism, []
+    counts = {link.name: link.count for link in mechanism.links}
+    springs = [spring.name for spring in mechanism.springs]
+    for name, direction in model.forces.places:
+        if name in springs:
+            i = springs.index(name)
+            share = tension_share(mechanism.springs[i], mechanism, configuration)
+            forces.append(share * law[i] * (stretch[i] @ moved))
+            continue
+        link, point = name.split(":")
+        [label] = [
+            each
+            for each in joining.labels
+            if each.startswith(f"pin {point} of ") and each.endswith(f" in {direction[-1]}")
+        ]
+        sign = -1.0 if label.startswith(f"pin {point} of {link} and") else 1.0
+        forces.append(sign / counts[link] * pulls[joining.labels.index(label)])
+    return np.array(forces)
