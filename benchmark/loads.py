@@ -128,9 +128,10 @@ def references(case: Case) -> Array:
 
 
 def squares(case: Case, forces: NDArray[Any]) -> Array:
-    """Return squares of magnitudes of forces at each name, (n_names, k), from (n_forces, k)."""
+    """Return squares of magnitudes at each name but tyres, (n_names, k), from (n_forces, k)."""
     names = [name for name, _ in case.model.forces.places]
-    groups = [[i for i, _ in group] for _, group in groupby(enumerate(names), lambda x: x[1])]
+    named = groupby(enumerate(names), lambda x: x[1])
+    groups = [[i for i, _ in group] for name, group in named if not name.startswith("base:")]
     return np.array([(np.abs(forces[group]) ** 2).sum(axis=0) for group in groups])
 
 
@@ -179,8 +180,8 @@ def cut_free(case: Case) -> list[Load]:
     for i, (hertz, amplitude) in enumerate(sizes(case)):
         column = inputs(case, 2j * math.pi * hertz)[i][:, np.newaxis]
         velocity, *both = (part * amplitude / math.sqrt(2.0) for part in responses(hertz, column))
-        ratios = (np.sqrt(squares(case, each))[:, 0] / reference for each in both)
-        found.append(Load(float(abs(velocity[0])), *ratios))
+        ratios, elastic = (np.sqrt(squares(case, each))[:, 0] / reference for each in both)
+        found.append(Load(float(abs(velocity[0])), ratios, elastic))
     terrain = next((each.terrain for each in case.excitations if each.terrain), None)
     if terrain is not None:
         mounts, speed = vertical_mounts(model.mechanism), SPEEDS[Source.GROUND]
@@ -196,10 +197,10 @@ def cut_free(case: Case) -> list[Load]:
         height = terrain.roughness * (lines / speed / terrain.reference) ** -2.0 / speed
         density = [np.array(part) * height[:, np.newaxis] for part in zip(*parts, strict=True)]
         velocity2, *both2 = (trapezoid(part, lines, axis=0) for part in density)
-        rolling = [np.sqrt(each) / reference for each in both2]
-        worst = int(rolling[0].argmax())
+        ratios, elastic = (np.sqrt(each) / reference for each in both2)
+        worst = int(ratios.argmax())
         spread = standard_error(density[1][:, worst], lines, ROLLING)
-        found.append(Load(float(math.sqrt(velocity2[0])), *rolling, error=spread))
+        found.append(Load(math.sqrt(float(velocity2[0])), ratios, elastic, spread))
     together = [
         np.sqrt(sum(np.square(getattr(x, k)) for x in found)) for k in ("ratios", "elastic")
     ]

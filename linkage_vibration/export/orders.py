@@ -22,7 +22,10 @@ def orders_of(
 ) -> "OrderConstants":
     """Return excitations with the responses to them, as an export contains them."""
     starts, cubics, t, which = levels.arrays
-    i, names = int(which.max()) + 1, [name for name, _ in table.forces if levels.force_places]
+    i, names = (
+        int(which.max()) + 1,
+        [name for name, _ in table.forces if name in levels.force_places],
+    )
     forces, o = None, 1 + len(names)
     ends = np.cumsum([3 * t, 3 * t * o * i, 3 * o * i, i if t else 0])
     at = np.split(np.arange(cubics.shape[2]), ends)  # as `prediction.levels` arranges the values

@@ -31,12 +31,12 @@ class Transfer:
         if sensor.accelerates:
             self._outputs = [(sensor.at, axis) for axis in "xz"]
         else:
-            forces = [row for row in table.forces if row[0] == point]
+            forces = [row for row in table.forces if row[0] == point in table.load_places]
             self._outputs = [row for row in forces if part in ("", row[1])]
         rows = (*table.places, *table.forces)
         if not self._outputs or not set(self._outputs) <= set(rows):
             places = sorted({place for place, _ in table.places})
-            known = places if sensor.accelerates else table.force_places
+            known = places if sensor.accelerates else table.load_places
             raise SignalError(
                 f"The table has no response at {sensor.at}, where {sensor.name} measures; name one "
                 f"of {', '.join(known) or 'none'}, or build a table with --frf-points."

@@ -20,14 +20,15 @@ from numpy.typing import NDArray
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray, rows_of
+from linkage_vibration.mechanics.base import mount_springs
 from linkage_vibration.mechanics.compatibility import CouplingError, Joining
 from linkage_vibration.mechanics.components import Component
 from linkage_vibration.mechanics.coupling import CoupledSystem, UncoupledSystem, couple
 from linkage_vibration.mechanics.description import (
-    GROUND,
     Link,
     Mechanism,
     MechanismError,
+    Mount,
     ReferenceForce,
 )
 from linkage_vibration.mechanics.dofs import InterfaceDof
@@ -43,7 +44,12 @@ _SINGULAR = 1e-13  # Nothing holds a motion whose scaled singular value, of the 
 _BALANCED = 1e-6  # A larger part of the weight that nothing carries is more than rounding.
 
 _COMPONENTS = ("force_x", "force_z")  # of the force of a pin, along the global axes
+_TYRE = ("force_z",)
 _SECTION = ("axial", "shear", "moment")
+
+
+SOIL = "base:"
+"""Begins the name of the force between a mount of the base and the soil, such as a tyre's."""
 
 
 class ForceError(LinkageVibrationError):
@@ -70,11 +76,14 @@ def reference(static: FloatArray, names: Sequence[str], given: ReferenceForce | 
 
     It is the static force, but at least a share of the largest one, since a ratio to the force in a
     pin that carries nearly nothing has no meaning; or one that is given, for all names or for some.
+    That of a tyre is its own static force.
     """
+    hung, forces = [i for i, name in enumerate(names) if not name.startswith(SOIL)], static.copy()
+    least = _LEAST_REFERENCE * static[hung].max(axis=0, initial=0.0)
+    forces[hung] = np.where(least > 0.0, np.maximum(static[hung], least), math.nan)
     if isinstance(given, float):
-        return np.full_like(static, given)
-    least = _LEAST_REFERENCE * static.max(axis=0, initial=0.0)
-    forces = np.where(least > 0.0, np.maximum(static, least), math.nan)
+        forces[hung] = given
+        return forces
     replaced = dict(given or ())
     for i, name in enumerate(names):
         forces[i] = replaced.get(name, forces[i])
@@ -106,7 +115,7 @@ class Forces:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Names of all force places: pins, by a link of beams, then springs and cylinders.
+        """Names of all force places: pins, by a link of beams, springs and cylinders, then tyres.
 
         Both sides of a pin carry the same force, so each is named once, by the first such link; a
         point that joins more than two bodies is named by each link.
@@ -118,7 +127,8 @@ class Forces:
                 if bodies > 2 or (bodies == 2 and point not in named.values()):
                     named[f"{link.name}:{point}"] = point
         springs = [spring.name for spring in self.mechanism.springs if has_force(spring)]
-        names, given = (*named, *springs), self.mechanism.response.reference_force
+        tyres = [f"{SOIL}{mount.name}" for mount, axis in self._mounts if axis]
+        names, given = (*named, *springs, *tyres), self.mechanism.response.reference_force
         for name, _ in given if isinstance(given, tuple) else ():
             if name not in names:
                 problem = f"{name} has no force; give some of: {', '.join(names) or 'none'}."
@@ -127,12 +137,13 @@ class Forces:
 
     @cached_property
     def places(self) -> tuple[tuple[str, str], ...]:
-        """The scalar places of `names`: both components of pins, then springs."""
-        return tuple(
-            (name, direction)
+        """The scalar places of `names`: both components of pins, springs, then tyres along z."""
+        kinds = [
+            _TYRE if name.startswith(SOIL) else _COMPONENTS if ":" in name else ("force",)
             for name in self.names
-            for direction in (_COMPONENTS if ":" in name else ("force",))
-        )
+        ]
+        both = zip(self.names, kinds, strict=True)
+        return tuple((name, direction) for name, kind in both for direction in kind)
 
     @cached_property
     def _ends(self) -> dict[str, Mapping[str, FloatArray]]:
@@ -177,14 +188,17 @@ class Forces:
             elastic[:, 0, self.system.rows[link.name]] = self._ends[link.name][point]
             forces = (*np.moveaxis(pin, -2, 0), *elastic)
             return slice(None), dict(zip((*_COMPONENTS, *_SECTION), forces, strict=True))
-        i = self._springs.index(name)
-        spring, at = self.mechanism.springs[i], slice(self.system.n_interface)
+        i, at = self._springs.index(name), slice(self.system.n_interface)
+        both = np.stack([x[..., i] for x in (joining.stiffness, joining.damping)], axis=-1)
+        force = np.concatenate([both, 0.0 * both[..., :1]], axis=-1)[..., np.newaxis]
+        force = force * joining.elongation[..., np.newaxis, i, :]
+        if name.startswith(SOIL):
+            return at, {_TYRE[0]: force}
+        spring = self.mechanism.springs[i]
         if not has_force(spring):
             return at, {}
-        both = joining.stiffness[..., i], joining.damping[..., i]
-        share = tension_share(spring, self.mechanism, configuration)
-        force = np.stack([*(share * each for each in both), 0.0 * both[0]], axis=-1)
-        return at, {"force": force[..., np.newaxis] * joining.elongation[..., np.newaxis, i, :]}
+        share = np.asarray(tension_share(spring, self.mechanism, configuration))
+        return at, {"force": share[..., np.newaxis, np.newaxis] * force}
 
     def _on_link(self, link: Link, point: str, joining: Joining) -> NDArray[Any]:
         """Return what pins at a point exert on a link, (3, 2, n): beside springs, what moves it."""
@@ -201,7 +215,13 @@ class Forces:
 
     @cached_property
     def _springs(self) -> list[str]:
-        return [spring.name for spring in self.mechanism.springs]
+        """The names of springs and vertical mounts, in the order of `Joining`."""
+        mounts = [f"{SOIL}{mount.name}" if axis else "" for mount, axis in self._mounts]
+        return [*(spring.name for spring in self.mechanism.springs), *mounts]
+
+    @property
+    def _mounts(self) -> tuple[tuple[Mount, int], ...]:
+        return mount_springs(self.mechanism.base)
 
     @cached_property
     def sections(self) -> tuple[tuple[str, str], ...]:
@@ -218,7 +238,7 @@ class Forces:
     ) -> FloatArray:
         """Return the forces at `places` under the weight, (..., n_places), N.
 
-        They are NaN where nothing carries the weight. The base rests on its mounts without it. The
+        They are NaN where nothing carries the weight, and negative of tyres that carry some. The
         system that is coupled there is given if it is known.
         """
         moved, falling = self.moved_by_weight(configuration, joining, coupled)
@@ -227,24 +247,17 @@ class Forces:
         return np.asarray((forces - rows[..., 2, :, :] @ falling[..., np.newaxis])[..., 0])
 
     def moved_by_weight(
-        self,
-        configuration: Configuration,
-        joining: Joining,
-        coupled: CoupledSystem | None = None,
-        *,
-        with_base: bool = False,
+        self, configuration: Configuration, joining: Joining, coupled: CoupledSystem | None = None
     ) -> tuple[FloatArray, FloatArray]:
         """Return how the weight moves the components, NaN where nothing carries it, and gravity.
 
-        Both are (..., n) on the coordinates, m and m/s2. The base is without weight unless asked
-        for.
+        Both are (..., n) on the coordinates, m and m/s2.
         """
         shape, down = configuration.angles.shape[:-1], np.array([0.0, -GRAVITY])
         falling = np.zeros((*shape, len(self.system.mass)))
         for part in self.system.components:
-            if with_base or part.name != GROUND:
-                moved = part.translation(down, configuration.turn(part.name))
-                falling[..., self.system.rows[part.name]] = moved
+            moved = part.translation(down, configuration.turn(part.name))
+            falling[..., self.system.rows[part.name]] = moved
         try:
             load = falling @ self.system.mass
             return _at_rest(coupled or couple(self.system, joining), load), falling

@@ -32,7 +32,7 @@ from linkage_vibration.mechanics.coupling import (
 )
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.fbs import couple_frfs, couple_frfs_with_error, held_frf
-from linkage_vibration.mechanics.forces import Forces, is_force, magnitudes, reference
+from linkage_vibration.mechanics.forces import SOIL, Forces, is_force, magnitudes, reference
 from linkage_vibration.mechanics.identification import IdentifiedModes, identify
 from linkage_vibration.mechanics.kinematics import Configuration, Kinematics
 from linkage_vibration.mechanics.modes import DampedModes, Modes, damp_modes, solve_modes
@@ -156,7 +156,7 @@ class LinkageModel:
 
     @property
     def force_places(self) -> tuple[str, ...]:
-        """Pins, springs and cylinders whose forces are known, such as "lower_link:E1".
+        """Pins, springs, cylinders and tyres whose forces are known, such as "lower_link:E1".
 
         There are none if a link is known by its FRFs.
         """
@@ -184,11 +184,9 @@ class LinkageModel:
         """
         mounts = () if self.mechanism.base is None else self.mechanism.base.mounts
         configuration = self.kinematics.at(alpha3)
-        joining = self.interface.join(configuration)
-        moved, _ = self.forces.moved_by_weight(configuration, joining, with_base=True)
-        rows = self.rows([(mount.name, "z") for mount in mounts], configuration)
-        sunk = -(rows @ moved[: rows.shape[1]])
-        return np.array([mount.stiffness[1] for mount in mounts]) * sunk
+        forces = self.forces.at_rest(configuration, self.interface.join(configuration))
+        at = dict(zip(self.forces.places, forces.tolist(), strict=True))
+        return np.array([-at.get((f"{SOIL}{mount.name}", "force_z"), 0.0) for mount in mounts])
 
     def reference_forces(self, alpha3: float) -> FloatArray:
         """Return what dynamic forces at `force_places` are compared with, (n_force_places,), N.

@@ -180,11 +180,11 @@ class LevelTable:
             (i for i, excitation in enumerate(excitations) if excitation.terrain), 0
         )
         self._cells: tuple[FloatArray, FloatArray] | None = None
-        self.force_places = table.force_places if self._loaded else ()
-        """Pins and cylinders, whose names are those of the table."""
+        self.force_places = table.load_places if self._loaded else ()
+        """Pins and cylinders, the first ones of the table."""
         if table.places:
             # The response point comes first, then the components of the forces.
-            rows = table.forces if self.force_places else ()
+            rows = tuple(place for place in table.forces if place[0] in self.force_places)
             names = [name for name, _ in rows]
             self._first = np.array([names.index(place) for place in self.force_places], np.int64)
             # A pin has a second component.

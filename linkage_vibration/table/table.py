@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 from linkage_vibration.mechanics.description import Mechanism, ReferenceForce
-from linkage_vibration.mechanics.forces import magnitudes, reference
+from linkage_vibration.mechanics.forces import SOIL, magnitudes, reference
 from linkage_vibration.mechanics.kinematics import unit_question
 from linkage_vibration.mechanics.model import Place, pairs
 from linkage_vibration.mechanics.response import PoleResidue
@@ -403,8 +403,13 @@ class Table:
 
     @cached_property
     def force_places(self) -> tuple[str, ...]:
-        """Names of the pins, springs and cylinders in `forces`, if the table has FRFs."""
+        """Names of the pins, springs, cylinders and tyres in `forces`, if the table has FRFs."""
         return tuple(dict.fromkeys(name for name, _ in self.forces)) if self.places else ()
+
+    @cached_property
+    def load_places(self) -> tuple[str, ...]:
+        """Those of `force_places` that load ratios compare: all but the tyres, which are last."""
+        return tuple(name for name in self.force_places if not name.startswith(SOIL))
 
     def forces_at_rest(self, alpha3: FloatArray) -> FloatArray:
         """Return the forces at `force_places` under the weight, (n_force_places, n), N.
@@ -416,6 +421,10 @@ class Table:
         alpha3 : ndarray, (n,)
             rad, within the range.
         """
+        return magnitudes(self.forces, self.components_at_rest(alpha3))
+
+    def components_at_rest(self, alpha3: FloatArray) -> FloatArray:
+        """Return `forces` under the weight at angles, rad, (n_forces, n), N; none without FRFs."""
         self._refuse_outside(alpha3)
         if not self.force_places:
             return np.empty((0, len(alpha3)))
@@ -424,7 +433,7 @@ class Table:
         for piece in np.unique(bounds).tolist():
             points, matrix = self._polynomial(piece, alpha3[bounds == piece])
             forces[:, bounds == piece] = (matrix @ self.static_forces[points]).T
-        return magnitudes(self.forces, forces)
+        return forces
 
     def reference_forces(self, alpha3: FloatArray) -> FloatArray:
         """Return what dynamic forces at `force_places` are compared with, (n_force_places, n), N.

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from linkage_vibration.mechanics.description import GROUND
+from linkage_vibration.mechanics.base import mount_springs
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.springs import tension_share
 
@@ -34,13 +34,12 @@ def forces_by_cuts(
 
 
 def static_forces_by_cuts(model: LinkageModel, alpha3: float) -> Array:
-    """Return the components of the forces under the weight of all but the base, (n_forces,), N."""
+    """Return the components of the forces under the weight, (n_forces,), N."""
     system, configuration = model.system, model.kinematics.at(alpha3)
     load = np.zeros((len(system.mass), 1))
     for part in system.components:
-        if part.name != GROUND:
-            down = part.translation(np.array([0.0, -9.80665]), configuration.turn(part.name))
-            load[system.rows[part.name], 0] = part.mass @ down
+        down = part.translation(np.array([0.0, -9.80665]), configuration.turn(part.name))
+        load[system.rows[part.name], 0] = part.mass @ down
     return np.asarray(solve_cuts(model, alpha3, 0j, load)[0][:, 0].real)
 
 
@@ -82,6 +81,10 @@ def places_of(model: LinkageModel, alpha3: float) -> tuple[Array, Array]:
             shares[row, i] = tension_share(mechanism.springs[i], mechanism, configuration)
             continue
         link, point = name.split(":")
+        if link == "base":
+            mounts = [(mount.name, axis) for mount, axis in mount_springs(mechanism.base)]
+            shares[row, len(springs) + mounts.index((point, 1))] = 1.0
+            continue
         [label] = [
             each
             for each in joining.labels
