@@ -25,7 +25,7 @@ from linkage_vibration.drawing.palette import COLOURS, GREY, INK
 from linkage_vibration.mechanics.description import Mechanism, coarser
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
-from linkage_vibration.prediction.ground import vertical_mounts
+from linkage_vibration.prediction.ground import GroundTable, vertical_mounts
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.readers.mechanism import load_yaml, mechanism_of, read_mechanism
@@ -40,8 +40,9 @@ SHIPPED = "three_point_linkage three_point_linkage_as_printed four_bar stephenso
 ON_TYRES = "three_point_linkage_on_tractor"
 DRAWN = ("four_bar", *(f"starters/category_{i}" for i in (1, 2, 3, 4)))
 SPEEDS = {Source.ENGINE: math.nan, Source.PTO: 540.0, Source.GROUND: 12.0 * KMH}
-LINES = 400  # of the ground, even in their logarithm
+LINES = 800  # of the ground, even in their logarithm
 STEP, WARM_UP, ALONE, ROLLING = 5e-4, 20.0, 10.0, 120.0  # s; the last two without and with ground
+LEAST = 0.01  # of the largest load ratio; a smaller one is not compared
 ELEMENTS = 8  # of each link in the integration
 COLUMNS = ["linkage", "deg", "load", "Hz", "place", "package", "cut free", "difference", "elastic"]
 
@@ -108,17 +109,39 @@ def cases() -> list[Case]:
     return result
 
 
-def by_package(case: Case) -> tuple[list[Load], list[str]]:
-    """Return the loads of the package, by the excitations and then in total, and their places."""
-    model = LinkageModel(case.model.mechanism, kinematics=case.model.kinematics)
-    levels = LevelTable(Predictor(build_table(model)), model.mechanism, case.excitations)
-    speeds = np.array([[SPEEDS[source]] for source in Source])
-    at = levels.at(np.array([case.alpha3]), speeds).message(0)
-    velocities = [*at.velocities.tolist(), at.total_velocity]
-    ratios = [*at.load_ratios.tolist(), at.total_load_ratio]
-    which = [*at.load_places.tolist(), at.total_load_places]
-    found = [Load(v, np.array([r]), np.zeros(1)) for v, r in zip(velocities, ratios, strict=True)]
-    return found, [levels.force_places[i] for i in which]
+def by_package(case: Case) -> tuple[list[Load], float]:
+    """Return the loads of the package by the excitations and in total, and its total load ratio.
+
+    The loads are those of FRFs of the table and of its ground; the total is that of levels.
+    """
+    model, alpha3 = (
+        LinkageModel(case.model.mechanism, kinematics=case.model.kinematics),
+        case.alpha3,
+    )
+    built, angle, found = build_table(model), np.array([case.alpha3]), list[Load]()
+    levels = LevelTable(Predictor(built), model.mechanism, case.excitations)
+    at = levels.at(angle, np.array([[SPEEDS[source]] for source in Source])).message(0)
+    reference = built.reference_forces(angle)[: len(built.load_places), 0]
+    mounts = {mount.name: mount for mount in vertical_mounts(model.mechanism)}
+    orders = [each.load for each in case.excitations if each.load is not None]
+    for load, (hertz, amplitude), velocity in zip(orders, sizes(case), at.velocities, strict=False):
+        point, _, direction = load.place.rpartition(".")
+        wheel = mounts.get(point.removeprefix("base:"))
+        place = (point, direction) if wheel is None else (wheel.name, "z")
+        size = amplitude / math.sqrt(2.0)
+        if wheel is not None:
+            size *= abs(wheel.stiffness[1] + 2j * math.pi * hertz * wheel.damping[1])
+        forces = built.frf(alpha3, built.forces, [place]).frf(np.array([hertz]))[0]
+        ratios = np.sqrt(squares(case, forces))[:, 0] * size / reference
+        found.append(Load(float(velocity), ratios, ratios))
+    terrain = next((each.terrain for each in case.excitations if each.terrain), None)
+    if terrain is not None:
+        ground = GroundTable(built, model.mechanism, terrain, built.forces)
+        level = ground.at(angle, np.array([SPEEDS[Source.GROUND]]))
+        ratios = np.sqrt(squares(case, np.sqrt(level.forces2)))[:, 0] / reference
+        found.append(Load(float(level.velocity[0]), ratios, ratios))
+    ratios = np.sqrt(sum(each.ratios**2 for each in found))
+    return [*found, Load(float(at.total_velocity), ratios, ratios)], float(at.total_load_ratio)
 
 
 def references(case: Case) -> Array:
@@ -201,11 +224,11 @@ def cut_free(case: Case) -> list[Load]:
         worst = int(ratios.argmax())
         spread = standard_error(density[1][:, worst], lines, ROLLING)
         found.append(Load(math.sqrt(float(velocity2[0])), ratios, elastic, spread))
-    together = [
-        np.sqrt(sum(np.square(getattr(x, k)) for x in found)) for k in ("ratios", "elastic")
-    ]
+    ratios, elastic = (
+        np.sqrt(sum(getattr(each, name) ** 2 for each in found)) for name in ("ratios", "elastic")
+    )
     velocity = math.sqrt(sum(each.velocity**2 for each in found))
-    return [*found, Load(velocity, *together, error=found[-1].error)]
+    return [*found, Load(velocity, ratios, elastic, found[-1].error)]
 
 
 def integrated(case: Case, seed: int) -> Load:
@@ -273,7 +296,7 @@ def draw(names: list[str], worst: Array) -> None:
     """Draw ratios to what bodies cut free give, (n_cases, 3), as `main` computes them."""
     figure = Figure(figsize=(9.0, 4.6), layout="constrained")
     axes, rows = figure.subplots(), np.arange(len(names), 0, -1)
-    labels = ("package", "integration over time, all loads together", "elastic parts alone")
+    labels = ("package", "integration over time", "elastic parts alone, the farthest place")
     for i, (label, marker) in enumerate(zip(labels, "osD", strict=True)):
         axes.plot(worst[:, i], rows, marker, color=COLOURS[i], label=label, markersize=6)
     axes.axvline(1.0, color=INK, linewidth=1.0)
@@ -288,27 +311,33 @@ def draw(names: list[str], worst: Array) -> None:
 
 def main() -> None:
     """Compare the loads of ten linkages, and publish the page with its picture."""
-    rows, names, worst, off = [], list[str](), list[list[float]](), list[float]()
+    rows, names, worst, off = list[list[str]](), list[str](), list[list[float]](), list[float]()
     for seed, case in enumerate(cases()):
-        (ours, places), exact = by_package(case), cut_free(case)
+        (ours, published), exact = by_package(case), cut_free(case)
         simulated, total = integrated(case, seed), exact[-1]
-        heads = [f"{e.name}" for e in case.excitations] + ["together"]
+        heads = [*(each.name for each in case.excitations), "together"]
         lines = [f"{hertz:.3g}" for hertz, _ in sizes(case)]
         lines += [""] * (len(heads) - len(lines))
-        ratios = list[float]()
-        for head, hertz, a, b, place in zip(heads, lines, ours, exact, places, strict=True):
-            here, mine = float(b.ratios.max()), float(a.ratios[0])
-            off += [mine / here - 1.0, a.velocity / b.velocity - 1.0]
-            ratios.append(float(b.elastic[b.ratios.argmax()] / here))
-            numbers = f"{mine:.4f}", f"{here:.4f}", f"{mine / here - 1.0:.1e}", f"{ratios[-1]:.3f}"
+        places = [n for n in case.model.force_places if not n.startswith("base:")]
+        off.append(published / float(total.ratios.max()) - 1.0)
+        farthest = 0.0
+        for head, hertz, a, b in zip(heads, lines, ours, exact, strict=True):
+            counts = b.ratios > LEAST * b.ratios.max()
+            errors = np.where(counts, a.ratios / b.ratios - 1.0, 0.0)
+            old = np.where(counts, np.log(b.elastic / b.ratios), 0.0)
+            top, far = int(b.ratios.argmax()), int(np.abs(old).argmax())
+            error = float(errors[np.abs(errors).argmax()])
+            off += [error, a.velocity / b.velocity - 1.0]
+            farthest = max(farthest, float(old[far]), key=abs)
+            numbers = f"{a.ratios[top]:.4f}", f"{b.ratios[top]:.4f}", f"{error:.1e}"
+            elastic = f"{math.exp(old[far]):.3f} in {places[far]}"
             degrees = f"{math.degrees(case.alpha3):.0f}"
-            rows.append([case.name, degrees, head, hertz, place, *numbers])
+            rows.append([case.name, degrees, head, hertz, places[top], *numbers, elastic])
         at = int(total.ratios.argmax())
         by_time = float(simulated.ratios[at] / total.ratios[at])
         rows[-1].append(f"{by_time:.4f}" + (f" +- {total.error:.3f}" if total.error else ""))
-        farthest = max(ratios, key=lambda ratio: abs(math.log(max(ratio, 1e-9))))
-        worst.append([float(ours[-1].ratios[0] / total.ratios.max()), by_time, farthest])
-        names.append(case.name)
+        worst.append([float(ours[-1].ratios[at] / total.ratios[at]), by_time, math.exp(farthest)])
+        names.append(case.name.replace("_", " "))
         print(rows[-1], flush=True)
     draw(names, np.array(worst))
     publish(
@@ -323,9 +352,11 @@ def main() -> None:
             "free_bodies.py` solves line by line for the forces of the pins (Lagrange "
             f"multipliers), and Newmark's rule integrates them over {ALONE:g} s, or {ROLLING:g} s "
             "with the ground, with the standard error of such a time. Package and cut free are the "
-            "largest load ratios; elastic is what displacements alone would give there, as "
-            "before: without the force of a damper, and without inertia beside a pin; the "
-            "last column is the integration over that of bodies cut free.",
+            "largest load ratios, and the difference is the largest of all places. Elastic is the "
+            "ratio that displacements alone would give, without the force of a damper and without "
+            "inertia beside a pin, to that of bodies cut free, where it is farthest from 1. Places "
+            f"with less than {LEAST:g} of the largest load ratio are left out. The last column is "
+            "the integration over bodies cut free, for all loads together.",
             "The largest difference of the package, of load ratios and velocities, is "
             f"{np.abs(off).max():.1e}.",
             table([*COLUMNS, "integrated"], [[*row, *[""] * (10 - len(row))] for row in rows]),

@@ -22,10 +22,8 @@ def orders_of(
 ) -> "OrderConstants":
     """Return excitations with the responses to them, as an export contains them."""
     starts, cubics, t, which = levels.arrays
-    i, names = (
-        int(which.max()) + 1,
-        [name for name, _ in table.forces if name in levels.force_places],
-    )
+    i, loaded = int(which.max()) + 1, levels.force_places
+    names = [name for name, _ in table.forces if name in loaded]
     forces, o = None, 1 + len(names)
     ends = np.cumsum([3 * t, 3 * t * o * i, 3 * o * i, i if t else 0])
     at = np.split(np.arange(cubics.shape[2]), ends)  # as `prediction.levels` arranges the values
@@ -33,7 +31,7 @@ def orders_of(
     if names:
         residues = cubics[:, :, above[:, 1:].reshape(3, -1)]
         others = cubics[:, :, np.append(rest[:, 1:], at[4])]
-        components = tuple(names.count(name) for name in levels.force_places)
+        components = tuple(names.count(name) for name in loaded)
         borders = np.append(starts, table.alpha3_range[1])
         forces = _forces_of(components, borders, residues, others)
     of_point = np.concatenate([at[0], above[:, 0].ravel(), rest[:, 0].ravel(), at[3]])
