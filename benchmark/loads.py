@@ -293,18 +293,24 @@ def _point(model: LinkageModel) -> tuple[str, str]:
 
 
 def draw(names: list[str], worst: Array) -> None:
-    """Draw ratios to what bodies cut free give, (n_cases, 3), as `main` computes them."""
+    """Draw ratios to bodies cut free, (n_cases, 3), with the error of the second in the fourth."""
     figure = Figure(figsize=(9.0, 4.6), layout="constrained")
     axes, rows = figure.subplots(), np.arange(len(names), 0, -1)
-    labels = ("package", "integration over time", "elastic parts alone, the farthest place")
-    for i, (label, marker) in enumerate(zip(labels, "osD", strict=True)):
-        axes.plot(worst[:, i], rows, marker, color=COLOURS[i], label=label, markersize=6)
+    labels = (
+        "elastic parts alone, where they are farthest off",
+        "integration over time",
+        "package",
+    )
+    for i, (label, marker, column) in enumerate(zip(labels, "Dso", (2, 1, 0), strict=True)):
+        at = rows + 0.18 * (i - 1)
+        axes.plot(worst[:, column], at, marker, color=COLOURS[i], label=label, markersize=6)
+    axes.errorbar(worst[:, 1], rows, xerr=worst[:, 3], fmt="none", color=COLOURS[1], linewidth=1.0)
     axes.axvline(1.0, color=INK, linewidth=1.0)
     axes.set_yticks(rows, names)
-    axes.set(xlabel="load ratio / that of bodies cut free", xscale="log")
+    axes.set(xlabel="load ratio / that of bodies cut free")
     axes.set_title("Loads of ten linkages", loc="left", color=INK)
     axes.grid(axis="x", color=GREY, linewidth=0.3)
-    axes.legend(frameon=False, fontsize=8)
+    axes.legend(frameon=False, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=3)
     axes.spines[["top", "right"]].set_visible(False)
     figure.savefig(PICTURE, dpi=120)
 
@@ -336,7 +342,8 @@ def main() -> None:
         at = int(total.ratios.argmax())
         by_time = float(simulated.ratios[at] / total.ratios[at])
         rows[-1].append(f"{by_time:.4f}" + (f" +- {total.error:.3f}" if total.error else ""))
-        worst.append([float(ours[-1].ratios[at] / total.ratios[at]), by_time, math.exp(farthest)])
+        ratio = float(ours[-1].ratios[at] / total.ratios[at])
+        worst.append([ratio, by_time, math.exp(farthest), total.error])
         names.append(case.name.replace("_", " "))
         print(rows[-1], flush=True)
     draw(names, np.array(worst))
