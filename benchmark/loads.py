@@ -296,11 +296,7 @@ def draw(names: list[str], worst: Array) -> None:
     """Draw ratios to bodies cut free, (n_cases, 3), with the error of the second in the fourth."""
     figure = Figure(figsize=(9.0, 4.6), layout="constrained")
     axes, rows = figure.subplots(), np.arange(len(names), 0, -1)
-    labels = (
-        "elastic parts alone, where they are farthest off",
-        "integration over time",
-        "package",
-    )
+    labels = ("elastic parts alone, at worst", "integration over time", "package")
     for i, (label, marker, column) in enumerate(zip(labels, "Dso", (2, 1, 0), strict=True)):
         at = rows + 0.18 * (i - 1)
         axes.plot(worst[:, column], at, marker, color=COLOURS[i], label=label, markersize=6)
