@@ -14,7 +14,7 @@ from linkage_vibration.prediction.excitation import Excitation
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.table.table import Table
 
-_FORCE_ERROR = 0.01  # of each number of the forces, over its largest value
+_FORCE_ERROR = 0.005  # of each number of the forces, over its largest value
 
 
 def orders_of(
@@ -50,7 +50,7 @@ def orders_of(
 def _forces_of(
     components: tuple[int, ...], ends: FloatArray, residues: FloatArray, others: FloatArray
 ) -> "ForceConstants":
-    """Return forces with few cells: each number may differ by 1 % of its largest value.
+    """Return forces with few cells: each number may differ by 0.5 % of its largest value.
 
     The components are those of each pin and cylinder, the ends (n_cells + 1,), rad, and the cubics
     of residues (n_cells, 4, 3, k), and of what follows them (n_cells, 4, n).
