@@ -102,7 +102,7 @@ def cases() -> list[Case]:
         if mechanism.base is not None:
             wheel = {"speed": "ground", "rolling_radius": 0.8, "orders": [1]}
             wheel |= {"base_displacement": [1e-3], "at": "base:rear_axle.z", "at_speed": 5.0}
-            field = {"speed": "ground", "terrain": {"class": "B"}, "raised": True}
+            field = {"speed": "ground", "terrain": {"class": "B"}, "raised": True, "track": 0.0}
             loads |= {"wheel": wheel, "ground": field}
         excitations = tuple(excitations_from_mapping(loads))
         result.append(Case(mechanism.name, model, low + (high - low) / 3.0, excitations))
