@@ -40,7 +40,9 @@ def add_inputs(parser: "argparse.ArgumentParser | argparse._ArgumentGroup") -> N
 
 def add_mechanism(parser: argparse.ArgumentParser, name: str = "--mechanism") -> None:
     """Declare the argument of a mechanism, as an option where other files come first."""
-    more = {"metavar": "FILE"} if name.startswith("-") else {"metavar": "MECHANISM", "nargs": "?"}
+    more: dict[str, Any] = (
+        {"metavar": "FILE"} if name.startswith("-") else {"metavar": "MECHANISM", "nargs": "?"}
+    )
     parser.add_argument(name, type=Path, help=_MECHANISM, **more)
 
 

@@ -109,23 +109,22 @@ def argument_parser() -> "argparse.ArgumentParser":
         def _print_message(self, message: str, file: Any = None) -> None:
             (file or sys.stderr).write(message)  # argparse would hide that the disk is full
 
-    parser = Parser(
-        prog="linkage-vibration",
-        description="Predict how a linkage vibrates in each of its configurations.",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    described = "Predict how a linkage vibrates in each of its configurations."
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = Parser(prog="linkage-vibration", formatter_class=raw)
     parser.add_argument("--version", action="version", version=VERSION)
     subparsers = parser.add_subparsers(required=True, metavar="COMMAND")
     for route, names in ROUTES.items():
-        parser.description += f"\n\n{route}:"
+        described += f"\n\n{route}:"
         for name in names:
             module = import_module(f"linkage_vibration.cli.{name}")
             text = (module.__doc__ or "").strip()
             subparser = subparsers.add_parser(name, description=text)
-            parser.description += f"\n  {name:12}{text.partition(chr(10))[0]}"
+            described += f"\n  {name:12}{text.partition(chr(10))[0]}"
             # No option begins like a number, so "-90:-80:5" and "-120:low.csv" are no options.
             # Python itself treats only complete numbers so.
             subparser._negative_number_matcher = re.compile(r"-\.?\d")
             module.add_arguments(subparser)
             subparser.set_defaults(run=module.run)
+    parser.description = described
     return parser

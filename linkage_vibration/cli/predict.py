@@ -40,8 +40,8 @@ def run(options: argparse.Namespace) -> int:
         predictor = Predictor(load_table(source))
     else:
         predictor = read_table(read_settings(options)).predictor
-    ends = np.degrees(predictor.table.alpha3_range)
-    degrees = options.angles_deg or np.linspace(*ends, 9).tolist()
+    nine = np.linspace(*predictor.table.alpha3_range, 9)
+    degrees = options.angles_deg or np.degrees(nine).tolist()
     modes = "".join(f"{f'mode {k + 1} [Hz]':>13}" for k in range(predictor.table.n_modes))
     print(f"{'alpha3 [deg]':>12}{modes}{'peak [Hz]':>13}{'peak [m/N]':>13}")
     good = True

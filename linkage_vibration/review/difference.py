@@ -322,9 +322,9 @@ def difference_summary(delta: Difference) -> str:
     lines += [_matched(delta), sentence(delta)]
     rows = [["B - A", "largest", "at [s]", "relative", "not known", "unit"]]
     for each in delta.quantities:
-        numbers = f"{each.factor * each.largest:.6g}", f"{each.largest_relative:.3g}"
+        pair = f"{each.factor * each.largest:.6g}", f"{each.largest_relative:.3g}"
         at = "" if each.farthest is None or not each.largest else delta.clock(each.farthest)
-        largest, relative = (text.replace("nan", "") for text in numbers)
+        largest, relative = (text.replace("nan", "") for text in pair)
         unknown = 1.0 - float((each.known_a & each.known_b).mean())
         unit = each.unit + (f"; {each.one_sided} in one log only" if each.one_sided else "")
         rows.append([each.name, largest, at, relative, f"{100.0 * unknown:.3g} %", unit])

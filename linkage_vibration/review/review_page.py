@@ -128,17 +128,12 @@ def provenance_rows(log: Log) -> list[list[str]]:
     if log.table is not None:
         table = log.table
         low, high = (DEG * angle for angle in table.alpha3_range)
-        errors = (
-            f"natural frequencies and damping ratios {table.interpolation_error.max():.1e}, "
-            f"FRF peak {table.peak_error:.1e}, FRFs {table.frf_error:.1e}, forces "
-            f"{table.force_error:.1e}, slopes {table.slope_error:.1e} per rad; bounds against the "
-            "model"
-        )
+        errors = f"natural frequencies and damping ratios {table.interpolation_error.max():.1e}, "
+        errors += f"FRF peak {table.peak_error:.1e}, FRFs {table.frf_error:.1e}, "
+        errors += f"forces {table.force_error:.1e}"
         rows += [
             ["Mechanism", f"{table.mechanism_name}, model {table.model_hash[:12]}"],
             ["Range of angles", f"{low:g} to {high:g} deg"],
-            ["Frequency band of FRFs", f"{table.band[0]:g} to {table.band[1]:g} Hz"],
-            ["Band of the FRF peak", f"{table.peak_band[0]:g} to {table.peak_band[1]:g} Hz"],
             ["Relative error of the table", errors],
             ["Table built by", f"linkage_vibration {table.package_version}"],
         ]
@@ -192,7 +187,6 @@ def _columns(log: Log, rows: IntArray, axis: TimeAxis) -> dict[str, NDArray[Any]
         "status": log.status[rows].astype(np.uint8),
         "peak_frequency": log.peak_frequency[rows].astype(np.float32),
         "peak_magnitude": log.peak_magnitude[rows].astype(np.float32),
-        "interpolation_error": log.interpolation_error[rows].astype(np.float32),
     }
     if not np.array_equal(log.table_angle, log.crank_angle, equal_nan=True):
         columns["table_angle"] = log.table_angle[rows]
@@ -201,16 +195,14 @@ def _columns(log: Log, rows: IntArray, axis: TimeAxis) -> dict[str, NDArray[Any]
         columns[f"s{mode + 1}"] = log.frequency_stddevs[rows, mode].astype(np.float32)
     if log.resonances is not None:
         r, names = log.resonances.rows(rows), _excitation_names(log)
-        near = np.where(np.isnan(r.natural_frequency), 0, r.mode + 1)
-        counts = {"state": r.state, "resonance_mode": near}
+        counts = {"state": r.state}
         counts["excitation"] = np.searchsorted(names, r.excitation)
         columns |= {name: values.astype(np.uint8) for name, values in counts.items()}
         part = ~_all_known(log)[rows]
-        numbers = {"margin": r.relative_margin, "load_ratio": r.total_load_ratio}
+        numbers = {"load_ratio": r.total_load_ratio}
         numbers["load_known"] = np.where(part, np.nan, r.total_load_ratio)
         numbers["load_part"] = np.where(part, r.total_load_ratio, np.nan)
         columns["load_of"] = part.astype(np.uint8)
-        numbers["excitation_frequency"] = r.excitation_frequency
         columns |= {name: values.astype(np.float32) for name, values in numbers.items()}
         if log.drive is not None and (parts := ground_and_orders(log.drive, log.excitations)):
             at = np.searchsorted(log.drive.predictions, rows, side="right") - 1
@@ -290,10 +282,6 @@ def _charts(log: Log, axis: TimeAxis) -> Items:
         charts.append(
             chart("load", title, "1", series=series, guides=guides, key=key, shades=hatches)
         )
-    elif log.resonances is not None:
-        title = "Margin of the nearest excitation to its natural frequency"
-        series = [{"column": "margin", "factor": 100.0, "colour": palette.COLOURS[0]}]
-        charts.append(chart("margin", title, "%", series=series, guides=[0.0]))
     return charts
 
 
@@ -314,21 +302,16 @@ def _readings(log: Log) -> Items:
     readings += [
         reading("peak", "FRF peak", column="peak_magnitude", unit="m/N"),
         reading("peak_f", "FRF peak frequency", column="peak_frequency", unit="Hz"),
-        reading("error", "Error of the table", column="interpolation_error", digits=2),
     ]
     if log.resonances is None:
         return readings
     names = [name or "none" for name in _excitation_names(log)]
-    near = ["none", *(log.mode_label(mode).removeprefix("mode ") for mode in range(log.n_modes))]
     return [
         *readings,
         reading("state", "State", column="state", words=STATES),
         reading("load", "Load ratio", column="load_ratio", digits=3),
         reading("load_of", "Load ratio of", column="load_of", words=["all sources", "a part"]),
         reading("excitation", "Most severe excitation", column="excitation", words=names),
-        reading("exc_f", "Excitation frequency", column="excitation_frequency", unit="Hz"),
-        reading("near_mode", "Nearest mode", column="resonance_mode", words=near),
-        reading("margin", "Margin", column="margin", factor=100.0, unit="%", digits=4),
     ]
 
 

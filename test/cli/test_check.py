@@ -78,7 +78,6 @@ def test_doubtful_inputs_fail(files: Path, capsys: Any) -> None:
 @pytest.mark.parametrize(
     ("limits", "arguments", "words"),
     [
-        ("gap: -1", [], "limits.yaml: gap is -1; give a number from 0"),
         ("gab: 1", [], "limits.yaml: gab: this key is not known; did you mean gap?"),
         ("excitation: x\nload_ratio: 1", [], "excitation is 'x'; log.mcap has only engine 1"),
         ("gap: 1", ["--junit", "log.mcap"], "log.mcap is an input"),
