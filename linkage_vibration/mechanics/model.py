@@ -9,12 +9,13 @@ from functools import cached_property
 
 import numpy as np
 
-from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.errors import LinkageVibrationError, check_type
 from linkage_vibration.mechanics.arrays import (
     BoolArray,
     ComplexArray,
     FloatArray,
     IntArray,
+    real_numbers,
     rows_of,
     side_by_side,
 )
@@ -91,6 +92,7 @@ class LinkageModel:
     def __init__(
         self, mechanism: Mechanism, *, reduced: bool = True, kinematics: Kinematics | None = None
     ) -> None:
+        check_type(mechanism, "read the file with `read_mechanism`", Mechanism)
         self.mechanism = mechanism
         self.kinematics = kinematics or Kinematics(mechanism)
         self.components = mechanism.components(reduced=reduced)
@@ -290,7 +292,8 @@ class LinkageModel:
             If the FRFs have too few digits for the result.
         """
         configuration = self.kinematics.at(alpha3)
-        lines, joining = np.asarray(frequencies, dtype=float), self.interface.join(configuration)
+        lines = real_numbers(frequencies, "frequencies")
+        joining = self.interface.join(configuration)
         left, right = self.rows(outputs, configuration), self.rows(inputs, configuration)
         if self._measured:
             blocks, rows, compliance = self._blocks(joining, lines)
@@ -575,6 +578,7 @@ class Solution:
         frf = pole_residue(self.damped, self.participation(outputs), into)
         if band is None:
             return frf
+        real_numbers(band, "band")
         kept = in_reach(frf.stiffness, band, frf.decay)
         return frf.condensed(kept, far_poles(frf.stiffness[~kept], frf.decay[~kept], band))
 
