@@ -120,7 +120,7 @@ def test_complex_numbers_are_refused(number: Any) -> None:
     solution = model.solve(2.0)
     calls = []
     owners = [model, model.kinematics, solution, solution.drive_point, table, lv.Predictor(table)]
-    for owner, name in ((owner, name) for owner in owners for name in dir(type(owner))):
+    for owner, name in ((each, name) for each in owners for name in dir(type(each))):
         public = inspect.isfunction(getattr(type(owner), name)) and not name.startswith("_")
         function = getattr(owner, name) if public else dict
         parameters = inspect.signature(function).parameters if public else {}

@@ -50,7 +50,7 @@ _RARE = 1e-6  # probability that noise makes a mode that a fit of fewer poles ke
 _SHOWN = 1e-3  # the same in a single decay that shows a mode
 _MOVES = 0.03  # relative: a frequency that a window changes by more is not reported
 _UNSURE = 0.02  # relative deviation of a frequency that is not reported
-_ALIKE = 0.15  # share of the energy of a mode that those beside it cannot replace: less is one line
+_ALIKE = 0.3  # share of the energy of a mode that those beside it cannot replace: less is one line
 _BESIDE = 1.25  # ratio of frequencies up to which modes may be parts of one that is not linear
 _DRIFT = 0.005  # relative change of a frequency with time or strength that a mode may have
 _CERTAIN = 4.0  # deviations of such a change that noise does not explain
@@ -195,6 +195,7 @@ def _without_nonlinear(
     can replace each other, or as one that changes.
     """
     sure = np.array([i for i, mode in enumerate(modes) if not mode.doubt], dtype=int)
+    often = np.array([2 * mode.decays > len(decays) for mode in modes], dtype=bool)
     energy, alone = energies(decays, poles[sure], rate)
     hertz, doubts = np.abs(poles[sure]), dict[int, str]()
     alike = alone < _ALIKE * energy
@@ -206,7 +207,7 @@ def _without_nonlinear(
         for _ in range(len(sure) * alike[i]):
             line = line | beside[line & alike].any(axis=0)
         near = sure[line & (sure != sure[i])]
-        order = [sure[i], *np.setdiff1d(np.arange(len(poles)), sure[line])]
+        order = [sure[i], *np.setdiff1d(np.flatnonzero(often), sure[line])]
         change = _change(decays, poles[order], rate)
         if alike[i] or change:
             doubts[sure[i]] = f"not linear: {change or 'its decay is not exponential'}"
