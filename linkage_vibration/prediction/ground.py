@@ -60,6 +60,7 @@ _STEP, _PHASE = 0.02, 1.5  # largest steps between speeds: of ln(speed), and of 
 _ANGLE_STEPS, _DEGREE = (32, 128), math.radians(1.0)  # least and most steps, and their size
 _MAX_FREQUENCIES, _PER_HALF_WIDTH = 4096, 1.5  # most of them, and how many resolve a half-width
 _N_LOAD_ANGLES = 19  # angles at which static loads are computed
+_ONE_THREAD = 2**18  # multiplications up to which OpenBLAS uses one thread
 
 
 class GroundError(LinkageVibrationError):
@@ -231,7 +232,12 @@ def mean_squares(
     """
     weights = _weights(squares, speeds[:, np.newaxis], uncovered)
     values = squares.values.reshape(len(squares.values), -1)
-    return np.asarray((values @ weights.T).astype(np.float64))
+    # The last bits of a large product depend on the number of threads of BLAS.
+    step = max(_ONE_THREAD // (7 * values.shape[1]), 2)
+    rows = np.array_split(values, max(len(values) // 4, 1))  # of four to seven
+    parts = [weights[i : i + step].T for i in range(0, len(weights), step)]
+    product = np.concatenate([np.hstack([row @ part for part in parts]) for row in rows])
+    return product.astype(np.float64)
 
 
 def _weights(squares: GroundSquares, speeds: FloatArray, uncovered: bool) -> NDArray[np.float32]:
