@@ -28,3 +28,11 @@ class LinkageVibrationError(Exception):
     def __reduce__(self) -> tuple[Any, ...]:
         """Return the function that rebuilds this error, and what it needs."""
         return __newobj__, (type(self), *self.args), vars(self)
+
+
+def check_type(value: object, hint: str, *kinds: type) -> None:
+    """Refuse a value of none of some types, with a hint that says how to get one."""
+    if not isinstance(value, kinds):
+        names = " or ".join(kind.__name__ for kind in kinds)
+        given = type(value).__name__
+        raise LinkageVibrationError(f"The type {given} is given in place of {names}; {hint}.")

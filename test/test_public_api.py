@@ -7,7 +7,9 @@ import inspect
 import math
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -104,3 +106,49 @@ def test_paths_may_be_strings(tmp_path: Path) -> None:
     assert lv.load_table(str(table)).table_id == lv.load_table().table_id
     mechanism = Path(__file__).parents[1] / "config/three_point_linkage_on_tractor.yaml"
     assert lv.read_mechanism(str(mechanism)).name == lv.read_mechanism().name
+
+
+COMPLEX = [2.0 + 0.0j, np.complex64(2.0), np.array([2.0 + 0.0j]), [2.0 + 1.0j]]
+ANGLES_AND_FREQUENCIES = ["alpha3", "angles", "stddev", "frequencies", "band"]
+OTHERS = {"outputs": ["E1.z"], "inputs": ["E1.z"], "modes": np.array([0]), "count": 3}
+
+
+@pytest.mark.parametrize("number", COMPLEX, ids=repr)
+def test_complex_numbers_are_refused(number: Any) -> None:
+    """Each public function of an angle, its deviation, frequencies or a band says so in a line."""
+    model, table = lv.LinkageModel(lv.read_mechanism()), lv.load_table()
+    solution = model.solve(2.0)
+    calls = []
+    owners = [model, model.kinematics, solution, solution.drive_point, table, lv.Predictor(table)]
+    for owner, name in ((each, name) for each in owners for name in dir(type(each))):
+        public = inspect.isfunction(getattr(type(owner), name)) and not name.startswith("_")
+        function = getattr(owner, name) if public else dict
+        parameters = inspect.signature(function).parameters if public else {}
+        for wrong in (each for each in parameters if each in ANGLES_AND_FREQUENCIES):
+            right = {"alpha3": 2.0, "frequencies": np.array([5.0])} | OTHERS
+            given = {each: right[each] for each in parameters if each in right} | {wrong: number}
+            with pytest.raises(lv.LinkageVibrationError) as raised:
+                function(**given)
+            if name != "identify":  # which asks for links that are known by FRFs
+                assert f"`{wrong}` is " in str(raised.value) or "array of shape" in str(
+                    raised.value
+                )
+            calls.append(f"{type(owner).__name__}.{name}")
+    assert len(calls) > 25, calls
+    with pytest.raises(lv.LinkageVibrationError, match=r"number"):
+        lv.replay("no.mcap", "log.mcap", lv.Parameters(engine_speed=number))
+
+
+def test_wrong_types_end_in_a_sentence() -> None:
+    """What is given in place of what, and how to get the right one."""
+    mechanism = lv.read_mechanism()
+    model = lv.LinkageModel(mechanism)
+    calls: list[tuple[Callable[[Any], object], Any, str]] = [
+        (lv.plot, model.solve(2.0), "Solution is given in place of Table or .* or Log; give a tab"),
+        (lv.build_table, mechanism, "Mechanism is given in place of LinkageModel; make one"),
+        (lv.Predictor, model, "LinkageModel is given in place of Table; use `build_table`"),
+        (lv.LinkageModel, "a.yaml", "str is given in place of Mechanism; read the file"),
+    ]
+    for function, value, words in calls:
+        with pytest.raises(lv.LinkageVibrationError, match=f"^The type {words}"):
+            function(value)

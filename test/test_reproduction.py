@@ -100,6 +100,14 @@ def test_table_has_every_number(tmp_path: Path, sweeps: SWEEPS) -> None:
     assert all(number.quantity in text for number in printed_numbers())
 
 
+def test_physical_dofs_are_those_in_the_plane(sweeps: SWEEPS) -> None:
+    """Table 2 has three for each pin, of which we have two, and the rotation of the crank at P3."""
+    for name, printed in (("lower_links", 9), ("upper_link", 6), ("lift_rods", 6)):
+        assert sweeps[1][CORRECTED][f"reduction.{name}.physical"] == printed * 2 / 3
+    assert sweeps[1][CORRECTED]["reduction.input_cranks.physical"] == 6 * 2 / 3 + 1
+    assert sweeps[1][CORRECTED]["reduction.implement.physical"] == 3  # x, z and the rotation
+
+
 def test_our_geometry_is_the_printed_one(sweeps: SWEEPS) -> None:
     """The printed geometry has every dimension of Table 1; the other differs in one only."""
     for number in printed_numbers(GEOMETRY):

@@ -10,11 +10,39 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from linkage_vibration.errors import LinkageVibrationError
+
 BoolArray = NDArray[np.bool_]
 ComplexArray = NDArray[np.complex128]
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 T = TypeVar("T", bound=Any)
+
+
+def real_numbers(value: object, name: str) -> FloatArray:
+    """Return one real number, or an array of them with one axis; refuse anything else."""
+    try:
+        numbers = np.asanyarray(value)
+    except ValueError:  # lists of different lengths
+        numbers = np.array(None)
+    masked = isinstance(numbers, np.ma.MaskedArray)
+    if masked or numbers.dtype.kind not in "iuf" or numbers.ndim > 1:
+        text = " ".join(repr(value).split())
+        shown = text if len(text) <= 60 else f"{text[:57]}..."
+        raise LinkageVibrationError(
+            f"`{name}` is {shown}; give a real number, or a list or an array of them with one axis."
+        )
+    return numbers.astype(float)
+
+
+def real_number(value: object, name: str, hint: str = "call it for each of them") -> float:
+    """Return one real number; refuse anything else, an array with a hint."""
+    if isinstance(value, float):
+        return value
+    numbers = real_numbers(value, name)
+    if numbers.ndim:
+        raise LinkageVibrationError(f"`{name}` is an array in place of one number; {hint}.")
+    return float(numbers)
 
 
 def side_by_side(parts: Sequence[ArrayLike], shape: tuple[int, ...], axis: int) -> FloatArray:

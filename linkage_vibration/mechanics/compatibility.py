@@ -3,10 +3,10 @@
 """The compatibility matrix B(configuration): B u = 0 joins the components.
 
 A pin between bodies r and s gives R(angle_r) u_r - R(angle_s) u_s = 0 (Brunetti, D'Ambrogio,
-Fregolent 2022, eq. 20 to 22), with u in the bodies' own axes. The ground does not move, unless it
-belongs to a base. A rigid body, such as the base, moves at a point by the displacement of its
-centre of gravity plus its rotation times the arm. A spring has a row as well, whose value is the
-elongation of the spring.
+Fregolent 2022, the first two rows of eq. 20 to 22), with u in the bodies' own axes. The ground does
+not move, unless it belongs to a base. A rigid body, such as the base, moves at a point by the
+displacement of its centre of gravity plus its rotation times the arm. A spring has a row as well,
+whose value is the elongation of the spring.
 """
 
 from collections.abc import Sequence

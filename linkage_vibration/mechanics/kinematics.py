@@ -21,7 +21,7 @@ import numpy as np
 from scipy.linalg import solve_banded
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.mechanics.arrays import FloatArray, real_number, real_numbers
 from linkage_vibration.mechanics.closure import NEAR, Pins, cannot_close, closed_angles, pose_notice
 from linkage_vibration.mechanics.description import GROUND, Mechanism, MechanismError, Point
 
@@ -304,11 +304,10 @@ class Kinematics:
         Raises
         ------
         KinematicsError, LinkageVibrationError
-            If the linkage cannot close there, or alpha3 is an array.
+            If the linkage cannot close there, or alpha3 is not one real number.
         """
-        if np.ndim(alpha3):
-            hint = "call it for each of them, or `build_table` and give all to `Predictor.predict`"
-            raise LinkageVibrationError(f"alpha3 is an array, but one angle is solved; {hint}.")
+        hint = "call it for each of them, or `build_table` and give all to `Predictor.predict`"
+        alpha3 = real_number(alpha3, "alpha3", hint)
         return self._configuration(alpha3, *self._closed_at(alpha3))
 
     def stack(self, angles: FloatArray) -> Configuration:
@@ -316,7 +315,7 @@ class Kinematics:
 
         The first one at which the linkage cannot close is refused, as `at` refuses it.
         """
-        closed = None
+        angles, closed = real_numbers(angles, "angles"), None
         if (self._away(angles) > 0.0).all():
             within = np.array([self._within(each) for each in angles.tolist()])
             closed = self._close(self._guess(self._evenly(within)), self._input, within)

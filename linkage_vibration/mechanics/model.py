@@ -11,12 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.errors import LinkageVibrationError, check_type
 from linkage_vibration.mechanics.arrays import (
     BoolArray,
     ComplexArray,
     FloatArray,
     IntArray,
+    real_numbers,
     rows_of,
     side_by_side,
 )
@@ -93,6 +94,7 @@ class LinkageModel:
     def __init__(
         self, mechanism: Mechanism, *, reduced: bool = True, kinematics: Kinematics | None = None
     ) -> None:
+        check_type(mechanism, "read the file with `read_mechanism`", Mechanism)
         self.mechanism = mechanism
         self.kinematics = kinematics or Kinematics(mechanism)
         self.components = mechanism.components(reduced=reduced)
@@ -290,7 +292,8 @@ class LinkageModel:
             If the FRFs have too few digits for the result.
         """
         configuration = self.kinematics.at(alpha3)
-        lines, joining = np.asarray(frequencies, dtype=float), self.interface.join(configuration)
+        lines = real_numbers(frequencies, "frequencies")
+        joining = self.interface.join(configuration)
         left, right = self.rows(outputs, configuration), self.rows(inputs, configuration)
         if self._measured:
             blocks, rows, compliance = self._blocks(joining, lines)
@@ -583,6 +586,7 @@ class Solution:
         frf = pole_residue(self.damped, self.powers(outputs), into)
         if band is None:
             return frf
+        real_numbers(band, "band")
         kept = in_reach(frf.stiffness, band, frf.decay)
         return frf.condensed(kept, far_poles(frf.stiffness[~kept], frf.decay[~kept], band))
 

@@ -17,6 +17,7 @@ from linkage_vibration.mechanics.arrays import (
     FloatArray,
     IntArray,
     real_equations,
+    real_numbers,
 )
 from linkage_vibration.mechanics.modes import MECHANISM, DampedModes
 
@@ -109,10 +110,10 @@ class PoleResidue:
         >>> float(abs(oscillator.frf(np.array([0.0]))[0, 0, 0]))
         0.01
         """
-        omega = 2.0 * math.pi * np.asarray(frequencies, dtype=float)
-        if omega.ndim != 1:
-            problem = f"The frequencies are an array of shape {omega.shape}"
+        if np.ndim(frequencies) != 1:
+            problem = f"The frequencies are an array of shape {np.shape(frequencies)}"
             raise ResponseError(f"{problem}; give a list of Hz, such as [10.0, 20.0].")
+        omega = 2.0 * math.pi * real_numbers(frequencies, "frequencies")
         if not np.isfinite(omega).all():
             raise ResponseError("A frequency is not a finite number; give Hz.")
         terms = np.multiply.outer(self.decay, 1j * omega)
@@ -196,7 +197,7 @@ class PoleResidue:
         A grid, refined about each resonance in the band, brackets its maxima; the zeros of the
         derivative of abs(H)^2 in the brackets of the highest ones are compared.
         """
-        low, high = 2.0 * math.pi * band[0], 2.0 * math.pi * band[1]
+        low, high = (2.0 * math.pi * real_numbers(band, "band")).tolist()
         omega = np.sqrt(np.abs(self.stiffness))
         if (omega < MECHANISM).any():
             # A mechanism responds without limit towards 0 Hz, which is not a resonance.
@@ -228,7 +229,7 @@ class PoleResidue:
         band, count
             Hz; number of evenly spaced ones, including the ends of the band.
         """
-        low, high = 2.0 * math.pi * band[0], 2.0 * math.pi * band[1]
+        low, high = (2.0 * math.pi * real_numbers(band, "band")).tolist()
         omega = np.sqrt(np.abs(self.stiffness))
         inside = (omega > max(low, MECHANISM)) & (omega < high)
         near = omega[inside] + np.multiply.outer(_AROUND, self._half_widths(inside))
@@ -254,7 +255,8 @@ class PoleResidue:
         k, width = np.abs(self.stiffness[modes]), self._half_widths(modes)
         start = np.sqrt(np.maximum(k - 2.0 * width**2, 0.0))
         omega, settled = self._climb(start, width, 3.0 * width)
-        inside = (start >= 2.0 * math.pi * band[0]) & (start <= 2.0 * math.pi * band[1])
+        low, high = 2.0 * math.pi * real_numbers(band, "band")
+        inside = (start >= low) & (start <= high)
         lost = np.flatnonzero(~settled & inside)
         if len(lost):
             # Other modes have shifted the maximum: look for the nearest one.

@@ -133,7 +133,8 @@ class EnsembleResponses:
         """Return the modes at angles, (n,), rad: (n, n_members + 1, ...)."""
         at = stroke_variable(alpha3, self._table.toggles)
         weights = interpolation_matrix(self._variables, at).astype(np.float32)
-        values = weights[:, np.newaxis] @ self._values.reshape(len(self._variables), -1)
+        # The last bits of a product by BLAS depend on its number of threads.
+        values = np.einsum("nk,kv->nv", weights, self._values.reshape(len(self._variables), -1))
         return self._modes(values.reshape(len(alpha3), self.n + 1, -1))
 
     def responses(

@@ -10,8 +10,8 @@ from typing import overload
 
 import numpy as np
 
-from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.errors import LinkageVibrationError, check_type
+from linkage_vibration.mechanics.arrays import FloatArray, real_number, real_numbers
 from linkage_vibration.mechanics.kinematics import unit_question
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.table.interpolation import angles_in_table
@@ -161,6 +161,7 @@ class Predictor:
     """
 
     def __init__(self, table: Table) -> None:
+        check_type(table, "use `build_table` or `load_table`", Table)
         self.table = table
         self._low, self._high = table.alpha3_range
         self._sound_low, self._sound_high = table.sound_range
@@ -175,6 +176,7 @@ class Predictor:
 
     def angle_in_table(self, alpha3: float) -> float | None:
         """Return the angle of the table, rad, as `angles_in_table` does; None if there is none."""
+        alpha3 = real_number(alpha3, "alpha3")
         if self._low <= alpha3 <= self._high:
             return alpha3
         angle = float(angles_in_table(np.array([alpha3]), self.table.alpha3_range)[0])
@@ -211,7 +213,7 @@ class Predictor:
             number of standard deviations is not that of the angles.
         """
         if not (isinstance(alpha3, float) and isinstance(stddev, float)):
-            angles, given = _numbers(alpha3, "alpha3"), _numbers(stddev, "stddev")
+            angles, given = real_numbers(alpha3, "alpha3"), real_numbers(stddev, "stddev")
             if given.shape not in ((), angles.shape):
                 raise LinkageVibrationError(
                     f"`stddev` has {given.size} numbers for {angles.size} angles; give one "
@@ -255,7 +257,7 @@ class Predictor:
         alpha3, stddev : float
             As `predict` takes them; without a prediction every share is NaN.
         """
-        angle = self.angle_in_table(float(alpha3))
+        stddev, angle = real_number(stddev, "stddev"), self.angle_in_table(alpha3)
         if angle is None:
             return Shares(*np.full((4, 2, self._n_modes), math.nan))
         (values, _, _, error), slopes, parameters = self.table.at(angle)
@@ -285,22 +287,6 @@ class Predictor:
         status = Status.OUT_OF_RANGE if math.isfinite(alpha3) else Status.INVALID_ANGLE
         modes = unknown, unknown, unknown, unknown
         return Prediction(alpha3, status, *modes, nan, nan, nan, self._table_id, unknown)
-
-
-def _numbers(value: object, name: str) -> FloatArray:
-    """Return one real number, or an array of them with one axis; refuse anything else."""
-    try:
-        numbers = np.asanyarray(value)
-    except ValueError:  # lists of different lengths
-        numbers = np.array(None)
-    masked = isinstance(numbers, np.ma.MaskedArray)
-    if masked or numbers.dtype.kind not in "iuf" or numbers.ndim > 1:
-        text = " ".join(repr(value).split())
-        shown = text if len(text) <= 60 else f"{text[:57]}..."
-        raise LinkageVibrationError(
-            f"`{name}` is {shown}; give a real number, or a list or an array of them with one axis."
-        )
-    return numbers.astype(float)
 
 
 def predict_many(predictor: Predictor, alpha3: FloatArray, stddev: FloatArray) -> MessageColumns:

@@ -21,6 +21,7 @@ from linkage_vibration.drawing.plots import (
     tidy,
     write_png,
 )
+from linkage_vibration.errors import check_type
 from linkage_vibration.mechanics.arrays import FloatArray, runs
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.predictor import Predictor, Status
@@ -65,6 +66,8 @@ def plot(source: Table | MessageColumns | Log, picture: str | Path | None = None
     PlotError
         If Matplotlib is missing, or the file cannot be written.
     """
+    hint = "give a table, predictions at many angles, or what `read_log` returns"
+    check_type(source, hint, Table, MessageColumns, Log)
     require_matplotlib()
     from matplotlib.figure import Figure
 

@@ -58,7 +58,7 @@ _LIKELY = 0.95  # share of sums of squared residuals that do not contradict the 
 _STEP = 1e-4  # of the logarithms, in differences
 _STEP_OTHER = 1e-3  # of the other uncertain numbers, in units of their standard deviations
 _FARTHEST = 5.0  # standard deviations by which these may change
-_DOUBTFUL = 3.0  # stated deviations beyond which a change contradicts what was stated
+_DOUBTFUL = 3.0  # deviations beyond which a number or a target contradicts what was stated
 _ENOUGH = 1e-7  # relative change of the cost at which a search ends
 _EQUAL = 1e-6, 1e-9  # of a cost, and costs; only the end of a search may distinguish such costs
 
@@ -220,10 +220,18 @@ def calibrate(
 
 def fit_report(calibration: CalibrationTask, result: CalibrationResult) -> str:
     """Return tables of the targets and of the parameters, and what the targets leave open."""
+    bad = list[str]()
     lines = [f"{'target':24}{'wanted [Hz]':>12}{'found [Hz]':>12}{'difference':>12}"]
     for target, frequency in zip(calibration.targets, result.frequencies, strict=True):
         share = round(frequency / target.frequency - 1.0, 3) + 0.0  # no -0.0
         lines.append(f"{target!s:24}{target.frequency:12.4g}{frequency:12.4g}{share:12.1%}")
+        away = math.log(frequency / target.frequency) / target.deviation
+        if abs(away) > _DOUBTFUL:
+            side = "high" if away > 0.0 else "low"
+            bad.append(f"{target} is {abs(away):.2g} of its deviations too {side}")
+    if bad:
+        hint = "check which modes the targets belong to, and the mechanism"
+        lines.append(f"\nThe fit is not good: {'; '.join(bad)}; {hint}.")
     names, n = result.names, len(calibration.parameters)
     deviations = np.sqrt(np.diag(result.covariance))
     unknown = {*itertools.chain(*result.undetermined)}

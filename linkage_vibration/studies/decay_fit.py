@@ -21,7 +21,7 @@ Decays = Sequence[FloatArray]  # (n_samples, n_channels) each
 _COLUMNS = 100  # of a pencil; more would take long and change little
 _NOISE = 1.2  # medians of the singular values of the pencil: larger ones are not noise alone
 _CHANCE = 0.01  # probability that noise alone makes a pole as strong as the faintest that is kept
-_MOST_DAMPED = 0.5  # damping ratio; beyond it there is hardly an oscillation
+MOST_DAMPED = 0.5  # damping ratio; beyond it there is hardly an oscillation
 _STEP = 0.04  # relative, between frequencies of the search
 _SOUGHT = (0.02, 0.08)  # damping ratios of the search
 _MOST = 20  # largest number of poles
@@ -72,6 +72,19 @@ def gains(decays: Decays, fit: DecayFit, rate: float) -> FloatArray:
     return np.array(lowered) / variance(decays, fit)
 
 
+def energies(decays: Decays, poles: ComplexArray, rate: float) -> FloatArray:
+    """Return the energy of each pole, and what no other pole can replace of it, (2, n_poles)."""
+    count, each = len(poles), np.zeros((2, len(poles)))
+    for signals, (_, columns) in zip(decays, _bases(decays, poles, rate), strict=True):
+        weights = np.linalg.lstsq(columns, signals, rcond=None)[0]
+        for i in range(count):
+            pair = [i, count + i]
+            part, others = columns[:, pair] @ weights[pair], np.delete(columns, pair, axis=1)
+            left = part - others @ np.linalg.lstsq(others, part, rcond=None)[0]
+            each[:, i] += (part**2).sum(), (left**2).sum()
+    return each
+
+
 def variance(decays: Decays, fit: DecayFit) -> float:
     """Return the variance of the residuals."""
     free = sum(each.size - each.shape[1] * (2 * len(fit.poles) + 1) for each in decays)
@@ -95,7 +108,7 @@ def without_faint(decays: Decays, fit: DecayFit, rate: float, chance: float) -> 
 
 def _oscillates(poles: ComplexArray) -> BoolArray:
     ratios = -poles.real / np.maximum(np.abs(poles), 1e-9)
-    return np.asarray((ratios > 0.0) & (ratios < _MOST_DAMPED))
+    return np.asarray((ratios > 0.0) & (ratios < MOST_DAMPED))
 
 
 def _bases(
@@ -127,13 +140,14 @@ def _evaluated(decays: Decays, poles: ComplexArray, rate: float) -> DecayFit:
     return DecayFit(poles, squares, np.array(curvatures), np.array(gradients))
 
 
-def refined(decays: Decays, poles: ComplexArray, rate: float) -> DecayFit:
-    """Move poles to where the residuals are least, by steps of Levenberg and Marquardt."""
+def refined(decays: Decays, poles: ComplexArray, rate: float, free: int | None = None) -> DecayFit:
+    """Move the first poles, or all, to the least residuals, by Levenberg and Marquardt's steps."""
     fit, damping = _evaluated(decays, poles, rate), 1e-3
+    at = np.arange(2 * len(poles)).reshape(2, -1)[:, :free].ravel()
     for _ in range(_STEPS if len(poles) else 0):
-        curvature = fit.curvatures.sum(axis=0)
+        curvature, step = fit.curvatures.sum(axis=0)[np.ix_(at, at)], np.zeros(2 * len(poles))
         curvature += damping * np.diag(np.diag(curvature))
-        step = np.linalg.lstsq(curvature, fit.gradients.sum(axis=0), rcond=None)[0]
+        step[at] = np.linalg.lstsq(curvature, fit.gradients.sum(axis=0)[at], rcond=None)[0]
         moved = fit.poles + step[: len(poles)] + 1j * step[len(poles) :]
         moved = np.minimum(moved.real, 0.0) + 1j * np.clip(moved.imag, 0.0, math.pi * rate)
         tried = _evaluated(decays, moved, rate)

@@ -9,7 +9,7 @@ windows and numbers of poles.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -21,8 +21,10 @@ from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 from linkage_vibration.mechanics.uncertainty import INTERVAL
 from linkage_vibration.studies.decay_fit import (
+    MOST_DAMPED,
     DecayFit,
     Decays,
+    energies,
     fit_decays,
     gains,
     refined,
@@ -48,6 +50,11 @@ _RARE = 1e-6  # probability that noise makes a mode that a fit of fewer poles ke
 _SHOWN = 1e-3  # the same in a single decay that shows a mode
 _MOVES = 0.03  # relative: a frequency that a window changes by more is not reported
 _UNSURE = 0.02  # relative deviation of a frequency that is not reported
+_ALIKE = 0.3  # share of the energy of a mode that those beside it cannot replace: less is one line
+_BESIDE = 1.25  # ratio of frequencies up to which modes may be parts of one that is not linear
+_DRIFT = 0.005  # relative change of a frequency with time or strength that a mode may have
+_CERTAIN = 4.0  # deviations of such a change that noise does not explain
+_STRONGER = 1.5  # ratio of the strengths of blows that are compared
 
 
 class RingdownError(LinkageVibrationError):
@@ -160,7 +167,7 @@ def modes_of_decays(decays: Decays, rate: float) -> list[MeasuredMode]:
     shown = (gains(decays, fit, rate) > chdtri(2 * channels, _SHOWN)).sum(axis=0)
     changes = _changes(decays, fit, rate)
     stddevs = np.maximum(_stddevs(decays, fit), np.sqrt((changes**2).mean(axis=0)))
-    modes = []
+    modes, poles = list[MeasuredMode](), list[complex]()
     for i, (frequency, ratio) in enumerate(values.T.tolist()):
         moved = np.abs(changes[:, 0, i]).max() / frequency
         unsure = stddevs[0, i] / frequency
@@ -175,7 +182,66 @@ def modes_of_decays(decays: Decays, rate: float) -> list[MeasuredMode]:
             doubt = f"its deviation is {100.0 * unsure:.2g} %"
         first, second = stddevs[:, i].tolist() if len(decays) > 2 else (math.nan, math.nan)
         modes.append(MeasuredMode(frequency, ratio, first, second, int(shown[i]), doubt))
-    return modes
+        poles.append(fit.poles[i])
+    return _without_nonlinear(modes, np.array(poles), decays, rate)
+
+
+def _without_nonlinear(
+    modes: list[MeasuredMode], poles: ComplexArray, decays: Decays, rate: float
+) -> list[MeasuredMode]:
+    """Return modes with a doubt where their decays are not those of a linear hitch.
+
+    An oscillation whose frequency or damping depends on its amplitude appears as several modes that
+    can replace each other, or as one that changes.
+    """
+    sure = np.array([i for i, mode in enumerate(modes) if not mode.doubt], dtype=int)
+    often = np.array([2 * mode.decays > len(decays) for mode in modes], dtype=bool)
+    energy, alone = energies(decays, poles[sure], rate)
+    hertz, doubts = np.abs(poles[sure]), dict[int, str]()
+    alike = alone < _ALIKE * energy
+    beside = np.abs(np.log(hertz / hertz[:, np.newaxis])) < math.log(_BESIDE)
+    for i in np.argsort(-energy).tolist():
+        if sure[i] in doubts:
+            continue
+        line = np.arange(len(sure)) == i
+        for _ in range(len(sure) * alike[i]):
+            line = line | beside[line & alike].any(axis=0)
+        near = sure[line & (sure != sure[i])]
+        order = [sure[i], *np.setdiff1d(np.flatnonzero(often), sure[line])]
+        change = _change(decays, poles[order], rate)
+        if alike[i] or change:
+            doubts[sure[i]] = f"not linear: {change or 'its decay is not exponential'}"
+            part = f"it may be a part of the mode at {hertz[i] / (2.0 * math.pi):.4g} Hz"
+            doubts |= {j: f"{part}, which is not linear" for j in near.tolist() if j not in doubts}
+    return [replace(mode, doubt=doubts.get(i, mode.doubt)) for i, mode in enumerate(modes)]
+
+
+def _change(decays: Decays, poles: ComplexArray, rate: float) -> str:
+    """Return how the frequency of the first pole changes with time or strength; "" if it does not.
+
+    Parts of the decays before and after it has lost two thirds of its amplitude are compared, and
+    blows of two strengths. The other poles are held.
+    """
+    shortest = min(map(len, decays))
+    cut = int(np.clip(rate / max(-poles[0].real, 1e-3), min(_FEWEST // 2, shortest), shortest // 2))
+    parts = {"as the decay goes on": ([d[:cut] for d in decays], [d[cut:] for d in decays])}
+    sizes = [float(np.linalg.norm(each[:cut])) for each in decays]
+    half, order = len(decays) // 2, np.argsort(sizes)
+    weak, strong = ([decays[i] for i in which] for which in (order[:half], order[-half:]))
+    if half > 1 and sizes[order[-half]] > _STRONGER * sizes[order[half - 1]]:
+        parts["with stronger blows"] = weak, strong
+    for how, both in parts.items():
+        found = []
+        for each in both:
+            fit, at = refined(each, poles, rate, free=1), [0, len(poles)]
+            curvatures = fit.curvatures[:, at][:, :, at]
+            fit = DecayFit(fit.poles[:1], fit.squares, curvatures, fit.gradients[:, at])
+            found.append((_values(fit.poles)[:, 0], _stddevs(each, fit)[0, 0]))
+        ((a, ratio), sigma), ((b, other), tau) = found
+        certain = abs(b - a) > max(_CERTAIN * math.hypot(sigma, tau), _DRIFT * a)
+        if certain and max(ratio, other) < MOST_DAMPED:
+            return f"the frequency {'falls' if b < a else 'rises'} from {a:.4g} to {b:.4g} Hz {how}"
+    return ""
 
 
 def _values(poles: ComplexArray) -> FloatArray:

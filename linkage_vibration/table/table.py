@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, real_number, real_numbers
 from linkage_vibration.mechanics.description import Mechanism, ReferenceForce
 from linkage_vibration.mechanics.forces import SOIL, magnitudes, reference
 from linkage_vibration.mechanics.kinematics import unit_question
@@ -228,6 +228,7 @@ class Table:
         alpha3 : ndarray, (n,)
             rad, within the range.
         """
+        alpha3 = real_numbers(alpha3, "alpha3")
         arrays = self.frequency_stddev, self.damping_ratio_stddev
         columns = [[np.interp(alpha3, self.alpha3, c) for c in values.T] for values in arrays]
         return np.array(columns).swapaxes(1, 2)
@@ -272,13 +273,14 @@ class Table:
         if not self.uncertain:
             return [0.0] * (2 * self.n_modes)
         first, step, rows = self._parameter_rows
-        place = (alpha3 - first) / step
+        place = (real_number(alpha3, "alpha3") - first) / step
         i = min(int(place), len(rows) - 2)
         share = place - i
         return [a + (b - a) * share for a, b in zip(rows[i], rows[i + 1], strict=True)]
 
     def evaluate_parameter_deviations(self, alpha3: FloatArray) -> FloatArray:
         """Return the same at many angles, (n, 2 n_modes), equal to the last bit."""
+        alpha3 = real_numbers(alpha3, "alpha3")
         if not self.uncertain:
             return np.zeros((len(alpha3), 2 * self.n_modes))
         first, step, plain = self._parameter_rows
@@ -306,6 +308,7 @@ class Table:
             Bound of the relative errors of both in this piece.
         """
         first, last = self.alpha3_range
+        alpha3 = real_number(alpha3, "alpha3")
         if not first <= alpha3 <= last:
             self._refuse_outside(np.array([alpha3]))
         values = self.cells.values(alpha3)
@@ -326,16 +329,16 @@ class Table:
         TableError
             If an angle is outside the range.
         """
-        alpha3 = np.asarray(alpha3, dtype=float)
-        self._refuse_outside(alpha3)
+        alpha3 = self._refuse_outside(alpha3)
         result = np.empty((len(alpha3), 2 * self.n_modes + 2))
         for start in range(0, len(alpha3), _CHUNK):
             chunk = alpha3[start : start + _CHUNK]
             result[start : start + len(chunk)] = self.cells.many_values(chunk)
         return result
 
-    def _refuse_outside(self, alpha3: FloatArray) -> None:
-        """Refuse angles, (n,), rad, that are not in the range."""
+    def _refuse_outside(self, alpha3: object) -> FloatArray:
+        """Return angles, (n,), rad, all of which are real and in the range; refuse any others."""
+        alpha3 = real_numbers(alpha3, "alpha3")
         low, high = self.alpha3_range
         inside = (low <= alpha3) & (alpha3 <= high)
         if not inside.all():
@@ -344,6 +347,7 @@ class Table:
             problem = f"alpha3 = {math.degrees(first):.3f} deg is outside the table ({ends})"
             hint = unit_question(first, low, high) or "choose an angle within it."
             raise TableError(f"{problem}; {hint}")
+        return alpha3
 
     def to_xarray(self) -> Any:
         """Return the values over alpha3, at the points of the table, as an `xarray.Dataset`.
@@ -371,12 +375,11 @@ class Table:
 
         They are those of natural frequencies, Hz/rad, then those of damping ratios, 1/rad.
         """
-        return self.cells.slopes(alpha3)[: 2 * self.n_modes]
+        return self.cells.slopes(real_number(alpha3, "alpha3"))[: 2 * self.n_modes]
 
     def evaluate_slopes(self, alpha3: FloatArray) -> FloatArray:
         """Return the same at many angles, (n, 2 n_modes), equal to the last bit."""
-        self._refuse_outside(alpha3)
-        return self.cells.many_slopes(alpha3)[:, : 2 * self.n_modes]
+        return self.cells.many_slopes(self._refuse_outside(alpha3))[:, : 2 * self.n_modes]
 
     def frf(
         self, alpha3: float, outputs: Sequence[Place | str], inputs: Sequence[Place | str]
@@ -395,10 +398,7 @@ class Table:
         TableError
             If the angle is outside the range, or the table does not know one of the places.
         """
-        if np.ndim(alpha3):
-            hint = "call `frf` for each of them"
-            raise TableError(f"alpha3 is an array, but FRFs belong to one angle; {hint}.")
-        self._refuse_outside(np.array([alpha3]))
+        self._refuse_outside(np.array([real_number(alpha3, "alpha3")]))
         outputs, inputs = pairs(outputs), pairs(inputs)
         rows = (*self.places, *self.forces)
         for place, valid in (*((o, rows) for o in outputs), *((i, self.places) for i in inputs)):
@@ -435,7 +435,7 @@ class Table:
 
     def components_at_rest(self, alpha3: FloatArray) -> FloatArray:
         """Return `forces` under the weight at angles, rad, (n_forces, n), N; none without FRFs."""
-        self._refuse_outside(alpha3)
+        alpha3 = self._refuse_outside(alpha3)
         if not self.force_places:
             return np.empty((0, len(alpha3)))
         forces = np.empty((len(self.forces), len(alpha3)))

@@ -3,6 +3,7 @@
 """Replays equal the results of the single parts, and report what a bag lacks."""
 
 import math
+import os
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator
@@ -500,6 +501,22 @@ def test_mass_that_is_too_large(tmp_path: Path) -> None:
     with pytest.raises(LinkageVibrationError, match="the links lose their digits"):
         replay(DRIVE, tmp_path / "log.mcap", what_if=heavy, building=finished.append)
     assert (finished, list(tmp_path.iterdir())) == ([], [])
+
+
+def test_threads_change_no_byte(tmp_path: Path) -> None:
+    """A replay from Python has the same bytes with one, two and four threads of BLAS."""
+    code = (
+        "import sys, linkage_vibration as lv\n"
+        "lv.replay(sys.argv[1], sys.argv[2], lv.Parameters(ground_speed=7.0))"
+    )
+    drive, logs = config_file("drives/hitch_duty_cycle.mcap"), list[bytes]()
+    for threads in ("1", "2", "4"):
+        log, own = tmp_path / f"{threads}.mcap", {"XDG_CACHE_HOME": str(tmp_path / threads)}
+        environment = {**os.environ, **own, "OPENBLAS_NUM_THREADS": threads}
+        command = [sys.executable, "-c", code, str(drive), str(log)]
+        subprocess.run(command, env=environment, check=True)
+        logs.append(log.read_bytes())
+    assert logs[0] == logs[1] == logs[2]
 
 
 def test_what_if_the_implement_were_heavier(tmp_path: Path) -> None:

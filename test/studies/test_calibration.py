@@ -79,6 +79,19 @@ def test_known_parameters_are_recovered(mapping: Any, mechanism: Mechanism) -> N
     assert f"{HEIGHT:44}{0.032:12.4g}" in text
 
 
+@pytest.mark.parametrize(("off", "sentence"), [(2.9, ""), (-3.1, "mode 1 at 140 deg is 3.1 of")])
+def test_a_target_that_the_fit_leaves_is_named(
+    mapping: Any, mechanism: Mechanism, off: float, sentence: str
+) -> None:
+    """A fit is not good if a target is more than three of its deviations off."""
+    fit = calibration(mapping, measured(mechanism), Parameter(HEIGHT, 0.02, 0.1))
+    result = calibrate(fit, starts=1)
+    target = Target(1, math.radians(140.0), 4.0, 0.01)
+    frequencies = np.array([4.0 * math.exp(0.01 * off)])
+    text = fit_report(replace(fit, targets=(target,)), replace(result, frequencies=frequencies))
+    assert f"The fit is not good: {sentence}" in text if sentence else "not good" not in text
+
+
 def test_parameters_with_the_same_effect_are_reported(mapping: Any) -> None:
     """The width and the modulus of a massless crank both scale its stiffness alone."""
     crank = mapping["links"]["input_crank"]

@@ -3,6 +3,7 @@
 """Modes of simulated blows are those of the simulation, within the deviations that are given."""
 
 import math
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -193,6 +194,49 @@ def test_a_mode_has_to_exceed_noise(share: float, count: int) -> None:
         mode for mode in modes_of_decays(decays_of([share] * 5, seed=2), RATE) if not mode.doubt
     ]
     assert [mode.frequency for mode in sure] == pytest.approx([7.0, 19.0][:count], rel=5e-3)
+
+
+def bending(change: float, sizes: Sequence[float], seed: int = 0) -> list[FloatArray]:
+    """Return decays of an oscillator at 10 Hz, whose spring is not linear, in noise of size 1.
+
+    Its frequency is 10 Hz (1 + change a^2) at the amplitude a, which decays from a size to zero. By
+    averaging, as for Duffing's equation, the phase is the integral of that.
+    """
+    random, times = np.random.default_rng(seed), np.arange(300)[:, np.newaxis] / RATE
+    rate, waves = 1.0, []
+    for size in sizes:
+        phase = times + change * size**2 * (1.0 - np.exp(-2.0 * rate * times)) / (2.0 * rate)
+        wave = np.exp(-rate * times) * np.cos(2.0 * math.pi * 10.0 * phase + random.uniform(0, 6))
+        waves.append(200.0 * size * wave * [1.0, 0.4] + random.normal(0.0, 1.0, (300, 2)))
+    return waves
+
+
+@pytest.mark.parametrize("change", [-0.04, 0.04])
+def test_frequency_that_changes_with_the_decay(change: float) -> None:
+    """Of a soft and of a stiff spring, both frequencies are those of amplitudes that occur."""
+    for seed in range(3):
+        modes = modes_of_decays(bending(change, [1.0] * 5, seed), RATE)
+        assert not [mode for mode in modes if not mode.doubt]
+        [text] = [mode.doubt for mode in modes if mode.doubt.startswith("not linear")]
+        numbers = [float(word) for word in re.findall(r"from ([\d.]+) to ([\d.]+) Hz", text)[0]]
+        assert text.endswith("as the decay goes on")
+        low, high = sorted([10.0, 10.0 * (1.0 + change)])
+        assert low < min(numbers) < max(numbers) < high
+        assert (numbers[0] > numbers[1]) == (change > 0.0) == ("falls" in text)
+
+
+def test_frequency_that_changes_with_the_strength() -> None:
+    """Blows of which each decays linearly, but strong ones lower than weak ones, are no target."""
+    times = np.arange(300)[:, np.newaxis] / RATE
+    random = np.random.default_rng(1)
+    for ratio, changes in ((0.97, True), (1.0, False)):
+        waves = []
+        for size, hertz in ((1.0, 10.0), (1.0, 10.0), (4.0, 10.0 * ratio), (4.0, 10.0 * ratio)):
+            wave = np.exp(-2.0 * times) * np.cos(2.0 * math.pi * hertz * times)
+            waves.append(50.0 * size * wave * [1.0, 0.4] + random.normal(0.0, 1.0, (300, 2)))
+        modes = modes_of_decays(waves, RATE)
+        assert any("not linear" in mode.doubt for mode in modes) == changes
+        assert any(not mode.doubt for mode in modes) != changes
 
 
 def test_noise_alone_has_no_mode() -> None:

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from linkage_vibration.errors import check_type
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.response import searched
@@ -62,6 +63,7 @@ def build_table(
         If the tolerance is invalid, or cannot be met with `MOST_SOLUTIONS` solutions; if the model
         has too few modes, or hardly any response; if poles cannot be followed.
     """
+    check_type(model, "make one of a mechanism with `LinkageModel`", LinkageModel)
     if not _FINEST <= tolerance < _COARSEST:
         hint = f"give one from {_FINEST:g} to less than {_COARSEST:g}"
         raise TableError(f"A tolerance of {tolerance:g} is invalid or cannot be met; {hint}.")
