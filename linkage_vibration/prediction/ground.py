@@ -332,15 +332,16 @@ def ground_spectrum(
     behind = np.array([[mount.at[0]] for mount in mounts])
     delayed = np.exp(2j * math.pi * f * (behind - behind.max()) / speed)
     parts, tracks = ground_transfer(frf, mounts, f)[0] * delayed, terrain.tracks(mounts)
+    response = parts.sum(axis=0)
     if not is_force(place):
-        parts = parts * 2.0 * math.pi * f
+        parts, response = (each * 2.0 * math.pi * f for each in (parts, response))
     shares = [[terrain.share(f / speed, (one, other)) for other in tracks] for one in tracks]
     low, high = terrain.wavenumbers
     height = np.where(
         (f >= low * speed) & (f <= high * speed), terrain.psd(f, np.array(speed)), math.nan
     )
     lost = np.einsum("if,jf,ijf->f", parts, parts.conj(), 1.0 - np.array(shares)).real
-    return f, (np.abs(parts.sum(axis=0)) ** 2 - lost) * height
+    return f, (np.abs(response) ** 2 - lost) * height
 
 
 class GroundTable:
