@@ -106,8 +106,8 @@ class Terrain:
     def coherence(self, n: FloatArray, apart: float) -> FloatArray:
         """Return the cross density of parallel tracks, apart by m, over the density of one.
 
-        On an isotropic plane, whose density is (n^2 + m^2)^-(w + 1)/2 with m across, it follows by a
-        Fourier transform over m: 2^(1-v) x^v K_v(x) / Gamma(v), with v = w / 2, x = 2 pi n apart.
+        On an isotropic plane, whose density is (n^2 + m^2)^-(w + 1)/2, with m across, it follows by
+        a Fourier transform over m: 2^(1-v) x^v K_v(x) / Gamma(v), with v = w / 2, x = 2 pi n apart.
         """
         if apart == 0.0:
             return np.ones_like(n)
