@@ -84,7 +84,7 @@ def excitation_doubts(excitations: Sequence[Excitation], levels: "LevelTable") -
     if levels.lacks_track:
         [name] = [each.name for each in excitations if each.terrain]
         text = (
-            "has no track, so levels are those of axles whose wheels follow the same heights, up to"
+            "has no track, so both wheels of an axle follow the same heights, and levels are up to"
         )
         yield f"{name} {text} 1.4 times too high; give each axle of the base its `track`, in m."
     loads = [bool(each.load or each.terrain) for each in excitations]

@@ -106,9 +106,8 @@ class Terrain:
     def coherence(self, n: FloatArray, apart: float) -> FloatArray:
         """Return the cross density of parallel tracks, apart by m, over the density of one.
 
-        An isotropic plane of the exponent w has the density (n^2 + m^2)^-(w + 1)/2, whose Fourier
-        transform over the wavenumber m across is 2^(1-v) x^v K_v(x) / Gamma(v) but for a factor,
-        with v = w / 2 and x = 2 pi n apart.
+        On an isotropic plane, whose density is (n^2 + m^2)^-(w + 1)/2, with m across, it follows by
+        a Fourier transform over m: 2^(1-v) x^v K_v(x) / Gamma(v), with v = w / 2, x = 2 pi n apart.
         """
         if apart == 0.0:
             return np.ones_like(n)
@@ -337,15 +336,16 @@ def ground_spectrum(
     behind = np.array([[mount.at[0]] for mount in mounts])
     delayed = np.exp(2j * math.pi * f * (behind - behind.max()) / speed)
     parts, tracks = ground_transfer(frf, mounts, f)[0] * delayed, terrain.tracks(mounts)
+    response = parts.sum(axis=0)
     if not is_force(place):
-        parts = parts * 2.0 * math.pi * f
+        parts, response = (each * 2.0 * math.pi * f for each in (parts, response))
     shares = [[terrain.share(f / speed, (one, other)) for other in tracks] for one in tracks]
     low, high = terrain.wavenumbers
     height = np.where(
         (f >= low * speed) & (f <= high * speed), terrain.psd(f, np.array(speed)), math.nan
     )
     lost = np.einsum("if,jf,ijf->f", parts, parts.conj(), 1.0 - np.array(shares)).real
-    return f, (np.abs(parts.sum(axis=0)) ** 2 - lost) * height
+    return f, (np.abs(response) ** 2 - lost) * height
 
 
 class GroundTable:

@@ -235,6 +235,8 @@ def test_calibration_fits_the_base(tmp_path: Path, tractor: LinkageModel) -> Non
         (lambda base: base.update(mass=-1.0), "base.mass"),
         (lambda base: base["mounts"]["rear_axle"].update(stiffness=[-1.0, 0.0]), "rear_axle.stiff"),
         (lambda base: base["mounts"]["rear_axle"].update(damping=3.0), "rear_axle.damping"),
+        (lambda base: base["mounts"]["rear_axle"].update(track=-0.1), "rear_axle.track"),
+        (lambda base: base["mounts"]["rear_axle"].update(track=10.1), "rear_axle.track"),
         (lambda base: base["mounts"]["rear_axle"].update(stifness=3.0), "rear_axle.stifness"),
         (lambda base: base["mounts"]["rear_axle"].update(stiffness=[2e15, 0.0]), "axle.stiffness"),
         (lambda base: base["mounts"]["rear_axle"].update(damping=[0.0, 2e12]), "axle.damping"),

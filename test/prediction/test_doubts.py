@@ -238,6 +238,31 @@ def test_a_load_beyond_the_weight_is_doubted(
         assert text.endswith("; an amplitude of 1.3e+02 would have 1, so check its unit.")
 
 
+@pytest.mark.parametrize(
+    ("mounts", "ground", "doubted"),
+    [(0.0, None, True), (1.6, None, False), (0.0, 1.6, False), (0.0, 0.0, False)],
+)
+def test_axles_without_a_track_are_doubted(
+    mounts: float, ground: float | None, doubted: bool
+) -> None:
+    """The track may be given by the mounts or by the ground, where 0 is one wheel."""
+    mechanism = read_mechanism(config_file("three_point_linkage_on_tractor.yaml"))
+    assert mechanism.base is not None
+    axles = tuple(replace(mount, track=mounts) for mount in mechanism.base.mounts)
+    changed = replace(mechanism, base=replace(mechanism.base, mounts=axles))
+    field = {"speed": "ground", "terrain": {"class": "A"}, "raised": True}
+    content = field if ground is None else field | {"track": ground}
+    excitations = excitations_from_mapping({"field": content})
+    built = load_table(config_file("tables/three_point_linkage_on_tractor.npz"))
+    text = " ".join(
+        excitation_doubts(excitations, LevelTable(Predictor(built), changed, excitations))
+    )
+    assert bool(text) == doubted
+    if doubted:
+        assert text.startswith("field (class A) has no track")
+        assert text.endswith("give each axle of the base its `track`, in m.")
+
+
 @pytest.mark.parametrize(("rougher", "doubted"), [(40.0, False), (100.0, True)])
 def test_a_ground_that_tyres_leave_is_doubted(rougher: float, doubted: bool) -> None:
     """At 10 km/h a tyre is off a field for less than a fifth of the time."""

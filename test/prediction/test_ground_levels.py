@@ -178,17 +178,18 @@ def test_levels_over_angles_and_speeds_are_those_of_each_pair(predictor: Predict
 
 def test_states_of_the_ground(predictor: Predictor) -> None:
     """They follow its load ratio, which doubles from class to class: clear, note and warning."""
-    for name, state in (("A", ResonanceState.NOTE), ("C", ResonanceState.WARNING)):
-        actual = assessed(predictor, described(terrain={"class": name}), SPEED)
+    speed, states = 9.0, (ResonanceState.CLEAR, ResonanceState.NOTE, ResonanceState.WARNING)
+    for name, state in zip("ABC", states, strict=True):
+        actual = assessed(predictor, described(terrain={"class": name}), speed)
         assert (actual.state, actual.excitation) == (state, f"field (class {name})")
         assert math.isnan(actual.excitation_frequency)
         assert math.isnan(actual.natural_frequency)
         assert math.isnan(actual.probability)
-        assert actual.excitation_speed == SPEED
+        assert actual.excitation_speed == speed
         assert actual.ground_unknown == ""
     assert actual.load_ratio > 0.33
     text = present_sentence(actual, described())
-    assert text.startswith(f"field (class C) at 28.8 km/h exerts {actual.load_ratio:.2g} of the")
+    assert text.startswith(f"field (class C) at 32.4 km/h exerts {actual.load_ratio:.2g} of the")
     assert f"It ends at a ground speed of {3.6 * actual.quiet_speed:.3g} km/h" in text
     slower = assessed(predictor, described(), float(actual.quiet_speed))
     assert slower.state != ResonanceState.WARNING

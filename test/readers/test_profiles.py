@@ -20,12 +20,13 @@ def write(path: Path, *columns: FloatArray) -> Path:
     return path
 
 
-def test_an_axle_feels_the_mean_of_both_tracks(tmp_path: Path) -> None:
-    """With one track, it is the height of that."""
+def test_two_tracks_have_a_mean_and_half_of_a_difference(tmp_path: Path) -> None:
+    """With one track, there is its height."""
     path = write(tmp_path / "one.csv", DISTANCE, HEIGHT)
     np.testing.assert_allclose(read_profile(path), [DISTANCE, HEIGHT])
     path = write(tmp_path / "two.csv", DISTANCE, HEIGHT, 3.0 * HEIGHT + 0.2)
-    np.testing.assert_allclose(read_profile(path), [DISTANCE, 2.0 * HEIGHT + 0.1])
+    parts = [DISTANCE, 2.0 * HEIGHT + 0.1, -HEIGHT - 0.1]
+    np.testing.assert_allclose(read_profile(path), parts)
 
 
 def changed(values: FloatArray, at: int, value: float) -> FloatArray:
@@ -45,6 +46,7 @@ FAULTS = {
     "constant": ((DISTANCE, 0.0 * HEIGHT + 0.3), "the height is a straight line"),
     "slope": ((DISTANCE, 0.05 * DISTANCE), "the height is a straight line"),
     "opposite tracks": ((DISTANCE, HEIGHT, -HEIGHT), "the mean of both heights is a straight line"),
+    "equal tracks": ((DISTANCE, HEIGHT, HEIGHT), "the difference of both heights is a straight"),
     "unit": (
         (DISTANCE, changed(HEIGHT, 7, -1.1e9)),
         "beyond 1e.09; distances and heights are in m",
