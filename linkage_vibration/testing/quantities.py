@@ -246,8 +246,8 @@ def _load_ratio(
         place = np.where(of.excitation_index == i, of.load_place, "")
         above, below = ratio > most, known & (ratio <= most)
     if limits.place is not None:
-        if log.table is not None and limits.place not in log.table.force_places:
-            every = ", ".join(log.table.force_places)
+        if log.table is not None and limits.place not in log.table.load_places:
+            every = ", ".join(log.table.load_places)
             raise TestKitError(f"place is {limits.place!r}; {log.path} has only {every}.")
         # While another place is loaded more, only a bound is known of the load here.
         above = (ratio > most) & (place == limits.place)
