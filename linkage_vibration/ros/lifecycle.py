@@ -494,7 +494,7 @@ def _table_info(served: Served, excitations: Sequence[Excitation], stamp: Time) 
     low, high = table.alpha3_range
     sound = max(low, table.sound_range[0]), min(high, table.sound_range[1])
     same = "table_id mechanism_name model_hash package_version n_modes"
-    same += " peak_error frf_error mode_names unknown_deviations force_places"
+    same += " peak_error frf_error force_error mode_names unknown_deviations force_places"
     info = TableInfo(
         stamp=stamp,
         n_points=len(table.alpha3),

@@ -161,9 +161,13 @@ def test_most_serious_problem_first(changes: dict[str, Any], level: bytes, words
         ),
         (
             "resonance",
-            {"resonance": changed(NEAR, load_ratio_factors=np.full(1, math.nan))},
+            {
+                "resonance": changed(
+                    NEAR, load_ratio_factors=np.full(1, np.nan), unknown_factors="x"
+                )
+            },
             WARN,
-            r"\(standard deviation not known\), all excitations together 0.5",
+            r"\(standard deviation not known, as x\), all excitations together 0.5",
         ),
         (
             "resonance",
