@@ -163,6 +163,7 @@ class LevelTable:
         keep: Keep = computed,
     ) -> None:
         self._predictor, table = predictor, predictor.table
+        self.unknown_factors = table.unknown_factors
         inputs, which = _unit_loads(table, mechanism, excitations)
         loads = [excitation.load for excitation in excitations]
         self.states_uncertainty = table.uncertain or table.measured

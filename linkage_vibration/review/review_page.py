@@ -367,7 +367,8 @@ def _tables(
     for episode in shown:
         at = drive.resonances.message(episode.worst)
         hertz = at.excitation_frequency
-        cells = [clock(episode.start, whole), f"{at.total_load_ratio:.3f}", at.total_load_place]
+        ratio = "doubted" if drive.doubted[episode.worst] else f"{at.total_load_ratio:.3f}"
+        cells = [clock(episode.start, whole), ratio, at.total_load_place]
         cells += [at.excitation, "" if math.isnan(hertz) else f"{hertz:.1f}"]
         row = {"cells": [*cells, f"{episode.duration:.2f}"], "length": episode.duration}
         row["severity"] = float(severity[episode.worst])

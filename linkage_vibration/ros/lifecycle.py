@@ -446,9 +446,8 @@ class LinkageVibrationNode(LifecycleNode):
         self._listener.check()
         now, counts = time.monotonic(), self._statistics
         counts.watch_wall_clock(time.time(), now)
-        for part in (self._recording, self._offered):
-            if part is not None:
-                part.watch()
+        if self._recording is not None:
+            self._recording.watch()
         if self._predicting is not None:
             self._predicting.judge(now)
         name = self.get_fully_qualified_name()

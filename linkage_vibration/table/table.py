@@ -253,6 +253,16 @@ class Table:
             "overdamped in the machine or in one with other numbers."
         )
 
+    @property
+    def unknown_factors(self) -> str:
+        """Why a factor of a known load is NaN, if one is; the end of a sentence."""
+        if not self.uncertain:
+            return "no number of the mechanism is uncertain"
+        if not len(self.ensemble_alpha3):
+            return "models with other numbers cannot be interpolated over the stroke"
+        share = "fewer than 95 % of the models with other numbers"
+        return f"{share} had this load when factors were last computed"
+
     def parameter_deviations(self, alpha3: float) -> list[float]:
         """Return the standard deviations by uncertain numbers at an angle (rad) within the range.
 
