@@ -130,11 +130,10 @@ class Body(Protocol):
         return self
 
     def sections(self, link: "Link", component: Component) -> Mapping[str, FloatArray]:
-        """Return the forces in sections at the points of a link; none if it has no elements.
+        """Return tension, shear (N) and moment (N m) before the points of a link, (3, n) each.
 
-        They are those of one of its equal bodies per coordinate of the component of this body,
-        (3, n): tension and shear force, N, and bending moment, N m, before the point, seen along
-        the link, or after its first point.
+        They are those of one of its equal bodies per coordinate of its component, after the first
+        point instead; there are none if it has no elements.
         """
         return {}
 

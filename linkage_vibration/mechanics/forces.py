@@ -74,9 +74,8 @@ def magnitudes(places: Sequence[tuple[str, str]], forces: FloatArray) -> FloatAr
 def reference(static: FloatArray, names: Sequence[str], given: ReferenceForce | None) -> FloatArray:
     """Return what dynamic forces are compared with, (n_names, ...), N, from static ones.
 
-    It is the static force, but at least a share of the largest one, since a ratio to the force in a
-    pin that carries nearly nothing has no meaning; or one that is given, for all names or for some.
-    That of a tyre is its own static force.
+    They are static forces, at least a share of the largest one (except of tyres), as a ratio to the
+    force in a pin that carries nearly nothing has no meaning; or given, for all or for some names.
     """
     hung, forces = [i for i, name in enumerate(names) if not name.startswith(SOIL)], static.copy()
     least = _LEAST_REFERENCE * static[hung].max(axis=0, initial=0.0)
