@@ -22,7 +22,6 @@ from typing import Any
 import pytest
 import yaml
 
-from linkage_vibration.demo.domain import reserve_domain
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.prediction.excitation import excitations_from_mapping
 from linkage_vibration.prediction.settings import Parameters, with_values
@@ -30,6 +29,7 @@ from linkage_vibration.readers.implements import read_implements
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.testing.limits import read_limits
 from test.support.can_bus import EPOCH, synthetic_hitch, write_candump
+from test.support.domain import reserve_domain
 from test.support.environments import make_environment
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -47,7 +47,6 @@ NOT_RUN = {
     "launch_test": "the ROS 2 wheels do not contain it",
     "ros2": "the ROS 2 wheels do not contain it",
     "linkage-vibration play": "test/ros/test_bag_player.py runs it",
-    "linkage-vibration watch": "test/ros/test_bag_player.py runs it",
     "make bench": "a benchmark takes minutes or hours",
     "make demo": "test/demo plays it",
     "make docs": "test_the_site_can_be_built builds it",
