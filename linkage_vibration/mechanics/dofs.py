@@ -5,6 +5,7 @@
 from dataclasses import dataclass
 
 DIRECTIONS = ("x", "y", "z", "theta")
+"""The directions that a file may give to the DoFs of a body."""
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -12,11 +13,12 @@ class InterfaceDof:
     """One physical DoF of a component, in its own axes: how one of its points moves.
 
     x (m) is along a link from its first point, z across it in the plane, y out of the plane; theta
-    (rad) is the rotation about the joint axis, from x towards z.
+    (rad) is the rotation about the joint axis, from x towards z. In the lateral half, chi turns a
+    link from x towards y, and rigid bodies have y, roll about x, and yaw about z.
     """
 
     point: str
-    direction: str  # of DIRECTIONS
+    direction: str
 
     def __str__(self) -> str:
         """Return the DoF as files and errors write it, such as ``P1 x``."""

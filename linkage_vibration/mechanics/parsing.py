@@ -28,6 +28,7 @@ from linkage_vibration.mechanics.description import (
     rayleigh_damping,
 )
 from linkage_vibration.mechanics.keys import DAMPEST, RIGID, Keys
+from linkage_vibration.mechanics.lateral_keys import with_lateral
 from linkage_vibration.mechanics.springs import read_stiffness
 from linkage_vibration.mechanics.uncertainty import read_uncertainty
 
@@ -92,6 +93,10 @@ def mechanism_from_mapping(mapping: Any, read_body: BodyReader = _no_files) -> M
         response=_response(top["response"], points, base=base is not None),
         base=base,
     )
+    if "lateral" in top:
+        keys = top["lateral"]["response"]
+        response = _response(keys, points, base=base is not None, band=mechanism.response.band)
+        mechanism = with_lateral(mechanism, top["lateral"], response)
     top.refuse_unknown()
     _check_topology(mechanism)
     return mechanism
@@ -134,12 +139,20 @@ def again_from_mapping(mapping: dict[str, Any], mechanism: Mechanism) -> Mechani
     return mechanism_from_mapping({**mapping, "links": links}, body)
 
 
-def _response(keys: Keys, points: dict[str, dict[str, Point]], *, base: bool) -> Response:
+def _response(
+    keys: Keys,
+    points: dict[str, dict[str, Point]],
+    *,
+    base: bool,
+    band: tuple[float, float] | None = None,
+) -> Response:
+    """Read a response; that of the lateral half is in the band of the vertical one."""
     movable = dict.fromkeys(
         point for name in points if name != GROUND or base for point in points[name]
     )
-    direction: Literal["x", "z"] = "x" if keys.choice("direction", ["x", "z"]) == "x" else "z"
-    band = keys.interval("band_hz")
+    directions: tuple[Literal["x", "y", "z"], ...] = ("x", "z") if band is None else ("x", "y", "z")
+    direction = directions[directions.index(keys.choice("direction", directions))]
+    band = band or keys.interval("band_hz")
     keys.refuse_outside("band_hz", band[0], 0.0, band[1], "begin at 0 Hz")
     part = keys.interval("peak_band_hz") if "peak_band_hz" in keys else band
     for end in part:
