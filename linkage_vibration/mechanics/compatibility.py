@@ -22,11 +22,15 @@ from linkage_vibration.mechanics.components import CENTRE_OF_GRAVITY, Component,
 from linkage_vibration.mechanics.description import GROUND, Mechanism, Spring
 from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.mechanics.kinematics import Configuration
-from linkage_vibration.mechanics.springs import spring_line, spring_stiffness
+from linkage_vibration.mechanics.springs import Values, spring_line, spring_stiffness
 
 _ZERO = 1e-12  # Directions with a smaller share of the largest singular value of B are repetitions.
 _CLEAR = 1e-6  # Directions with a larger share are constraints; between both limits it is unclear.
 _INVOLVED = 1e-6  # A row takes part in an unclear direction if its share is larger.
+
+
+Springs = tuple[list[FloatArray], list[Values], list[Values]]
+"""Rows of the elongations, stiffness and damping of springs, then of mounts."""
 
 
 class CouplingError(LinkageVibrationError):
@@ -72,6 +76,8 @@ def row_space(compatibility: FloatArray, labels: Sequence[str]) -> tuple[FloatAr
 
 class InterfaceMap:
     """The position of every interface DoF in the vector u, (n,), one component after the other."""
+
+    directions = "xz"  # of the displacement of a point, along the global axes
 
     def __init__(
         self, mechanism: Mechanism, components: Sequence[Component | FrfComponent]
@@ -122,9 +128,25 @@ class InterfaceMap:
         rows[..., [x, z]] = configuration.turn(body)
         return rows
 
+    @property
+    def n_mounts(self) -> int:
+        """How many of the last rows of the elongations belong to mounts."""
+        return len(mount_springs(self._mechanism.base))
+
     def join(self, configuration: Configuration) -> Joining:
         """Return what joins the components in a configuration."""
         shape = configuration.angles.shape[:-1]
+        rows = self._constraints(configuration)
+        stretches, stiffness, damping = self._springs(configuration)
+        compatibility, elongation = (
+            side_by_side(parts, (*shape, len(self)), -2)
+            for parts in (list(rows.values()), stretches)
+        )
+        both = (side_by_side(numbers, shape, -1) for numbers in (stiffness, damping))
+        return Joining(compatibility, tuple(rows), elongation, *both)
+
+    def _constraints(self, configuration: Configuration) -> dict[str, FloatArray]:
+        """Return the rows of B with their labels."""
         rows: dict[str, FloatArray] = {}
         for point, first, second in self._mechanism.joints:
             apart = self.displacement(first, point, configuration)
@@ -135,6 +157,9 @@ class InterfaceMap:
             if link.clamped is not None:
                 turn = self._turn(link.name, link.clamped) - self._turn(GROUND, link.clamped)
                 rows[f"clamp of {link.name} at {link.clamped}"] = turn
+        return rows
+
+    def _springs(self, configuration: Configuration) -> Springs:
         springs, mounts = self._mechanism.springs, mount_springs(self._mechanism.base)
         stretches = [self._elongation(spring, configuration) for spring in springs]
         for mount, axis in mounts:
@@ -143,12 +168,7 @@ class InterfaceMap:
         damping = [s.damping + s.retardation * k for s, k in zip(springs, stiffness, strict=True)]
         stiffness += [mount.stiffness[axis] for mount, axis in mounts]
         damping += [mount.damping[axis] for mount, axis in mounts]
-        compatibility, elongation = (
-            side_by_side(parts, (*shape, len(self)), -2)
-            for parts in (list(rows.values()), stretches)
-        )
-        both = (side_by_side(numbers, shape, -1) for numbers in (stiffness, damping))
-        return Joining(compatibility, tuple(rows), elongation, *both)
+        return stretches, stiffness, damping
 
     def _elongation(self, spring: Spring, configuration: Configuration) -> FloatArray:
         first, second = spring.bodies
