@@ -29,8 +29,8 @@ _CLEAR = 1e-6  # Directions with a larger share are constraints; between both li
 _INVOLVED = 1e-6  # A row takes part in an unclear direction if its share is larger.
 
 
-Springs = tuple[list[FloatArray], list[Values], list[Values]]
-"""Rows of the elongations, stiffness and damping of springs, then of mounts."""
+SpringRow = tuple[FloatArray, Values, Values]
+"""The elongation of a spring or a mount by u, its stiffness and its damping."""
 
 
 class CouplingError(LinkageVibrationError):
@@ -136,14 +136,14 @@ class InterfaceMap:
     def join(self, configuration: Configuration) -> Joining:
         """Return what joins the components in a configuration."""
         shape = configuration.angles.shape[:-1]
-        rows = self._constraints(configuration)
-        stretches, stiffness, damping = self._springs(configuration)
+        rows, springs = self._constraints(configuration), self._springs(configuration)
         compatibility, elongation = (
             side_by_side(parts, (*shape, len(self)), -2)
-            for parts in (list(rows.values()), stretches)
+            for parts in (list(rows.values()), [row for row, _, _ in springs])
         )
-        both = (side_by_side(numbers, shape, -1) for numbers in (stiffness, damping))
-        return Joining(compatibility, tuple(rows), elongation, *both)
+        both = [k for _, k, _ in springs], [c for _, _, c in springs]
+        stiffness, damping = (side_by_side(numbers, shape, -1) for numbers in both)
+        return Joining(compatibility, tuple(rows), elongation, stiffness, damping)
 
     def _constraints(self, configuration: Configuration) -> dict[str, FloatArray]:
         """Return the rows of B with their labels."""
@@ -159,16 +159,23 @@ class InterfaceMap:
                 rows[f"clamp of {link.name} at {link.clamped}"] = turn
         return rows
 
-    def _springs(self, configuration: Configuration) -> Springs:
-        springs, mounts = self._mechanism.springs, mount_springs(self._mechanism.base)
-        stretches = [self._elongation(spring, configuration) for spring in springs]
-        for mount, axis in mounts:
-            stretches.append(self.displacement(GROUND, mount.name, configuration)[..., axis, :])
-        stiffness = [spring_stiffness(each, self._mechanism, configuration) for each in springs]
-        damping = [s.damping + s.retardation * k for s, k in zip(springs, stiffness, strict=True)]
-        stiffness += [mount.stiffness[axis] for mount, axis in mounts]
-        damping += [mount.damping[axis] for mount, axis in mounts]
-        return stretches, stiffness, damping
+    def _springs(self, configuration: Configuration) -> list[SpringRow]:
+        springs = []
+        for spring in self._mechanism.springs:
+            k = spring_stiffness(spring, self._mechanism, configuration)
+            row = self._elongation(spring, configuration)
+            springs.append((row, k, spring.damping + spring.retardation * k))
+        return springs + self._mounts(configuration)
+
+    def _mounts(self, configuration: Configuration) -> list[SpringRow]:
+        return [
+            (
+                self.displacement(GROUND, mount.name, configuration)[..., axis, :],
+                mount.stiffness[axis],
+                mount.damping[axis],
+            )
+            for mount, axis in mount_springs(self._mechanism.base)
+        ]
 
     def _elongation(self, spring: Spring, configuration: Configuration) -> FloatArray:
         first, second = spring.bodies

@@ -345,7 +345,7 @@ class Lateral:
     rockshaft: float  # N m/rad, between both cranks; infinite if it is rigid
     held: tuple[str, ...]  # rigid bodies that do not move out of the plane
     # second moment of area, m4, and shear coefficient across the plane, of links with `general`
-    sections: tuple[tuple[str, tuple[float, float]], ...]
+    sections: tuple[tuple[str | float, ...], ...]
     response: Response
 
 

@@ -21,8 +21,8 @@ from scipy.linalg import block_diag
 
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.mechanics.bodies.beam import Beam, beam_matrices
-from linkage_vibration.mechanics.bodies.matrices import Matrices, component_of
-from linkage_vibration.mechanics.compatibility import InterfaceMap, Springs
+from linkage_vibration.mechanics.bodies.matrices import component_of
+from linkage_vibration.mechanics.compatibility import InterfaceMap, SpringRow
 from linkage_vibration.mechanics.components import CENTRE_OF_GRAVITY, Component, FrfComponent
 from linkage_vibration.mechanics.description import (
     GROUND,
@@ -37,7 +37,6 @@ from linkage_vibration.mechanics.description import (
 )
 from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.mechanics.kinematics import Configuration
-from linkage_vibration.mechanics.springs import spring_stiffness
 
 _SAME_PLACE = 1e-9  # m
 
@@ -78,31 +77,24 @@ def _link(link: Link, mechanism: Mechanism, *, reduced: bool) -> Component:
     chains = [chain for chain in mechanism.lateral.chains if chain.link == link.name]
     places = dict(link.points) | {chain_point(each, link): (each.at, 0.0) for each in chains}
     beam, points = link.body.in_space(list(places.items()), link.stretch)
-    held = {point for point in [bearing(link, mechanism)] if point}
-    bodies = [beam_matrices(beam, points, rotations=held, masses=link.masses, across=True)]
-    if mechanism.base is None:  # The ground holds chi, so it is no DoF.
-        bodies[0] = _without_chi(bodies[0])
+    held, masses = {point for point in [bearing(link, mechanism)] if point}, link.masses
+    # Where the ground does not move, its bearing holds chi, so it is no DoF.
+    free, clamped = (held, set[str]()) if mechanism.base else (set[str](), held)
+    bodies = [
+        beam_matrices(beam, points, rotations=free, masses=masses, across=True, clamped=clamped)
+    ]
     if link.count > 1:
         turned = mechanism.rotations(link.name) | held
-        bodies.insert(0, beam_matrices(beam, points, rotations=turned, masses=link.masses))
+        bodies.insert(0, beam_matrices(beam, points, rotations=turned, masses=masses))
     parts = [component_of(link, mechanism, b, b.dofs, reduced=reduced) for b in bodies]
-    dofs = [dof for part in parts for dof in part.dofs]
+    dofs = tuple(dof for part in parts for dof in part.dofs)
     inner = np.concatenate([np.arange(len(part.mass)) >= len(part.dofs) for part in parts])
     order = np.argsort(inner, kind="stable")
     mass, stiffness, damping = (
-        block_diag(*(getattr(part, name) for part in parts))[np.ix_(order, order)]
-        for name in ("mass", "stiffness", "damping")
+        block_diag(*matrices)[np.ix_(order, order)]
+        for matrices in zip(*((p.mass, p.stiffness, p.damping) for p in parts), strict=True)
     )
-    loss = parts[0].loss_factor
-    return Component(link.name, tuple(dofs), mass, stiffness, damping, loss, None)
-
-
-def _without_chi(body: Matrices) -> Matrices:
-    dofs = tuple(dof for dof in body.dofs if dof.direction != "chi")
-    kept = [i for i, dof in enumerate(body.dofs) if dof in dofs]
-    kept += range(len(body.dofs), len(body.mass))
-    block = np.ix_(kept, kept)
-    return Matrices(dofs, body.mass[block], body.stiffness[block])
+    return Component(link.name, dofs, mass, stiffness, damping, parts[0].loss_factor, None)
 
 
 class LateralMap(InterfaceMap):
@@ -127,17 +119,10 @@ class LateralMap(InterfaceMap):
         """How many of the last rows of the elongations belong to mounts."""
         return len(self._wheels)
 
-    @cached_property
+    @property
     def held(self) -> BoolArray:
-        """Which interface DoFs of links the ground holds in every configuration, (n,)."""
-        held = np.zeros(len(self), dtype=bool)
-        if self._mechanism.base is None:
-            ground = self._mechanism.local_points(GROUND)
-            for (body, dof), at in self._index.items():
-                turned = dof.direction == "theta"
-                shaft = self._rigid_shaft and self._bearings.get(body) == dof.point
-                held[at] = body in self._links and dof.point in ground and (shaft or not turned)
-        return held
+        """None of the interface DoFs, (n,): FRFs of all components are those of free ones."""
+        return np.zeros(len(self), dtype=bool)
 
     def displacement(self, body: str, point: str, configuration: Configuration) -> FloatArray:
         """Return the (..., 3, n) matrix that turns u into a point's displacement along x, y, z."""
@@ -154,26 +139,12 @@ class LateralMap(InterfaceMap):
 
     def _axes(self, link: str, configuration: Configuration) -> FloatArray:
         """Return the (..., 3, 3) matrix whose columns are the axes of the left of the links."""
-        along, up = np.moveaxis(configuration.turn(link), -1, 0)
-        cosine = 1.0 / self._links[link].stretch
-        sine, none = self._links[link].slope * cosine, 0.0 * up[..., 0]
-        columns = [
-            [cosine * along[..., 0], sine + none, cosine * along[..., 1]],
-            [-sine * along[..., 0], cosine + none, -sine * along[..., 1]],
-            [up[..., 0], none, up[..., 1]],
-        ]
-        return np.moveaxis(np.array(columns), [0, 1], [-1, -2])
-
-    def _rotation(self, body: str) -> FloatArray:
-        """Return the (3, n) matrix that turns u into a rotation in the middle, about x, y, z.
-
-        The ground, if no base carries it, and bodies that are held do not turn.
-        """
-        rows = np.zeros((3, len(self)))
-        if (body, CENTRE_OF_GRAVITY) in self._places:
-            _, roll, yaw = self._places[body, CENTRE_OF_GRAVITY]
-            rows[0, roll] = rows[2, yaw] = 1.0
-        return rows
+        turn, cosine = configuration.turn(link), 1.0 / self._links[link].stretch
+        sine = self._links[link].slope * cosine
+        axes = np.zeros((*turn.shape[:-2], 3, 3))
+        axes[..., ::2, :] = turn[..., [0, 0, 1]] * [cosine, -sine, 1.0]
+        axes[..., 1, :2] = sine, cosine
+        return axes
 
     def _carried(
         self, body: str, place: FloatArray, y: float, configuration: Configuration
@@ -196,50 +167,39 @@ class LateralMap(InterfaceMap):
                 if apart[..., i, :].any():  # What is in the middle moves along y alone.
                     rows[f"pin {point} of {first} and {second} in {direction}"] = apart[..., i, :]
         for link, point in self._bearings.items():
-            for direction, axis in (("theta", 1), ("chi", 2)):
-                turn = self._turned(link, point, direction, axis, configuration)
-                if direction == "chi" or self._rigid_shaft:
-                    rows[f"bearing of {link} at {point}, {direction}"] = turn
+            for direction in ("theta", "chi") if self._rigid_shaft else ("chi",):
+                turned = self._turned(link, direction, configuration)
+                rows[f"bearing of {link} at {point}, {direction}"] = turned
         return {label: row for label, row in rows.items() if row.any()}
 
-    def _turned(
-        self, link: str, point: str, direction: str, axis: int, configuration: Configuration
-    ) -> FloatArray:
+    def _turned(self, link: str, direction: str, configuration: Configuration) -> FloatArray:
         """Return the rotation of a link at its bearing relative to the ground, (..., n).
 
         theta, from x towards z, is about the link's own y axis backwards, and chi about its z axis.
         """
-        own = self._axes(link, configuration)[..., np.newaxis, :, axis]
-        row = (own @ self._rotation(GROUND))[..., 0, :]
-        row *= 1.0 if direction == "theta" else -1.0
-        at = self._index.get((link, InterfaceDof(point, direction)))
-        if at is None:
-            return 0.0 * row
-        row[..., at] += 1.0
-        return row
+        rows = np.zeros((*configuration.angles.shape[:-1], len(self)))
+        at = self._index.get((link, InterfaceDof(self._bearings[link], direction)))
+        if at is not None:
+            axes = self._axes(link, configuration)
+            own = axes[..., 1] if direction == "theta" else -axes[..., 2]
+            if (GROUND, CENTRE_OF_GRAVITY) in self._places:
+                rows[..., self._places[GROUND, CENTRE_OF_GRAVITY][1:]] = own[..., ::2]
+            rows[..., at] = 1.0
+        return rows
 
-    def _springs(self, configuration: Configuration) -> Springs:
-        mechanism, lateral = self._mechanism, self._lateral
-        stretches = [self._elongation(spring, configuration) for spring in mechanism.springs]
-        stiffness = [spring_stiffness(each, mechanism, configuration) for each in mechanism.springs]
-        both = zip(mechanism.springs, stiffness, strict=True)
-        damping = [spring.damping + spring.retardation * k for spring, k in both]
-        for chain in lateral.chains:
-            stretches.append(self._chain(chain, configuration))
-            stiffness.append(2.0 * chain.stiffness)
-            damping.append(2.0 * chain.damping)
-        for link, point in self._bearings.items():
-            if not self._rigid_shaft and self._links[link].count > 1:
-                stretches.append(self._turned(link, point, "theta", 1, configuration))
-                # Both cranks turn, by opposite angles.
-                stiffness.append(4.0 * lateral.rockshaft)
-                damping.append(0.0)
-        for axis, (x, z), y, k, c in self._wheels:
-            place = self._carried(GROUND, np.array([x, z]), y, configuration)
-            stretches.append(place[..., axis, :])
-            stiffness.append(k)
-            damping.append(c)
-        return stretches, stiffness, damping
+    def _mounts(self, configuration: Configuration) -> list[SpringRow]:
+        springs: list[SpringRow] = []
+        for chain in self._lateral.chains:
+            row = self._chain(chain, configuration)
+            springs.append((row, 2.0 * chain.stiffness, 2.0 * chain.damping))
+        for link in self._bearings if not self._rigid_shaft else ():
+            # Both cranks turn, by opposite angles.
+            row = self._turned(link, "theta", configuration)
+            springs.append((row, 4.0 * self._lateral.rockshaft, 0.0))
+        for axis, place, y, k, c in self._wheels:
+            moved = self._carried(GROUND, np.array(place), y, configuration)
+            springs.append((moved[..., axis, :], k, c))
+        return springs
 
     @cached_property
     def _wheels(self) -> list[tuple[int, Point, float, float, float]]:
@@ -250,9 +210,8 @@ class LateralMap(InterfaceMap):
         """
         wheels, base = [], self._mechanism.base
         for mount, axle in zip(base.mounts if base else (), self._lateral.axles, strict=True):
-            (kx, kz), (cx, cz), half = mount.stiffness, mount.damping, axle.track / 2.0
-            wheels.append((0, mount.at, half, kx, cx))
-            wheels.append((2, mount.at, half, kz, cz))
+            for axis, k, c in zip((0, 2), mount.stiffness, mount.damping, strict=True):
+                wheels.append((axis, mount.at, axle.track / 2.0, k, c))
             soil = (mount.at[0], axle.contact)
             wheels.append((1, soil, 0.0, axle.stiffness, axle.damping))
         return [each for each in wheels if (each[0] == 1 or each[2]) and (each[3] or each[4])]

@@ -29,8 +29,8 @@ def with_lateral(mechanism: Mechanism, keys: Keys, response: Response) -> Mechan
     for link in mechanism.links:
         _check_link(link)
     y = _places(keys, mechanism)
-    given = {name: _section(keys["sections"][name]) for name in keys.names("sections")}
-    links = tuple(_in_space(link, y, given.get(link.name), keys) for link in mechanism.links)
+    across = {name: _section(keys["sections"][name]) for name in keys.names("sections")}
+    links = tuple(_in_space(link, y, across.get(link.name), keys) for link in mechanism.links)
     held = keys.words("held") if "held" in keys else ()
     for name in set(held).difference(body.name for body in mechanism.rigid_bodies):
         raise keys.error("held", f"{name!r} is not one of rigid_bodies; correct the name.")
@@ -43,7 +43,7 @@ def with_lateral(mechanism: Mechanism, keys: Keys, response: Response) -> Mechan
         axles=tuple(_axle(keys["axles"][name]) for name in mounts),
         rockshaft=_rockshaft(keys),
         held=held,
-        sections=tuple(given.items()),
+        sections=tuple((name, *each.values()) for name, each in across.items()),
         response=response,
     )
     return replace(mechanism, links=links, lateral=lateral)
@@ -89,9 +89,7 @@ def _places(keys: Keys, mechanism: Mechanism) -> dict[str, float]:
     return y
 
 
-def _in_space(
-    link: Link, y: dict[str, float], given: tuple[float, float] | None, keys: Keys
-) -> Link:
+def _in_space(link: Link, y: dict[str, float], across: dict[str, float] | None, keys: Keys) -> Link:
     """Return a link in true length, and with a section across the plane."""
     places = {point: (x, y.get(point, 0.0)) for point, (x, _) in link.points}
     off = [point for point in places if places[point][1]]
@@ -106,41 +104,30 @@ def _in_space(
             problem = f"the points of links.{link.name} are not on one line ({all_y} m)"
             raise keys.error(f"y.{point}", f"{problem}; give two of them, or correct one.")
     assert isinstance(link.body, Beam)
-    unknown = [math.isnan(each.section.second_moment_across) for each in link.body.segments]
-    if any(unknown) and given is None:
-        problem = f"give second_moment across the plane, for the general section of {link.name}"
-        raise keys.error(f"sections.{link.name}", f"{problem}.")
-    if given is not None and not any(unknown):
-        problem = "it follows from the dimensions of the section"
-        raise keys.error(f"sections.{link.name}", f"{problem}; remove this key.")
     segments = tuple(
-        replace(
-            each,
-            section=replace(
-                each.section, second_moment_across=given[0], shear_coefficient_across=given[1]
-            ),
-        )
-        if given is not None and missing
-        else each
-        for each, missing in zip(link.body.segments, unknown, strict=True)
+        replace(each, section=replace(each.section, **(across or {})))
+        for each in link.body.segments
     )
+    if any(math.isnan(each.section.second_moment_across) for each in segments):
+        problem = "its shape is general, so give second_moment across the plane"
+        raise keys.error(f"sections.{link.name}", f"{problem}.")
     return replace(link, slope=slope, body=replace(link.body, segments=segments))
 
 
-def _section(keys: Keys) -> tuple[float, float]:
+def _section(keys: Keys) -> dict[str, float]:
     shear = keys.number("shear_coefficient", positive=True, default=5 / 6)
-    return keys.number("second_moment", positive=True), shear
+    second_moment = keys.number("second_moment", positive=True)
+    return {"second_moment_across": second_moment, "shear_coefficient_across": shear}
 
 
 def _inertia(keys: Keys, body: RigidBody) -> tuple[float, float]:
     """Read the inertias of a body in roll and yaw, kg m2, which some body can have."""
     name = "base" if body.name == GROUND else body.name
     roll, yaw = (keys[name].number(axis, positive=True) for axis in ("roll", "yaw"))
-    for axis, value, others in (("roll", roll, yaw), ("yaw", yaw, roll)):
-        if value > others + body.inertia or body.inertia > roll + yaw:
-            problem = f"no body has inertias of {roll:g}, {body.inertia:g} and {yaw:g} kg m2 in "
-            problem += "roll, pitch and yaw, as none exceeds the sum of the others"
-            raise keys[name].error(axis, f"{problem}; correct them.")
+    if 2.0 * max(roll, yaw, body.inertia) > roll + yaw + body.inertia:
+        problem = f"{roll:g}, {body.inertia:g} and {yaw:g} kg m2 in roll, pitch and yaw are those "
+        problem += "of no body, as one exceeds the sum of the others; correct them."
+        raise keys[name].error("yaw" if yaw > roll else "roll", problem)
     return roll, yaw
 
 
@@ -175,7 +162,6 @@ def _axle(keys: Keys) -> Axle:
 def _rockshaft(keys: Keys) -> float:
     try:
         keys.choice("rockshaft", ["rigid"], default="rigid")
+        return math.inf
     except MechanismError:
-        hint = "write `rigid`"
-        return keys.number("rockshaft", least=0.0, most=STIFFEST, hint=hint)
-    return math.inf
+        return keys.number("rockshaft", least=0.0, most=STIFFEST, hint="write `rigid`")

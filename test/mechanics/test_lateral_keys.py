@@ -61,10 +61,12 @@ def test_without_lateral_nothing_changes(mapping: Any) -> None:
 
 
 def test_a_general_section_needs_its_other_second_moment(mapping: Any) -> None:
-    """It enters the hash, is refused where dimensions give it, and is missed where they do not."""
+    """It enters the hash, and is missed where dimensions do not give it."""
     link = mapping["links"]["upper_link"]
     link["section"] = {"shape": "general", "area": 4e-3, "second_moment": 2e-6}
-    with pytest.raises(MechanismError, match=r"lateral\.sections\.upper_link: give second_moment"):
+    with pytest.raises(
+        MechanismError, match=r"lateral\.sections\.upper_link: its shape is general"
+    ):
         mechanism_from_mapping(mapping)
     hashes = set()
     for second_moment in (1e-6, 2e-6):
@@ -75,9 +77,6 @@ def test_a_general_section_needs_its_other_second_moment(mapping: Any) -> None:
         assert body.segments[0].section.turned.second_moment == second_moment
         assert body.segments[0].section.turned.shear_coefficient == 5 / 6
     assert len(hashes) == 2
-    link["section"] = {"shape": "round", "diameter": 0.03}
-    with pytest.raises(MechanismError, match="follows from the dimensions"):
-        mechanism_from_mapping(mapping)
 
 
 @pytest.mark.parametrize(
@@ -94,8 +93,12 @@ def test_a_general_section_needs_its_other_second_moment(mapping: Any) -> None:
         (remove("lateral", "inertia", "implement"), "lateral.inertia.implement", "missing"),
         (remove("lateral", "inertia", "base", "yaw"), "lateral.inertia.base.yaw", "missing"),
         (change("lateral", "inertia", "roll", to={}), "lateral.inertia.roll", "not known"),
-        (change("lateral", "inertia", "implement", "roll", to=851.0), "implement.roll", "no body"),
-        (change("lateral", "inertia", "implement", "yaw", to=751.0), "implement.yaw", "no body"),
+        (
+            change("lateral", "inertia", "implement", "roll", to=851.0),
+            "implement.roll",
+            "of no body",
+        ),
+        (change("lateral", "inertia", "implement", "yaw", to=751.0), "implement.yaw", "of no body"),
         (remove("lateral", "axles", "front_axle"), "lateral.axles.front_axle", "missing"),
         (change("lateral", "axles", "rear_axle", "track", to=-1.0), "rear_axle.track", "pivots"),
         (change("lateral", "axles", "rear_axle", "contact", to=-850), "contact", "height"),

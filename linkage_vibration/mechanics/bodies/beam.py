@@ -167,12 +167,14 @@ def beam_matrices(
     rotations: Collection[str] = (),
     masses: Sequence[tuple[str, float]] = (),
     across: bool = False,
+    clamped: Collection[str] = (),
 ) -> Matrices:
     """Put a beam on its points, of which no two have the same x, and draw it by its nodes.
 
     Each point and each end of a segment is a node of the axis z = 0; `beam.elements` are
     distributed between them by length. Points beside the axis are on massless arms; masses in kg.
-    `across` bends it out of the plane, on DoFs y and chi in place of x, z and theta.
+    `across` bends it out of the plane, on DoFs y and chi in place of x, z and theta. Points that
+    are `clamped` do not turn.
 
     >>> from linkage_vibration.mechanics.sections.rectangle import rectangle
     >>> steel = Material(210e9, 7800.0, 0.3)
@@ -203,7 +205,7 @@ def beam_matrices(
         if coordinate != THETA or name in rotations
     }
     interface = list(rows.values())
-    held = range(U, len(mass), 3) if across else ()
+    held = {start[name] + THETA for name in clamped}.union(range(U, len(mass), 3) if across else ())
     order = interface + [i for i in range(len(mass)) if i not in interface and i not in held]
     block = np.ix_(order, order)
     places = np.column_stack([nodes, np.zeros(len(nodes))])
