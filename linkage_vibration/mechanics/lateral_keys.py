@@ -24,7 +24,7 @@ _METRES = "write m, so divide millimetres by 1000"
 _STRAIGHT = 1e-6  # m; points of a link are on one line if they are nearer to it
 
 
-def with_lateral(mechanism: Mechanism, keys: Keys, response: Response) -> Mechanism:
+def with_lateral(mechanism: Mechanism, keys: Keys, response: Response, *, drawn: bool) -> Mechanism:
     """Return a mechanism with the lateral half that keys describe, and its links in true length."""
     for link in mechanism.links:
         _check_link(link)
@@ -38,7 +38,7 @@ def with_lateral(mechanism: Mechanism, keys: Keys, response: Response) -> Mechan
     mounts = [] if mechanism.base is None else [mount.name for mount in mechanism.base.mounts]
     lateral = Lateral(
         y=tuple(y.items()),
-        inertia=tuple((body.name, _inertia(keys["inertia"], body)) for body in moving),
+        inertia=tuple((body.name, _inertia(keys["inertia"], body, drawn)) for body in moving),
         chains=tuple(_chain(keys["chains"][n], n, mechanism) for n in keys.names("chains")),
         axles=tuple(_axle(keys["axles"][name]) for name in mounts),
         rockshaft=_rockshaft(keys),
@@ -120,11 +120,11 @@ def _section(keys: Keys) -> dict[str, float]:
     return {"second_moment_across": second_moment, "shear_coefficient_across": shear}
 
 
-def _inertia(keys: Keys, body: RigidBody) -> tuple[float, float]:
-    """Read the inertias of a body in roll and yaw, kg m2, which some body can have."""
+def _inertia(keys: Keys, body: RigidBody, drawn: bool) -> tuple[float, float]:
+    """Read the inertias of a body in roll and yaw, kg m2, which some body has if not drawn."""
     name = "base" if body.name == GROUND else body.name
     roll, yaw = (keys[name].number(axis, positive=True) for axis in ("roll", "yaw"))
-    if 2.0 * max(roll, yaw, body.inertia) > roll + yaw + body.inertia:
+    if not drawn and 2.0 * max(roll, yaw, body.inertia) > roll + yaw + body.inertia:
         problem = f"{roll:g}, {body.inertia:g} and {yaw:g} kg m2 in roll, pitch and yaw are those "
         problem += "of no body, as one exceeds the sum of the others; correct them."
         raise keys[name].error("yaw" if yaw > roll else "roll", problem)

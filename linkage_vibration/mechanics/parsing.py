@@ -47,11 +47,14 @@ def _no_files(keys: Keys, _: dict[str, Point]) -> Body:
     )
 
 
-def mechanism_from_mapping(mapping: Any, read_body: BodyReader = _no_files) -> Mechanism:
+def mechanism_from_mapping(
+    mapping: Any, read_body: BodyReader = _no_files, *, drawn: bool = False
+) -> Mechanism:
     """Validate a mapping, as read from YAML, and return the mechanism that it describes.
 
     Keys that end in ``_deg`` are in degrees, all else is SI. `read_body` reads the body of a link
-    that has a ``file``, from the keys of the link and its points. The first invalid key is refused.
+    that has a ``file``, from the keys of the link and its points. The first invalid key is refused;
+    numbers that are `drawn` by chance may contradict one another, as inertias do.
     """
     top = Keys("", mapping)
     if "uncertainty" in top:  # of numbers that are valid
@@ -96,7 +99,7 @@ def mechanism_from_mapping(mapping: Any, read_body: BodyReader = _no_files) -> M
     if "lateral" in top:
         keys = top["lateral"]["response"]
         response = _response(keys, points, base=base is not None, band=mechanism.response.band)
-        mechanism = with_lateral(mechanism, top["lateral"], response)
+        mechanism = with_lateral(mechanism, top["lateral"], response, drawn=drawn)
     top.refuse_unknown()
     _check_topology(mechanism)
     return mechanism
@@ -120,13 +123,15 @@ def _uncertain(keys: Keys, mapping: dict[str, Any], read_body: BodyReader) -> Me
     """Return the mechanism of a mapping with the uncertainty of its numbers."""
     exact = {key: value for key, value in mapping.items() if key != "uncertainty"}
     mechanism = mechanism_from_mapping(exact, read_body)
-    parse = partial(again_from_mapping, mechanism=mechanism)
+    parse = partial(again_from_mapping, mechanism=mechanism, drawn=True)
     uncertainty = read_uncertainty(keys, exact, parse)
     keys.refuse_unknown()
     return replace(mechanism, uncertainty=uncertainty)
 
 
-def again_from_mapping(mapping: dict[str, Any], mechanism: Mechanism) -> Mechanism:
+def again_from_mapping(
+    mapping: dict[str, Any], mechanism: Mechanism, *, drawn: bool = False
+) -> Mechanism:
     """Validate a mapping whose links from files have the bodies of a mechanism read before."""
     bodies = {f"links.{link.name}": link.body for link in mechanism.links}
     given = mapping["links"].items()
@@ -136,7 +141,7 @@ def again_from_mapping(mapping: dict[str, Any], mechanism: Mechanism) -> Mechani
         keys["file"].refuse_unknown()
         return bodies[keys.path]
 
-    return mechanism_from_mapping({**mapping, "links": links}, body)
+    return mechanism_from_mapping({**mapping, "links": links}, body, drawn=drawn)
 
 
 def _response(
