@@ -11,6 +11,7 @@ import pytest
 import yaml
 
 from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.mechanics.ground_motion import transmissibility
 from linkage_vibration.mechanics.mode_names import kinetic_energy, name_modes
 from linkage_vibration.mechanics.model import LinkageModel, ModelError
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
@@ -249,6 +250,24 @@ def test_a_chain_is_a_spring_on_both_sides(clamped: Any) -> None:
     np.testing.assert_allclose(sprung.damping_ratios[:3], chained.damping_ratios[:3], rtol=1e-6)
 
 
+def test_forces_at_beams_of_true_length(tractor: Any) -> None:
+    """What the pins of the vertical half exert on the implement moves its mass, to 0.1 %."""
+    tractor["damping"]["ratio"] = 1e-7  # Forces are without those of damping.
+    solution = LinkageModel(mechanism_from_mapping(tractor)).solve(2.3)
+    places = [f"{at}.{axis}" for at in ("E1", "E2") for axis in "xz"]
+    places += [f"{pin}.force_{axis}" for pin in ("lower_link:E1", "upper_link:E2") for axis in "xz"]
+    x1, z1, x2, z2, *forces = solution.frf(places, ["V1.z"]).frf(np.array([1.3]))[0, :, 0]
+    implement, at = solution.model.mechanism.rigid_bodies[0], solution.configuration
+    mast = at.place("implement", (0.438, 0.0)) - at.place("implement", (0.0, 0.0))
+    arm = at.place("implement", implement.centre_of_gravity) - at.place("implement", (0.0, 0.0))
+    turn = (mast[0] * (z2 - z1) - mast[1] * (x2 - x1)) / (mast @ mast)
+    needed = (
+        -800.0 * (2.0 * math.pi * 1.3) ** 2 * np.array([x1 - turn * arm[1], z1 + turn * arm[0]])
+    )
+    exerted = -np.array([2.0 * forces[0] + forces[2], 2.0 * forces[1] + forces[3]])
+    np.testing.assert_allclose(exerted, needed, rtol=5e-3, atol=1e-3 * np.abs(needed).max())
+
+
 def test_what_the_lateral_half_answers(tractor: Any) -> None:
     """It responds along x, y and z, by its own response, without forces; the other half lacks y."""
     model = lateral(tractor)
@@ -264,6 +283,8 @@ def test_what_the_lateral_half_answers(tractor: Any) -> None:
     assert model.force_places == ()
     with pytest.raises(ModelError, match="no forces"):
         solution.participation(["lower_link:E1.force_x"])
+    with pytest.raises(ModelError, match="vertical half alone"):
+        transmissibility(solution, ["E1.z"], "base.z")
     with pytest.raises(ModelError, match="use one of x, z, as this is the vertical half"):
         LinkageModel(model.mechanism).solve(2.0).participation(["E1.y"])
     without = copy.deepcopy(tractor)
