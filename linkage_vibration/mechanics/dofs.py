@@ -12,9 +12,8 @@ DIRECTIONS = ("x", "y", "z", "theta")
 class InterfaceDof:
     """One physical DoF of a component, in its own axes: how one of its points moves.
 
-    x (m) is along a link from its first point, z across it in the plane, y out of the plane; theta
-    (rad) is the rotation about the joint axis, from x towards z. In the lateral half, chi turns a
-    link from x towards y, and rigid bodies have y, roll about x, and yaw about z.
+    x (m) is along a link from its first point, z across it in the plane, y out of it; theta (rad)
+    turns it from x towards z, chi from x towards y; roll and yaw turn rigid bodies about x and z.
     """
 
     point: str

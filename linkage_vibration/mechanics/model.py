@@ -170,7 +170,13 @@ class LinkageModel:
 
     @cached_property
     def forces(self) -> Forces:
-        """The forces in the linkage; a link that is known by FRFs raises a `ModelError`."""
+        """The forces in the linkage, of the vertical half.
+
+        Raises
+        ------
+        ModelError
+            If a link is known by its FRFs, or this is the lateral half.
+        """
         if self.half == "lateral":
             raise ModelError("The lateral half has no forces; ask the vertical one.")
         return Forces(self.mechanism, self.system)

@@ -53,8 +53,7 @@ def mechanism_from_mapping(
     """Validate a mapping, as read from YAML, and return the mechanism that it describes.
 
     Keys that end in ``_deg`` are in degrees, all else is SI. `read_body` reads the body of a link
-    that has a ``file``, from the keys of the link and its points. The first invalid key is refused;
-    numbers that are `drawn` by chance may contradict one another, as inertias do.
+    with a ``file``, from its keys and its points. Inertias that are `drawn` may be impossible.
     """
     top = Keys("", mapping)
     if "uncertainty" in top:  # of numbers that are valid

@@ -71,8 +71,7 @@ class Beam:
     def component(self, link: Link, mechanism: Mechanism, *, reduced: bool) -> Component:
         """Return the component of the beam, as `description.Body.component` says.
 
-        Where its ends lie at different y, it has its true length, and its interface DoFs along x
-        are those seen from the side; they neglect its small motion along its own y axis.
+        It has its true length; its DoFs along x are as seen from the side, without motions aside.
         """
         try:
             matrices = beam_matrices(
@@ -171,10 +170,8 @@ def beam_matrices(
 ) -> Matrices:
     """Put a beam on its points, of which no two have the same x, and draw it by its nodes.
 
-    Each point and each end of a segment is a node of the axis z = 0; `beam.elements` are
-    distributed between them by length. Points beside the axis are on massless arms; masses in kg.
-    `across` bends it out of the plane, on DoFs y and chi in place of x, z and theta. Points that
-    are `clamped` do not turn.
+    Points, beside the axis on massless arms, and ends of segments are nodes of the axis; masses in
+    kg. Bending `across` the plane is on y and chi; points that are `clamped` do not turn.
 
     >>> from linkage_vibration.mechanics.sections.rectangle import rectangle
     >>> steel = Material(210e9, 7800.0, 0.3)
