@@ -8,20 +8,16 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from linkage_vibration.cli.arguments import add_table, read_settings, read_table
+from linkage_vibration.cli.arguments import add_mechanism_and_angles, read_settings, read_table
 
 if TYPE_CHECKING:
     from linkage_vibration.prediction.predictor import Predictor, Shares
-
-_MOST_ANGLES = 100_000
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add = parser.add_argument
-    text = "crank angle alpha3 in degrees, or FIRST:LAST:STEP"
-    add("angle_deg", nargs="+", type=_angles, help=text)
-    add_table(parser)
+    add_mechanism_and_angles(parser, "nine over the stroke")
     text = "also print the standard deviations, and the share of each of their causes"
     add("--shares", action="store_true", help=text)
     text = "standard deviation of the angle in degrees, for --shares (default: %(default)s)"
@@ -34,11 +30,18 @@ def run(options: argparse.Namespace) -> int:
     import numpy as np
 
     from linkage_vibration.messages.csv_tables import prediction_table, table_text
+    from linkage_vibration.prediction.predictor import Predictor
     from linkage_vibration.support.atomic_files import OutputError, check_output, write_text
+    from linkage_vibration.table.table import load_table
 
-    check_output(options.csv, ".csv", list(filter(None, (options.mechanism, options.table))))
-    degrees = [angle for angles in options.angle_deg for angle in angles]
-    predictor = read_table(read_settings(options, table_file=options.table)).predictor
+    source: Path | None = options.mechanism
+    check_output(options.csv, ".csv", list(filter(None, [source])))
+    if source is not None and source.suffix == ".npz":
+        predictor = Predictor(load_table(source))
+    else:
+        predictor = read_table(read_settings(options)).predictor
+    ends = np.degrees(predictor.table.alpha3_range)
+    degrees = options.angles_deg or np.linspace(*ends, 9).tolist()
     good = _print(predictor, degrees, options)
     if predictor.lateral is not None:
         names = map(predictor.lateral.table.mode_label, range(predictor.lateral.table.n_modes))
@@ -83,24 +86,6 @@ def _print(predictor: "Predictor", degrees: list[float], options: argparse.Names
     if reason := predictor.table.unknown_deviations:
         print(reason)
     return good
-
-
-def _angles(text: str) -> list[float]:
-    """Return the angles of FIRST:LAST:STEP, or one angle."""
-    try:
-        first, *more = (float(part) for part in text.split(":"))
-    except ValueError:
-        first, more = math.nan, [math.nan]
-    if not more:
-        return [first]
-    if len(more) != 2 or not more[1] * (more[0] - first) >= 0.0 < abs(more[1]):
-        raise argparse.ArgumentTypeError(f"{text!r} is no angle and no FIRST:LAST:STEP.")
-    count = (more[0] - first) / more[1] * (1.0 + 1e-9)
-    if not count < _MOST_ANGLES:
-        raise argparse.ArgumentTypeError(
-            f"{text!r} has over {_MOST_ANGLES} angles; widen the step."
-        )
-    return [first + i * more[1] for i in range(int(count) + 1)]
 
 
 def _deviation(text: str) -> float:

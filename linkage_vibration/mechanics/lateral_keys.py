@@ -35,12 +35,12 @@ def with_lateral(mechanism: Mechanism, keys: Keys, response: Response, *, drawn:
     for name in set(held).difference(body.name for body in mechanism.rigid_bodies):
         raise keys.error("held", f"{name!r} is not one of rigid_bodies; correct the name.")
     moving = [body for body in mechanism.rigid if body.name not in held]
-    mounts = [] if mechanism.base is None else [mount.name for mount in mechanism.base.mounts]
+    mounts = () if mechanism.base is None else mechanism.base.mounts
     lateral = Lateral(
         y=tuple(y.items()),
         inertia=tuple((body.name, _inertia(keys["inertia"], body, drawn)) for body in moving),
         chains=tuple(_chain(keys["chains"][n], n, mechanism) for n in keys.names("chains")),
-        axles=tuple(_axle(keys["axles"][name]) for name in mounts),
+        axles=tuple(_axle(keys["axles"][mount.name], mount.track) for mount in mounts),
         rockshaft=_rockshaft(keys),
         held=held,
         sections=tuple((name, *each.values()) for name, each in across.items()),
@@ -150,9 +150,10 @@ def _chain(keys: Keys, name: str, mechanism: Mechanism) -> Chain:
     return Chain(name, link.name, at, (x, y, z), stiffness, damping)
 
 
-def _axle(keys: Keys) -> Axle:
+def _axle(keys: Keys, track: float) -> Axle:
+    hint = f"0 is an axle that pivots; {_METRES}"
     return Axle(
-        keys.number("track", least=0.0, most=_WIDEST, hint=f"0 is an axle that pivots; {_METRES}"),
+        keys.number("track", default=track, least=0.0, most=_WIDEST, hint=hint),
         keys.number("stiffness", least=0.0, most=STIFFEST, hint=RIGID),
         keys.number("damping", default=0.0, least=0.0, most=DAMPEST, hint=RIGID),
         keys.number("contact", least=-_WIDEST, most=_WIDEST, hint=f"it is a height; {_METRES}"),
