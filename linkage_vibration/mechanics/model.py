@@ -161,7 +161,7 @@ class LinkageModel:
                 raise ModelError(f"There is no point {point}; check the names of the points.")
             directions = self.interface.directions
             if direction not in directions:
-                hint = f"use one of {', '.join(directions)}, as this is the {self.half} half"
+                hint = f"use {' or '.join(directions)}, as this is the {self.half} half"
                 raise ModelError(f"Point {point} has no direction {direction}; {hint}.")
             if point not in moved:
                 moved[point] = self.interface.displacement(bodies[-1], point, configuration)
