@@ -29,7 +29,6 @@ from linkage_vibration.mechanics.description import (
     Mechanism,
     MechanismError,
     Point,
-    PointForces,
     Section,
 )
 from linkage_vibration.mechanics.dofs import InterfaceDof
@@ -92,8 +91,8 @@ class Beam:
         moved = tuple((name, (stretch * x, z)) for name, (x, z) in points)
         return replace(self, segments=segments), moved
 
-    def point_forces(self, link: Link, component: Component) -> Mapping[str, PointForces]:
-        """Return the forces of the elements beside each point, as `description.Body` says."""
+    def sections(self, link: Link, component: Component) -> Mapping[str, FloatArray]:
+        """Return the forces of the element beside each point, as `description.Body` says."""
         assert component.drawing is not None
         scale = np.array([link.stretch, 1.0, 1.0])  # of what is seen from the side
         motion = component.drawing.displacement / scale[:, np.newaxis]
@@ -102,16 +101,11 @@ class Beam:
         forces = {}
         along = sorted(_nodes_of(points, nodes).items(), key=lambda pair: pair[1])
         for i, (point, node) in enumerate(along):
-            ends = np.zeros((2, 3, motion.shape[2]))  # forces on the ends of both elements there
-            for side, at in enumerate((node - 1, node)):
-                if 0 <= at < len(sections):
-                    length = float(nodes[at + 1] - nodes[at])
-                    stiffness = element_matrices(length, sections[at], self.material)[1]
-                    rows = slice(0, 3) if side else slice(3, 6)
-                    ends[side] = stiffness[rows] @ motion[at : at + 2].reshape(6, -1)
-            before, after = ends
-            pin = (before + after)[:2] / scale[:2, np.newaxis]
-            forces[point] = PointForces(pin, -after if i == 0 else before)
+            at = node - 1 if i else node
+            length = float(nodes[at + 1] - nodes[at])
+            stiffness = element_matrices(length, sections[at], self.material)[1]
+            stiffness = stiffness[3:] if i else -stiffness[:3]
+            forces[point] = stiffness @ motion[at : at + 2].reshape(6, -1)
         return forces
 
 
