@@ -126,9 +126,12 @@ def _description(
     if table.measured:
         deviations = table.frequency_stddev, table.damping_ratios, table.damping_ratio_stddev
         yield from uncertain_modes(table.natural_frequencies, *deviations, table.mode_label)
-    for mode, shares in enumerate(table.mode_shares):
-        base, bodies, links = (f"{100.0 * share:.0f} %" for share in shares)
-        yield f"{table.mode_label(mode)}: base {base}, rigid bodies {bodies}, links {links}"
+    for half in filter(None, (table, table.lateral)):
+        if half is table.lateral:
+            yield "Sway, roll and yaw:"
+        for mode, shares in enumerate(half.mode_shares):
+            base, bodies, links = (f"{100.0 * share:.0f} %" for share in shares)
+            yield f"{half.mode_label(mode)}: base {base}, rigid bodies {bodies}, links {links}"
     if table.free_modes:
         ground = mechanism.base
         single = table.free_modes == 1

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from linkage_vibration.cli.arguments import add_mechanism_and_angles, read_settings, read_table
 
 if TYPE_CHECKING:
-    from linkage_vibration.prediction.predictor import Shares
+    from linkage_vibration.prediction.predictor import Predictor, Shares
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,7 +30,7 @@ def run(options: argparse.Namespace) -> int:
     import numpy as np
 
     from linkage_vibration.messages.csv_tables import prediction_table, table_text
-    from linkage_vibration.prediction.predictor import Predictor, Status, fault
+    from linkage_vibration.prediction.predictor import Predictor
     from linkage_vibration.support.atomic_files import OutputError, check_output, write_text
     from linkage_vibration.table.table import load_table
 
@@ -42,6 +42,25 @@ def run(options: argparse.Namespace) -> int:
         predictor = read_table(read_settings(options)).predictor
     nine = np.linspace(*predictor.table.alpha3_range, 9)
     degrees = options.angles_deg or np.degrees(nine).tolist()
+    good = _print(predictor, degrees, options)
+    if predictor.lateral is not None:
+        names = map(predictor.lateral.table.mode_label, range(predictor.lateral.table.n_modes))
+        print(f"Sway, roll and yaw: {', '.join(names)}")
+        good = _print(predictor.lateral, degrees, options) and good
+    reason = predictor.table.unknown_deviations
+    if options.csv:
+        many = predictor.predict(np.radians(degrees), math.radians(options.angle_stddev_deg))
+        columns = {name: each for name, each in vars(many).items() if name != "table_id"}
+        table = {"crank_angle_deg": np.array(degrees)} | prediction_table(columns, reason)
+        write_text(options.csv, table_text(table), OutputError)
+        print(f"Written: {options.csv}")
+    return 0 if good else 1
+
+
+def _print(predictor: "Predictor", degrees: list[float], options: argparse.Namespace) -> bool:
+    """Print the predictions of a table; return whether all have numbers."""
+    from linkage_vibration.prediction.predictor import Status, fault
+
     modes = "".join(f"{f'mode {k + 1} [Hz]':>13}" for k in range(predictor.table.n_modes))
     print(f"{'alpha3 [deg]':>12}{modes}{'peak [Hz]':>13}{'peak [m/N]':>13}")
     good = True
@@ -66,13 +85,7 @@ def run(options: argparse.Namespace) -> int:
             print(_described(predictor.shares(math.radians(angle), stddev)))
     if reason := predictor.table.unknown_deviations:
         print(reason)
-    if options.csv:
-        many = predictor.predict(np.radians(degrees), math.radians(options.angle_stddev_deg))
-        columns = {name: each for name, each in vars(many).items() if name != "table_id"}
-        table = {"crank_angle_deg": np.array(degrees)} | prediction_table(columns, reason)
-        write_text(options.csv, table_text(table), OutputError)
-        print(f"Written: {options.csv}")
-    return 0 if good else 1
+    return good
 
 
 def _deviation(text: str) -> float:

@@ -22,11 +22,15 @@ from linkage_vibration.mechanics.components import CENTRE_OF_GRAVITY, Component,
 from linkage_vibration.mechanics.description import GROUND, Mechanism, Spring
 from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.mechanics.kinematics import Configuration
-from linkage_vibration.mechanics.springs import spring_line, spring_stiffness
+from linkage_vibration.mechanics.springs import Values, spring_line, spring_stiffness
 
 _ZERO = 1e-12  # Directions with a smaller share of the largest singular value of B are repetitions.
 _CLEAR = 1e-6  # Directions with a larger share are constraints; between both limits it is unclear.
 _INVOLVED = 1e-6  # A row takes part in an unclear direction if its share is larger.
+
+
+SpringRow = tuple[FloatArray, Values, Values]
+"""The elongation of a spring or a mount by u, its stiffness and its damping."""
 
 
 class CouplingError(LinkageVibrationError):
@@ -72,6 +76,8 @@ def row_space(compatibility: FloatArray, labels: Sequence[str]) -> tuple[FloatAr
 
 class InterfaceMap:
     """The position of every interface DoF in the vector u, (n,), one component after the other."""
+
+    directions = "xz"  # of the displacement of a point, along the global axes
 
     def __init__(
         self, mechanism: Mechanism, components: Sequence[Component | FrfComponent]
@@ -122,9 +128,25 @@ class InterfaceMap:
         rows[..., [x, z]] = configuration.turn(body)
         return rows
 
+    @property
+    def n_mounts(self) -> int:
+        """How many of the last rows of the elongations belong to mounts."""
+        return len(mount_springs(self._mechanism.base))
+
     def join(self, configuration: Configuration) -> Joining:
         """Return what joins the components in a configuration."""
         shape = configuration.angles.shape[:-1]
+        rows, springs = self._constraints(configuration), self._springs(configuration)
+        compatibility, elongation = (
+            side_by_side(parts, (*shape, len(self)), -2)
+            for parts in (list(rows.values()), [row for row, _, _ in springs])
+        )
+        both = [k for _, k, _ in springs], [c for _, _, c in springs]
+        stiffness, damping = (side_by_side(numbers, shape, -1) for numbers in both)
+        return Joining(compatibility, tuple(rows), elongation, stiffness, damping)
+
+    def _constraints(self, configuration: Configuration) -> dict[str, FloatArray]:
+        """Return the rows of B with their labels."""
         rows: dict[str, FloatArray] = {}
         for point, first, second in self._mechanism.joints:
             apart = self.displacement(first, point, configuration)
@@ -135,20 +157,25 @@ class InterfaceMap:
             if link.clamped is not None:
                 turn = self._turn(link.name, link.clamped) - self._turn(GROUND, link.clamped)
                 rows[f"clamp of {link.name} at {link.clamped}"] = turn
-        springs, mounts = self._mechanism.springs, mount_springs(self._mechanism.base)
-        stretches = [self._elongation(spring, configuration) for spring in springs]
-        for mount, axis in mounts:
-            stretches.append(self.displacement(GROUND, mount.name, configuration)[..., axis, :])
-        stiffness = [spring_stiffness(each, self._mechanism, configuration) for each in springs]
-        damping = [s.damping + s.retardation * k for s, k in zip(springs, stiffness, strict=True)]
-        stiffness += [mount.stiffness[axis] for mount, axis in mounts]
-        damping += [mount.damping[axis] for mount, axis in mounts]
-        compatibility, elongation = (
-            side_by_side(parts, (*shape, len(self)), -2)
-            for parts in (list(rows.values()), stretches)
-        )
-        both = (side_by_side(numbers, shape, -1) for numbers in (stiffness, damping))
-        return Joining(compatibility, tuple(rows), elongation, *both)
+        return rows
+
+    def _springs(self, configuration: Configuration) -> list[SpringRow]:
+        springs = []
+        for spring in self._mechanism.springs:
+            k = spring_stiffness(spring, self._mechanism, configuration)
+            row = self._elongation(spring, configuration)
+            springs.append((row, k, spring.damping + spring.retardation * k))
+        return springs + self._mounts(configuration)
+
+    def _mounts(self, configuration: Configuration) -> list[SpringRow]:
+        return [
+            (
+                self.displacement(GROUND, mount.name, configuration)[..., axis, :],
+                mount.stiffness[axis],
+                mount.damping[axis],
+            )
+            for mount, axis in mount_springs(self._mechanism.base)
+        ]
 
     def _elongation(self, spring: Spring, configuration: Configuration) -> FloatArray:
         first, second = spring.bodies

@@ -67,6 +67,15 @@ class Section:
     area: float  # m2
     second_moment: float  # m4, for bending in the plane of motion
     shear_coefficient: float  # 1, effective shear area over area, in the plane of motion
+    # The same across the plane; NaN if they do not follow from dimensions. They do not enter the
+    # hash, which the dimensions enter through the others.
+    second_moment_across: float = field(default=math.nan, compare=False)
+    shear_coefficient_across: float = field(default=math.nan, compare=False)
+
+    @property
+    def turned(self) -> "Section":
+        """The section for bending across the plane of motion."""
+        return Section(self.area, self.second_moment_across, self.shear_coefficient_across)
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,6 +167,13 @@ class Link:
     clamped: str | None  # a ground point at which the ground holds the link's rotation too
     masses: tuple[tuple[str, float], ...]  # point masses: name of the point and kg
     damping: Damping | None  # its own rule, or None for the mechanism's
+    # m away from the middle of the linkage for each m along the link, seen from the side
+    slope: float = field(default=0.0, metadata=_LATER)
+
+    @property
+    def stretch(self) -> float:
+        """The true length over that seen from the side, 1."""
+        return math.hypot(1.0, self.slope)
 
     def meshed(self, elements: int, modes: int) -> "Link":
         """Return the link with other numbers of elements and of fixed-interface modes."""
@@ -187,8 +203,12 @@ class RigidBody:
 
         The mass matrix is the same in all axes, so the global axes serve as the body's own.
         """
-        dofs = tuple(InterfaceDof(CENTRE_OF_GRAVITY, axis) for axis in ("x", "z", "theta"))
-        mass, stiffness = np.diag([self.mass, self.mass, self.inertia]), np.zeros((3, 3))
+        return self.on({"x": self.mass, "z": self.mass, "theta": self.inertia}, rule)
+
+    def on(self, inertias: Mapping[str, float], rule: Damping) -> Component:
+        """Put the body on DoFs of its centre of gravity, with the mass or inertia of each, SI."""
+        dofs = tuple(InterfaceDof(CENTRE_OF_GRAVITY, axis) for axis in inertias)
+        mass, stiffness = np.diag([*inertias.values()]), np.zeros((len(dofs), len(dofs)))
         viscous = rule.viscous(mass, stiffness)
         return Component(self.name, dofs, mass, stiffness, viscous, 0.0, None)
 
@@ -261,7 +281,7 @@ class Response:
     """The response that the model predicts at every angle."""
 
     point: str
-    direction: Literal["x", "z"]
+    direction: Literal["x", "y", "z"]  # y in the lateral half alone
     band: tuple[float, float]  # Hz
     modes: int
     # Names that replace those of the first modes; an empty name replaces nothing.
@@ -284,6 +304,44 @@ class Response:
         low, high = max(band[0], self.peak_band[0]), min(band[1], self.peak_band[1])
         whole = self.peak_part is None or low >= high or (low, high) == band
         return dataclasses.replace(self, band=band, peak_part=None if whole else (low, high))
+
+
+@dataclass(frozen=True, slots=True)
+class Chain:
+    """A check chain or stabiliser, one on each side, between a link and the ground."""
+
+    name: str
+    link: str
+    at: float  # m along the link, seen from the side
+    end: tuple[float, float, float]  # m, of the left one: global x, y to the left, and z
+    stiffness: float  # N/m, of one, which is tight
+    damping: float  # N s/m, of one
+
+
+@dataclass(frozen=True, slots=True)
+class Axle:
+    """What a mount of the base does across the plane of motion."""
+
+    track: float  # m, between its wheels; 0 if the axle pivots
+    stiffness: float  # N/m, along y, of both wheels
+    damping: float  # N s/m, of both wheels
+    contact: float  # m, the height z at which the soil holds the wheels
+
+
+@dataclass(frozen=True, slots=True)
+class Lateral:
+    """What the lateral half of a linkage needs in addition: motions odd about the middle plane."""
+
+    y: tuple[tuple[str, float], ...]  # m left of the middle, of each point that is not in it
+    # kg m2, roll and yaw about the axes along x and z through the centre of gravity, at any angle
+    inertia: tuple[tuple[str, tuple[float, float]], ...]
+    chains: tuple[Chain, ...]
+    axles: tuple[Axle, ...]  # of each mount
+    rockshaft: float  # N m/rad, between both cranks; infinite if it is rigid
+    held: tuple[str, ...]  # rigid bodies that do not move out of the plane
+    # second moment of area, m4, and shear coefficient across the plane, of links with `general`
+    sections: tuple[tuple[str | float, ...], ...]
+    response: Response
 
 
 @dataclass(frozen=True, slots=True)
@@ -326,7 +384,7 @@ class Uncertainty:
 
 @dataclass(frozen=True)
 class Mechanism:
-    """A planar linkage with one input angle, alpha3.
+    """A linkage that moves in a plane, with one input angle, alpha3.
 
     Attributes
     ----------
@@ -353,6 +411,8 @@ class Mechanism:
         What carries the ground, with its mounts; None if the ground does not move.
     uncertainty : optional
         The standard deviations of its numbers, and their correlations.
+    lateral : optional
+        What its lateral half needs; None if only motions in the plane are modelled.
     """
 
     name: str
@@ -368,6 +428,7 @@ class Mechanism:
     response: Response
     base: Base | None = field(default=None, metadata=_LATER)
     uncertainty: Uncertainty | None = field(default=None, metadata=_LATER)
+    lateral: Lateral | None = field(default=None, metadata=_LATER)
 
     def __repr__(self) -> str:
         """Return its name and its bodies, in a line."""

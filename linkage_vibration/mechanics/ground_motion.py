@@ -56,6 +56,8 @@ def transmissibility(
         If the soil has no such motion, as without a base, or a place does not exist.
     """
     mechanism = solution.model.mechanism
+    if solution.model.half == "lateral":
+        raise ModelError("The soil moves the vertical half alone here; solve that one.")
     outputs, [soil] = pairs(outputs), pairs([soil])
     if soil not in soil_places(mechanism):
         places = ", ".join(".".join(place) for place in soil_places(mechanism))

@@ -5,7 +5,7 @@
 A mode is the tractor's if most of its strain energy is in the mounts of the base: there the
 implement may move more than the tractor, but it moves with it. Other modes belong to the rigid body
 or the link that has most of the kinetic energy. The tractor and rigid bodies surge (along x), heave
-(along z; the tractor bounces) or pitch; a link bends or stretches.
+(along z; the tractor bounces), pitch, sway (along y), roll or yaw; a link bends or stretches.
 """
 
 from collections.abc import Sequence
@@ -15,13 +15,17 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from linkage_vibration.mechanics.arrays import FloatArray, IntArray
-from linkage_vibration.mechanics.base import mount_springs
 from linkage_vibration.mechanics.components import Component
 from linkage_vibration.mechanics.description import GROUND
 from linkage_vibration.mechanics.model import Solution
 from linkage_vibration.mechanics.modes import MECHANISM
 
 _EQUAL = 1e-9  # of all energy: shares of symmetric bodies differ by rounding alone
+
+_MOTIONS = {
+    **{"x": "surge", "z": "heave", "theta": "pitch"},
+    **{"y": "sway", "roll": "roll", "yaw": "yaw"},
+}
 
 GROUPS = ("base", "rigid_bodies", "links")
 """The groups of bodies in the columns of `group_shares`."""
@@ -51,8 +55,8 @@ class KineticEnergy:
 def kinetic_energy(solution: Solution) -> KineticEnergy:
     """Return where the kinetic energy of the undamped modes is.
 
-    The energy of a rigid body is split into x, z and rotation. That of a link is split by whether
-    most of its points move across it or along it.
+    The energy of a rigid body is split by its DoFs. That of a link is split by whether most of its
+    points move across it or along it.
     """
     motions: list[tuple[str, str]] = []
     rows: list[FloatArray] = []
@@ -61,14 +65,14 @@ def kinetic_energy(solution: Solution) -> KineticEnergy:
         shapes = solution.modes.shapes[solution.model.system.rows[component.name]]
         energy = shapes * (component.mass @ shapes)
         if component.name == GROUND or component.name in rigid:
-            heave = "bounce" if component.name == GROUND else "heave"
-            motions += [(component.name, motion) for motion in ("surge", heave, "pitch")]
+            named = _MOTIONS | ({"z": "bounce"} if component.name == GROUND else {})
+            motions += [(component.name, named[dof.direction]) for dof in component.dofs]
             rows += list(energy)
             continue
         along = _along(component, shapes)
         motions += [(component.name, "stretching"), (component.name, "bending")]
         rows += [energy.sum(axis=0) * along, energy.sum(axis=0) * (1.0 - along)]
-    shares, count = np.array(rows), len(mount_springs(solution.model.mechanism.base))
+    shares, count = np.array(rows), solution.model.interface.n_mounts
     joining, omega = solution.joining, np.maximum(solution.modes.omega, MECHANISM)
     first = len(joining.stiffness) - count
     stretch = joining.elongation[first:] @ solution.modes.shapes[: joining.elongation.shape[1]]
@@ -80,7 +84,7 @@ def _along(component: Component, shapes: FloatArray) -> FloatArray:
     """Return the share of the motion of a link that is along it, (n_modes,)."""
     if component.drawing is None:
         axis = np.array([dof.direction == "x" for dof in component.dofs])
-        lateral = np.array([dof.direction == "z" for dof in component.dofs])
+        lateral = np.array([dof.direction in "yz" for dof in component.dofs])
         moved = shapes[: len(component.dofs)] ** 2
         parts = moved[axis].sum(axis=0), moved[lateral].sum(axis=0)
     else:

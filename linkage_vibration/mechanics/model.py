@@ -4,9 +4,9 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,7 @@ from linkage_vibration.mechanics.fbs import couple_frfs, couple_frfs_with_error,
 from linkage_vibration.mechanics.forces import SOIL, Forces, is_force, magnitudes, reference
 from linkage_vibration.mechanics.identification import IdentifiedModes, identify
 from linkage_vibration.mechanics.kinematics import Configuration, Kinematics
+from linkage_vibration.mechanics.lateral import LateralMap, lateral_components
 from linkage_vibration.mechanics.modes import DampedModes, Modes, damp_modes, solve_modes
 from linkage_vibration.mechanics.regularisation import MeasuredFrfs, noise_gain, receptances
 from linkage_vibration.mechanics.response import (
@@ -84,22 +85,40 @@ class LinkageModel:
         False keeps every DoF of the links, to check the reduction against.
     kinematics : Kinematics, optional
         Kinematics of a mechanism with the same points, pins and stroke, to be used again.
+    half : {"vertical", "lateral"}
+        The motions in the plane, or those odd about the middle: sway, roll and yaw. The lateral
+        half needs the key `lateral`, whose `response` is that of its `mechanism`. It has no forces.
 
     Raises
     ------
     MechanismError, ReductionError
         If the linkage cannot close over its stroke, or a link cannot be reduced.
+    ModelError
+        If the lateral half is not described.
     """
 
     def __init__(
-        self, mechanism: Mechanism, *, reduced: bool = True, kinematics: Kinematics | None = None
+        self,
+        mechanism: Mechanism,
+        *,
+        reduced: bool = True,
+        kinematics: Kinematics | None = None,
+        half: Literal["vertical", "lateral"] = "vertical",
     ) -> None:
         check_type(mechanism, "read the file with `read_mechanism`", Mechanism)
-        self.mechanism = mechanism
+        self.mechanism, self.half = mechanism, half
         self.kinematics = kinematics or Kinematics(mechanism)
-        self.components = mechanism.components(reduced=reduced)
+        self.components: tuple[Component | FrfComponent, ...]
+        if half == "vertical":
+            self.components = mechanism.components(reduced=reduced)
+            self.interface = InterfaceMap(mechanism, self.components)
+        else:
+            if mechanism.lateral is None:
+                raise ModelError(f"{mechanism.name} has no lateral half; describe it by `lateral`.")
+            self.mechanism = replace(mechanism, response=mechanism.lateral.response)
+            self.components = lateral_components(mechanism, reduced=reduced)
+            self.interface = LateralMap(mechanism, self.components)
         self._measured = [c for c in self.components if isinstance(c, FrfComponent)]
-        self.interface = InterfaceMap(mechanism, self.components)
         # The frequencies at which FRFs of the components were computed last, and these FRFs.
         self._frfs: tuple[bytes | None, list[ComplexArray | MeasuredFrfs]] = None, []
 
@@ -139,30 +158,43 @@ class LinkageModel:
         for point, direction in pairs(places):
             if is_force((point, direction)):
                 problem = f"The {direction} at {point} is an output of FRFs of matrices, no input"
-                raise ModelError(f"{problem}; give a point with x or z.")
+                raise ModelError(f"{problem}; give a point with a direction.")
             bodies = self.mechanism.owners(point)
             if not bodies:
                 raise ModelError(f"There is no point {point}; check the names of the points.")
-            if direction not in ("x", "z"):
-                hint = "use x or z, as the model is planar"
+            directions = self.interface.directions
+            if direction not in directions:
+                hint = f"use {' or '.join(directions)}, as this is the {self.half} half"
                 raise ModelError(f"Point {point} has no direction {direction}; {hint}.")
             if point not in moved:
                 moved[point] = self.interface.displacement(bodies[-1], point, configuration)
-            rows.append(moved[point][..., "xz".index(direction), :])
+            rows.append(moved[point][..., directions.index(direction), :])
         return side_by_side(rows, (*configuration.angles.shape[:-1], len(self.interface)), -2)
 
     @cached_property
     def forces(self) -> Forces:
-        """The forces in the linkage; a link that is known by FRFs raises a `ModelError`."""
+        """The forces in the linkage, of the vertical half.
+
+        Raises
+        ------
+        ModelError
+            If a link is known by its FRFs, or this is the lateral half.
+        """
+        if self.half == "lateral":
+            raise ModelError("The lateral half has no forces; ask the vertical one.")
+        return self._forces
+
+    @cached_property
+    def _forces(self) -> Forces:
         return Forces(self.mechanism, self.system)
 
     @property
     def force_places(self) -> tuple[str, ...]:
         """Pins, springs, cylinders and tyres whose forces are known, such as "lower_link:E1".
 
-        There are none if a link is known by its FRFs.
+        There are none if a link is known by its FRFs, and in the lateral half.
         """
-        return () if self._measured else self.forces.names
+        return () if self._measured or self.half == "lateral" else self.forces.names
 
     def static_forces(self, alpha3: float) -> FloatArray:
         """Return the forces at `force_places` under the weight, (n_force_places,), N.
@@ -226,7 +258,7 @@ class LinkageModel:
         places = pairs(places)
         joining = joining or self.interface.join(configuration)
         loaded = [place for place in places if is_force(place)]
-        forces = self.forces.rows(loaded, configuration, joining)
+        forces = (self.forces if loaded else self._forces).rows(loaded, configuration, joining)
         of_force = np.array([is_force(place) for place in places], dtype=np.bool_)
         rows = np.zeros((*forces.shape[:-2], len(places), forces.shape[-1]), forces.dtype)
         rows[..., of_force, :] = forces

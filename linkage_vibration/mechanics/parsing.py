@@ -29,6 +29,7 @@ from linkage_vibration.mechanics.description import (
     rayleigh_damping,
 )
 from linkage_vibration.mechanics.keys import DAMPEST, RIGID, Keys
+from linkage_vibration.mechanics.lateral_keys import with_lateral
 from linkage_vibration.mechanics.springs import read_stiffness
 from linkage_vibration.mechanics.uncertainty import read_uncertainty
 
@@ -47,11 +48,13 @@ def _no_files(keys: Keys, _: dict[str, Point]) -> Body:
     )
 
 
-def mechanism_from_mapping(mapping: Any, read_body: BodyReader = _no_files) -> Mechanism:
+def mechanism_from_mapping(
+    mapping: Any, read_body: BodyReader = _no_files, *, drawn: bool = False
+) -> Mechanism:
     """Validate a mapping, as read from YAML, and return the mechanism that it describes.
 
     Keys that end in ``_deg`` are in degrees, all else is SI. `read_body` reads the body of a link
-    that has a ``file``, from the keys of the link and its points. The first invalid key is refused.
+    with a ``file``, from its keys and its points. Inertias that are `drawn` may be impossible.
     """
     top = Keys("", mapping)
     if "uncertainty" in top:  # of numbers that are valid
@@ -93,6 +96,10 @@ def mechanism_from_mapping(mapping: Any, read_body: BodyReader = _no_files) -> M
         response=_response(top["response"], points, base=base is not None),
         base=base,
     )
+    if "lateral" in top:
+        keys = top["lateral"]["response"]
+        response = _response(keys, points, base=base is not None, band=mechanism.response.band)
+        mechanism = with_lateral(mechanism, top["lateral"], response, drawn=drawn)
     top.refuse_unknown()
     _check_topology(mechanism)
     return mechanism
@@ -116,13 +123,15 @@ def _uncertain(keys: Keys, mapping: dict[str, Any], read_body: BodyReader) -> Me
     """Return the mechanism of a mapping with the uncertainty of its numbers."""
     exact = {key: value for key, value in mapping.items() if key != "uncertainty"}
     mechanism = mechanism_from_mapping(exact, read_body)
-    parse = partial(again_from_mapping, mechanism=mechanism)
+    parse = partial(again_from_mapping, mechanism=mechanism, drawn=True)
     uncertainty = read_uncertainty(keys, exact, parse)
     keys.refuse_unknown()
     return replace(mechanism, uncertainty=uncertainty)
 
 
-def again_from_mapping(mapping: dict[str, Any], mechanism: Mechanism) -> Mechanism:
+def again_from_mapping(
+    mapping: dict[str, Any], mechanism: Mechanism, *, drawn: bool = False
+) -> Mechanism:
     """Validate a mapping whose links from files have the bodies of a mechanism read before."""
     bodies = {f"links.{link.name}": link.body for link in mechanism.links}
     given = mapping["links"].items()
@@ -132,15 +141,23 @@ def again_from_mapping(mapping: dict[str, Any], mechanism: Mechanism) -> Mechani
         keys["file"].refuse_unknown()
         return bodies[keys.path]
 
-    return mechanism_from_mapping({**mapping, "links": links}, body)
+    return mechanism_from_mapping({**mapping, "links": links}, body, drawn=drawn)
 
 
-def _response(keys: Keys, points: dict[str, dict[str, Point]], *, base: bool) -> Response:
+def _response(
+    keys: Keys,
+    points: dict[str, dict[str, Point]],
+    *,
+    base: bool,
+    band: tuple[float, float] | None = None,
+) -> Response:
+    """Read a response; that of the lateral half is in the band of the vertical one."""
     movable = dict.fromkeys(
         point for name in points if name != GROUND or base for point in points[name]
     )
-    direction: Literal["x", "z"] = "x" if keys.choice("direction", ["x", "z"]) == "x" else "z"
-    band = keys.interval("band_hz")
+    directions: tuple[Literal["x", "y", "z"], ...] = ("x", "z") if band is None else ("x", "y", "z")
+    direction = directions[directions.index(keys.choice("direction", directions))]
+    band = band or keys.interval("band_hz")
     keys.refuse_outside("band_hz", band[0], 0.0, band[1], "begin at 0 Hz")
     part = keys.interval("peak_band_hz") if "peak_band_hz" in keys else band
     for end in part:

@@ -29,7 +29,7 @@ from linkage_vibration.mechanics.paths import (
 INTERVAL = 1.96
 """Standard deviations that an interval of 95 % reaches to either side."""
 
-_ROOTS = ("base", "damping", "ground", "links", "rigid_bodies", "springs")
+_ROOTS = ("base", "damping", "ground", "lateral", "links", "rigid_bodies", "springs")
 _COUNTS = ("count", "elements", "modes")
 _STEP = 1e-4  # Differences are over this share of a standard deviation,
 _LEAST_STEP = 1e-6  # and at least this share of the number, below which they are rounding.

@@ -129,6 +129,8 @@ class Table:
         N, that the mechanism gives in place of all static forces, or of those at some places.
     model_hash, mechanism_name, package_version : str
         Of the mechanism from which it was built, and of the package that built it.
+    lateral : Table, optional
+        The table of the lateral half of the mechanism, if it has one.
     """
 
     alpha3: FloatArray = _array("rad")
@@ -169,6 +171,7 @@ class Table:
     model_hash: str
     mechanism_name: str
     package_version: str
+    lateral: "Table | None" = None
 
     def __repr__(self) -> str:
         """Return what it is a table of, in a line."""
@@ -498,12 +501,16 @@ class Table:
         arrays = {name: getattr(self, name) for name in UNITS}
         for i, models in enumerate(self.reduced):
             arrays |= {f"reduced_{i}_{name}": getattr(models, name) for name in MODEL_ARRAYS}
+        if self.lateral is not None:
+            arrays |= {_LATERAL + name: array for name, array in self.lateral._arrays.items()}
         return {name: array for name, array in arrays.items() if array.shape != (0,)}
 
     def _metadata(self) -> dict[str, Any]:
         """Return what the file has beside arrays: every other field, without NaN, for JSON."""
         facts = {name: getattr(self, name) for name in _FACTS} | {"reduced": len(self.reduced)}
         facts |= {name: None for name in _MAYBE if math.isnan(facts[name])}
+        if self.lateral is not None:
+            facts["lateral"] = self.lateral._metadata()
         return {"format": FORMAT, "units": UNITS, "range_rad": self.alpha3_range, **facts}
 
 
@@ -511,7 +518,8 @@ UNITS = {each.name: each.metadata["unit"] for each in fields(Table) if each.meta
 """Arrays of a table, by their names."""
 
 _MAYBE = "frf_error", "force_error"  # NaN in a table without FRFs; JSON has no NaN
-_FACTS = [each.name for each in fields(Table) if each.name not in (*UNITS, "reduced")]
+_FACTS = [each.name for each in fields(Table) if each.name not in (*UNITS, "reduced", "lateral")]
+_LATERAL = "lateral_"  # before the names of the arrays of the lateral half
 
 
 def _tuples(value: Any) -> Any:
@@ -595,12 +603,16 @@ def _table(metadata: dict[str, Any], arrays: dict[str, Any]) -> Table:
     """Return the table whose metadata and arrays a file has."""
     facts = {name: _tuples(metadata[name]) for name in _FACTS}
     facts |= {name: math.nan for name in _MAYBE if facts[name] is None}
-    reduced = []
+    reduced, lateral = [], None
+    if "lateral" in metadata:
+        names = [name for name in arrays if name.startswith(_LATERAL)]
+        own = {name.removeprefix(_LATERAL): arrays.pop(name) for name in names}
+        lateral = _table(metadata["lateral"], own)
     for i in range(metadata["reduced"]):
         parts = {k: arrays.pop(f"reduced_{i}_{k}", np.empty(0)) for k in MODEL_ARRAYS}
         n_inputs = parts["shapes"].shape[1] - len(facts["forces"])
         reduced.append(ReducedModels(**parts, n_inputs=n_inputs, free=facts["free_modes"] > 0))
-    return Table(**arrays, **facts, reduced=tuple(reduced))
+    return Table(**arrays, **facts, reduced=tuple(reduced), lateral=lateral)
 
 
 def _read(path: Path) -> Table:

@@ -19,6 +19,8 @@ def test_rectangle() -> None:
     section = rectangle(0.02, 0.06, 0.3)
     assert section.area == pytest.approx(1.2e-3)
     assert section.second_moment == pytest.approx(3.6e-7)
+    assert section.turned.second_moment == pytest.approx(4e-8)
+    assert section.turned.shear_coefficient == section.shear_coefficient
     assert section.shear_coefficient == pytest.approx(13 / 15.3)
     assert rectangle(0.02, 0.06, 0.0).shear_coefficient == pytest.approx(5 / 6)
 
@@ -28,6 +30,7 @@ def test_round_bar() -> None:
     bar, radius = tube(0.03, 0.0, 0.3), 0.015
     assert bar.area == pytest.approx(math.pi * radius**2)
     assert bar.second_moment == pytest.approx(math.pi * radius**4 / 4)
+    assert bar.turned == bar
     assert bar.shear_coefficient == pytest.approx(7.8 / 8.8)
 
 
@@ -46,6 +49,7 @@ def test_i_section_with_a_web_as_wide_as_its_flanges(poisson_ratio: float) -> No
     full = rectangle(0.04, 0.09, poisson_ratio)
     for name in ("area", "second_moment", "shear_coefficient"):
         assert getattr(section, name) == pytest.approx(getattr(full, name), rel=1e-12)
+    assert section.second_moment_across == pytest.approx(full.second_moment_across, rel=1e-12)
 
 
 def test_i_section_with_thin_walls() -> None:

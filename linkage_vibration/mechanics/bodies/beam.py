@@ -41,6 +41,7 @@ U, W, THETA = range(3)
 
 _POWERS = hilbert(4)  # integrals of s^i s^j from 0 to 1
 _COORDINATE = {"x": U, "z": W, "theta": THETA}
+_ACROSS = {"y": W, "chi": THETA}
 _SAME_PLACE = 1e-9  # Places that are nearer, as a share of the beam's length, are one place.
 _REMEMBERED = 64  # Elements of one kind occur often in a link, and again in its forces.
 _HEAVIEST = 1e6  # kg; no link is heavier, but numbers in millimetres or tonnes give more
@@ -67,22 +68,38 @@ class Beam:
         return replace(self, elements=elements)
 
     def component(self, link: Link, mechanism: Mechanism, *, reduced: bool) -> Component:
-        """Return the component of the beam, as `description.Body.component` says."""
+        """Return the component of the beam, as `description.Body.component` says.
+
+        It has its true length; its DoFs along x are as seen from the side, without motions aside.
+        """
         try:
             matrices = beam_matrices(
-                self, link.points, rotations=mechanism.rotations(link.name), masses=link.masses
+                *self.in_space(link.points, link.stretch),
+                rotations=mechanism.rotations(link.name),
+                masses=link.masses,
             )
         except MechanismError as error:
             raise MechanismError(f"links.{link.name}.{error.path}", error.problem) from None
-        return component_of(link, mechanism, matrices, reduced=reduced)
+        projected = _projected(matrices, link.stretch)
+        return component_of(link, mechanism, projected, projected.dofs, reduced=reduced)
+
+    def in_space(
+        self, points: Sequence[tuple[str, Point]], stretch: float
+    ) -> tuple["Beam", tuple[tuple[str, Point], ...]]:
+        """Return the beam and its points in true length, which is longer by `stretch`."""
+        segments = tuple(replace(each, end=stretch * each.end) for each in self.segments)
+        moved = tuple((name, (stretch * x, z)) for name, (x, z) in points)
+        return replace(self, segments=segments), moved
 
     def sections(self, link: Link, component: Component) -> Mapping[str, FloatArray]:
         """Return the forces of the element beside each point, as `description.Body` says."""
         assert component.drawing is not None
-        motion = component.drawing.displacement
-        nodes, sections = _mesh(self, [x for _, (x, _) in link.points])
+        scale = np.array([link.stretch, 1.0, 1.0])  # of what is seen from the side
+        motion = component.drawing.displacement / scale[:, np.newaxis]
+        beam, points = self.in_space(link.points, link.stretch)
+        nodes, sections = _mesh(beam, [x for _, (x, _) in points])
         forces = {}
-        along = sorted(_nodes_of(link.points, nodes).items(), key=lambda pair: pair[1])
+        along = sorted(_nodes_of(points, nodes).items(), key=lambda pair: pair[1])
         for i, (point, node) in enumerate(along):
             at = node - 1 if i else node
             length = float(nodes[at + 1] - nodes[at])
@@ -142,11 +159,13 @@ def beam_matrices(
     *,
     rotations: Collection[str] = (),
     masses: Sequence[tuple[str, float]] = (),
+    across: bool = False,
+    clamped: Collection[str] = (),
 ) -> Matrices:
     """Put a beam on its points, of which no two have the same x, and draw it by its nodes.
 
-    Each point and each end of a segment is a node of the axis z = 0; `beam.elements` are
-    distributed between them by length. Points beside the axis are on massless arms; masses in kg.
+    Points, beside the axis on massless arms, and ends of segments are nodes of the axis; masses in
+    kg. Bending `across` the plane is on y and chi; points that are `clamped` do not turn.
 
     >>> from linkage_vibration.mechanics.sections.rectangle import rectangle
     >>> steel = Material(210e9, 7800.0, 0.3)
@@ -156,6 +175,7 @@ def beam_matrices(
     ['A x', 'A z', 'A theta', 'B x', 'B z']
     """
     nodes, sections = _mesh(beam, [x for _, (x, _) in points])
+    sections = [section.turned for section in sections] if across else sections
     start = {name: 3 * node for name, node in _nodes_of(points, nodes).items()}
     mass, stiffness = _chain(nodes, sections, beam.material)
     displacement = np.eye(len(mass)).reshape(len(nodes), 3, -1)
@@ -172,15 +192,31 @@ def beam_matrices(
     rows = {
         InterfaceDof(name, direction): start[name] + coordinate
         for name, _ in points
-        for direction, coordinate in _COORDINATE.items()
-        if direction != "theta" or name in rotations
+        for direction, coordinate in (_ACROSS if across else _COORDINATE).items()
+        if coordinate != THETA or name in rotations
     }
     interface = list(rows.values())
-    order = interface + [i for i in range(len(mass)) if i not in interface]
+    held = {start[name] + THETA for name in clamped}.union(range(U, len(mass), 3) if across else ())
+    order = interface + [i for i in range(len(mass)) if i not in interface and i not in held]
     block = np.ix_(order, order)
     places = np.column_stack([nodes, np.zeros(len(nodes))])
     drawing = Drawing(places, displacement[:, :, order])
     return Matrices(tuple(rows), mass[block], stiffness[block], drawing=drawing)
+
+
+def _projected(matrices: Matrices, stretch: float) -> Matrices:
+    """Return a beam in true length with DoFs along x, and a drawing, as seen from the side."""
+    assert matrices.drawing is not None
+    along = [i for i, dof in enumerate(matrices.dofs) if dof.direction == "x"]
+    scale = np.ones(len(matrices.mass))
+    scale[along] /= stretch
+    displacement = matrices.drawing.displacement * scale
+    displacement[:, 0] *= stretch
+    drawing = Drawing(matrices.drawing.places / [stretch, 1.0], displacement)
+    mass, stiffness = (
+        scale[:, np.newaxis] * each * scale for each in (matrices.mass, matrices.stiffness)
+    )
+    return Matrices(matrices.dofs, mass, stiffness, drawing=drawing)
 
 
 def _chain(

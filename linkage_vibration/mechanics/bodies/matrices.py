@@ -38,14 +38,21 @@ class Matrices(Body):
                 at = link.positions((InterfaceDof(point, direction),), self.dofs)[0]
                 mass[at, at] += value
         body = Matrices(self.dofs, mass, self.stiffness, self.damping)
-        return component_of(link, mechanism, body, reduced=reduced)
+        wanted = mechanism.interface_dofs(link)
+        return component_of(link, mechanism, body, wanted, reduced=reduced)
 
 
-def component_of(link: Link, mechanism: Mechanism, body: Matrices, *, reduced: bool) -> Component:
-    """Order the coordinates of one of a link's equal bodies, reduce them, and damp the result."""
-    wanted = mechanism.interface_dofs(link)
+def component_of(
+    link: Link,
+    mechanism: Mechanism,
+    body: Matrices,
+    wanted: tuple[InterfaceDof, ...],
+    *,
+    reduced: bool,
+) -> Component:
+    """Put one of a link's equal bodies on the DoFs wanted, reduce it, and damp the result."""
     first = link.positions(wanted, body.dofs)
-    # The body is held out of the plane; rotations are free unless they are interface.
+    # A file's body is held out of the plane; rotations are free unless they are interface.
     held = {i for i, dof in enumerate(body.dofs) if dof.direction == "y"}
     order = first + [i for i in range(len(body.mass)) if i not in held.union(first)]
     block = np.ix_(order, order)

@@ -12,8 +12,8 @@ def i_section(
 ) -> Section:
     """Return an I-section from its dimensions, m, and Poisson's ratio, 1.
 
-    Its shear coefficient by the energy of the shear flow and Poisson's effect on a rectangle
-    (Cowper 1966) is 1 to 7 % above the elastic solution for IPE, HEA, HEB, 23 % for wide flanges.
+    Its shear coefficient, by shear flow and Cowper's effect of nu, is 1 to 7 % above the
+    elastic one for rolled profiles, 23 % for wide flanges; across, by the flanges, 2 to 46 % below.
 
     >>> round(i_section(0.1, 0.055, 0.0041, 0.0057, 0.3).area * 1e4, 1)
     9.9
@@ -31,7 +31,13 @@ def i_section(
     flow += width * flange**3 * (2.0 / 3.0 * top**2 - top * flange / 2.0 + flange**2 / 10.0)
     flow += flange * (height - flange) ** 2 * (width - web) ** 3 / 24.0
     poisson = flange_section.shear_coefficient / (5.0 / 6.0)
-    return Section(area, second_moment, poisson * second_moment**2 / (area * flow))
+    return Section(
+        area,
+        second_moment,
+        poisson * second_moment**2 / (area * flow),
+        (flange * width**3 + inner * web**3) / 6.0,
+        flange_section.shear_coefficient * 2.0 * flange_section.area / area,
+    )
 
 
 def read(keys: Keys, poisson_ratio: float) -> Section:

@@ -10,10 +10,11 @@ def rectangle(width: float, height: float, poisson_ratio: float) -> Section:
     """Return a full rectangle, with its width across the plane of motion and its height in it, m.
 
     The shear coefficient is Cowper's (J. Appl. Mech. 33, 1966, 335-340), for any ratio of the
-    sides.
+    sides, and so for both directions.
     """
     shear = 10.0 * (1.0 + poisson_ratio) / (12.0 + 11.0 * poisson_ratio)
-    return Section(width * height, width * height**3 / 12.0, shear)
+    area = width * height
+    return Section(area, width * height**3 / 12.0, shear, height * width**3 / 12.0, shear)
 
 
 def read(keys: Keys, poisson_ratio: float) -> Section:

@@ -17,7 +17,7 @@ def tube(outer: float, inner: float, poisson_ratio: float) -> Section:
     second_moment = math.pi * (outer**4 - inner**4) / 64.0
     nu, m2 = poisson_ratio, (inner / outer) ** 2
     shear = 6.0 * (1 + nu) * (1 + m2) ** 2 / ((7 + 6 * nu) * (1 + m2) ** 2 + (20 + 12 * nu) * m2)
-    return Section(area, second_moment, shear)
+    return Section(area, second_moment, shear, second_moment, shear)
 
 
 def read(keys: Keys, poisson_ratio: float) -> Section:

@@ -36,6 +36,8 @@ def build_table(
 ) -> Table:
     """Tabulate the values of predictions over the stroke, to a tolerance.
 
+    The table of a mechanism with a lateral half holds the table of that half as well.
+
     Reduced models with the poles in reach of the band are polynomials in `stroke_variable`. The
     model is solved at the points of a Leja sequence; the next three measure the error of the
     polynomials through the previous points, and join them while it is above the tolerance. A piece
@@ -67,6 +69,30 @@ def build_table(
     if not _FINEST <= tolerance < _COARSEST:
         hint = f"give one from {_FINEST:g} to less than {_COARSEST:g}"
         raise TableError(f"A tolerance of {tolerance:g} is invalid or cannot be met; {hint}.")
+    if model.half == "vertical" and model.mechanism.lateral is not None:
+        return _both_halves(model, tolerance, points, progress)
+    return _half(model, tolerance, points, progress)
+
+
+def _both_halves(
+    model: LinkageModel,
+    tolerance: float,
+    points: Sequence[str] | None,
+    progress: Callable[[float], object],
+) -> Table:
+    mechanism, kinematics = model.mechanism, model.kinematics
+    other = LinkageModel(mechanism, kinematics=kinematics, half="lateral")
+    table = _half(model, tolerance, points, lambda done: progress(0.5 * done))
+    lateral = _half(other, tolerance, points, lambda done: progress(0.5 + 0.5 * done))
+    return replace(table, lateral=lateral)
+
+
+def _half(
+    model: LinkageModel,
+    tolerance: float,
+    points: Sequence[str] | None,
+    progress: Callable[[float], object],
+) -> Table:
     share = _SHARE if model.mechanism.uncertainty else 1.0
     sampler = Sampler(model, points, lambda finished: progress(share * finished))
     accuracy, waiting = Accuracy(tolerance), [first_points([], *sampler.ends)]

@@ -138,6 +138,7 @@ class _Solver:
 
     def __init__(self, table: Table, sampler: Sampler, n_nodes: int, n_members: int) -> None:
         self._table, self._kinematics = table, sampler.model.kinematics
+        self._half = sampler.model.half
         self._places: list[Place] = [*table.places, *table.forces]
         self._limit = reach(table.band)
         few = _nodes(table, 3).tolist()
@@ -306,12 +307,15 @@ class _Solver:
             for s in mechanism.springs
         )
         mechanism = replace(coarser(mechanism, *self._mesh), springs=springs)
-        return LinkageModel(mechanism, kinematics=self._kinematics.nearby(mechanism))
+        near = self._kinematics.nearby(mechanism)
+        return LinkageModel(mechanism, kinematics=near, half=self._half)
 
     def _solved(self, model: LinkageModel, angles: FloatArray) -> list[_Modes]:
         """Return the modes of a member at angles, rad."""
         stack, solved = model.stack(angles), []
-        static = model.forces.at_rest(stack.configuration, stack.joining, stack.coupled)
+        static = np.empty((len(angles), 0))
+        if model.force_places:
+            static = model.forces.at_rest(stack.configuration, stack.joining, stack.coupled)
         each = zip(stack.rows, stack.powers(self._places), static, strict=True)
         for solution, powers, at_rest in each:
             poles, turn, damped = _oscillating(solution, self._highest)

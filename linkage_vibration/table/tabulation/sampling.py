@@ -72,7 +72,7 @@ class Sampler:
         """The forces for which the table has FRFs; none of a linkage that moves freely."""
         if self.measured or self.solution(self.angle(self.ends[0])).modes.mechanism.any():
             return ()
-        return self.model.forces.places
+        return self.model.forces.places if self.model.force_places else ()
 
     @property
     def pole_places(self) -> tuple[Place, ...]:
@@ -229,7 +229,7 @@ class Sampler:
 
 
 def _places(model: LinkageModel, points: Sequence[str] | None) -> tuple[Place, ...]:
-    """Return the places between which the table has FRFs: points, each along x and z."""
+    """Return the places between which the table has FRFs: points, each in every direction."""
     mechanism = model.mechanism
     if points is None:
         moving = {p for body in mechanism.bodies for p in mechanism.local_points(body.name)}
@@ -240,4 +240,5 @@ def _places(model: LinkageModel, points: Sequence[str] | None) -> tuple[Place, .
     for point in points:
         if not mechanism.owners(point):
             raise TableError(f"{mechanism.name} has no point {point} for FRFs; check the name.")
-    return tuple((point, direction) for point in points for direction in ("x", "z"))
+    directions = model.interface.directions
+    return tuple((point, direction) for point in points for direction in directions)

@@ -1,0 +1,273 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The lateral half of a linkage: its motions that are odd about the middle plane y = 0.
+
+A linkage that is symmetric about this plane has modes of two kinds, which do not mix. In those of
+the vertical half, left and right mirror one another: this is the planar model. In those of the
+lateral half, left and right move oppositely along x and z and alike along y, and what is in the
+middle moves along y, rolls about x, and yaws about z. x points forward, y to the left, z up.
+
+Only the left body of each pair is modelled, with the matrices of both. Pins are ball joints, as in
+the paper's eq. 20 to 22, whose third row is that along y here. The bearing of the crank and clamps
+also hold the rotation out of the plane.
+"""
+
+import math
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
+from linkage_vibration.mechanics.bodies.beam import Beam, beam_matrices
+from linkage_vibration.mechanics.bodies.matrices import component_of
+from linkage_vibration.mechanics.compatibility import InterfaceMap, SpringRow
+from linkage_vibration.mechanics.components import CENTRE_OF_GRAVITY, Component, FrfComponent
+from linkage_vibration.mechanics.description import (
+    GROUND,
+    Chain,
+    Cylinder,
+    Link,
+    LossFactor,
+    Mechanism,
+    MechanismError,
+    Point,
+    Spring,
+)
+from linkage_vibration.mechanics.dofs import InterfaceDof
+from linkage_vibration.mechanics.kinematics import Configuration
+
+_SAME_PLACE = 1e-9  # m
+
+
+def bearing(link: Link, mechanism: Mechanism) -> str | None:
+    """Return the point at which the ground holds a link by more than a ball joint: crank, clamp."""
+    own, ground = dict(link.points), mechanism.local_points(GROUND)
+    at = next((point for point in own if point in ground), None)
+    return link.clamped or (at if link.name == mechanism.input_body else None)
+
+
+def chain_point(chain: Chain, link: Link) -> str:
+    """Return the point of a link at which a chain acts; it has the chain's name if it is new."""
+    at = [name for name, (x, _) in link.points if abs(x - chain.at) < _SAME_PLACE]
+    return at[0] if at else chain.name
+
+
+def lateral_components(mechanism: Mechanism, *, reduced: bool) -> tuple[Component, ...]:
+    """Return the components of the lateral half, in the order of those of the vertical one."""
+    assert mechanism.lateral is not None
+    inertias = dict(mechanism.lateral.inertia)
+    links = [_link(link, mechanism, reduced=reduced) for link in mechanism.links]
+    rigid = [
+        body.on(
+            {"y": body.mass, "roll": inertias[body.name][0], "yaw": inertias[body.name][1]},
+            LossFactor(0.0) if body.name == GROUND else mechanism.damping,
+        )
+        for body in mechanism.rigid
+        if body.name in inertias
+    ]
+    return (*links, *rigid)
+
+
+def _link(link: Link, mechanism: Mechanism, *, reduced: bool) -> Component:
+    """Return a pair of links by the left one, or a link in the middle, which bends across alone."""
+    assert isinstance(link.body, Beam)
+    assert mechanism.lateral is not None
+    chains = [chain for chain in mechanism.lateral.chains if chain.link == link.name]
+    places = dict(link.points) | {chain_point(each, link): (each.at, 0.0) for each in chains}
+    beam, points = link.body.in_space(list(places.items()), link.stretch)
+    held, masses = {point for point in [bearing(link, mechanism)] if point}, link.masses
+    # Where the ground does not move, its bearing holds chi, so it is no DoF.
+    free, clamped = (held, set[str]()) if mechanism.base else (set[str](), held)
+    bodies = [
+        beam_matrices(beam, points, rotations=free, masses=masses, across=True, clamped=clamped)
+    ]
+    if link.count > 1:
+        turned = mechanism.rotations(link.name) | held
+        bodies.insert(0, beam_matrices(beam, points, rotations=turned, masses=masses))
+    parts = [component_of(link, mechanism, b, b.dofs, reduced=reduced) for b in bodies]
+    dofs = tuple(dof for part in parts for dof in part.dofs)
+    inner = np.concatenate([np.arange(len(part.mass)) >= len(part.dofs) for part in parts])
+    order = np.argsort(inner, kind="stable")
+    mass, stiffness, damping = (
+        block_diag(*matrices)[np.ix_(order, order)]
+        for matrices in zip(*((p.mass, p.stiffness, p.damping) for p in parts), strict=True)
+    )
+    return Component(link.name, dofs, mass, stiffness, damping, parts[0].loss_factor, None)
+
+
+class LateralMap(InterfaceMap):
+    """The position of every interface DoF of the lateral half in the vector u, (n,)."""
+
+    directions = "xyz"
+
+    def __init__(
+        self, mechanism: Mechanism, components: Sequence[Component | FrfComponent]
+    ) -> None:
+        super().__init__(mechanism, components)
+        assert mechanism.lateral is not None
+        self._lateral = mechanism.lateral
+        self._y = dict(self._lateral.y)
+        self._links = {link.name: link for link in mechanism.links}
+        points = {link.name: bearing(link, mechanism) for link in mechanism.links}
+        self._bearings = {name: point for name, point in points.items() if point}
+        self._rigid_shaft = self._lateral.rockshaft == math.inf
+
+    @property
+    def n_mounts(self) -> int:
+        """How many of the last rows of the elongations belong to mounts."""
+        return len(self._wheels)
+
+    @property
+    def held(self) -> BoolArray:
+        """None of the interface DoFs, (n,): FRFs of all components are those of free ones."""
+        return np.zeros(len(self), dtype=bool)
+
+    def displacement(self, body: str, point: str, configuration: Configuration) -> FloatArray:
+        """Return the (..., 3, n) matrix that turns u into a point's displacement along x, y, z."""
+        if body not in self._links:
+            place = configuration.place(body, self._mechanism.local_points(body)[point])
+            return self._carried(body, place, self._y.get(point, 0.0), configuration)
+        rows = np.zeros((*configuration.angles.shape[:-1], 3, len(self)))
+        axes = self._axes(body, configuration)
+        for i, direction in enumerate(self.directions):
+            at = self._index.get((body, InterfaceDof(point, direction)))
+            if at is not None:
+                rows[..., at] = axes[..., i]
+        return rows
+
+    def _axes(self, link: str, configuration: Configuration) -> FloatArray:
+        """Return the (..., 3, 3) matrix whose columns are the axes of the left of the links."""
+        turn, cosine = configuration.turn(link), 1.0 / self._links[link].stretch
+        sine = self._links[link].slope * cosine
+        axes = np.zeros((*turn.shape[:-2], 3, 3))
+        axes[..., ::2, :] = turn[..., [0, 0, 1]] * [cosine, -sine, 1.0]
+        axes[..., 1, :2] = sine, cosine
+        return axes
+
+    def _carried(
+        self, body: str, place: FloatArray, y: float, configuration: Configuration
+    ) -> FloatArray:
+        """Return the displacement of a place, (..., 2), that a rigid body carries, (..., 3, n)."""
+        rows = np.zeros((*configuration.angles.shape[:-1], 3, len(self)))
+        if (body, CENTRE_OF_GRAVITY) in self._places:
+            sway, roll, yaw = self._places[body, CENTRE_OF_GRAVITY]
+            arm = place - configuration.place(body, self._centres[body])
+            rows[..., 0, yaw], rows[..., 2, roll], rows[..., 1, sway] = -y, y, 1.0
+            rows[..., 1, roll], rows[..., 1, yaw] = -arm[..., 1], arm[..., 0]
+        return rows
+
+    def _constraints(self, configuration: Configuration) -> dict[str, FloatArray]:
+        rows: dict[str, FloatArray] = {}
+        for point, first, second in self._mechanism.joints:
+            apart = self.displacement(first, point, configuration)
+            apart = apart - self.displacement(second, point, configuration)
+            for i, direction in enumerate(self.directions):
+                if apart[..., i, :].any():  # What is in the middle moves along y alone.
+                    rows[f"pin {point} of {first} and {second} in {direction}"] = apart[..., i, :]
+        for link, point in self._bearings.items():
+            for direction in ("theta", "chi") if self._rigid_shaft else ("chi",):
+                turned = self._turned(link, direction, configuration)
+                rows[f"bearing of {link} at {point}, {direction}"] = turned
+        return {label: row for label, row in rows.items() if row.any()}
+
+    def _turned(self, link: str, direction: str, configuration: Configuration) -> FloatArray:
+        """Return the rotation of a link at its bearing relative to the ground, (..., n).
+
+        theta, from x towards z, is about the link's own y axis backwards, and chi about its z axis.
+        """
+        rows = np.zeros((*configuration.angles.shape[:-1], len(self)))
+        at = self._index.get((link, InterfaceDof(self._bearings[link], direction)))
+        if at is not None:
+            axes = self._axes(link, configuration)
+            own = axes[..., 1] if direction == "theta" else -axes[..., 2]
+            if (GROUND, CENTRE_OF_GRAVITY) in self._places:
+                rows[..., self._places[GROUND, CENTRE_OF_GRAVITY][1:]] = own[..., ::2]
+            rows[..., at] = 1.0
+        return rows
+
+    def _mounts(self, configuration: Configuration) -> list[SpringRow]:
+        springs: list[SpringRow] = []
+        for chain in self._lateral.chains:
+            row = self._chain(chain, configuration)
+            springs.append((row, 2.0 * chain.stiffness, 2.0 * chain.damping))
+        for link in self._bearings if not self._rigid_shaft else ():
+            # Both cranks turn, by opposite angles.
+            row = self._turned(link, "theta", configuration)
+            springs.append((row, 4.0 * self._lateral.rockshaft, 0.0))
+        for axis, place, y, k, c in self._wheels:
+            moved = self._carried(GROUND, np.array(place), y, configuration)
+            springs.append((moved[..., axis, :], k, c))
+        return springs
+
+    @cached_property
+    def _wheels(self) -> list[tuple[int, Point, float, float, float]]:
+        """The axis, the place in the plane, y, stiffness and damping of what holds the base.
+
+        Each wheel has half of the stiffness of its mount, and the left and the right one move alike
+        or oppositely, so the left one with all of the stiffness stands for both.
+        """
+        wheels, base = [], self._mechanism.base
+        for mount, axle in zip(base.mounts if base else (), self._lateral.axles, strict=True):
+            for axis, k, c in zip((0, 2), mount.stiffness, mount.damping, strict=True):
+                wheels.append((axis, mount.at, axle.track / 2.0, k, c))
+            soil = (mount.at[0], axle.contact)
+            wheels.append((1, soil, 0.0, axle.stiffness, axle.damping))
+        return [each for each in wheels if (each[0] == 1 or each[2]) and (each[3] or each[4])]
+
+    def _elongation(self, spring: Spring, configuration: Configuration) -> FloatArray:
+        """Return the elongation of the left of two springs; those in the middle keep their length.
+
+        Cylinders in one circuit do not resist, as oil flows from one to the other, and neither does
+        what turns the crank, where the rockshaft does.
+        """
+        rows = np.zeros((*configuration.angles.shape[:-1], len(self)))
+        if isinstance(spring.stiffness, Cylinder):
+            return rows
+        if len(spring.points) == 2:
+            ends = [
+                (self._place(*each, configuration), self.displacement(*each, configuration))
+                for each in zip(spring.bodies, spring.points, strict=True)
+            ]
+            return _stretch(f"springs.{spring.name}", *ends)
+        for body, sign in zip(spring.bodies, (-1.0, 1.0), strict=True):
+            at = self._index.get((body, InterfaceDof(spring.points[0], "theta")))
+            if at is not None and self._bearings.get(body) != spring.points[0]:
+                rows[..., at] = sign
+        return rows
+
+    def _chain(self, chain: Chain, configuration: Configuration) -> FloatArray:
+        """Return the elongation of the left chain, (..., n)."""
+        link = self._links[chain.link]
+        (first, (begin, _)), (x, y, z) = link.points[0], chain.end
+        aside = self._y.get(first, 0.0) + link.slope * (chain.at - begin)
+        place = configuration.place(link.name, (chain.at, 0.0))
+        moved = self.displacement(link.name, chain_point(chain, link), configuration)
+        end = np.array([x, z])
+        return _stretch(
+            f"lateral.chains.{chain.name}",
+            (_in_space(place, aside), moved),
+            (_in_space(end, y), self._carried(GROUND, end, y, configuration)),
+        )
+
+    def _place(self, body: str, point: str, configuration: Configuration) -> FloatArray:
+        """Return the global x, y and z of a point, (..., 3), m."""
+        local = self._mechanism.local_points(body)[point]
+        return _in_space(configuration.place(body, local), self._y.get(point, 0.0))
+
+
+def _in_space(place: FloatArray, y: float) -> FloatArray:
+    """Return x, y and z, (..., 3), of a place in the plane, (..., 2)."""
+    return np.insert(place, 1, y, axis=-1)
+
+
+def _stretch(name: str, *ends: tuple[FloatArray, FloatArray]) -> FloatArray:
+    """Return the elongation of a line between two ends: places, (..., 3), and (..., 3, n) rows."""
+    (start, moved), (end, moved_end) = ends
+    away, apart = end - start, moved_end - moved
+    length = np.linalg.norm(away, axis=-1, keepdims=True)
+    if (length < _SAME_PLACE).any():
+        raise MechanismError(name, "its two ends meet, so it has no direction; correct its ends.")
+    unit = away / length
+    return np.asarray((unit[..., np.newaxis, :] @ apart)[..., 0, :])
