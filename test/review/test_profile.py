@@ -24,12 +24,13 @@ SPACING = 0.1  # m
 
 
 def test_measured_profile_from_its_file_to_the_page(tmp_path: Path) -> None:
-    """Levels of the log are within 5 % of what Fourier's sum over the profile itself shakes.
+    """Levels of the log are within 5 % of what Fourier's sum over the mean of both tracks shakes.
 
-    The profile of 20 km is a random walk, whose waves pass through the model without its table.
+    The tracks of 20 km are random walks, whose waves pass through the model without its table.
     """
-    heights = np.cumsum(np.random.default_rng(5).standard_normal(200_000)) * 1e-3
-    rows = [f"{SPACING * i:.1f},{height:.6f}" for i, height in enumerate(heights)]
+    tracks = np.cumsum(np.random.default_rng(5).standard_normal((200_000, 2)), axis=0) * 1e-3
+    rows = [f"{SPACING * i:.1f},{left:.6f},{right:.6f}" for i, (left, right) in enumerate(tracks)]
+    heights = tracks.mean(axis=1)
     (tmp_path / "lane.csv").write_text("\n".join(rows) + "\n")
     file, bag, log = (tmp_path / name for name in ("mine.yaml", "bag.mcap", "log.mcap"))
     file.write_text("field: {speed: ground, terrain: {profile: lane.csv}, raised: true}\n")
