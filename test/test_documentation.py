@@ -282,7 +282,7 @@ READERS = {
     "docs/excitation.md": excitations_from_mapping,
     "docs/mechanisms.md": read_part,
     "docs/services.md": read_implement_file,
-    "docs/node.md": read_inputs,
+    "docs/start_the_node.md": read_inputs,
     "docs/testing.md": read_check,
     "docs/uncertainty.md": read_uncertainty,
 }

@@ -1,47 +1,60 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Prints the table of parameters in docs/node.md."""
+"""Prints the tables of parameters and of presets in docs/node.md."""
 
 import re
 from dataclasses import fields
 
+from linkage_vibration.prediction.inputs.presets import HITCH, PRESETS
 from linkage_vibration.prediction.settings import Parameters, yaml_text
 
-# ROS 2's names of the types, as `ros2 param describe` prints them.
-TYPE_NAMES = {
-    bool: "boolean",
-    int: "integer",
-    float: "double",
-    str: "string",
-    tuple: "double array",
+USUAL = {
+    *("input", "engine_input", "pto_input", "ground_input", "joint_name", "calibration"),
+    *("hitch_position", "engine_speed", "pto_speed", "ground_speed", "mechanism_file"),
+    *("table_file", "excitation_file", "implement_file", "implement", "sensor_file"),
+    *("warning_load_ratio", "record", "log_directory"),
 }
+"""The parameters that most users set; all others are in the section for experts."""
 
 
-def parameter_table() -> str:
-    """Return the parameters as a Markdown table.
+def parameter_table(*, usual: bool) -> str:
+    """Return the parameters that most users set, or all others, as a Markdown table.
 
     Parameters that differ only in the name of an input share a row, which calls this name INPUT.
     """
     names: dict[str, list[str]] = {}
     rows = dict[str, str]()
     for parameter in fields(Parameters):
+        if (parameter.name in USUAL) != usual:
+            continue
         words = parameter.metadata
-        row = (
-            f"| {TYPE_NAMES[type(parameter.default)]} "
-            f"| `{yaml_text(parameter.default)}` | {words['unit']} | {words['valid']} "
-            f"| {'yes' if words['live'] else ''} | {words['description']} |"
-        )
+        unit = "" if words["unit"] == "1" else f" {words['unit']}"
+        default = f"`{yaml_text(parameter.default)}`{unit}"
+        meaning = words["description"].partition(": `")[0].rstrip(".") + "."
+        row = f"| {default} | {words['valid'].removesuffix(', or empty')} | {meaning} |"
         common = re.sub("hitch|engine|pto|PTO|ground", "INPUT", row)
-        names.setdefault(common, []).append(f"`{parameter.name}`")
+        mark = "" if words["live"] else "*"
+        names.setdefault(common, []).append(f"`{parameter.name}`{mark}")
         rows[common] = common if len(names[common]) > 1 else row
     return "\n".join(
         [
-            "| parameter | type | default | unit | valid | live | meaning |",
-            "|---|---|---|---|---|---|---|",
+            "| parameter | default | valid | meaning |",
+            "|---|---|---|---|",
             *(f"| {', '.join(names[common])} {row}" for common, row in rows.items()),
         ]
     )
 
 
+def preset_table() -> str:
+    """Return what each preset of each input reads, as a Markdown table."""
+    rows = [
+        f"| {f'`{name}_input`' if name != HITCH else '`input`'} | `{key}` | `{preset.topic}` "
+        f"| `{preset.type}` | `{preset.field.replace('{joint_name}', 'JOINT')}`, {preset.unit} |"
+        for name, presets in PRESETS.items()
+        for key, preset in presets.items()
+    ]
+    return "\n".join(["| input | preset | topic | type | number |", "|---|---|---|---|---|", *rows])
+
+
 if __name__ == "__main__":
-    print(parameter_table())
+    print(preset_table(), parameter_table(usual=True), parameter_table(usual=False), sep="\n\n")

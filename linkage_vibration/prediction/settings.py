@@ -256,7 +256,7 @@ class Parameters:
     hitch_position: float = _finite(-1.0, "hitch_unit").means(
         "Fixed hitch position, for tractors that report none. If negative, it is read as `input` "
         "says. Otherwise each message of the first speed that is not fixed (engine, PTO, ground) "
-        "gives a prediction, or each message that `hitch_field` and its like name."
+        "gives a prediction, or each message of the hitch input if `hitch_field` is set."
     )
     angle_stddev: float = _ranged(0.0, 0.0, 1.0, "rad").means(
         "Standard deviation of the crank angle, from which that of the frequencies follows. With "

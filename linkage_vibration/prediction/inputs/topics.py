@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The topics that the node subscribes to: one list for its arguments, its manual and its policy."""
+"""The topics that the node subscribes to: one list for its arguments and its policy."""
 
 from linkage_vibration.bags.message_types import STRING
 from linkage_vibration.messages.topics import NodeTopic
@@ -15,17 +15,10 @@ INPUT_DEPTH = 200
 
 _INPUT_QOS = f"best effort, keep last {INPUT_DEPTH}"
 _PRESETS = [preset for presets in PRESETS.values() for preset in presets.values()]
-_HITCHED = NodeTopic(
-    HITCHED_TOPIC,
-    STRING,
-    f"{_INPUT_QOS}; also latched",
-    "The name of the implement on the hitch ([implements](services.md#implements-by-name)); "
-    "subscribed if `implement_file` is given.",
-    logged=False,
-)
+_HITCHED = NodeTopic(HITCHED_TOPIC, STRING, f"{_INPUT_QOS}; also latched", logged=False)
 INPUT_TOPICS = (
     *(
-        NodeTopic(preset.topic, preset.type, _INPUT_QOS, preset.meaning)
+        NodeTopic(preset.topic, preset.type, _INPUT_QOS)
         for preset in {preset.topic: preset for preset in _PRESETS}.values()
     ),
     _HITCHED,
