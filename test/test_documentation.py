@@ -283,7 +283,7 @@ READERS = {
     "docs/mechanisms.md": read_part,
     "docs/services.md": read_implement_file,
     "docs/start_the_node.md": read_inputs,
-    "docs/testing.md": read_check,
+    "docs/review.md": read_check,
     "docs/uncertainty.md": read_uncertainty,
 }
 
