@@ -5,7 +5,7 @@
 import re
 from dataclasses import fields
 
-from linkage_vibration.prediction.inputs.presets import HITCH, PRESETS
+from linkage_vibration.prediction.inputs.presets import PRESETS, Preset
 from linkage_vibration.prediction.settings import Parameters, yaml_text
 
 USUAL = {
@@ -31,6 +31,7 @@ def parameter_table(*, usual: bool) -> str:
         unit = "" if words["unit"] == "1" else f" {words['unit']}"
         default = f"`{yaml_text(parameter.default)}`{unit}"
         meaning = words["description"].partition(": `")[0].rstrip(".") + "."
+        meaning = meaning.removesuffix(" If it is empty, the preset decides.")
         row = f"| {default} | {words['valid'].removesuffix(', or empty')} | {meaning} |"
         common = re.sub("hitch|engine|pto|PTO|ground", "INPUT", row)
         mark = "" if words["live"] else "*"
@@ -46,14 +47,19 @@ def parameter_table(*, usual: bool) -> str:
 
 
 def preset_table() -> str:
-    """Return what each preset of each input reads, as a Markdown table."""
-    rows = [
-        f"| {f'`{name}_input`' if name != HITCH else '`input`'} | `{key}` | `{preset.topic}` "
-        f"| `{preset.type}` | `{preset.field.replace('{joint_name}', 'JOINT')}`, {preset.unit} |"
-        for name, presets in PRESETS.items()
-        for key, preset in presets.items()
-    ]
-    return "\n".join(["| input | preset | topic | type | number |", "|---|---|---|---|---|", *rows])
+    """Return what each preset reads, as a Markdown table."""
+    groups: dict[tuple[str, str], list[Preset]] = {}
+    for presets in PRESETS.values():
+        for key, preset in presets.items():
+            groups.setdefault((key, preset.type), []).append(preset)
+    rows = []
+    for (key, kind), same in groups.items():
+        topics = ", ".join(f"`{topic}`" for topic in dict.fromkeys(p.topic for p in same))
+        numbers = ", ".join(
+            f"`{field}` ({unit})" for field, unit in dict.fromkeys((p.field, p.unit) for p in same)
+        ).replace("{joint_name}", "JOINT")
+        rows.append(f"| `{key}` | {topics} | `{kind}` | {numbers} |")
+    return "\n".join(["| preset | topic | type | number |", "|---|---|---|---|", *rows])
 
 
 if __name__ == "__main__":
