@@ -28,8 +28,8 @@ def parameter_table(*, usual: bool) -> str:
         if (parameter.name in USUAL) != usual:
             continue
         words = parameter.metadata
-        unit = "" if words["unit"] == "1" else f" {words['unit']}"
-        default = f"`{yaml_text(parameter.default)}`{unit}"
+        unit = words["unit"].removesuffix("1")
+        default = f"`{yaml_text(parameter.default)}` {unit}".strip()
         meaning = words["description"].partition(": `")[0].rstrip(".") + "."
         meaning = meaning.removesuffix(" If it is empty, the preset decides.")
         row = f"| {default} | {words['valid'].removesuffix(', or empty')} | {meaning} |"

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Writes benchmark/results/coverage.md from the data of `coverage run`, and prints the share of all lines."""
+"""Writes benchmark/results/coverage.md from the data of `coverage run`, and prints the share."""
 
 from collections import Counter
 from pathlib import Path
