@@ -133,6 +133,9 @@ def _finite(default: float, unit: str) -> _Kind[float]:
 
 
 _SIGN = _Kind(1, "1", "1 or -1", (1, -1).__contains__)
+_SIGN_MEANING = "Sign of the input: its value is sign * scale * number + offset."
+_SCALE_MEANING = "Change of the value of the input per unit of the number."
+_OFFSET_MEANING = "Value of the input at the number 0."
 
 
 def _preset(name: str, quantity: str) -> str:
@@ -168,10 +171,10 @@ def _place(name: str) -> dict[str, Any]:
 def _timing(name: str) -> dict[str, Any]:
     """Return the fields of the origin of an input's time and of its known delay."""
     label = _LABELS[name]
-    usual = "receipt" if name != HITCH else "header, or receipt for messages without a header"
     origin = (
         f"Time of the {label} input: the stamp in the header, or the receipt, which is the log "
-        f"time of a bag. If it is empty, {usual}."
+        "time of a bag. If it is empty, positions have the time of their header, and speeds that "
+        "of their receipt."
     )
     delay = (
         f"Time from the moment of a value of the {label} input to its receipt, which is subtracted."
@@ -196,11 +199,9 @@ def _speed(source: Source) -> dict[str, Any]:
         f"{name}_speed": _finite(-1.0, source.unit).means(fixed),
         f"{name}_input": _preset(name, speed),
         **_place(name),
-        f"{name}_sign": _SIGN.means(
-            f"Sign of the {speed}: speed = sign * scale * number + offset."
-        ),
-        f"{name}_scale": _scale(gain).means(f"Change of the {speed} per unit of the number."),
-        f"{name}_offset": _finite(0.0, f"{name}_unit").means(f"The {speed} at the number 0."),
+        f"{name}_sign": _SIGN.means(_SIGN_MEANING),
+        f"{name}_scale": _scale(gain).means(_SCALE_MEANING),
+        f"{name}_offset": _finite(0.0, f"{name}_unit").means(_OFFSET_MEANING),
         **_timing(name),
     }
 
@@ -234,14 +235,9 @@ class Parameters:
     joint_name: str = _Kind("hitch_rockshaft_joint", "", "the name of a joint", bool).means(
         "Name of the joint that turns the input crank, for the preset `joint_states`."
     )
-    sign: int = _SIGN.means(
-        "Direction of the hitch input: position = sign * scale * number + offset. A position in "
-        "rad or deg is the crank angle; another one is looked up in `calibration`."
-    )
-    scale: float = _scale("hitch_unit per unit of the number").means(
-        "Change of the position per number."
-    )
-    offset: float = _finite(0.0, "hitch_unit").means("Position at the number 0.")
+    sign: int = _SIGN.means(_SIGN_MEANING)
+    scale: float = _scale("hitch_unit per unit of the number").means(_SCALE_MEANING)
+    offset: float = _finite(0.0, "hitch_unit").means(_OFFSET_MEANING)
     calibration: tuple[float, ...] = _Kind(
         (0.0, 3.14159, 100.0, 1.5708),
         "hitch_unit, rad",
