@@ -32,15 +32,18 @@ def parameter_table(*, usual: bool) -> str:
         default = f"`{yaml_text(parameter.default)}` {unit}".strip()
         meaning = words["description"].partition(": `")[0].rstrip(".") + "."
         meaning = meaning.removesuffix(" If it is empty, the preset decides.")
-        row = f"| {default} | {words['valid'].removesuffix(', or empty')} | {meaning} |"
+        valid = words["valid"].removesuffix(", or empty")
+        if " or " in valid and not isinstance(parameter.default, bool):
+            meaning += f" Valid: {valid}."
+        row = f"| {default} | {meaning} |"
         common = re.sub("hitch|engine|pto|PTO|ground", "INPUT", row)
         mark = "" if words["live"] else "*"
         names.setdefault(common, []).append(f"`{parameter.name}`{mark}")
         rows[common] = common if len(names[common]) > 1 else row
     return "\n".join(
         [
-            "| parameter | default | valid | meaning |",
-            "|---|---|---|---|",
+            "| parameter | default | meaning |",
+            "|---|---|---|",
             *(f"| {', '.join(names[common])} {row}" for common, row in rows.items()),
         ]
     )
