@@ -127,8 +127,7 @@ def commands(turn: int) -> dict[str, tuple[str, ...]]:
         "predict": ("90", "140", "180"),
         "plot": ("-o", f"plot{turn}.png"),
         "advise": ("165", "30", "--engine-rpm", "1800"),
-        "pose": ("--at", "120"),
-        "summary": (log,),
+        "pose": ("120",),
         "review": (log, "-o", f"page{turn}.html"),
     }
 

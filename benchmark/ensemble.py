@@ -14,6 +14,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 from scipy.integrate import trapezoid
+from scipy.special import k1
 from tqdm import tqdm
 
 from benchmark.report import machine, publish, table
@@ -153,9 +154,9 @@ def ground_squares(
 ) -> FloatArray:
     """Return mean squares by the ground at speeds, of the velocity, then of forces, (n_out, n).
 
-    They are integrals over 256 frequencies of the response to one profile under all mounts, which
-    arrives later at those behind, times its density by ISO 8608. Only wavelengths above two lugs
-    count, because a tyre does not follow shorter ones.
+    They are integrals over 256 frequencies of the response to the mean of two tracks, which arrives
+    later at mounts behind, times its density on an isotropic plane, by ISO 8608. Only wavelengths
+    above two lugs count, because a tyre does not follow shorter ones.
     """
     f = np.geomspace(*terrain.band, 256)
     s, step = 2j * math.pi * f, math.log(f[1] / f[0])
@@ -165,10 +166,13 @@ def ground_squares(
     behind = np.array([mount.at[0] for mount in mounts])
     behind = behind.max() - behind
     shortest = 0.0 if terrain.lug_pitch is None else 2.0 * terrain.lug_pitch
+    [track] = {mount.track for mount in mounts}
     values = np.full((len(transfer), len(speeds)), math.nan)
     for speed in np.unique(speeds).tolist():
         delayed = np.exp(-s * behind[:, np.newaxis] / speed)
         density = terrain.roughness * (f / speed / terrain.reference) ** -terrain.exponent / speed
+        x = 2.0 * math.pi * track * f / speed
+        density *= 0.5 + 0.5 * np.where(x > 0.0, x * k1(np.maximum(x, 1e-9)), 1.0)
         density *= np.clip(0.5 - np.log(f * max(shortest, 1e-9) / speed) / step, 0.0, 1.0)
         power = np.abs((transfer * delayed).sum(axis=1)) ** 2
         mean = trapezoid(power * density * f, dx=step)

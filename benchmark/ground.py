@@ -39,7 +39,7 @@ from linkage_vibration.table.table import Table, load_table
 FloatArray = NDArray[np.float64]
 
 TRACTOR = "three_point_linkage_on_tractor"
-CLASS_C = Terrain(256e-6)
+CLASS_C = Terrain(256e-6, track=0.0)  # as the profiles here, which pass under both wheels
 KMH = 1.0 / 3.6  # m/s
 STEP, WARM_UP = 2e-3, 20.0  # s
 MINUTES = 10.0  # of each simulation

@@ -30,7 +30,7 @@ ROWS = (
         "All stamps are zero.",
         '"No load exceeded the limit"',
         "Live, the time of receipt counts. Of a log it is said in how many readings loads exceeded "
-        "the limit, and that the stamps do not say for how long; `check` fails.",
+        "the limit, and that the stamps do not say for how long; `review --limits` fails.",
         "prediction/test_verdict.py::test_stamps_that_stand_still_hide_no_load "
         "testing/test_quantities.py::test_stamps_that_stand_still "
         "playback/test_measurements.py::test_stamps_that_do_not_move",

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import yaml
 from numpy.typing import NDArray
+from scipy.special import k1
 
 from benchmark.report import machine, publish, table
 from linkage_vibration.mechanics.ground_motion import transmissibility
@@ -71,7 +72,9 @@ def ground_level(solution: Solution) -> float:
     for mount in mechanism.base.mounts:
         each = transmissibility(solution, [("E1", "z")], (f"base:{mount.name}", "z"))
         followed += each.frf(LINES)[:, 0, 0] * np.exp(1j * omega * mount.at[0] / SPEED)
-    profile = ROUGHNESS * (LINES / SPEED / 0.1) ** -2 / SPEED
+    [track] = {mount.track for mount in mechanism.base.mounts}
+    x = 2.0 * math.pi * LINES / SPEED * track
+    profile = ROUGHNESS * (LINES / SPEED / 0.1) ** -2 / SPEED * (1.0 + x * k1(x)) / 2.0
     return float(np.sqrt(np.trapezoid(np.abs(omega * followed) ** 2 * profile, LINES)))
 
 

@@ -47,7 +47,6 @@ NOT_RUN = {
     "launch_test": "the ROS 2 wheels do not contain it",
     "ros2": "the ROS 2 wheels do not contain it",
     "linkage-vibration play": "test/ros/test_bag_player.py runs it",
-    "linkage-vibration watch": "test/ros/test_bag_player.py runs it",
     "make bench": "a benchmark takes minutes or hours",
     "make demo": "test/demo plays it",
     "make docs": "test_the_site_can_be_built builds it",

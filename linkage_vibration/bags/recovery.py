@@ -4,10 +4,9 @@
 
 Own code because the reader of mcap stops at the first damaged record, and so loses half of a file
 of which this saves 87 % (`python -m benchmark.libraries`). An MCAP file is a magic number and
-records, each with an opcode, a length and a content. Most messages are in chunk records, which have
-a CRC. Every record is checked before its length is used; after a damaged one, reading continues at
-the next intact one, which may begin inside of it. The summary is read first, as it may have the
-only intact definitions.
+records, each with an opcode, a length and a content. Behind damage, reading continues at the next
+record that nothing else looks like: a chunk, the index of its messages, the end of the data, or the
+beginning of another file. The summary is read first, as it may have the only intact definitions.
 """
 
 import errno
@@ -51,8 +50,6 @@ _DAMAGES_SHOWN = 20
 _BLOCK = 2**20  # bytes read at a time
 _Definition = records.Schema | records.Channel
 _Key = tuple[type, int]
-# An opcode and a length below 4 GiB; a lookahead, as a false match may overlap a record.
-_LIKELY_RECORD = re.compile(rb"(?=[\x01-\x0f].{4}\0{4})", re.DOTALL)
 _RECORDS: dict[int, Any] = {
     opcode: getattr(records, opcode.name.title().replace("_", ""))
     for opcode in Opcode
@@ -62,8 +59,16 @@ _DEFINITIONS = (Opcode.SCHEMA, Opcode.CHANNEL)
 _DATA_END = RECORD.pack(Opcode.DATA_END, 4)  # a CRC and the summary follow
 _TAIL = 2**24  # bytes at the end in which the summary is sought
 _MOST_UNKNOWN = 64  # bytes at the end of a record, of fields of a later version of MCAP
-# How far a definition can be trusted: alone, in a chunk with a CRC, in a summary with a CRC.
-_ALONE, _IN_CHUNK, _IN_SUMMARY = range(3)
+_LIKELY_RECORD = re.compile(rb"[\x01-\x0f].{4}\0{4}", re.DOTALL)  # with a length below 4 GiB
+_SUMMARISED = re.compile(
+    rb"(?=[\x03\x04\x0b].{4}\0{4})", re.DOTALL
+)  # schemas, channels, statistics
+_BEGINNING = MAGIC + bytes([Opcode.HEADER])
+# A lookahead, as a false match may overlap the next one.
+_RESUMES = re.compile(
+    rb"(?=[\x06\x07].{4}\0{4}|" + re.escape(_DATA_END) + b"|" + re.escape(_BEGINNING) + b")",
+    re.DOTALL,
+)
 
 
 class RecoveryError(LinkageVibrationError):
@@ -207,8 +212,8 @@ class _Rescue:
         progress: Callable[[int], object],
     ) -> None:
         self.source = source
-        # The definitions that were read, with the trust in each; and those in the output.
-        self.definitions: dict[_Key, tuple[int, _Definition]] = {}
+        # The definitions that were read, and whether a CRC confirms each; those in the output.
+        self.definitions: dict[_Key, tuple[bool, _Definition]] = {}
         self._written: dict[_Key, _Definition] = {}
         self._output = output
         self._stream = stream
@@ -238,106 +243,65 @@ class _Rescue:
         """Take the definitions of the summary of a complete file, and its statistics with a CRC."""
         source, end = self.source, self.source.end - RECORD.size - FOOTER.size
         tail = max(end - _TAIL, 0)
-        found = source.read(tail, end - tail).rfind(_DATA_END)
-        footer = source.read(max(end, 0), RECORD.size + FOOTER.size)
-        stated = int.from_bytes(footer[RECORD.size : RECORD.size + 8], "little")
-        # If bytes are missing before it, the summary is not where the footer says; but behind the
-        # beginning of another file, it is that of this other one.
-        behind = tail + found + len(_DATA_END) + 4
-        if behind > stated and source.read(behind - stated, len(MAGIC)) == MAGIC:
+        found = source.read(tail, max(end - tail, 0)).rfind(_DATA_END)
+        if not source.complete or found < 0:
             return
-        for start in (stated, behind):
-            if source.complete and max(end - LONGEST_RECORD, 1) <= start <= end:
-                summary = source.read(start, end - start)
-                # The CRC covers the footer as well, up to the CRC itself.
-                crc = zlib.crc32(footer[:-4], zlib.crc32(summary))
-                if crc == int.from_bytes(footer[-4:], "little"):
-                    self._take_summary(summary, _IN_SUMMARY)
-                    return
-        if source.complete and found >= 0:
-            self._take_summary(source.read(start, max(end - start, 0)), _ALONE)
-
-    def _take_summary(self, summary: bytes, trust: int) -> None:
-        for opcode, begin, stop in split_records(summary):
-            if opcode in _DEFINITIONS or (opcode == Opcode.STATISTICS and trust == _IN_SUMMARY):
-                self._take_other(_parse(opcode, summary[begin:stop]), trust)
+        begin, footer = tail + found + len(_DATA_END) + 4, source.read(end, source.end - end)
+        # Behind the beginning of another file, the summary is that of this other one.
+        ahead = begin - int.from_bytes(footer[RECORD.size : RECORD.size + 8], "little")
+        if ahead > 0 and source.read(ahead, len(_BEGINNING)) == _BEGINNING:
+            return
+        summary = source.read(begin, end - begin)
+        # The CRC covers the footer as well, up to the CRC itself.
+        crc = zlib.crc32(footer[:-4], zlib.crc32(summary))
+        confirmed = crc == int.from_bytes(footer[-4:], "little")
+        for match in _SUMMARISED.finditer(summary):
+            opcode, length = RECORD.unpack_from(summary, match.start())
+            body = summary[match.start() + RECORD.size :][:length]
+            if len(body) == length and (confirmed or opcode != Opcode.STATISTICS):
+                self._take_other(_parse(opcode, body), confirmed)
 
     def _read_records(self) -> None:
-        """Save the intact records, and go on at the next one behind or inside of a damaged one."""
-        source = self.source
-        offset = shown = source.start
+        """Save the intact records, and resume behind damage."""
+        source, offset = self.source, self.source.start
         if not offset:
             self._damages.append("byte 0: the magic number")
         while offset < source.end:
-            opcode, length = self._head(offset)
-            end, damage = self._end_of_sound(offset), ""
-            at = offset - len(MAGIC)
-            if opcode == Opcode.HEADER and end and at > 0 and source.read(at, len(MAGIC)) == MAGIC:
-                # Its definitions may have the numbers of other ones.
-                self._damages.append(str(JoinedError(source.path, at)))
-                self._rest = source.end = at
-                return
-            if end is not None:
-                damage = self._take(offset, opcode, source.read(offset + RECORD.size, length))
-            if end is None or damage:
+            for at in (offset, offset + len(MAGIC)):  # the file before it may have an end
+                if source.read(at, len(_BEGINNING)) == _BEGINNING:
+                    # Its definitions may have the numbers of other ones.
+                    self._damages.append(str(JoinedError(source.path, at)))
+                    self._rest = at
+                    return
+            end, damage = self._take(offset)
+            if damage:
+                if self._chunk and not self._chunked:
+                    damage += "; messages outside of chunks are saved up to the first damage"
                 end = self._resume_at(offset + 1)
                 lost = "the rest of the file" if end == source.end else f"{end - offset} bytes"
-                if offset >= shown:
-                    self._damages.append(f"byte {offset}: {damage or lost}")
-                    # Messages and indexes inside of a damaged chunk are not damages of their own.
-                    shown = offset + length if damage else end
+                self._damages.append(f"byte {offset}: {lost}{damage}")
             end = min(end, source.end)
             self._progress(end - offset)
             offset = end
         if not source.complete:
             self._damages.append(f"byte {source.end}: the end is missing")
 
-    def _resume_at(self, offset: int, skipped: tuple[int, ...] = ()) -> int:
-        """Return the offset of the next intact record that is not skipped, or the file's end."""
+    def _resume_at(self, offset: int) -> int:
+        """Return the offset at which reading resumes behind damage, or the end of the file."""
         source = self.source
         while (offset := source.next_data(offset)) < source.end:
             block = source.read(offset, _BLOCK)
-            for match in _LIKELY_RECORD.finditer(block):
-                at = offset + match.start()
-                if block[match.start()] not in skipped and self._end_of_sound(at) is not None:
+            for match in _RESUMES.finditer(block):
+                opcode, at = block[match.start()], offset + match.start()
+                own_length = self._chunk_length if opcode == Opcode.CHUNK else self._index_length
+                if opcode not in (Opcode.CHUNK, Opcode.MESSAGE_INDEX) or (
+                    own_length(at) == self._head(at)[1]
+                ):
                     return at
             if len(block) < _BLOCK:
                 break
-            offset += len(block) - RECORD.size + 1
+            offset += len(block) - len(_DATA_END) + 1
         return source.end
-
-    def _end_of_sound(self, offset: int) -> int | None:
-        """Return the end of a record if its content agrees with its length.
-
-        Only a chunk may end behind the end of the file, if that is missing.
-        """
-        source = self.source
-        opcode, length = self._head(offset)
-        start = offset + RECORD.size
-        end = start + length
-        if length > LONGEST_RECORD or (
-            end > source.end and (source.complete or opcode != Opcode.CHUNK)
-        ):
-            return None
-        if opcode == Opcode.CHUNK:
-            sound = self._chunk_length(start) == length
-        elif opcode == Opcode.MESSAGE:
-            # Only the record after it confirms its length. If there are chunks, all messages are
-            # in them, and what looks like another one is a damaged index.
-            sound = not self._chunked and length >= MESSAGE.size and self._is_likely(end)
-        elif opcode == Opcode.MESSAGE_INDEX:
-            content = source.read(start, MESSAGE_INDEX.size)
-            entries = length - MESSAGE_INDEX.size
-            sound = entries >= 0 and MESSAGE_INDEX.unpack(content)[1] == entries
-            sound = sound and self._is_likely(end)
-        else:
-            # A record may have more fields than are known; the next record confirms it.
-            body, likely = source.read(start, length), self._is_likely(end)
-            sound = opcode in _RECORDS and _parse(opcode, body, likely) is not None
-            # If bytes are missing in it, it contains the head of the next one.
-            if sound and not likely and opcode != Opcode.ATTACHMENT:
-                sound = self._resume_at(offset + 1) >= end
-        return end if sound else None
 
     def _head(self, offset: int) -> tuple[int, int]:
         """Return the opcode and the length of a record; 0 and 0 if the file ends before them."""
@@ -345,65 +309,82 @@ class _Rescue:
         opcode, length = RECORD.unpack(header.ljust(RECORD.size, b"\0"))
         return opcode, length
 
-    def _is_likely(self, offset: int) -> bool:
-        """Return whether the end of the file, or what looks like a record, is at an offset."""
-        header = self.source.read(offset, min(RECORD.size, self.source.end - offset))
-        return not header or _LIKELY_RECORD.match(header.ljust(RECORD.size, b"\0")) is not None
-
-    def _chunk_length(self, start: int) -> int | None:
+    def _chunk_length(self, offset: int) -> int:
         """Return the length of a chunk's content that its own fields give."""
-        head = self.source.read(start, CHUNK.size + 16)
-        if len(head) < CHUNK.size:
-            return None
-        name_length = CHUNK.unpack_from(head)[-1]
-        before = CHUNK.size + name_length + 8
-        if len(head) < before:
-            return None
+        head = self.source.read(offset + RECORD.size, CHUNK.size + 16).ljust(CHUNK.size, b"\0")
+        before = CHUNK.size + CHUNK.unpack_from(head)[-1] + 8
         return int(before + int.from_bytes(head[before - 8 : before], "little"))
 
-    def _take(self, offset: int, opcode: int, body: bytes) -> str:
-        """Save the content of a record; return how it is damaged, if it is."""
+    def _index_length(self, offset: int) -> int:
+        """Return the length of an index that its own fields give."""
+        content = self.source.read(offset + RECORD.size, MESSAGE_INDEX.size)
+        return int(MESSAGE_INDEX.size + MESSAGE_INDEX.unpack(content.ljust(6, b"\0"))[1])
+
+    def _take(self, offset: int) -> tuple[int, str]:
+        """Save the record at an offset; return its end and, if it is damaged, of what it is.
+
+        Only a chunk may end behind the end of the file, if that is missing.
+        """
+        source, (opcode, length) = self.source, self._head(offset)
+        end = offset + RECORD.size + length
+        beyond = end > source.end and (source.complete or opcode != Opcode.CHUNK)
+        if beyond or length > LONGEST_RECORD:
+            return end, " of a record"
         if opcode == Opcode.CHUNK:
-            return self._take_chunk(offset, body)
-        if opcode == Opcode.MESSAGE:
-            self._take_message(RECORD.pack(opcode, len(body)) + body)
-        elif opcode == Opcode.MESSAGE_INDEX:
+            sound = self._chunk_length(offset) == length
+            return end, self._take_chunk(offset, end) if sound else " of a chunk"
+        # Only the next record confirms the length of one without a CRC.
+        head = source.read(end, min(RECORD.size, source.end - end))
+        if head and not _LIKELY_RECORD.match(head.ljust(RECORD.size, b"\0")):
+            return end, " of a record"
+        body = source.read(offset + RECORD.size, length)
+        if opcode == Opcode.MESSAGE_INDEX:
+            if self._index_length(offset) != length:
+                return end, " of an index"
             channel, size = MESSAGE_INDEX.unpack_from(body)
             # An index without its chunk still counts the messages of the chunk.
             if self._chunk.pop(channel, None) != size // 16:
                 self._lost[channel] += size // 16
-        elif opcode != Opcode.STATISTICS:
-            self._take_other(_parse(opcode, body, longer=True), _ALONE)
-        return ""
+        elif opcode == Opcode.MESSAGE:
+            # If there are chunks, all messages are in them, and this is a damaged index.
+            if self._chunked or length < MESSAGE.size:
+                return end, " of a record"
+            self._take_message(RECORD.pack(opcode, length) + body)
+        else:
+            record = _parse(opcode, body)
+            if record is None:
+                return end, " of a record"
+            if opcode != Opcode.STATISTICS:
+                self._take_other(record, False)
+        return end, ""
 
-    def _take_chunk(self, offset: int, body: bytes) -> str:
+    def _take_chunk(self, offset: int, end: int) -> str:
+        """Save what is in a chunk; return what is damaged."""
         self._chunked = True
         self._chunk.clear()
+        body = self.source.read(offset + RECORD.size, end - offset - RECORD.size)
         *_, size, crc, name_length = CHUNK.unpack_from(body)
-        before = CHUNK.size + name_length + 8
-        name, stored = body[CHUNK.size : before - 8], body[before:]
-        cut = int.from_bytes(body[before - 8 : before], "little") > len(stored)
+        stored = CHUNK.size + name_length + 8
+        name = body[CHUNK.size : stored - 8]
         if name not in KNOWN_COMPRESSIONS:
-            return f"a chunk of the unknown compression {name.decode(errors='replace')!r}"
-        content = decompressed(name, stored, min(size, LONGEST_RECORD))
+            return f" of a chunk of the unknown compression {name.decode(errors='replace')!r}"
+        content = decompressed(name, body[stored:], min(size, LONGEST_RECORD))
         parts = list(split_records(content))
-        trust = _IN_CHUNK if crc else _ALONE
         # Without a CRC, the records have to end where the chunk does.
-        end = parts[-1][-1] if parts else 0
-        intact = crc == zlib.crc32(content) if crc else size == end
-        if cut or len(content) != size or not intact:
-            # The end of the file may cut the chunk off; or its bytes are missing, and it would end
-            # within the record behind it.
-            if not cut or self._resume_at(offset + 1, _DEFINITIONS) < self.source.end:
-                return f"a chunk of {len(body)} bytes"
+        last = parts[-1][-1] if parts else 0
+        intact = len(content) == size == (size if crc else last)
+        intact = intact and (not crc or crc == zlib.crc32(content))
+        if not intact:
+            # The end of the file may cut it off; or its bytes are missing, and others are in it.
+            if end <= self.source.end or self._resume_at(offset + 1) < self.source.end:
+                return " of a chunk"
             self._damages.append(f"byte {offset}: a chunk that the end of the file cuts off")
-            trust = _ALONE
         messages = []
-        for opcode, start, end in parts:
-            if opcode == Opcode.MESSAGE and end - start >= MESSAGE.size:
-                messages.append(content[start - RECORD.size : end])
+        for opcode, start, stop in parts:
+            if opcode == Opcode.MESSAGE and stop - start >= MESSAGE.size:
+                messages.append(content[start - RECORD.size : stop])
             elif opcode in _DEFINITIONS:
-                self._take_other(_parse(opcode, content[start:end], longer=True), trust)
+                self._take_other(_parse(opcode, content[start:stop]), intact and crc > 0)
         for message in messages:
             self._take_message(message)
         return ""
@@ -429,16 +410,16 @@ class _Rescue:
             self._output_file().add_chunk(b"".join(self._loose), begins)
             self._loose, self._loose_bytes = [], 0
 
-    def _take_other(self, record: records.McapRecord | None, trust: int) -> None:
+    def _take_other(self, record: records.McapRecord | None, confirmed: bool) -> None:
         if isinstance(record, records.Header):
             self._profile = record.profile
         elif isinstance(record, records.Statistics):
             self._statistics = record
         elif isinstance(record, _Definition):
-            # The first one of those that are trusted most.
+            # The first one that a CRC confirms, or else the first one.
             key = type(record), record.id
-            if key not in self.definitions or self.definitions[key][0] < trust:
-                self.definitions[key] = trust, record
+            if key not in self.definitions or confirmed > self.definitions[key][0]:
+                self.definitions[key] = confirmed, record
         elif isinstance(record, records.Attachment):
             self._output_file().attach(record)
         elif isinstance(record, records.Metadata):
@@ -507,11 +488,11 @@ class _Rescue:
         return Recovery(self._output, saved, dict(lost), tuple(self._damages), self._rest)
 
 
-def _parse(opcode: int, body: bytes, longer: bool = False) -> records.McapRecord | None:
+def _parse(opcode: int, body: bytes) -> records.McapRecord | None:
     """Return a record, or None unless it gives the same bytes when it is written again.
 
-    With ``longer``, a few unknown bytes may follow. If there are many, its length is damaged, or it
-    is a record of another kind whose opcode is damaged.
+    A few unknown bytes may follow. If there are many, its length is damaged, or it is a record of
+    another kind whose opcode is damaged.
     """
     try:
         record: records.McapRecord = _RECORDS[opcode].read(ReadDataStream(io.BytesIO(body)))
@@ -520,9 +501,7 @@ def _parse(opcode: int, body: bytes, longer: bool = False) -> records.McapRecord
         written = builder.end()[RECORD.size :]  # type: ignore[no-untyped-call]
     except (KeyError, ValueError, struct.error, McapError):
         return None
-    # The CRC of an attachment is optional; without it, the next record confirms its length.
-    if opcode == Opcode.ATTACHMENT and longer and body.endswith(bytes(4)):
+    if opcode == Opcode.ATTACHMENT and body.endswith(bytes(4)):  # it has no CRC
         written = written[:-4] + bytes(4)
-    unknown = len(body) - len(written)
-    same = body.startswith(written) and unknown <= (_MOST_UNKNOWN if longer else 0)
+    same = body.startswith(written) and len(body) - len(written) <= _MOST_UNKNOWN
     return record if same else None

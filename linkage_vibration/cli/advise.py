@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from linkage_vibration.cli.arguments import add_table, read_levels, read_settings
+from linkage_vibration.cli.arguments import add_mechanism, read_levels, read_settings
 
 if TYPE_CHECKING:
     from linkage_vibration.prediction.advice import Advice
@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     for name in ("engine", "pto"):
         text = f"present {name} speed in rpm, which stays as it is (default: not known)"
         add(f"--{name}-rpm", type=float, default=math.nan, help=text)
-    add_table(parser)
+    add_mechanism(parser)
     add("--excitations", type=Path, help="YAML file (default: the shipped excitations)")
     add("--csv", type=Path, help="CSV file of the map to write")
 
@@ -40,9 +40,9 @@ def run(options: argparse.Namespace) -> int:
     from linkage_vibration.prediction.excitation import KMH
     from linkage_vibration.support.atomic_files import OutputError, check_output, write_text
 
-    files = filter(None, (options.mechanism, options.table, options.excitations))
+    files = filter(None, (options.mechanism, options.excitations))
     check_output(options.csv, ".csv", list(files))
-    settings = read_settings(options, table_file=options.table, excitation_file=options.excitations)
+    settings = read_settings(options, excitation_file=options.excitations)
     _, excitations, levels = read_levels(settings)
     angles, speeds = options.angles_deg, options.speeds_kmh
     question = Question(

@@ -10,7 +10,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from linkage_vibration.cli.arguments import SHIPPED, mechanism_file
+from linkage_vibration.cli.arguments import mechanism_of_table
 
 if TYPE_CHECKING:
     from linkage_vibration.export.exported import Export
@@ -30,7 +30,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--name", default="linkage_vibration", help=text)
     text = "YAML file of excitations, for margins and responses by order"
     add("--excitations", type=Path, metavar="FILE", help=text)
-    add("--mechanism", type=Path, help=f"for responses, the table's mechanism; {SHIPPED}")
+    text = "mechanism of the table, for responses (default: the file beside it, or a shipped one)"
+    add("--mechanism", type=Path, metavar="FILE", help=text)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -105,7 +106,7 @@ def _export(options: argparse.Namespace, path: Path) -> "Export":
 
     mechanism, orders = None, []
     if options.excitations is not None:
-        mechanism = read_mechanism(mechanism_file(options))
+        mechanism = read_mechanism(options.mechanism or mechanism_of_table(path))
         excitations = read_excitations(options.excitations)
         orders = [excitation for excitation in excitations if excitation.terrain is None]
         if len(orders) < len(excitations):

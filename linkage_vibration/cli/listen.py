@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from linkage_vibration.cli.arguments import SHIPPED, mechanism_file
+from linkage_vibration.cli.arguments import add_mechanism, mechanism_file
 
 if TYPE_CHECKING:
     from linkage_vibration.readers.sensors import Sensor
@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "also write the natural frequencies without doubts as targets of `calibrate` to this file"
     )
     add("--targets", type=Path, metavar="FILE", help=text)
-    add("--mechanism", type=Path, help=f"mechanism of the targets; {SHIPPED}")
+    add_mechanism(parser)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -10,6 +10,7 @@ import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 from linkage_vibration.support.exit_codes import FAILED, ended_by_signals
@@ -20,11 +21,16 @@ if TYPE_CHECKING:
 # Each is a module of this room. Its docstring is the help text, `add_arguments` declares what it
 # takes, and `run` does the work and returns the exit code. The modules import nothing slow at their
 # top, so the parser is built quickly.
-SUBCOMMANDS = (
-    *("build", "pose", "predict", "plot", "advise", "inclinometer", "measure", "listen"),
-    *("calibrate", "plan", "export", "recover", "replay", "review", "diff", "summary"),
-    *("check", "demo", "play", "watch"),
-)
+ROUTES = {
+    "my hitch": ("pose", "plot", "predict", "advise", "measure", "calibrate", "listen"),
+    "my tractor's stack": ("play", "replay", "review", "recover", "demo"),
+    "my notebook and other programs": ("build", "export"),
+}
+SUBCOMMANDS = tuple(chain.from_iterable(ROUTES.values()))
+_FORMER = {
+    **{"check": "review --limits", "diff": "review --against", "summary": "review --json"},
+    **{"inclinometer": "calibrate --readings", "plan": "build --plan", "watch": "play --watch"},
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -63,7 +69,11 @@ def _run(arguments: Sequence[str] | None) -> int:
     from linkage_vibration.support.missing_library import missing_library
     from linkage_vibration.support.version import check_versions
 
-    options = argument_parser().parse_args(arguments)
+    words = sys.argv[1:] if arguments is None else arguments
+    parser = argument_parser()
+    if words and words[0] in _FORMER:
+        parser.exit(2, f"linkage-vibration: '{words[0]}' is now '{_FORMER[words[0]]}'.\n")
+    options = parser.parse_args(words)
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="surrogateescape")  # for names of files in another encoding
     try:
@@ -102,16 +112,20 @@ def argument_parser() -> "argparse.ArgumentParser":
     parser = Parser(
         prog="linkage-vibration",
         description="Predict how a linkage vibrates in each of its configurations.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=VERSION)
     subparsers = parser.add_subparsers(required=True, metavar="COMMAND")
-    for name in SUBCOMMANDS:
-        module = import_module(f"linkage_vibration.cli.{name}")
-        text = (module.__doc__ or "").strip()
-        subparser = subparsers.add_parser(name, help=text.partition("\n")[0], description=text)
-        # No option begins like a number, so "-90:-80:5" and "-120:low.csv" are no options. Python
-        # itself treats only complete numbers so.
-        subparser._negative_number_matcher = re.compile(r"-\.?\d")
-        module.add_arguments(subparser)
-        subparser.set_defaults(run=module.run)
+    for route, names in ROUTES.items():
+        parser.description += f"\n\n{route}:"
+        for name in names:
+            module = import_module(f"linkage_vibration.cli.{name}")
+            text = (module.__doc__ or "").strip()
+            subparser = subparsers.add_parser(name, description=text)
+            parser.description += f"\n  {name:12}{text.partition(chr(10))[0]}"
+            # No option begins like a number, so "-90:-80:5" and "-120:low.csv" are no options.
+            # Python itself treats only complete numbers so.
+            subparser._negative_number_matcher = re.compile(r"-\.?\d")
+            module.add_arguments(subparser)
+            subparser.set_defaults(run=module.run)
     return parser

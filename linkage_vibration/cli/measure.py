@@ -10,7 +10,7 @@ import argparse
 import math
 from pathlib import Path
 
-from linkage_vibration.cli.arguments import SHIPPED, mechanism_file, read_model
+from linkage_vibration.cli.arguments import add_mechanism, mechanism_file, read_model
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -19,7 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     text = "crank angle in degrees and recording, such as 112.5:low.mcap"
     add("recordings", nargs="+", metavar="ANGLE:FILE", help=text)
     add("--topic", help="IMU in the bags (default: the only one)")
-    add("--mechanism", type=Path, help=SHIPPED)
+    add_mechanism(parser)
     text = "the sensor has an anti-aliasing filter, so that no mode is folded"
     add("--filtered", action="store_true", help=text)
     add("-o", "--output", type=Path, help="calibration to write (default: only print the modes)")

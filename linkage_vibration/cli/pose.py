@@ -6,15 +6,13 @@ import argparse
 import math
 from pathlib import Path
 
-from linkage_vibration.cli.arguments import SHIPPED, mechanism_file, read_model
+from linkage_vibration.cli.arguments import add_mechanism_and_angles, mechanism_file, read_model
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add = parser.add_argument
-    add("mechanism", nargs="?", type=Path, help=SHIPPED)
-    text = "crank angles in degrees (default: nine over the stroke)"
-    add("--at", nargs="+", type=float, metavar="DEG", help=text)
+    add_mechanism_and_angles(parser, "nine over the stroke")
     text = "also print the forces in pins, springs and cylinders under the weight"
     add("--forces", action="store_true", help=text)
     add("-o", "--output", type=Path, help="PNG picture of the linkage to write, at the first angle")
@@ -31,7 +29,9 @@ def run(options: argparse.Namespace) -> int:
     check_output(options.output, ".png", [source])
     model = read_model(source)
     mechanism, kinematics = model.mechanism, model.kinematics
-    angles = np.radians(options.at or np.degrees(np.linspace(*mechanism.stroke, 9))).tolist()
+    angles = np.radians(
+        options.angles_deg or np.degrees(np.linspace(*mechanism.stroke, 9))
+    ).tolist()
     print(f"{angle_rows(mechanism, kinematics, angles)}\n\n{cylinder_rows(model, angles)}")
     if mechanism.base is not None:
         print("\n" + axle_rows(model, angles))

@@ -8,20 +8,16 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from linkage_vibration.cli.arguments import add_table, read_settings, read_table
+from linkage_vibration.cli.arguments import add_mechanism_and_angles, read_settings, read_table
 
 if TYPE_CHECKING:
     from linkage_vibration.prediction.predictor import Shares
-
-_MOST_ANGLES = 100_000
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add = parser.add_argument
-    text = "crank angle alpha3 in degrees, or FIRST:LAST:STEP"
-    add("angle_deg", nargs="+", type=_angles, help=text)
-    add_table(parser)
+    add_mechanism_and_angles(parser, "nine over the stroke")
     text = "also print the standard deviations, and the share of each of their causes"
     add("--shares", action="store_true", help=text)
     text = "standard deviation of the angle in degrees, for --shares (default: %(default)s)"
@@ -34,12 +30,18 @@ def run(options: argparse.Namespace) -> int:
     import numpy as np
 
     from linkage_vibration.messages.csv_tables import prediction_table, table_text
-    from linkage_vibration.prediction.predictor import Status, fault
+    from linkage_vibration.prediction.predictor import Predictor, Status, fault
     from linkage_vibration.support.atomic_files import OutputError, check_output, write_text
+    from linkage_vibration.table.table import load_table
 
-    check_output(options.csv, ".csv", list(filter(None, (options.mechanism, options.table))))
-    degrees = [angle for angles in options.angle_deg for angle in angles]
-    predictor = read_table(read_settings(options, table_file=options.table)).predictor
+    source: Path | None = options.mechanism
+    check_output(options.csv, ".csv", list(filter(None, [source])))
+    if source is not None and source.suffix == ".npz":
+        predictor = Predictor(load_table(source))
+    else:
+        predictor = read_table(read_settings(options)).predictor
+    ends = np.degrees(predictor.table.alpha3_range)
+    degrees = options.angles_deg or np.linspace(*ends, 9).tolist()
     modes = "".join(f"{f'mode {k + 1} [Hz]':>13}" for k in range(predictor.table.n_modes))
     print(f"{'alpha3 [deg]':>12}{modes}{'peak [Hz]':>13}{'peak [m/N]':>13}")
     good = True
@@ -71,24 +73,6 @@ def run(options: argparse.Namespace) -> int:
         write_text(options.csv, table_text(table), OutputError)
         print(f"Written: {options.csv}")
     return 0 if good else 1
-
-
-def _angles(text: str) -> list[float]:
-    """Return the angles of FIRST:LAST:STEP, or one angle."""
-    try:
-        first, *more = (float(part) for part in text.split(":"))
-    except ValueError:
-        first, more = math.nan, [math.nan]
-    if not more:
-        return [first]
-    if len(more) != 2 or not more[1] * (more[0] - first) >= 0.0 < abs(more[1]):
-        raise argparse.ArgumentTypeError(f"{text!r} is no angle and no FIRST:LAST:STEP.")
-    count = (more[0] - first) / more[1] * (1.0 + 1e-9)
-    if not count < _MOST_ANGLES:
-        raise argparse.ArgumentTypeError(
-            f"{text!r} has over {_MOST_ANGLES} angles; widen the step."
-        )
-    return [first + i * more[1] for i in range(int(count) + 1)]
 
 
 def _deviation(text: str) -> float:

@@ -20,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--sign", type=int, help="crank angle = sign * scale * position + offset")
     add("--scale", type=float, help="rad per unit of position")
     add("--offset", type=float, help="rad")
-    add("--table", type=Path, help="table to use (default: the shipped one)")
+    add("--table", type=Path, help="table to use (default: that of the mechanism)")
     text = "YAML file of sensors, whose signals are compared with the predictions"
     add("--sensors", type=Path, metavar="FILE", help=text)
     add("--implement-mass", type=float, help="kg; predict as if the implement had this mass")

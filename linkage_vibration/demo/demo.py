@@ -68,10 +68,9 @@ def run_demo(bag: Path | None, joint: str | None, output: Path) -> int:
     settings = with_values(Parameters(), parameters)
     logs_before = set(output.glob("*.mcap"))
     print(f"Playing {followed} of {drive} to the node on ROS domain {os.environ['ROS_DOMAIN_ID']}.")
-    print("The modes are, from the lowest:", ", ".join(table.mode_names), end=".\n")
     live = LiveLine(sys.stdout)
     with _node(parameters, output) as check, closing(live):
-        play_bag(drive, settings, {}, print, live.show, check)
+        play_bag(drive, settings, {}, live, check=check)
     log = max(set(output.glob("*.mcap")) - logs_before, key=lambda path: path.stat().st_mtime)
     plot(read_log(log), log.with_suffix(".png"))
     return _report(len(read_numbers([drive], settings)[1]), log)
@@ -89,7 +88,7 @@ def _set_environment(output: Path) -> None:
 
 def _report(sent: int, log: Path) -> int:
     """Print what was played and predicted; return 1 if a joint state was not answered."""
-    waits = latencies(log, log)
+    waits = latencies(log)
     median, late = 1e3 * np.percentile(waits, (50, 99))
     print(
         f"joint states in    {sent}\n"

@@ -19,6 +19,7 @@ class LiveLine:
     def __init__(self, stream: TextIO) -> None:
         self._stream, self._in_place, self._due = stream, stream.isatty(), 0.0
         self._load = ""
+        self.received = False  # whether there was a prediction
 
     def take(self, load: Any) -> None:
         """Show the load ratio and the state of a ``LoadState`` with the next predictions."""
@@ -27,8 +28,14 @@ class LiveLine:
         text = "unknown" if math.isnan(ratio) else f"{ratio:.2f}"
         self._load = f"load {text:>7} {state:<7} | "
 
+    def say(self, text: str) -> None:
+        """Write a sentence into a line of its own."""
+        self.close()
+        print(text, file=self._stream, flush=True)
+
     def show(self, prediction: Any) -> None:
         """Write the line, if its time has come."""
+        self.received = True
         now = time.monotonic()
         if now < self._due:
             return
@@ -43,6 +50,7 @@ class LiveLine:
         """End the line."""
         if self._in_place and self._due:
             self._stream.write("\n")
+        self._due = 0.0
 
 
 def _line(prediction: Any) -> str:

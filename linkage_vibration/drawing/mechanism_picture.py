@@ -30,18 +30,22 @@ _ANGLES, _MAP = 181, (91, 161)  # angles of a curve; angles and speeds of a map
 
 
 def draw_mechanism(
-    predictor: Predictor, levels: LevelTable, excitations: Sequence[Excitation], limit: float
+    predictor: Predictor,
+    levels: LevelTable,
+    excitations: Sequence[Excitation],
+    limit: float,
+    ends: tuple[float, float],
 ) -> tuple["Figure", list[str]]:
     """Draw modes, orders and load ratios; return the figure, and a sentence for each source.
 
-    ``limit`` is the load ratio of a warning.
+    ``limit`` is the load ratio of a warning, ``ends`` are the crank angles to draw between, rad.
     """
     from matplotlib.figure import Figure
 
     sources = [source for source in SPEEDS if any(each.source is source for each in excitations)]
     figure = Figure(figsize=(11.0, 3.6 * (1 + len(sources))), dpi=110, layout="constrained")
     rows = figure.subfigures(1 + len(sources), 1, squeeze=False)[:, 0]
-    angles = np.linspace(*levels.alpha3_range, _ANGLES)
+    angles = np.linspace(*ends, _ANGLES)
     predictions = predict_many(predictor, angles, np.zeros(_ANGLES))
     draw_modes(rows[0].subplots(), predictor.table.mode_names, predictions)
     sentences = []
@@ -49,7 +53,7 @@ def draw_mechanism(
         left, right = row.subplots(1, 2)
         orders = [each for each in excitations if each.source is source and not each.terrain]
         _draw_orders(left, source, orders, predictions)
-        sentences.append(_draw_loads(right, source, levels, excitations, limit))
+        sentences.append(_draw_loads(right, source, levels, excitations, limit, ends))
     return figure, sentences
 
 
@@ -95,12 +99,17 @@ def _draw_orders(
 
 
 def _draw_loads(
-    ax: "Axes", source: Source, levels: LevelTable, excitations: Sequence[Excitation], limit: float
+    ax: "Axes",
+    source: Source,
+    levels: LevelTable,
+    excitations: Sequence[Excitation],
+    limit: float,
+    ends: tuple[float, float],
 ) -> str:
     """Draw the load ratio by one source over height and speed; return where it is largest."""
     silent = [e.name for e in excitations if e.source is source and not (e.load or e.terrain)]
     label, low, high, unit = SPEEDS[source]
-    angles = np.linspace(*levels.alpha3_range, _MAP[0])
+    angles = np.linspace(*ends, _MAP[0])
     speeds = np.linspace(low, high, _MAP[1])
     loaded = np.array([each.source is source and bool(each.load) for each in excitations])
     ratios = _load_ratios(source, levels, angles, unit * speeds, loaded)

@@ -46,18 +46,9 @@ _TEXTS = {
     "documentation/index.html": "documentation.html.in",
 }
 _DATE = (1980, 1, 1, 0, 0, 0)  # of every file in an FMU, so that equal exports have equal bytes
-# The folder of a library and its suffix, by how its header names the format and the processor.
-# FMI 2.0 names only those of x86; the others are as in 3.0.
-_PLATFORMS = {
-    ("ELF", 3): ("linux32", ".so"),
-    ("ELF", 40): ("aarch32-linux", ".so"),
-    ("ELF", 62): ("linux64", ".so"),
-    ("ELF", 183): ("aarch64-linux", ".so"),
-    ("Mach-O", 0x01000007): ("darwin64", ".dylib"),
-    ("Mach-O", 0x0100000C): ("aarch64-darwin", ".dylib"),
-    ("PE", 0x014C): ("win32", ".dll"),
-    ("PE", 0x8664): ("win64", ".dll"),
-}
+# The folder of a library for Linux by the processor that its ELF header names. FMI 2.0 names only
+# those of x86; the others are as in 3.0.
+_PLATFORMS = {3: "linux32", 40: "aarch32-linux", 62: "linux64", 183: "aarch64-linux"}
 
 
 @dataclass(frozen=True)
@@ -124,8 +115,7 @@ def fmu_bytes(export: Export, *, compiled: bool) -> bytes:
     files |= {f"sources/{name}": text.encode() for name, text in sources.items()}
     if compiled:
         library = _library(sources)
-        folder, suffix = platform_of(library)
-        files[f"binaries/{folder}/{prefix}{suffix}"] = library
+        files[f"binaries/{platform_of(library)}/{prefix}.so"] = library
     return _packed(files)
 
 
@@ -183,25 +173,18 @@ def _outputs(names: Sequence[str], labels: Sequence[str] = ()) -> list[_Variable
     return variables
 
 
-def platform_of(library: bytes) -> tuple[str, str]:
-    """Return the folder of a compiled library in an FMU, and its suffix, as its header says.
+def platform_of(library: bytes) -> str:
+    """Return the folder of a compiled library in an FMU, as its header says.
 
-    An ExportError is raised if no platform of FMI has such a library.
+    An ExportError is raised if no platform of FMI with Linux has such a library.
     """
-    kind, place, size = "", 0, 2
-    if library.startswith(b"\x7fELF"):
-        kind, place = "ELF", 18
-    elif library.startswith(b"\xcf\xfa\xed\xfe"):
-        kind, place, size = "Mach-O", 4, 4
-    elif library.startswith(b"MZ"):
-        kind, place = "PE", int.from_bytes(library[60:64], "little") + 4
-    processor = int.from_bytes(library[place : place + size], "little")
-    if (kind, processor) not in _PLATFORMS:
+    processor = int.from_bytes(library[18:20], "little") if library[:4] == b"\x7fELF" else 0
+    if processor not in _PLATFORMS:
         raise ExportError(
-            f"The compiler made a library for no platform of FMI ({kind or 'unknown format'}, "
-            f"processor {processor}); set CC to another compiler, or give --source-only."
+            "The compiler made a library that is not for Linux on an x86 or Arm processor "
+            f"(ELF {processor}); set CC to another compiler, or give --source-only."
         )
-    return _PLATFORMS[kind, processor]
+    return _PLATFORMS[processor]
 
 
 def _texts(

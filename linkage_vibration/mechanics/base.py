@@ -47,7 +47,9 @@ def read_mounts(keys: Keys, taken: set[str]) -> tuple[Mount, ...]:
             key = "stiffness_x" if "tyre" in mount else "stiffness"
             mount.refuse_outside(key, stiffness[along], 0.0, STIFFEST, RIGID)
             mount.refuse_outside("damping", damping[along], 0.0, DAMPEST, RIGID)
-        mounts.append(Mount(name, mount.point("at"), stiffness, damping))
+        hint = "give the distance of both wheels in m, or 0 for one wheel"
+        track = mount.number("track", default=0.0, least=0.0, most=10.0, hint=hint)
+        mounts.append(Mount(name, mount.point("at"), stiffness, damping, track))
     return tuple(mounts)
 
 

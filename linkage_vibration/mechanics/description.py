@@ -208,6 +208,8 @@ class Mount:
     at: Point  # m, global
     stiffness: tuple[float, float]  # along x and z, N/m
     damping: tuple[float, float]  # along x and z, N s/m
+    # m, between both wheels of an axle; 0 is one wheel. No table depends on it, so no hash does.
+    track: float = field(default=0.0, compare=False)
 
 
 @dataclass(frozen=True, slots=True)

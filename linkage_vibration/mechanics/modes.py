@@ -135,7 +135,7 @@ def solve_modes(system: CoupledSystem) -> tuple[Modes, FloatArray]:
 
 
 def damp_modes(system: CoupledSystem, omega: FloatArray, vectors: FloatArray) -> DampedModes:
-    """Find the damped modes of a system from its undamped ones, (m,) and (m, m).
+    """Find the damped modes of a system from undamped ones, (k,) and (m, k).
 
     Viscous damping that is not proportional makes complex modes by the symmetric first-order form,
     structural by K (1 + i eta); both together are refused if they couple the modes.
@@ -151,9 +151,10 @@ def damp_modes(system: CoupledSystem, omega: FloatArray, vectors: FloatArray) ->
 
 
 def modal_damping(system: CoupledSystem, vectors: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return viscous damping and loss on undamped modes, (m, m); diagonal if they couple none."""
+    """Return viscous damping and loss on undamped modes, (k, k); diagonal if they couple none."""
     matrices = system.damping, system.loss
-    parts = [vectors.T @ each @ vectors if each.any() else 0.0 * each for each in matrices]
+    none = np.zeros((vectors.shape[1],) * 2)
+    parts = [vectors.T @ each @ vectors if each.any() else none for each in matrices]
     both = zip(parts, matrices, strict=True)
     if all(_is_diagonal(modal, matrix, vectors) for modal, matrix in both):
         parts = [np.diag(np.diag(modal)) for modal in parts]

@@ -18,8 +18,6 @@ OWN_PACKAGE = "linkage_vibration_interfaces"
 SEPARATOR = "=" * 80
 # The first word of a field: `std_msgs/Header`, `Point[4]`, `geometry_msgs/Pose[<=8]`.
 _MESSAGE_TYPE = re.compile(r"(?:(?P<package>[a-z]\w*)/)?(?P<name>[A-Z][A-Za-z0-9_]*)(?:\[.*)?")
-_PARTS = {"srv": ("Request", "Response"), "action": ("Goal", "Result", "Feedback")}
-_PART = re.compile(r"(?P<whole>\w+)_(?P<part>Request|Response|Goal|Result|Feedback)")
 
 
 class DefinitionError(LinkageVibrationError):
@@ -47,13 +45,11 @@ def message_definition(type_name: str) -> str:
 
 
 def message_text(type_name: str) -> str:
-    """Return the ``.msg`` text of a message type, or of a part of a service or an action.
+    """Return the ``.msg`` text of a message type.
 
     A DefinitionError says that the type is not installed, and unknown to rosbags.
     """
-    package, kind, name = type_name.split("/")
-    if kind in _PARTS and (part := _PART.fullmatch(name)) is not None:
-        return _part_text(f"{package}/{kind}/{part['whole']}", part["part"])
+    package, _, name = type_name.split("/")
     installed = _shipped(type_name) or _installed(type_name)
     if installed is not None:
         return installed.read_text(encoding="utf-8")
@@ -92,19 +88,6 @@ def type_hash(type_name: str) -> str:
     return store.hash_rihs01(type_name)
 
 
-def _part_text(name: str, part: str) -> str:
-    """Return a part of a service or an action as a message."""
-    order = _PARTS[name.split("/")[1]]
-    path = _shipped(name) or _installed(name)
-    if path is None:
-        raise DefinitionError(
-            f"The definition of {name} was not found under "
-            f"{', '.join(map(str, prefixes()))}; source the ROS 2 workspace that has it."
-        )
-    texts = re.split(r"(?:^|\n|(?<=\n))---\n", path.read_text(encoding="utf-8"))
-    return texts[order.index(part)]
-
-
 def _installed_hash(path: Path, type_name: str) -> str:
     """Return the hash beside an installed definition; empty for a ROS 2 before Iron."""
     path = path.with_suffix(".json")
@@ -124,18 +107,21 @@ def _dependencies(text: str, package: str) -> list[str]:
     return names
 
 
-def own_types() -> list[str]:
-    """Return the full names of our messages, and of the parts of services and actions.
+def differing_types() -> list[str]:
+    """Return our messages, services and actions that are installed with other fields."""
+    folder, different = share_directory() / OWN_PACKAGE, []
+    for kind in ("msg", "srv", "action"):
+        for path in sorted((folder / kind).glob(f"*.{kind}")):
+            name = f"{OWN_PACKAGE}/{kind}/{path.stem}"
+            if (installed := _installed(name)) is not None and _code(installed) != _code(path):
+                different.append(name)
+    return different
 
-    Such a part is for example ``linkage_vibration_interfaces/srv/Advise_Request``.
-    """
-    folder = share_directory() / OWN_PACKAGE
-    return [
-        f"{OWN_PACKAGE}/{kind}/{path.stem}{part and '_'}{part}"
-        for kind, parts in {"msg": ("",), **_PARTS}.items()
-        for path in sorted((folder / kind).glob(f"*.{kind}"))
-        for part in parts
-    ]
+
+def _code(path: Path) -> list[list[str]]:
+    """Return the words of the lines of a definition without comments."""
+    lines = path.read_text(encoding="utf-8").splitlines()
+    return [words for line in lines if (words := line.partition("#")[0].split())]
 
 
 def _shipped(type_name: str) -> Path | None:
@@ -146,7 +132,7 @@ def _shipped(type_name: str) -> Path | None:
 
 
 def _installed(type_name: str) -> Path | None:
-    """Return the path of the ``.msg`` or ``.srv`` that a package has installed, if any."""
+    """Return the path of the definition that a package has installed, if any."""
     package, kind, name = type_name.split("/")
     paths = (prefix / "share" / package / kind / f"{name}.{kind}" for prefix in prefixes())
     return next((path for path in paths if path.is_file()), None)

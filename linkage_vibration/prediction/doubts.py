@@ -81,6 +81,12 @@ def excitation_doubts(excitations: Sequence[Excitation], levels: "LevelTable") -
     """
     own = [_odd(excitation) for excitation in excitations]
     yield from dict.fromkeys(filter(None, own))
+    if levels.lacks_track:
+        [name] = [each.name for each in excitations if each.terrain]
+        text = (
+            "has no track, so levels are those of axles whose wheels follow the same heights, up to"
+        )
+        yield f"{name} {text} 1.4 times too high; give each axle of the base its `track`, in m."
     loads = [bool(each.load or each.terrain) for each in excitations]
     rows = [i for i, loaded in enumerate(loads) if loaded and not own[i]]
     if not rows or not levels.has_load_ratios:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from linkage_vibration.mechanics.description import MechanismError
 from linkage_vibration.mechanics.keys import Keys
-from linkage_vibration.prediction.ground import Terrain, power_law
+from linkage_vibration.prediction.ground import Spectrum, Terrain, power_law
 from linkage_vibration.prediction.loads import ExcitationError, Load, given_kinds
 
 RPM = 1.0 / 60.0
@@ -23,10 +23,8 @@ _WHEELS = 0.01, 10.0  # m: rolling radii; numbers in millimetres are beyond
 _CLASSES = {name: 16e-6 * 4.0**k for k, name in enumerate("ABCDEFGH")}  # ISO 8608, m3 at 0.1 1/m
 _WITHIN_CLASS = 0.2  # of amplitudes: a class reaches from half to twice its mean roughness
 
-
-Spectrum = tuple[tuple[float, float], ...]
-"""Wavenumbers, 1/m, and power spectral densities of a profile, m3."""
-ReadProfile = Callable[[str], Spectrum]
+ReadProfile = Callable[[str], tuple[Spectrum, Spectrum | None]]
+"""Returns the spectra of a track, or of the mean and half the difference of two."""
 
 
 class Source(enum.Enum):
@@ -71,7 +69,7 @@ class Excitation:
     rolling_radius: float = math.nan  # m; NaN without a wheel
 
 
-def no_profile(name: str) -> Spectrum:
+def no_profile(name: str) -> tuple[Spectrum, None]:
     """Refuse a profile, which only a file of excitations can name."""
     raise ExcitationError(f"{name} is not read here; give the roughness of the terrain instead.")
 
@@ -81,7 +79,7 @@ def excitations_from_mapping(
 ) -> tuple[Excitation, ...]:
     """Return the excitations that a mapping describes; docs/excitation.md describes its keys.
 
-    ``where`` begins the errors, and ``read_profile`` returns the spectrum of a profile in a file.
+    ``where`` begins the errors, and ``read_profile`` returns the spectra of a profile in a file.
     An ExcitationError names a key that is missing, unknown or invalid.
 
     >>> excitations = excitations_from_mapping({"shaft": {"speed": "pto", "orders": [1, 2]}})
@@ -142,7 +140,8 @@ def _ground(keys: Keys, name: str, read_profile: ReadProfile) -> Excitation:
             "this key is missing; write true if no tool is in the soil, or false, and the level is "
             "not known.",
         )
-    ground, spectrum = keys["terrain"], None
+    ground, spectrum, difference = keys["terrain"], None, None
+    track = _number(keys, "track", 0.0, _WHEELS[1], hint=", in m") if "track" in keys else None
     roughness, exponent, reference, spread = math.nan, 2.0, 0.1, 0.0
     if "class" in ground:
         word = ground.choice("class", list(_CLASSES))
@@ -153,7 +152,9 @@ def _ground(keys: Keys, name: str, read_profile: ReadProfile) -> Excitation:
             raise ground.error(
                 "profile", f"{file} is not beside this file, where a log finds it; copy it there."
             )
-        spectrum, name = read_profile(file), f"{name} ({file})"
+        (spectrum, difference), name = read_profile(file), f"{name} ({file})"
+        if difference and track is not None:
+            raise keys.error("track", f"{file} has both tracks already; remove this key.")
         roughness, exponent = power_law(spectrum, reference)
     elif "roughness" in ground:
         roughness = _number(ground, "roughness", 1e-9, 1.0)
@@ -176,6 +177,8 @@ def _ground(keys: Keys, name: str, read_profile: ReadProfile) -> Excitation:
         raised=keys.flag("raised"),
         relative_stddev=_stddev(keys, "amplitude_stddev", spread),
         spectrum=spectrum,
+        difference=difference,
+        track=track,
     )
     return Excitation(name, Source.GROUND, math.nan, terrain=terrain, rolling_radius=radius)
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How strongly the ground under the wheels shakes the response point and loads pins and cylinders.
 
-One profile passes under all mounts of the base, one after the other. It is a random process with
+The wheels of all mounts of the base follow one another on two tracks. The heights are random, with
 the power spectral density G(n) over the wavenumber n, so that levels are sums over frequencies.
 """
 
@@ -28,6 +28,8 @@ from linkage_vibration.table.interpolation import angles_in_table, stroke_angle,
 from linkage_vibration.table.table import Table
 
 Reasons = NDArray[np.int8]
+Spectrum = tuple[tuple[float, float], ...]
+"""Wavenumbers, 1/m, ascending, and power spectral densities of a profile, m3."""
 
 N_FREQUENCIES = 512
 """Frequencies, even in their logarithm, over which levels are summed."""
@@ -59,6 +61,8 @@ FASTEST, _SLOWEST = 100.0, 0.1  # m/s; slower, the mounts move as if they did no
 _STEP, _PHASE = 0.02, 1.5  # largest steps between speeds: of ln(speed), and of a delay's phase, rad
 _ANGLE_STEPS, _DEGREE = (32, 128), math.radians(1.0)  # least and most steps, and their size
 _MAX_FREQUENCIES, _PER_HALF_WIDTH = 4096, 1.5  # most of them, and how many resolve a half-width
+_FLATTEST = 0.1  # of exponents of coherence; tracks with a flatter spectrum are independent
+_FARTHEST = 500.0  # of x, where the coherence is 0 in double precision
 _N_LOAD_ANGLES = 19  # angles at which static loads are computed
 
 
@@ -68,10 +72,10 @@ class GroundError(LinkageVibrationError):
 
 @dataclass(frozen=True, slots=True)
 class Terrain:
-    """The ground as a random profile, the same under both wheels of an axle.
+    """The ground as a random surface, on which each of both wheels of an axle has its own track.
 
-    Its one-sided density over wavenumbers n, 1/m, is roughness (n / reference)^-exponent, m3 (ISO
-    8608: exponent 2, reference 0.1 1/m).
+    The one-sided density of a track over wavenumbers n, 1/m, is roughness (n / reference)^-exponent
+    in m3 (ISO 8608: exponent 2, reference 0.1 1/m).
     """
 
     roughness: float
@@ -81,17 +85,56 @@ class Terrain:
     lug_pitch: float | None = None  # m, on the circumference; None without lugs
     raised: bool = True  # no tool is in the soil
     relative_stddev: float = 0.0  # of ln(amplitude)
-    spectrum: tuple[tuple[float, float], ...] | None = None  # measured: 1/m, ascending, m3
+    spectrum: Spectrum | None = None  # measured on one track, or of the mean of two
+    difference: Spectrum | None = None  # of half the difference of two measured tracks
+    track: float | None = None  # m, between the wheels of every axle; None: `Mount.track`
 
     def psd(self, frequency: FloatArray, speed: FloatArray) -> FloatArray:
         """Return the density of the height over frequencies in Hz, m2/Hz, at speeds in m/s."""
         n = frequency / speed
         if self.spectrum is None:
             return np.asarray(self.roughness * (n / self.reference) ** -self.exponent / speed)
-        at, density = np.log(np.array(self.spectrum)).T
+        return self._measured(self.spectrum, n) / speed
+
+    def _measured(self, spectrum: Spectrum, n: FloatArray) -> FloatArray:
+        """Return a measured density at wavenumbers, 1/m, with the exponent beyond its ends, m3."""
+        at, density = np.log(np.array(spectrum)).T
         beyond = np.log(n) - np.clip(np.log(n), at[0], at[-1])
         inside = np.interp(np.log(n), at, density)
-        return np.asarray(np.exp(inside - self.exponent * beyond) / speed)
+        return np.asarray(np.exp(inside - self.exponent * beyond))
+
+    def coherence(self, n: FloatArray, apart: float) -> FloatArray:
+        """Return the cross density of parallel tracks, apart by m, over the density of one.
+
+        An isotropic plane of the exponent w has the density (n^2 + m^2)^-(w + 1)/2, whose Fourier
+        transform over the wavenumber m across is 2^(1-v) x^v K_v(x) / Gamma(v) but for a factor,
+        with v = w / 2 and x = 2 pi n apart.
+        """
+        if apart == 0.0:
+            return np.ones_like(n)
+        order = max(self.exponent, _FLATTEST) / 2.0
+        x = np.minimum(2.0 * math.pi * apart * n, _FARTHEST)
+        size = 2.0 ** (1.0 - order) / math.gamma(order)
+        bessel = scipy.special.k1(x) if order == 1.0 else scipy.special.kv(order, x)
+        return np.asarray(size * x**order * bessel)
+
+    def share(
+        self, n: FloatArray, tracks: tuple[float, float], *, difference: bool = False
+    ) -> FloatArray:
+        """Return the cross density of what two axles feel of their tracks, over `psd`, at 1/m.
+
+        An axle of a track, m, feels the mean of the heights of both wheels, or half of their
+        ``difference``, which rolls it and does not correlate with any mean.
+        """
+        if self.spectrum and self.difference:
+            one = np.ones_like(n)
+            return self._measured(self.difference, n) / self.psd(n, one) if difference else one
+        near, far = (self.coherence(n, abs(tracks[0] + side * tracks[1]) / 2) for side in (-1, 1))
+        return (near - far if difference else near + far) / 2.0
+
+    def tracks(self, mounts: Sequence[Mount]) -> list[float]:
+        """Return the distance between the wheels of each mount, m."""
+        return [mount.track if self.track is None else self.track for mount in mounts]
 
     @property
     def wavenumbers(self) -> tuple[float, float]:
@@ -100,7 +143,7 @@ class Terrain:
         return ends[0], ends[1] if self.lug_pitch is None else min(ends[1], 0.5 / self.lug_pitch)
 
 
-def profile_spectrum(distance: FloatArray, height: FloatArray) -> tuple[tuple[float, float], ...]:
+def profile_spectrum(distance: FloatArray, height: FloatArray) -> Spectrum:
     """Return wavenumbers, 1/m, and power spectral densities, m3, of a profile by Welch's method.
 
     They are means over a sixth of an octave, up to half of what the spacing shows, as shorter waves
@@ -132,7 +175,7 @@ def _mean_spectrum(
     return np.asarray(np.fft.rfftfreq(length, spacing)), np.asarray(density)
 
 
-def power_law(spectrum: Sequence[tuple[float, float]], reference: float) -> tuple[float, float]:
+def power_law(spectrum: Spectrum, reference: float) -> tuple[float, float]:
     """Return the roughness, m3, at a reference, 1/m, and the exponent that fit a spectrum best."""
     at, density = np.log(np.array(spectrum)).T
     slope, offset = np.polyfit(at - math.log(reference), density, 1)
@@ -145,8 +188,9 @@ class GroundSquares:
 
     terrain: Terrain
     frequencies: FloatArray  # (n_f,), Hz, even in their logarithm
+    tracks: tuple[tuple[float, float], ...]  # m: of mounts with one track, then of each pair
     apart: FloatArray  # (n_pairs,), m: by how much the first mount of each pair is behind
-    values: NDArray[np.float32]  # (n_out, 1 + 2 n_pairs, n_f): of 1, cosines and sines
+    values: NDArray[np.float32]  # (n_out, n_tracks + 2 n_pairs, n_f): of 1, cosines and sines
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -213,28 +257,34 @@ def ground_squares(
     how often each response is differentiated: 1 for a velocity, 2 for an acceleration.
     """
     transfer = transfer * (2.0 * math.pi * frequencies) ** np.reshape(orders, (-1, 1, 1))
-    pairs = list(combinations(range(len(mounts)), 2))
+    tracks, pairs = terrain.tracks(mounts), list(combinations(range(len(mounts)), 2))
     crossed = [2.0 * transfer[:, i] * transfer[:, j].conj() for i, j in pairs]
     # |T_i exp(-i w t_i) + T_j exp(-i w t_j)|^2, with t_i - t_j = (x_j - x_i) / speed
-    values = [(np.abs(transfer) ** 2).sum(axis=1), *(x.real for x in crossed)]
-    values += [x.imag for x in crossed]
+    power, widths = np.abs(transfer) ** 2, sorted(set(tracks))
+    values = [power[:, np.equal(tracks, width)].sum(axis=1) for width in widths]
+    values += [*(x.real for x in crossed), *(x.imag for x in crossed)]
     apart = np.array([mounts[j].at[0] - mounts[i].at[0] for i, j in pairs])
-    return GroundSquares(terrain, frequencies, apart, np.stack(values, axis=1).astype(np.float32))
+    both = *((each, each) for each in widths), *((tracks[i], tracks[j]) for i, j in pairs)
+    rows = np.stack(values, axis=1).astype(np.float32)
+    return GroundSquares(terrain, frequencies, both, apart, rows)
 
 
 def mean_squares(
-    squares: GroundSquares, speeds: FloatArray, *, uncovered: bool = False
+    squares: GroundSquares, speeds: FloatArray, *, uncovered: bool = False, wheels: bool = False
 ) -> FloatArray:
     """Return mean squares at speeds above 0 m/s, (n_out, n_speeds).
 
-    They are those of the wavelengths that the terrain knows, or if `uncovered` those of all others.
+    They are those of the wavelengths that the terrain knows, or if `uncovered` those of all others;
+    and those by the mean of both tracks, or if `wheels` by the tracks of the wheels on one side.
     """
-    weights = _weights(squares, speeds[:, np.newaxis], uncovered)
+    weights = _weights(squares, speeds[:, np.newaxis], uncovered, wheels)
     values = squares.values.reshape(len(squares.values), -1)
     return np.asarray((values @ weights.T).astype(np.float64))
 
 
-def _weights(squares: GroundSquares, speeds: FloatArray, uncovered: bool) -> NDArray[np.float32]:
+def _weights(
+    squares: GroundSquares, speeds: FloatArray, uncovered: bool, wheels: bool
+) -> NDArray[np.float32]:
     """Return what coefficients are multiplied with at speeds, (n_speeds, 1), in their order."""
     f, terrain = squares.frequencies, squares.terrain
     step = math.log(f[1] / f[0])
@@ -243,10 +293,17 @@ def _weights(squares: GroundSquares, speeds: FloatArray, uncovered: bool) -> NDA
     covered = np.clip(0.5 + high / step, 0.0, 1.0) * np.clip(0.5 - low / step, 0.0, 1.0)
     size = terrain.psd(f, speeds) * f * step * (1.0 - covered if uncovered else covered)
     size[:, [0, -1]] /= 2.0
-    parts = [size]
+    shares = {tracks: terrain.share(f / speeds, tracks) for tracks in set(squares.tracks)}
+    if wheels:  # The height under one wheel is the sum of the mean and of half the difference.
+        for tracks, share in shares.items():
+            share += terrain.share(f / speeds, tracks, difference=True)
+    every = [shares[tracks] for tracks in squares.tracks]
+    first = len(every) - len(squares.apart)
+    parts = [size * share for share in every[:first]]
     angles = 2.0 * math.pi * f * (squares.apart[:, np.newaxis, np.newaxis] / speeds)
     # Lines that are too far apart for a delay count as if it were long, which it then is.
-    coherent = size * np.clip(2.0 - 2.0 / math.pi * step * np.abs(angles), 0.0, 1.0)
+    near = np.clip(2.0 - 2.0 / math.pi * step * np.abs(angles), 0.0, 1.0)
+    coherent = size * np.stack(every[first:]) * near
     parts += [*(coherent * np.cos(angles)), *(coherent * np.sin(angles))]
     return np.concatenate(parts, axis=1, dtype=np.float32)
 
@@ -274,14 +331,16 @@ def ground_spectrum(
         frf = source.solve(alpha3).frf([place], inputs)
     behind = np.array([[mount.at[0]] for mount in mounts])
     delayed = np.exp(2j * math.pi * f * (behind - behind.max()) / speed)
-    response = (ground_transfer(frf, mounts, f)[0] * delayed).sum(axis=0)
+    parts, tracks = ground_transfer(frf, mounts, f)[0] * delayed, terrain.tracks(mounts)
     if not is_force(place):
-        response = response * 2.0 * math.pi * f
+        parts = parts * 2.0 * math.pi * f
+    shares = [[terrain.share(f / speed, (one, other)) for other in tracks] for one in tracks]
     low, high = terrain.wavenumbers
     height = np.where(
         (f >= low * speed) & (f <= high * speed), terrain.psd(f, np.array(speed)), math.nan
     )
-    return f, np.abs(response) ** 2 * height
+    lost = np.einsum("if,jf,ijf->f", parts, parts.conj(), 1.0 - np.array(shares)).real
+    return f, (np.abs(parts.sum(axis=0)) ** 2 - lost) * height
 
 
 class GroundTable:
@@ -305,6 +364,9 @@ class GroundTable:
         self._inputs = [(mount.name, "z") for mount in mounts]
         response = point or (mechanism.response.point, mechanism.response.direction)
         self._outputs = [response, response, *outputs]
+        given = terrain.track is not None or terrain.difference or any(terrain.tracks(mounts))
+        self.lacks_track = bool(mounts) and not given
+        """Whether nothing says how far apart the wheels of an axle are."""
         self.refusal = _refusal(mounts, terrain)
         """Why no level of it is ever known, of `REASONS`, or 0."""
         if self.refusal:
@@ -340,7 +402,12 @@ class GroundTable:
         every = replace(parts[0], values=np.concatenate([part.values for part in parts]))
         # The acceleration has the largest share of its power at short waves, as large as forces.
         sharpest = replace(parts[0], values=np.stack([part.values[1] for part in parts]))
-        squares = mean_squares(every, speeds).reshape(count + 1, len(places), -1)
+        squares, wheels = (
+            mean_squares(every, speeds, wheels=each).reshape(count + 1, len(places), -1)
+            for each in (False, True)
+        )
+        # A tyre feels all of its own track, where roll relieves it as much as heave and pitch do.
+        squares[:, -len(mounts) :] = wheels[:, -len(mounts) :]
         lost = mean_squares(sharpest, speeds, uncovered=True)[:, np.newaxis]
         values = np.concatenate([squares, lost], axis=1) * speeds ** (1.0 - terrain.exponent)
         loads = np.broadcast_to(

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Keeps what follows from a table and excitations in files of the user's cache folder.
+"""Keeps tables, and what follows from them and excitations, in the user's cache folder.
 
 A file is named by a hash of all that its numbers follow from, also of the code and of how this
 machine rounds. So a number that is kept is the one that would be computed, to the last bit.
@@ -23,15 +23,15 @@ from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.support.atomic_files import refuse_pipe, replacement
 from linkage_vibration.support.version import VERSION
-from linkage_vibration.table.table import Table
+from linkage_vibration.table.table import Table, TableError, load_table, save_table
 
 Arrays = dict[str, Any]
 """Arrays by their names; each is contiguous."""
 Keep = Callable[[str, Callable[[], Arrays]], Arrays]
 """Returns the arrays of a part, which has a name, that a function computes."""
 
-MOST_FILES = 12
-"""The three files of four pairs of table and excitations, each pair of up to 50 MB."""
+MOST_FILES = 16
+"""Four tables, and three files of each with excitations, which have up to 50 MB."""
 
 _ROOMS = "mechanics", "table", "prediction"  # whose code computes the numbers
 
@@ -59,22 +59,39 @@ class LevelCache:
         arrays = _read(path)
         if arrays is None:
             arrays = compute()
-            _write(path, arrays)
+            _write(path, lambda: _write_arrays(path, arrays))
         return arrays
 
 
 def level_cache(table: Table, mechanism: Mechanism, excitations: Sequence[object]) -> LevelCache:
     """Return the cache of the levels by excitations of a mechanism with this table."""
+    return LevelCache(_key(mechanism, table.checksum, tuple(excitations)))
+
+
+def kept_table(mechanism: Mechanism, build: Callable[[], Table]) -> Table:
+    """Return the table of a mechanism from its file, or build it and write it."""
+    folder = cache_folder()
+    path = None if folder is None else folder / f"table-{_key(mechanism)}.npz"
+    if path is not None:
+        with suppress(TableError):
+            return load_table(path, mechanism)
+    table = build()
+    if path is not None:
+        _write(path, lambda: save_table(table, path))
+    return table
+
+
+def _key(mechanism: Mechanism, *more: object) -> str:
+    """Return a hash of a mechanism and more, of the code and of how this machine rounds."""
     # The hash of the model has the arrays of bodies, but only twelve digits of each number.
     exact = [getattr(mechanism, each.name) for each in fields(mechanism)]
-    model = mechanism.model_hash, exact, tuple(excitations)
     versions = VERSION, np.__version__, scipy.__version__, sys.version, platform.platform()
-    digest = hashlib.sha256(repr((table.checksum, model, versions)).encode())
+    digest = hashlib.sha256(repr((more, mechanism.model_hash, exact, versions)).encode())
     digest.update(_rounding())
     for room in _ROOMS:
         for path in sorted((Path(__file__).parents[1] / room).rglob("*.py")):
             digest.update(path.read_bytes())
-    return LevelCache(digest.hexdigest()[:32])
+    return digest.hexdigest()[:32]
 
 
 def cache_folder() -> Path | None:
@@ -112,12 +129,17 @@ def _read(path: Path) -> Arrays | None:
     return None
 
 
-def _write(path: Path, arrays: Arrays) -> None:
-    """Write a file if the folder permits it, and remove the oldest ones."""
-    with suppress(OSError, CacheError):
+def _write(path: Path, write: Callable[[], object]) -> None:
+    """Let a file be written if the folder permits it, and remove the oldest ones."""
+    with suppress(OSError, LinkageVibrationError):
         path.parent.mkdir(parents=True, exist_ok=True)
-        with replacement(path, CacheError) as new:
-            np.savez(new, name=np.array(path.name), **arrays)
+        write()
         kept = sorted(path.parent.glob("*.npz"), key=lambda each: each.stat().st_mtime)
         for oldest in kept[:-MOST_FILES]:
             oldest.unlink()
+
+
+def _write_arrays(path: Path, arrays: Arrays) -> None:
+    """Write the file of a part."""
+    with replacement(path, CacheError) as new:
+        np.savez(new, name=np.array(path.name), **arrays)

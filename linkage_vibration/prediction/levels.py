@@ -226,6 +226,11 @@ class LevelTable:
             _ = self._ground_members.logs
 
     @property
+    def lacks_track(self) -> bool:
+        """Whether there is a ground, and nothing says how far apart the wheels of an axle are."""
+        return self._ground is not None and self._ground.lacks_track
+
+    @property
     def alpha3_range(self) -> tuple[float, float]:
         """First and last angle of the table, rad."""
         return self._predictor.table.alpha3_range

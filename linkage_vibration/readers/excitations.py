@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from linkage_vibration.prediction.excitation import Excitation, excitations_from_mapping
-from linkage_vibration.prediction.ground import profile_spectrum
 from linkage_vibration.prediction.provenance import EXCITATIONS
 from linkage_vibration.readers.mechanism import load_yaml
-from linkage_vibration.readers.profiles import read_profile
+from linkage_vibration.readers.profiles import read_spectra
 
 
 def read_excitations(path: Path) -> tuple[Excitation, ...]:
@@ -19,9 +18,7 @@ def read_excitations(path: Path) -> tuple[Excitation, ...]:
     beside this one.
     """
     return excitations_from_mapping(
-        load_yaml(path)[0],
-        f"{path}: excitations",
-        lambda name: profile_spectrum(*read_profile(path.parent / name)),
+        load_yaml(path)[0], f"{path}: excitations", lambda name: read_spectra(path.parent / name)
     )
 
 

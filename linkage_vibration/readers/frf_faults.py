@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Refuses FRFs without phases, passivity or reciprocity, or with another mass than the link has.
+"""Refuses FRFs without passivity or reciprocity, or with another mass than the link has.
 
 Nothing is corrected. A check whose lines are missing passes: the mass, and signs where no line is
 near a resonance, need lines below the first resonance of the link.
@@ -40,7 +40,6 @@ def check_faults(frfs: Frfs, points: Mapping[str, Point] | None, mass: float | N
     for j, dof in enumerate(frfs.dofs):
         if not accelerance[:, j, j].any():
             raise FileError(f"the FRF of {name_frf(dof, dof)} is zero; measure it again.")
-    _check_phases(accelerance)
     if mass is None:
         _check_plausible_mass(frfs.dofs, accelerance)
     lines = find_mass_lines(frequencies, frf)
@@ -51,22 +50,6 @@ def check_faults(frfs: Frfs, points: Mapping[str, Point] | None, mass: float | N
     _check_reciprocity(frfs.dofs, accelerance)
     if points is not None and mass is not None and lines is not None:
         _check_mass(frfs.dofs, lines, points, mass)
-
-
-def _check_phases(accelerance: ComplexArray) -> None:
-    """Refuse magnitudes: one phase everywhere, though a drive point rises with the frequency.
-
-    The accelerance of an undamped drive point that keeps its sign can only fall.
-    """
-    size = np.abs(accelerance)
-    drive, phases = np.einsum("kii->ki", size), accelerance[size > 1e-9 * size.max()]
-    phases = phases / np.abs(phases)
-    rises = (np.diff(drive, axis=0) > 1e-9 * drive[:-1]).any()
-    if rises and (np.abs(phases - phases[0]) < 1e-9).all():
-        raise FileError(
-            "all FRFs have the same phase at every line, as if they were magnitudes; export real "
-            "and imaginary parts."
-        )
 
 
 def _gives_power(accelerance: ComplexArray, noise: float) -> BoolArray:

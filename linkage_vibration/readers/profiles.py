@@ -8,7 +8,7 @@ import numpy as np
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray
-from linkage_vibration.prediction.ground import profile_spectrum
+from linkage_vibration.prediction.ground import Spectrum, profile_spectrum
 from linkage_vibration.readers.recordings import RecordingError, read_numbers
 
 _COLUMNS = 2, 3  # the distance, and the height of one track or of two
@@ -22,11 +22,18 @@ class ProfileError(LinkageVibrationError):
     """A profile cannot be used."""
 
 
-def read_profile(path: Path) -> tuple[FloatArray, FloatArray]:
-    """Return distances, (n,), ascending, and heights, (n,), both in m.
+def read_spectra(path: Path) -> tuple[Spectrum, Spectrum | None]:
+    """Return the spectrum of a profile; of two tracks those of the mean and half the difference."""
+    distance, *parts = read_profile(path)
+    first, *second = [profile_spectrum(distance, part) for part in parts]
+    return first, second[0] if second else None
+
+
+def read_profile(path: Path) -> list[FloatArray]:
+    """Return distances, ascending, and heights, or two means and half differences, each (n,), m.
 
     The columns of the file are the distance, the height, and that of the other track, if it was
-    measured. An axle feels the mean of both tracks.
+    measured.
     """
     try:
         table = read_numbers(path)
@@ -35,7 +42,13 @@ def read_profile(path: Path) -> tuple[FloatArray, FloatArray]:
     problem = _problem(table)
     if problem:
         raise ProfileError(f"{path}: {problem}")
-    return table[:, 0], table[:, 1:].mean(axis=1)
+    return [table[:, 0], *_parts(table)]
+
+
+def _parts(table: FloatArray) -> list[FloatArray]:
+    """Return the heights of one track, or the mean and half the difference of two, each (n,)."""
+    left, right = table[:, 1], table[:, -1]
+    return [table[:, 1:].mean(axis=1), (left - right) / 2.0][: table.shape[1] - 1]
 
 
 def _problem(table: FloatArray) -> str:
@@ -67,12 +80,13 @@ def _problem(table: FloatArray) -> str:
         )
     if np.abs(table).max() > _LONGEST:
         return f"a number is beyond {_LONGEST:g}; distances and heights are in m."
-    heights = table[:, 1:].mean(axis=1)
-    straight = np.polyval(np.polyfit(distance - distance[0], heights, 1), distance - distance[0])
-    if not np.ptp(heights - straight) > _SMOOTH * (1.0 + np.abs(table).max()):
-        whose = "mean of both heights" if columns == max(_COLUMNS) else "height"
-        return f"the {whose} is a straight line, so it has no spectrum; give a measured profile."
-    at, density = np.array(profile_spectrum(distance, heights)).T
+    names = ["height"] if columns == 2 else ["mean of both heights", "difference of both heights"]
+    for whose, heights in zip(names, _parts(table), strict=True):
+        line = np.polyval(np.polyfit(distance - distance[0], heights, 1), distance - distance[0])
+        if not np.ptp(heights - line) > _SMOOTH * (1.0 + np.abs(table).max()):
+            hint = "give measured profiles of one track or of two"
+            return f"the {whose} is a straight line, so it has no spectrum; {hint}."
+    at, density = np.array(profile_spectrum(distance, _parts(table)[0])).T
     with np.errstate(all="ignore"):
         height = density[2:-2] / np.sqrt(density[:-4] * density[4:])
     most = int(height.argmax())

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from shlex import quote
 
+from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.messages.fields import message_fields
 from linkage_vibration.messages.topics import TABLE_INFO
@@ -21,18 +22,19 @@ from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.implements import read_implements
 from linkage_vibration.readers.mechanism import load_yaml, mechanism_of
 from linkage_vibration.support.commands import command
-from linkage_vibration.table.table import load_table, refuse_other
+from linkage_vibration.table.table import Table, load_table, refuse_other
 
 
 def read_served(
     settings: Parameters,
     report: Callable[[str], object] | None = None,
     progress: Callable[[float], object] = lambda finished: None,
+    keep: Callable[[Mechanism, Callable[[], Table]], Table] | None = None,
 ) -> Served:
     """Return a mechanism with its table, which is built if the parameters name none for it.
 
     `report` is called with each doubt and before a table is built, and `progress` with the finished
-    fraction of the stroke; it may raise an error to stop.
+    fraction of the stroke; it may raise an error to stop. `keep` may know a table built before.
     """
     described = read_described(settings)
     mechanism = described.mechanism
@@ -47,12 +49,19 @@ def read_served(
             refuse_other(table, table_path, mechanism, quote(str(path)))
             return described.served(Predictor(table))
         why = "its implement is not that of the table"
-    from linkage_vibration.table.tabulation import build_table
 
-    if report:
-        saves = f"`{command(f'build {quote(str(path))}')}` saves a table, which then loads at once"
-        report(f"Building the table of {path}, as {why}; {saves}.")
-    return described.served(Predictor(build_table(LinkageModel(mechanism), progress=progress)))
+    def built() -> Table:
+        from linkage_vibration.table.tabulation import build_table
+
+        if report:
+            saved = (
+                f"`{command(f'build {quote(str(path))}')}` saves a table, which then loads at once"
+            )
+            saved = "it is kept for the next time" if keep else saved
+            report(f"Building the table of {path}, as {why}; {saved}.")
+        return build_table(LinkageModel(mechanism), progress=progress)
+
+    return described.served(Predictor(keep(mechanism, built) if keep else built()))
 
 
 def read_described(settings: Parameters) -> Described:

@@ -5,7 +5,6 @@
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ import yaml
 
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, IntArray
 from linkage_vibration.prediction.verdict import Drive, above_and_below
-from linkage_vibration.review.log import Log, ReviewError, read_log
+from linkage_vibration.review.log import Log, ReviewError
 from linkage_vibration.review.review_page import DEG, clock
 from linkage_vibration.support.commands import command
 
@@ -25,21 +24,15 @@ _SMALL = 0.1  # of the largest value of a quantity; a change of less is not judg
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Quantity:
-    """A quantity in two logs A and B, at the moments that both logs have."""
+    """A quantity in two logs A and B, at the n moments that both logs have."""
 
-    key: str  # such as "f1" of mode 1
-    name: str  # for people
+    name: str
     unit: str  # in which it is shown
     factor: float  # shown value over value in the log
     a: FloatArray  # (n,), values in log A
     b: FloatArray  # (n,), values in log B
     known_a: BoolArray  # (n,): the whole of it is known in log A
     known_b: BoolArray  # (n,): in log B
-
-    @property
-    def title(self) -> str:
-        """The name, with a capital letter."""
-        return self.name[0].upper() + self.name[1:]
 
     @property
     def change(self) -> FloatArray:
@@ -51,11 +44,6 @@ class Quantity:
     def one_sided(self) -> int:
         """Number of moments at which only one log knows the whole of it."""
         return int((self.known_a != self.known_b).sum())
-
-    @property
-    def unknown_share(self) -> float:
-        """The share of the moments at which one of both logs does not know the whole, 0 to 1."""
-        return 1.0 - float((self.known_a & self.known_b).mean())
 
     @property
     def farthest(self) -> int | None:
@@ -74,17 +62,6 @@ class Quantity:
         size = np.where(self.a != 0.0, np.abs(self.a), math.nan)
         return float(np.fmax.reduce(np.abs(self.change) / size, initial=math.nan))
 
-    @property
-    def rms(self) -> float:
-        """Root mean square of B less A, or NaN."""
-        change = self.change[np.isfinite(self.change)]
-        return float(np.sqrt(np.mean(change**2))) if len(change) else math.nan
-
-    @property
-    def differs(self) -> bool:
-        """Whether the logs have different numbers."""
-        return abs(self.largest) > 0.0
-
     def beyond(self, tolerance: float) -> BoolArray:
         """Return where the logs differ by more than a share of A, (n,), or only one has a number.
 
@@ -102,34 +79,41 @@ class Difference:
 
     a: Log
     b: Log
-    stamps: IntArray  # (n,), ns, of log A, of the moments that both logs have, in its order
-    rows_a: IntArray  # (n,), indices of the predictions at these moments in log A
+    rows_a: IntArray  # (n,), indices of the predictions at the moments of both logs, in log A
     rows_b: IntArray  # (n,), the same in log B
-    quantities: tuple[Quantity, ...]  # that both logs have
-    status_changes: int  # number of moments at which the statuses differ
+    angle: Quantity
+    frequencies: tuple[Quantity, ...]  # of the modes that both logs have
+    others: tuple[Quantity, ...]  # the FRF peak, and last the load ratio
     offset: int  # ns, by which the stamps of B are later than those of A
     apart: int  # number of moments that were left out, as their crank angles differ too much
     unmatched_modes: tuple[str, ...]  # labels of the modes that only one log has
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """All quantities."""
+        return (self.angle, *self.frequencies, *self.others)
+
+    @property
+    def other_status(self) -> BoolArray:
+        """At which moments the statuses differ, (n,)."""
+        return np.asarray(self.a.status[self.rows_a] != self.b.status[self.rows_b])
 
     @property
     def sides(self) -> tuple[tuple[str, Log, IntArray], tuple[str, Log, IntArray]]:
         """The name of each log, the log, and the rows of its predictions."""
         return ("A", self.a, self.rows_a), ("B", self.b, self.rows_b)
 
-    @property
-    def times(self) -> FloatArray:
-        """Seconds since the first moment that both logs have, (n,), as in `Log.times` of A."""
+    def clock(self, moment: int) -> str:
+        """Return the time of a moment since the first one that both logs have."""
         times = self.a.times[self.rows_a]
-        return np.asarray(times - times[0])
+        return clock(float(times[moment] - times[0]), float(times[-1] - times[0]))
 
 
-def compare(path_a: Path, path_b: Path) -> Difference:
+def compare(a: Log, b: Log) -> Difference:
     """Compare two logs of the same drive.
 
-    A `BagError` is raised if one cannot be read, and a `ReviewError` if a log holds no prediction,
-    or if the logs have no moment or no mode in common.
+    A `ReviewError` is raised if they have no moment or no mode in common.
     """
-    a, b = read_log(path_a), read_log(path_b)
     modes, unmatched = _same_modes(a, b)
     offset, rows_a, rows_b = _same_moments(a, b)
     differences = _angle_differences(a.crank_angle[rows_a], b.crank_angle[rows_b])
@@ -138,21 +122,36 @@ def compare(path_a: Path, path_b: Path) -> Difference:
         farthest = int(np.nanargmax(differences))
         where = f"{DEG * differences[farthest]:.3g} deg at {a.times[rows_a[farthest]]:.2f} s of A"
         raise ReviewError(
-            f"{path_a} and {path_b} are not of one drive, or of one calibration of its angle: of "
+            f"{a.path} and {b.path} are not of one drive, or of one calibration of its angle: of "
             f"{len(same)} moments that match best, {int((~same).sum())} have crank angles more "
             f"than {DEG * _SAME_ANGLE:g} deg apart, up to {where}; give two logs of one drive, "
             "such as two replays of one bag with the same offset, or show each log by "
             f"`{command('review')}`."
         )
     rows_a, rows_b = rows_a[same], rows_b[same]
+
+    def quantity(name: str, unit: str, x: FloatArray, y: FloatArray) -> Quantity:
+        x, y = (np.where(np.isfinite(each), each, math.nan) for each in (x[rows_a], y[rows_b]))
+        factor = DEG if unit == "deg" else 1.0
+        return Quantity(name, unit, factor, x, y, np.isfinite(x), np.isfinite(y))
+
+    frequencies = []
+    for mode, other in modes:
+        name = a.mode_label(mode) + (f", {other + 1} in B" if other != mode else "")
+        values = a.natural_frequencies[:, mode], b.natural_frequencies[:, other]
+        frequencies.append(quantity(name, "Hz", *values))
     return Difference(
         a,
         b,
-        a.stamps[rows_a],
         rows_a,
         rows_b,
-        tuple(_quantities(a, rows_a, b, rows_b, modes)),
-        int((a.status[rows_a] != b.status[rows_b]).sum()),
+        quantity("crank angle", "deg", a.crank_angle, b.crank_angle),
+        tuple(frequencies),
+        (
+            quantity("FRF peak frequency", "Hz", a.peak_frequency, b.peak_frequency),
+            quantity("FRF peak", "m/N", a.peak_magnitude, b.peak_magnitude),
+            _load_ratio(a.drive, rows_a, b.drive, rows_b),
+        ),
         offset,
         int((~same).sum()),
         unmatched,
@@ -231,78 +230,6 @@ def _angle_differences(a: FloatArray, b: FloatArray) -> FloatArray:
         return np.asarray(np.abs((b - a + math.pi) % math.tau - math.pi))
 
 
-def difference_summary(delta: Difference) -> str:
-    """Return a difference as a text for a terminal."""
-    lines = [
-        *(f"{part}: {log.path}, table {log.table_id}" for part, log, _ in delta.sides),
-        _matched(delta),
-        sentence(delta),
-    ]
-    head = ["B - A", "largest", "at [s]", "relative", "rms", "not known", "unit"]
-    for name, *numbers, unit in [head, *_rows(delta)]:
-        widths = zip(numbers, (14, 12, 12, 14, 12), strict=True)
-        lines.append(f"{name:<30}{''.join(f'{text:>{n}}' for text, n in widths)}  {unit}")
-    for name, changed in _changed_files(delta).items():
-        lines += ["", f"{name}, A -> B:", *(f"  {line}" for line in changed)]
-    return "\n".join(lines)
-
-
-def sentence(delta: Difference) -> str:
-    """Return in one sentence what differs most, and by how much."""
-    compared = [q for q in delta.quantities if q.key[0] == "f" and q.differs]
-    if all(q.farthest is None for q in delta.quantities if q.key[0] == "f"):
-        return "Nothing can be compared, as the logs know no natural frequency at one moment."
-    if not problems(delta):
-        return f"The logs have equal predictions{_unknown(delta)}."
-    if not compared:
-        others = "the logs differ in other quantities or in status"
-        return f"The natural frequencies are equal; {others}{_loads(delta)}{_unknown(delta)}."
-    most = max(compared, key=lambda q: q.largest_relative)
-    at = most.farthest or 0
-    change, times = most.largest, delta.times
-    text = (
-        f"{most.title} differs most: in B it is {abs(change):.3g} "
-        f"{most.unit} ({100.0 * abs(change / most.a[at]):.2g} %) "
-        f"{'higher' if change > 0.0 else 'lower'} at {clock(float(times[at]), float(times[-1]))} s"
-    )
-    return f"{text}{_loads(delta)}{_unknown(delta)}."
-
-
-def _unknown(delta: Difference) -> str:
-    """Return for which share of the moments each log does not know all loads; empty if it does."""
-    shares = [
-        (1.0 - known.mean(), part)
-        for q in delta.quantities
-        if q.key == "load"
-        for known, part in ((q.known_a, "A"), (q.known_b, "B"))
-    ]
-    texts = [f"{100.0 * share:.3g} % of the moments in {part}" for share, part in shares if share]
-    return f"; not all loads are known at {' and '.join(texts)}" if texts else ""
-
-
-def _loads(delta: Difference) -> str:
-    """Return the largest load ratios of both logs, in words; empty if neither is known."""
-    texts = []
-    for _, log, rows in delta.sides:
-        ratios = np.empty(0) if log.resonances is None else log.resonances.total_load_ratio[rows]
-        finite = ratios[np.isfinite(ratios)]
-        texts.append(f"{finite.max():.2g}" if len(finite) else "not known")
-    if set(texts) == {"not known"}:
-        return ""
-    return f"; the largest load ratio is {texts[0]} in A and {texts[1]} in B"
-
-
-def problems(delta: Difference, tolerance: float = 0.0) -> list[str]:
-    """Return a sentence that says that the logs differ, if they do; see `Quantity.beyond`."""
-    n = len(delta.stamps)
-    same = len(delta.a.stamps) == len(delta.b.stamps) == n and not delta.status_changes
-    same &= (delta.a.drive is None) == (delta.b.drive is None) and not delta.unmatched_modes
-    same &= any(q.farthest is not None for q in delta.quantities if q.key[0] == "f")
-    if same and not any(q.beyond(tolerance).any() for q in delta.quantities):
-        return []
-    return ["The logs differ."]
-
-
 def _rows_of_same_stamps(a: IntArray, b: IntArray) -> tuple[IntArray, IntArray]:
     """Return the rows of equal stamps in A and in B, in the order of A.
 
@@ -322,33 +249,15 @@ def _rows_of_same_stamps(a: IntArray, b: IntArray) -> tuple[IntArray, IntArray]:
     return rows_a[order], rows_b[order]
 
 
-def _quantities(
-    a: Log, rows_a: IntArray, b: Log, rows_b: IntArray, modes: Sequence[tuple[int, int]]
-) -> Iterator[Quantity]:
-    """Yield what is compared at the moments of both logs, with these pairs of modes."""
-
-    def quantity(
-        key: str, name: str, unit: str, factor: float, x: FloatArray, y: FloatArray
-    ) -> Quantity:
-        x, y = (np.where(np.isfinite(each), each, math.nan) for each in (x[rows_a], y[rows_b]))
-        return Quantity(key, name, unit, factor, x, y, np.isfinite(x), np.isfinite(y))
-
-    yield quantity("angle", "crank angle", "deg", DEG, a.crank_angle, b.crank_angle)
-    for mode, other in modes:
-        name = a.mode_label(mode) + (f", {other + 1} in B" if other != mode else "")
-        values = a.natural_frequencies[:, mode], b.natural_frequencies[:, other]
-        yield quantity(f"f{mode + 1}", name, "Hz", 1.0, *values)
-    yield quantity(
-        "peak_frequency", "FRF peak frequency", "Hz", 1.0, a.peak_frequency, b.peak_frequency
-    )
-    yield quantity("peak_magnitude", "FRF peak", "m/N", 1.0, a.peak_magnitude, b.peak_magnitude)
-    ratios_a, known_a, parts_a = _load_of(a.drive, rows_a)
-    ratios_b, known_b, parts_b = _load_of(b.drive, rows_b)
+def _load_ratio(a: Drive | None, rows_a: IntArray, b: Drive | None, rows_b: IntArray) -> Quantity:
+    """Return the load ratios at predictions, where both logs know those of the same sources."""
+    ratios_a, known_a, parts_a = _load_of(a, rows_a)
+    ratios_b, known_b, parts_b = _load_of(b, rows_b)
     same = known_a & known_b  # a total without a source is no lower total
-    if a.drive is not None and b.drive is not None and a.drive.names == b.drive.names:
+    if a is not None and b is not None and a.names == b.names:
         same |= (parts_a == parts_b).all(axis=1)
     ratios_a, ratios_b = (np.where(same, each, math.nan) for each in (ratios_a, ratios_b))
-    yield Quantity("load", "load ratio", "1", 1.0, ratios_a, ratios_b, known_a, known_b)
+    return Quantity("load ratio", "1", 1.0, ratios_a, ratios_b, known_a, known_b)
 
 
 def _load_of(drive: Drive | None, rows: IntArray) -> tuple[FloatArray, BoolArray, BoolArray]:
@@ -368,14 +277,75 @@ def _load_of(drive: Drive | None, rows: IntArray) -> tuple[FloatArray, BoolArray
     return np.where(np.isfinite(ratios), ratios, math.nan), known, parts
 
 
+def problems(delta: Difference, tolerance: float = 0.0) -> list[str]:
+    """Return a sentence that says that the logs differ, if they do; see `Quantity.beyond`."""
+    counts = {len(delta.rows_a), len(delta.a.stamps), len(delta.b.stamps)}
+    same = len(counts) == 1 and not delta.other_status.any() and not delta.unmatched_modes
+    same &= (delta.a.drive is None) == (delta.b.drive is None)
+    same &= any(each.farthest is not None for each in delta.frequencies)
+    if same and not any(each.beyond(tolerance).any() for each in delta.quantities):
+        return []
+    return ["The logs differ."]
+
+
+def sentence(delta: Difference) -> str:
+    """Return in one sentence what differs most, and by how much."""
+    changed = [each for each in delta.frequencies if abs(each.largest) > 0.0]
+    if all(each.farthest is None for each in delta.frequencies):
+        return "Nothing can be compared, as the logs know no natural frequency at one moment."
+    text = "The logs have equal predictions"
+    if changed:
+        most = max(changed, key=lambda each: each.largest_relative)
+        at, change = most.farthest or 0, most.largest
+        text = f"{most.name[0].upper()}{most.name[1:]} differs most: in B it is {abs(change):.3g} "
+        text += f"{most.unit} ({100.0 * abs(change / most.a[at]):.2g} %) "
+        text += f"{'higher' if change > 0.0 else 'lower'} at {delta.clock(at)} s"
+    elif problems(delta):
+        text = "The natural frequencies are equal; the logs differ in other quantities or in status"
+    largest, shares, load = list[str](), list[str](), delta.others[-1]
+    for (part, log, rows), known in zip(delta.sides, (load.known_a, load.known_b), strict=True):
+        ratios = np.empty(0) if log.resonances is None else log.resonances.total_load_ratio[rows]
+        finite = ratios[np.isfinite(ratios)]
+        largest.append(f"{finite.max():.2g}" if len(finite) else "not known")
+        if share := 1.0 - known.mean():
+            shares.append(f"{100.0 * share:.3g} % of the moments in {part}")
+    if problems(delta) and set(largest) != {"not known"}:
+        text += f"; the largest load ratio is {largest[0]} in A and {largest[1]} in B"
+    if shares:
+        text += f"; not all loads are known at {' and '.join(shares)}"
+    return f"{text}."
+
+
+def difference_summary(delta: Difference) -> str:
+    """Return a difference as a text for a terminal."""
+    lines = [f"{part}: {log.path}, table {log.table_id}" for part, log, _ in delta.sides]
+    lines += [_matched(delta), sentence(delta)]
+    rows = [["B - A", "largest", "at [s]", "relative", "not known", "unit"]]
+    for each in delta.quantities:
+        numbers = f"{each.factor * each.largest:.6g}", f"{each.largest_relative:.3g}"
+        at = "" if each.farthest is None or not each.largest else delta.clock(each.farthest)
+        largest, relative = (text.replace("nan", "") for text in numbers)
+        unknown = 1.0 - float((each.known_a & each.known_b).mean())
+        unit = each.unit + (f"; {each.one_sided} in one log only" if each.one_sided else "")
+        rows.append([each.name, largest, at, relative, f"{100.0 * unknown:.3g} %", unit])
+    for name, *numbers, unit in rows:
+        cells = zip(numbers, (14, 12, 12, 12), strict=True)
+        lines.append(f"{name:<30}{''.join(f'{text:>{n}}' for text, n in cells)}  {unit}")
+    for part in ("mechanism", "parameters"):
+        if changed := _changes(*(getattr(log, f"{part}_text") for _, log, _ in delta.sides)):
+            lines += ["", f"{part}, A -> B:", *(f"  {line}" for line in changed)]
+    return "\n".join(lines)
+
+
 def _matched(delta: Difference) -> str:
-    n = len(delta.stamps)
+    """Return how many moments both logs have, and what is not compared, in sentences."""
+    n = len(delta.rows_a)
     only_a, only_b = (len(log.stamps) - n - delta.apart for _, log, _ in delta.sides)
     later = f"{1e-9 * abs(delta.offset):.9g} s {'later' if delta.offset > 0 else 'earlier'}"
     clocks = f", with the clock of B {later}, as the crank angles show" if delta.offset else ""
     text = (
         f"{n} moments are in both logs{clocks}; {only_a} are only in A, {only_b} are only in B; "
-        f"{delta.status_changes} differ in status."
+        f"{int(delta.other_status.sum())} differ in status."
     )
     if delta.apart:
         text += f" {delta.apart} more have crank angles above {DEG * _SAME_ANGLE:g} deg apart, and "
@@ -385,38 +355,7 @@ def _matched(delta: Difference) -> str:
     return text
 
 
-def _rows(delta: Difference) -> list[list[str]]:
-    """Return name, largest difference, time, relative size, rms, unknown share and unit."""
-    times = delta.times
-    return [
-        [
-            q.name,
-            _digits(q.factor * q.largest, 6),
-            clock(float(times[q.farthest]), float(times[-1])) if q.differs else "",
-            "" if q.unit == "%" else _digits(q.largest_relative, 3),
-            _digits(q.factor * q.rms, 6),
-            f"{100.0 * q.unknown_share:.3g} %",
-            q.unit + (f"; {q.one_sided} in one log only" if q.one_sided else ""),
-        ]
-        for q in delta.quantities
-    ]
-
-
-def _digits(value: float, count: int) -> str:
-    """Return a number with a count of digits; empty if nothing can be compared."""
-    return "" if math.isnan(value) else f"{value:.{count}g}"
-
-
-def _changed_files(delta: Difference) -> dict[str, list[str]]:
-    """Return the changed values of the mechanism and of the parameters; none if none changed."""
-    changes = {
-        "mechanism": _changes(delta.a.mechanism_text, delta.b.mechanism_text),
-        "parameters": _changes(delta.a.parameters_text, delta.b.parameters_text),
-    }
-    return {name: changed for name, changed in changes.items() if changed}
-
-
-def _changes(*texts: str) -> list[str]:
+def _changes(*texts: str) -> Sequence[str]:
     """Return the values that differ between two YAML texts, by the paths of their keys."""
     a, b = (dict(_values(yaml.safe_load(text), "")) for text in texts)
     return [

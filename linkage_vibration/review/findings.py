@@ -12,7 +12,7 @@ from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.advice import Advice, Question, advice_sentence, advise
-from linkage_vibration.prediction.excitation import KMH, Excitation, Source
+from linkage_vibration.prediction.excitation import KMH, Source
 from linkage_vibration.prediction.levels import LevelTable, kept_levels
 from linkage_vibration.prediction.predictor import Predictor, Status
 from linkage_vibration.prediction.resonance import ResonanceMonitor
@@ -127,6 +127,11 @@ def _assessed(
     return monitor.assess(Predictor(log.table).predict(angle), 0.0, 0)
 
 
+def is_calm(log: Log) -> bool:
+    """Return whether nothing exceeded a limit, as far as inputs that are not doubted can say."""
+    return not log.input_faults and not load_problems(log)
+
+
 def load_problems(log: Log) -> list[str]:
     """Return a sentence for warnings or loads above the limit, and one for what is not known."""
     if log.drive is None:
@@ -203,8 +208,3 @@ def number(log: Log, name: str, default: float) -> float:
     """Return a number among the parameters of a log."""
     value = log.parameters.get(name, default)
     return float(value) if isinstance(value, int | float) else default
-
-
-def excitation_of(log: Log, name: str) -> Excitation | None:
-    """Return an excitation, if the log describes it."""
-    return next((order for order in log.excitations if order.name == name), None)

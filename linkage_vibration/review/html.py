@@ -26,7 +26,7 @@ _FOLDER = Path(__file__).parent / "page"
 _SCRIPTS = (
     *("data", "decimation", "state", "words", "elements", "axes", "shades", "pointer", "numbers"),
     *("charts", "receptance", "waterfall", "overlays", "excitations", "angle_chart", "linkage"),
-    *("readout", "modes", "tables", "campbell", "advice", "provenance"),
+    *("readout", "modes", "tables", "advice", "provenance"),
     *("rows", "strip", "layout", "controls", "start"),
 )  # the parts of the page's script, each of which may use the parts before it
 

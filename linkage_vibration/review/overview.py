@@ -21,7 +21,7 @@ from linkage_vibration.prediction.verdict import (
     episodes,
     worst_message,
 )
-from linkage_vibration.review.findings import first_sentence
+from linkage_vibration.review.findings import first_sentence, is_calm
 from linkage_vibration.review.html import plain_html, table_tag
 from linkage_vibration.review.log import Log, ReviewError, gaps
 
@@ -84,6 +84,7 @@ def drive_summary(log: Log) -> dict[str, Any]:
         "gaps": len(gaps(log)),
         "clock_jumps": len(log.passes),
         "input_faults": list(log.input_faults),
+        "calm": is_calm(log),
         "mode_names": list(log.table.mode_names) if log.table else [],
         "warnings": len(warnings) if judged else None,
         "in_warning_s": _rounded(sum(e.duration for e in warnings)) if judged else None,
@@ -124,19 +125,12 @@ def overview_html(drives: Sequence[tuple[dict[str, Any], str]], failures: Sequen
     names = [str(file) if alike else file.name for file in files]
     rows = [_cells(drive, name) for (drive, _), name in zip(drives, names, strict=True)]
     notes = "".join(f'<p class="failure">{html.escape(text)}</p>\n' for text in failures)
-    calm = [_is_calm(drive) for drive, _ in drives]
+    calm = [drive["calm"] for drive, _ in drives]
     table = table_tag("Drives", head, rows, [quote(page) for _, page in drives], calm)
     hint = "Each row is a drive. Choose its name to see its page. Green: no warning, and no load "
     hint += f"above the limit, known for at least {100.0 * KNOWN:.0f} % of the drive, and no doubt "
     hint += "about the inputs."
     return plain_html("Drives", [hint], notes + table)
-
-
-def _is_calm(drive: dict[str, Any]) -> bool:
-    """Return whether a drive of `drive_summary` is called calm, as its page is."""
-    known = (drive["known_share"] or 0.0) >= KNOWN
-    sure = known and not drive["input_faults"]
-    return sure and not drive["warnings"] and drive["above_limit_s"] == 0.0
 
 
 def _cells(drive: dict[str, Any], name: str) -> list[str]:

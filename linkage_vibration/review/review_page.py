@@ -13,22 +13,19 @@ from linkage_vibration.bags.recorder import FAULTS_METADATA
 from linkage_vibration.drawing import palette
 from linkage_vibration.mechanics.arrays import BoolArray, IntArray, runs
 from linkage_vibration.prediction.excitation import Source
-from linkage_vibration.prediction.predictor import Status, largest_deviations, uncertain_modes
+from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.severity import ResonanceState, ratio_words
 from linkage_vibration.prediction.verdict import (
     Contribution,
     Episode,
     all_known,
     contributions,
-    durations,
     episodes,
     ground_and_orders,
 )
 from linkage_vibration.review.advice_map import advice_map
-from linkage_vibration.review.campbell import campbell
 from linkage_vibration.review.findings import (
     all_speeds,
-    first_sentence,
     log_limits,
     never_in_table,
     number,
@@ -37,6 +34,7 @@ from linkage_vibration.review.findings import (
 from linkage_vibration.review.html import Page, thinned
 from linkage_vibration.review.log import Log, gaps
 from linkage_vibration.review.model_grid import linkage_grid, receptance_grid
+from linkage_vibration.review.overview import drive_summary
 from linkage_vibration.review.time_axis import TimeAxis, time_axis
 from linkage_vibration.table.interpolation import angles_in_table
 
@@ -75,6 +73,7 @@ def review_page(log: Log) -> Page:
     shown = sorted(severest, key=lambda episode: episode.worst)
     marked = [episode.worst for episode in shown] + [part.worst for part in parts]
     rows = _kept(log, [] if log.drive is None else log.drive.predictions[marked].tolist())
+    summary = drive_summary(log)
     missing, axis, outside = gaps(log), time_axis(log), bool(never_in_table(log))
     content: dict[str, Any] = {
         "charts": _charts(log, axis),
@@ -82,17 +81,16 @@ def review_page(log: Log) -> Page:
         "readings": _readings(log),
         "mode_labels": [_mode_name(log, mode) for mode in range(log.n_modes)],
         "brief": ["crank_angle", *(f"f{mode + 1}" for mode in range(log.n_modes))],
-        "answer": first_sentence(log),
-        "calm": _is_calm(log, warnings),
+        "answer": summary["sentence"],
+        "calm": summary["calm"],
         "inputs": list(log.input_faults),
         "tables": _tables(log, parts, warnings, shown, rows, axis),
-        "summary": _summary(log, warnings, missing),
+        "summary": _summary(log, summary, missing),
         "provenance": _provenance(log, len(rows)),
         "shades": _shades(log, missing, axis),
         **_excitations(log, axis),
         "clock": axis.knots(),
         "advice": None if outside else advice_map(log),
-        "campbell": [] if outside else campbell(log, [episode.worst for episode in warnings]),
         "stale_after": number(log, "stale_after", _STALE_AFTER),
     }
     if outside:  # Nothing but the angle is known, and empty charts show nothing.
@@ -149,13 +147,6 @@ def provenance_rows(log: Log) -> list[list[str]]:
             text = ", ".join(f"{key} {value}" for key, value in record.items())
             rows.append([f"Record {name}", text])
     return rows
-
-
-def _is_calm(log: Log, warnings: Sequence[Episode]) -> bool:
-    """Return whether nothing exceeded a limit, as far as inputs that are not doubted can say."""
-    if log.drive is None or warnings or log.input_faults:
-        return False
-    return durations(log.drive).calm
 
 
 def clock(time: float, whole: float) -> str:
@@ -380,38 +371,41 @@ def _tables(
     return [*([_LOADS | {"rows": loads}] if loads else []), table]
 
 
-def _summary(log: Log, warnings: Sequence[Episode], missing: list[tuple[float, float]]) -> Items:
+def _summary(log: Log, of: dict[str, Any], missing: list[tuple[float, float]]) -> Items:
+    """Return what a page says at a glance, of values of `drive_summary`."""
     items: Items = []
 
-    def add(label: str, value: str, **alert: bool) -> None:
-        items.append({"label": label, "value": value, **alert})
+    def add(label: str, value: str, alert: bool = False) -> None:
+        items.append({"label": label, "value": value, "alert": alert})
 
-    add("Drive", f"{_span(log.times[-1])}, {len(log.stamps):,} predictions")
+    add("Drive", f"{_span(log.times[-1])}, {of['predictions']:,} predictions")
     valid = np.isfinite(log.peak_magnitude)
     if valid.any():
         angles = log.crank_angle[valid] * DEG
         add("Crank angle", f"{angles.min():.1f} to {angles.max():.1f} deg")
         for mode, values in enumerate(log.natural_frequencies[valid].T):
-            oscillating = values[np.isfinite(values)]
-            overdamped = f"overdamped in {len(values) - len(oscillating):,} predictions"
-            parts = [overdamped] if len(oscillating) < len(values) else []
-            if len(oscillating):
-                parts.insert(0, f"{oscillating.min():.2f} to {oscillating.max():.2f} Hz")
+            known = values[np.isfinite(values)]
+            parts = [f"{known.min():.2f} to {known.max():.2f} Hz"] if len(known) else []
+            if overdamped := len(values) - len(known):
+                parts.append(f"overdamped in {overdamped:,} predictions")
             add(_mode_name(log, mode), ", ".join(parts))
-        peak = int(np.nanargmax(log.peak_magnitude))
-        height, frequency = log.peak_magnitude[peak], log.peak_frequency[peak]
-        add("Highest FRF peak", f"{height:.3g} m/N at {frequency:.2f} Hz")
-    for label, value, alert in _load_cards(log, warnings):
-        add(label, value, alert=alert)
-    deviations = log.frequency_stddevs, log.damping_ratios, log.damping_ratio_stddevs
-    if uncertain := uncertain_modes(log.natural_frequencies, *deviations, log.mode_label):
-        text = f"{len(uncertain)} of {log.n_modes}: {_largest_deviations(log)}"
-        # They are expected if numbers of the mechanism are uncertain.
-        add("Uncertain modes", text, alert=log.table is None or not log.table.uncertain)
-    if log.table is not None and (reason := log.table.unknown_deviations):
+    warnings, worst, share = of["warnings"], of["worst"], of["known_share"]
+    text = "none"
+    if warnings:
+        text = (
+            f"{warnings}, {100.0 * of['in_warning_s'] / (log.times[-1] or 1.0):.1f} % of the time"
+        )
+    elif not share:
+        text = "not known"
+    add("Warnings", text, alert=not of["calm"])
+    add("Loads not known", f"{100.0 * (1.0 - share):.1f} % of the time" if share < 1.0 else "never")
+    if worst is not None:
+        load = f"{ratio_words(worst['load_ratio'])} in {worst['place'] or 'the pins'}"
+        angle = math.radians(worst["crank_angle_deg"] or math.nan)
+        add("Largest load", f"{load}{_static_force(log, worst['place'], angle)}")
+    if reason := of["model"]["unknown_deviations"]:
         add("Standard deviations", reason)
-    faulty = int((log.status != Status.OK).sum())
-    add("Predictions not OK", f"{faulty:,}" if faulty else "none", alert=faulty > 0)
+    add("Predictions not OK", f"{of['not_ok']:,}" if of["not_ok"] else "none", bool(of["not_ok"]))
     length = f"{len(missing)}, {_span(sum(end - start for start, end in missing))} in total"
     add("Gaps", length if missing else "none", alert=bool(missing))
     if len(log.passes):
@@ -421,33 +415,6 @@ def _summary(log: Log, warnings: Sequence[Episode], missing: list[tuple[float, f
     return items
 
 
-def _load_cards(log: Log, warnings: Sequence[Episode]) -> list[tuple[str, str, bool]]:
-    """Return label, value and whether it is alarming, of warnings and of the largest loads."""
-    if log.drive is None or log.resonances is None:
-        return [("Warnings", "not known", True)]
-    drive, resonances = log.drive, log.drive.resonances
-    total = drive.time_in(np.ones(len(drive.held), np.bool_)) or 1.0
-    share = 100.0 * sum(episode.duration for episode in warnings) / total
-    text = f"{len(warnings)}, {share:.1f} % of the time" if warnings else "none"
-    spent = durations(drive, log_limits(log).warning)
-    if spent.known_share < 1.0:
-        text += f"; loads not known for {100.0 * (1.0 - spent.known_share):.1f} %"
-    unknown = not warnings and not spent.known_share
-    alarm = bool(warnings) or not spent.calm
-    cards = [("Warnings", "not known" if unknown else text, alarm)]
-    ratio, velocity = resonances.total_load_ratio, resonances.total_velocity
-    if np.isfinite(ratio).any():
-        row = int(np.nanargmax(ratio))
-        at = resonances.message(row)
-        load = f"{ratio_words(at.total_load_ratio)} in {at.total_load_place or 'the pins'}"
-        static = _static_force(log, at.total_load_place, float(drive.angles[row]))
-        cards.append(("Largest load", f"{load}{static}", False))
-    if np.isfinite(velocity).any():
-        text = f"{1e3 * np.nanmax(velocity):.3g} mm/s rms, at the response point"
-        cards.append(("Strongest vibration", text, False))
-    return cards
-
-
 def _static_force(log: Log, place: str, alpha3: float) -> str:
     """Return the force that a load ratio refers to, in words; empty if the log has no table."""
     if log.table is None or place not in log.table.force_places:
@@ -455,13 +422,6 @@ def _static_force(log: Log, place: str, alpha3: float) -> str:
     angle = angles_in_table(np.array([alpha3]), log.table.alpha3_range)
     force = log.table.reference_forces(angle)[log.table.force_places.index(place), 0]
     return f"; the static force there is {1e-3 * force:.3g} kN"
-
-
-def _largest_deviations(log: Log) -> str:
-    """Return the largest relative standard deviations of the modes in words."""
-    frequency = largest_deviations(log.natural_frequencies, log.frequency_stddevs).max()
-    ratio = largest_deviations(log.damping_ratios, log.damping_ratio_stddevs).max()
-    return f"standard deviation up to {frequency:.2g} % (frequency), {ratio:.2g} % (damping)"
 
 
 def _span(seconds: float) -> str:

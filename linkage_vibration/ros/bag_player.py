@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import rclpy
 from rclpy.context import Context
@@ -18,6 +17,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from linkage_vibration.bags.streams import Bags, open_bags
 from linkage_vibration.bags.writing import QUEUE_DEPTH
+from linkage_vibration.drawing.live_line import LiveLine
 from linkage_vibration.playback.remapping import choose_topics
 from linkage_vibration.prediction.inputs.presets import HITCH, PLAIN_TYPES, PRESETS
 from linkage_vibration.prediction.settings import NODE_NAME, Parameters, with_values
@@ -29,21 +29,21 @@ from linkage_vibration_interfaces.msg import LoadState, TableInfo, VibrationPred
 SETTLING = 1.0  # s; a subscriber finds a publisher somewhat later than the publisher finds it
 HINT_AFTER = 5.0  # s without what is waited for
 LONG_WAIT = 2.0  # s between two messages
-PREDICTIONS_DEPTH = 10_000  # 10 s at 1 kHz, in case this process cannot read them for a while
+ANSWERS_DEPTH = 10_000  # 10 s at 1 kHz, in case this process cannot read them for a while
 
 
 def play_bag(
     path: Path,
     settings: Parameters | None,
     remaps: Mapping[str, str],
-    report: Callable[[str], None],
-    show: Callable[[VibrationPrediction], None] | None = None,
+    live: LiveLine,
+    node_name: str = f"/{NODE_NAME}",
     check: Callable[[], None] = lambda: None,
 ) -> int:
     """Publish the crank angles and speeds of a bag at their recorded times; return how many.
 
     It waits for a subscriber. Without settings, the bag's topics choose the presets; ``remaps`` has
-    their names. ``report`` gets sentences, ``show`` predictions; ``check`` may raise to stop.
+    their names. ``live`` shows the answers of the node; ``check`` may raise to stop.
     """
 
     def wait(due: float) -> None:
@@ -60,16 +60,14 @@ def play_bag(
             node.create_publisher(message_class(t.type), settings.source(name).topic, QUEUE_DEPTH)
             for name, t in topics.items()
         ]
-        if show is not None:
-            topic = f"{NODE_NAME}/prediction"
-            node.create_subscription(VibrationPrediction, topic, show, PREDICTIONS_DEPTH)
+        _follow(node, node_name, live)
         hint = "check ROS_DOMAIN_ID if the node is active"
-        report(f"Waiting for a subscriber of {publishers[0].topic_name}; {hint}.")
+        live.say(f"Waiting for a subscriber of {publishers[0].topic_name}; {hint}.")
         while not publishers[0].get_subscription_count():
             wait(time.monotonic() + 0.05)
         wait(time.monotonic() + SETTLING)
         names = ", ".join(settings.source(name).topic for name in topics)
-        report(f"Playing {names} of {path}.")
+        live.say(f"Playing {names} of {path}.")
         count, offset = 0, math.nan
         for block in bags.blocks([topic.name for topic in topics.values()]):
             for row, recorded in enumerate((1e-9 * block.log_times).tolist()):
@@ -77,7 +75,7 @@ def play_bag(
                     offset = time.monotonic() - recorded
                 pause = recorded + offset - time.monotonic()
                 if pause > LONG_WAIT:
-                    report(f"The next message follows in {pause:.0f} s.")
+                    live.say(f"The next message follows in {pause:.0f} s.")
                 wait(recorded + offset)
                 publishers[block.topics[row]].publish(block.message(row))
                 count += 1
@@ -100,42 +98,35 @@ def _settings(bags: Bags, remaps: Mapping[str, str]) -> Parameters:
     return with_values(Parameters(), chosen)
 
 
-def watch(
-    node_name: str,
-    show: Callable[[Any], None],
-    take: Callable[[Any], None],
-    report: Callable[[str], None],
-) -> None:
-    """Receive the predictions of a node, named with its namespace, until an exception ends it.
-
-    ``show`` is called with each prediction, ``take`` with each load state, and ``report`` with the
-    names of the modes, and with a sentence if no prediction arrives at the beginning.
-    """
+def watch(node_name: str, live: LiveLine) -> None:
+    """Show the answers of a node, named with its namespace, until an exception ends it."""
     with temporary_node("linkage_vibration_watch") as (node, executor):
-        topic, due = f"{node_name}/prediction", time.monotonic() + HINT_AFTER
-
-        def on_prediction(prediction: VibrationPrediction) -> None:
-            nonlocal due
-            due = math.inf
-            show(prediction)
-
-        def on_table(table: TableInfo) -> None:
-            report(f"The modes are, from the lowest: {', '.join(table.mode_names)}.")
-
-        last = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        with start_errors():
-            node.create_subscription(VibrationPrediction, topic, on_prediction, QUEUE_DEPTH)
-            node.create_subscription(LoadState, f"{node_name}/load_state", take, QUEUE_DEPTH)
-            node.create_subscription(TableInfo, f"{node_name}/table_info", on_table, last)
+        _follow(node, node_name, live)
+        hint_at = time.monotonic() + HINT_AFTER
         while True:
             executor.spin_once(0.2)
-            if time.monotonic() > due:
-                due = math.inf
-                report(
-                    f"No prediction on {node.resolve_topic_name(topic)} yet. Check that the node "
-                    f"is active, that it receives readings (`{command('play')}` sends some), "
-                    "and ROS_DOMAIN_ID."
+            if time.monotonic() > hint_at and not live.received:
+                hint_at = math.inf
+                live.say(
+                    f"No prediction of {node_name} yet. Check that the node is active, that it "
+                    f"receives readings (`{command('play')}` sends some), and ROS_DOMAIN_ID."
                 )
+
+
+def _follow(node: Node, node_name: str, live: LiveLine) -> None:
+    """Subscribe to what a live line shows of another node: predictions, load and mode names."""
+
+    def on_table(table: TableInfo) -> None:
+        live.say(f"The modes are, from the lowest: {', '.join(table.mode_names)}.")
+
+    last = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    with start_errors():
+        for kind, topic, take, quality in (
+            (VibrationPrediction, "prediction", live.show, ANSWERS_DEPTH),
+            (LoadState, "load_state", live.take, ANSWERS_DEPTH),
+            (TableInfo, "table_info", on_table, last),
+        ):
+            node.create_subscription(kind, f"{node_name}/{topic}", take, quality)
 
 
 @contextmanager

@@ -16,8 +16,7 @@ if TYPE_CHECKING:
 from linkage_vibration.errors import printable
 
 FAILED, INCOMPLETE = 1, 3  # argparse uses 2
-_SIGNALS = (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
-_AGAIN = 0.02  # s until a signal is tried again that arrived during an import
+_SIGNALS = (signal.SIGTERM, signal.SIGHUP)
 
 
 def add_strict(parser: "ArgumentParser", problems: str) -> None:
@@ -38,43 +37,21 @@ def exit_code(problems: Sequence[str], strict: bool) -> int:
 
 @contextmanager
 def ended_by_signals() -> Iterator[None]:
-    """Let SIGTERM and SIGHUP raise SystemExit, so that temporary files are removed.
-
-    They wait for the end of an import, as SIGINT does, because imports swallow exceptions.
-    """
+    """Let SIGTERM and SIGHUP raise SystemExit, so that temporary files are removed."""
 
     def end(number: int, frame: FrameType | None) -> None:
-        if _imports(frame):
-            signal.signal(signal.SIGALRM, lambda _, later: end(number, later))
-            waiting.append(signal.setitimer(signal.ITIMER_REAL, _AGAIN))
-            return
-        if number == signal.SIGINT:
-            raise KeyboardInterrupt
         for other in _SIGNALS:
             signal.signal(other, signal.SIG_IGN)  # The second one must not stop the removal.
         raise SystemExit(128 + number)
 
-    waiting: list[object] = []
     earlier = {}
     if threading.current_thread() is threading.main_thread():
         # A signal that is ignored, as SIGHUP by nohup, remains ignored.
-        usual = (signal.SIG_DFL, signal.default_int_handler)
-        earlier = {s: h for s in _SIGNALS if (h := signal.getsignal(s)) in usual}
+        earlier = {s: h for s in _SIGNALS if (h := signal.getsignal(s)) == signal.SIG_DFL}
+    for number in earlier:
+        signal.signal(number, end)
     try:
-        for number in earlier:
-            signal.signal(number, end)
         yield
     finally:
-        if waiting:
-            signal.setitimer(signal.ITIMER_REAL, 0.0)
         for number, handler in earlier.items():
             signal.signal(number, handler)
-
-
-def _imports(frame: FrameType | None) -> bool:
-    """Return whether a module is being imported."""
-    while frame is not None:
-        if frame.f_code.co_filename.startswith("<frozen importlib"):
-            return True
-        frame = frame.f_back
-    return False

@@ -4,8 +4,7 @@
 
 import math
 import tempfile
-from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from pathlib import Path
 
@@ -127,33 +126,44 @@ def check_bag(
     LinkageVibrationError
         If the bag cannot be read or replayed, or the baseline has another drive.
     """
-    bag = Path(bag)
-    with ExitStack() as stack:
-        log = bag
-        if settings is not None or not first_topic(topic_types(bag), PREDICTION):
-            if limits.latency is not None:
-                raise TestKitError(
-                    f"{bag} must be replayed and has no latency; give a log that the node recorded."
-                )
-            folder = stack.enter_context(tempfile.TemporaryDirectory())
-            log = Path(folder) / "replayed.mcap"
-            replay([bag], log, settings)
-        read = read_log(log)
-        waits = np.empty(0) if limits.latency is None else latencies(bag, log)
-        checked, failures = _failures(read, limits, waits)
-        if baseline is not None:
-            checked.append("baseline")
-            failures += _changes(Path(baseline), read, limits.baseline_tolerance or 0.0)
-        drawn = Path(picture) if failures and picture is not None else None
-        if drawn is not None:
-            plot(read, drawn)
-    return Report(bag, len(read.stamps), tuple(failures), drawn, tuple(checked), read.input_faults)
+    if limits.latency is not None and settings is not None:
+        raise TestKitError(f"{bag} is replayed, which has no latency; leave out the settings.")
+    return check_log(read_drive(bag, settings), limits, picture, baseline)
 
 
-def latencies(bag: Path, log: Path) -> FloatArray:
-    """Return how long after its reading each prediction in the log of a bag was sent, s."""
+def read_drive(bag: str | Path, settings: Parameters | None = None) -> Log:
+    """Return the log of a bag, which is replayed if it lacks predictions or settings are given."""
+    if settings is None and first_topic(topic_types(Path(bag)), PREDICTION):
+        return read_log(bag)
+    with tempfile.TemporaryDirectory() as folder:
+        log = Path(folder) / "replayed.mcap"
+        replay([bag], log, settings)
+        return replace(read_log(log), path=Path(bag))
+
+
+def check_log(
+    log: Log, limits: Limits, picture: str | Path | None = None, baseline: str | Path | None = None
+) -> Report:
+    """Check a log that `read_drive` has read, as `check_bag` does."""
+    waits = np.empty(0) if limits.latency is None else latencies(log.path)
+    checked, failures = _failures(log, limits, waits)
+    if baseline is not None:
+        checked.append("baseline")
+        failures += _changes(read_log(baseline), log, limits.baseline_tolerance or 0.0)
+    drawn = Path(picture) if failures and picture is not None else None
+    if drawn is not None:
+        plot(log, drawn)
+    found = tuple(failures), drawn, tuple(checked), log.input_faults
+    return Report(log.path, len(log.stamps), *found)
+
+
+def latencies(bag: Path) -> FloatArray:
+    """Return how long after its reading each prediction in a log was sent, s."""
+    hint = "give a log that the node recorded"
     names = [f"/{preset.topic}" for preset in PRESETS[HITCH].values()]
-    with open_bags([log]) as bags:
+    if not (topic := first_topic(topic_types(bag), PREDICTION)):
+        raise TestKitError(f"{bag} must be replayed and has no latency; {hint}.")
+    with open_bags([bag]) as bags:
         # A log lists all topics of the node, even those without messages.
         inputs = [topic.name for topic in bags.topics if topic.name in names and topic.count]
         if len(inputs) != 1:
@@ -161,18 +171,16 @@ def latencies(bag: Path, log: Path) -> FloatArray:
                 f"{bag} has messages on {len(inputs)} of the topics {', '.join(names)}; the "
                 "latency needs exactly one."
             )
-        blocks = bags.blocks([*inputs, first_topic(topic_types(log), PREDICTION)])
+        blocks = bags.blocks([*inputs, topic])
         parts = [np.array([b.topics == 0, b.log_times, b.publish_times], int) for b in blocks]
     of_input, logged, published = np.concatenate(parts, axis=1)
     readings, predictions = of_input == 1, of_input == 0
     # The log time of a prediction is that of its reading.
     sent = dict(zip(logged[readings].tolist(), published[readings].tolist(), strict=True))
     logged, published = logged[predictions], published[predictions]
-    begun = np.array([sent.get(time, np.nan) for time in logged.tolist()])
     if np.array_equal(logged, published):
-        raise TestKitError(
-            f"{bag} is a replay, which has no latency; give a log that the node recorded."
-        )
+        raise TestKitError(f"{bag} is a replay, which has no latency; {hint}.")
+    begun = np.array([sent.get(time, np.nan) for time in logged.tolist()])
     return np.asarray(1e-9 * (published - begun))
 
 
@@ -183,20 +191,17 @@ def _failures(log: Log, limits: Limits, latency: FloatArray) -> tuple[list[str],
     for each in found:
         if each.exceeded.any():
             sizes = np.where(each.exceeded, np.nan_to_num(each.size), -np.inf)
-            at, count = int(sizes.argmax()), int(each.exceeded.sum())
-            words, row = each.words(at), int(each.predictions[at])
-            if each.limit == "load_ratio":
-                of_loads.append(_failure(log, each.limit, row, count, words))
-            else:
-                these = of_loads if each.limit in OF_LOADS else failures
-                these.append(_failure(log, each.limit, row, count, words + _load_then(log, row)))
+            at, row = int(sizes.argmax()), int(each.span.predictions[sizes.argmax()])
+            words = each.words(at) + _load_then(log, row) * (each.limit != "load_ratio")
+            these = of_loads if each.limit in OF_LOADS else failures
+            these.append(_failure(log, each.limit, row, int(each.exceeded.sum()), words))
     unsure = min(found, key=lambda each: each.known_share, default=None)
     if unsure is not None and unsure.known_share < (limits.known_share or 0.0):
         share = max(0, math.floor(round(1000.0 * unsure.known_share, 6))) / 10.0
         words = f"it is known for {share:g} % of the drive whether {unsure.limit} is exceeded"
-        words += f", less than {100.0 * limits.known_share:g} %" if limits.known_share else ""
-        row = int(unsure.predictions[unsure.unknown]) if len(unsure.predictions) else 0
-        failures.append(_failure(log, "known_share", row, 1, f"{words} ({unsure.why}), first"))
+        words += f", less than {100.0 * (limits.known_share or 0.0):g} % ({unsure.why}), first"
+        rows = unsure.span.predictions[~np.asarray(unsure.known)]
+        failures.append(_failure(log, "known_share", int(rows[0]) if len(rows) else 0, 1, words))
     return [*dict.fromkeys(each.limit for each in found)], failures + of_loads
 
 
@@ -214,18 +219,16 @@ def _load_then(log: Log, row: int) -> str:
     return f" while {total_words(log.drive, then)}," if known else ""
 
 
-def _changes(baseline: Path, log: Log, tolerance: float) -> list[Failure]:
+def _changes(baseline: Log, log: Log, tolerance: float) -> list[Failure]:
     """Return a failure if a log differs from an earlier one, which has to be of the same drive."""
-    delta = compare(baseline, log.path)
+    delta = compare(baseline, log)
     if not problems(delta, tolerance):
         return []
-    differ = delta.a.status[delta.rows_a] != delta.b.status[delta.rows_b]
-    for each in delta.quantities:
-        differ |= each.beyond(tolerance)
-    names = [each.name for each in delta.quantities if each.beyond(tolerance).any()]
-    beyond = f" by more than {100.0 * tolerance:g} % in {listing(names)}" if names else ""
+    beyond = {each.name: each.beyond(tolerance) for each in delta.quantities}
+    names = [name for name, rows in beyond.items() if rows.any()]
+    which = f" by more than {100.0 * tolerance:g} % in {listing(names)}" if names else ""
     changed = np.ones(len(log.stamps), np.bool_)
-    changed[delta.rows_b] = differ
+    changed[delta.rows_b] = np.any([delta.other_status, *beyond.values()], axis=0)
     what = sentence(delta).rstrip(".")
-    words = f"the log (B) differs from {baseline} (A){beyond}: {what}, first"
+    words = f"the log (B) differs from {baseline.path} (A){which}: {what}, first"
     return [_failure(log, "baseline", int(changed.argmax()), int(changed.sum()), words)]

@@ -29,20 +29,6 @@ NOTHING = -1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Quantity:
-    """What a limit concerns, at n messages."""
-
-    limit: str  # a field of `Limits`
-    predictions: Integers  # (n,), of the log
-    exceeded: BoolArray  # (n,)
-    size: FloatArray  # (n,), largest where it is exceeded most; NaN if not known
-    words: Callable[[int], str]  # what happens at one of the messages
-    known_share: float = 1.0  # of the time, for which it is known whether the limit is exceeded
-    unknown: int = 0  # the first message at which that is not known
-    why: str = ""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Span:
     """Messages in the windows of limits, or all messages without windows."""
 
@@ -51,34 +37,27 @@ class Span:
     held: FloatArray  # (n,), s, for which each holds
     missing: float  # s, for which none does
 
-    def quantity(
-        self,
-        limit: str,
-        values: FloatArray,
-        allowed: Range,
-        words: str,
-        known: BoolArray | bool = True,
-        why: str = "",
-    ) -> Quantity:
-        """Return the quantity of values, (n,), which have to be within a range."""
-        low, high = allowed
-        bound = f"more than {high:g}" if low == -math.inf else f"not from {low:g} to {high:g}"
-        exceeded = (values < low) | (values > high)
-        size = np.maximum(low - values, values - high)
-        text = f"{words}, {bound},"
-        quantity = Quantity(
-            limit, self.predictions, exceeded, size, lambda i: text.format(values[i])
-        )
-        return self.assessed(quantity, exceeded | (known & np.isfinite(values)), why)
 
-    def assessed(self, quantity: Quantity, known: BoolArray, why: str) -> Quantity:
-        """Return a quantity with the share of the time for which it is known."""
-        spent, lost = float(self.held[known].sum()), float(self.held[~known].sum()) + self.missing
-        share = Durations(spent, 0.0, lost).known_share
-        share = round(share, 9) if np.isfinite(quantity.size).any() else NOTHING
-        first = int(known.argmin()) if len(known) else 0
-        why = why or f"{int((~known).sum())} of {len(known)} messages do not have it"
-        return replace(quantity, known_share=share, unknown=first, why=why)
+@dataclass(frozen=True, slots=True, eq=False)
+class Quantity:
+    """What a limit concerns, at n messages."""
+
+    limit: str  # a field of `Limits`
+    span: Span
+    exceeded: BoolArray  # (n,)
+    size: FloatArray  # (n,), largest where it is exceeded most; NaN if not known
+    words: Callable[[int], str]  # what happens at one of the messages
+    known: BoolArray | None = None  # (n,): it is known whether it is exceeded; None for always
+    why: str = ""  # it is not known
+
+    @property
+    def known_share(self) -> float:
+        """The share of the time for which it is known whether the limit is exceeded."""
+        if self.known is None or not np.isfinite(self.size).any():
+            return 1.0 if self.known is None else NOTHING
+        spent = float(self.span.held[self.known].sum())
+        lost = float(self.span.held[~self.known].sum()) + self.span.missing
+        return round(Durations(spent, 0.0, lost).known_share, 9)
 
 
 def quantities(log: Log, limits: Limits, latency: FloatArray) -> Iterator[Quantity]:
@@ -88,14 +67,9 @@ def quantities(log: Log, limits: Limits, latency: FloatArray) -> Iterator[Quanti
     yield from _of_the_bag(log, limits, span)
     yield from _of_predictions(log, limits, span)
     yield from _of_loads(log, limits)
-    if limits.latency is not None:
-        most = -math.inf, limits.latency
-        yield span.quantity("latency", latency[span.rows], most, "a prediction took {:.5f} s")
-
-
-def _always(text: str) -> Callable[[int], str]:
-    """Return a function that returns the same words for each message."""
-    return lambda _: text
+    if (most := limits.latency) is not None:
+        text = "a prediction took {:.5f} s"
+        yield _within("latency", span, latency[span.rows], (-math.inf, most), text)
 
 
 def total_words(drive: Drive, row: int) -> str:
@@ -120,28 +94,59 @@ def _span(
     return Span(rows[inside], predictions[inside], time[inside], missing)
 
 
+def _within(
+    limit: str,
+    span: Span,
+    values: FloatArray,
+    allowed: Range,
+    words: str,
+    known: BoolArray | bool = True,
+    why: str = "",
+) -> Quantity:
+    """Return the quantity of values, (n,), which have to be within a range."""
+    low, high = allowed
+    bound = f"more than {high:g}" if low == -math.inf else f"not from {low:g} to {high:g}"
+    exceeded, text = (values < low) | (values > high), f"{words}, {bound},"
+    known = exceeded | (known & np.isfinite(values))
+    why = why or f"{int((~known).sum())} of {len(known)} messages do not have it"
+    size = np.maximum(low - values, values - high)
+    return Quantity(limit, span, exceeded, size, lambda i: text.format(values[i]), known, why)
+
+
+def _at(
+    limit: str, rows: Integers, exceeded: BoolArray, words: str, size: FloatArray | None = None
+) -> Quantity:
+    """Return a quantity at predictions that always have it, (n,), in the same words for each."""
+    size = np.zeros(len(rows)) if size is None else size
+    span = Span(rows, rows, np.zeros(len(rows)), 0.0)
+    return Quantity(limit, span, exceeded, size, _always(words))
+
+
+def _always(text: str) -> Callable[[int], str]:
+    """Return a function that returns the same words for each message."""
+    return lambda _: text
+
+
 def _of_the_bag(log: Log, limits: Limits, span: Span) -> Iterator[Quantity]:
     """Yield what limits of the clock and of the length of a bag concern."""
-    times, steps = log.times, np.diff(log.times)
+    times, steps, last = log.times, np.diff(log.times), np.array([len(log.times) - 1])
     if (least := limits.duration) is not None:
         text = f"the bag lasts {times[-1]:.3f} s, less than {least:g}, and ends"
-        last = np.array([len(times) - 1])
-        yield Quantity("duration", last, times[-1:] < least, np.zeros(1), _always(text))
+        yield _at("duration", last, times[-1:] < least, text)
     for begin, end in limits.windows or ():
         step = float(np.median(steps)) if len(steps) else 0.0
         there = ((times >= begin) & (times <= end)).any() and times[-1] + 1.5 * step >= end
-        words = f"predictions do not cover the window from {begin:g} to {end:g} s; the bag ends"
-        last = np.array([len(times) - 1])
-        yield Quantity("windows", last, np.array([not there]), np.zeros(1), _always(words))
+        text = f"predictions do not cover the window from {begin:g} to {end:g} s; the bag ends"
+        yield _at("windows", last, np.array([not there]), text)
     if (most := limits.clock_jumps) is not None:
         jumps = log.passes[np.isin(log.passes, span.rows)]
         numbers = np.arange(1.0, len(jumps) + 1.0)
         text = f"there are more jumps of the clock to an earlier time than {most:g},"
-        yield Quantity("clock_jumps", jumps, numbers > most, -numbers, _always(text))
-    if limits.gap is not None:
+        yield _at("clock_jumps", jumps, numbers > most, text, -numbers)
+    if (most := limits.gap) is not None:
         gaps = _span(times[:-1], np.arange(len(steps)), steps, 0.0, limits)
-        allowed = -math.inf, limits.gap
-        yield gaps.quantity("gap", steps[gaps.rows], allowed, "no prediction for {:.3f} s")
+        text = "no prediction for {:.3f} s"
+        yield _within("gap", gaps, steps[gaps.rows], (-math.inf, most), text)
 
 
 def _of_predictions(log: Log, limits: Limits, span: Span) -> Iterator[Quantity]:
@@ -154,15 +159,15 @@ def _of_predictions(log: Log, limits: Limits, span: Span) -> Iterator[Quantity]:
             name = Status(int(log.status[rows[i]])).name
             return f"the status is {name} at a crank angle of {angles[i]:.2f} deg"
 
-        yield Quantity("statuses", rows, other, np.zeros(len(rows)), status)
-    if limits.crank_angle_deg is not None:
-        words = "the crank angle is {:.2f} deg"
-        yield span.quantity("crank_angle_deg", angles, limits.crank_angle_deg, words)
+        yield Quantity("statuses", span, other, np.zeros(len(rows)), status)
+    if (allowed := limits.crank_angle_deg) is not None:
+        yield _within("crank_angle_deg", span, angles, allowed, "the crank angle is {:.2f} deg")
     for mode, allowed in (limits.frequencies or {}).items():
         if mode > log.n_modes:
             raise TestKitError(f"frequencies has mode {mode}; {log.path} has {log.n_modes} modes.")
         words = f"the natural frequency of {log.mode_label(mode - 1)} is {{:.4g}} Hz"
-        yield span.quantity("frequencies", log.natural_frequencies[rows, mode - 1], allowed, words)
+        values = log.natural_frequencies[rows, mode - 1]
+        yield _within("frequencies", span, values, allowed, words)
 
 
 def _of_loads(log: Log, limits: Limits) -> Iterator[Quantity]:
@@ -171,31 +176,35 @@ def _of_loads(log: Log, limits: Limits) -> Iterator[Quantity]:
     drive = None if log.drive is None else _drive_within(log, log.drive, limits)
     why = _why(log, drive)
     if drive is None:
-        for limit, _ in given:
-            row, nan = np.zeros(1, np.int64), np.full(1, math.nan)
-            yield Quantity(limit, row, row > 0, nan, str, NOTHING, why=why)
+        row, never = np.zeros(1, np.int64), np.zeros(1, np.bool_)
+        nothing = Span(row, row, np.zeros(1), 0.0)
+        nan = np.full(1, math.nan)
+        yield from (Quantity(limit, nothing, never, nan, str, never, why) for limit, _ in given)
         return
     of, name = drive.resonances, limits.excitation
     span = Span(np.arange(len(of)), drive.predictions, drive.held, drive.missing)
-    known = sources_known(drive)
-    ratio, velocity, state = of.total_load_ratio, of.total_velocity, of.state
+    known, ratio, velocity = sources_known(drive), of.total_load_ratio, of.total_velocity
+    state, whose = of.state, ""
     if name is not None:
-        i = _excitation(log, drive, name)
+        i, whose = _excitation(log, drive, name), f" of {name}"
         ratio, velocity, state = of.load_ratios[:, i], of.velocities[:, i], of.states[:, i]
         known = state != ResonanceState.UNKNOWN
-    whose = "" if name is None else f" of {name}"
     for limit, most in given:
         if limit == "load_ratio":
             yield _load_ratio(log, drive, span, limits, known, why)
         elif limit == "velocity":
             words = f"the velocity of the response point{whose} is {{:.3g}} m/s"
-            numbers = velocity.astype(float)
-            yield span.quantity(limit, numbers, (-math.inf, most), words, known, why)
+            yield _within(limit, span, velocity.astype(float), (-math.inf, most), words, known, why)
         else:
             least, sure = ResonanceState.NOTE, known
             if limit == "warning_time":  # without a load, nothing can warn
                 least, sure = ResonanceState.WARNING, known & np.isfinite(ratio)
-            yield _time_in(limit + whose, state, least, most, span, sure, why)
+            there = state >= least
+            spent = np.cumsum(np.where(there, span.held, 0.0))
+            over = there & (spent > most + 1e-9) & (spent - span.held <= most + 1e-9)
+            text = f"the {limit.replace('_', ' ')}{whose} is {spent[-1]:.3f} s, more than {most:g},"
+            size = np.where(state == ResonanceState.UNKNOWN, math.nan, 0.0)
+            yield Quantity(limit, span, over, size, _always(text), there | sure, why)
 
 
 def _load_ratio(
@@ -227,28 +236,7 @@ def _load_ratio(
             raise TestKitError(f"place is {limits.place!r}; {log.path} has only {every}.")
         # While another place is loaded more, only a bound is known of the load here.
         above = (ratio > most) & (place == limits.place)
-    quantity = Quantity("load_ratio", span.predictions, above, ratio, words)
-    return span.assessed(quantity, above | below, why)
-
-
-def _time_in(
-    words: str,
-    state: Integers,
-    least: ResonanceState,
-    most: float,
-    span: Span,
-    known: BoolArray,
-    why: str,
-) -> Quantity:
-    """Return what the limit of the time in a state, or in a worse one, concerns."""
-    there = state >= least
-    spent = np.cumsum(np.where(there, span.held, 0.0))
-    most += 1e-9  # s, for rounding
-    over = there & (spent > most) & (spent - span.held <= most)
-    text = f"the {words.replace('_', ' ', 1)} is {spent[-1]:.3f} s, more than {most:g},"
-    size = np.where(state == ResonanceState.UNKNOWN, math.nan, 0.0)
-    quantity = Quantity(words.split()[0], span.predictions, over, size, _always(text))
-    return span.assessed(quantity, there | known, why)
+    return Quantity("load_ratio", span, above, ratio, words, above | below, why)
 
 
 def _excitation(log: Log, drive: Drive, name: str) -> int:

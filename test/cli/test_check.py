@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The command `check` prints a sentence for each failure, and its exit code says what it is."""
+"""`review --limits` prints a sentence for each failure, and its exit code says what it is."""
 
 import shlex
 import shutil
@@ -37,7 +37,7 @@ def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_limits_hold(files: Path, capsys: Any) -> None:
     """The code is 0, and each limit is a test case without a failure."""
-    assert main(["check", "log.mcap", "--limits", "limits.yaml", "--junit", "out.xml"]) == 0
+    assert main(["review", "log.mcap", "--limits", "limits.yaml", "--junit", "out.xml"]) == 0
     assert capsys.readouterr().out == "log.mcap: 50 predictions within their limits\n"
     cases = list(ElementTree.parse(files / "out.xml").iter("testcase"))
     assert [case.get("name") for case in cases] == ["duration", "gap", "statuses", "load_ratio"]
@@ -47,7 +47,7 @@ def test_limits_hold(files: Path, capsys: Any) -> None:
 def test_limits_fail(files: Path, capsys: Any) -> None:
     """The code is 3, as of each result that is not what it should be; each failure is a line."""
     (files / "limits.yaml").write_text("gap: 0.09\nload_ratio: 0.09\n")
-    assert main(["check", "log.mcap", "--limits", "limits.yaml", "--junit", "out.xml"]) == 3
+    assert main(["review", "log.mcap", "--limits", "limits.yaml", "--junit", "out.xml"]) == 3
     out, err = capsys.readouterr()
     gap, load = err.splitlines()
     assert out == ""
@@ -76,7 +76,7 @@ def test_errors(files: Path, capsys: Any, limits: str, arguments: list[str], wor
     write_drive(files / "other.mcap", random_drive(1)[3:])
     (files / "limits.yaml").write_text(limits)
     junit = [] if "--junit" in arguments else ["--junit", "out.xml"]
-    assert main(["check", "log.mcap", "--limits", "limits.yaml", *arguments, *junit]) == 1
+    assert main(["review", "log.mcap", "--limits", "limits.yaml", *arguments, *junit]) == 1
     [line] = capsys.readouterr().err.splitlines()
     assert words in line
     assert (files / "out.xml").exists() == bool(junit)
@@ -91,7 +91,7 @@ def test_baseline(files: Path, capsys: Any) -> None:
     shutil.copy("log.mcap", "same.mcap")
     written(files / "changed.mcap", 2.02)
     (files / "limits.yaml").write_text("gap: 0.11\nbaseline_tolerance: 0.001\n")
-    arguments = ["check", "log.mcap", "--limits", "limits.yaml", "--baseline"]
+    arguments = ["review", "log.mcap", "--limits", "limits.yaml", "--baseline"]
     assert main([*arguments, "same.mcap"]) == 0
     capsys.readouterr()
     assert main([*arguments, "changed.mcap"]) == 3

@@ -79,7 +79,7 @@ def test_from_a_bag_to_parameters(
         arguments = [str(bag), "--times", *words(mechanism, body, seed), "--body", body]
         arguments += ["--mechanism", str(mechanism_file), "--tractor-deg", str(PITCH)]
         arguments += ["--params-file", str(params), "-o", str(output)]
-        assert main(["inclinometer", *arguments]) == 0
+        assert main(["calibrate", *arguments]) == 0
         printed = capsys.readouterr().out
         assert output.read_text() in printed
         actual = read_parameters(output)
@@ -113,7 +113,7 @@ def test_from_a_bag_to_parameters(
         (["--readings", "1=-88", "2=-60", "3=-30", "4=-60", "5=-88"], "points turns back"),
         (["--readings", "1=-88", "--body", "boom"], "There is no body 'boom'; name one of:"),
         (["--readings", "1=-88", "--stddev-deg", "0"], "have to be finite, the first above 0"),
-        (["BAG"], "0 points do not show their errors"),
+        ([], "Give one YAML file of parameters and targets, or for the sensor of the hitch"),
     ],
 )
 def test_what_is_refused(
@@ -126,7 +126,7 @@ def test_what_is_refused(
     """Each fault of the points is refused in one sentence, and no file is written."""
     bag, output = bag_of(tmp_path / "bag.mcap", "joint"), tmp_path / "found.yaml"
     words = [str(bag) if word == "BAG" else word for word in arguments]
-    command = ["inclinometer", *words, "--mechanism", str(mechanism_file), "-o", str(output)]
+    command = ["calibrate", *words, "--mechanism", str(mechanism_file), "-o", str(output)]
     assert main(command) == 1
     assert why in capsys.readouterr().err
     assert not output.exists()

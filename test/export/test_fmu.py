@@ -469,23 +469,17 @@ def elf(machine: int) -> bytes:
 
 @pytest.mark.parametrize(
     ("library", "platform"),
-    [
-        (elf(62), ("linux64", ".so")),
-        (elf(183), ("aarch64-linux", ".so")),
-        (elf(40), ("aarch32-linux", ".so")),
-        (b"\xcf\xfa\xed\xfe\x0c\x00\x00\x01", ("aarch64-darwin", ".dylib")),
-        (b"MZ" + bytes(58) + b"\x40\0\0\0PE\0\0\x64\x86", ("win64", ".dll")),
-    ],
+    [(elf(62), "linux64"), (elf(183), "aarch64-linux"), (elf(40), "aarch32-linux")],
 )
-def test_platform_is_that_of_the_library(library: bytes, platform: tuple[str, str]) -> None:
+def test_platform_is_that_of_the_library(library: bytes, platform: str) -> None:
     """The header of the library says where it runs, also if another machine compiled it."""
     assert platform_of(library) == platform
 
 
 @pytest.mark.parametrize("library", [b"", b"text", elf(243)])
 def test_library_for_no_platform(library: bytes) -> None:
-    """A library of an unknown format or for a processor that FMI does not name is refused."""
-    with pytest.raises(ExportError, match="for no platform of FMI"):
+    """A library of another format or for another processor is refused."""
+    with pytest.raises(ExportError, match="not for Linux on an x86 or Arm processor"):
         platform_of(library)
 
 

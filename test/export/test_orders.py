@@ -352,5 +352,6 @@ def test_command(tmp_path: Path, capsys: Any) -> None:
 def test_table_of_another_mechanism(tmp_path: Path, capsys: Any) -> None:
     """Responses need the mechanism of the table."""
     table, orders = (str(config_file(n)) for n in (PAPER_TABLE, "excitations.yaml"))
-    assert main(["export", table, "--excitations", orders, "--c", str(tmp_path / "x")]) == 1
+    other = ["--mechanism", str(config_file(DEFAULT_MECHANISM)), "--c", str(tmp_path / "x")]
+    assert main(["export", table, "--excitations", orders, *other]) == 1
     assert "was built from another mechanism" in capsys.readouterr().err

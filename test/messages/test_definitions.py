@@ -7,12 +7,7 @@ from pathlib import Path
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from linkage_vibration.messages.definitions import (
-    DefinitionError,
-    message_definition,
-    message_text,
-    type_hash,
-)
+from linkage_vibration.messages.definitions import DefinitionError, message_definition, type_hash
 
 TYPES = [
     "linkage_vibration_interfaces/msg/VibrationPrediction",
@@ -89,42 +84,3 @@ def test_another_installed_version_of_our_messages(
     (folder / "Resonance.json").write_text('{"type_hashes": []}')
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
     assert (message_definition(kind), type_hash(kind)) == (definition, correct)
-
-
-@pytest.mark.parametrize(
-    ("text", "request_text", "response_text"),
-    [
-        ("int8 a\n---\nbool b\n", "int8 a", "bool b\n"),
-        ("---\nbool b\nstring c\n", "", "bool b\nstring c\n"),
-        ("# A comment.\nint8 a\n---\n", "# A comment.\nint8 a", ""),
-        ("---\n", "", ""),
-    ],
-    ids=["both", "no request", "no response", "neither"],
-)
-def test_parts_of_a_service(
-    text: str,
-    request_text: str,
-    response_text: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """The line --- separates request and response, also where it is the first or the last line."""
-    folder = tmp_path / "share" / "made_up" / "srv"
-    folder.mkdir(parents=True)
-    (folder / "Ask.srv").write_text(text)
-    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
-    assert message_text("made_up/srv/Ask_Request") == request_text
-    assert message_text("made_up/srv/Ask_Response") == response_text
-
-
-@pytest.mark.parametrize("texts", [("int8 a", "bool b", "string c\n"), ("", "", "string c\n")])
-def test_parts_of_an_action(
-    texts: tuple[str, str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Goal, result and feedback are separated by two lines, also where the first two are empty."""
-    folder = tmp_path / "share" / "made_up" / "action"
-    folder.mkdir(parents=True)
-    (folder / "Do.action").write_text("---\n".join(text and f"{text.rstrip()}\n" for text in texts))
-    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
-    parts = (message_text(f"made_up/action/Do_{part}") for part in ("Goal", "Result", "Feedback"))
-    assert tuple(parts) == texts

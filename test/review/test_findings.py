@@ -167,26 +167,6 @@ def test_overview_of_logs_with_one_name(write_log: Any, tmp_path: Path) -> None:
         assert (tmp_path / f"{page}.html").exists()
 
 
-@pytest.mark.parametrize(
-    ("warnings", "above", "known", "faults", "calm"),
-    [
-        (0, 0.0, 0.95, [], True),
-        (0, 0.0, 0.949, [], False),
-        (0, 0.1, 1.0, [], False),
-        (1, 0.0, 1.0, [], False),
-        (0, 0.0, 1.0, ["All stamps are zero."], False),
-        (None, None, 0.0, [], False),
-    ],
-)
-def test_rows_of_an_overview_are_green_as_their_pages(
-    log: Log, warnings: int | None, above: float | None, known: float, faults: list[str], calm: bool
-) -> None:
-    """A row is green without warning, load above the limit, and doubt, known for 95 % of it."""
-    row = drive_summary(log) | {"warnings": warnings, "above_limit_s": above}
-    page = overview_html([(row | {"known_share": known, "input_faults": faults}, "a.html")], [])
-    assert ("<tr class=calm>" in page) == calm == ("<tr class=alarm>" not in page)
-
-
 def test_overview_escapes_names(log: Log) -> None:
     """A name of a mode or of a file is text, never a part of the page."""
     text = "<script>alert('1')</script>"
@@ -223,7 +203,7 @@ def test_messages_that_were_dropped_are_a_problem(log: Log) -> None:
 
 def test_summary_is_json(drive: Path, jumping: Path, capsys: Any, log: Log) -> None:
     """The same as JSON, with null for what is not known."""
-    assert main(["summary", str(drive), str(jumping)]) == 0
+    assert main(["review", str(drive), str(jumping), "--json"]) == 0
     first, second = json.loads(capsys.readouterr().out)["drives"]
     assert first["sentence"] == first_sentence(log)
     assert first["worst"]["load_ratio_factor"] is None
@@ -241,7 +221,7 @@ def test_summary_is_json(drive: Path, jumping: Path, capsys: Any, log: Log) -> N
 
 def test_summary_names_a_log_that_is_cut(overview: Path, tmp_path: Path, capsys: Any) -> None:
     """Of three logs, two are printed and the third is named; without any, the command fails."""
-    assert main(["summary", str(overview)]) == 3
+    assert main(["review", str(overview), "--json"]) == 3
     output = capsys.readouterr()
     content = json.loads(output.out)
     assert [Path(each["log"]).name for each in content["drives"]] == ["drive.mcap", "jumping.mcap"]
@@ -249,7 +229,7 @@ def test_summary_names_a_log_that_is_cut(overview: Path, tmp_path: Path, capsys:
     assert failure["log"] == str(overview / "cut.mcap")
     assert "cut.mcap is damaged" in failure["error"]
     assert failure["error"] in output.err
-    assert main(["summary", str(overview / "cut.mcap")]) == 1
+    assert main(["review", str(overview / "cut.mcap"), "--json"]) == 1
     output = capsys.readouterr()
     assert "cut.mcap is damaged" in output.err
     assert output.out == ""
@@ -284,7 +264,7 @@ def test_strict_summary(
         for k in range(100)
     ]
     path = str(write_drive(tmp_path / "drive.mcap", messages))
-    assert main(["summary", path, "--strict"]) == code
+    assert main(["review", path, "--json", "--strict"]) == code
     assert said in capsys.readouterr().err
 
 
@@ -423,11 +403,3 @@ def test_next_goes_forward_from_the_cursor(page: Any, jumping: Path) -> None:
     cells = "[...document.querySelectorAll('#table-moments tbody td:nth-child(6)')]"
     shown = list(map(float, page.evaluate(f"{cells}.map(e => e.textContent)")))
     assert shown == sorted(shown)
-
-
-def test_campbell_plot(page: Any, jumping: Path) -> None:
-    """Each source has a plot with its orders and the bands of the modes below them."""
-    log = read_log(jumping)
-    titles = page.evaluate("[...document.querySelectorAll('#campbell svg')].map(e => e.ariaLabel)")
-    assert len(titles) == len({each.source for each in log.excitations} & set(log.speeds)) == 2
-    assert all("orders and 3 modes" in title for title in titles)

@@ -87,9 +87,9 @@ def check_verdict(messages: list[Message], log: Log) -> None:
 
 
 def test_summary(drive: tuple[list[Message], Path], capsys: Any) -> None:
-    """The command `summary` prints the same numbers with six digits."""
+    """`review --json` prints the same numbers with six digits."""
     messages, path = drive
-    assert main(["summary", str(path)]) == 0
+    assert main(["review", str(path), "--json"]) == 0
     content = json.loads(capsys.readouterr().out)
     assert (content["schema_version"], content["failures"]) == (1, [])
     [actual] = content["drives"]
@@ -151,7 +151,7 @@ def is_calm(messages: list[Message]) -> bool:
 
 
 def check_answers(messages: list[Message], log: Log) -> None:
-    """Compare the colour, the exit code of `--strict` and `check` with what the messages say."""
+    """Compare the colour, the exit code of `--strict` and `--limits` with what the messages say."""
     calm, summary = is_calm(messages), drive_summary(log)
     green = " class=calm" in overview_html([(summary, "page.html")], [])
     assert green == (calm and not log.input_faults)

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""`linkage-vibration play` feeds a node, and `linkage-vibration watch` shows its predictions."""
+"""`linkage-vibration play` feeds a node and shows its predictions, as `play --watch` does."""
 
 import signal
 import subprocess
@@ -30,20 +30,21 @@ def test_play_and_watch(
     shown = tmp_path / "shown.txt"
     with shown.open("w") as file:
         watching = subprocess.Popen(
-            [*COMMAND, "watch", "--node", "/played"],
+            [*COMMAND, "play", "--watch", "--node", "/played"],
             stdout=file,
             stderr=file,
             env=environment,
             # A shell that runs the tests in the background ignores it, and so would the command.
             preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         )
-    until(lambda: "No prediction on /played/prediction yet" in shown.read_text(), "the hint")
-    play = [*COMMAND, "play", str(bag), "--remap", "joint_states:=/arm"]
+    until(lambda: "No prediction of /played yet" in shown.read_text(), "the hint")
+    play = [*COMMAND, "play", str(bag), "--remap", "joint_states:=/arm", "--node", "/played"]
     played = subprocess.run(play, env=environment, capture_output=True, text=True, check=True)
     assert "Playing joint_states, engine_speed of" in played.stdout
     assert "The next message follows in 2 s." in played.stdout
     assert "161 messages were published." in played.stdout
     assert played.stderr == ""
+    assert "deg |" in played.stdout
     until(lambda: "142.9" in shown.read_text(), "the last prediction")
     watching.send_signal(signal.SIGINT)
     assert watching.wait(LIMIT) == 0

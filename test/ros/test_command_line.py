@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from linkage_vibration.drawing.live_line import LiveLine
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.ros.bag_player import play_bag, watch
 from linkage_vibration.ros.command_line import StartError, check_arguments, refusal
@@ -125,14 +126,14 @@ def test_single_parameters_do_not_replace_a_file(
 def test_commands_without_security(
     environment: dict[str, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """`watch`, `play` and the demo refuse an invalid name, and security that is not set up."""
+    """`play` refuses an invalid name, and security that is not set up, also with --watch."""
     with pytest.raises(StartError, match="Invalid topic name"):
-        watch("bad name!", print, print, print)
+        watch("bad name!", LiveLine(sys.stdout))
     monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")
     monkeypatch.setenv("ROS_SECURITY_STRATEGY", "Enforce")
     for start in (
-        lambda: watch("/node", print, print, print),
-        lambda: play_bag(DRIVE, Parameters(), {}, print),
+        lambda: watch("/node", LiveLine(sys.stdout)),
+        lambda: play_bag(DRIVE, Parameters(), {}, LiveLine(sys.stdout)),
     ):
         with pytest.raises(StartError, match="check ROS_SECURITY_KEYSTORE"):
             start()

@@ -81,7 +81,7 @@ def recorded(
 def files(
     recorded: Any, hitch: Parameters, tmp_path_factory: pytest.TempPathFactory
 ) -> dict[str, Path]:
-    """Return a replay of the node's log, and what `review` and `diff` write of it, by suffixes."""
+    """Return a replay of the node's log, and what `review` writes of it, by suffixes."""
     folder = tmp_path_factory.mktemp("files")
     actual = {kind: folder / f"heavy.{kind}" for kind in ("mcap", "html", "csv", "png")}
     replay(recorded[0], actual["mcap"], hitch)
@@ -143,7 +143,7 @@ def test_page(files: dict[str, Path], capsys: Any) -> None:
     """The data of the page are valid JSON, which names the mode, and the picture is drawn."""
     assert files["png"].stat().st_size > 10_000
     log = str(files["mcap"])
-    assert main(["diff", log, log]) == 0
+    assert main(["review", log, "--against", log]) == 0
     assert " nan " not in capsys.readouterr().out
     [text] = re.findall(r'id="data"[^>]*>(.*?)</script>', files["html"].read_text(), re.DOTALL)
     data = json.loads(text, parse_constant=pytest.fail)
@@ -175,8 +175,7 @@ def test_lines(recorded: Any, hitch: Parameters, capsys: Any) -> None:
         lines.append(stream.getvalue())
     assert " overd. " in lines[1]
     assert len(lines[0]) == len(lines[1])
-    files = ["--mechanism", hitch.mechanism_file, "--table", hitch.table_file]
-    assert main(["predict", "150", "165", *files]) == 0
+    assert main(["predict", hitch.table_file, "150", "165"]) == 0
     head, first, last = capsys.readouterr().out.splitlines()
     assert last.split()[1] == "overdamped"
     assert len(head) == len(first) == len(last)

@@ -190,8 +190,6 @@ def _in_radians(link: MeasuredLink, _: np.random.Generator) -> MeasuredLink:
 
 FAULTS: dict[str, Fault] = {
     "all signs reversed": _changed(lambda frf: -frf),
-    "magnitudes of receptances": _changed(lambda frf: np.abs(frf).astype(complex)),
-    "magnitudes of accelerances": _changed(lambda frf: -np.abs(frf).astype(complex)),
     "one sensor reversed": _reversed,
     "accelerations in g": _changed(lambda frf: frf / 9.80665),
     "responses per lbf": _changed(lambda frf: frf * 4.4482216),

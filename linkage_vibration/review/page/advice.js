@@ -1,6 +1,14 @@
 // Copyright 2026 The linkage_vibration authors. SPDX-License-Identifier: Apache-2.0
 // Paints the load ratio over height and ground speed, with the drive, its worst moment and the quietest height.
 
+/** Round values from low to high, about as many as there is room for. */
+function roundValues(low, high, count) {
+  const raw = (high - low) / count, ten = 10 ** Math.floor(Math.log10(raw));
+  const step = [1, 2, 5, 10].map(k => k * ten).find(s => s >= raw * (1 - 1e-9)), found = [];
+  for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k++) found.push(Number((k * step).toPrecision(9)));
+  return found;
+}
+
 if (data.advice) {
   const { angles, speeds, limit, drive, now, best, texts } = data.advice;
   const { loads, reasons } = data.advice, nV = speeds.length, nA = angles.length;

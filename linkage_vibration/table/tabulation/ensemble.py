@@ -24,7 +24,12 @@ from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray
 from linkage_vibration.mechanics.description import Cylinder, Mechanism, coarser
 from linkage_vibration.mechanics.model import LinkageModel, Place, Solution
-from linkage_vibration.mechanics.modes import MECHANISM, oscillating_indices
+from linkage_vibration.mechanics.modes import (
+    MECHANISM,
+    DampedModes,
+    damp_modes,
+    oscillating_indices,
+)
 from linkage_vibration.mechanics.response import reach
 from linkage_vibration.mechanics.uncertainty import rotation
 from linkage_vibration.table.interpolation import (
@@ -37,6 +42,7 @@ from linkage_vibration.table.tabulation.sampling import Sampler
 
 _ALL = 10**6
 _COARSER = (4, 2), (8, 4), (_ALL, _ALL)  # elements and modes of links that are tried for members
+_DAMPED = 2.0  # Undamped modes above so many times the band's reach do not change poles of members.
 _N_NODES = 8, 15, 29  # angles at which members are solved
 _SAME = 1.0 - 1e-6  # of a gap between modes; a smaller difference is rounding
 _BETWEEN = 0.5  # Between them, a pole may be off by this share of its decay.
@@ -137,8 +143,10 @@ class _Solver:
         few = _nodes(table, 3).tolist()
         exact = [_oscillating(sampler.solution(angle))[0] for angle in few]
         for self._mesh in _COARSER:
+            self._highest = math.inf if self._mesh[0] == _ALL else _DAMPED * self._limit
             model = self.model(sampler.model.mechanism)
-            coarse = [_oscillating(each)[0] for each in model.stack(np.array(few)).rows]
+            stack = model.stack(np.array(few))
+            coarse = [_oscillating(each, self._highest)[0] for each in stack.rows]
             if all(_agree(*both, self._limit) for both in zip(coarse, exact, strict=True)):
                 break
         self._mass = model.system.mass
@@ -306,17 +314,16 @@ class _Solver:
         static = model.forces.at_rest(stack.configuration, stack.joining, stack.coupled)
         each = zip(stack.rows, stack.participation(self._places), static, strict=True)
         for solution, participation, at_rest in each:
-            poles, turn = _oscillating(solution)
-            kept = slice(0, 2 * int((np.abs(poles) < self._limit).sum()) + 4)
-            into, k = participation[: len(self._table.places)], solution.damped.stiffness
+            poles, turn, damped = _oscillating(solution, self._highest)
+            into, k = participation[: len(self._table.places)], damped.stiffness
             slow = (k.real > MECHANISM**2) & (k.real < self._limit**2)
             modes = _Modes(
-                poles[kept],
-                np.asarray(solution.modes.shapes @ turn[:, kept]),
-                np.asarray(participation @ turn[:, kept]),
+                poles,
+                np.asarray(solution.modes.shapes[:, : len(turn)] @ turn),
+                np.asarray(participation[:, : len(turn)] @ turn),
                 participation / solution.modes.omega**2 @ into.T,
                 at_rest,
-                int(((k.real <= solution.damped.decay**2 / 4.0) & slow).sum()),
+                int(((k.real <= damped.decay**2 / 4.0) & slow).sum()),
             )
             solved.append(modes)
         return solved
@@ -336,19 +343,23 @@ def _nodes(table: Table, n: int) -> FloatArray:
     return nodes
 
 
-def _oscillating(solution: Solution) -> tuple[ComplexArray, ComplexArray]:
-    """Return the oscillating poles, ascending, (k,), rad/s, and shapes by the undamped modes.
+def _oscillating(
+    solution: Solution, highest: float = math.inf
+) -> tuple[ComplexArray, ComplexArray, DampedModes]:
+    """Return the oscillating poles, ascending, (k,), rad/s, their shapes, and all damped modes.
 
-    The products of the shapes, (n_modes, k), are the residues of 1 / (s - pole).
+    They are those by the n undamped modes up to the highest frequency, rad/s. The products of the
+    shapes by these modes, (n, k), are the residues of 1 / (s - pole).
     """
-    damped = solution.damped
+    omega = solution.modes.omega[solution.modes.omega <= highest]
+    damped = damp_modes(solution.coupled, omega, solution.vectors[:, : len(omega)])
     if damped.poles is not None:
-        return damped.oscillating, damped.oscillating_shapes
+        return damped.oscillating, damped.oscillating_shapes, damped
     root = np.sqrt(damped.stiffness - damped.decay**2 / 4.0)
     poles = np.asarray(1j * root - damped.decay / 2.0)
     turn = np.eye(len(root)) if damped.shapes is None else damped.shapes[0]
     upper = oscillating_indices(poles)
-    return poles[upper], np.asarray(turn[:, upper] / np.sqrt(2j * root[upper]))
+    return poles[upper], np.asarray(turn[:, upper] / np.sqrt(2j * root[upper])), damped
 
 
 def _logarithms(poles: ComplexArray) -> FloatArray:
