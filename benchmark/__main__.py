@@ -19,6 +19,7 @@ STEPS = (
     "noise",
     "ground",
     "ground_map",
+    "loads",
     "tyres_and_damping",
     "own_hitch",
     "measured_modes",

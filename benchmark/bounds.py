@@ -27,10 +27,18 @@ from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import Table
 from linkage_vibration.table.tabulation import build_table
-from linkage_vibration.table.tabulation.frf_errors import frf_lines, worst_share
+from linkage_vibration.table.tabulation.frf_errors import frf_lines, worst_shares
 
 PICTURE = Path(__file__).parents[1] / "docs" / "pictures" / "bounds.png"
-QUANTITIES = ("frequency", "damping ratio", "peak frequency", "peak height", "slope", "FRF")
+QUANTITIES = (
+    "frequency",
+    "damping ratio",
+    "peak frequency",
+    "peak height",
+    "slope",
+    "FRF",
+    "force",
+)
 TOLERANCES = (1e-4, 1e-6, 1e-8)
 ANGLES = 200
 _CLOSE = 1e-4  # of a natural frequency: modes that are closer may be exchanged
@@ -89,7 +97,7 @@ CASES = (*SHIPPED, *COUPLED)
 
 
 def true_errors(model: LinkageModel, tables: Sequence[Table], angles: FloatArray) -> FloatArray:
-    """Return the errors of tables at angles, (n_tables, n, 6), in the order of `QUANTITIES`.
+    """Return the errors of tables at angles, (n_tables, n, 7), in the order of `QUANTITIES`.
 
     They are relative, and the worst of all modes or FRFs; those of slopes are divided by the
     natural frequencies, 1/rad. They are infinite if a mode has no values although it oscillates.
@@ -117,7 +125,7 @@ def true_errors(model: LinkageModel, tables: Sequence[Table], angles: FloatArray
             result[k, i, [0, 1, 4]] = _mode_errors(value[:-2], slope, poles, rates)
             result[k, i, 2] = abs(value[-2] - peak.frequency) / (peak.frequency or 1.0)
             result[k, i, 3] = abs(value[-1] / peak.magnitude - 1.0)
-            result[k, i, 5] = frfs.error(built, angle)
+            result[k, i, 5:] = frfs.errors(built, angle)
     return result
 
 
@@ -184,21 +192,22 @@ class _Frfs:
 
     def __init__(self, solution: Solution, built: Table) -> None:
         if built.places:
-            exact = solution.frf(built.places, built.places)
+            exact = solution.frf([*built.places, *built.forces], built.places)
             self.lines, self._weights = frf_lines(exact, built.band)
             self._exact = self._weights * exact.frf(self.lines)
 
-    def error(self, built: Table, alpha3: float) -> float:
-        """Return the largest error of an FRF of a table at the angle; NaN without FRFs."""
+    def errors(self, built: Table, alpha3: float) -> FloatArray:
+        """Return the largest errors of FRFs and forces of a table at the angle; NaN without."""
         if not built.places:
-            return math.nan
-        receptances = built.frf(alpha3, built.places, built.places).frf(self.lines)
-        off = np.linalg.norm(self._weights * receptances - self._exact, axis=0)
-        return worst_share(off, np.linalg.norm(self._exact, axis=0))
+            return np.full(2, math.nan)
+        rows = [*built.places, *built.forces]
+        responses = built.frf(alpha3, rows, built.places).frf(self.lines)
+        off = np.linalg.norm(self._weights * responses - self._exact, axis=0)
+        return worst_shares(off, np.linalg.norm(self._exact, axis=0))
 
 
 def reported_errors(built: Table, angles: FloatArray) -> FloatArray:
-    """Return the errors that a table reports at angles, (n, 6), in the order of `QUANTITIES`.
+    """Return the errors that a table reports at angles, (n, 7), in the order of `QUANTITIES`.
 
     Parameters
     ----------
@@ -207,7 +216,7 @@ def reported_errors(built: Table, angles: FloatArray) -> FloatArray:
     """
     starts = built.alpha3[built.pieces[:-1]]
     own = built.interpolation_error[np.searchsorted(starts, angles, side="right") - 1]
-    rest = built.peak_error, built.peak_error, built.slope_error, built.frf_error
+    rest = built.peak_error, built.peak_error, built.slope_error, built.frf_error, built.force_error
     return np.column_stack([own, own, *(np.full(len(angles), error) for error in rest)])
 
 
@@ -220,7 +229,7 @@ class Result:
     refusal: str = ""
     solutions: int = 0
     points: int = 0
-    share: FloatArray | None = None  # (n, 6): true errors over reported ones
+    share: FloatArray | None = None  # (n, 7): true errors over reported ones
 
     @property
     def row(self) -> list[str]:
@@ -284,8 +293,8 @@ def draw(computed: Sequence[Result]) -> None:
         left.plot(line[:1], [row], "o", color=COLOURS[i], markersize=5, markerfacecolor="white")
         left.plot(line[1:], [row], "o", color=COLOURS[i], markersize=5)
         for j, worst in enumerate(result.share.max(axis=0).tolist()):
-            place = row + 0.03 * (j - 2.5)
-            right.plot([worst], [place], "o", color=(*COLOURS, GREY)[j], markersize=4)
+            place = row + 0.03 * (j - 3)
+            right.plot([worst], [place], "o", color=(*COLOURS, GREY, INK)[j], markersize=4)
     left.set_yticks(range(len(cases), 0, -1), [str(case) for case in cases], fontsize=8)
     for i, tolerance in enumerate(TOLERANCES):
         left.plot([], [], "o-", color=COLOURS[i], label=f"tolerance {tolerance:.0e}")
@@ -295,7 +304,7 @@ def draw(computed: Sequence[Result]) -> None:
     left.minorticks_off()
     left.set_title("What a table costs", loc="left", color=INK)
     for j, name in enumerate(QUANTITIES):
-        right.plot([], [], "o", color=(*COLOURS, GREY)[j], markersize=4, label=name)
+        right.plot([], [], "o", color=(*COLOURS, GREY, INK)[j], markersize=4, label=name)
     right.axvline(1.0, color=INK, linewidth=1.0)
     right.axvline(2.0, color=GREY, linewidth=0.8, linestyle="--")
     right.text(1.98, 0.4, "no angle may exceed this", ha="right", color=GREY, fontsize=8)

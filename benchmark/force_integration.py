@@ -207,11 +207,11 @@ class PinForces:
         pins, springs = self._pin_rows(), slice(0, len(self._springs))
         stretch = self._widened(joining.elongation[springs])
         stiff = joining.stiffness[springs, np.newaxis] * stretch
-        nothing = np.zeros_like(stiff)
+        viscous = joining.damping[springs, np.newaxis] * stretch
         return (
             np.vstack([system.stiffness[pins], stiff]),
-            np.vstack([system.damping[pins], nothing]),
-            np.vstack([system.mass[pins], nothing]),
+            np.vstack([system.damping[pins], viscous]),
+            np.vstack([system.mass[pins], np.zeros_like(stiff)]),
         )
 
     def squares(self, forces: FloatArray) -> FloatArray:

@@ -113,27 +113,28 @@ def simulate(
 ) -> Simulated:
     """Integrate all modal coordinates by Newmark's rule of the mean acceleration."""
     at_mounts = solution.participation([(mount.name, "z") for mount in mounts])
-    rows = solution.participation([("E1", "z"), ("lift_cylinders", "force")])
+    constant, rates, _ = solution.powers([("E1", "z"), ("lift_cylinders", "force")])
     c = solution.vectors.T @ solution.coupled.damping @ solution.vectors
     k = np.diag(solution.modes.omega**2)
     inverse = np.linalg.inv(np.eye(len(k)) + 0.5 * step * c + 0.25 * step**2 * k)
     stiffness, damping = np.array([(m.stiffness[1], m.damping[1]) for m in mounts]).T
     loads = (u * stiffness + rate * damping) @ at_mounts
     into, from_q, from_v = loads @ inverse.T, inverse @ k, inverse @ c
-    out = np.vstack([rows, at_mounts])
+    out = np.vstack([constant, at_mounts])
     n, q = len(out), np.zeros((3, len(k)))
-    records = np.empty((len(u), 3, n))
+    records, records_of_rates = np.empty((len(u), 3, n)), np.empty(len(u))
     for i in range(len(u)):
         q[0] += step * q[1] + 0.25 * step**2 * q[2]
         q[1] += 0.5 * step * q[2]
         q[2] = into[i] - from_q @ q[0] - from_v @ q[1]
         q[0] += 0.25 * step**2 * q[2]
         q[1] += 0.5 * step * q[2]
-        records[i] = q @ out.T
+        records[i], records_of_rates[i] = q @ out.T, q[1] @ rates[1]
     kept = records[round(WARM_UP / step) :]
     moved, speeds = (part[-len(kept) :] for part in (u, rate))
     tyres = (moved - kept[:, 0, 2:]) * stiffness + (speeds - kept[:, 1, 2:]) * damping
-    return Simulated(kept[:, 1, 0], kept[:, 2, 0], kept[:, 0, 1], tyres)
+    viscous = records_of_rates[-len(kept) :]
+    return Simulated(kept[:, 1, 0], kept[:, 2, 0], kept[:, 0, 1] + viscous, tyres)
 
 
 def standard_error(density: FloatArray, f: FloatArray, duration: float) -> float:

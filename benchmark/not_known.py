@@ -64,6 +64,12 @@ ROWS = (
         "review/test_findings.py::test_rows_of_an_overview_are_green_as_their_pages",
     ),
     (
+        "Three of the sources of the shipped drive are never known.",
+        "green",
+        "Known for 0 % of the drive: the page is not green, and a check of its loads fails.",
+        "testing/test_bag_checks.py::test_what_is_not_known_fails",
+    ),
+    (
         "`check_bag` reads a drive that was not assessed for 57 %.",
         "passed",
         "It fails below a `known_share` of 0.95, with the reason.",
@@ -89,6 +95,17 @@ ROWS = (
         "playback/test_replay.py::test_readings_that_go_to_and_fro",
     ),
     (
+        "An angle is frozen, or a speed in another unit, where the load is largest.",
+        "the worst moment of the drive; a check passes",
+        "No such reading is the worst moment; if all are doubted, none is named. A check fails by "
+        "the fault, unless its `input_faults` allow it.",
+        "playback/test_replay.py::test_a_doubted_reading_is_not_the_worst "
+        "playback/test_replay.py::test_what_the_judge_finds_stands_in_every_output "
+        "prediction/test_judge.py::test_when_a_frozen_angle_is_doubted "
+        "prediction/test_judge.py::test_when_speeds_are_doubted "
+        "testing/test_quantities.py::test_faults_of_the_inputs",
+    ),
+    (
         "Stamps of a bag are in the future, or count from the start of the computer.",
         "nothing is said",
         "The input faults of log, page and JSON name them.",
@@ -99,6 +116,12 @@ ROWS = (
         "half is dropped",
         "The file is refused with the commands that split it.",
         "bags/test_wild_files.py::test_joined_files",
+    ),
+    (
+        "The summary of a file lists a chunk twice.",
+        "600 of 300 readings",
+        "The chunk is read once.",
+        "bags/test_wild_files.py::test_chunk_index_that_is_repeated",
     ),
     (
         "A recorder was killed and left a write-ahead log.",
@@ -124,6 +147,13 @@ ROWS = (
         "prediction/test_advice.py::test_the_only_candidate_is_not_quieter",
     ),
     (
+        "The factor of a load that is known is not known.",
+        "`nan` without a reason",
+        "Sentence, CSV, JSON, `/diagnostics` and `advise` have the reason beside it.",
+        "review/test_log.py::test_factors_that_are_not_known_have_a_reason "
+        "review/test_log.py::test_why_a_table_has_no_factors",
+    ),
+    (
         "A sentence says what would have ended a warning.",
         "0.335 there, for a limit of 0.33",
         "It is sought for the angle and the speeds of that moment, and named only if it ends it.",
@@ -134,6 +164,18 @@ ROWS = (
         "48 % of the square, at another pin",
         "It is said of more than half of the square, at the pin that is named.",
         "prediction/test_verdict.py::test_mostly_is_more_than_half_of_the_square",
+    ),
+    (
+        "Loads exceed the limit for 16 s, and warn for 14 s of these.",
+        '"exceeded for 14.0 s in all"',
+        "The time above the limit and the time in warnings are two figures.",
+        "prediction/test_verdict.py::test_the_largest_load_may_be_too_short_to_warn",
+    ),
+    (
+        "Ten readings share each stamp.",
+        '"Predictions are missing in 149 gaps"',
+        "No gap: only a step of ten usual ones is one.",
+        "drawing/test_intervals.py::test_samples_that_share_a_stamp",
     ),
     (
         "The clock jumps back in a warning.",

@@ -4,7 +4,6 @@
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 FLOAT64 = "std_msgs/msg/Float64"
-STRING = "std_msgs/msg/String"
 IMU = "sensor_msgs/msg/Imu"
 CAN_FRAME = "can_msgs/msg/Frame"
 ISOBUS_FRAME = "ros2_isobus/msg/IsobusFrame"

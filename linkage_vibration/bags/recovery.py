@@ -60,9 +60,8 @@ _DATA_END = RECORD.pack(Opcode.DATA_END, 4)  # a CRC and the summary follow
 _TAIL = 2**24  # bytes at the end in which the summary is sought
 _MOST_UNKNOWN = 64  # bytes at the end of a record, of fields of a later version of MCAP
 _LIKELY_RECORD = re.compile(rb"[\x01-\x0f].{4}\0{4}", re.DOTALL)  # with a length below 4 GiB
-_SUMMARISED = re.compile(
-    rb"(?=[\x03\x04\x0b].{4}\0{4})", re.DOTALL
-)  # schemas, channels, statistics
+# Schemas, channels and statistics.
+_SUMMARISED = re.compile(rb"(?=[\x03\x04\x0b].{4}\0{4})", re.DOTALL)
 _BEGINNING = MAGIC + bytes([Opcode.HEADER])
 # A lookahead, as a false match may overlap the next one.
 _RESUMES = re.compile(
@@ -212,9 +211,11 @@ class _Rescue:
         progress: Callable[[int], object],
     ) -> None:
         self.source = source
-        # The definitions that were read, and whether a CRC confirms each; those in the output.
+        # The definitions that were read, and whether a CRC confirms each.
         self.definitions: dict[_Key, tuple[bool, _Definition]] = {}
-        self._written: dict[_Key, _Definition] = {}
+        # What the output defines: topics by channels, and schemas.
+        self._topics: dict[int, str] = {}
+        self._schemas: set[int] = set()
         self._output = output
         self._stream = stream
         self._progress = progress
@@ -276,10 +277,10 @@ class _Rescue:
             end, damage = self._take(offset)
             if damage:
                 if self._chunk and not self._chunked:
-                    damage += "; messages outside of chunks are saved up to the first damage"
+                    damage += " (messages outside of chunks are saved up to the first damage)"
                 end = self._resume_at(offset + 1)
-                lost = "the rest of the file" if end == source.end else f"{end - offset} bytes"
-                self._damages.append(f"byte {offset}: {lost}{damage}")
+                lost = "and the rest of the file" if end == source.end else f"{end - offset} bytes"
+                self._damages.append(f"byte {offset}: {damage}, {lost}")
             end = min(end, source.end)
             self._progress(end - offset)
             offset = end
@@ -289,14 +290,16 @@ class _Rescue:
     def _resume_at(self, offset: int) -> int:
         """Return the offset at which reading resumes behind damage, or the end of the file."""
         source = self.source
+        lengths = {
+            int(Opcode.CHUNK): self._chunk_length,
+            int(Opcode.MESSAGE_INDEX): self._index_length,
+        }
         while (offset := source.next_data(offset)) < source.end:
             block = source.read(offset, _BLOCK)
             for match in _RESUMES.finditer(block):
-                opcode, at = block[match.start()], offset + match.start()
-                own_length = self._chunk_length if opcode == Opcode.CHUNK else self._index_length
-                if opcode not in (Opcode.CHUNK, Opcode.MESSAGE_INDEX) or (
-                    own_length(at) == self._head(at)[1]
-                ):
+                opcode, length = self._head(at := offset + match.start())
+                own_length = lengths.get(opcode)
+                if own_length is None or own_length(at) == length:
                     return at
             if len(block) < _BLOCK:
                 break
@@ -321,7 +324,7 @@ class _Rescue:
         return int(MESSAGE_INDEX.size + MESSAGE_INDEX.unpack(content.ljust(6, b"\0"))[1])
 
     def _take(self, offset: int) -> tuple[int, str]:
-        """Save the record at an offset; return its end and, if it is damaged, of what it is.
+        """Save the record at an offset; return its end and, if it is damaged, what it is.
 
         Only a chunk may end behind the end of the file, if that is missing.
         """
@@ -329,18 +332,18 @@ class _Rescue:
         end = offset + RECORD.size + length
         beyond = end > source.end and (source.complete or opcode != Opcode.CHUNK)
         if beyond or length > LONGEST_RECORD:
-            return end, " of a record"
+            return end, "a record"
         if opcode == Opcode.CHUNK:
             sound = self._chunk_length(offset) == length
-            return end, self._take_chunk(offset, end) if sound else " of a chunk"
+            return end, self._take_chunk(offset, end) if sound else "a chunk"
         # Only the next record confirms the length of one without a CRC.
         head = source.read(end, min(RECORD.size, source.end - end))
         if head and not _LIKELY_RECORD.match(head.ljust(RECORD.size, b"\0")):
-            return end, " of a record"
+            return end, "a record"
         body = source.read(offset + RECORD.size, length)
         if opcode == Opcode.MESSAGE_INDEX:
             if self._index_length(offset) != length:
-                return end, " of an index"
+                return end, "an index"
             channel, size = MESSAGE_INDEX.unpack_from(body)
             # An index without its chunk still counts the messages of the chunk.
             if self._chunk.pop(channel, None) != size // 16:
@@ -348,12 +351,12 @@ class _Rescue:
         elif opcode == Opcode.MESSAGE:
             # If there are chunks, all messages are in them, and this is a damaged index.
             if self._chunked or length < MESSAGE.size:
-                return end, " of a record"
+                return end, "a record"
             self._take_message(RECORD.pack(opcode, length) + body)
         else:
             record = _parse(opcode, body)
             if record is None:
-                return end, " of a record"
+                return end, "a record"
             if opcode != Opcode.STATISTICS:
                 self._take_other(record, False)
         return end, ""
@@ -367,7 +370,7 @@ class _Rescue:
         stored = CHUNK.size + name_length + 8
         name = body[CHUNK.size : stored - 8]
         if name not in KNOWN_COMPRESSIONS:
-            return f" of a chunk of the unknown compression {name.decode(errors='replace')!r}"
+            return f"a chunk of the unknown compression {name.decode(errors='replace')!r}"
         content = decompressed(name, body[stored:], min(size, LONGEST_RECORD))
         parts = list(split_records(content))
         # Without a CRC, the records have to end where the chunk does.
@@ -377,7 +380,7 @@ class _Rescue:
         if not intact:
             # The end of the file may cut it off; or its bytes are missing, and others are in it.
             if end <= self.source.end or self._resume_at(offset + 1) < self.source.end:
-                return " of a chunk"
+                return "a chunk"
             self._damages.append(f"byte {offset}: a chunk that the end of the file cuts off")
         messages = []
         for opcode, start, stop in parts:
@@ -427,22 +430,19 @@ class _Rescue:
 
     def _register(self, channel: int) -> None:
         """Define a channel and its schema in the output, unless it has them."""
-        if (records.Channel, channel) in self._written:
+        if channel in self._topics:
             return
         _, record = self.definitions[records.Channel, channel]
         assert isinstance(record, records.Channel)
-        if (records.Schema, record.schema_id) in self.definitions:
-            self._write(self.definitions[records.Schema, record.schema_id][1])
-        elif record.schema_id:
+        self._topics[channel] = record.topic
+        schema = self.definitions.get((records.Schema, record.schema_id))
+        if schema is None and record.schema_id:
             self._damages.append(f"the type of {record.topic}: its definition is missing")
             record = replace(record, schema_id=0)
-        self._write(record)
-
-    def _write(self, record: _Definition) -> None:
-        """Write a definition to the output, unless it has it."""
-        if (type(record), record.id) not in self._written:
-            self._written[type(record), record.id] = record
-            self._output_file().define(record)
+        elif schema is not None and record.schema_id not in self._schemas:
+            self._schemas.add(record.schema_id)
+            self._output_file().define(schema[1])
+        self._output_file().define(record)
 
     def _output_file(self) -> McapFile:
         """Return the output, which begins with the profile."""
@@ -463,11 +463,7 @@ class _Rescue:
         if self._statistics is not None:
             counts = Counter(self._statistics.channel_message_counts)
             self._lost = counts - file.counts
-        topics = {
-            number: record.topic
-            for (_, number), record in self._written.items()
-            if isinstance(record, records.Channel)
-        }
+        topics = self._topics
         saved, lost = dict.fromkeys(topics.values(), 0), Counter[str]()
         for number, count in file.counts.items():
             saved[topics[number]] += count

@@ -116,7 +116,8 @@ def _description(
     from linkage_vibration.prediction.predictor import uncertain_modes
 
     low, high = (math.degrees(angle) for angle in table.alpha3_range)
-    frfs = f", FRFs {table.frf_error:.1e}" if table.places else "; the table holds no FRFs"
+    frfs = f", FRFs {table.frf_error:.1e}, forces {table.force_error:.1e}"
+    frfs = frfs if table.places else "; the table holds no FRFs"
     yield (
         f"{output}: table {table.table_id}, {len(table.alpha3)} angles from {low:g} to {high:g} "
         f"deg by {solutions} solutions; bounds of relative errors: natural frequencies and damping "

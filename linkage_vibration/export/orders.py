@@ -14,7 +14,7 @@ from linkage_vibration.prediction.excitation import Excitation
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.table.table import Table
 
-_FORCE_ERROR = 0.01  # of each number of the forces, over its largest value
+_FORCE_ERROR = 0.005  # of each number of the forces, over its largest value
 
 
 def orders_of(
@@ -22,7 +22,8 @@ def orders_of(
 ) -> "OrderConstants":
     """Return excitations with the responses to them, as an export contains them."""
     starts, cubics, t, which = levels.arrays
-    i, names = int(which.max()) + 1, [name for name, _ in table.forces if levels.force_places]
+    i, loaded = int(which.max()) + 1, levels.force_places
+    names = [name for name, _ in table.forces if name in loaded]
     forces, o = None, 1 + len(names)
     ends = np.cumsum([3 * t, 3 * t * o * i, 3 * o * i, i if t else 0])
     at = np.split(np.arange(cubics.shape[2]), ends)  # as `prediction.levels` arranges the values
@@ -30,7 +31,7 @@ def orders_of(
     if names:
         residues = cubics[:, :, above[:, 1:].reshape(3, -1)]
         others = cubics[:, :, np.append(rest[:, 1:], at[4])]
-        components = tuple(names.count(name) for name in levels.force_places)
+        components = tuple(names.count(name) for name in loaded)
         borders = np.append(starts, table.alpha3_range[1])
         forces = _forces_of(components, borders, residues, others)
     of_point = np.concatenate([at[0], above[:, 0].ravel(), rest[:, 0].ravel(), at[3]])
@@ -49,7 +50,7 @@ def orders_of(
 def _forces_of(
     components: tuple[int, ...], ends: FloatArray, residues: FloatArray, others: FloatArray
 ) -> "ForceConstants":
-    """Return forces with few cells: each number may differ by 1 % of its largest value.
+    """Return forces with few cells: each number may differ by 0.5 % of its largest value.
 
     The components are those of each pin and cylinder, the ends (n_cells + 1,), rad, and the cubics
     of residues (n_cells, 4, 3, k), and of what follows them (n_cells, 4, n).

@@ -31,12 +31,12 @@ class Transfer:
         if sensor.accelerates:
             self._outputs = [(sensor.at, axis) for axis in "xz"]
         else:
-            forces = [row for row in table.forces if row[0] == point]
+            forces = [row for row in table.forces if row[0] == point in table.load_places]
             self._outputs = [row for row in forces if part in ("", row[1])]
         rows = (*table.places, *table.forces)
         if not self._outputs or not set(self._outputs) <= set(rows):
             places = sorted({place for place, _ in table.places})
-            known = places if sensor.accelerates else table.force_places
+            known = places if sensor.accelerates else table.load_places
             raise SignalError(
                 f"The table has no response at {sensor.at}, where {sensor.name} measures; name one "
                 f"of {', '.join(known) or 'none'}, or build a table with --frf-points."
@@ -74,10 +74,9 @@ class Transfer:
         places = list(dict.fromkeys(place for load in self._loads for place in load.places))
         weights = weights_at(self._loads, places, alpha3)
         # All loads together: a table yields one large response much faster than many small ones.
-        response, rate = self._table.frf(alpha3, self._outputs, places).driven(*weights)
+        response = self._table.frf(alpha3, self._outputs, places).driven(*weights)
         of_each: IntArray = np.arange(len(omega))
-        at = response.frf(omega / (2.0 * math.pi))[of_each, :, of_each]
-        return np.asarray(at + 1j * omega[:, np.newaxis] * rate.T)
+        return np.asarray(response.frf(omega / (2.0 * math.pi))[of_each, :, of_each])
 
     def _at_nodes(self, nodes: IntArray, omega: FloatArray) -> FloatArray:
         pairs = zip(self._table.ensemble_alpha3[nodes].tolist(), omega, strict=True)

@@ -26,12 +26,15 @@ from linkage_vibration.mechanics.dofs import InterfaceDof
 GROUND = "ground"
 """The name of the ground; a base that moves has it too."""
 
-FORMULATION = 2
+FORMULATION = 3
 """Part of every model hash; raise it when a change of the mechanics changes its numbers."""
 
 _LATER = {"later": True}  # Such a field enters the model hash only if it differs from its default.
 
 Point = tuple[float, float]
+
+ReferenceForce = float | tuple[tuple[str, float], ...]
+"""N: one for all places of forces, or names of places with theirs."""
 
 
 class MechanismError(LinkageVibrationError):
@@ -114,17 +117,6 @@ class LossFactor:
 Damping = Rayleigh | ModalRatio | LossFactor
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PointForces:
-    """The forces at a point of one of the equal bodies of a link, per coordinate (n) of the link.
-
-    The section is the one before the point, seen along the link, or after its first point.
-    """
-
-    pin: FloatArray  # (2, n): what a pin at the point exerts on the body along local x and z, N
-    section: FloatArray  # (3, n): tension and shear force, N, and bending moment, N m
-
-
 class Body(Protocol):
     """What an elastic link is made of; each kind of body is one file in ``bodies/``."""
 
@@ -137,10 +129,12 @@ class Body(Protocol):
         """Return the body with another number of elements; itself if it has no mesh."""
         return self
 
-    def point_forces(self, link: "Link", component: Component) -> Mapping[str, PointForces]:
-        """Return the forces at the points of a link by its component; none if it has no elements.
+    def sections(self, link: "Link", component: Component) -> Mapping[str, FloatArray]:
+        """Return the forces in sections at the points of a link; none if it has no elements.
 
-        The component is that of this body.
+        They are those of one of its equal bodies per coordinate of the component of this body,
+        (3, n): tension and shear force, N, and bending moment, N m, before the point, seen along
+        the link, or after its first point.
         """
         return {}
 
@@ -273,8 +267,8 @@ class Response:
     modes: int
     # Names that replace those of the first modes; an empty name replaces nothing.
     mode_names: tuple[str, ...] = field(default=(), metadata=_LATER)
-    # N: what dynamic forces are compared with; None: the static forces under the weight
-    reference_force: float | None = field(default=None, metadata=_LATER)
+    # N: what dynamic forces are compared with; otherwise it is the static force under the weight
+    reference_force: ReferenceForce | None = field(default=None, metadata=_LATER)
     # The part of the band in which the FRF peak is sought, Hz; None if it is the whole band.
     peak_part: tuple[float, float] | None = field(default=None, metadata=_LATER)
 

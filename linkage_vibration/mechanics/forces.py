@@ -2,9 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Forces in pins, sections, springs and cylinders, as places of FRFs.
 
-A force is a row on the coordinates of the uncoupled components: the stiffness of the elements
-beside a point times their displacements, or the stiffness of a spring times its elongation. Of
-equal links or cylinders side by side, it is the force in one of them. Damping forces are left out.
+A force is a sum of rows on the coordinates of the uncoupled components, times powers of s = i w. A
+pin exerts on a link what its motion needs, K + s C + s^2 M, so that both sides of a pin carry the
+same force, and static forces follow from the weight likewise. A spring exerts (k + s c) times its
+elongation, and a section is strained without damping. Of equal links or cylinders side by side, it
+is the force in one of them.
 """
 
 import math
@@ -14,12 +16,21 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.arrays import FloatArray, IntArray, rows_of
+from linkage_vibration.mechanics.arrays import FloatArray, rows_of
+from linkage_vibration.mechanics.base import mount_springs
 from linkage_vibration.mechanics.compatibility import CouplingError, Joining
+from linkage_vibration.mechanics.components import Component
 from linkage_vibration.mechanics.coupling import CoupledSystem, UncoupledSystem, couple
-from linkage_vibration.mechanics.description import GROUND, Link, Mechanism, PointForces
+from linkage_vibration.mechanics.description import (
+    Link,
+    Mechanism,
+    MechanismError,
+    Mount,
+    ReferenceForce,
+)
 from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.mechanics.kinematics import Configuration
 from linkage_vibration.mechanics.springs import has_force, tension_share
@@ -33,7 +44,12 @@ _SINGULAR = 1e-13  # Nothing holds a motion whose scaled singular value, of the 
 _BALANCED = 1e-6  # A larger part of the weight that nothing carries is more than rounding.
 
 _COMPONENTS = ("force_x", "force_z")  # of the force of a pin, along the global axes
+_TYRE = ("force_z",)
 _SECTION = ("axial", "shear", "moment")
+
+
+SOIL = "base:"
+"""Begins the name of the force between a mount of the base and the soil, such as a tyre's."""
 
 
 class ForceError(LinkageVibrationError):
@@ -55,16 +71,23 @@ def magnitudes(places: Sequence[tuple[str, str]], forces: FloatArray) -> FloatAr
     return np.sqrt(np.add.reduceat(forces**2, first)) if first else forces
 
 
-def reference(static: FloatArray, given: float | None) -> FloatArray:
+def reference(static: FloatArray, names: Sequence[str], given: ReferenceForce | None) -> FloatArray:
     """Return what dynamic forces are compared with, (n_names, ...), N, from static ones.
 
     It is the static force, but at least a share of the largest one, since a ratio to the force in a
-    pin that carries nearly nothing has no meaning; or one that is given.
+    pin that carries nearly nothing has no meaning; or one that is given, for all names or for some.
+    That of a tyre is its own static force.
     """
-    if given is not None:
-        return np.full_like(static, given)
-    least = _LEAST_REFERENCE * static.max(axis=0, initial=0.0)
-    return np.where(least > 0.0, np.maximum(static, least), math.nan)
+    hung, forces = [i for i, name in enumerate(names) if not name.startswith(SOIL)], static.copy()
+    least = _LEAST_REFERENCE * static[hung].max(axis=0, initial=0.0)
+    forces[hung] = np.where(least > 0.0, np.maximum(static[hung], least), math.nan)
+    if isinstance(given, float):
+        forces[hung] = given
+        return forces
+    replaced = dict(given or ())
+    for i, name in enumerate(names):
+        forces[i] = replaced.get(name, forces[i])
+    return forces
 
 
 def _at_rest(coupled: CoupledSystem, weight: FloatArray) -> FloatArray:
@@ -92,7 +115,7 @@ class Forces:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Names of all force places: pins, by a link of beams, then springs and cylinders.
+        """Names of all force places: pins, by a link of beams, springs and cylinders, then tyres.
 
         Both sides of a pin carry the same force, so each is named once, by the first such link; a
         point that joins more than two bodies is named by each link.
@@ -103,31 +126,46 @@ class Forces:
                 bodies = len(self.mechanism.owners(point))
                 if bodies > 2 or (bodies == 2 and point not in named.values()):
                     named[f"{link.name}:{point}"] = point
-        return (*named, *(spring.name for spring in self.mechanism.springs if has_force(spring)))
+        springs = [spring.name for spring in self.mechanism.springs if has_force(spring)]
+        tyres = [f"{SOIL}{mount.name}" for mount, axis in self._mounts if axis]
+        names, given = (*named, *springs, *tyres), self.mechanism.response.reference_force
+        for name, _ in given if isinstance(given, tuple) else ():
+            if name not in names:
+                problem = f"{name} has no force; give some of: {', '.join(names) or 'none'}."
+                raise MechanismError("response.reference_force", problem)
+        return names
 
     @cached_property
     def places(self) -> tuple[tuple[str, str], ...]:
-        """The scalar places of `names`: both components of pins, then springs."""
-        return tuple(
-            (name, direction)
+        """The scalar places of `names`: both components of pins, springs, then tyres along z."""
+        kinds = [
+            _TYRE if name.startswith(SOIL) else _COMPONENTS if ":" in name else ("force",)
             for name in self.names
-            for direction in (_COMPONENTS if ":" in name else ("force",))
-        )
+        ]
+        both = zip(self.names, kinds, strict=True)
+        return tuple((name, direction) for name, kind in both for direction in kind)
 
     @cached_property
-    def _ends(self) -> dict[str, Mapping[str, PointForces]]:
-        """The forces at the points of each link that shows them."""
-        parts = {part.name: part for part in self.system.components}
+    def _ends(self) -> dict[str, Mapping[str, FloatArray]]:
+        """The forces in sections at the points of each link that shows them."""
         links = self.mechanism.links
-        ends = {link.name: link.body.point_forces(link, parts[link.name]) for link in links}
+        ends = {link.name: link.body.sections(link, self._parts[link.name]) for link in links}
         return {name: forces for name, forces in ends.items() if forces}
+
+    @cached_property
+    def _parts(self) -> dict[str, Component]:
+        return {part.name: part for part in self.system.components}
 
     def rows(
         self, places: Sequence[tuple[str, str]], configuration: Configuration, joining: Joining
-    ) -> FloatArray:
-        """Return the forces at places per coordinate of the uncoupled components, (n_places, n)."""
-        shape = configuration.angles.shape[:-1]
-        rows = np.zeros((len(places), *shape, len(self.system.mass)))
+    ) -> NDArray[Any]:
+        """Return the forces at places per coordinate of the uncoupled components.
+
+        They are (3, n_places, n): constants, and factors of s and of s^2; complex if links have
+        structural damping.
+        """
+        shape = *configuration.angles.shape[:-1], 3, len(self.system.mass)
+        rows = np.zeros((len(places), *shape), complex if self.system.loss.any() else float)
         names = dict.fromkeys(name for name, _ in places)
         forces_at = {name: self._forces_at(name, configuration, joining) for name in names}
         for row, (name, direction) in zip(rows, places, strict=True):
@@ -140,25 +178,50 @@ class Forces:
 
     def _forces_at(
         self, name: str, configuration: Configuration, joining: Joining
-    ) -> tuple[Any, dict[str, FloatArray]]:
+    ) -> tuple[Any, dict[str, NDArray[Any]]]:
         """Return indices of coordinates, and rows on them of the forces at a name by direction."""
         if name not in self._springs:
             link, point = self._end(name)
-            ends = self._ends[link.name][point]
-            pin = configuration.turn(link.name) @ ends.pin
-            forces = (*np.moveaxis(pin, -2, 0), *ends.section)
-            rows = zip((*_COMPONENTS, *_SECTION), forces, strict=True)
-            return self.system.rows[link.name], dict(rows)
-        i = self._springs.index(name)
-        spring, at = self.mechanism.springs[i], slice(self.system.n_interface)
+            pin = self._on_link(link, point, joining)
+            pin = configuration.turn(link.name)[..., np.newaxis, :, :] @ pin / link.count
+            elastic = np.zeros((len(_SECTION), 3, len(self.system.mass)))
+            elastic[:, 0, self.system.rows[link.name]] = self._ends[link.name][point]
+            forces = (*np.moveaxis(pin, -2, 0), *elastic)
+            return slice(None), dict(zip((*_COMPONENTS, *_SECTION), forces, strict=True))
+        i, at = self._springs.index(name), slice(self.system.n_interface)
+        both = np.stack([x[..., i] for x in (joining.stiffness, joining.damping)], axis=-1)
+        force = np.concatenate([both, 0.0 * both[..., :1]], axis=-1)[..., np.newaxis]
+        force = force * joining.elongation[..., np.newaxis, i, :]
+        if name.startswith(SOIL):
+            return at, {_TYRE[0]: force}
+        spring = self.mechanism.springs[i]
         if not has_force(spring):
             return at, {}
-        share = tension_share(spring, self.mechanism, configuration) * joining.stiffness[..., i]
-        return at, {"force": share[..., np.newaxis] * joining.elongation[..., i, :]}
+        share = np.asarray(tension_share(spring, self.mechanism, configuration))
+        return at, {"force": share[..., np.newaxis, np.newaxis] * force}
+
+    def _on_link(self, link: Link, point: str, joining: Joining) -> NDArray[Any]:
+        """Return what pins at a point exert on a link, (3, 2, n): beside springs, what moves it."""
+        system, dofs = self.system, self._parts[link.name].dofs
+        at = system.rows[link.name][[dofs.index(InterfaceDof(point, axis)) for axis in "xz"]]
+        lossy = system.stiffness + 1j * system.loss if system.loss.any() else system.stiffness
+        own = np.array([lossy[at], system.damping[at], system.mass[at]])
+        rows = np.broadcast_to(own, (*joining.stiffness.shape[:-1], *own.shape)).copy()
+        stretch = joining.elongation
+        for i, weights in enumerate((joining.stiffness, joining.damping)):
+            pulled = stretch[..., at].swapaxes(-1, -2) * weights[..., np.newaxis, :]
+            rows[..., i, :, : system.n_interface] += pulled @ stretch
+        return rows
 
     @cached_property
     def _springs(self) -> list[str]:
-        return [spring.name for spring in self.mechanism.springs]
+        """The names of springs and vertical mounts, in the order of `Joining`."""
+        mounts = [f"{SOIL}{mount.name}" if axis else "" for mount, axis in self._mounts]
+        return [*(spring.name for spring in self.mechanism.springs), *mounts]
+
+    @property
+    def _mounts(self) -> tuple[tuple[Mount, int], ...]:
+        return mount_springs(self.mechanism.base)
 
     @cached_property
     def sections(self) -> tuple[tuple[str, str], ...]:
@@ -175,52 +238,31 @@ class Forces:
     ) -> FloatArray:
         """Return the forces at `places` under the weight, (..., n_places), N.
 
-        They are NaN where nothing carries the weight. The base rests on its mounts without it. The
+        They are NaN where nothing carries the weight, and negative of tyres that carry some. The
         system that is coupled there is given if it is known.
         """
-        moved, load = self.moved_by_weight(configuration, joining, coupled)
-        rows = self.rows(self.places, configuration, joining)
-        forces = np.asarray((rows @ moved[..., np.newaxis])[..., 0])
-        # What pins exert on a body; unlike elements, this counts the weight between its nodes, too.
-        reactions = moved @ self.system.stiffness - load
-        for i, link, at in self._pins:
-            pin = configuration.turn(link.name) @ reactions[..., at, np.newaxis] / link.count
-            forces[..., i : i + 2] = pin[..., 0]
-        return forces
-
-    @cached_property
-    def _pins(self) -> list[tuple[int, Link, IntArray]]:
-        """The first of both places of each pin, its link, and its coordinates along x and z."""
-        parts, pins = {part.name: part for part in self.system.components}, []
-        for i, (name, direction) in enumerate(self.places):
-            if direction == _COMPONENTS[0]:
-                link, point = self._end(name)
-                dofs = [parts[link.name].dofs.index(InterfaceDof(point, axis)) for axis in "xz"]
-                pins.append((i, link, self.system.rows[link.name][dofs]))
-        return pins
+        moved, falling = self.moved_by_weight(configuration, joining, coupled)
+        rows = self.rows(self.places, configuration, joining).real
+        forces = rows[..., 0, :, :] @ moved[..., np.newaxis]
+        return np.asarray((forces - rows[..., 2, :, :] @ falling[..., np.newaxis])[..., 0])
 
     def moved_by_weight(
-        self,
-        configuration: Configuration,
-        joining: Joining,
-        coupled: CoupledSystem | None = None,
-        *,
-        with_base: bool = False,
+        self, configuration: Configuration, joining: Joining, coupled: CoupledSystem | None = None
     ) -> tuple[FloatArray, FloatArray]:
-        """Return how the weight moves the components, NaN where nothing carries it, and the weight.
+        """Return how the weight moves the components, NaN where nothing carries it, and gravity.
 
-        Both are (..., n) on the coordinates, m and N. The base is without weight unless asked for.
+        Both are (..., n) on the coordinates, m and m/s2.
         """
         shape, down = configuration.angles.shape[:-1], np.array([0.0, -GRAVITY])
-        load = np.zeros((*shape, len(self.system.mass)))
+        falling = np.zeros((*shape, len(self.system.mass)))
         for part in self.system.components:
-            if with_base or part.name != GROUND:
-                moved = part.translation(down, configuration.turn(part.name))
-                load[..., self.system.rows[part.name]] = moved @ part.mass
+            moved = part.translation(down, configuration.turn(part.name))
+            falling[..., self.system.rows[part.name]] = moved
         try:
-            return _at_rest(coupled or couple(self.system, joining), load), load
+            load = falling @ self.system.mass
+            return _at_rest(coupled or couple(self.system, joining), load), falling
         except CouplingError:
-            return np.full_like(load, math.nan), load
+            return np.full_like(falling, math.nan), falling
 
     def _end(self, name: str) -> tuple[Link, str]:
         """Return the link and the point of a name such as lower_link:E1."""

@@ -8,11 +8,13 @@ under one, and acts through their stiffness and damping.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from linkage_vibration.mechanics.base import mount_springs
 from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.mechanics.forces import SOIL
 from linkage_vibration.mechanics.model import ModelError, Place, Solution, pairs
 from linkage_vibration.mechanics.response import PoleResidue, pole_residue
 
@@ -59,7 +61,7 @@ def transmissibility(
         places = ", ".join(".".join(place) for place in soil_places(mechanism))
         places = places or "none, as the mechanism has no base"
         raise ModelError(f"The soil has no motion {'.'.join(soil)}; name one of: {places}.")
-    out = solution.participation(outputs)
+    out = solution.powers(outputs)
     springs, axis = mount_springs(mechanism.base), "xz".index(soil[1])
     first = len(solution.joining.stiffness) - len(springs)
     which = [
@@ -69,5 +71,10 @@ def transmissibility(
     ]
     joining, modes = solution.joining, solution.modes.shapes
     into = joining.elongation[which] @ modes[: joining.elongation.shape[1]]
-    parts = pole_residue(solution.damped, out, into)
-    return parts.driven(joining.stiffness[which, np.newaxis], joining.damping[which, np.newaxis])[0]
+    k, c = (each[which, np.newaxis] for each in (joining.stiffness, joining.damping))
+    response = pole_residue(solution.damped, out, into).driven(k, c)
+    # A tyre is compressed by the motion of the soil under it, too.
+    tyres = [(f"{SOIL}{springs[i - first][0].name}", f"force_{soil[1]}") for i in which]
+    own = np.array([[float(output == tyre) for tyre in tyres] for output in outputs])
+    rest, rate = response.residual - own @ k, response.residual_rate - own @ c
+    return replace(response, residual=rest, residual_rate=rate)

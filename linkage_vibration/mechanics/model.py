@@ -6,8 +6,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import (
@@ -30,7 +32,7 @@ from linkage_vibration.mechanics.coupling import (
 )
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.fbs import couple_frfs, couple_frfs_with_error, held_frf
-from linkage_vibration.mechanics.forces import Forces, is_force, magnitudes, reference
+from linkage_vibration.mechanics.forces import SOIL, Forces, is_force, magnitudes, reference
 from linkage_vibration.mechanics.identification import IdentifiedModes, identify
 from linkage_vibration.mechanics.kinematics import Configuration, Kinematics
 from linkage_vibration.mechanics.modes import DampedModes, Modes, damp_modes, solve_modes
@@ -154,7 +156,7 @@ class LinkageModel:
 
     @property
     def force_places(self) -> tuple[str, ...]:
-        """Pins, springs and cylinders whose forces are known, such as "lower_link:E1".
+        """Pins, springs, cylinders and tyres whose forces are known, such as "lower_link:E1".
 
         There are none if a link is known by its FRFs.
         """
@@ -182,34 +184,35 @@ class LinkageModel:
         """
         mounts = () if self.mechanism.base is None else self.mechanism.base.mounts
         configuration = self.kinematics.at(alpha3)
-        joining = self.interface.join(configuration)
-        moved, _ = self.forces.moved_by_weight(configuration, joining, with_base=True)
-        rows = self.rows([(mount.name, "z") for mount in mounts], configuration)
-        sunk = -(rows @ moved[: rows.shape[1]])
-        return np.array([mount.stiffness[1] for mount in mounts]) * sunk
+        forces = self.forces.at_rest(configuration, self.interface.join(configuration))
+        at = dict(zip(self.forces.places, forces.tolist(), strict=True))
+        return np.array([-at.get((f"{SOIL}{mount.name}", "force_z"), 0.0) for mount in mounts])
 
     def reference_forces(self, alpha3: float) -> FloatArray:
         """Return what dynamic forces at `force_places` are compared with, (n_force_places,), N.
 
         It is the static force, but at least a tenth of the largest at this angle, as a pin that
-        carries nearly nothing has no meaningful ratio. `response.reference_force` replaces all.
+        carries nearly nothing has no meaningful ratio. `response.reference_force` replaces all
+        of them, or those of the places that it names.
 
         Parameters
         ----------
         alpha3 : float
             Input angle, rad.
         """
-        return reference(self.static_forces(alpha3), self.mechanism.response.reference_force)
+        given = self.mechanism.response.reference_force
+        return reference(self.static_forces(alpha3), self.force_places, given)
 
     def output_rows(
         self,
         places: Sequence[Place | str],
         configuration: Configuration,
         joining: Joining | None = None,
-    ) -> FloatArray:
-        """Return displacements or forces at places per coordinate of the components, (n_places, n).
+    ) -> NDArray[Any]:
+        """Return displacements or forces at places per coordinate of the components.
 
-        Without forces among them, n is the number of interface DoFs, as in `rows`.
+        They are (3, n_places, n): constants, and factors of s = i w and of s^2, which displacements
+        lack; complex if links have structural damping.
 
         Parameters
         ----------
@@ -219,17 +222,14 @@ class LinkageModel:
             What joins the components there, if it is known.
         """
         places = pairs(places)
-        forces = [is_force(place) for place in places]
-        if not any(forces):
-            return self.rows(places, configuration)
-        shape, of_force = (*configuration.angles.shape[:-1], len(places)), np.array(forces)
-        rows, n = np.zeros((*shape, len(self.system.mass))), len(self.interface)
         joining = joining or self.interface.join(configuration)
         loaded = [place for place in places if is_force(place)]
-        rows[..., of_force, :] = self.forces.rows(loaded, configuration, joining)
-        if not all(forces):
-            moved = [place for place in places if not is_force(place)]
-            rows[..., ~of_force, :n] = self.rows(moved, configuration)
+        forces = self.forces.rows(loaded, configuration, joining)
+        of_force = np.array([is_force(place) for place in places], dtype=np.bool_)
+        rows = np.zeros((*forces.shape[:-2], len(places), forces.shape[-1]), forces.dtype)
+        rows[..., of_force, :] = forces
+        moved = self.rows([place for place in places if not is_force(place)], configuration)
+        rows[..., 0, ~of_force, : len(self.interface)] = moved
         return rows
 
     def solve(self, alpha3: float) -> "Solution":
@@ -550,8 +550,16 @@ class Solution:
 
     def participation(self, places: Sequence[Place | str]) -> FloatArray:
         """Displacement or force of each undamped, mass-normalised shape, (n_places, n_modes)."""
+        constant, _, inertia = np.moveaxis(self.powers(places).real, -3, 0)
+        return np.asarray(constant - self.modes.omega[..., np.newaxis, :] ** 2 * inertia)
+
+    def powers(self, places: Sequence[Place | str]) -> NDArray[Any]:
+        """Return what undamped shapes cause at places, (3, n_places, n_modes).
+
+        It is constant, and factors of s = i w and of s^2, as `LinkageModel.output_rows` has them.
+        """
         rows = self.model.output_rows(places, self.configuration, self.joining)
-        return np.asarray(rows @ self.modes.shapes[..., : rows.shape[-1], :])
+        return np.asarray(rows @ self.modes.shapes[..., np.newaxis, :, :])
 
     def frf(
         self,
@@ -572,7 +580,7 @@ class Solution:
         """
         rows = self.model.rows(inputs, self.configuration)  # refuses forces
         into = rows @ self.modes.shapes[: rows.shape[1]]
-        frf = pole_residue(self.damped, self.participation(outputs), into)
+        frf = pole_residue(self.damped, self.powers(outputs), into)
         if band is None:
             return frf
         kept = in_reach(frf.stiffness, band, frf.decay)

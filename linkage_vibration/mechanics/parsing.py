@@ -22,6 +22,7 @@ from linkage_vibration.mechanics.description import (
     MechanismError,
     ModalRatio,
     Point,
+    ReferenceForce,
     Response,
     RigidBody,
     Spring,
@@ -156,9 +157,17 @@ def _response(keys: Keys, points: dict[str, dict[str, Point]], *, base: bool) ->
         band,
         keys.integer("modes"),
         names,
-        keys.number("reference_force", positive=True) if "reference_force" in keys else None,
+        _reference_force(keys) if "reference_force" in keys else None,
         None if part == band else part,
     )
+
+
+def _reference_force(keys: Keys) -> ReferenceForce:
+    """Read what dynamic forces are compared with, N: for all places, or by their names."""
+    if not keys.is_mapping("reference_force"):
+        return keys.number("reference_force", positive=True)
+    places = keys["reference_force"]
+    return tuple((name, places.number(name, positive=True)) for name in places)
 
 
 def _check_grounded(

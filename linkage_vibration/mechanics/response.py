@@ -65,7 +65,9 @@ class Peak:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoleResidue:
-    """H(w) = sum over r of (residue_r + i w rate_r) / (k_r - w^2 + i w c_r) + residual.
+    """H = sum over r of (residue_r + s rate_r) / (k_r + s c_r + s^2) + residual + s residual_rate.
+
+    s is i w.
 
     Attributes
     ----------
@@ -76,7 +78,10 @@ class PoleResidue:
     residues, rates : complex ndarray, (n_out, n_in, n_modes)
         1/kg and s/kg; rates are zero unless viscous damping couples the modes.
     residual : complex ndarray, (n_out, n_in)
-        Static flexibility of the modes that the sum leaves out, m/N; zero if it has every mode.
+        Static flexibility of the modes that the sum leaves out, m/N; zero of displacements if it
+        has every mode.
+    residual_rate : complex ndarray
+        The same, times s: that of forces of which inputs have rates.
     """
 
     stiffness: ComplexArray
@@ -84,6 +89,7 @@ class PoleResidue:
     residues: ComplexArray
     rates: ComplexArray
     residual: ComplexArray
+    residual_rate: ComplexArray = field(default_factory=lambda: np.zeros((1, 1), dtype=complex))
 
     def frf(self, frequencies: FloatArray) -> ComplexArray:
         """Return the receptance at frequencies in Hz, (n_freq,), as (n_freq, n_out, n_in) in m/N.
@@ -118,7 +124,7 @@ class PoleResidue:
         flat = self.residues.reshape(self.residual.size, len(terms)) @ terms
         if self.rates.any():
             flat += (self.rates.reshape(self.residual.size, len(terms)) @ terms) * 1j * omega
-        flat += self.residual.reshape(-1, 1)
+        flat += self.residual.reshape(-1, 1) + self.residual_rate.reshape(-1, 1) * 1j * omega
         frf = np.moveaxis(flat.reshape(*self.residual.shape, len(omega)), -1, 0)
         for mode, line in np.argwhere(endless):
             frf[line][(self.residues[:, :, mode] != 0.0) | (self.rates[:, :, mode] != 0.0)] = np.inf
@@ -155,7 +161,7 @@ class PoleResidue:
             self.residual + weights[:, :, 0],
         )
 
-    def driven(self, w: FloatArray, v: FloatArray) -> tuple["PoleResidue", ComplexArray]:
+    def driven(self, w: FloatArray, v: FloatArray) -> "PoleResidue":
         """Return the responses to w + s v at the inputs together, where s is i omega.
 
         Parameters
@@ -165,9 +171,7 @@ class PoleResidue:
 
         Returns
         -------
-        response : PoleResidue, (n_out, n)
-        rate : complex ndarray, (n_out, n)
-            What the residual, times s, adds to it.
+        PoleResidue, (n_out, n)
         """
 
         def summed(values: ComplexArray, by: FloatArray) -> ComplexArray:
@@ -178,8 +182,8 @@ class PoleResidue:
         residues = summed(a, w) - squared * self.stiffness
         rates = summed(a, v) + summed(b, w) - squared * self.decay
         residual = squared.sum(axis=2) + self.residual @ w
-        parts = PoleResidue(self.stiffness, self.decay, residues, rates, residual)
-        return parts, np.asarray(self.residual @ v)
+        rest = residual, self.residual @ v
+        return PoleResidue(self.stiffness, self.decay, residues, rates, *rest)
 
     def _only(self, which: BoolArray) -> "PoleResidue":
         """Return the sum over a selection of the modes, (n_modes,), without the residual."""
@@ -441,25 +445,36 @@ def reach(band: tuple[float, float]) -> float:
     return 2.0 * math.pi * _REACH * band[1]
 
 
-def pole_residue(damped: DampedModes, outputs: FloatArray, inputs: FloatArray) -> PoleResidue:
-    """Turn damped modes into FRFs; outputs, (n_out, n_modes), and inputs are on undamped modes."""
+def pole_residue(damped: DampedModes, outputs: NDArray[Any], inputs: FloatArray) -> PoleResidue:
+    """Turn damped modes into FRFs; outputs, (n_out, n_modes), and inputs are on undamped modes.
+
+    Outputs may be (3, n_out, n_modes): constants, and factors of s and of s^2.
+    """
+    if outputs.ndim == 2:
+        outputs = np.array([outputs, 0.0 * outputs, 0.0 * outputs])
     if damped.shapes is None:
         pairs = [(outputs.astype(complex), inputs.astype(complex))]
     else:
         pairs = [(outputs @ shapes, inputs @ shapes) for shapes in damped.shapes]
-    residues: list[ComplexArray] = [out[:, np.newaxis] * into[np.newaxis] for out, into in pairs]
     if damped.poles is None:
-        constants, rates = residues[0], np.zeros_like(residues[0])
+        # (a + s b + s^2 d) / D with s^2 = D - k - s c, where D is the term's denominator.
+        k, c, [((a, b, d), into)] = damped.stiffness, damped.decay, pairs
+        constants, rates = ((x[:, np.newaxis] * into) for x in (a - k * d, b - c * d))
     else:
         # R / (s - p) + S / (s - q) = ((R + S) s - (R q + S p)) / (s^2 - (p + q) s + p q)
-        (first, second), (p, q) = residues, damped.poles
+        first, second = (
+            (a + s * b + s**2 * d)[:, np.newaxis] * into
+            for ((a, b, d), into), s in zip(pairs, damped.poles, strict=True)
+        )
+        p, q = damped.poles
         constants = -(first * q + second * p).real.astype(complex)
         rates = (first + second).real.astype(complex)
     # A mechanism mode that does not move the places has no term, but rounding would leave one.
     size = np.abs(constants).max(axis=(0, 1), initial=0.0)
     kept = (np.abs(damped.stiffness) > MECHANISM**2) | (size > _NOTHING * size.max(initial=0.0))
     above, rates = constants[:, :, kept], rates[:, :, kept]
-    return sum_of_modes(damped.stiffness[kept], damped.decay[kept], above, rates)
+    parts = sum_of_modes(damped.stiffness[kept], damped.decay[kept], above, rates)
+    return replace(parts, residual=outputs[2] @ inputs.T + 0j)
 
 
 def oscillators(omega: ArrayLike, damping_ratios: ArrayLike, residues: ArrayLike) -> PoleResidue:

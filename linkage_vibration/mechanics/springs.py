@@ -44,9 +44,8 @@ def spring_stiffness(spring: Spring, mechanism: Mechanism, configuration: Config
 
 
 def has_force(spring: Spring) -> bool:
-    """Return whether a spring carries a force along a line, rather than a moment or nothing."""
-    on_line = len(spring.points) == 2 or isinstance(spring.stiffness, Cylinder)
-    return on_line and spring.stiffness != 0.0
+    """Return whether a spring or damper carries a force along a line, rather than a moment."""
+    return len(spring.points) == 2 or isinstance(spring.stiffness, Cylinder)
 
 
 def tension_share(spring: Spring, mechanism: Mechanism, configuration: Configuration) -> Values:

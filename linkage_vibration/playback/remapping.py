@@ -44,7 +44,7 @@ def choose_topics(
     sources = {HITCH: settings.source(HITCH)}
     sources |= {s.value: source for s, source in speeds.items() if settings.fixed_speed(s) is None}
     names = dict.fromkeys([each.topic for each in (*sources.values(), *speeds.values())])
-    names |= dict.fromkeys(each.name for each in INPUT_TOPICS if each.logged)
+    names |= dict.fromkeys(each.name for each in INPUT_TOPICS)
     unknown = sorted(set(remaps) - set(names))
     if unknown:
         raise ReplayError(

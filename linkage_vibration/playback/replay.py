@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Replays bags through the prediction, and writes a log as the node would have done."""
 
+import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
@@ -226,8 +227,9 @@ def replay(
                     log.write(run.messages(block))
                     done += len(block)
                     progress(done, total)
-                run.done.input_faults = run.judge.sentences()
-                numbered = {str(i): text for i, text in enumerate(run.done.input_faults, 1)}
+                faults = run.judge.faults()
+                run.done.input_faults = [fault.sentence for fault in faults]
+                numbered = {str(i): json.dumps(asdict(each)) for i, each in enumerate(faults, 1)}
                 log.add_metadata(FAULTS_METADATA, numbered)
             _refuse_empty(run.done, bags, run.crank)
     return run.done

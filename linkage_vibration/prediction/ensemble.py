@@ -180,7 +180,8 @@ class EnsembleResponses:
         numerators[..., 2, :, :k] = 2.0 * fx - (rx * px + ry * py)
         numerators[..., 2, :, k:] = (ry * px - rx * py) - 2.0 * fy
         forces = magnitudes(self._table.forces, np.moveaxis(static.astype(float), -1, 0))
-        references = reference(forces[: self._n_forces], self._table.reference_force)
+        names = self._table.force_places[: self._n_forces]
+        references = reference(forces[: len(names)], names, self._table.reference_force)
         return _Modes(
             np.concatenate([size * size] * 2, axis=-1)[..., np.newaxis, :],
             -np.concatenate([x, x], axis=-1)[..., np.newaxis, :],

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray
 from linkage_vibration.mechanics.description import Mechanism, Mount
-from linkage_vibration.mechanics.forces import is_force
-from linkage_vibration.mechanics.model import LinkageModel, ModelError, Place
+from linkage_vibration.mechanics.forces import SOIL, is_force
+from linkage_vibration.mechanics.model import LinkageModel, Place
 from linkage_vibration.mechanics.response import PoleResidue
 from linkage_vibration.prediction.level_cache import Arrays, Keep, computed
 from linkage_vibration.table.interpolation import angles_in_table, stroke_angle, stroke_variable
@@ -63,7 +63,6 @@ _ANGLE_STEPS, _DEGREE = (32, 128), math.radians(1.0)  # least and most steps, an
 _MAX_FREQUENCIES, _PER_HALF_WIDTH = 4096, 1.5  # most of them, and how many resolve a half-width
 _FLATTEST = 0.1  # of exponents of coherence; tracks with a flatter spectrum are independent
 _FARTHEST = 500.0  # of x, where the coherence is 0 in double precision
-_N_LOAD_ANGLES = 19  # angles at which static loads are computed
 
 
 class GroundError(LinkageVibrationError):
@@ -359,7 +358,7 @@ class GroundTable:
         point: Place | None = None,
         keep: Keep = computed,
     ) -> None:
-        self._table, self._mechanism, self._terrain, self._keep = table, mechanism, terrain, keep
+        self._table, self._terrain, self._keep = table, terrain, keep
         self._mounts = mounts = vertical_mounts(mechanism)
         self._inputs = [(mount.name, "z") for mount in mounts]
         response = point or (mechanism.response.point, mechanism.response.direction)
@@ -410,11 +409,9 @@ class GroundTable:
         squares[:, -len(mounts) :] = wheels[:, -len(mounts) :]
         lost = mean_squares(sharpest, speeds, uncovered=True)[:, np.newaxis]
         values = np.concatenate([squares, lost], axis=1) * speeds ** (1.0 - terrain.exponent)
-        loads = np.broadcast_to(
-            _static_loads(self._mechanism, mounts, angles)[..., np.newaxis],
-            (count + 1, len(mounts), len(speeds)),
-        )
-        rows = np.concatenate([values, loads], axis=1)
+        tyres = [table.forces.index((f"{SOIL}{mount.name}", "force_z")) for mount in mounts]
+        loads = -table.components_at_rest(angles)[tyres].T[..., np.newaxis]
+        rows = np.concatenate([values, loads.repeat(len(speeds), axis=2)], axis=1)
         return {"values": np.ascontiguousarray(rows.transpose(0, 2, 1), np.float32)}
 
     def _squares(
@@ -516,18 +513,3 @@ def _cubic(place: FloatArray, counts: tuple[int, ...]) -> tuple[IntArray, FloatA
     b, c, d = a - 1.0, a - 2.0, a - 3.0
     weights = np.array([b * c * d / -6.0, a * c * d / 2.0, a * b * d / -2.0, a * b * c / 6.0])
     return first.astype(np.int64) + np.arange(4)[:, np.newaxis, np.newaxis], weights
-
-
-def _static_loads(
-    mechanism: Mechanism, mounts: tuple[Mount, ...], alpha3: FloatArray
-) -> FloatArray:
-    """Return the loads of mounts under the weight at angles, (n, n_mounts), N; NaN if unknown."""
-    assert mechanism.base is not None
-    which = [mechanism.base.mounts.index(mount) for mount in mounts]
-    few = np.linspace(alpha3[0], alpha3[-1], _N_LOAD_ANGLES)
-    try:
-        model = LinkageModel(mechanism)
-        loads = np.array([model.mount_loads(angle)[which] for angle in few.tolist()])
-    except ModelError:
-        return np.full((len(alpha3), len(mounts)), math.nan)
-    return np.column_stack([np.interp(alpha3, few, load) for load in loads.T])

@@ -73,6 +73,7 @@ class Fault:
     level: Level
     sentence: str
     event: str = ""  # what comes and goes; empty for a fault that lasts as long as its cause
+    since: float = math.nan  # s; values are doubted since then (-inf: all), or not at all (NaN)
 
 
 class Recent:
@@ -105,7 +106,8 @@ def overall(faults: Sequence[Fault], sound: str) -> tuple[Level, str]:
 class _Window:
     """Counts and extremes since the last judgement."""
 
-    received: int = 0  # values, and of these:
+    received: int = 0  # values, the first of them at ``began``, s, and of these:
+    began: float = math.nan
     invalid: int = 0
     unstamped: int = 0
     repeated: int = 0  # stamps that are those of the reading before
@@ -115,10 +117,17 @@ class _Window:
     largest: float = 0.0
     moved: float = 0.0  # rad, by the positions, and by the velocities
     turned: float = 0.0
+    still: float = 0.0  # s, for how long the reading of a noisy sensor was the same,
+    frozen: float = math.nan  # and since when, s
     outside: list[float] = field(default_factory=list)  # rad, at most `_KEPT` angles
     n_outside: int = 0
     ages: tuple[float, float] = (math.inf, -math.inf)  # s, the least and the largest
     refusal: str = ""
+
+    def count(self, now: float) -> None:
+        """Count a value at a time, s."""
+        self.began = self.began if self.received else now
+        self.received += 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,7 +191,7 @@ class ReadingWatch:
         """Look at a reading; see `take`."""
         now, stamp, received, angle, velocity, in_table, sender = reading
         window = self._window
-        window.received += 1
+        window.count(now)
         self.stamps_back += stamp < self._stamp
         self.stamp_age = age = 1e-9 * (received - stamp)
         if stamp:
@@ -217,6 +226,8 @@ class ReadingWatch:
             if not self._agreement.is_lost(round(1e9 * now)):
                 # Two sensors that agree again are not frozen.
                 self._noise.take(now, angle)
+            if self._noise.has_ended:
+                window.still, window.frozen = self._noise.still, now - self._noise.still
             self._angle = angle
         self.last, self._stamp, self._received = now, stamp, received
 
@@ -262,12 +273,16 @@ class ReadingWatch:
                 f"the position by {window.moved:.2g} rad; the sensor is frozen, or its velocity is "
                 "wrong. Publish no velocity if it is not known."
             )
-        if window.received and self._noise.has_ended:
+        if window.still:
             sentences[""] = (
-                f"{expected.name}: The reading has been the same for {self._noise.still:.1f} s, "
+                f"{expected.name}: The reading has been the same for {window.still:.1f} s, "
                 "although it was never free of noise before; the sensor is frozen."
             )
-        return faults + [Fault(Level.WARN, text, event) for event, text in sentences.items()]
+        since = {"": window.frozen}
+        return faults + [
+            Fault(Level.WARN, text, event, since.get(event, window.began))
+            for event, text in sentences.items()
+        ]
 
     def _rate(self, window: _Window, elapsed: float, taken: float) -> list[Fault]:
         if not window.received or (taken < 1.0 and window.received < _FEW):
@@ -303,12 +318,15 @@ def _outside(window: _Window, expected: Expected) -> list[Fault]:
         return []
     angles, offset = window.outside, expected.offset
     side, advice = "outside", "check sign, scale and offset."
-    if all(expected.contains(offset + math.radians(angle - offset)) for angle in angles):
+    turned = [angle - offset for angle in angles]
+    if max(map(abs, turned)) > math.pi and all(
+        expected.contains(offset + math.radians(angle)) for angle in turned
+    ):
         sentence = (
-            f"The readings of {expected.name} are in degrees ({angles[-1] - offset:.4g}), but "
+            f"The readings of {expected.name} are in degrees ({turned[-1]:.4g}), but "
             "radians are expected; publish radians, or set hitch_unit to deg."
         )
-        return [Fault(Level.ERROR, sentence)]
+        return [Fault(Level.ERROR, sentence, since=-math.inf)]
     if all(expected.contains(2.0 * offset - angle) for angle in angles):
         advice = "but they are inside with the other sign; change the parameter sign."
     elif max(angles) < expected.first:
@@ -358,10 +376,11 @@ def _disagreement(window: _Window, publishers: _Nodes, what: str, name: str) -> 
     if window.differing < max(1.0, _SHARE * window.received) and not partly:
         return []
     if len(window.senders) > 1:
-        return [Fault(Level.ERROR, senders_disagree(window.senders, what, name))]
+        sentence = senders_disagree(window.senders, what, name)
+        return [Fault(Level.ERROR, sentence, since=window.began)]
     if publishers is None:
         sentence = f"The values of {what} go to and fro, as those of publishers that disagree; "
-        return [Fault(Level.ERROR, f"{sentence}record one of them alone.")]
+        return [Fault(Level.ERROR, f"{sentence}record one of them alone.", since=window.began)]
     nodes = publishers()
     if len(nodes) < 2:
         return []
@@ -422,7 +441,7 @@ def turns_without_engine(pto: "SpeedWatch", engine: "SpeedWatch", now: float) ->
         f"The {pto.name} is {pto.value:.4g} rpm, although the {engine.name} has been 0 for "
         f"{age:.0f} s, so one of both is wrong; check their sensors and units."
     )
-    return [Fault(Level.WARN, sentence)]
+    return [Fault(Level.WARN, sentence, since=now - age)]
 
 
 class SpeedWatch:
@@ -455,7 +474,7 @@ class SpeedWatch:
         resumed = not now - self.time <= _FRESH
         if resumed or value == 0.0 or low <= abs(value) <= high:
             self._since = now
-        self._window.received += 1
+        self._window.count(now)
         self._window.differing += self._agreement.take(round(1e9 * now), value)
         if sender:
             self._window.senders[sender] = value
@@ -485,7 +504,7 @@ class SpeedWatch:
         """
         source, value, name = self._source, self.value, self.name
         window, self._window = self._window, _Window()
-        age, problem = now - self.time, ""
+        age, problem, since = now - self.time, "", math.nan
         if age > stale_after:
             problem = f"The {name} stopped {age:.1f} s ago; {delay or 'check its publisher'}."
         elif self.arrived and not math.isfinite(value):
@@ -496,17 +515,20 @@ class SpeedWatch:
             problem = f"The stamps of the {name} are {apart}, so that it is not known; {fix}."
         elif value < 0.0 and source is not Source.GROUND:
             problem = f"The {name} is negative ({value:g} rpm); publish its magnitude."
+            since = window.began
         elif now - self._since > _IMPLAUSIBLE_AFTER:
             problem = (
                 f"The {name} has been {value:.4g} {source.unit}, which is not plausible, for "
                 f"{now - self._since:.0f} s; is it in {_OTHER_UNITS[source]}?"
             )
-        faults = [Fault(Level.WARN, problem)] if problem else []
+            # Of a starter and an engine that stalls, only the low speeds are not plausible.
+            since = self._since if abs(value) < _PLAUSIBLE[source][0] else -math.inf
+        faults = [Fault(Level.WARN, problem, since=since)] if problem else []
         disagreement = _disagreement(window, publishers, f"the {name}", source.value)
         if window.jumps >= _SWINGS and not (disagreement or delay):
             sentence = (
                 f"The {name} changed to and fro by {window.largest:.4g} {source.unit} "
                 f"{window.jumps} times in a second, which it cannot; check the sensor."
             )
-            faults.append(Fault(Level.WARN, sentence, "swings"))
+            faults.append(Fault(Level.WARN, sentence, "swings", window.began))
         return self._recent.with_earlier(now, faults + disagreement)

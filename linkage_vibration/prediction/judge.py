@@ -5,6 +5,7 @@
 import math
 import re
 from collections.abc import Iterable
+from dataclasses import dataclass, field
 from itertools import repeat
 
 from linkage_vibration.prediction.agreement import StandingClock
@@ -24,6 +25,31 @@ _STANDS = (
     "known; record with a clock that goes, or leave out use_sim_time."
 )
 _NUMBER = re.compile(r"-?\d[\d.e+-]*")
+_EVER = 4e9  # s; longer than any drive, and short enough for ns
+
+
+@dataclass(frozen=True, slots=True)
+class InputFault:
+    """A fault of the inputs of a drive, which was first found at a time of receipt, ns.
+
+    It was there from the first to the second of ``times``, ns each, (n, 2), and ``doubts``: the
+    values of these times are doubted, and not only their stamps or their number.
+    """
+
+    sentence: str
+    first: int
+    doubts: bool
+    times: list[list[int]]
+
+
+@dataclass(slots=True)
+class _Found:
+    """A fault, when it was first found, in how many seconds it was there, and when, s."""
+
+    fault: Fault
+    first: float
+    seconds: int = 0
+    times: list[tuple[float, float]] = field(default_factory=list)
 
 
 class InputJudge:
@@ -47,8 +73,7 @@ class InputJudge:
         self._began: int | None = None  # ns, when the first message arrived
         self._speeds: dict[Source, SpeedWatch] = {}
         self._judged: dict[Source | None, int] = {}  # ns; None: the readings
-        # By kind, the first fault with its time, s, and in how many seconds it was so.
-        self._found: dict[str, tuple[Fault, float, int]] = {}
+        self._found: dict[str, _Found] = {}  # by kind
         self._last, self._taken = 0.0, False  # s; whether readings wait for their judgement
 
     def readings(
@@ -82,18 +107,25 @@ class InputJudge:
             self._judge_speed(source, now)
         watch.take(now, value, sender)
 
-    def sentences(self) -> list[str]:
-        """Return a sentence for each kind of fault, the most serious and then the first one first.
+    def faults(self) -> list[InputFault]:
+        """Return one fault of each kind, the most serious and then the first one first.
 
         This judges what came since the last judgement, so it is called once, at the end.
         """
         self._judge_readings(self._last)
         for source in self._speeds:
             self._judge_speed(source, self._last)
-        found = sorted(self._found.values(), key=lambda each: (-each[0].level, each[1]))
-        words = "{} (first after {:.0f} s, in {} of {} seconds)."
-        whole = max(math.ceil(self._last), 1)
-        return [words.format(f.sentence.rstrip("."), at, n, whole) for f, at, n in found]
+        found = sorted(self._found.values(), key=lambda each: (-each.fault.level, each.first))
+        return [self._described(each) for each in found]
+
+    def _described(self, found: _Found) -> InputFault:
+        """Return a fault by times of receipt; its sentence says when it was first so."""
+        text, whole = found.fault.sentence.rstrip("."), max(math.ceil(self._last), 1)
+        text += f" (first after {found.first:.0f} s, in {found.seconds} of {whole} seconds)."
+        began = self._began or 0
+        times = [[began + round(1e9 * time) for time in each] for each in found.times]
+        doubts = not math.isnan(found.fault.since)
+        return InputFault(text, began + round(1e9 * found.first), doubts, times)
 
     def _at(self, time: int) -> float:
         """Return a time, ns, in s of the drive."""
@@ -112,20 +144,32 @@ class InputJudge:
     def _judge_readings(self, now: float) -> None:
         if self._taken:  # a gap has a sentence of its own
             self._taken = False
-            self._note(now, self._readings.judge(now, 1.0, self._expected))
-            self._note(now, [Fault(Level.WARN, _STANDS)] * self._stands)
+            faults = self._readings.judge(now, 1.0, self._expected)
+            faults += [Fault(Level.WARN, _STANDS)] * self._stands
+            self._note(now, self._readings.last, faults)
             self._stands = False
 
     def _judge_speed(self, source: Source, now: float) -> None:
-        watches = self._speeds
-        self._note(now, watches[source].judge(now, self._expected.stale_after, None))
-        if source is Source.PTO and Source.ENGINE in watches:
-            self._note(now, turns_without_engine(watches[source], watches[Source.ENGINE], now))
+        watch, engine = self._speeds[source], self._speeds.get(Source.ENGINE)
+        age = self._expected.stale_after
+        faults = watch.judge(now, age, None)
+        if source is Source.PTO and engine is not None:
+            faults += turns_without_engine(watch, engine, now)
+        self._note(now, min(now, watch.time + age), faults)  # A speed is used for so long.
 
-    def _note(self, now: float, faults: Iterable[Fault]) -> None:
+    def _note(self, now: float, end: float, faults: Iterable[Fault]) -> None:
+        """Add faults that are found now, of values that were used until an end, s."""
         for fault in faults:
             if fault.sentence.endswith(" s ago."):
                 continue  # it was noted then
             kind = _NUMBER.sub("", fault.sentence)
-            first, at, seconds = self._found.get(kind, (fault, max(now - 1.0, 0.0), 0))
-            self._found[kind] = first, at, seconds + 1
+            begin = max(now - 1.0, 0.0)
+            found = self._found.setdefault(kind, _Found(fault, begin))
+            found.seconds += 1
+            times = begin if math.isnan(fault.since) else fault.since, end
+            times = (-_EVER, _EVER) if math.isinf(fault.since) else times
+            first, last = found.times[-1] if found.times else (math.inf, -math.inf)
+            if times[0] <= last + 1.0 and first <= times[1] + 1.0:  # In between, it lasted.
+                times = min(first, times[0]), max(last, times[1])
+                found.times.pop()
+            found.times.append(times)

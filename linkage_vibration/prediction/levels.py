@@ -163,6 +163,7 @@ class LevelTable:
         keep: Keep = computed,
     ) -> None:
         self._predictor, table = predictor, predictor.table
+        self.unknown_factors = table.unknown_factors
         inputs, which = _unit_loads(table, mechanism, excitations)
         loads = [excitation.load for excitation in excitations]
         self.states_uncertainty = table.uncertain or table.measured
@@ -180,11 +181,11 @@ class LevelTable:
             (i for i, excitation in enumerate(excitations) if excitation.terrain), 0
         )
         self._cells: tuple[FloatArray, FloatArray] | None = None
-        self.force_places = table.force_places if self._loaded else ()
-        """Pins and cylinders, whose names are those of the table."""
+        self.force_places = table.load_places if self._loaded else ()
+        """Pins and cylinders, the first ones of the table."""
         if table.places:
             # The response point comes first, then the components of the forces.
-            rows = table.forces if self.force_places else ()
+            rows = tuple(place for place in table.forces if place[0] in self.force_places)
             names = [name for name, _ in rows]
             self._first = np.array([names.index(place) for place in self.force_places], np.int64)
             # A pin has a second component.
@@ -761,8 +762,8 @@ class _Samples:
         # At its end the table uses the next piece, whose number of poles may be another.
         alpha3 = min(alpha3, math.nextafter(self._ends[1], self._ends[0]))
         weights = weights_at(self._inputs, self._places, alpha3)
-        frf, rate = self._table.frf(alpha3, self._outputs, self._places).driven(*weights)
-        a, b, rest = frf.residues, frf.rates, frf.residual
+        frf = self._table.frf(alpha3, self._outputs, self._places).driven(*weights)
+        a, b, rest, rate = frf.residues, frf.rates, frf.residual, frf.residual_rate
         terms = a[0] / frf.stiffness
         static = np.abs(terms.sum(axis=1) + rest[0])
         significant = static > _MIN_STATIC_SHARE * (np.abs(terms).sum(axis=1) + np.abs(rest[0]))

@@ -440,6 +440,7 @@ class ResonanceMonitor:
         n, speeds, angles = len(columns), columns.speeds.T, columns.crank_angle
         columns.count = (self.count + 1 + np.arange(n)).astype(np.uint32)
         self.count += n
+        columns.unknown_factors = self.levels.unknown_factors if self.levels else ""
         if self.levels is not None and self.levels.n_members and n:
             self._set_factors(self.levels, columns)
         worst = columns.excitation_index

@@ -275,8 +275,8 @@ class Parameters:
         "none is read."
     )
     implement_file: str = _text("the path of a YAML file").means(
-        "Implements that can be chosen by name: by the parameter implement, the action "
-        "`~/set_implement` or the topic `hitched_implement`."
+        "Implements that can be chosen by name: by the parameter implement or the action "
+        "`~/set_implement`."
     )
     implement: str = _text("the name of an implement in implement_file").means(
         "The implement at start. If it is empty, that of the mechanism is used."

@@ -187,9 +187,10 @@ def ratio_words(ratio: float) -> str:
     return f"{ratio:.0f}" if 10.0 <= ratio < 1e6 else f"{ratio:.2g}"
 
 
-def load_words(ratio: float, factor: float, place: str) -> str:
-    """Return a load ratio with its place and its standard deviation, a factor, if it is known."""
-    deviation = "not known" if math.isnan(factor) else f"a factor of {factor:.3g}"
+def load_words(ratio: float, factor: float, place: str, why: str = "") -> str:
+    """Return a load ratio, its place and its standard deviation, a factor, or why that is NaN."""
+    unknown = f"not known, as {why}" if why else "not known"
+    deviation = unknown if math.isnan(factor) else f"a factor of {factor:.3g}"
     return (
         f"{ratio_words(ratio)} of the static force in {place or 'the pins'} "
         f"(standard deviation {deviation})"
@@ -242,7 +243,8 @@ def present_sentence(resonance: MessageColumns, excitations: Sequence[Excitation
 
 def _warning(resonance: MessageColumns, excitations: Sequence[Excitation]) -> str:
     """Return what loads the linkage, and what ends this."""
-    load = load_words(resonance.load_ratio, resonance.load_ratio_factor, resonance.load_place)
+    at = resonance
+    load = load_words(at.load_ratio, at.load_ratio_factor, at.load_place, at.unknown_factors)
     does = f"exerts {load}, all excitations together {ratio_words(resonance.total_load_ratio)}"
     if resonance.off_ground_share > _HALF:
         return _TIPS

@@ -54,6 +54,7 @@ class Drive:
     names: tuple[str, ...]  # of the excitations, in the order of the sequences
     predictions: NDArray[np.int64]  # (n,), of the log
     missing: float  # s of the log, for which none holds
+    doubted: BoolArray  # (n,): of readings or speeds that are doubted
 
     @property
     def passes(self) -> NDArray[np.int64]:
@@ -61,8 +62,16 @@ class Drive:
         return np.cumsum(self.broken)
 
     def severity(self) -> FloatArray:
-        """Return by what moments are ordered, (n,): the total load ratio, 0 if not known."""
-        return np.asarray(np.nan_to_num(self.resonances.total_load_ratio.astype(float)))
+        """Return by what moments are ordered, (n,): the total load ratio, 0 if there is no worst.
+
+        Only a moment whose load is known and not doubted may be the worst one.
+        """
+        return np.where(self.may_be_worst, self.resonances.total_load_ratio.astype(float), 0.0)
+
+    @property
+    def may_be_worst(self) -> BoolArray:
+        """Whether a load is known and not doubted, (n,)."""
+        return np.asarray(~np.isnan(self.resonances.total_load_ratio) & ~self.doubted)
 
     def time_in(self, flags: BoolArray) -> float:
         """Return how long flags, (n,), are true, s."""
@@ -106,7 +115,7 @@ class Contribution:
     """What one excitation did in a drive."""
 
     name: str
-    load_ratio: float  # the largest; NaN if it was never known
+    load_ratio: float  # the largest; NaN if it was never known without a doubt
     worst: int  # message with that load ratio
     warning_time: float  # s
     note_time: float  # s
@@ -157,6 +166,7 @@ def drive_of(
         tuple(all_names[:n_names]),
         predictions,
         missing,
+        np.zeros(len(stamps), np.bool_),
     )
 
 
@@ -201,7 +211,7 @@ def episodes(drive: Drive) -> list[Episode]:
 
 
 def worst_message(drive: Drive) -> int:
-    """Return the message with the largest total load ratio."""
+    """Return the message with the largest total load ratio, of those that may be the worst."""
     return int(drive.severity().argmax())
 
 
@@ -239,7 +249,7 @@ def contributions(drive: Drive) -> list[Contribution]:
     for i, name in enumerate(drive.names):
         state, ratio = drive.resonances.states[:, i], drive.resonances.load_ratios[:, i]
         warning = state == ResonanceState.WARNING
-        finite = np.isfinite(ratio)
+        finite = np.isfinite(ratio) & ~drive.doubted
         worst = int(np.where(finite, ratio, -1.0).argmax())
         every.append(
             Contribution(
@@ -302,18 +312,21 @@ def _loads(
     """Return whether loads exceeded the limit, how large they were, and what would end that."""
     warnings, worst = episodes(drive), worst_message(drive)
     largest = drive.severity()[worst]
-    all_known = durations(drive).known_share >= KNOWN
-    named = "The largest" if all_known else "The largest that is known"
-    what = f"{named} was {_load_at(drive, worst)}."
+    known = ["known"] * (durations(drive).known_share < KNOWN)
+    sure = known + ["not doubted"] * bool(drive.doubted.any())
+    those = listing(sure) if sure else ""
+    what = f"The largest{' that is ' * bool(sure)}{those} was {_load_at(drive, worst)}."
     if not largest:
-        what = "All loads were zero." if all_known else "All loads that are known were zero."
-    parts = ground_and_orders(drive, excitations)
+        what = f"All loads{' that are ' * bool(sure)}{those} were zero."
+    if not drive.may_be_worst.any():
+        what = "No moment is named as the worst, as the inputs were doubtful at each known load."
+    parts = ground_and_orders(drive, excitations) if largest else None
     if parts is not None and parts[0][worst] ** 2 > 0.5 * largest**2 and parts[1][worst] > 0.0:
         what += f" Without the ground it would have been at most {ratio_words(parts[1][worst])}."
     if not warnings:
         return f"{_without_warning(drive, limits)} {what}"
     loudest = max((episode.worst for episode in warnings), key=lambda row: drive.severity()[row])
-    value = ending(loudest)
+    value = "" if drive.doubted[loudest] else ending(loudest)
     end = f"The worst warning would have ended at {value}." if value else ""
     return f"{_exceeded(drive)}. {what} {end}".rstrip()
 
@@ -445,7 +458,8 @@ def _cause_at(drive: Drive, row: int) -> str:
 def _load_at(drive: Drive, row: int) -> str:
     """Return the load at a message in words: how much, where, when, and by what."""
     at = drive.resonances.message(row)
-    total = load_words(at.total_load_ratio, at.total_load_ratio_factor, at.total_load_place)
+    factor, why = at.total_load_ratio_factor, at.unknown_factors
+    total = load_words(at.total_load_ratio, factor, at.total_load_place, why)
     angle = math.degrees(drive.angles[row])
     return f"{total} at {drive.times[row]:.2f} s and {angle:.1f} deg{_cause_at(drive, row)}"
 
@@ -454,7 +468,7 @@ def _nearest(
     drive: Drive, mode_label: Callable[[int], str], excitations: Sequence[Excitation]
 ) -> str:
     """Return what came nearest to a mode, where no load is known."""
-    margins = np.abs(drive.resonances.relative_margin)
+    margins = np.where(drive.doubted, math.nan, np.abs(drive.resonances.relative_margin))
     row = int(np.nanargmin(np.where(np.isfinite(margins), margins, np.inf)))
     at = drive.resonances.message(row)
     text = f"How large the loads were is not known{no_load_words(at, excitations)}."

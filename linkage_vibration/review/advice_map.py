@@ -26,7 +26,7 @@ def advice_map(log: Log) -> dict[str, Any] | None:
     speeds = {} if log.drive is None else speeds_at_drive(log)
     fastest = float(np.nanmax(speeds.get(Source.GROUND, [0.0]), initial=0.0))
     levels = log_levels(log) if fastest > 0.0 else None
-    if levels is None or log.drive is None:
+    if levels is None or log.drive is None or not log.drive.may_be_worst.any():
         return None
     advice = drive_advice(log, levels, _SHAPE, (0.0, _BEYOND * fastest))
     places = np.column_stack([KMH * speeds[Source.GROUND], np.degrees(log.drive.angles)])

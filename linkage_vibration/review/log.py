@@ -3,6 +3,7 @@
 """Reads a log: its predictions, its resonances and speeds, and what made them."""
 
 import itertools
+import json
 import re
 import tempfile
 from collections.abc import Mapping, Sequence
@@ -31,14 +32,14 @@ from linkage_vibration.bags.reading import mcap_files
 from linkage_vibration.bags.recorder import FAULTS_METADATA, RECORDING_METADATA
 from linkage_vibration.drawing.intervals import gap_starts, in_passes, one_after_the_other
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.arrays import FloatArray, IntArray
+from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, IntArray
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.messages.csv_tables import prediction_table, table_text, unit_suffix
 from linkage_vibration.messages.fields import Field, message_fields
 from linkage_vibration.messages.topics import ASSESSED, PREDICTION
 from linkage_vibration.prediction.excitation import Excitation, Source
-from linkage_vibration.prediction.judge import InputJudge
+from linkage_vibration.prediction.judge import InputFault, InputJudge
 from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.provenance import EXCITATIONS, PARAMETERS
 from linkage_vibration.prediction.resonance import described
@@ -85,8 +86,8 @@ class Log:
         Hz and 1; NaN for an overdamped mode.
     frequency_stddevs, damping_ratio_stddevs : ndarray, (n, n_modes)
         Hz and 1; NaN where they are not known.
-    input_faults : tuple of str
-        A sentence for each fault of the inputs, as the diagnostics of the node have them.
+    faults : tuple of InputFault
+        The faults of the inputs that the diagnostics of the node have, and when they were there.
     passes : ndarray of int, (n_jumps,)
         The first prediction after each jump of the clock to an earlier time. Stamps ascend only
         between jumps.
@@ -144,11 +145,16 @@ class Log:
     excitations_text: str
     metadata: dict[str, dict[str, str]]
     passes: IntArray
-    input_faults: tuple[str, ...]
+    faults: tuple[InputFault, ...]
 
     def __repr__(self) -> str:
         """Return the file and its size, in a line."""
         return f"Log({self.path}: {len(self.stamps)} predictions of {self.n_modes} modes)"
+
+    @property
+    def input_faults(self) -> tuple[str, ...]:
+        """A sentence for each fault of the inputs."""
+        return tuple(fault.sentence for fault in self.faults)
 
     @property
     def n_modes(self) -> int:
@@ -231,9 +237,9 @@ def read_log(path: str | Path) -> Log:
     attachments, metadata = _read_provenance(path)
     table, mechanism, mechanism_text, excitations = _read_model(attachments, table_id)
     parameters_text = attachments.get(PARAMETERS, b"").decode(errors="replace")
-    drive, at_predictions = _resonances(
-        resonances, predictions, passes, [excitation.name for excitation in excitations]
-    )
+    names = [excitation.name for excitation in excitations]
+    why = table.unknown_factors if table else "the log does not hold the table that made it"
+    drive, at_predictions = _resonances(resonances, predictions, passes, names, why)
     log = Log(
         path=path,
         stamps=stamps,
@@ -256,10 +262,13 @@ def read_log(path: str | Path) -> Log:
         excitations_text=attachments.get(EXCITATIONS, b"").decode(errors="replace"),
         metadata=metadata,
         passes=passes,
-        input_faults=(),
+        faults=(),
         **{name.removeprefix("frf_"): predictions[name] for name in _numbers() if name != "status"},
     )
-    return replace(log, input_faults=_input_faults(log))
+    log = replace(log, faults=_input_faults(log))
+    if drive is not None:
+        log = replace(log, drive=replace(drive, doubted=_doubted(log, drive)))
+    return log
 
 
 def _read_messages(path: Path) -> tuple[Columns, Columns, dict[Source, Columns]]:
@@ -324,13 +333,14 @@ def gaps(log: Log) -> list[tuple[float, float]]:
     return [(times[i], times[i + 1]) for i in gap_starts(log.times).tolist()]
 
 
-def _input_faults(log: Log) -> tuple[str, ...]:
+def _input_faults(log: Log) -> tuple[InputFault, ...]:
     """Return what the diagnostics of the node say of the inputs, from what a log holds of them.
 
     A replay has read the inputs themselves, and has written what it found.
     """
     if FAULTS_METADATA in log.metadata:
-        return tuple(log.metadata[FAULTS_METADATA].values())
+        texts = log.metadata[FAULTS_METADATA].values()
+        return tuple(InputFault(**json.loads(text)) for text in texts)
     if log.table is None:
         return ()
     judge = InputJudge("the crank angle", log.table.alpha3_range)
@@ -341,7 +351,20 @@ def _input_faults(log: Log) -> tuple[str, ...]:
         stamps = (1e9 * times).astype(np.int64) + log.received[0]
         for time, value in zip(stamps.tolist(), values.tolist(), strict=True):
             judge.speed(source, time, value, f"{source.value}_speed")
-    return tuple(judge.sentences())
+    return tuple(judge.faults())
+
+
+def _doubted(log: Log, drive: Drive) -> BoolArray:
+    """Return which assessments are of readings that are doubted, (n,).
+
+    An assessment is one of the readings since the one before it.
+    """
+    times = getattr(drive.resonances, LOG_TIME)
+    before = np.append(min(times[0], log.received[0]) - 1, np.minimum(times[:-1], times[1:] - 1))
+    doubted = np.zeros(len(times), np.bool_)
+    for begin, end in (each for fault in log.faults if fault.doubts for each in fault.times):
+        doubted |= (times >= begin) & (before < end)
+    return doubted
 
 
 def problems(log: Log) -> list[str]:
@@ -374,10 +397,14 @@ def log_table(log: Log) -> dict[str, NDArray[Any]]:
     """Return the columns of a log, (n,), by the names of their fields, as its CSV file has them."""
     why = "" if log.table is None else log.table.unknown_deviations
     table = {"stamp_ns": log.stamps} | prediction_table(_predictions(log), why)
-    if log.resonances is not None:
+    if log.resonances is not None and log.drive is not None:
         for field in resonance_fields():
             name = "resonance_state" if field.name == "state" else field.name
             table[name + unit_suffix(field)] = getattr(log.resonances, field.name)
+        of = log.resonances
+        lost = np.isnan(of.load_ratio_factor) & np.isfinite(of.load_ratio)
+        lost |= np.isnan(of.total_load_ratio_factor) & np.isfinite(of.total_load_ratio)
+        table["unknown_factors"] = np.where(lost, log.drive.resonances.unknown_factors, "")
         near = np.isfinite(log.resonances.natural_frequency)
         modes = np.where(near, log.resonances.mode + 1, 0)
         names = np.array(["", *(log.mode_name(mode) for mode in range(log.n_modes))])
@@ -406,11 +433,12 @@ def _speed_times(speeds: Columns, predictions: Columns, passes: IntArray) -> Flo
 
 
 def _resonances(
-    columns: Columns, predictions: Columns, passes: IntArray, names: Sequence[str]
+    columns: Columns, predictions: Columns, passes: IntArray, names: Sequence[str], why: str
 ) -> tuple[Drive | None, MessageColumns | None]:
     """Return all resonances, and the latest at each prediction; None if there are none.
 
-    Resonances belong to the pass within which they were written.
+    Resonances belong to the pass within which they were written, and `why` is the reason of factors
+    that are NaN.
     """
     if not len(columns.get("state", ())):
         return None, None
@@ -437,9 +465,9 @@ def _resonances(
     }
     every = vars(described(MessageColumns(**numbers)))
     shown = resonance_fields()
-    kept = {*_EACH, *(field.name for field in shown)}
+    kept = {*_EACH, LOG_TIME, *(field.name for field in shown)}
     # As they were written: a stamp that is earlier than the one before ended the warnings.
-    messages = MessageColumns(**{n: c for n, c in every.items() if n in kept})
+    messages = MessageColumns(**{n: c for n, c in every.items() if n in kept}, unknown_factors=why)
     angles, start, end = predictions["crank_angle"][predicted], int(stamps[0]), int(stamps[-1])
     drive = drive_of(taken, start, messages, angles, names, predicted, end)
     values: dict[str, Any] = {}

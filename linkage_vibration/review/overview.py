@@ -60,7 +60,7 @@ def drive_summary(log: Log) -> dict[str, Any]:
         limits = [_rounded(limit) for limit in np.unique(drive.resonances.load_ratio_limit)]
         spent = durations(drive)
         judged = bool(np.isfinite(drive.resonances.total_load_ratio).any()) or spent.above > 0.0
-    if drive is not None and np.isfinite(drive.resonances.total_load_ratio).any():
+    if drive is not None and drive.may_be_worst.any():
         row = worst_message(drive)
         at = drive.resonances.message(row)
         worst = {
@@ -68,6 +68,7 @@ def drive_summary(log: Log) -> dict[str, Any]:
             "crank_angle_deg": _rounded(math.degrees(drive.angles[row])),
             "load_ratio": _rounded(at.total_load_ratio),
             "load_ratio_factor": _rounded(at.total_load_ratio_factor),
+            "unknown_factor": at.unknown_factors if np.isnan(at.total_load_ratio_factor) else "",
             "place": at.total_load_place,
             "excitation": at.excitation,
             "excitation_frequency_hz": _rounded(at.excitation_frequency),

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from linkage_vibration.bags.recorder import FAULTS_METADATA
 from linkage_vibration.drawing import palette
 from linkage_vibration.mechanics.arrays import BoolArray, IntArray, runs
+from linkage_vibration.mechanics.forces import GRAVITY, SOIL
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.severity import ResonanceState, ratio_words
@@ -129,8 +130,9 @@ def provenance_rows(log: Log) -> list[list[str]]:
         low, high = (DEG * angle for angle in table.alpha3_range)
         errors = (
             f"natural frequencies and damping ratios {table.interpolation_error.max():.1e}, "
-            f"FRF peak {table.peak_error:.1e}, FRFs {table.frf_error:.1e}, slopes "
-            f"{table.slope_error:.1e} per rad; bounds against the model"
+            f"FRF peak {table.peak_error:.1e}, FRFs {table.frf_error:.1e}, forces "
+            f"{table.force_error:.1e}, slopes {table.slope_error:.1e} per rad; bounds against the "
+            "model"
         )
         rows += [
             ["Mechanism", f"{table.mechanism_name}, model {table.model_hash[:12]}"],
@@ -140,6 +142,13 @@ def provenance_rows(log: Log) -> list[list[str]]:
             ["Relative error of the table", errors],
             ["Table built by", f"linkage_vibration {table.package_version}"],
         ]
+        loads = -table.components_at_rest(np.linspace(*table.alpha3_range, 19)) / GRAVITY
+        axles = [
+            f"{name.removeprefix(SOIL)} {min(load):.0f} to {max(load):.0f} kg"
+            for (name, _), load in zip(table.forces, loads, strict=False)
+            if name.startswith(SOIL)
+        ]
+        rows += [["Static axle loads", ", ".join(axles)]] if axles else []
     else:
         rows.append(["Model", "the log does not hold the table that made it"])
     for name, record in log.metadata.items():
@@ -358,7 +367,8 @@ def _tables(
     for episode in shown:
         at = drive.resonances.message(episode.worst)
         hertz = at.excitation_frequency
-        cells = [clock(episode.start, whole), f"{at.total_load_ratio:.3f}", at.total_load_place]
+        ratio = "doubted" if drive.doubted[episode.worst] else f"{at.total_load_ratio:.3f}"
+        cells = [clock(episode.start, whole), ratio, at.total_load_place]
         cells += [at.excitation, "" if math.isnan(hertz) else f"{hertz:.1f}"]
         row = {"cells": [*cells, f"{episode.duration:.2f}"], "length": episode.duration}
         row["severity"] = float(severity[episode.worst])

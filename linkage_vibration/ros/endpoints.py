@@ -56,18 +56,12 @@ def _overrides() -> QoSOverridingOptions:
 
 
 def subscribe(
-    node: Node,
-    kind: Any,
-    topic: str,
-    on_message: Callable[..., None],
-    *,
-    latched: bool = False,
-    input_depth: int = 0,
+    node: Node, kind: Any, topic: str, on_message: Callable[..., None], depth: int
 ) -> Any:
     """Return a subscription, which matches publishers of every QoS and waits for no lost message.
 
-    ``on_message`` gets the bytes and the `MessageInfo`. A latched one receives what was sent
-    before. That of an input keeps so many messages, and parameters can override its QoS.
+    ``on_message`` gets the bytes and the `MessageInfo`. So many messages wait, and parameters can
+    override the QoS.
     """
 
     @wraps(on_message)
@@ -79,11 +73,11 @@ def subscribe(
         kind,
         topic,
         cast(Any, call),  # the type hints of rclpy do not know that `raw` passes bytes
-        _qos(reliable=latched, latched=latched, depth=input_depth or QUEUE_DEPTH),
+        _qos(reliable=False, latched=False, depth=depth),
         raw=True,
         # The events executor ends the process if an event comes as its subscription is destroyed.
         event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
-        qos_overriding_options=_overrides() if input_depth else None,
+        qos_overriding_options=_overrides(),
     )
 
 

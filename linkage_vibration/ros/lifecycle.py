@@ -446,9 +446,8 @@ class LinkageVibrationNode(LifecycleNode):
         self._listener.check()
         now, counts = time.monotonic(), self._statistics
         counts.watch_wall_clock(time.time(), now)
-        for part in (self._recording, self._offered):
-            if part is not None:
-                part.watch()
+        if self._recording is not None:
+            self._recording.watch()
         if self._predicting is not None:
             self._predicting.judge(now)
         name = self.get_fully_qualified_name()
@@ -495,7 +494,7 @@ def _table_info(served: Served, excitations: Sequence[Excitation], stamp: Time) 
     low, high = table.alpha3_range
     sound = max(low, table.sound_range[0]), min(high, table.sound_range[1])
     same = "table_id mechanism_name model_hash package_version n_modes"
-    same += " peak_error frf_error mode_names unknown_deviations force_places"
+    same += " peak_error frf_error force_error mode_names unknown_deviations force_places"
     info = TableInfo(
         stamp=stamp,
         n_points=len(table.alpha3),

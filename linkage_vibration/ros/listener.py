@@ -2,17 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Receives the inputs on a thread of its own, so that no service or timer delays a reading."""
 
-from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from typing import Any
 
-from rclpy.event_handler import QoSSubscriptionEventType, UnsupportedEventTypeError
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.experimental.events_executor import EventsExecutor
-from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -47,7 +44,6 @@ class Listener:
         self._pool = ThreadPoolExecutor(1, "linkage_vibration_readings")
         self._spinning: Future[None] | None = None
         self._stopping = False
-        self._losses: dict[str, Any] = {}  # by topic
 
     @property
     def active(self) -> bool:
@@ -57,27 +53,13 @@ class Listener:
     def subscribe(self, kind: Any, topic: str, on_message: Callable[..., None], depth: int) -> Any:
         """Return a subscription to a topic; see `linkage_vibration.ros.endpoints.subscribe`."""
         try:
-            subscription = subscribe(self._node, kind, topic, on_message, input_depth=depth)
+            return subscribe(self._node, kind, topic, on_message, depth)
         except RuntimeError:  # of rcl; DDS has one type for each topic in a process
             raise ParameterError(
                 f"Topic {topic} cannot be read as {kind.__module__.partition('.')[0]}/msg/"
                 f"{kind.__name__}, because this process uses it with another type; choose another "
                 "topic, or its type."
             ) from None
-        # The executor does not know this event, so that it cannot come while it is destroyed.
-        with suppress(UnsupportedEventTypeError), subscription.handle:
-            kind = QoSSubscriptionEventType.RCL_SUBSCRIPTION_MESSAGE_LOST
-            self._losses[topic] = _rclpy.EventHandle(subscription.handle, kind)
-        return subscription
-
-    def lost(self) -> Counter[str]:
-        """Return how many messages of each topic the middleware has lost since the subscription."""
-        counts = Counter[str]()
-        for topic, event in self._losses.items():
-            with event:
-                status = event.take_event()
-            counts[topic] = 0 if status is None else status.total_count
-        return counts
 
     def unmatched(self) -> dict[str, list[str]]:
         """Return by topic a sentence about each publisher whose QoS does not match."""
@@ -86,9 +68,6 @@ class Listener:
 
     def unsubscribe(self) -> None:
         """Destroy all subscriptions, so that their topics can be read as other types."""
-        for event in self._losses.values():
-            event.destroy_when_not_in_use()
-        self._losses.clear()
         for subscription in list(self._node.subscriptions):
             self._node.destroy_subscription(subscription)
         self._spin_once(0.0)  # the executor keeps them, and so the topics, until it looks again

@@ -216,7 +216,6 @@ class Predicting:
 
     def judge(self, now: float) -> None:
         """Set the faults of the inputs since the last call; ``now`` is by the steady clock, s."""
-        self._statistics.reported |= self._listener.lost()
         before, self._instant = self._instant, self._now()
         self.paused = self._clock.ros_time_is_active and self._instant == before
         self.clock_missing = self._subscribed and self._instant <= 0
@@ -394,7 +393,7 @@ class Predicting:
         number = message.info["publication_sequence_number"]
         if number is not None:
             publishers = partial(self._node.count_publishers, topic.name)
-            counts.gaps[topic.name] += self._gaps[topic.name].before(number, publishers)
+            counts.lost[topic.name] += self._gaps[topic.name].before(number, publishers)
         counts.arrived[topic.name] += 1
         counts.received += topic.crank is not None
         if len(message.data) > MAX_BYTES:

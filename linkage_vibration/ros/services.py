@@ -23,10 +23,8 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy
 from rclpy.serialization import deserialize_message
 from rclpy.task import Future
-from std_msgs.msg import String
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.messages.encoding import encode_message
@@ -35,10 +33,8 @@ from linkage_vibration.prediction import answers
 from linkage_vibration.prediction.advice import Question, advise
 from linkage_vibration.prediction.answers import Served, place_name
 from linkage_vibration.prediction.excitation import Excitation, Source
-from linkage_vibration.prediction.inputs.topics import HITCHED_TOPIC
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor, fault
-from linkage_vibration.ros.endpoints import subscribe
 from linkage_vibration.ros.precedence import rest
 from linkage_vibration.support.own_process import call_in_process
 from linkage_vibration.table.table import Table
@@ -53,7 +49,6 @@ T = TypeVar("T")
 MAX_REQUEST = 1_000
 # Largest number of waiting requests; each costs the executor a microsecond when it wakes.
 MAX_WAITING = 16
-LATCHED = DurabilityPolicy.TRANSIENT_LOCAL
 # Between so many predictions, less than a millisecond of work, the readings have the processor.
 SLICE = 10
 FEEDBACK_PERIOD = 0.25  # s
@@ -88,8 +83,6 @@ class Services:
         self._ending, self._waiting = False, 0
         self._goals = 0  # whose results are not sent yet
         self._wanted: Path | None = None  # a folder; its removal stops the building of a table
-        # Names on the topic: the last one, and one that is still to be used.
-        self._hitched, self._pending = "", ""
         group = ReentrantCallbackGroup()
         offer: Any = partial(node.create_service, callback_group=group)
         self._services = [
@@ -103,21 +96,6 @@ class Services:
         accept: Any = {"cancel_callback": lambda _: CancelResponse.ACCEPT, "callback_group": group}
         name = "~/set_implement"
         self._actions = [ActionServer(node, SetImplement, name, self._on_goal, **accept)]
-        self._subscriptions: list[Any] = []
-        if served().implements is not None:
-            self._subscriptions = [subscribe(node, String, HITCHED_TOPIC, self._on_hitched)]
-
-    def watch(self) -> None:
-        """Also receive what a latched publisher has sent before, once there is one; once a second.
-
-        Other publishers would report a second subscription as one that they cannot reach.
-        """
-        if len(self._subscriptions) == 1:
-            topic = self._node.resolve_topic_name(HITCHED_TOPIC)
-            publishers = self._node.get_publishers_info_by_topic(topic)
-            if any(each.qos_profile.durability == LATCHED for each in publishers):
-                call = subscribe(self._node, String, topic, self._on_hitched, latched=True)
-                self._subscriptions.append(call)
 
     @property
     def busy(self) -> bool:
@@ -157,8 +135,6 @@ class Services:
             self._node.destroy_service(service)
         while self._actions:
             self._actions.pop().destroy()
-        for subscription in self._subscriptions:
-            self._node.destroy_subscription(subscription)
 
     async def _predict(
         self, request: srv.PredictVibration.Request, response: srv.PredictVibration.Response
@@ -210,7 +186,7 @@ class Services:
         response.table_id = served.table.table_id
         response.mechanism = served.mechanism_text
 
-    async def _advise(self, request: srv.Advise.Request, response: srv.Advise.Response) -> None:
+    async def _advise(self, request: srv.Advise.Request, response: srv.Advise.Response) -> str:
         angles = request.crank_angle_min, request.crank_angle_max
         speeds = request.ground_speed_min, request.ground_speed_max
         present = [request.engine_speed, request.pto_speed, abs(request.ground_speed)]
@@ -230,6 +206,8 @@ class Services:
         encoded = encode_message(ADVICE, advised.message, sec, nanosec, "")
         response.advice = deserialize_message(encoded, Advice)
         _fill(response, served, advised)
+        unsure = f"Factors and probabilities that are unknown: {advised.unsure}."
+        return unsure if advised.unsure else ""
 
     async def _on_goal(self, goal: Any) -> SetImplement.Result:
         """Use another implement, with progress; a client may cancel it."""
@@ -246,8 +224,6 @@ class Services:
             self._later(lambda: self._later(self._sent))
         with suppress(LinkageVibrationError):
             result.table_id = self._served().table.table_id
-        if self._pending:
-            self._later(self._follow)
         result.success = not result.message
         end = goal.canceled if goal.is_cancel_requested else goal.abort
         (goal.succeed if result.success else end)()
@@ -271,30 +247,6 @@ class Services:
                 finished = float(answers.progress_file(self._wanted).read_text())
                 feedback = SetImplement.Feedback(progress=finished, step="building the table")
                 goal.publish_feedback(feedback)
-
-    def _on_hitched(self, data: bytes, _: object) -> None:
-        """Use the implement that a message names, once it differs from that of the last one."""
-        try:
-            name = str(deserialize_message(data, String).data).strip()
-        except RuntimeError:  # of rclpy: the bytes are not a text
-            self._node.get_logger().warning(f"A message on {HITCHED_TOPIC} is not a text.")
-            return
-        if name != self._hitched:
-            self._hitched = self._pending = name
-            self._later(self._follow)
-
-    async def _follow(self) -> None:
-        """Use the implement that the topic named last, unless a table is being built."""
-        while self._pending and self._wanted is None:
-            name, self._pending = self._pending, ""
-            try:
-                served = self._served()
-                if served.implement is None or served.implement.name != name:
-                    await self._replace(served, name)
-            except LinkageVibrationError as error:
-                self._node.get_logger().warning(
-                    f"{HITCHED_TOPIC} names {name!r}, but the implement is unchanged: {error}"
-                )
 
     async def _replace(self, served: Served, wanted: answers.Implement | str) -> None:
         """Build the table for another implement, or for that of a name, and use it."""

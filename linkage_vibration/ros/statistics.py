@@ -39,9 +39,7 @@ class Statistics:
     with_numbers: int = 0  # predictions for readings, and those without numbers
     without_numbers: int = 0
     arrived: Counter[str] = field(default_factory=Counter)  # messages, by topics of inputs
-    # By topic, the messages that did not arrive: by sequence numbers, and as DDS reports them.
-    gaps: Counter[str] = field(default_factory=Counter)
-    reported: Counter[str] = field(default_factory=Counter)
+    lost: Counter[str] = field(default_factory=Counter)  # likewise, by their sequence numbers
     dropped: Counter[str] = field(default_factory=Counter)  # by topic, left out for newer ones
     wait: float = 0.0  # s, the longest of a message since the last status
     clock_jumps: int = 0  # how often the clock was set, or a looping bag jumped back
@@ -57,11 +55,6 @@ class Statistics:
         """How many readings were predicted for, also where `prediction_rate` publishes fewer."""
         return self.with_numbers + self.without_numbers
 
-    @property
-    def lost(self) -> Counter[str]:
-        """How many messages of each topic did not arrive."""
-        return self.gaps | self.reported  # the larger of both
-
     def watch_wall_clock(self, wall: float, steady: float) -> None:
         """Count a jump if the wall clock was set since the last call; both times are in s."""
         ahead = wall - steady
@@ -76,7 +69,7 @@ class Statistics:
         rate = 0.0 if math.isnan(self._then) else done / max(now - self._then, 1e-9)
         self._with_numbers, self._without_numbers = self.with_numbers, self.without_numbers
         left_out = self.dropped.total()
-        counts = self.clock_jumps, self.received, left_out, self.arrived.copy(), self.lost
+        counts = self.clock_jumps, self.received, left_out, self.arrived.copy(), self.lost.copy()
         self._before.append((self.wait, *counts))
         self.wait, self._then = 0.0, now
         _, jumps, received, dropped, arrived, lost = self._before[0]

@@ -25,7 +25,7 @@ from linkage_vibration.mechanics.response import PoleResidue
 from linkage_vibration.studies.yaml_editing import edit_text
 from linkage_vibration.support.atomic_files import write_text
 from linkage_vibration.table.tabulation.accuracy import LOOSER
-from linkage_vibration.table.tabulation.frf_errors import frf_norms, worst_share
+from linkage_vibration.table.tabulation.frf_errors import frf_norms, worst_shares
 
 ELEMENTS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96)
 MODES = (0, 1, 2, 3, 5, 8, 12, 20, 40)
@@ -224,7 +224,7 @@ def _errors(scene: Scene, answer: _Answer, exact: _Answer) -> FloatArray:
             problem = f"An FRF of {scene.mechanism.name} is infinite in the band"
             hint = "give its links damping, begin the band above 0 Hz, or ask for no points"
             raise PlanError(f"{problem}; {hint}.")
-        frf = worst_share(off, size)
+        frf = worst_shares(off, size)[0]
     return np.array([apart.max(initial=0.0), peak, frf])
 
 

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
-from linkage_vibration.mechanics.description import Mechanism
-from linkage_vibration.mechanics.forces import magnitudes, reference
+from linkage_vibration.mechanics.description import Mechanism, ReferenceForce
+from linkage_vibration.mechanics.forces import SOIL, magnitudes, reference
 from linkage_vibration.mechanics.kinematics import unit_question
 from linkage_vibration.mechanics.model import Place, pairs
 from linkage_vibration.mechanics.response import PoleResidue
@@ -37,7 +37,7 @@ from linkage_vibration.table.reduced import MODEL_ARRAYS, ReducedModels
 
 IntArray = NDArray[np.int64]
 
-FORMAT = "linkage_vibration table 10"
+FORMAT = "linkage_vibration table 11"
 
 _CHUNK = 4096  # So many angles are looked up at a time, whose cells stay in the cache.
 _NEAR = math.radians(1.0)  # Predictions are marked as near a toggle within this angle of it.
@@ -77,6 +77,8 @@ class Table:
     peak_error, frf_error : float
         The same for the highest peak, frequency and magnitude, and for single FRFs (L2 norm over
         the band; NaN without FRFs), the largest of all pieces.
+    force_error : float
+        That of FRFs to forces, relative to the largest force by the same input; NaN without forces.
     slope_error : float
         The same for the slopes of natural frequencies, relative to these, 1/rad.
     free_modes : int
@@ -123,8 +125,8 @@ class Table:
         Forces that are outputs of FRFs: both components of each pin, then springs and cylinders.
     static_forces : ndarray, (n, n_forces)
         The same under the weight, N; NaN where nothing carries it.
-    reference_force : float or None
-        N, that the mechanism gives in place of static forces.
+    reference_force : float, tuple of (name, float) or None
+        N, that the mechanism gives in place of all static forces, or of those at some places.
     model_hash, mechanism_name, package_version : str
         Of the mechanism from which it was built, and of the package that built it.
     """
@@ -138,6 +140,7 @@ class Table:
     interpolation_error: FloatArray = _array("1")
     peak_error: float = math.nan
     frf_error: float = math.nan
+    force_error: float = math.nan
     slope_error: float = math.nan
     free_modes: int
     toggles: tuple[float, float] | None
@@ -146,7 +149,7 @@ class Table:
     places: tuple[Place, ...] = ()
     forces: tuple[Place, ...] = ()
     static_forces: FloatArray = _array("N")
-    reference_force: float | None = None
+    reference_force: ReferenceForce | None = None
     reduced: tuple[ReducedModels, ...] = ()
     cell_starts: FloatArray = _array("rad")
     cell_cubics: FloatArray = _array("SI")
@@ -249,6 +252,16 @@ class Table:
             "Standard deviations are not known where modes veer too quickly, or where a mode is "
             "overdamped in the machine or in one with other numbers."
         )
+
+    @property
+    def unknown_factors(self) -> str:
+        """Why a factor of a known load is NaN, if one is; the end of a sentence."""
+        if not self.uncertain:
+            return "no number of the mechanism is uncertain"
+        if not len(self.ensemble_alpha3):
+            return "models with other numbers cannot be interpolated over the stroke"
+        share = "fewer than 95 % of the models with other numbers"
+        return f"{share} had this load when factors were last computed"
 
     def parameter_deviations(self, alpha3: float) -> list[float]:
         """Return the standard deviations by uncertain numbers at an angle (rad) within the range.
@@ -400,8 +413,13 @@ class Table:
 
     @cached_property
     def force_places(self) -> tuple[str, ...]:
-        """Names of the pins, springs and cylinders in `forces`, if the table has FRFs."""
+        """Names of the pins, springs, cylinders and tyres in `forces`, if the table has FRFs."""
         return tuple(dict.fromkeys(name for name, _ in self.forces)) if self.places else ()
+
+    @cached_property
+    def load_places(self) -> tuple[str, ...]:
+        """Those of `force_places` that load ratios compare: all but the tyres, which are last."""
+        return tuple(name for name in self.force_places if not name.startswith(SOIL))
 
     def forces_at_rest(self, alpha3: FloatArray) -> FloatArray:
         """Return the forces at `force_places` under the weight, (n_force_places, n), N.
@@ -413,6 +431,10 @@ class Table:
         alpha3 : ndarray, (n,)
             rad, within the range.
         """
+        return magnitudes(self.forces, self.components_at_rest(alpha3))
+
+    def components_at_rest(self, alpha3: FloatArray) -> FloatArray:
+        """Return `forces` under the weight at angles, rad, (n_forces, n), N; none without FRFs."""
         self._refuse_outside(alpha3)
         if not self.force_places:
             return np.empty((0, len(alpha3)))
@@ -421,7 +443,7 @@ class Table:
         for piece in np.unique(bounds).tolist():
             points, matrix = self._polynomial(piece, alpha3[bounds == piece])
             forces[:, bounds == piece] = (matrix @ self.static_forces[points]).T
-        return magnitudes(self.forces, forces)
+        return forces
 
     def reference_forces(self, alpha3: FloatArray) -> FloatArray:
         """Return what dynamic forces at `force_places` are compared with, (n_force_places, n), N.
@@ -435,7 +457,7 @@ class Table:
         alpha3 : ndarray, (n,)
             rad, within the range.
         """
-        return reference(self.forces_at_rest(alpha3), self.reference_force)
+        return reference(self.forces_at_rest(alpha3), self.force_places, self.reference_force)
 
     def _polynomial(self, piece: int, alpha3: FloatArray) -> tuple[slice, FloatArray]:
         """Return the points of a piece, and their weights at angles, (n, n_points)."""
@@ -481,14 +503,14 @@ class Table:
     def _metadata(self) -> dict[str, Any]:
         """Return what the file has beside arrays: every other field, without NaN, for JSON."""
         facts = {name: getattr(self, name) for name in _FACTS} | {"reduced": len(self.reduced)}
-        if math.isnan(self.frf_error):
-            facts["frf_error"] = None
+        facts |= {name: None for name in _MAYBE if math.isnan(facts[name])}
         return {"format": FORMAT, "units": UNITS, "range_rad": self.alpha3_range, **facts}
 
 
 UNITS = {each.name: each.metadata["unit"] for each in fields(Table) if each.metadata}
 """Arrays of a table, by their names."""
 
+_MAYBE = "frf_error", "force_error"  # NaN in a table without FRFs; JSON has no NaN
 _FACTS = [each.name for each in fields(Table) if each.name not in (*UNITS, "reduced")]
 
 
@@ -572,8 +594,7 @@ def refuse_other(table: Table, path: Path, mechanism: Mechanism, source: str = "
 def _table(metadata: dict[str, Any], arrays: dict[str, Any]) -> Table:
     """Return the table whose metadata and arrays a file has."""
     facts = {name: _tuples(metadata[name]) for name in _FACTS}
-    if facts["frf_error"] is None:
-        facts["frf_error"] = math.nan
+    facts |= {name: math.nan for name in _MAYBE if facts[name] is None}
     reduced = []
     for i in range(metadata["reduced"]):
         parts = {k: arrays.pop(f"reduced_{i}_{k}", np.empty(0)) for k in MODEL_ARRAYS}

@@ -70,7 +70,7 @@ class Report:
     checked : tuple of str
         The limits that were checked.
     input_faults : tuple of str
-        A sentence for each fault of the inputs, which may be the cause of a failure.
+        A sentence for each fault of the inputs that the limits allow.
     """
 
     bag: Path
@@ -153,7 +153,8 @@ def check_log(
     drawn = Path(picture) if failures and picture is not None else None
     if drawn is not None:
         plot(log, drawn)
-    found = tuple(failures), drawn, tuple(checked), log.input_faults
+    refused = any(failure.limit == "input_faults" for failure in failures)
+    found = tuple(failures), drawn, tuple(checked), () if refused else log.input_faults
     return Report(log.path, len(log.stamps), *found)
 
 
@@ -192,7 +193,9 @@ def _failures(log: Log, limits: Limits, latency: FloatArray) -> tuple[list[str],
         if each.exceeded.any():
             sizes = np.where(each.exceeded, np.nan_to_num(each.size), -np.inf)
             at, row = int(sizes.argmax()), int(each.span.predictions[sizes.argmax()])
-            words = each.words(at) + _load_then(log, row) * (each.limit != "load_ratio")
+            words = each.words(at)
+            if each.limit not in ("load_ratio", "input_faults"):
+                words += _load_then(log, row)
             these = of_loads if each.limit in OF_LOADS else failures
             these.append(_failure(log, each.limit, row, int(each.exceeded.sum()), words))
     unsure = min(found, key=lambda each: each.known_share, default=None)

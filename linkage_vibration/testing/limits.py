@@ -21,7 +21,8 @@ OF_LOADS = "load_ratio", "velocity", "warning_time", "note_time"
 """The limits that may concern one excitation only."""
 _NUMBERS = (
     *OF_LOADS,
-    *("known_share", "gap", "latency", "duration", "clock_jumps", "baseline_tolerance"),
+    *("known_share", "gap", "latency", "duration", "clock_jumps", "input_faults"),
+    "baseline_tolerance",
 )
 
 
@@ -63,6 +64,8 @@ class Limits:
         Shortest allowed time from the first prediction to the last one, s.
     clock_jumps : float, optional
         Largest allowed number of jumps of the clock to an earlier time.
+    input_faults : float, optional
+        Largest allowed number of faults of the inputs, such as stamps, jumps or units.
     excitation : str, optional
         Name of the excitation that ``load_ratio``, ``velocity``, ``warning_time`` and ``note_time``
         concern, such as "engine 3"; None for all together.
@@ -93,6 +96,7 @@ class Limits:
     frequencies: Mapping[int, Range] | None = None
     duration: float | None = None
     clock_jumps: float | None = None
+    input_faults: float | None = 0
     excitation: str | None = None
     place: str | None = None
     windows: tuple[Range, ...] | None = None

@@ -66,6 +66,8 @@ def quantities(log: Log, limits: Limits, latency: FloatArray) -> Iterator[Quanti
     span = _span(log.times, np.arange(len(held)), held, missing, limits)
     yield from _of_the_bag(log, limits, span)
     yield from _of_predictions(log, limits, span)
+    if limits.input_faults is not None:
+        yield from _faults(log, limits, span)
     yield from _of_loads(log, limits)
     if (most := limits.latency) is not None:
         text = "a prediction took {:.5f} s"
@@ -147,6 +149,19 @@ def _of_the_bag(log: Log, limits: Limits, span: Span) -> Iterator[Quantity]:
         gaps = _span(times[:-1], np.arange(len(steps)), steps, 0.0, limits)
         text = "no prediction for {:.3f} s"
         yield _within("gap", gaps, steps[gaps.rows], (-math.inf, most), text)
+
+
+def _faults(log: Log, limits: Limits, span: Span) -> Iterator[Quantity]:
+    """Yield the faults of the inputs, within windows if there are any."""
+    times, found = log.received[span.rows], list[tuple[str, int]]()
+    for fault in log.faults:
+        inside = [(times >= begin) & (times <= end) for begin, end in fault.times]
+        there = np.any(inside, axis=0)
+        if limits.windows is None or there.any():
+            found.append((fault.sentence.rstrip("."), int(span.predictions[there.argmax()])))
+    for sentence, row in found or [("", 0)]:
+        exceeded = np.array([len(found) > (limits.input_faults or 0)])
+        yield _at("input_faults", np.array([row]), exceeded, sentence)
 
 
 def _of_predictions(log: Log, limits: Limits, span: Span) -> Iterator[Quantity]:
@@ -231,12 +246,14 @@ def _load_ratio(
         place = np.where(of.excitation_index == i, of.load_place, "")
         above, below = ratio > most, known & (ratio <= most)
     if limits.place is not None:
-        if log.table is not None and limits.place not in log.table.force_places:
-            every = ", ".join(log.table.force_places)
+        if log.table is not None and limits.place not in log.table.load_places:
+            every = ", ".join(log.table.load_places)
             raise TestKitError(f"place is {limits.place!r}; {log.path} has only {every}.")
         # While another place is loaded more, only a bound is known of the load here.
         above = (ratio > most) & (place == limits.place)
-    return Quantity("load_ratio", span, above, ratio, words, above | below, why)
+    # A load that is doubted is not named where another one exceeds the limit, too.
+    sizes = ratio * ~drive.doubted
+    return Quantity("load_ratio", span, above, sizes, words, above | below, why)
 
 
 def _excitation(log: Log, drive: Drive, name: str) -> int:
@@ -261,6 +278,7 @@ def _drive_within(log: Log, drive: Drive, limits: Limits) -> Drive | None:
         angles=drive.angles[span.rows],
         predictions=span.predictions,
         missing=span.missing,
+        doubted=drive.doubted[span.rows],
     )
 
 

@@ -40,7 +40,9 @@ def test_limits_hold(files: Path, capsys: Any) -> None:
     assert main(["review", "log.mcap", "--limits", "limits.yaml", "--junit", "out.xml"]) == 0
     assert capsys.readouterr().out == "log.mcap: 50 predictions within their limits\n"
     cases = list(ElementTree.parse(files / "out.xml").iter("testcase"))
-    assert [case.get("name") for case in cases] == ["duration", "gap", "statuses", "load_ratio"]
+    assert [case.get("name") for case in cases] == [
+        *["duration", "gap", "statuses", "input_faults", "load_ratio"]
+    ]
     assert all(len(case) == 0 for case in cases)
 
 
@@ -57,6 +59,20 @@ def test_limits_fail(files: Path, capsys: Any) -> None:
         case.get("name") for case in ElementTree.parse("out.xml").iter("testcase") if len(case)
     ]
     assert failed == ["gap", "load_ratio"]
+
+
+def test_doubtful_inputs_fail(files: Path, capsys: Any) -> None:
+    """Stamps that repeat fail by default; a file of limits that allows the fault has it printed."""
+    quiet = (CLEAR,) * 4, (0.05,) * 4, 0.1, "engine 3", 0, 0.33
+    messages = [Message(START + k // 5 * 5 * 10**8, 2.0, CLEAR, *quiet) for k in range(50)]
+    write_drive(files / "frozen.mcap", messages)
+    words = "stamps of readings are those of the reading before"
+    for text, code in (("{gap: 1}", 3), ("{input_faults: 0}", 3), ("{input_faults: 1}", 0)):
+        (files / "limits.yaml").write_text(text)
+        assert main(["review", "frozen.mcap", "--limits", "limits.yaml"]) == code
+        out, err = capsys.readouterr()
+        assert [words in out, words in err] == [code == 0, code == 3]
+        assert ("input_faults: " in err) == (code == 3)
 
 
 @pytest.mark.parametrize(

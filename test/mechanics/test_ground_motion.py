@@ -15,6 +15,7 @@ from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
 from test.mechanics.test_base import TRACTOR
+from test.support.free_bodies import forces_by_cuts
 
 OUTPUTS = [("E1", "x"), ("E1", "z"), ("E2", "x")]
 LINES = np.array([0.0, 1.0, 2.8, 5.3, 20.0, 80.0])
@@ -45,6 +46,23 @@ def test_soil_under_mounts_equals_a_direct_solution(mount: str, direction: str) 
     soil = f"base:{mount}" if mount else "base", direction
     receptances = transmissibility(solution, OUTPUTS, soil).frf(LINES)[:, :, 0]
     np.testing.assert_allclose(receptances, np.array(expected), rtol=1e-6, atol=1e-8)
+
+
+def test_soil_under_an_axle_loads_pins_and_tyres() -> None:
+    """Forces are those by the force of its mount; its tyre is compressed by the soil, too."""
+    model = LinkageModel(read_mechanism(config_file("three_point_linkage_on_tractor.yaml")))
+    places, s = model.forces.places, 2j * math.pi * LINES[1:]
+    assert model.mechanism.base is not None
+    [rear, _] = model.mechanism.base.mounts
+    law = rear.stiffness[1] + s * rear.damping[1]
+    exact = forces_by_cuts(model, 2.0, LINES[1:], [("rear_axle", "z")])[:, :, 0]
+    exact = exact * law[:, np.newaxis]
+    exact[:, places.index(("base:rear_axle", "force_z"))] -= law
+    forces = transmissibility(model.solve(2.0), places, ("base:rear_axle", "z"))
+    size = np.abs(exact).max(axis=1, keepdims=True)
+    assert np.abs((forces.frf(LINES[1:])[:, :, 0] - exact) / size).max() < 1e-6
+    at_rest = transmissibility(model.solve(2.0), places, ("base", "z")).frf(np.zeros(1))
+    assert np.abs(at_rest).max() < 1e-6 * rear.stiffness[1]
 
 
 @pytest.mark.parametrize("direction", ["x", "z"])

@@ -64,10 +64,3 @@ def test_every_message_has_a_topic_or_a_name() -> None:
     """No message definition is forgotten."""
     actual = {path.stem for path in Path(share_directory()).glob("*_interfaces/msg/*.msg")}
     assert actual == {kind.split("/")[-1] for kind in MESSAGES}
-
-
-def test_a_message_in_a_response_is_flattened() -> None:
-    """The answer to a question for advice has the fields of the message in their place."""
-    fields = message_fields("linkage_vibration_interfaces/srv/Advise_Response")
-    assert [field.name for field in fields][:3] == ["success", "message", "advice.header.stamp.sec"]
-    assert Field("advice.places", PLACE, False, count=4) in fields

@@ -178,4 +178,5 @@ def steady(model: LinkageModel, alpha3: float, name: str, speed: float) -> float
     names = model.force_places
     squares: FloatArray = np.zeros(len(names))
     np.add.at(squares, [names.index(place) for place, _ in places], np.abs(response) ** 2)
-    return float((size * np.sqrt(squares) / model.reference_forces(alpha3)).max())
+    ratios = size * np.sqrt(squares) / model.reference_forces(alpha3)
+    return float(ratios[[not name.startswith("base:") for name in names]].max())

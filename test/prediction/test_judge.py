@@ -5,6 +5,7 @@
 import math
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 
 from linkage_vibration.prediction.excitation import Source
@@ -29,7 +30,7 @@ def judged(
         known = RANGE[0] <= angle(k) <= RANGE[1]
         arrived = START + k * STEP
         judge.readings([arrived], [stamp(k)], [angle(k)], [velocity], [known])
-    return judge.sentences()
+    return [fault.sentence for fault in judge.faults()]
 
 
 def test_sound_readings() -> None:
@@ -75,7 +76,7 @@ def test_a_clock_that_jumps_back_is_no_jump_of_the_crank() -> None:
         for k in range(500):
             time = START + k * STEP - 5 * 10**9 * (k >= 250)
             judge.readings([time], [time], [2.0 + jump * (k >= 300)], [math.nan], [True])
-        assert sum("jump by up to" in sentence for sentence in judge.sentences()) == expected
+        assert sum("jump by up to" in fault.sentence for fault in judge.faults()) == expected
 
 
 @pytest.mark.parametrize(("stands", "expected"), [(51, 0), (52, 1)])
@@ -85,7 +86,7 @@ def test_a_time_of_receipt_that_stands_still(stands: int, expected: int) -> None
     for k in range(200):
         arrived = START + max(k - stands + 1, 0) * STEP
         judge.readings([arrived], [START + k * STEP], [2.0], [0.0], [True])
-    found = [s for s in judge.sentences() if s.startswith("The time of receipt stood still")]
+    found = [f for f in judge.faults() if f.sentence.startswith("The time of receipt stood still")]
     assert len(found) == expected
 
 
@@ -93,6 +94,61 @@ def test_stamps_that_are_nearly_old() -> None:
     """The age of a stamp counts from the limit on."""
     assert judged(stamp=lambda k: START + k * STEP - 900_000_000) == []
     assert judged(stamp=lambda k: START + k * STEP - 900_000_000, stale_after=0.8)
+
+
+Speeds = Callable[[int], float]
+
+
+@pytest.mark.parametrize(
+    ("speed", "times"),
+    [
+        (lambda k: 157.0 if 50 <= k < 100 else 1500.0, [[4.9, 10.0]]),  # since the last sound one
+        (lambda k: 6000.0 if 50 <= k < 100 else 1500.0, [[-4e9, 4e9]]),  # in another unit
+        (lambda k: 157.0 if 50 <= k < 75 else 1500.0, None),  # a starter
+        (lambda k: math.nan, []),  # nothing is known, and so nothing doubted
+    ],
+)
+def test_when_speeds_are_doubted(speed: Speeds, times: list[list[float]] | None) -> None:
+    """An engine at 157 rpm for 3 s or more is doubted since then, one at 6000 rpm always."""
+    judge = InputJudge("the crank angle", RANGE)
+    for k in range(150):
+        judge.speed(Source.ENGINE, START + k * 100_000_000, speed(k), "/engine_speed")
+    found = judge.faults()
+    assert len(found) == (times is not None)
+    doubted = [each for fault in found if fault.doubts for each in fault.times]
+    assert doubted == [[START + round(1e9 * t) for t in each] for each in times or []]
+
+
+@pytest.mark.parametrize("end", [700, 720])
+def test_when_a_frozen_angle_is_doubted(end: int) -> None:
+    """Noise that ends at 8 s is doubted from then to the end of the second in which it is back."""
+    noise = 2.0 + 1e-3 * np.random.default_rng(1).standard_normal(1000)
+    noise[401:end] = noise[400]
+    judge = InputJudge("the crank angle", RANGE)
+    for k, angle in enumerate(noise.tolist()):
+        judge.readings([START + k * STEP], [START + k * STEP], [angle], [math.nan], [True])
+    [fault] = judge.faults()
+    [[first, last]] = fault.times
+    assert fault.doubts
+    assert first == START + 400 * STEP
+    assert last == START + (math.ceil(end / 50) * 50 - 1) * STEP
+
+
+@pytest.mark.parametrize(("angle", "doubts"), [(1.6 + 57.0, True), (1.6 + 1.6, False)])
+def test_degrees_are_doubted_always(angle: float, doubts: bool) -> None:
+    """The joint at 57 deg is within the range, at 1.6 rad above it; the other readings are sound.
+
+    No hitch turns by more than pi from the zero of its joint, so 1.6 is not taken for degrees.
+    """
+    judge = InputJudge("the crank angle", RANGE, offset=1.6)
+    for k in range(500):
+        now = angle if k < 100 else 2.0
+        judge.readings([START + k * STEP], [START + k * STEP], [now], [math.nan], [now < 3.1])
+    faults = judge.faults()
+    assert any("are in degrees" in fault.sentence for fault in faults) == doubts
+    assert [fault.times for fault in faults if "in degrees" in fault.sentence] == [
+        [[START - 4 * 10**18, START + 4 * 10**18]]
+    ] * doubts
 
 
 def test_when_and_how_long() -> None:
@@ -107,7 +163,7 @@ def speeds(source: Source, value: Callable[[int], float], step: int = 100_000_00
     judge = InputJudge("the crank angle", RANGE)
     for k in range(100):
         judge.speed(source, START + k * step, value(k), f"/{source.value}_speed")
-    return judge.sentences()
+    return [fault.sentence for fault in judge.faults()]
 
 
 @pytest.mark.parametrize(
@@ -146,5 +202,5 @@ def test_a_pto_without_an_engine() -> None:
         for k in range(10 * seconds):
             judge.speed(Source.ENGINE, START + k * 100_000_000, 0.0, "/engine_speed")
             judge.speed(Source.PTO, START + k * 100_000_000, 540.0, "/pto_speed")
-        found = [s for s in judge.sentences() if "so one of both is wrong" in s]
+        found = [f for f in judge.faults() if "so one of both is wrong" in f.sentence]
         assert len(found) == expected

@@ -99,11 +99,14 @@ def sampled() -> FloatArray:
         # By the FRFs of the components, and by the modes of the assembly.
         drive = [("E1", "z")]
         receptance = model.coupled_frf(ALPHA3, LINES, drive, drive)[:, 0, 0]
-        forces = model.forces.places
+        forces = [place for place in model.forces.places if not place[0].startswith("base:")]
         frf = np.abs(model.solve(ALPHA3).frf(forces, drive).frf(LINES)[:, :, 0]) ** 2
         names = [each for each, _ in forces]
         first = [names.index(each) for each in dict.fromkeys(names)]
-        ratios = np.sqrt(np.add.reduceat(frf, first, axis=1)) / model.reference_forces(ALPHA3)
+        ratios = (
+            np.sqrt(np.add.reduceat(frf, first, axis=1))
+            / model.reference_forces(ALPHA3)[: len(first)]
+        )
         row[:] = np.abs(receptance) * math.tau * LINES, ratios.max(axis=1)
     return values * FORCE / math.sqrt(2.0)
 

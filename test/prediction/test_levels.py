@@ -179,12 +179,12 @@ def test_load_ratios_are_those_of_the_model() -> None:
         squares = []
         loads = [(4.05, ("E2", "x"), 37.5), (8.1, ("E2", "x"), 10.0)]
         for hertz, place, force in loads:
-            rows = model.forces.places
+            rows = [place for place in model.forces.places if not place[0].startswith("base:")]
             frf = solution.frf([*rows], [place]).frf(np.array([hertz]))[0, :, 0]
             parts = np.abs(frf * force) ** 2 / 2.0
             names = [name for name, _ in rows]
-            squares.append([sum(parts[[n == p for n in names]]) for p in model.force_places])
-        ratios = np.sqrt(squares) / static
+            squares.append([sum(parts[[n == p for n in names]]) for p in dict.fromkeys(names)])
+        ratios = np.sqrt(squares) / static[: len(squares[0])]  # tyres are last
         np.testing.assert_allclose(level.load_ratios[:2], ratios.max(axis=1), rtol=2e-3)
         assert level.load_places[:2].tolist() == ratios.argmax(axis=1).tolist()
         assert level.total_load_ratio >= np.sqrt((ratios**2).sum(axis=0)).max() * (1.0 - 2e-3)

@@ -23,6 +23,7 @@ from linkage_vibration.prediction.severity import (
 )
 from linkage_vibration.prediction.verdict import (
     Drive,
+    contributions,
     drive_of,
     drive_sentence,
     durations,
@@ -65,6 +66,7 @@ def drive(whole: list[int], totals: list[float], step: float = 1.0, **fields: An
         "load_ratios": np.stack([total, np.full(n, np.nan, np.float32)], axis=1),
         "total_load_ratio": total,
         "total_load_ratio_factor": np.full(n, np.nan, np.float32),
+        "unknown_factors": "",
         "total_load_place": np.full(n, "lower_link:V1"),
         "load_place": np.full(n, "lower_link:V1"),
         "unknown_sources": np.full(n, ENGINE_SPEED),
@@ -109,6 +111,22 @@ def test_the_largest_load_may_be_too_short_to_warn(excitations: tuple[Excitation
     )
     assert "The largest that is known was 7 of the static force in lower_link:V1" in text
     assert "at 0.00 s and 120.0 deg" in text
+
+
+@pytest.mark.parametrize("doubted", [[0, 0, 0], [0, 1, 0], [1, 1, 1]])
+def test_what_is_doubted_is_not_the_worst(
+    excitations: tuple[Excitation, ...], doubted: list[int]
+) -> None:
+    """A load of 5 is the worst unless its reading is doubted; if all are, none is named."""
+    actual = drive([CLEAR, WARNING, CLEAR], [0.2, 5.0, 0.4])
+    actual = replace(actual, doubted=np.array(doubted, bool))
+    worst = {0: 5.0, 1: 0.4, 3: math.nan}[sum(doubted)]
+    assert contributions(actual)[0].load_ratio == pytest.approx(worst, nan_ok=True)
+    text = sentence(actual, excitations)
+    assert ("was 5 of the static force" in text) == (sum(doubted) == 0)
+    assert ("known and not doubted was 0.4 of" in text) == (sum(doubted) == 1)
+    assert ("the worst, as the inputs were doubtful at each" in text) == (sum(doubted) == 3)
+    assert text.startswith("Loads exceeded 0.33 of the static force for 2.0 s")
 
 
 def test_the_main_cause_is_the_largest_load(excitations: tuple[Excitation, ...]) -> None:

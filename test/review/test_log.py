@@ -23,6 +23,8 @@ from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.settings import Parameters
+from linkage_vibration.prediction.verdict import worst_message
+from linkage_vibration.review.findings import first_sentence
 from linkage_vibration.review.listening_page import answers
 from linkage_vibration.review.log import ReviewError, _read_model, csv_text, gaps, read_log
 from linkage_vibration.review.overview import drive_summary
@@ -169,6 +171,43 @@ def test_deviations_that_are_not_known_have_a_reason(drive: Path, unknown: bool)
     assert answers(log, [], ())[-1].startswith(why) == unknown
     if importlib.util.find_spec("xarray"):
         assert log.to_xarray().attrs["unknown_deviations"].startswith(why) == unknown
+
+
+@pytest.mark.parametrize("unknown", [False, True])
+def test_factors_that_are_not_known_have_a_reason(drive: Path, unknown: bool) -> None:
+    """CSV, JSON and the sentence of a drive have a reason beside the NaN of a known load alone."""
+    log = read_log(drive)
+    assert log.drive is not None
+    assert log.resonances is not None
+    row = worst_message(log.drive)
+    at = int(log.drive.predictions[row])
+    for columns, i in ((log.drive.resonances, row), (log.resonances, at)):
+        factors = np.full(columns.load_ratio.shape, 1.1, np.float32)
+        columns.load_ratio_factor, columns.total_load_ratio_factor = factors, factors.copy()
+        columns.total_load_ratio_factor[i] = math.nan if unknown else 1.1
+    why, lost = "no number of the mechanism is uncertain", set[int]()
+    rows = list(csv.DictReader(io.StringIO(csv_text(log))))
+    for i, values in enumerate(rows):
+        for name in ("load_ratio", "total_load_ratio"):
+            if values[name] != "nan" and values[f"{name}_factor"] == "nan":
+                lost.add(i)
+    assert {i for i, values in enumerate(rows) if values["unknown_factors"].startswith(why)} == lost
+    assert (at in lost) == unknown
+    worst = drive_summary(log)["worst"]
+    assert (worst["load_ratio_factor"] is None) == unknown
+    assert worst["unknown_factor"].startswith(why) == unknown
+    assert (f"(standard deviation not known, as {why}" in first_sentence(log)) == unknown
+
+
+def test_why_a_table_has_no_factors(drive: Path) -> None:
+    """Without uncertain numbers, or without an ensemble of models, the reason is another one."""
+    table = read_log(drive).table
+    assert table is not None
+    assert table.unknown_factors == "no number of the mechanism is uncertain"
+    table = replace(table, parameter_stddev=np.full((2, 9, table.n_modes), 0.01))
+    assert table.unknown_factors.startswith("models with other numbers cannot be interpolated")
+    table = replace(table, ensemble_alpha3=np.ones(2))
+    assert table.unknown_factors.startswith("fewer than 95 % of the models with other numbers had")
 
 
 def test_bare_log(write_log: Any, tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ import pytest
 
 from linkage_vibration.cli.main import main
 from linkage_vibration.messages.definitions import message_definition
+from linkage_vibration.prediction.judge import InputFault
 from linkage_vibration.prediction.verdict import Drive, episodes
 from linkage_vibration.review.log import Log, read_log
 from linkage_vibration.review.overview import drive_summary
@@ -327,6 +328,6 @@ def test_words_of_states_are_those_of_the_message() -> None:
 @pytest.mark.parametrize("faults", [[], ["All stamps are zero."]])
 def test_faults_of_the_inputs_are_named(log: Log, faults: list[str]) -> None:
     """The page and the summary have the sentences that the log has."""
-    doubted = replace(log, input_faults=tuple(faults))
+    doubted = replace(log, faults=tuple(InputFault(text, 0, False, []) for text in faults))
     assert review_page(doubted).content["inputs"] == faults
     assert drive_summary(doubted)["input_faults"] == faults

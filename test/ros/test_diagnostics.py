@@ -161,9 +161,13 @@ def test_most_serious_problem_first(changes: dict[str, Any], level: bytes, words
         ),
         (
             "resonance",
-            {"resonance": changed(NEAR, load_ratio_factors=np.full(1, math.nan))},
+            {
+                "resonance": changed(
+                    NEAR, load_ratio_factors=np.full(1, np.nan), unknown_factors="x"
+                )
+            },
             WARN,
-            r"\(standard deviation not known\), all excitations together 0.5",
+            r"\(standard deviation not known, as x\), all excitations together 0.5",
         ),
         (
             "resonance",
@@ -242,7 +246,7 @@ def test_each_part_has_a_status(
     part: str, changes: dict[str, Any], level: bytes, words: str
 ) -> None:
     """Inputs, resonance and log have statuses of their own, beside that of the predictions."""
-    actual = statuses("a", healthy(**changes), Statistics(gaps=Counter({"/a": 2, "/b": 9})))
+    actual = statuses("a", healthy(**changes), Statistics(lost=Counter({"/a": 2, "/b": 9})))
     [own] = [each for each in actual if each.name == f"a: {part}"]
     assert own.level == level
     assert re.search(words, own.message)
@@ -278,7 +282,7 @@ def test_events_are_said_for_ten_statuses() -> None:
     """Losses, waits and jumps of a second are in its status and in the nine after it."""
     statistics = Statistics()
     statistics.since_last_time(0.0)
-    statistics.gaps["/a"], statistics.reported["/a"], statistics.reported["/b"] = 5, 4, 1
+    statistics.lost["/a"], statistics.lost["/b"] = 5, 1
     statistics.received, statistics.clock_jumps = 50, 1
     statistics.dropped["/a"], statistics.dropped["/b"] = 6, 2
     statistics.arrived["/a"], statistics.wait = 50, 2.0

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Implements by name over real DDS: parameter, topic, service, and a restart."""
+"""Implements by name over real DDS: parameter, action, and a restart."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -8,21 +8,18 @@ from typing import Any
 
 import yaml
 from mcap.reader import make_reader
-from rclpy.qos import DurabilityPolicy, QoSProfile
-from std_msgs.msg import String
 
 from linkage_vibration.bags.recorder import PROVENANCE_METADATA
-from test.support.ros_process import Peer, RunningNode, start_node, until
+from test.support.ros_process import Peer, RunningNode, start_node
 
 OWN = {"inertia": 300.0, "centre_of_gravity": [0.2, 1.0]}
 IMPLEMENTS = {"plough": {"mass": 1200.0, **OWN}, "mower": {"mass": 500.0, **OWN}}
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def test_from_start_to_restart(
     environment: dict[str, str], tmp_path: Path, meet: Callable[..., Peer], mechanism_file: Path
 ) -> None:
-    """Topic and service choose, logs name the choice, and a restart uses the parameters again."""
+    """A goal chooses, logs name the choice, and a restart uses the parameters again."""
     path = tmp_path / "implements.yaml"
     path.write_text(yaml.safe_dump({"implements": IMPLEMENTS}))
     small = tmp_path / "small.yaml"
@@ -42,17 +39,10 @@ def test_from_start_to_restart(
         assert " % of the table is built." in node.printed
         peer = meet("hitched")
         own = peer.ask().natural_frequencies[0]
-        latched = peer.node.create_publisher(String, "hitched_implement", LATCHED)
-        latched.publish(String(data="drill"))
-        peer.spin(lambda: "There is no implement 'drill'" in node.printed, "a warning")
-        volatile = peer.node.create_publisher(String, "hitched_implement", 1)
-        peer.spin(volatile.get_subscription_count, "a subscription")
-
-        def publish() -> None:
-            volatile.publish(String(data=" mower "))
-            peer.pause(5.0, lambda: "with the implement mower from now on" in node.printed)
-
-        until(lambda: "with the implement mower from now on" in node.printed, "it", publish)
+        answer = peer.implement("hitched", name="drill")
+        assert "There is no implement 'drill'" in answer.message
+        assert peer.implement("hitched", name="mower").success
+        assert "with the implement mower from now on" in node.printed
         light = peer.ask().natural_frequencies[0]
         answer = peer.implement("hitched", name="plough")
         assert answer.success, answer.message

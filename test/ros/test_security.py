@@ -50,8 +50,7 @@ def test_policy_is_the_nodes(start: Callable[..., Any], meet: Callable[[str], An
         )
         return [
             without_actions(named(graph.get_publisher_names_and_types_by_node(*node))),
-            named(graph.get_subscriber_names_and_types_by_node(*node))
-            | {"clock", "hitched_implement"},
+            named(graph.get_subscriber_names_and_types_by_node(*node)) | {"clock"},
             without_actions(named(graph.get_service_names_and_types_by_node(*node))),
             named(graph.get_publisher_names_and_types_by_node(*readings)),
             named(graph.get_subscriber_names_and_types_by_node(*readings)) | chosen,

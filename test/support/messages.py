@@ -16,7 +16,7 @@ from linkage_vibration.messages.topics import ASSESSED
 
 def resonance(**values: Any) -> MessageColumns:
     """Return an assessment with these values, and one excitation; nothing else is known."""
-    fields: dict[str, Any] = {}
+    fields: dict[str, Any] = {"unknown_factors": ""}
     for field in (field for kind in ASSESSED for field in message_fields(kind)):
         kind = field.dtype
         unknown = np.nan if kind.kind == "f" else 0

@@ -91,6 +91,7 @@ def random_drive(seed: int) -> list[Message]:
     calm = rng.random() < 0.4  # nothing is above a limit, so that only what is not known matters
     sparse = rng.random() < 0.1
     zero = rng.random() < 0.02  # all stamps are
+    angle = 2.35  # rad; it changes by less than a sensor's noise
     for _ in range(int(rng.integers(1, 6))):
         rate = rng.choice([0.3, 0.2, 0.01] if sparse else [0.3, 1.0, 10.0, 10.0, 50.0, 50.0])
         step = round(1e9 / rate)
@@ -107,7 +108,8 @@ def random_drive(seed: int) -> list[Message]:
                 message = _message(rng, at, states, known, limit)
                 if calm:
                     message = _calmed(message)
-                message = replace(message, unknown=message.unknown | lost)
+                angle = min(max(angle + 0.03 * (message.angle - 2.35), 1.6), 3.1)
+                message = replace(message, unknown=message.unknown | lost, angle=angle)
                 messages.append(_outside(message) if fault == "outside" else message)
                 if fault != "repeated" or i % 4 == 3:
                     now += step + int(rng.integers(-step // 20, step // 20 + 1))

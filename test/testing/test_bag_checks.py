@@ -28,6 +28,9 @@ from linkage_vibration.messages.topics import (
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.settings import Parameters
+from linkage_vibration.review.log import read_log
+from linkage_vibration.review.overview import drive_summary
+from linkage_vibration.review.review_page import review_page
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.testing.bag_checks import check_bag
 from linkage_vibration.testing.limits import Limits, TestKitError
@@ -144,13 +147,16 @@ def test_what_is_not_known_fails(log: Path) -> None:
     assert (failure.limit, failure.seconds, failure.count) == ("known_share", 0.0, 1)
     assert "known for 0 % of the drive whether load_ratio is exceeded" in failure.words
     assert check_bag(log, Limits(load_ratio=1e3, known_share=0.0)).passed
+    read = read_log(log)
+    assert (drive_summary(read)["known_share"], review_page(read).content["calm"]) == (0.0, False)
 
 
 def test_status_comes_before_loads_that_are_not_known() -> None:
     """A drive outside the table has no load because of that, which the report says."""
-    first, second = check_bag(DRIVE, Limits(load_ratio=0.33), Parameters(offset=4.0)).failures
-    assert (first.limit, second.limit) == ("statuses", "known_share")
-    assert "are outside 90 to 180 deg: check offset or sign" in second.words
+    failures = check_bag(DRIVE, Limits(load_ratio=0.33), Parameters(offset=4.0)).failures
+    causes = ["statuses", "input_faults", "known_share"]
+    assert [*dict.fromkeys(each.limit for each in failures)] == causes
+    assert "are outside 90 to 180 deg: check offset or sign" in failures[-1].words
 
 
 def test_failures_name_the_load(log: Path) -> None:
@@ -191,7 +197,7 @@ def test_baseline(log: Path, tmp_path: Path, same: bool) -> None:
     settings = Parameters(offset=0.0 if same else -0.01)
     report = check_bag(DRIVE, Limits(baseline_tolerance=0.0), settings, baseline=log)
     assert report.passed == same
-    assert report.checked == ("statuses", "baseline")
+    assert report.checked == ("statuses", "input_faults", "baseline")
     if not same:
         [failure] = report.failures
         assert (failure.limit, failure.seconds, failure.count) == ("baseline", 0.0, 2000)

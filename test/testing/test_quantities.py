@@ -148,6 +148,7 @@ def test_angles_that_are_no_numbers(tmp_path: Path) -> None:
     """If every status is allowed, an angle without a number is not known to be in its range."""
     drive = [message(k, angle=math.nan if k in (3, 4) else 2.0) for k in range(20)]
     limits: dict[str, Any] = {"statuses": None, "crank_angle_deg": (90.0, 180.0)}
+    limits["input_faults"] = None
     assert not failures(tmp_path, drive, **limits, known_share=0.9)
     [failure] = failures(tmp_path, drive, **limits, known_share=0.91)
     assert (failure.limit, failure.seconds) == ("known_share", pytest.approx(0.3))
@@ -181,6 +182,17 @@ def test_windows(tmp_path: Path) -> None:
     [failure] = failures(tmp_path, drive, load_ratio=0.4, windows=((6.05, 7.0),))
     assert (failure.limit, failure.seconds) == ("load_ratio", 6.0)
     assert not failures(tmp_path, drive, load_ratio=0.4, windows=((6.1, 7.0),))
+
+
+def test_faults_of_the_inputs(tmp_path: Path) -> None:
+    """A crank that jumps by 0.5 rad at 3.0 s fails, unless a fault is allowed or before windows."""
+    drive = [message(k, angle=2.0 + 0.5 * (k >= 30)) for k in range(60)]
+    for allowed in ({"input_faults": 1}, {"input_faults": None}, {"windows": ((0.0, 2.9),)}):
+        assert not failures(tmp_path, drive, **allowed)
+    for limits in ({}, {"windows": ((2.9, 5.0),)}):
+        [failure] = failures(tmp_path, drive, **limits)
+        assert (failure.limit, failure.seconds) == ("input_faults", 3.0)
+        assert "1 of 10 readings of the crank angle jump by up to 0.5 rad" in failure.words
 
 
 def test_windows_that_a_drive_does_not_cover(tmp_path: Path) -> None:
@@ -275,12 +287,14 @@ def test_reasons_come_first(tmp_path: Path) -> None:
     """A drive out of the table says so first, and one without speeds, why no load is known."""
     shifted = Parameters(offset=0.3, ground_speed=0.0)
     report = check_bag(DRIVE, Limits(load_ratio=1.0, warning_time=0.0), shifted)
-    assert [failure.limit for failure in report.failures] == ["statuses", "known_share"]
-    assert "The crank angle was not within the table for 10.6 s" in str(report.failures[1])
+    causes = ["statuses", "input_faults", "known_share"]
+    assert [failure.limit for failure in report.failures] == causes
+    assert "The crank angle was not within the table for 10.6 s" in str(report.failures[2])
     never = check_bag(DRIVE, Limits(load_ratio=1.0), Parameters(offset=4.0)).failures
-    assert [failure.limit for failure in never] == ["statuses", "known_share"]
-    assert "check offset or sign. What the drive did to the linkage is not known" in str(never[1])
-    allowed = check_bag(DRIVE, Limits(load_ratio=1.0, statuses=None), Parameters(offset=4.0))
+    assert [*dict.fromkeys(failure.limit for failure in never)] == causes
+    assert "check offset or sign. What the drive did to the linkage is not known" in str(never[-1])
+    limits = Limits(load_ratio=1.0, statuses=None, input_faults=None)
+    allowed = check_bag(DRIVE, limits, Parameters(offset=4.0))
     assert [failure.limit for failure in allowed.failures] == ["known_share"]
     silent = [
         message(k, UNKNOWN, math.nan, excitation="", unknown=14, states=(UNKNOWN,) * 4)
@@ -294,5 +308,5 @@ def test_reasons_come_first(tmp_path: Path) -> None:
 def test_stamps_that_stand_still(tmp_path: Path) -> None:
     """Where the stamps do not move, no time is known, and nothing passes."""
     drive = [message(0, WARNING) for _ in range(50)]
-    [failure] = failures(tmp_path, drive, warning_time=10.0)
+    _, failure = failures(tmp_path, drive, warning_time=10.0)
     assert failure.limit == "known_share"

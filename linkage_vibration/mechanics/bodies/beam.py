@@ -29,7 +29,6 @@ from linkage_vibration.mechanics.description import (
     Mechanism,
     MechanismError,
     Point,
-    PointForces,
     Section,
 )
 from linkage_vibration.mechanics.dofs import InterfaceDof
@@ -77,23 +76,19 @@ class Beam:
             raise MechanismError(f"links.{link.name}.{error.path}", error.problem) from None
         return component_of(link, mechanism, matrices, reduced=reduced)
 
-    def point_forces(self, link: Link, component: Component) -> Mapping[str, PointForces]:
-        """Return the forces of the elements beside each point, as `description.Body` says."""
+    def sections(self, link: Link, component: Component) -> Mapping[str, FloatArray]:
+        """Return the forces of the element beside each point, as `description.Body` says."""
         assert component.drawing is not None
         motion = component.drawing.displacement
         nodes, sections = _mesh(self, [x for _, (x, _) in link.points])
         forces = {}
         along = sorted(_nodes_of(link.points, nodes).items(), key=lambda pair: pair[1])
         for i, (point, node) in enumerate(along):
-            ends = np.zeros((2, 3, motion.shape[2]))  # forces on the ends of both elements there
-            for side, at in enumerate((node - 1, node)):
-                if 0 <= at < len(sections):
-                    length = float(nodes[at + 1] - nodes[at])
-                    stiffness = element_matrices(length, sections[at], self.material)[1]
-                    rows = slice(0, 3) if side else slice(3, 6)
-                    ends[side] = stiffness[rows] @ motion[at : at + 2].reshape(6, -1)
-            before, after = ends
-            forces[point] = PointForces((before + after)[:2], -after if i == 0 else before)
+            at = node - 1 if i else node
+            length = float(nodes[at + 1] - nodes[at])
+            stiffness = element_matrices(length, sections[at], self.material)[1]
+            stiffness = stiffness[3:] if i else -stiffness[:3]
+            forces[point] = stiffness @ motion[at : at + 2].reshape(6, -1)
         return forces
 
 

@@ -2,24 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The topics that the node subscribes to: one list for its arguments and its policy."""
 
-from linkage_vibration.bags.message_types import STRING
 from linkage_vibration.messages.topics import NodeTopic
 from linkage_vibration.prediction.inputs.presets import PRESETS
-
-HITCHED_TOPIC = "hitched_implement"
-"""Topic that names the implement on the hitch."""
-
 
 INPUT_DEPTH = 200
 """How many messages of an input wait at most: a busy machine pauses the node for 0.1 s."""
 
 _INPUT_QOS = f"best effort, keep last {INPUT_DEPTH}"
 _PRESETS = [preset for presets in PRESETS.values() for preset in presets.values()]
-_HITCHED = NodeTopic(HITCHED_TOPIC, STRING, f"{_INPUT_QOS}; also latched", logged=False)
-INPUT_TOPICS = (
-    *(
-        NodeTopic(preset.topic, preset.type, _INPUT_QOS)
-        for preset in {preset.topic: preset for preset in _PRESETS}.values()
-    ),
-    _HITCHED,
+INPUT_TOPICS = tuple(
+    NodeTopic(preset.topic, preset.type, _INPUT_QOS)
+    for preset in {preset.topic: preset for preset in _PRESETS}.values()
 )

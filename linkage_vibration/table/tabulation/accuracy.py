@@ -14,6 +14,9 @@ A relative error e of a resonance causes a relative error of its FRF of e / (sqr
 norm, by the derivative of a Lorentzian: a hundred times e at a damping ratio of 0.7 %.
 """
 
+FORCES_LOOSER = 10.0
+"""Ratio of the tolerance of forces to that of FRFs, as load ratios need fewer digits."""
+
 FRF_FLOOR = 1e-5
 """Best tolerance of FRFs, since far poles represent the modes above the band."""
 
@@ -47,6 +50,11 @@ class Accuracy:
         """Tolerance of each FRF between the points of the table, L2 norm over the band."""
         return max(LOOSER * self.frequency, FRF_FLOOR)
 
+    @property
+    def force(self) -> float:
+        """Tolerance of each force, relative to the largest by the same input, likewise."""
+        return FORCES_LOOSER * self.frf
+
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
@@ -55,9 +63,10 @@ class Bounds:
     values: float  # natural frequencies and damping ratios
     peak: float  # frequency and magnitude of the highest peak
     frf: float  # FRFs between the places, L2 norm over the band; 0 without FRFs
+    force: float  # forces, relative to the largest by the same input, likewise
     slope: float  # slopes of natural frequencies, divided by these, 1/rad
 
     def meet(self, accuracy: Accuracy) -> bool:
         """Return whether the errors are small enough; slopes have no tolerance."""
         small = self.values <= accuracy.frequency and self.peak <= accuracy.peak
-        return small and self.frf <= accuracy.frf
+        return small and self.frf <= accuracy.frf and self.force <= accuracy.force

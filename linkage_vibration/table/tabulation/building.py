@@ -101,6 +101,7 @@ def _table(sampler: Sampler, pieces: Sequence[RefinedPiece]) -> Table:
         interpolation_error=np.array([each.values for each in bounds]),
         peak_error=max(each.peak for each in bounds),
         frf_error=math.nan if without else max(each.frf for each in bounds),
+        force_error=max(each.force for each in bounds) if sampler.forces else math.nan,
         slope_error=max(each.slope for each in bounds),
         free_modes=sampler.free_modes,
         toggles=sampler.toggles,

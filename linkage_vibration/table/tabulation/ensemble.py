@@ -312,16 +312,18 @@ class _Solver:
         """Return the modes of a member at angles, rad."""
         stack, solved = model.stack(angles), []
         static = model.forces.at_rest(stack.configuration, stack.joining, stack.coupled)
-        each = zip(stack.rows, stack.participation(self._places), static, strict=True)
-        for solution, participation, at_rest in each:
+        each = zip(stack.rows, stack.powers(self._places), static, strict=True)
+        for solution, powers, at_rest in each:
             poles, turn, damped = _oscillating(solution, self._highest)
-            into, k = participation[: len(self._table.places)], damped.stiffness
+            near = powers[..., : len(turn)] @ turn
+            rows = near[0] + poles * near[1] + poles**2 * near[2]
+            rest, k = powers[0].real, damped.stiffness
             slow = (k.real > MECHANISM**2) & (k.real < self._limit**2)
             modes = _Modes(
                 poles,
                 np.asarray(solution.modes.shapes[:, : len(turn)] @ turn),
-                np.asarray(participation[:, : len(turn)] @ turn),
-                participation / solution.modes.omega**2 @ into.T,
+                rows,
+                rest / solution.modes.omega**2 @ rest[: len(self._table.places)].T,
                 at_rest,
                 int(((k.real <= damped.decay**2 / 4.0) & slow).sum()),
             )

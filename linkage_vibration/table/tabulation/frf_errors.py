@@ -10,10 +10,6 @@ from linkage_vibration.mechanics.response import PoleResidue
 SILENT_SHARE = 1e-6
 """Share of the drive-point FRFs of two places: an FRF between them that is only rounding."""
 
-FORCE_WEIGHT = 0.1
-"""An error of a force counts by so much, as load ratios need fewer digits than resonances; it is
-relative to the largest force that the same input causes."""
-
 N_LINES = 201
 """Frequencies at which FRFs are compared, in addition to those near resonances."""
 
@@ -44,14 +40,15 @@ def frf_norm(exact: PoleResidue, band: tuple[float, float]) -> FloatArray:
     return np.asarray(np.linalg.norm(weights * exact.frf(lines), axis=0))
 
 
-def worst_share(off: FloatArray, size: FloatArray) -> float:
-    """Return the largest ratio of norms of errors to those of FRFs, (n_rows, n_inputs).
+def worst_shares(off: FloatArray, size: FloatArray) -> FloatArray:
+    """Return the largest ratios of norms of errors to those of FRFs, (2,), from (n_rows, n_inputs).
 
-    The first rows are those of the inputs, which forces follow.
+    The first is that between the inputs, whose rows come first; the second that of forces to the
+    largest force that the same input causes.
     """
     n, drives = size.shape[1], np.sqrt(np.diag(size))
     # A response that is only rounding has no relative error.
     moved = np.maximum(size[:n], SILENT_SHARE * np.outer(drives, drives))
-    forces = np.tile(size[n:].max(axis=0, initial=0.0) / FORCE_WEIGHT, (len(size) - n, 1))
-    size = np.vstack([moved, forces])
-    return float((off[size > 0.0] / size[size > 0.0]).max(initial=0.0))
+    forces = np.tile(size[n:].max(axis=0, initial=0.0), (len(size) - n, 1))
+    parts = (off[:n], moved), (off[n:], forces)
+    return np.array([(o[s > 0.0] / s[s > 0.0]).max(initial=0.0) for o, s in parts])

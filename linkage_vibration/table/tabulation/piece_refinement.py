@@ -25,7 +25,7 @@ from linkage_vibration.table.pole_cells import PolePiece, oscillating, oscillati
 from linkage_vibration.table.reduced import EVERY, Modal, ReducedModels, frf_pairs, shortened
 from linkage_vibration.table.tabulation.accuracy import CELL_SHARE, MARGIN, Accuracy, Bounds
 from linkage_vibration.table.tabulation.cell_making import CELL_ROUNDING, Cell, make_cells
-from linkage_vibration.table.tabulation.frf_errors import frf_norm, frf_norms, worst_share
+from linkage_vibration.table.tabulation.frf_errors import frf_norm, frf_norms, worst_shares
 from linkage_vibration.table.tabulation.refinement import MOST, dense, more_points
 from linkage_vibration.table.tabulation.sampling import Rounding, Sampler
 from linkage_vibration.table.tabulation.subspaces import (
@@ -141,7 +141,7 @@ def refine(sampler: Sampler, fitted: list[float], accuracy: Accuracy) -> Refined
             values = rounding(fine, response) + sampler.rounding(finer).values
             alpha3 = sampler.angle(finer[0])
             sampler.refuse_rounding(Rounding(values), alpha3, accuracy, 1.0 / 2.0)
-            far_error = 0.0  # A table of identified modes has no FRFs.
+            far_error = np.zeros(2)  # A table of identified modes has no FRFs.
             if not sampler.measured:
                 far_error = MARGIN * _far_error(samples, fine, response.band)
                 far_error += sampler.rounding(finer).frf
@@ -210,10 +210,12 @@ def _near_lines(models: ReducedModels, omega: FloatArray) -> ComplexArray:
     return np.asarray(frf[:, :, outputs, inputs])
 
 
-def _far_error(samples: Sequence[PoleSample], piece: PolePiece, band: tuple[float, float]) -> float:
-    """Return the largest relative error of FRFs in a band (Hz), which far poles cause in the piece.
+def _far_error(
+    samples: Sequence[PoleSample], piece: PolePiece, band: tuple[float, float]
+) -> FloatArray:
+    """Return the `worst_shares` of errors in a band (Hz), which far poles cause in the piece.
 
-    It is known at the points. Between them it is interpolated as the weights of the far poles are.
+    They are known at the points, and interpolated between them as the weights of the far poles are.
     """
     models = piece.models
     omega = check_lines(band, free=models.free)
@@ -231,13 +233,13 @@ def _far_error(samples: Sequence[PoleSample], piece: PolePiece, band: tuple[floa
     width, checked = float(np.ptp(lines)), np.zeros_like(lines)
     checked[N_FIT:-1] = math.sqrt(width / (N_CHECK - 1))
     checked[-1] = math.sqrt(_END * width)
-    pairs, worst = frf_pairs(models.shapes.shape[1], models.n_inputs), 0.0
+    pairs, worst = frf_pairs(models.shapes.shape[1], models.n_inputs), np.zeros(2)
     for row, error in enumerate(off):
         size = frf_norm(between.frf(row, EVERY, EVERY), searched(band, free=models.free))
         for each in (weights, checked):
             norms = np.zeros_like(size)
             norms[pairs] = np.linalg.norm(each * error, axis=0)
-            worst = max(worst, worst_share(norms, size))
+            worst = np.maximum(worst, worst_shares(norms, size))
     return worst
 
 
@@ -310,12 +312,13 @@ def compare(
     fine: PolePiece,
     response: Response,
     accuracy: Accuracy,
-    far_error: float,
+    far_error: FloatArray,
     rounding: float,
 ) -> tuple[Bounds, list[Cell]] | None:
     """Return by how much fewer points change a piece, and its cells; None if it is too much.
 
-    Far poles cause the relative error ``far_error`` of FRFs; ``rounding`` is that of values.
+    Far poles cause the relative errors ``far_error`` of FRFs and forces, (2,); ``rounding`` is that
+    of values.
     """
     all_over = stroke_angle(dense(fine.variables[0], fine.variables[-1])[::2], fine.toggles)
     there = oscillating_rows(fine.drive(all_over).frequencies)
@@ -340,7 +343,7 @@ def compare(
     for row in range(len(rows)):
         approximate, exact = (each.frf(row, EVERY, EVERY) for each in pairs)
         norms = frf_norms(approximate, exact, compared_band)
-        frf = max(frf, far_error + worst_share(*norms))
+        frf = np.maximum(frf, far_error + worst_shares(*norms))
     slope = max(
         np.abs(there - here)[0].max(initial=0.0) / step
         for (here, there), step in zip(pairwise(errors), np.diff(all_over), strict=True)
@@ -354,7 +357,8 @@ def compare(
     slope += _CELL_SLOPE * cell_error / min(widths, default=math.inf)
     # The error of a cubic in its middle is a little more than half of its largest.
     rest = 2.0 * cell_error + rounding
-    bounds = Bounds(values + rest, peak + rest, frf + rounding, float(slope))
+    both, force = (frf + rounding).tolist()
+    bounds = Bounds(values + rest, peak + rest, both, force, float(slope))
     return (bounds, cells) if bounds.meet(accuracy) else None
 
 

@@ -147,7 +147,7 @@ def sample_poles(
         viscous,
         loss,
         root @ solution.modes.shapes,
-        solution.participation([*places, *forces]),
+        solution.powers([*places, *forces]),
         len(places),
     )
     free = bool(solution.modes.mechanism.any())
@@ -162,7 +162,7 @@ def sample_identified(identified: IdentifiedSolution, response: Response) -> Pol
     modes = identified.identified
     omega = modes.omega
     viscous, loss = np.diag(2.0 * modes.damping_ratios * omega), np.zeros((len(omega), len(omega)))
-    motion = _Motion(omega, viscous, loss, identified.modes.shapes, modes.shapes[:1], 1)
+    motion = _Motion(omega, viscous, loss, identified.modes.shapes, modes.shapes[:1][np.newaxis], 1)
     sample = motion.sample(identified.configuration.alpha3, response, free=False, orthogonal=False)
     deviations = np.array([identified.frequency_stddev, identified.damping_ratio_stddev])
     return replace(sample, deviations=deviations)
@@ -176,7 +176,8 @@ class _Motion:
     viscous: FloatArray  # (n, n)
     loss: FloatArray  # (n, n)
     turned: FloatArray  # (n_dofs, n): the shapes, whose products are those by the mass
-    rows: FloatArray  # (n_rows, n): displacements at places, and forces
+    # (3 or 1, n_rows, n): displacements at places, and forces, by powers of s, as `Solution.powers`
+    rows: Numbers
     n_inputs: int
 
     def sample(
@@ -197,18 +198,20 @@ class _Motion:
             stiffness = np.asarray((q.T * self.omega**2) @ q - v.T @ v)
             t = np.asarray(-np.linalg.solve(inertia, stiffness))
             poles = np.linalg.eigvals(t).astype(complex)
+            powers = q, v, v @ t
         else:
             t, q, poles, others = _structural(self.omega, self.loss, limit)
             states, above = self.turned @ q, q.T @ self.turned.T
             inertia = q.T @ q
             stiffness = inertia @ t
+            powers = q, 0.0 * q, -q @ t
         basis, turn = np.linalg.qr(states)  # a basis that is well-conditioned
         back = np.linalg.inv(turn)
         inertia, stiffness = back.T @ inertia @ back, back.T @ stiffness @ back
         left = basis.conj().T
         if orthogonal:
             left = np.asarray(np.linalg.solve(inertia, back.T @ above))
-        shapes = self.rows @ q @ back
+        shapes = sum(row @ power for row, power in zip(self.rows, powers, strict=False)) @ back
         whole = Subspace(basis, left, inertia, stiffness, shapes if viscous else shapes + 0j)
         totals = self._totals(check_lines(response.band, free=free))
         return PoleSample(alpha3, viscous, free, poles, others, turn @ t @ back, whole, totals)
@@ -233,15 +236,19 @@ class _Motion:
 
     def _totals(self, lines: FloatArray) -> ComplexArray:
         """Return the FRFs with every mode at some lines, rad/s, (n_lines, n_pairs)."""
-        outputs, inputs = frf_pairs(len(self.rows), self.n_inputs)
+        outputs, inputs = frf_pairs(self.rows.shape[1], self.n_inputs)
         squared, w = self.omega**2, lines[:, np.newaxis]
+        into = self.rows[0, : self.n_inputs].T
         if self._is_diagonal:
             dynamic = squared + 1j * np.diag(self.loss) - w**2 + 1j * w * np.diag(self.viscous)
-            return np.asarray((1.0 / dynamic) @ (self.rows[outputs] * self.rows[inputs]).T)
-        dynamic = 1j * (self.loss + w[:, np.newaxis] * self.viscous)
-        np.einsum("kii->ki", dynamic)[:] += squared - w**2
-        frf = self.rows @ solve_stack(dynamic, self.rows[: self.n_inputs].T.astype(complex))
-        return np.asarray(frf[:, outputs, inputs])
+            moved = into / dynamic[..., np.newaxis]
+        else:
+            dynamic = 1j * (self.loss + w[:, np.newaxis] * self.viscous)
+            np.einsum("kii->ki", dynamic)[:] += squared - w**2
+            moved = solve_stack(dynamic, into.astype(complex))
+        s = 1j * w[..., np.newaxis]
+        frf = sum(s**i * (row @ moved) for i, row in enumerate(self.rows))
+        return np.asarray(frf)[:, outputs, inputs]
 
 
 def _viscous(

@@ -18,7 +18,6 @@ from rclpy.action import ActionClient
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from scipy.integrate import trapezoid
-from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from linkage_vibration.prediction.answers import Served
@@ -39,7 +38,7 @@ from test.ros.promises.message_fields import advised_loads, numbers, present
 from test.ros.test_implements import small_linkage
 from test.support.conditions import GOAL, Promised, promise
 from test.support.messages import read_messages
-from test.support.ros_process import JOINT, until
+from test.support.ros_process import JOINT
 from test.support.served import shipped
 
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6  # statuses of action_msgs/msg/GoalStatus
@@ -444,23 +443,6 @@ def test_log_of_new_values(node: Promised, logs: Path) -> None:
     assert values == [0.1, 0.3, 0.1]
 
 
-@promise("services.md#implements-by-name")
-def test_unknown_name(node: Promised, served: Served) -> None:
-    """If a name on the topic does not exist, the node warns and keeps its implement."""
-    publisher = node.peer.node.create_publisher(String, "hitched_implement", 1)
-    node.peer.spin(publisher.get_subscription_count, "a subscription")
-
-    def publish() -> None:
-        publisher.publish(String(data="drill"))
-        node.peer.pause(1.0)
-
-    # While a table is being built, a name waits for its end.
-    words = "There is no implement 'drill'"
-    until(lambda: words in node.node.printed, words, publish)
-    assert node.peer.ask().table_id == served.table.table_id
-    node.peer.node.destroy_publisher(publisher)
-
-
 @promise("services.md#set_implement", goal=A_GOAL)
 def test_change_of_the_implement(small: Promised, tmp_path: Path) -> None:
     """The node predicts from the old table until the new one is in use, which the answer names.
@@ -488,19 +470,3 @@ def test_change_of_the_implement(small: Promised, tmp_path: Path) -> None:
     (tmp_path / "plough.yaml").write_text(answer.mechanism)
     [body] = read_mechanism(tmp_path / "plough.yaml").rigid_bodies
     assert (body.mass, body.inertia) == (1200.0, 300.0)
-
-
-@promise("services.md#implements-by-name", goal=A_GOAL)
-def test_name_on_the_topic(small: Promised) -> None:
-    """A latched name is used, also one that comes while a table is built: it is used afterwards."""
-    node = small
-    old = node.peer.ask().table_id
-    _, future = Goals(node).send(mass=1000.0, inertia=300.0)
-    latched = node.peer.node.create_publisher(String, "hitched_implement", LATCHED)
-    latched.publish(String(data="mower"))
-    node.peer.spin(future.done, "the end of the goal")
-    assert future.result().result.success
-    words = "with the implement mower from now on"
-    node.peer.spin(lambda: words in node.node.printed, words)
-    assert node.peer.ask().table_id not in (old, future.result().result.table_id)
-    node.peer.node.destroy_publisher(latched)

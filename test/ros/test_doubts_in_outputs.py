@@ -1,0 +1,59 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Numbers that are probably mistakes are doubted by commands and by the log of the node alike."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from linkage_vibration.cli.main import main
+from test.prediction.test_doubts import tractor
+
+EXCITATIONS = """
+wheels: {speed: ground, rolling_radius: 1.6, orders: [1]}
+runout: {speed: ground, rolling_radius: 0.8, orders: [1], at: "base:rear.z", at_speed: 5.0,
+         base_displacement: [1.4]}
+engine: {speed: engine, orders: [0.01], at: E.z, at_speed: 209.0, force: [1.0]}
+shaft: {speed: pto, orders: [0.01], at: E.z, at_speed: 540.0, force: [1.0e+6]}
+"""
+OF_MECHANISM = (
+    "The static load of rear at alpha3 = 0 deg is -96 kg, so the tractor tips; 800 kg or more",
+    "The standard deviation of base.centre_of_gravity.0 is 10, and 0.01 with a tape measure",
+    "bob has a radius of gyration of 0.1 m; with its mass and pins",
+)
+OF_EXCITATIONS = (
+    "wheels has a rolling_radius of 1.6 m, and wheels have 0.2 to 1.2 m; write 0.8 if it is a dia",
+    "runout 1 has a base_displacement of 1.4 m, and tyres run out by millimetres; write 0.0014",
+    "engine has an at_speed of 209 rpm, and engine speeds are 400 to 4000 rpm; write 1996 if",
+    "The load ratio of shaft 0.01 at alpha3 = ",
+)
+
+
+@pytest.mark.parametrize("output", ["build", "pose", "advise", "node"])
+def test_each_doubt_stands_in_each_output(
+    tmp_path: Path, start: Callable[..., Any], capsys: pytest.CaptureFixture[str], output: str
+) -> None:
+    """Only `advise` and the node read excitations."""
+    mechanism, excitations = tmp_path / "tractor.yaml", tmp_path / "excitations.yaml"
+    content = tractor(4800.0, place=10.0)
+    content["rigid_bodies"]["bob"]["inertia"] = 48.0
+    mechanism.write_text(yaml.safe_dump(content))
+    excitations.write_text(EXCITATIONS)
+    expected = [*OF_MECHANISM, *(OF_EXCITATIONS if output in ("advise", "node") else ())]
+    if output == "node":
+        files = {"mechanism_file": mechanism, "excitation_file": excitations, "table_file": "''"}
+        node = start(name="doubting", **files)
+        node.wait_for(expected[-1])
+        printed = node.printed
+    else:
+        options = {
+            "build": [str(mechanism), "-o", str(tmp_path / "table.npz"), "--tolerance", "1e-2"],
+            "pose": [str(mechanism)],
+            "advise": ["0", "10", "--mechanism", str(mechanism), "--excitations", str(excitations)],
+        }
+        main([output, *options[output]])
+        printed = "".join(capsys.readouterr())
+    assert [text for text in expected if text not in printed] == []
