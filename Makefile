@@ -6,7 +6,7 @@
 #   make test                        lint, types and tests
 #   make test ONLY=test/ros          some tests alone
 #   make test VERSIONS=ubuntu-24.04  tests with the libraries that tools/ubuntu-24.04.txt names
-#   make coverage                    which share of the code the tests run, into docs/coverage.md
+#   make coverage                    which share of the code the tests run, into benchmark/results/coverage.md
 #   make ament                       the linters of ament that PyPI has
 #   make docs                        the documentation, as a site in build/docs
 #   make bench                       all benchmarks, into benchmark/results (some hours)

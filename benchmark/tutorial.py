@@ -1,9 +1,9 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Makes the pictures of docs/tutorial.md and docs/review.md: ``python -m benchmark.tutorial``.
+"""Makes the pictures of docs/review.md: ``python -m benchmark.tutorial``.
 
 It needs a Chromium, as the tests of the page do. It takes the shipped drive through the commands of
-the tutorial, and photographs what a person sees.
+the page, and photographs what a person sees.
 """
 
 import tempfile

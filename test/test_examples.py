@@ -34,7 +34,7 @@ EXPECTED = {
     "test_my_drive.py": "2 passed",
 }
 REPLAY_TEST = "replay_testing_drive.py"  # needs ROS 2 packages that PyPI does not have
-NODE = "slow_pto.py"  # which test/ros/test_load_state.py runs beside a node
+NODES = "ask_the_node.py", "slow_pto.py"  # test/ros runs them beside a node
 NOTEBOOK = "first_look.ipynb"
 WRITTEN = {
     "simulated_drive.py": {"simulated_drive.mcap", "sensors.yaml"},
@@ -44,9 +44,9 @@ WRITTEN = {
 
 def test_every_example_is_run_and_listed() -> None:
     """The scripts in the folder, the list above and the table for readers agree."""
-    assert {path.name for path in EXAMPLES.glob("*.py")} == {REPLAY_TEST, NODE, *EXPECTED}
+    assert {path.name for path in EXAMPLES.glob("*.py")} == {REPLAY_TEST, *NODES, *EXPECTED}
     text = (EXAMPLES / "README.md").read_text()
-    assert all(f"]({name})" in text for name in (REPLAY_TEST, NODE, NOTEBOOK, *EXPECTED))
+    assert all(f"]({name})" in text for name in (REPLAY_TEST, *NODES, NOTEBOOK, *EXPECTED))
 
 
 @pytest.mark.parametrize("name", EXPECTED)

@@ -1,47 +1,69 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Prints the table of parameters in docs/node.md."""
+"""Prints the tables of parameters and of presets in docs/node.md."""
 
 import re
 from dataclasses import fields
 
+from linkage_vibration.prediction.inputs.presets import PRESETS, Preset
 from linkage_vibration.prediction.settings import Parameters, yaml_text
 
-# ROS 2's names of the types, as `ros2 param describe` prints them.
-TYPE_NAMES = {
-    bool: "boolean",
-    int: "integer",
-    float: "double",
-    str: "string",
-    tuple: "double array",
+USUAL = {
+    *("input", "engine_input", "pto_input", "ground_input", "joint_name", "calibration"),
+    *("hitch_position", "engine_speed", "pto_speed", "ground_speed", "mechanism_file"),
+    *("table_file", "excitation_file", "implement_file", "implement", "sensor_file"),
+    *("warning_load_ratio", "record", "log_directory"),
 }
+"""The parameters that most users set; all others are in the section for experts."""
 
 
-def parameter_table() -> str:
-    """Return the parameters as a Markdown table.
+def parameter_table(*, usual: bool) -> str:
+    """Return the parameters that most users set, or all others, as a Markdown table.
 
     Parameters that differ only in the name of an input share a row, which calls this name INPUT.
     """
     names: dict[str, list[str]] = {}
     rows = dict[str, str]()
     for parameter in fields(Parameters):
+        if (parameter.name in USUAL) != usual:
+            continue
         words = parameter.metadata
-        row = (
-            f"| {TYPE_NAMES[type(parameter.default)]} "
-            f"| `{yaml_text(parameter.default)}` | {words['unit']} | {words['valid']} "
-            f"| {'yes' if words['live'] else ''} | {words['description']} |"
-        )
+        unit = words["unit"].removesuffix("1")
+        default = f"`{yaml_text(parameter.default)}` {unit}".strip()
+        meaning = words["description"].partition(": `")[0].rstrip(".") + "."
+        meaning = meaning.removesuffix(" If it is empty, the preset decides.")
+        valid = words["valid"].removesuffix(", or empty")
+        if " or " in valid and not isinstance(parameter.default, bool):
+            meaning += f" Valid: {valid}."
+        row = f"| {default} | {meaning} |"
         common = re.sub("hitch|engine|pto|PTO|ground", "INPUT", row)
-        names.setdefault(common, []).append(f"`{parameter.name}`")
+        mark = "" if words["live"] else "*"
+        names.setdefault(common, []).append(f"`{parameter.name}`{mark}")
         rows[common] = common if len(names[common]) > 1 else row
     return "\n".join(
         [
-            "| parameter | type | default | unit | valid | live | meaning |",
-            "|---|---|---|---|---|---|---|",
+            "| parameter | default | meaning |",
+            "|---|---|---|",
             *(f"| {', '.join(names[common])} {row}" for common, row in rows.items()),
         ]
     )
 
 
+def preset_table() -> str:
+    """Return what each preset reads, as a Markdown table."""
+    groups: dict[tuple[str, str], list[Preset]] = {}
+    for presets in PRESETS.values():
+        for key, preset in presets.items():
+            groups.setdefault((key, preset.type), []).append(preset)
+    rows = []
+    for (key, kind), same in groups.items():
+        topics = ", ".join(f"`{topic}`" for topic in dict.fromkeys(p.topic for p in same))
+        numbers = ", ".join(
+            f"`{field}` ({unit})" for field, unit in dict.fromkeys((p.field, p.unit) for p in same)
+        ).replace("{joint_name}", "JOINT")
+        rows.append(f"| `{key}` | {topics} | `{kind}` | {numbers} |")
+    return "\n".join(["| preset | topic | type | number |", "|---|---|---|---|", *rows])
+
+
 if __name__ == "__main__":
-    print(parameter_table())
+    print(preset_table(), parameter_table(usual=True), parameter_table(usual=False), sep="\n\n")

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Draws the chart of the README: error of one live prediction against the time that it takes."""
+"""Draws a chart of docs/performance.md: error of one live prediction against its time."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

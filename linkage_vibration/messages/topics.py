@@ -33,7 +33,7 @@ class NodeTopic:
     name: str  # ``~/`` stands for the name of the node
     type: str
     qos: str
-    meaning: str  # a sentence for the manual
+    meaning: str = ""  # a sentence for the manual
     logged: bool = True  # by the node
 
     @property
@@ -58,24 +58,22 @@ OUTPUT_TOPICS = (
         RESONANCE,
         _OUTPUT_QOS,
         "At `resonance_rate`, once a speed is known, for the most severe of five readings "
-        "([windows](#windows)): where the excitation that loads the linkage most stands beside the "
-        "nearest natural frequency "
-        "([excitation](excitation.md)).",
+        "([windows](#windows)): the [excitation](excitation.md) that loads the linkage most, and "
+        "the nearest natural frequency.",
     ),
     NodeTopic(
         "~/levels",
         LEVELS,
         _OUTPUT_QOS,
-        "With each resonance: how strongly each excitation loads pins and cylinders and shakes the "
-        "response point, and all together.",
+        "With each resonance: how strongly each excitation, and all together, load pins and "
+        "cylinders and shake the response point.",
     ),
     NodeTopic(
         "~/load_state",
         LOAD_STATE,
         _OUTPUT_QOS,
-        "With each resonance, and once a second while no reading arrives or a simulated time and "
-        "the stamps stand still, for controllers: the state, which sources are not known, the "
-        "total load ratio with its limit, and which speed or crank angle ends a warning.",
+        "For controllers, with each resonance, and once a second while there is none "
+        "([load state](#what-a-controller-subscribes-to)).",
     ),
     NodeTopic(
         "~/advice",
@@ -88,8 +86,8 @@ OUTPUT_TOPICS = (
         "~/measured",
         MEASURED,
         _OUTPUT_QOS,
-        "Once a second for each sensor of `sensor_file`: what it measures of each order, and what "
-        "is predicted there ([listening](listen_to_your_hitch.md#while-you-drive)).",
+        "Once a second for each sensor of `sensor_file`: the measured and the predicted vibration "
+        "([while you drive](measure_your_hitch.md#while-you-drive)).",
     ),
     NodeTopic(
         "~/table_info",
@@ -102,8 +100,7 @@ OUTPUT_TOPICS = (
         "/diagnostics",
         "diagnostic_msgs/msg/DiagnosticArray",
         "reliable, keep last 10",
-        "At 1 Hz: what is wrong with the inputs, the predictions and the log, and the resonance "
-        "([Diagnostics](#diagnostics)).",
+        "At 1 Hz: what is wrong ([Diagnostics](#diagnostics)).",
         logged=False,
     ),
 )

@@ -133,6 +133,9 @@ def _finite(default: float, unit: str) -> _Kind[float]:
 
 
 _SIGN = _Kind(1, "1", "1 or -1", (1, -1).__contains__)
+_SIGN_MEANING = "Sign of the input: its value is sign * scale * number + offset."
+_SCALE_MEANING = "Change of the value of the input per unit of the number."
+_OFFSET_MEANING = "Value of the input at the number 0."
 
 
 def _preset(name: str, quantity: str) -> str:
@@ -168,14 +171,13 @@ def _place(name: str) -> dict[str, Any]:
 def _timing(name: str) -> dict[str, Any]:
     """Return the fields of the origin of an input's time and of its known delay."""
     label = _LABELS[name]
-    usual = "receipt" if name != HITCH else "header, or receipt for messages without a header"
     origin = (
-        f"Origin of the time of the {label} input: the stamp in the header of its messages, or "
-        f"their receipt, which is the log time of a bag. If it is empty, {usual}."
+        f"Time of the {label} input: the stamp in the header, or the receipt, which is the log "
+        "time of a bag. If it is empty, positions have the time of their header, and speeds that "
+        "of their receipt."
     )
     delay = (
-        f"Known time from the moment of a value of the {label} input to its receipt. It is "
-        "subtracted from the time of receipt."
+        f"Time from the moment of a value of the {label} input to its receipt, which is subtracted."
     )
     time = _text(" or ".join(TIMES), TIMES.__contains__, live=True)
     return {
@@ -189,19 +191,17 @@ def _speed(source: Source) -> dict[str, Any]:
     name = source.value
     speed = f"{_LABELS[name]} speed"
     fixed = (
-        f"Fixed {speed}. If negative, the speed is read as `{name}_input` says. 0 declares that "
-        "nothing follows this speed on the tractor, so that it is not missed."
+        f"Fixed {speed}. If negative, it is read as `{name}_input` says. 0 declares that nothing "
+        "on the tractor follows this speed."
     )
     gain = f"{name}_unit per unit of the number"
     return {
         f"{name}_speed": _finite(-1.0, source.unit).means(fixed),
         f"{name}_input": _preset(name, speed),
         **_place(name),
-        f"{name}_sign": _SIGN.means(
-            f"Sign of the {speed}: speed = sign * scale * number + offset."
-        ),
-        f"{name}_scale": _scale(gain).means(f"Change of the {speed} per unit of the number."),
-        f"{name}_offset": _finite(0.0, f"{name}_unit").means(f"The {speed} at the number 0."),
+        f"{name}_sign": _SIGN.means(_SIGN_MEANING),
+        f"{name}_scale": _scale(gain).means(_SCALE_MEANING),
+        f"{name}_offset": _finite(0.0, f"{name}_unit").means(_OFFSET_MEANING),
         **_timing(name),
     }
 
@@ -235,14 +235,9 @@ class Parameters:
     joint_name: str = _Kind("hitch_rockshaft_joint", "", "the name of a joint", bool).means(
         "Name of the joint that turns the input crank, for the preset `joint_states`."
     )
-    sign: int = _SIGN.means(
-        "Direction of the hitch input: position = sign * scale * number + offset. A position in "
-        "rad or deg is the crank angle; another one is looked up in `calibration`."
-    )
-    scale: float = _scale("hitch_unit per unit of the number").means(
-        "Change of the position per number."
-    )
-    offset: float = _finite(0.0, "hitch_unit").means("Position at the number 0.")
+    sign: int = _SIGN.means(_SIGN_MEANING)
+    scale: float = _scale("hitch_unit per unit of the number").means(_SCALE_MEANING)
+    offset: float = _finite(0.0, "hitch_unit").means(_OFFSET_MEANING)
     calibration: tuple[float, ...] = _Kind(
         (0.0, 3.14159, 100.0, 1.5708),
         "hitch_unit, rad",
@@ -250,32 +245,30 @@ class Parameters:
         HitchCurve,
     ).means(
         "Pairs of a hitch position and the crank angle there (rad), one pair after the other, for "
-        "positions in percent (from 0 to 100), in m (such as the stroke of a cylinder), or in any "
-        "other unit. A monotone curve connects them."
+        "positions in percent, in m, or in any other unit. A monotone curve connects them."
     )
     hitch_position: float = _finite(-1.0, "hitch_unit").means(
         "Fixed hitch position, for tractors that report none. If negative, it is read as `input` "
-        "says. Otherwise each message of the first speed that is not fixed (engine, PTO, ground) "
-        "gives a prediction, or each message that `hitch_field` and its like name."
+        "says. Otherwise each message of the first speed that is not fixed gives a prediction, or "
+        "each message of the hitch input if `hitch_field` is set."
     )
     angle_stddev: float = _ranged(0.0, 0.0, 1.0, "rad").means(
-        "Standard deviation of the crank angle, from which that of the frequencies follows. With "
-        "positions in percent, the uncertainty of their steps of 0.4 % is added."
+        "Standard deviation of the crank angle. With positions in percent, that of their steps of "
+        "0.4 % is added."
     )
     can_database: str = _text("the path of a DBC file").means(
         "Describes CAN signals that are not built in. The field of an input then names the message "
         "and the signal, as in `RearHitch.Position`."
     )
     mechanism_file: str = _text("the path of a YAML file").means(
-        "The mechanism. If it is empty, the three-point linkage on a tractor of the "
-        "package is used."
+        "The mechanism. If it is empty, the shipped three-point linkage on a tractor is used."
     )
     table_file: str = _text("the path of an .npz file").means(
         "The table of this mechanism, as `linkage-vibration build` saves it. If it is empty, the "
-        "table of the package is used, or, if mechanism_file is given, a table is built at start."
+        "shipped table is used, or one is built at start for the given mechanism_file."
     )
     excitation_file: str = _text("the path of a YAML file").means(
-        "The excitations. If it is empty, the excitations of the package are used."
+        "The excitations. If it is empty, the shipped ones are used."
     )
     sensor_file: str = _text("the path of a YAML file").means(
         "Sensors whose signals are compared with the predictions, on `~/measured`. If it is empty, "
@@ -289,8 +282,8 @@ class Parameters:
         "The implement at start. If it is empty, that of the mechanism is used."
     )
     warning_load_ratio: float = _ranged(0.33, 1e-6, 1e6, "1").means(
-        "Warn when the force in a pin or cylinder exceeds this multiple (root mean square) of the "
-        "static force there. At 0.33, pins and cylinders begin to unload."
+        "Warn when the force in a pin or cylinder (root mean square) exceeds this multiple of the "
+        "static force there."
     )
     note_load_ratio: float = _ranged(0.1, 1e-6, 1e6, "1").means(
         "Above this load ratio, the state is a note instead of clear."
@@ -300,21 +293,19 @@ class Parameters:
         "this fraction of a natural frequency."
     )
     warning_dwell: float = _ranged(1.0, 0.0, 3600.0, "s").means(
-        "A warning begins when its limit has been exceeded for this long, and ends when the load "
-        "ratio has been below it for as long."
+        "A warning begins when its limit has been exceeded for this long, and ends after as long "
+        "below it."
     )
     stale_after: float = _ranged(1.0, 0.01, 3600.0, "s").means(
-        "A crank angle that arrived longer ago than this is not used, nor a speed whose time (its "
-        "stamp, or its receipt) is longer ago."
+        "A crank angle that arrived longer ago than this is not used, nor a speed that is older."
     )
     prediction_rate: float = _rate(0.0, 0.001).means(
-        "Rate at which `~/prediction` is published, at most: for the first reading in each period "
-        "of the stamps. With 0, each reading has a prediction."
+        "Highest rate of `~/prediction`: for the first reading in each period of the stamps. With "
+        "0, each reading has a prediction."
     )
     resonance_rate: float = _rate(10.0, 1.0).means(
-        "Rate at which `~/resonance`, `~/levels` and `~/load_state` are published, by the stamps: "
-        "in each period the most severe of five readings, the first in each fifth of it. With 0, "
-        "each reading."
+        "Rate of `~/resonance`, `~/levels` and `~/load_state`, by the stamps: the most severe of "
+        "five readings in each period. With 0, each reading."
     )
     record: bool = _switch(False).means(
         "Start an MCAP log when the node is activated. `~/start_recording` and `~/stop_recording` "

@@ -16,7 +16,7 @@ from test.support.random_resonances import CLEAR, START, Message, random_drive, 
 from test.test_documentation import ROOT, blocks_of
 
 DRIVE = ROOT / "config" / "drives" / "hitch_duty_cycle.mcap"
-PAGE = Path("docs/testing.md")
+PAGE = Path("docs/review.md")
 
 
 def written(path: Path, angle: float = 2.0) -> Path:

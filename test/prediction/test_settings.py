@@ -3,6 +3,7 @@
 """Parameters: one list for checks, files and the manual."""
 
 import math
+import re
 from array import array
 from dataclasses import fields
 from pathlib import Path
@@ -21,12 +22,16 @@ from linkage_vibration.support.resources import (
     config_file,
     share_directory,
 )
-from tools.parameter_table import parameter_table
+from tools.parameter_table import parameter_table, preset_table
 
 
-def test_the_manual_has_the_table() -> None:
-    """The table of parameters in docs/node.md is what `tools/parameter_table.py` prints."""
-    assert parameter_table() in (share_directory() / "docs/node.md").read_text()
+def test_the_manual_has_the_tables() -> None:
+    """The tables of presets and parameters in docs/node.md are those of the tool."""
+    tables = preset_table(), parameter_table(usual=True), parameter_table(usual=False)
+    text = (share_directory() / "docs/node.md").read_text()
+    assert all(table in text for table in tables)
+    rows = "".join(line.split("|")[1] for table in tables[1:] for line in table.splitlines()[2:])
+    assert sorted(re.findall(r"`(\w+)`", rows)) == sorted(each.name for each in fields(Parameters))
 
 
 def test_parameter_file_has_every_parameter() -> None:

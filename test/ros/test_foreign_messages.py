@@ -26,9 +26,9 @@ from linkage_vibration_interfaces.msg import LoadState, VibrationPrediction
 from test.support.interface_packages import built_package, environment_with, import_here
 from test.support.ros_process import JOINT, RunningNode, documented, own_context, start_node, until
 
-ISOBUS = documented("node.md", "engine_input: ros2_isobus")
+ISOBUS = documented("start_the_node.md", "engine_input: ros2_isobus")
 SETTINGS = with_values(Parameters(), ISOBUS)
-CONTROL = documented("node.md", "rear_pto_joint")
+CONTROL = documented("start_the_node.md", "rear_pto_joint")
 DEFINITIONS = {
     "IsobusFrame": (
         "uint8 priority\nbool page\nuint32 pgn\nuint8 sa\nuint8 pf\nuint8 ps\nuint8[8] data\n"

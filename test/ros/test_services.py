@@ -279,10 +279,8 @@ def test_table_that_comes_too_late(bench: Bench, monkeypatch: pytest.MonkeyPatch
 
 
 def test_manual(environment: dict[str, str], domain: int, tmp_path: Path) -> None:
-    """The manual's examples run one after the other, and print what the manual says."""
-    text = (share_directory() / "docs" / "services.md").read_text()
-    script = tmp_path / "examples.py"
-    script.write_text("".join(re.findall(r"```python\n(.*?)```", text, re.DOTALL)))
+    """The example of the manual prints the answers of the node."""
+    script = Path(__file__).parents[2] / "examples" / "ask_the_node.py"
     node = serving_node(environment, tmp_path, "--ros-args", "-r", "__node:=linkage_vibration")
     try:
         with own_context(domain) as context:  # The examples wait for 20 s only.

@@ -298,9 +298,9 @@ def test_intervals_hold(count: int) -> None:
 
 
 def test_the_page_has_the_coverage_of_the_benchmark() -> None:
-    """The page about calibration and the results of the benchmark print the same range."""
+    """The page of statistics and the results of the benchmark print the same range."""
     root = Path(__file__).parents[2]
-    pages = (root / "docs/calibration.md", root / "benchmark/results/calibrations.md")
+    pages = (root / "docs/statistics.md", root / "benchmark/results/calibrations.md")
     actual = [
         re.findall(r"Coverage is between ([\d.]+) and ([\d.]+) %", p.read_text()) for p in pages
     ]

@@ -25,50 +25,34 @@ class Preset:
     type: str
     field: str  # ``{joint_name}`` stands for the parameter joint_name
     unit: str
-    meaning: str  # a sentence for the manual
     low: float = -math.inf  # a number outside of this range means that the value is not available
     high: float = math.inf
 
 
 def _number(name: str, unit: str) -> Preset:
-    return Preset(f"{name}_speed", FLOAT64, "data", unit, f"Speed in {unit}.")
+    return Preset(f"{name}_speed", FLOAT64, "data", unit)
 
 
 def _measured(what: str, unit: str) -> Preset:
-    meaning = f"The {what.replace('_', ' ')} in {unit}, with a stamp and a flag that it is valid."
-    return Preset(f"measured_{what}", MEASUREMENT, "value", unit, meaning)
+    return Preset(f"measured_{what}", MEASUREMENT, "value", unit)
 
 
 def _can(signal: str, unit: str) -> Preset:
     """Return the preset of a signal of ISO 11783-7 or J1939, on the topic of ros2_socketcan."""
-    meaning = "Frames of the CAN bus, which all inputs with the preset `can` share."
-    return Preset("from_can_bus", CAN_FRAME, signal, unit, meaning)
+    return Preset("from_can_bus", CAN_FRAME, signal, unit)
 
 
 _TECU = "ISOBUS/tecu"
 
 PRESETS: dict[str, dict[str, Preset]] = {
     HITCH: {
-        "joint_states": Preset(
-            "joint_states",
-            JOINT_STATE,
-            "position[{joint_name}]",
-            "rad",
-            "The node finds the joint by its name, in any order.",
-        ),
-        "percent": Preset(
-            "hitch_position",
-            FLOAT64,
-            "data",
-            "percent",
-            "The ISO 11783 rear hitch position, from 0 (down) to 100 (up).",
-        ),
+        "joint_states": Preset("joint_states", JOINT_STATE, "position[{joint_name}]", "rad"),
+        "percent": Preset("hitch_position", FLOAT64, "data", "percent"),  # 0 is down
         "ros2_isobus": Preset(
             f"{_TECU}/rear_hitch_status",
             "ros2_isobus/msg/TecuRearHitchStatus",
             "position_percent",
             "percent",
-            "The rear hitch position of ROS2ISOBUS, where 102 means that it is not available.",
             0.0,
             100.0,
         ),
@@ -77,13 +61,7 @@ PRESETS: dict[str, dict[str, Preset]] = {
     },
     ENGINE: {
         "float64": _number("engine", "rpm"),
-        "ros2_isobus": Preset(
-            "ISOBUS/bus_rx_frames",
-            ISOBUS_FRAME,
-            "engine_speed",
-            "rpm",
-            "Frames of the CAN bus that ROS2ISOBUS receives, by which the engine speed comes.",
-        ),
+        "ros2_isobus": Preset("ISOBUS/bus_rx_frames", ISOBUS_FRAME, "engine_speed", "rpm"),
         "can": _can("engine_speed", "rpm"),
         "measurement": _measured("engine_speed", "rad/s"),
     },
@@ -94,7 +72,6 @@ PRESETS: dict[str, dict[str, Preset]] = {
             "ros2_isobus/msg/TecuRearPtoStatus",
             "rpm",
             "rpm",
-            "The rear PTO speed of ROS2ISOBUS.",
             0.0,
             _HIGHEST_RPM,
         ),
@@ -108,7 +85,6 @@ PRESETS: dict[str, dict[str, Preset]] = {
             "ros2_isobus/msg/TecuGroundSpeed",
             "speed_ms",
             "m/s",
-            "The ground speed of ROS2ISOBUS, negative in reverse.",
             -_HIGHEST_SPEED,
             _HIGHEST_SPEED,
         ),

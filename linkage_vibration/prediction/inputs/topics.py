@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The topics that the node subscribes to: one list for its arguments, its manual and its policy."""
+"""The topics that the node subscribes to: one list for its arguments and its policy."""
 
 from linkage_vibration.messages.topics import NodeTopic
 from linkage_vibration.prediction.inputs.presets import PRESETS
@@ -11,6 +11,6 @@ INPUT_DEPTH = 200
 _INPUT_QOS = f"best effort, keep last {INPUT_DEPTH}"
 _PRESETS = [preset for presets in PRESETS.values() for preset in presets.values()]
 INPUT_TOPICS = tuple(
-    NodeTopic(preset.topic, preset.type, _INPUT_QOS, preset.meaning)
+    NodeTopic(preset.topic, preset.type, _INPUT_QOS)
     for preset in {preset.topic: preset for preset in _PRESETS}.values()
 )

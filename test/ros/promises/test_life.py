@@ -138,7 +138,7 @@ def test_file_for_another_node(start: Callable[..., RunningNode], tmp_path: Path
     assert f"{path} has no parameters for the node" in failed.printed
 
 
-@promise("node.md#start-it", goal=NOT_STARTED, kilohertz=NOT_STARTED)
+@promise("start_the_node.md#start-it", goal=NOT_STARTED, kilohertz=NOT_STARTED)
 def test_help(environment: dict[str, str]) -> None:
     """The option --help lists the parameters."""
     command = [str(installed_command()), "--help"]

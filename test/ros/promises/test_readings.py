@@ -356,7 +356,7 @@ def test_prediction_rate(node: Promised) -> None:
     assert np.median(np.diff(periods)) == 1
 
 
-@promise("node.md#what-your-tractor-publishes")
+@promise("start_the_node.md#what-your-tractor-publishes")
 def test_sign_scale_and_offset(node: Promised, predictor: Predictor) -> None:
     """The value is sign * scale * number + offset."""
     set_all(node, sign=-1, scale=2.0, offset=3.5)
@@ -364,7 +364,7 @@ def test_sign_scale_and_offset(node: Promised, predictor: Predictor) -> None:
     assert numbers(message) == numbers(predictor.predict(-1 * 2.0 * 0.6 + 3.5))
 
 
-@promise("node.md#what-your-tractor-publishes", kilohertz=OTHER_INPUT)
+@promise("start_the_node.md#what-your-tractor-publishes", kilohertz=OTHER_INPUT)
 def test_percent(node: Promised, predictor: Predictor) -> None:
     """Positions in percent are looked up in the calibration; 102 % has no prediction."""
     set_all(node, calibration=[0.0, 3.0, 50.0, 2.5, 100.0, 2.0], input="percent")
@@ -376,7 +376,7 @@ def test_percent(node: Promised, predictor: Predictor) -> None:
     node.peer.node.destroy_publisher(hitch)
 
 
-@promise("node.md#what-your-tractor-publishes", kilohertz=OTHER_INPUT)
+@promise("start_the_node.md#what-your-tractor-publishes", kilohertz=OTHER_INPUT)
 def test_other_message(node: Promised) -> None:
     """A number in any message can be the hitch: an element of an array, in metres."""
     described = {
@@ -396,7 +396,7 @@ def test_other_message(node: Promised) -> None:
     node.peer.node.destroy_publisher(cylinder)
 
 
-@promise("node.md#what-your-tractor-publishes", kilohertz=OTHER_INPUT)
+@promise("start_the_node.md#what-your-tractor-publishes", kilohertz=OTHER_INPUT)
 def test_fixed_hitch(node: Promised) -> None:
     """With a fixed hitch position, each message of the first speed gives a prediction."""
     set_all(node, calibration=[0.0, 3.0, 50.0, 2.5, 100.0, 2.0], input="percent")
@@ -406,7 +406,7 @@ def test_fixed_hitch(node: Promised) -> None:
     node.peer.node.destroy_publisher(engine)
 
 
-@promise("node.md#what-your-tractor-publishes")
+@promise("start_the_node.md#what-your-tractor-publishes")
 def test_speed_that_is_not_available(node: Promised) -> None:
     """A speed that is NaN is unknown and not 0; the node logs this once, until a value comes."""
     words = "has no ground speed now, so it is unknown"
