@@ -180,7 +180,7 @@ def test_degrees_and_arrays_in_place_of_an_angle(model: LinkageModel) -> None:
     with pytest.raises(KinematicsError, match=r"130 deg is in range, so were degrees given"):
         model.solve(130)
     for solve in (model.solve, model.static_forces, model.kinematics.at):
-        with pytest.raises(LinkageVibrationError, match=r"array in place of one number; .* `Predictor.predict`"):
+        with pytest.raises(LinkageVibrationError, match="call it for each of them"):
             solve(np.array([2.2, 2.3]))
     assert model.solve(np.float32(2.3)).natural_frequencies[0] > 3.0
 
