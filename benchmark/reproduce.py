@@ -40,8 +40,8 @@ target when our sections were chosen, and agreement proves nothing. Modes 1 and 
 are taken at its ends, where the text says that they begin and end.
 """
 _NOTES = """
-- Table 2 counts three DoFs for each pin, as eq. 20 to 22 do. The column is of the half in the plane,
-  which has two of them. The crank has one more, its rotation at P3.
+- Table 2 counts three DoFs for each pin, as eq. 20 to 22 do. The column is of the half in the
+  plane, which has two of them. The crank has one more, its rotation at P3.
 - Times are for 11 FRFs in 46 configurations on 2001 lines from 0 to 200 Hz. Ours are from this run,
   on planar beams. The paper's are from its own machine, on solid links, and include their
   reduction. They show what each took, but do not compare methods.
