@@ -33,8 +33,8 @@ from linkage_vibration.bags.chunks import ChunkLog, Messages
 from linkage_vibration.bags.field_reader import FieldReader
 from linkage_vibration.bags.message_columns import read_columns
 from linkage_vibration.bags.message_types import JOINT_STATE
-from linkage_vibration.bags.numbers import LeftOut
 from linkage_vibration.bags.recovery import recover
+from linkage_vibration.bags.scalar_reader import SkippedMessages
 from linkage_vibration.bags.schemas import schema_of_text
 from linkage_vibration.bags.streams import open_bags
 from linkage_vibration.bags.writing import Topic
@@ -73,7 +73,7 @@ def _decode_ours(path: Path) -> int:
         return sum(
             len(numbers.rows)
             for block in bags.blocks([TOPIC])
-            for numbers in reader.read(block, np.arange(len(block)), LeftOut())
+            for numbers in reader.read(block, np.arange(len(block)), SkippedMessages())
         )
 
 

@@ -16,7 +16,13 @@ from linkage_vibration.bags.can_signals import SIGNALS, CanSignal
 from linkage_vibration.bags.cdr import Layout, Layouts
 from linkage_vibration.bags.dbc import dbc_signal
 from linkage_vibration.bags.message_types import CAN_FRAME
-from linkage_vibration.bags.numbers import Integers, LeftOut, MessageNumber, NumberReader, Numbers
+from linkage_vibration.bags.scalar_reader import (
+    Integers,
+    NumberReader,
+    Scalar,
+    ScalarBatch,
+    SkippedMessages,
+)
 from linkage_vibration.bags.schemas import FieldError
 
 _FIRST = np.zeros(1, np.int64)
@@ -71,7 +77,7 @@ class CanReader(NumberReader):
         )
         self._layouts = Layouts(type_name, self._frames.places)
 
-    def read_one(self, data: bytes) -> MessageNumber | None:
+    def read_one(self, data: bytes) -> Scalar | None:
         """Return the value of the signal in a frame, NaN for none; see `NumberReader.read_one`."""
         layout = self._layouts.find(data)
         key = self._frames.key(layout, data)
@@ -80,13 +86,15 @@ class CanReader(NumberReader):
         if self._signal.any_sender:
             self.sender = f"{self._signal.name}@0x{key & 0xFF:02X}"
         message = np.frombuffer(data, np.uint8)[np.newaxis]
-        numbers = self._numbers(layout, _FIRST, message, LeftOut())
+        numbers = self._numbers(layout, _FIRST, message, SkippedMessages())
         if numbers is None:
             return None
         value, sec, nanosec = numbers.value.item(), numbers.sec.item(), numbers.nanosec.item()
-        return MessageNumber(value, math.nan, sec, nanosec, numbers.frame_id)
+        return Scalar(value, math.nan, sec, nanosec, numbers.frame_id)
 
-    def read(self, block: Block, rows: Integers, left_out: LeftOut) -> Iterator[Numbers]:
+    def read(
+        self, block: Block, rows: Integers, left_out: SkippedMessages
+    ) -> Iterator[ScalarBatch]:
         """Read many frames; see `NumberReader.read`."""
         for layout, alike, messages in self._layouts.groups(block, rows, left_out):
             numbers = self._numbers(layout, alike, messages, left_out)
@@ -94,8 +102,12 @@ class CanReader(NumberReader):
                 yield numbers
 
     def _numbers(
-        self, layout: Layout[FramePlaces], rows: Integers, messages: Bytes, left_out: LeftOut
-    ) -> Numbers | None:
+        self,
+        layout: Layout[FramePlaces],
+        rows: Integers,
+        messages: Bytes,
+        left_out: SkippedMessages,
+    ) -> ScalarBatch | None:
         """Return the values of the signal in the frames that contain it, and explain a NaN."""
         signal = self._signal
         key, dlc, payload = self._frames.columns(layout, messages)
@@ -118,7 +130,7 @@ class CanReader(NumberReader):
         if self.has_header:
             stamps = layout.stamps(messages)
         senders = key & np.uint32(0xFF) if signal.any_sender else None
-        return Numbers(rows, values, rates, *stamps, layout.places[0], senders)
+        return ScalarBatch(rows, values, rates, *stamps, layout.places[0], senders)
 
     def other_names(self, data: bytes) -> Sequence[str]:
         """Return which frame a message is."""

@@ -19,7 +19,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from linkage_vibration.bags.blocks import Block, Bytes
-from linkage_vibration.bags.numbers import CdrError, Integers, LeftOut
+from linkage_vibration.bags.scalar_reader import CdrError, Integers, SkippedMessages
 
 ORIGIN = 4  # bytes of the encapsulation header, after which CDR aligns numbers to their sizes
 STAMP = 8  # bytes of the stamp of a header, which comes first
@@ -125,7 +125,7 @@ class Layouts(Generic[Places]):
         return self._parsed(data)
 
     def groups(
-        self, block: Block, rows: Integers, left_out: LeftOut | None = None
+        self, block: Block, rows: Integers, left_out: SkippedMessages | None = None
     ) -> Iterator[tuple[Layout[Places], Integers, Bytes]]:
         """Yield the messages of each layout: it, their rows, and their bytes up to what it needs.
 

@@ -14,15 +14,15 @@ import numpy as np
 
 from linkage_vibration.bags.blocks import Block
 from linkage_vibration.bags.cdr import ORIGIN, STAMP, CdrMessage, Layouts
-from linkage_vibration.bags.numbers import (
+from linkage_vibration.bags.scalar_reader import (
     MAX_NAMES,
     CdrError,
     Integers,
-    LeftOut,
-    MessageNumber,
     NumberReader,
-    Numbers,
     ReadingError,
+    Scalar,
+    ScalarBatch,
+    SkippedMessages,
 )
 from linkage_vibration.bags.schemas import NUMBERS, Schema, SchemaField, Step, find_path, has_header
 
@@ -65,7 +65,7 @@ class FieldReader(NumberReader):
             self._rate_steps = (*self._steps[:-1], last)
         self._layouts = Layouts(type_name, self._places)
 
-    def read_one(self, data: bytes) -> MessageNumber | None:
+    def read_one(self, data: bytes) -> Scalar | None:
         """Return the number of a message; see `NumberReader.read_one`."""
         layout = self._layouts.find(data)
         places, order = layout.places, layout.order
@@ -81,11 +81,13 @@ class FieldReader(NumberReader):
         if places.rate >= 0:
             [rate] = struct.unpack_from(f"{order}d", data, places.rate)
         if not self.has_header:
-            return MessageNumber(float(value), rate)
+            return Scalar(float(value), rate)
         sec, nanosec = struct.unpack_from(f"{order}iI", data, ORIGIN)
-        return MessageNumber(float(value), rate, sec, nanosec, places.frame_id)
+        return Scalar(float(value), rate, sec, nanosec, places.frame_id)
 
-    def read(self, block: Block, rows: Integers, left_out: LeftOut) -> Iterator[Numbers]:
+    def read(
+        self, block: Block, rows: Integers, left_out: SkippedMessages
+    ) -> Iterator[ScalarBatch]:
         """Read many messages, those of the same layout together; see `NumberReader.read`."""
         for layout, alike, messages in self._layouts.groups(block, rows, left_out):
             places, n = layout.places, len(alike)
@@ -108,7 +110,7 @@ class FieldReader(NumberReader):
             sec, nanosec = np.zeros(n, np.int32), np.zeros(n, np.uint32)
             if self.has_header:
                 sec, nanosec = layout.stamps(messages)
-            yield Numbers(alike, value, rate, sec, nanosec, places.frame_id)
+            yield ScalarBatch(alike, value, rate, sec, nanosec, places.frame_id)
 
     def other_names(self, data: bytes) -> Sequence[str]:
         """Return the names in a message without a fault, at most `MAX_NAMES`."""

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from linkage_vibration.mechanics.model import LinkageModel
-    from linkage_vibration.prediction.answers import Served
+    from linkage_vibration.prediction.answers import LoadedModel
     from linkage_vibration.prediction.excitation import Excitation
     from linkage_vibration.prediction.levels import LevelTable
     from linkage_vibration.prediction.settings import Parameters
@@ -153,7 +153,7 @@ def warn(text: str) -> None:
     print(text, file=sys.stderr)
 
 
-def read_table(settings: "Parameters") -> "Served":
+def read_table(settings: "Parameters") -> "LoadedModel":
     """Return the mechanism and its table; one that is built, with a bar, is kept for later."""
     from linkage_vibration.prediction.level_cache import kept_table
     from linkage_vibration.readers.served import read_served
@@ -163,7 +163,7 @@ def read_table(settings: "Parameters") -> "Served":
         return read_served(settings, warn, building, kept_table)
 
 
-def read_levels(settings: "Parameters") -> "tuple[Served, Sequence[Excitation], LevelTable]":
+def read_levels(settings: "Parameters") -> "tuple[LoadedModel, Sequence[Excitation], LevelTable]":
     """Return what `read_table` does, with the excitations that parameters name and their levels."""
     from linkage_vibration.prediction.doubts import excitation_doubts
     from linkage_vibration.prediction.levels import kept_levels

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from linkage_vibration.listening.orders import Orders
-from linkage_vibration.listening.transfer import Transfer
+from linkage_vibration.listening.sensor_response import SensorResponse
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.prediction.ensemble import load_factors
 from linkage_vibration.prediction.excitation import Excitation, Source
@@ -65,7 +65,7 @@ class MeasuredOrder:
         return self.contradicts or (self.is_detected and not math.isnan(self.difference))
 
 
-def unit_responses(transfer: Transfer, orders: Orders, angles: FloatArray) -> FloatArray:
+def unit_responses(transfer: SensorResponse, orders: Orders, angles: FloatArray) -> FloatArray:
     """Return amplitudes at a sensor per unit, (m, 1 + n_members, n_loaded); angles (m,) in rad."""
     if not transfer.loaded:
         return np.empty((len(angles), 1, 0))
@@ -81,7 +81,7 @@ def unit_responses(transfer: Transfer, orders: Orders, angles: FloatArray) -> Fl
 
 
 def predicted_levels(
-    transfer: Transfer,
+    transfer: SensorResponse,
     excitations: Sequence[Excitation],
     orders: Orders,
     units: FloatArray,

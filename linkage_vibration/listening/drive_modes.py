@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from linkage_vibration.drawing.intervals import gap_starts
-from linkage_vibration.listening.gates import (
+from linkage_vibration.listening.mode_checks import (
     damping_doubt,
     line_doubt,
     low_damping_doubt,
@@ -18,7 +18,7 @@ from linkage_vibration.listening.gates import (
     wheelbase_lines,
     window_doubt,
 )
-from linkage_vibration.listening.output_only import Candidate, Steps, identify, mac
+from linkage_vibration.listening.output_only import Candidate, PausableTask, identify, mac
 from linkage_vibration.listening.segments import (
     SHORTEST,
     find_segments,
@@ -90,7 +90,7 @@ def search_modes(
     excitations: Sequence[Excitation] = (),
     *,
     damped: bool = True,
-) -> Steps[tuple[DriveMode, ...]]:
+) -> PausableTask[tuple[DriveMode, ...]]:
     """Return the modes at each height of a drive; it yields between parts of some milliseconds.
 
     Times, (n,), are even; accelerations, (n, n_channels), have no gaps; angles, rad, and speeds,
@@ -122,7 +122,7 @@ def search_signals(
     excitations: Sequence[Excitation],
     *,
     damped: bool = True,
-) -> Steps[tuple[DriveMode, ...]]:
+) -> PausableTask[tuple[DriveMode, ...]]:
     """Return the modes that accelerations of several sensors show together, as `search_modes`.
 
     The angle and the speeds are times, s, and values, rad, rpm or m/s.
@@ -196,7 +196,7 @@ def _at_height(
     speeds: dict[Source, FloatArray],
     excitations: Sequence[Excitation],
     damped: bool,
-) -> Steps[list[DriveMode]]:
+) -> PausableTask[list[DriveMode]]:
     """Return the modes that segments at one height show."""
     table, rows = drive.table, np.concatenate([np.r_[each] for each in segments])
     alpha3 = float(drive.angle[rows].mean())
@@ -262,7 +262,7 @@ def _tone_doubt(
     excitations: Sequence[Excitation],
     rate: float,
     mean: float,
-) -> Steps[str]:
+) -> PausableTask[str]:
     """Return that a tone that no excitation describes is in the band of a mode; else ""."""
     known = [each for each in excitations if each.terrain is None and each.source in speeds]
     orders = [
@@ -281,7 +281,7 @@ def _line_doubt(
     alpha3: float,
     best: Candidate,
     predicted: float,
-) -> Steps[str]:
+) -> PausableTask[str]:
     """Return that a line of the wheelbase, at the speeds of rolling, m/s, is there; else ""."""
     speeds = np.quantile(rolling, (0.05, 0.35, 0.65, 0.95)).tolist()
     place = drive.places[int(np.abs(best.shape).argmax())]

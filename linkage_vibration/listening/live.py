@@ -12,13 +12,13 @@ import numpy as np
 from linkage_vibration.listening.amplitudes import measure_orders, predicted_levels, unit_responses
 from linkage_vibration.listening.live_modes import NOTED, OFF, LiveModes
 from linkage_vibration.listening.orders import SECONDS, Orders, track_orders
+from linkage_vibration.listening.sensor_response import SensorResponse
 from linkage_vibration.listening.signals import SignalError, measured_signal
 from linkage_vibration.listening.spectra import levels
-from linkage_vibration.listening.transfer import Transfer
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.messages.columns import MessageColumns
-from linkage_vibration.prediction.answers import Served
+from linkage_vibration.prediction.answers import LoadedModel
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.settings import Parameters
@@ -61,7 +61,7 @@ class _History:
 @dataclass(slots=True)
 class _Channel:
     sensor: Sensor
-    transfer: Transfer
+    transfer: SensorResponse
     samples: _History
     began: int = 0  # stamp of the first sample, ns
 
@@ -101,7 +101,7 @@ class SensorMonitor:
         self._highest = float(np.nanmax(table.evaluate(table.alpha3)[:, : table.n_modes]))
         self.modes.use(table, mechanism, self._highest)
         transfers = [
-            Transfer(table, mechanism, self._excitations, sensor) for sensor in self._sensors
+            SensorResponse(table, mechanism, self._excitations, sensor) for sensor in self._sensors
         ]
         pairs = zip(self._sensors, transfers, strict=True)
         kept = self._channels or [_Channel(*pair, _History()) for pair in pairs]
@@ -210,7 +210,7 @@ class SensorMonitor:
 
 def sensor_monitor(
     sensors: Sequence[Sensor],
-    served: Served,
+    served: LoadedModel,
     excitations: Sequence[Excitation],
     settings: Parameters,
 ) -> SensorMonitor | None:

@@ -13,7 +13,7 @@ import numpy as np
 from linkage_vibration.listening.drive_modes import DriveMode, search_signals
 from linkage_vibration.listening.model_check import difference_text, explanations
 from linkage_vibration.listening.orders import SECONDS
-from linkage_vibration.listening.output_only import Steps
+from linkage_vibration.listening.output_only import PausableTask
 from linkage_vibration.listening.segments import ACROSS
 from linkage_vibration.listening.signals import SignalError, measured_signal
 from linkage_vibration.mechanics.arrays import FloatArray
@@ -57,7 +57,7 @@ class LiveModes:
         """Seek modes of another table, up to a frequency, Hz, from now on."""
         self._table, self._mechanism, self._highest = table, mechanism, highest
         self._modes: tuple[DriveMode, ...] = ()
-        self._search: Steps[tuple[DriveMode, ...]] | None = None
+        self._search: PausableTask[tuple[DriveMode, ...]] | None = None
 
     def add(
         self,
@@ -99,7 +99,7 @@ class LiveModes:
             except StopIteration as finished:
                 self._modes, self._search = finished.value, None
 
-    def _find(self, end: int) -> Steps[tuple[DriveMode, ...]]:
+    def _find(self, end: int) -> PausableTask[tuple[DriveMode, ...]]:
         """Return the modes at the present crank angle, before a time, ns."""
         since = [(stamp - end) / _SECOND - SECONDS for stamp, _, _ in self._notes]
         times = np.add.outer(since, NOTED).ravel()

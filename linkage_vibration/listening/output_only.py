@@ -31,11 +31,11 @@ _MOST_LOST = 0.1  # share of the blocks without which a mode may be missing
 
 _Poles = tuple[ComplexArray, ComplexArray]  # of an order, and their shapes
 _Result = TypeVar("_Result")
-Steps = Generator[None, None, _Result]
+PausableTask = Generator[None, None, _Result]
 """A computation that pauses between its parts, so that something else need not wait for it."""
 
 
-def finish(steps: Steps[_Result]) -> _Result:
+def finish(steps: PausableTask[_Result]) -> _Result:
     """Return the result of a computation without pauses."""
     while True:
         try:
@@ -106,7 +106,7 @@ def identify(
     band: tuple[float, float],
     first_lag: int = 1,
     block_seconds: float = 4.0,
-) -> Steps[list[Candidate]]:
+) -> PausableTask[list[Candidate]]:
     """Return the stable modes within a band, ascending, with deviations of a jackknife.
 
     It yields between parts. Windows, (n, n_channels), have no gap; noise that recurs within

@@ -9,7 +9,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from linkage_vibration.bags.numbers import Integers, LeftOut
+from linkage_vibration.bags.scalar_reader import Integers, SkippedMessages
 from linkage_vibration.bags.streams import open_bags
 from linkage_vibration.playback.remapping import ReplayError, choose_topics, topic_schema
 from linkage_vibration.prediction.inputs.presets import HITCH
@@ -24,7 +24,7 @@ def read_numbers(
     A number is NaN where it is not available. A `ReplayError` with the names that exist is raised
     if the bags have no such number.
     """
-    left_out, columns = LeftOut(), []
+    left_out, columns = SkippedMessages(), []
     with open_bags(list(bags)) as opened:
         topic = choose_topics(opened, settings, remaps)[HITCH]
         read = settings.crank_input(topic_schema(opened, topic))

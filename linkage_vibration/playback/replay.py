@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from linkage_vibration.bags.blocks import Block, Integers
 from linkage_vibration.bags.chunks import ChunkLog, Messages
-from linkage_vibration.bags.numbers import LeftOut
 from linkage_vibration.bags.recorder import FAULTS_METADATA, PROVENANCE_METADATA, package_versions
+from linkage_vibration.bags.scalar_reader import SkippedMessages
 from linkage_vibration.bags.streams import Bags, BagTopic, open_bags
 from linkage_vibration.bags.writing import Topic
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
@@ -43,7 +43,12 @@ from linkage_vibration.playback.remapping import (
 )
 from linkage_vibration.prediction.advice import Adviser
 from linkage_vibration.prediction.agreement import StandingClock, crank_agreement
-from linkage_vibration.prediction.answers import Described, Implement, Served, with_implement
+from linkage_vibration.prediction.answers import (
+    Implement,
+    LoadedModel,
+    ModelWithoutTable,
+    with_implement,
+)
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs.presets import HITCH
 from linkage_vibration.prediction.inputs.sources import CrankInput
@@ -90,7 +95,7 @@ _AS_DESCRIBED = WhatIf()
 
 
 @dataclass(slots=True)
-class Replayed(LeftOut):
+class Replayed(SkippedMessages):
     """What a replay has done, and how many messages it left out.
 
     Attributes
@@ -259,7 +264,7 @@ class _Replay:
     """
 
     def __init__(
-        self, bags: Bags, settings: Parameters, topics: Mapping[str, BagTopic], served: Served
+        self, bags: Bags, settings: Parameters, topics: Mapping[str, BagTopic], served: LoadedModel
     ) -> None:
         self.crank = settings.crank_input(topic_schema(bags, topics[HITCH]))
         self.speeds = {
@@ -437,7 +442,7 @@ class _Sensors:
     A topic that the bags lack has a sentence in ``missing``.
     """
 
-    def __init__(self, bags: Bags, settings: Parameters, served: Served) -> None:
+    def __init__(self, bags: Bags, settings: Parameters, served: LoadedModel) -> None:
         path = settings.sensor_path()
         every = live_sensors(path) if path else []
         present = {topic.name: topic for topic in bags.topics if topic.count}
@@ -460,7 +465,7 @@ class _Sensors:
         readings: MessageColumns,
         speeds: Sequence[_SpeedRow],
         used: list[Integers],
-        left_out: LeftOut,
+        left_out: SkippedMessages,
     ) -> Iterator[Messages]:
         """Yield what sensors measure in a block, and add their rows to the used ones.
 
@@ -513,7 +518,9 @@ def _messages(kind: str, data: NDArray[np.uint8], block: Block, rows: Integers) 
     return Messages(_NAMES[kind], data, places, times, times)
 
 
-def _served(settings: Parameters, what_if: WhatIf, building: Callable[[float], object]) -> Served:
+def _served(
+    settings: Parameters, what_if: WhatIf, building: Callable[[float], object]
+) -> LoadedModel:
     """Return the mechanism and its table, which is built for another implement."""
     if what_if == _AS_DESCRIBED:
         return read_served(settings, progress=building)
@@ -532,7 +539,7 @@ def _served(settings: Parameters, what_if: WhatIf, building: Callable[[float], o
     from linkage_vibration.table.tabulation import build_table
 
     table = build_table(LinkageModel(changed), progress=building)
-    return Described(changed, text).served(Predictor(table))
+    return ModelWithoutTable(changed, text).served(Predictor(table))
 
 
 def _refuse_repeated(paths: Sequence[Path]) -> None:
@@ -563,7 +570,7 @@ def _refuse_empty(done: Replayed, bags: Bags, read: CrankInput) -> None:
 def _monitor(
     settings: Parameters,
     topics: Mapping[str, BagTopic],
-    served: Served,
+    served: LoadedModel,
     report: Callable[[str], object],
 ) -> ResonanceMonitor | None:
     """Return a monitor of resonance; None if no speed is known.

@@ -52,7 +52,7 @@ class ServingError(LinkageVibrationError):
 
 
 @dataclass(frozen=True, eq=False)
-class Described:
+class ModelWithoutTable:
     """A mechanism without its table."""
 
     mechanism: Mechanism
@@ -60,13 +60,13 @@ class Described:
     implement: "Implement | None" = None  # in use, if it is not that of the mechanism file
     implements: "Implements | None" = None  # can be chosen by name
 
-    def served(self, predictor: Predictor) -> "Served":
+    def served(self, predictor: Predictor) -> "LoadedModel":
         """Return the mechanism with what looks up its table."""
-        return Served(**vars(self), predictor=predictor)
+        return LoadedModel(**vars(self), predictor=predictor)
 
 
 @dataclass(frozen=True, eq=False)
-class Served(Described):
+class LoadedModel(ModelWithoutTable):
     """A mechanism and its table, which are always replaced together."""
 
     predictor: Predictor = field(kw_only=True)
@@ -150,7 +150,7 @@ class Implements:
 
 
 def answer_frf(
-    served: Served,
+    served: LoadedModel,
     alpha3: float,
     outputs: Sequence[str],
     inputs: Sequence[str],
@@ -202,7 +202,7 @@ def answer_frf(
 
 
 def _solved_frf(
-    served: Served, alpha3: float, places: tuple[Places, Places], frequencies: FloatArray
+    served: LoadedModel, alpha3: float, places: tuple[Places, Places], frequencies: FloatArray
 ) -> ComplexArray:
     """Return receptances, or responses to motions of the soil, of the model."""
     outputs, inputs = places
@@ -225,7 +225,7 @@ def _solved_frf(
 
 
 def answer_ground(
-    served: Served,
+    served: LoadedModel,
     excitations: Sequence[Excitation],
     alpha3: float,
     speed: float,
@@ -271,7 +271,7 @@ def answer_ground(
     )
 
 
-def answer_mode_shapes(served: Served, alpha3: float) -> ModeShapes:
+def answer_mode_shapes(served: LoadedModel, alpha3: float) -> ModeShapes:
     """Solve the model at an angle (rad) and return its modes."""
     _check_angle(alpha3)
     with _asked_angle(served, alpha3):
@@ -324,13 +324,13 @@ def with_implement(
     return again_from_mapping(mapping, mechanism), text
 
 
-def replaced(served: Served, wanted: Implement | str) -> Described:
+def replaced(served: LoadedModel, wanted: Implement | str) -> ModelWithoutTable:
     """Return the mechanism of a node with another implement, which is given itself or by its name.
 
     One with a name replaces that of the mechanism file, so that nothing is left of others that were
     in use before.
     """
-    source: Served | Implements = served
+    source: LoadedModel | Implements = served
     if isinstance(wanted, str):
         if served.implements is None:
             raise ServingError(
@@ -343,7 +343,7 @@ def replaced(served: Served, wanted: Implement | str) -> Described:
     name = rigid_body_name(mechanism, wanted.rigid_body)
     centre = next(b.centre_of_gravity for b in mechanism.rigid_bodies if b.name == name)
     implement = replace(wanted, rigid_body=name, centre_of_gravity=centre)
-    return Described(mechanism, text, implement, served.implements)
+    return ModelWithoutTable(mechanism, text, implement, served.implements)
 
 
 def _uncertain_centre(claims: dict[str, Any], body: str) -> dict[str, Any]:
@@ -398,7 +398,7 @@ def place_name(place: Place) -> str:
 
 
 @contextmanager
-def _asked_angle(served: Served, alpha3: float) -> Iterator[None]:
+def _asked_angle(served: LoadedModel, alpha3: float) -> Iterator[None]:
     """Say of an error of the model that the angle of the request is its cause."""
     try:
         yield

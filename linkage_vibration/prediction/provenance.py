@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from linkage_vibration.bags.writing import Attachment
-from linkage_vibration.prediction.answers import Served
+from linkage_vibration.prediction.answers import LoadedModel
 from linkage_vibration.prediction.parameter_files import parameters_yaml
 from linkage_vibration.prediction.settings import Parameters
 
@@ -14,14 +14,14 @@ MECHANISM, PARAMETERS = "mechanism.yaml", "parameters.yaml"
 EXCITATIONS = "excitations.yaml"
 
 
-def implement_facts(served: Served) -> dict[str, str]:
+def implement_facts(served: LoadedModel) -> dict[str, str]:
     """Return the name of the implement in use as metadata of a log; empty if it has none."""
     name = "" if served.implement is None else served.implement.name
     return {"implement": name} if name else {}
 
 
 def attachments(
-    served: Served, settings: Parameters, node_name: str, excitations: Mapping[str, bytes]
+    served: LoadedModel, settings: Parameters, node_name: str, excitations: Mapping[str, bytes]
 ) -> tuple[Attachment, ...]:
     """Return what made the messages of a log, as files.
 

@@ -15,7 +15,7 @@ from linkage_vibration.bags.can_frames import FRAME_TYPES
 from linkage_vibration.bags.can_reader import CanReader, find_signal
 from linkage_vibration.bags.field_reader import FieldReader
 from linkage_vibration.bags.message_types import IMU
-from linkage_vibration.bags.numbers import Integers, LeftOut, NumberReader
+from linkage_vibration.bags.scalar_reader import Integers, NumberReader, SkippedMessages
 from linkage_vibration.bags.schemas import FieldError, Schema
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray
@@ -170,7 +170,7 @@ def read_measured(sensor: Sensor, log: Path, start: int) -> tuple[FloatArray, Fl
         if defined is None or sensor.topic not in types:
             names = f"it has {', '.join(types) or 'none'}"
             raise SensorError(f"{path}: has no topic {sensor.topic} for {sensor.name}; {names}.")
-        reader, left_out = SensorReader(sensor, types[sensor.topic], defined[2]), LeftOut()
+        reader, left_out = SensorReader(sensor, types[sensor.topic], defined[2]), SkippedMessages()
         stamps, values = [np.empty(0, np.int64)], [np.empty((0, len(sensor.axes)))]
         for block in bags.blocks([sensor.topic]):
             for _, part, numbers, _ in reader.read(block, np.arange(len(block)), left_out):
@@ -233,7 +233,7 @@ class SensorReader:
         return stamp if stamp > 0 else received, numbers[0].frame_id, values
 
     def read(
-        self, block: Block, rows: Integers, left_out: LeftOut
+        self, block: Block, rows: Integers, left_out: SkippedMessages
     ) -> Iterator[tuple[Integers, Integers, FloatArray, str]]:
         """Yield rows, stamps, ns, numbers, (n, k), and the frame of messages of a bag.
 

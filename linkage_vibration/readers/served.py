@@ -11,7 +11,12 @@ from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.messages.fields import message_fields
 from linkage_vibration.messages.topics import TABLE_INFO
-from linkage_vibration.prediction.answers import Described, Implements, Served, with_implement
+from linkage_vibration.prediction.answers import (
+    Implements,
+    LoadedModel,
+    ModelWithoutTable,
+    with_implement,
+)
 from linkage_vibration.prediction.doubts import linkage_doubts
 from linkage_vibration.prediction.excitation import Excitation
 from linkage_vibration.prediction.ground import vertical_mounts
@@ -30,7 +35,7 @@ def read_served(
     report: Callable[[str], object] | None = None,
     progress: Callable[[float], object] = lambda finished: None,
     keep: Callable[[Mechanism, Callable[[], Table]], Table] | None = None,
-) -> Served:
+) -> LoadedModel:
     """Return a mechanism with its table, which is built if the parameters name none for it.
 
     `report` is called with each doubt and before a table is built, and `progress` with the finished
@@ -64,7 +69,7 @@ def read_served(
     return described.served(Predictor(keep(mechanism, built) if keep else built()))
 
 
-def read_described(settings: Parameters) -> Described:
+def read_described(settings: Parameters) -> ModelWithoutTable:
     """Return the mechanism that the parameters name, with the implement that they name."""
     path, file = settings.mechanism_path(), settings.implement_path()
     content, text = load_yaml(path)
@@ -76,17 +81,17 @@ def read_described(settings: Parameters) -> Described:
                 f"Parameter implement is {settings.implement}, but implement_file is empty; give "
                 "the file of the implements."
             )
-        return Described(mechanism, text)
+        return ModelWithoutTable(mechanism, text)
     implements = Implements(mechanism, text, read_implements(file, mechanism))
     if not settings.implement:
-        return Described(mechanism, text, None, implements)
+        return ModelWithoutTable(mechanism, text, None, implements)
     implement = implements.find(settings.implement)
     changed = with_implement(mechanism, text, implement)
-    return Described(*changed, implement, implements)
+    return ModelWithoutTable(*changed, implement, implements)
 
 
 def read_loads(
-    settings: Parameters, served: Served, report: Callable[[str], object] = lambda text: None
+    settings: Parameters, served: LoadedModel, report: Callable[[str], object] = lambda text: None
 ) -> tuple[Excitation, ...]:
     """Return the excitations that the parameters name, as far as the mechanism can bear them.
 
@@ -123,7 +128,7 @@ def _check_room(path: Path, **counts: int) -> None:
             )
 
 
-def _acts(excitation: Excitation, served: Served) -> bool:
+def _acts(excitation: Excitation, served: LoadedModel) -> bool:
     """Return whether a mechanism and its table have the places at which an excitation acts."""
     try:
         load_input(excitation.load, excitation.name, served.table, served.mechanism)

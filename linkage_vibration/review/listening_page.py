@@ -29,9 +29,9 @@ from linkage_vibration.listening.model_check import (
 )
 from linkage_vibration.listening.orders import SECONDS, Orders, track_orders
 from linkage_vibration.listening.output_only import finish
+from linkage_vibration.listening.sensor_response import SensorResponse
 from linkage_vibration.listening.signals import Signal, known_at
 from linkage_vibration.listening.spectra import levels, spectrogram
-from linkage_vibration.listening.transfer import Transfer
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.prediction.verdict import KNOWN
 from linkage_vibration.review.findings import all_speeds, log_limits
@@ -49,7 +49,7 @@ _CANNOT = (
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Heard:
+class SensorComparison:
     """What a sensor heard: orders, levels in windows, and predicted levels with their factor."""
 
     signal: Signal
@@ -62,7 +62,7 @@ class Heard:
     reference: FloatArray  # (m,), N, what load ratios refer to; NaN if it is not known
 
 
-def hear(log: Log, signal: Signal) -> Heard:
+def hear(log: Log, signal: Signal) -> SensorComparison:
     """Return what a sensor heard in the drive of a log, beside what its model predicts there."""
     if log.table is None or log.mechanism is None or not log.excitations:
         raise ReviewError(f"{log.path} holds no table with excitations; replay the drive again.")
@@ -71,7 +71,7 @@ def hear(log: Log, signal: Signal) -> Heard:
         text = f"{signal.sensor.name} measured from {first:.6g} to {last:.6g} s since the first"
         text += f" prediction, and the drive ends at {end:.6g} s"
         raise ReviewError(f"{log.path}: {text}; correct the clocks of both, or `starts_at`.")
-    transfer = Transfer(log.table, log.mechanism, log.excitations, signal.sensor)
+    transfer = SensorResponse(log.table, log.mechanism, log.excitations, signal.sensor)
     speeds = all_speeds(log)
     orders = track_orders(signal, log.excitations, speeds)
     angles = known_at(orders.times, log.times, log.table_angle)
@@ -93,10 +93,10 @@ def hear(log: Log, signal: Signal) -> Heard:
         inside = (angles >= low) & (angles <= high)
         reference[inside] = log.table.reference_forces(angles[inside])[place]
     compared = 0.0 if unknown else compared
-    return Heard(signal, orders, rows, measured, predicted, compared, unknown, reference)
+    return SensorComparison(signal, orders, rows, measured, predicted, compared, unknown, reference)
 
 
-def heard_modes(log: Log, sensors: Sequence[Heard]) -> tuple[DriveMode, ...]:
+def heard_modes(log: Log, sensors: Sequence[SensorComparison]) -> tuple[DriveMode, ...]:
     """Return the modes that all accelerations on the linkage show together."""
     signals = [sensor.signal for sensor in sensors if sensor.signal.sensor.accelerates]
     if log.table is None or log.mechanism is None or not signals:
@@ -106,7 +106,7 @@ def heard_modes(log: Log, sensors: Sequence[Heard]) -> tuple[DriveMode, ...]:
     return finish(search_signals(*given))
 
 
-def modes_answer(log: Log, modes: Sequence[DriveMode], sensors: Sequence[Heard]) -> str:
+def modes_answer(log: Log, modes: Sequence[DriveMode], sensors: Sequence[SensorComparison]) -> str:
     """Return what the worst natural frequency of a drive says, or why none is reported."""
     if not modes and log.table is not None:
         signals = [sensor.signal for sensor in sensors if sensor.signal.sensor.accelerates]
@@ -124,7 +124,7 @@ def modes_answer(log: Log, modes: Sequence[DriveMode], sensors: Sequence[Heard])
     return text + (more if compared > 1 else "")
 
 
-def answers(log: Log, sensors: Sequence[Heard], modes: Sequence[DriveMode]) -> list[str]:
+def answers(log: Log, sensors: Sequence[SensorComparison], modes: Sequence[DriveMode]) -> list[str]:
     """Return in words what was measured: contradictions first, then modes and each sensor."""
     off = [(each, row) for each in sensors for row in each.rows if row.contradicts]
     off.sort(key=lambda pair: -abs(math.log(pair[1].measured / pair[1].predicted)))
@@ -139,7 +139,7 @@ def _unknown(log: Log) -> list[str]:
     return [why] if why and np.isnan(log.damping_ratio_stddevs).any() else []
 
 
-def is_calm(sensors: Sequence[Heard], modes: Sequence[DriveMode]) -> bool:
+def is_calm(sensors: Sequence[SensorComparison], modes: Sequence[DriveMode]) -> bool:
     """Return whether modes and orders were compared, nearly all of them, and all agree."""
     sure = [mode for mode in modes if not mode.doubt]
     calm = bool(sure) and all(mode.consistent for mode in sure)
@@ -147,7 +147,7 @@ def is_calm(sensors: Sequence[Heard], modes: Sequence[DriveMode]) -> bool:
     return calm and all(sensor.compared >= KNOWN for sensor in sensors)
 
 
-def _contradiction(sensor: Heard, row: MeasuredOrder) -> str:
+def _contradiction(sensor: SensorComparison, row: MeasuredOrder) -> str:
     """Return how far an order at a sensor is from its prediction, and its probable cause."""
     factor = row.predicted / row.measured
     weaker, small = ("weaker", "large") if factor > 1.0 else ("stronger", "small")
@@ -159,7 +159,7 @@ def _contradiction(sensor: Heard, row: MeasuredOrder) -> str:
     )
 
 
-def _orders_answer(sensor: Heard) -> str:
+def _orders_answer(sensor: SensorComparison) -> str:
     """Return how many orders at a sensor agree with their predictions, and what is not known."""
     compared = [row for row in sensor.rows if row.is_compared]
     parts = [
@@ -185,7 +185,7 @@ def _count(count: int, noun: str) -> str:
     return f"{count} {noun}{'s' * (count != 1)}"
 
 
-def _load_answer(sensor: Heard) -> str:
+def _load_answer(sensor: SensorComparison) -> str:
     """Return the largest load ratios at a sensor, if they are measured."""
     largest = [
         float(np.fmax.reduce(each / sensor.reference, initial=-1.0))
@@ -197,7 +197,9 @@ def _load_answer(sensor: Heard) -> str:
     return f" Its load ratio is {words[0]}; that of the predicted orders is {words[1]}."
 
 
-def listening_page(log: Log, sensors: Sequence[Heard], modes: Sequence[DriveMode]) -> str:
+def listening_page(
+    log: Log, sensors: Sequence[SensorComparison], modes: Sequence[DriveMode]
+) -> str:
     """Return the text of the page."""
     signals = [sensor.signal for sensor in sensors]
     doubts = [(s.sensor.name, text) for s in signals for text in s.doubts or ("none",)]
@@ -236,7 +238,7 @@ def _best(explained: Sequence[Explanation]) -> str:
     return "".join(words)
 
 
-def _picture(log: Log, sensors: Sequence[Heard], modes: Sequence[DriveMode]) -> bytes:
+def _picture(log: Log, sensors: Sequence[SensorComparison], modes: Sequence[DriveMode]) -> bytes:
     """Return spectrograms and levels as a PNG picture."""
     from matplotlib.figure import Figure
 
@@ -260,7 +262,7 @@ def _picture(log: Log, sensors: Sequence[Heard], modes: Sequence[DriveMode]) -> 
     return png_bytes(figure)
 
 
-def _draw_spectrogram(ax: "Axes", log: Log, sensor: Heard) -> None:
+def _draw_spectrogram(ax: "Axes", log: Log, sensor: SensorComparison) -> None:
     """Draw the measured spectrum over time under predicted modes and orders."""
     times, frequencies, power = spectrogram(sensor.signal, SECONDS)
     decibels = 10.0 * np.log10(np.maximum(power[:, 1:], 1e-12))
@@ -297,7 +299,7 @@ def _draw_spectrogram(ax: "Axes", log: Log, sensor: Heard) -> None:
     ax.set_title(title, loc="left", fontsize=12)
 
 
-def _draw_levels(ax: "Axes", sensor: Heard, limit: float) -> None:
+def _draw_levels(ax: "Axes", sensor: SensorComparison, limit: float) -> None:
     """Draw measured and predicted levels, or load ratios with the limit of a warning, over time."""
     name, scale = "rms [N]", np.array(1.0)
     if sensor.signal.sensor.accelerates:
@@ -330,7 +332,7 @@ def _draw_levels(ax: "Axes", sensor: Heard, limit: float) -> None:
     tidy(ax)
 
 
-def _orders_table(sensor: Heard) -> str:
+def _orders_table(sensor: SensorComparison) -> str:
     unit = "m/s²" if sensor.signal.sensor.accelerates else "N"
     head = ["order", "windows", f"measured, rms [{unit}]", f"predicted, rms [{unit}]"]
     head += ["difference / standard deviation", "amplitude of the excitation"]

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from typing import Any, NamedTuple
 
-from linkage_vibration.bags.numbers import CdrError, ReadingError
+from linkage_vibration.bags.scalar_reader import CdrError, ReadingError
 from linkage_vibration.prediction.inputs.sources import InputReader
 from linkage_vibration.ros.endpoints import MessageInfo
 from linkage_vibration.ros.live_inputs import LiveTopic

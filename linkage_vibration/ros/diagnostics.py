@@ -11,14 +11,14 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from linkage_vibration.errors import printable
 from linkage_vibration.listening.live import SensorMonitor, difference_sentence
-from linkage_vibration.prediction.answers import Served
+from linkage_vibration.prediction.answers import LoadedModel
 from linkage_vibration.prediction.health import Fault, Level, ReadingWatch, overall
 from linkage_vibration.prediction.predictor import Prediction, uncertain_modes
 from linkage_vibration.prediction.resonance import described
 from linkage_vibration.prediction.severity import ResonanceState, present_sentence
 from linkage_vibration.ros.arrivals import LONGEST_WAIT
+from linkage_vibration.ros.live_pipeline import NO_CLOCK, SILENT, STOPPED_CLOCK, LivePipeline
 from linkage_vibration.ros.log_control import Recording
-from linkage_vibration.ros.message_path import NO_CLOCK, SILENT, STOPPED_CLOCK, Predicting
 from linkage_vibration.ros.statistics import RECENT, Second, Statistics
 
 _LOST = 0.01  # share of the messages; a wireless network loses fewer
@@ -31,8 +31,8 @@ class Health:
     state: str  # of the lifecycle
     problem: str  # why the node could not reach another state; empty if it could
     second: Second
-    served: Served | None = None  # these are None while the node is not configured
-    predicting: Predicting | None = None
+    served: LoadedModel | None = None  # these are None while the node is not configured
+    predicting: LivePipeline | None = None
     recording: Recording | None = None
     same_name: int = 1  # nodes that have the name of this one, with itself
 
@@ -74,7 +74,7 @@ def _warning(health: Health) -> str:
 _RESONANCE_LEVELS = {ResonanceState.WARNING: Level.WARN, ResonanceState.UNKNOWN: Level.STALE}
 
 
-def _resonance(predicting: Predicting) -> tuple[Level, str]:
+def _resonance(predicting: LivePipeline) -> tuple[Level, str]:
     """Return the level and the sentence about the resonance, which is no fault of the node."""
     near = predicting.resonance
     if not predicting.age <= predicting.stale_after:
@@ -88,7 +88,7 @@ def _resonance(predicting: Predicting) -> tuple[Level, str]:
     )
 
 
-def _measured(predicting: Predicting, sensors: SensorMonitor) -> tuple[Level, str]:
+def _measured(predicting: LivePipeline, sensors: SensorMonitor) -> tuple[Level, str]:
     """Return the level and the sentence about what sensors measure beside the predictions."""
     measured, excitations = predicting.measured, predicting.excitations
     if not measured:
@@ -166,7 +166,7 @@ def statuses(name: str, health: Health, statistics: Statistics) -> list[Diagnost
     return described
 
 
-def _uncertain(last: Prediction | None, served: Served | None) -> list[str]:
+def _uncertain(last: Prediction | None, served: LoadedModel | None) -> list[str]:
     """Return a sentence about each uncertain mode of the last prediction.
 
     Where numbers of the mechanism are uncertain, every mode is, as the predictions say.

@@ -36,7 +36,7 @@ from linkage_vibration.bags.writing import LogError
 from linkage_vibration.errors import LinkageVibrationError, printable
 from linkage_vibration.listening.live import sensor_monitor
 from linkage_vibration.messages.topics import TABLE_INFO
-from linkage_vibration.prediction.answers import Served, place_name
+from linkage_vibration.prediction.answers import LoadedModel, place_name
 from linkage_vibration.prediction.doubts import excitation_doubts
 from linkage_vibration.prediction.excitation import Excitation
 from linkage_vibration.prediction.levels import LevelTable, kept_levels
@@ -52,8 +52,8 @@ from linkage_vibration.ros.endpoints import OUTPUTS, WARN_PERIOD, Throttle, adve
 from linkage_vibration.ros.interface_check import check_interfaces
 from linkage_vibration.ros.listener import Listener
 from linkage_vibration.ros.live_inputs import LiveTopic, check_output_topics, live_topics
+from linkage_vibration.ros.live_pipeline import LivePipeline, input_topics, output_topics
 from linkage_vibration.ros.log_control import Recording, log_folder
-from linkage_vibration.ros.message_path import Predicting, input_topics, output_topics
 from linkage_vibration.ros.parameter_server import (
     changed,
     check_qos_overrides,
@@ -94,9 +94,9 @@ class LinkageVibrationNode(LifecycleNode):
         self._statistics = Statistics()
         self._throttle = Throttle(self.get_logger())
         # These exist while the node is configured.
-        self._served: Served | None = None
+        self._served: LoadedModel | None = None
         self._excitations, self._monitored = dict[str, bytes](), tuple[Excitation, ...]()
-        self._predicting: Predicting | None = None
+        self._predicting: LivePipeline | None = None
         self._sensors = list[Sensor]()
         self._recording: Recording | None = None
         self._offered: Services | None = None
@@ -320,7 +320,7 @@ class LinkageVibrationNode(LifecycleNode):
         recorder = Recorder(folder, topics, provenance, limits, settings.compression)
         self._recording = recording = Recording(self, recorder, self._begin_log)
         self._outputs = {output.type: advertise(self, output) for output in OUTPUTS}
-        self._predicting = Predicting(
+        self._predicting = LivePipeline(
             self,
             self._listener,
             self._outputs,
@@ -383,13 +383,13 @@ class LinkageVibrationNode(LifecycleNode):
             self.destroy_publisher(self._outputs.popitem()[1])
         self._offered = self._predicting = self._recording = self._served = None
 
-    def _serving(self) -> Served:
+    def _serving(self) -> LoadedModel:
         if self._served is None:
             # A request may arrive before its service is destroyed.
             raise LinkageVibrationError("The node is not configured; configure it first.")
         return self._served
 
-    def _swap(self, served: Served, levels: LevelTable) -> None:
+    def _swap(self, served: LoadedModel, levels: LevelTable) -> None:
         """Use another table from now on."""
         assert self._predicting is not None
         assert self._recording is not None
@@ -403,11 +403,11 @@ class LinkageVibrationNode(LifecycleNode):
             f"Predicting from table {served.table.table_id}{_with_name(served)} from now on."
         )
 
-    def _publish_model(self, served: Served) -> None:
+    def _publish_model(self, served: LoadedModel) -> None:
         now = self.get_clock().now().to_msg()
         self._outputs[TABLE_INFO].publish(_table_info(served, self._monitored, now))
 
-    def _provenance(self, served: Served) -> Provenance:
+    def _provenance(self, served: LoadedModel) -> Provenance:
         """Return the model and the parameters that a log attaches."""
         name = self.get_fully_qualified_name()
         files = attachments(served, self._settings, name, self._excitations)
@@ -482,13 +482,13 @@ def _trigger_every_second(guard: GuardCondition, end: BinaryIO) -> None:
             guard.trigger()
 
 
-def _with_name(served: Served) -> str:
+def _with_name(served: LoadedModel) -> str:
     """Return the name of the implement in use, as a part of a sentence."""
     name = implement_facts(served).get("implement")
     return f" with the implement {name}" if name else ""
 
 
-def _table_info(served: Served, excitations: Sequence[Excitation], stamp: Time) -> TableInfo:
+def _table_info(served: LoadedModel, excitations: Sequence[Excitation], stamp: Time) -> TableInfo:
     """Return the message that describes a table, which is in use since a time."""
     table, response = served.table, served.mechanism.response
     low, high = table.alpha3_range

@@ -31,7 +31,7 @@ from linkage_vibration.messages.encoding import encode_message
 from linkage_vibration.messages.topics import ADVICE, PREDICTION
 from linkage_vibration.prediction import answers
 from linkage_vibration.prediction.advice import Question, advise
-from linkage_vibration.prediction.answers import Served, place_name
+from linkage_vibration.prediction.answers import LoadedModel, place_name
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor, fault
@@ -70,9 +70,9 @@ class Services:
     def __init__(
         self,
         node: Node,
-        served: Callable[[], Served],
+        served: Callable[[], LoadedModel],
         excitations: Sequence[Excitation],
-        swap: Callable[[Served, LevelTable], None],
+        swap: Callable[[LoadedModel, LevelTable], None],
         levels: LevelTable,
         limit: Callable[[], float],
     ) -> None:
@@ -248,7 +248,7 @@ class Services:
                 feedback = SetImplement.Feedback(progress=finished, step="building the table")
                 goal.publish_feedback(feedback)
 
-    async def _replace(self, served: Served, wanted: answers.Implement | str) -> None:
+    async def _replace(self, served: LoadedModel, wanted: answers.Implement | str) -> None:
         """Build the table for another implement, or for that of a name, and use it."""
         if self._wanted is not None:
             raise ServiceError(
@@ -364,8 +364,8 @@ def _predict(
 
 
 def _rebuild(
-    changed: answers.Described, like: Table, excitations: Sequence[Excitation], wanted: Path
-) -> tuple[Served, LevelTable]:
+    changed: answers.ModelWithoutTable, like: Table, excitations: Sequence[Excitation], wanted: Path
+) -> tuple[LoadedModel, LevelTable]:
     """Build the tables of a changed mechanism in a process.
 
     A thread would block the interpreter, and so the live predictions, again and again.
@@ -376,7 +376,7 @@ def _rebuild(
     return changed.served(predictor), levels
 
 
-def _fill(response: Any, served: Served, answer: object) -> None:
+def _fill(response: Any, served: LoadedModel, answer: object) -> None:
     """Give a response the id of the table, and what of an answer has the names of its fields."""
     for name, kind in response.get_fields_and_field_types().items():
         match getattr(answer, name, None):

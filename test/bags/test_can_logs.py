@@ -27,8 +27,8 @@ from linkage_vibration.bags.can_reader import CanReader, find_signal
 from linkage_vibration.bags.cdr import Layouts
 from linkage_vibration.bags.message_columns import read_columns, topic_types
 from linkage_vibration.bags.message_types import ISOBUS_FRAME
-from linkage_vibration.bags.numbers import CdrError, LeftOut
 from linkage_vibration.bags.reading import BagError
+from linkage_vibration.bags.scalar_reader import CdrError, SkippedMessages
 from linkage_vibration.bags.streams import open_bags
 from test.support.can_bus import EPOCH, BusFrame, identifier, recorded_frames, write_candump
 
@@ -48,7 +48,7 @@ class Frame(NamedTuple):
     payload: bytes
 
 
-def decoded(block: Block, left_out: LeftOut) -> dict[int, Frame]:
+def decoded(block: Block, left_out: SkippedMessages) -> dict[int, Frame]:
     """Return the frames of a block by their rows, read together; each one alone has the same key.
 
     Other messages are counted.
@@ -75,7 +75,7 @@ def frames_of(
     with open_bags([paths] if isinstance(paths, Path) else paths) as bags:
         names = topics or [topic.name for topic in bags.topics]
         for block in bags.blocks(names):
-            left_out = LeftOut()
+            left_out = SkippedMessages()
             frames = decoded(block, left_out)
             assert not left_out.unreadable
             for row in range(len(block)):
@@ -609,7 +609,7 @@ def test_frames_of_other_publishers() -> None:
     zeros = np.zeros(len(messages), np.int64)
     buffer = np.frombuffer(b"".join(messages), np.uint8)
     block = Block(buffer, np.cumsum(sizes) - sizes, sizes, zeros, zeros, zeros)
-    left_out = LeftOut()
+    left_out = SkippedMessages()
     frames = decoded(block, left_out)
     n = len(good)
     zeroed = {n + 5, 2 * n + 11}  # 40 bytes of zeros are a frame without a name
@@ -653,7 +653,7 @@ def test_frames_of_ros2_isobus() -> None:
     zeros = np.zeros(len(messages), np.int64)
     buffer = np.frombuffer(b"".join(messages), np.uint8)
     block = Block(buffer, np.cumsum(sizes) - sizes, sizes, zeros, zeros, zeros)
-    left_out = LeftOut()
+    left_out = SkippedMessages()
     reader = CanReader(find_signal("engine_speed@7", ""), ISOBUS_FRAME)
     [numbers] = reader.read(block, np.arange(len(messages)), left_out)
     assert numbers.rows.tolist() == [0, 1]

@@ -15,7 +15,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from linkage_vibration.bags.blocks import Block
 from linkage_vibration.bags.field_reader import FieldReader
 from linkage_vibration.bags.message_types import JOINT_STATE
-from linkage_vibration.bags.numbers import CdrError, LeftOut, ReadingError
+from linkage_vibration.bags.scalar_reader import CdrError, ReadingError, SkippedMessages
 from linkage_vibration.bags.schemas import (
     NUMBERS,
     FieldError,
@@ -138,7 +138,7 @@ def test_against_rosbags(drawn: tuple[str, Any, list[Any]], little: bool) -> Non
     schema = schema_of_text(text, "a/msg/Any")
     for path in {path for each in numbers for path in each}:
         reader, alone = (FieldReader(schema, "a/msg/Any", path) for _ in range(2))
-        left_out, rows = LeftOut(), dict[int, float]()
+        left_out, rows = SkippedMessages(), dict[int, float]()
         for part in reader.read(block_of(data), np.arange(len(data)), left_out):
             rows |= dict(zip(part.rows.tolist(), part.value.tolist(), strict=True))
             for i, row in enumerate(part.rows.tolist()):
@@ -259,7 +259,7 @@ def test_rates_of_elements(contents: list[tuple[list[str], int, bool]]) -> None:
             expected[row] = positions[names.index("up")], rate
     actual = {
         row: (value, rate)
-        for part in reader.read(block_of(data), np.arange(len(data)), LeftOut())
+        for part in reader.read(block_of(data), np.arange(len(data)), SkippedMessages())
         for row, value, rate in zip(part.rows.tolist(), part.value, part.rate, strict=True)
     }
     assert actual.keys() == expected.keys()
@@ -276,7 +276,7 @@ def test_padding_is_ignored() -> None:
     at = message.index(b"ab\x00") + 3
     other = message[:at] + b"\x7f" + message[at + 1 :]
     reader = FieldReader(JOINTS, JOINT_STATE, "position[ab]")
-    [part] = reader.read(block_of([message, other]), np.arange(2), LeftOut())
+    [part] = reader.read(block_of([message, other]), np.arange(2), SkippedMessages())
     np.testing.assert_array_equal(part.value, [1.0, 1.0])
     assert reader.read_one(message) == reader.read_one(other)
     assert len(reader._layouts._kept) == 1
@@ -288,7 +288,7 @@ def test_bytes_that_are_not_a_message(data: bytes) -> None:
     schema = schema_of_text(TEXT, "a/msg/Any")
     for path in ("position[boom]", "parts[1].value", "fixed[2]"):
         for start in (b"", b"\x00\x01\x00\x00", b"\x00\x00\x00\x00" + bytes(8)):
-            reader, left_out = FieldReader(schema, "a/msg/Any", path), LeftOut()
+            reader, left_out = FieldReader(schema, "a/msg/Any", path), SkippedMessages()
             actual = list(reader.read(block_of([start + data]), np.arange(1), left_out))
             try:
                 reading = reader.read_one(start + data)
@@ -321,7 +321,7 @@ def test_layouts_are_bounded() -> None:
     data = [bytes(store.serialize_cdr(kind("x" * k, k), "a/msg/Any")) for k in range(300)]
     reader = FieldReader(schema_of_text(text, "a/msg/Any"), "a/msg/Any", "value")
     rows = dict[int, float]()
-    for part in reader.read(block_of(data), np.arange(300), LeftOut()):
+    for part in reader.read(block_of(data), np.arange(300), SkippedMessages()):
         rows |= dict(zip(part.rows.tolist(), part.value.tolist(), strict=True))
     assert rows == {k: float(k) for k in range(300)}
     assert len(reader._layouts._kept) <= 64

@@ -17,8 +17,8 @@ from linkage_vibration.listening.amplitudes import (
     unit_responses,
 )
 from linkage_vibration.listening.orders import Orders
+from linkage_vibration.listening.sensor_response import SensorResponse
 from linkage_vibration.listening.signals import SignalError
-from linkage_vibration.listening.transfer import Transfer
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.prediction.excitation import Excitation, excitations_from_mapping
@@ -52,10 +52,10 @@ def excitations() -> tuple[Excitation, ...]:
 
 
 @cache
-def predicted() -> Transfer:
+def predicted() -> SensorResponse:
     """Return what the shipped table predicts at E1."""
     mechanism = read_mechanism(config_file("three_point_linkage_on_tractor.yaml"))
-    return Transfer(load_table(), mechanism, excitations(), sensor())
+    return SensorResponse(load_table(), mechanism, excitations(), sensor())
 
 
 def orders(amplitudes: FloatArray, random: np.random.Generator) -> Orders:
@@ -147,14 +147,18 @@ def test_a_place_without_a_response(at: str, accelerates: bool) -> None:
     """The error names the places of the table."""
     mechanism = read_mechanism(config_file("three_point_linkage_on_tractor.yaml"))
     with pytest.raises(SignalError, match=r"no response at .*; name one of .*(E1|lift_cylinders)"):
-        Transfer(load_table(), mechanism, excitations(), sensor(at=at, accelerates=accelerates))
+        SensorResponse(
+            load_table(), mechanism, excitations(), sensor(at=at, accelerates=accelerates)
+        )
 
 
 def test_a_force_is_not_integrated() -> None:
     """The force of the lift cylinders per newton at the implement is that of the table at rest."""
     mechanism = read_mechanism(config_file("three_point_linkage_on_tractor.yaml"))
     force = sensor(at="lift_cylinders.force", accelerates=False, axes=np.eye(1))
-    gains = Transfer(load_table(), mechanism, excitations(), force).gains(2.3, np.full(2, 1e-3))
+    gains = SensorResponse(load_table(), mechanism, excitations(), force).gains(
+        2.3, np.full(2, 1e-3)
+    )
     output = ("lift_cylinders", "force")
     static = load_table().frf(2.3, [output], [("E1", "x")]).frf(np.array([0.0]))
     assert gains[0] == pytest.approx(abs(static[0, 0, 0]), rel=1e-3)

@@ -13,7 +13,7 @@ import pytest
 from benchmark.listening.simulation import FILE, HEAVE, SENSORS, Drive, Scene, simulate
 from linkage_vibration.listening import drive_modes
 from linkage_vibration.listening.drive_modes import DriveMode, _best, model_shapes, search_modes
-from linkage_vibration.listening.output_only import Candidate, Steps, finish, mac
+from linkage_vibration.listening.output_only import Candidate, PausableTask, finish, mac
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
@@ -117,7 +117,7 @@ def test_lines_of_wheels_that_roll(
     At 0.05 of its speed, the machine stands.
     """
 
-    def lines(*_: object) -> Steps[FloatArray]:
+    def lines(*_: object) -> PausableTask[FloatArray]:
         yield
         return np.array([8.16])
 

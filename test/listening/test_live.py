@@ -16,7 +16,7 @@ from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.messages.encoding import encode_message
 from linkage_vibration.messages.topics import MEASURED
-from linkage_vibration.prediction.answers import Served
+from linkage_vibration.prediction.answers import LoadedModel
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.readers.excitations import read_excitations
@@ -32,7 +32,7 @@ AMPLITUDE = 0.2  # m/s2, along z
 
 
 @cache
-def served() -> Served:
+def served() -> LoadedModel:
     """Return the shipped linkage."""
     return read_served(Parameters())
 

@@ -14,7 +14,7 @@ from linkage_vibration.listening import live_modes, output_only
 from linkage_vibration.listening.drive_modes import DriveMode
 from linkage_vibration.listening.live import SensorMonitor
 from linkage_vibration.listening.live_modes import NOTED, LiveModes
-from linkage_vibration.listening.output_only import Steps
+from linkage_vibration.listening.output_only import PausableTask
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.messages.columns import MessageColumns
@@ -94,7 +94,7 @@ def test_modes_need_a_minute_at_one_height(
     """At a height 5 deg away, the crank was before; 60 s at the present one are enough."""
     given: list[FloatArray] = []
 
-    def search(*arguments: Any, damped: bool) -> Steps[tuple[DriveMode, ...]]:
+    def search(*arguments: Any, damped: bool) -> PausableTask[tuple[DriveMode, ...]]:
         times, angles = arguments[3]
         given.append(times[np.isfinite(angles)])
         yield

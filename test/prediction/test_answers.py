@@ -19,9 +19,9 @@ from linkage_vibration.mechanics.description import Mechanism, MechanismError
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.prediction.answers import (
     MAX_FREQUENCIES,
-    Described,
     Implement,
-    Served,
+    LoadedModel,
+    ModelWithoutTable,
     ServingError,
     answer_frf,
     answer_mode_shapes,
@@ -40,14 +40,14 @@ DRIVE: dict[str, Any] = {"outputs": [], "inputs": [], "frequencies": np.array([]
 
 
 @pytest.fixture(scope="module")
-def served(mechanism: Mechanism, mechanism_file: Path) -> Served:
+def served(mechanism: Mechanism, mechanism_file: Path) -> LoadedModel:
     """Return the mechanism and the table of the package."""
     table = load_table(config_file("tables/three_point_linkage.npz"), mechanism)
-    return Described(mechanism, mechanism_file.read_text()).served(Predictor(table))
+    return ModelWithoutTable(mechanism, mechanism_file.read_text()).served(Predictor(table))
 
 
 @pytest.mark.parametrize("alpha3", [1.6, 2.0, 2.6, 3.1])
-def test_table_and_model_agree(served: Served, alpha3: float) -> None:
+def test_table_and_model_agree(served: LoadedModel, alpha3: float) -> None:
     """Each FRF of the table, at the default lines of the band, is within 1e-4 of the exact one."""
     every = [f"{point}.{direction}" for point in ("E1", "E2", "V1", "V2") for direction in "xz"]
     asked: dict[str, Any] = {"outputs": every, "inputs": every, "frequencies": np.array([])}
@@ -66,21 +66,21 @@ def test_motion_of_the_base_is_an_input(mechanism_file: Path) -> None:
     path = config_file("three_point_linkage_on_tractor.yaml")
     tractor = read_mechanism(path)
     table = load_table(config_file("tables/three_point_linkage_on_tractor.npz"), tractor)
-    served = Described(tractor, path.read_text()).served(Predictor(table))
+    served = ModelWithoutTable(tractor, path.read_text()).served(Predictor(table))
     line, inputs = np.array([0.0]), ["base.z", "base:front_axle.z", "front_axle.z"]
     answer = answer_frf(served, 2.0, ["rear_axle.z"], inputs, line, exact=True)
     np.testing.assert_allclose(answer.frf[0, 0, :2], [1.0, 0.0], atol=1e-6)
     assert answer.frf[0, 0, 2].real == pytest.approx(0.0, abs=1e-9)
     mechanism = read_mechanism(mechanism_file)
     table = load_table(config_file("tables/three_point_linkage.npz"))
-    clamped = Described(mechanism, mechanism_file.read_text()).served(Predictor(table))
+    clamped = ModelWithoutTable(mechanism, mechanism_file.read_text()).served(Predictor(table))
     for exact in (False, True):
         with pytest.raises(ServingError, match=r"base\.z"):
             answer_frf(clamped, 2.0, ["E1.z"], ["base.z"], line, exact=exact)
 
 
 @pytest.mark.parametrize("exact", [False, True])
-def test_forces_are_outputs(served: Served, exact: bool) -> None:
+def test_forces_are_outputs(served: LoadedModel, exact: bool) -> None:
     """At 0 Hz both lower links and the upper link carry a force on the implement; none is an input.
 
     One of the two lower links carries half of their force.
@@ -93,7 +93,7 @@ def test_forces_are_outputs(served: Served, exact: bool) -> None:
         answer_frf(served, 2.0, ["E1.z"], pins[:1], np.array([0.0]), exact=exact)
 
 
-def test_sections_are_outputs_of_the_model(served: Served) -> None:
+def test_sections_are_outputs_of_the_model(served: LoadedModel) -> None:
     """A pin carries no moment; the table has no sections, and the error names the remedy."""
     sections = ["upper_link:E2.moment", "upper_link:E2.axial"]
     moment, axial = answer_frf(served, 2.0, sections, ["E2.x"], np.array([0.0]), exact=True).frf[0]
@@ -102,7 +102,7 @@ def test_sections_are_outputs_of_the_model(served: Served) -> None:
         answer_frf(served, 2.0, sections, ["E1.z"], np.array([0.0]), exact=False)
 
 
-def test_shapes_make_the_frf(served: Served) -> None:
+def test_shapes_make_the_frf(served: LoadedModel) -> None:
     """At a resonance, the receptance of the drive point is about shape^2 / (2 i zeta omega^2)."""
     modes = answer_mode_shapes(served, 2.3)
     at = modes.places.index(("E1", "z"))
@@ -135,14 +135,14 @@ def test_shapes_make_the_frf(served: Served) -> None:
         ({"alpha3": math.inf}, True, "crank_angle is inf; give a finite angle"),
     ],
 )
-def test_refused_frf(served: Served, changed: dict[str, Any], exact: bool, why: str) -> None:
+def test_refused_frf(served: LoadedModel, changed: dict[str, Any], exact: bool, why: str) -> None:
     """An invalid request is refused with the place and the remedy."""
     with pytest.raises(LinkageVibrationError, match=why):
         answer_frf(served, **{"alpha3": 2.0, "exact": exact, **DRIVE, **changed})
 
 
 @pytest.mark.parametrize("angle_deg", [205.0, 229.2])
-def test_angle_that_the_linkage_cannot_reach(served: Served, angle_deg: float) -> None:
+def test_angle_that_the_linkage_cannot_reach(served: LoadedModel, angle_deg: float) -> None:
     """The remedy is another angle, not another mechanism; the shipped table has 90 to 180 deg."""
     words = rf"be at {angle_deg:g} deg \(.*\); give a crank_angle of the table, 90 to 180 deg"
     with pytest.raises(ServingError, match=words):
@@ -156,7 +156,7 @@ def test_frf_of_a_crank_that_turns_all_the_way() -> None:
     path = config_file("four_bar.yaml")
     mechanism = read_mechanism(path)
     table = build_table(LinkageModel(mechanism), 1e-2)
-    turning = Described(mechanism, path.read_text()).served(Predictor(table))
+    turning = ModelWithoutTable(mechanism, path.read_text()).served(Predictor(table))
     here = answer_frf(turning, math.radians(10.0), exact=False, **DRIVE)
     for degrees in (370.0, -350.0, 3610.0):
         answer = answer_frf(turning, math.radians(degrees), exact=False, **DRIVE)
@@ -168,13 +168,13 @@ def test_frf_of_a_crank_that_turns_all_the_way() -> None:
         answer_frf(turning, 1e7, exact=False, **DRIVE)
 
 
-def test_exact_beyond_the_band(served: Served) -> None:
+def test_exact_beyond_the_band(served: LoadedModel) -> None:
     """The model answers outside the table."""
     answer = answer_frf(served, 2.0, [], [], np.array([250.0]), exact=True)
     assert np.isfinite(answer.frf).all()
 
 
-def test_implement(served: Served, tmp_path: Path) -> None:
+def test_implement(served: LoadedModel, tmp_path: Path) -> None:
     """The YAML of the changed mechanism describes it, and only the implement differs."""
     implement = Implement("", 1200.0, 333.3, (0.25, 0.8))
     mechanism, text = with_implement(served.mechanism, served.mechanism_text, implement)
@@ -190,7 +190,7 @@ def test_implement(served: Served, tmp_path: Path) -> None:
     assert unmoved.model_hash == served.mechanism.model_hash
 
 
-def test_rebuilt(served: Served, tmp_path: Path) -> None:
+def test_rebuilt(served: LoadedModel, tmp_path: Path) -> None:
     """The table of a heavier implement is as accurate as the old one, for the same places."""
     heavy, _ = with_implement(
         served.mechanism, served.mechanism_text, Implement("", 1200.0, 300.0, ())
@@ -220,7 +220,7 @@ def test_rebuilt(served: Served, tmp_path: Path) -> None:
         (Implement("plough", 1.0, 1.0, ()), "no rigid body 'plough'; name one of: implement"),
     ],
 )
-def test_refused_implement(served: Served, implement: Implement, why: str) -> None:
+def test_refused_implement(served: LoadedModel, implement: Implement, why: str) -> None:
     """An invalid implement is refused as in a file."""
     with pytest.raises((ServingError, MechanismError), match=why):
         with_implement(served.mechanism, served.mechanism_text, implement)

@@ -17,8 +17,8 @@ from linkage_vibration.mechanics.description import Mechanism, Mount
 from linkage_vibration.mechanics.model import LinkageModel, Place
 from linkage_vibration.mechanics.response import PoleResidue
 from linkage_vibration.prediction.answers import (
-    Described,
     GroundAnswer,
+    ModelWithoutTable,
     ServingError,
     answer_ground,
 )
@@ -283,7 +283,7 @@ def test_spectrum_at_any_place_sums_up_to_the_level_of_the_model(tractor: Tracto
 @pytest.fixture(scope="module")
 def asking(tractor: Tractor) -> Callable[..., GroundAnswer]:
     """Return what answers a question at an angle, deg, a speed, m/s, and places about class C."""
-    served = Described(tractor.mechanism, "").served(Predictor(tractor.table))
+    served = ModelWithoutTable(tractor.mechanism, "").served(Predictor(tractor.table))
     field = {"speed": "ground", "terrain": {"class": "C"}, "raised": True, "track": 0.0}
     lugs = {"lugs": 20, "rolling_radius": 0.8}
     excitations = excitations_from_mapping({"field": field | lugs})

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
 from linkage_vibration.bags.message_types import FLOAT64, JOINT_STATE
-from linkage_vibration.bags.numbers import MessageNumber, NumberReader, ReadingError
+from linkage_vibration.bags.scalar_reader import NumberReader, ReadingError, Scalar
 from linkage_vibration.bags.schemas import schema_of_store
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs.presets import PRESETS
@@ -311,9 +311,7 @@ def test_fields_of_joint_states() -> None:
     data = state(["a", "b"], [1.0, 2.0], [3.0, 4.0])
     for path, value in (("velocity[b]", 4.0), ("position[1]", 2.0), ("header.stamp.sec", 3.0)):
         read = Parameters(hitch_field=path).crank_input(JOINTS).reader.read_one
-        assert read(data) == pytest.approx(
-            MessageNumber(value, math.nan, 3, 4, "base"), nan_ok=True
-        )
+        assert read(data) == pytest.approx(Scalar(value, math.nan, 3, 4, "base"), nan_ok=True)
     with pytest.raises(
         InputError, match=r"hitch_field: .* no number 'positions\[b\]'; did you mean position\[NAME"
     ):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from linkage_vibration.listening.amplitudes import MeasuredOrder, amplitude_numbers
-from linkage_vibration.listening.transfer import Transfer
+from linkage_vibration.listening.sensor_response import SensorResponse
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.prediction import loads
@@ -115,7 +115,7 @@ def test_new_kind_of_load_is_one_entry(unbalanced: dict[str, Any]) -> None:
         [rotor] = excitations = excitations_from_mapping({"rotor": keys})
         levels = LevelTable(Predictor(TABLE), MECHANISM, excitations)
         at = levels.at(ANGLE, SPEEDS)
-        gains = Transfer(TABLE, MECHANISM, excitations, sensor).gains(2.0, np.array([OMEGA]))
+        gains = SensorResponse(TABLE, MECHANISM, excitations, sensor).gains(2.0, np.array([OMEGA]))
         assert rotor.load is not None
         known.append([at.velocities, at.load_ratios, levels.members(ANGLE, SPEEDS)])
         known[-1].append(rotor.load.amplitude * gains)

@@ -10,7 +10,12 @@ import yaml
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.description import Mechanism
-from linkage_vibration.prediction.answers import Described, Implements, ServingError, replaced
+from linkage_vibration.prediction.answers import (
+    Implements,
+    ModelWithoutTable,
+    ServingError,
+    replaced,
+)
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.readers.implements import read_implements
@@ -150,7 +155,7 @@ def test_a_named_implement_replaces_that_of_the_file(tmp_path: Path) -> None:
     )
     known = Implements(mechanism, text, read_implements(implements, mechanism))
     table = load_table(config_file("tables/three_point_linkage.npz"))  # of no importance here
-    served = Described(mechanism, text, None, known).served(Predictor(table))
+    served = ModelWithoutTable(mechanism, text, None, known).served(Predictor(table))
     first = replaced(served, "one")
     second = replaced(first.served(Predictor(table)), "other")
     assert second.mechanism.rigid_bodies[0] == mechanism.rigid_bodies[0]

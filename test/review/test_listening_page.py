@@ -11,7 +11,7 @@ import pytest
 from linkage_vibration.listening import drive_modes
 from linkage_vibration.listening.amplitudes import MeasuredOrder
 from linkage_vibration.listening.drive_modes import DriveMode, why_no_modes
-from linkage_vibration.listening.output_only import Steps
+from linkage_vibration.listening.output_only import PausableTask
 from linkage_vibration.listening.signals import Signal
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.prediction.excitation import Source
@@ -201,7 +201,7 @@ def test_no_mode_is_sought_in_a_gap(log: Log, gap: float, monkeypatch: pytest.Mo
     """Two sensors share their times, and the angle is not known in a gap of one of them."""
     given: list[np.ndarray] = []
 
-    def listen(*arguments: np.ndarray, damped: bool) -> Steps[tuple[DriveMode, ...]]:
+    def listen(*arguments: np.ndarray, damped: bool) -> PausableTask[tuple[DriveMode, ...]]:
         given.extend(arguments)
         yield
         return ()
@@ -246,7 +246,7 @@ def test_a_dead_axis_and_sensors_that_hardly_meet(
     """An axis of zeros is left out; no mode is sought without signals, or in less than 8 s."""
     places: list[object] = []
 
-    def listen(*arguments: object, damped: bool) -> Steps[tuple[DriveMode, ...]]:
+    def listen(*arguments: object, damped: bool) -> PausableTask[tuple[DriveMode, ...]]:
         places.append(arguments[4])
         yield
         return ()

@@ -22,7 +22,7 @@ from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.task import Future
 
-from linkage_vibration.prediction.answers import Served
+from linkage_vibration.prediction.answers import LoadedModel
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.readers.excitations import read_excitations
@@ -59,7 +59,7 @@ SERVICES = {
 class Bench:
     """A node with the services, spun in a thread, and a client of each."""
 
-    served: list[Served]
+    served: list[LoadedModel]
     services: Services
     spinning: Callable[[], bool]
     spin: Callable[[float], None]
@@ -104,7 +104,7 @@ def bench(domain: int) -> Iterator[Bench]:
         excitations = read_excitations(config_file("excitations.yaml"))
         levels = LevelTable(served[0].predictor, served[0].mechanism, excitations)
 
-        def swap(new: Served, levels: LevelTable) -> None:
+        def swap(new: LoadedModel, levels: LevelTable) -> None:
             speeds = np.array([[2000.0], [500.0], [1.0]])
             columns = levels.at(np.array([2.3]), speeds)
             assert columns.total_velocity.shape == (1,)
@@ -268,7 +268,7 @@ def test_close_while_building(bench: Bench) -> None:
 def test_table_that_comes_too_late(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     """A table that is complete only after another configuration is not used."""
 
-    def rebuild(*_: object) -> tuple[Served, None]:
+    def rebuild(*_: object) -> tuple[LoadedModel, None]:
         bench.served.append(shipped())  # as if the node was configured again meanwhile
         return shipped(), None
 

@@ -22,7 +22,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from linkage_vibration.bags.field_reader import FieldReader
 from linkage_vibration.bags.message_types import JOINT_STATE
-from linkage_vibration.bags.numbers import LeftOut
+from linkage_vibration.bags.scalar_reader import SkippedMessages
 from linkage_vibration.bags.streams import open_bags
 from linkage_vibration.mechanics.bodies.frfs import Frfs
 from linkage_vibration.mechanics.bodies.matrices import Matrices
@@ -150,7 +150,7 @@ def _read_bag(path: Path) -> None:
                 reader = FieldReader(schema, JOINT_STATE, "position[0]")
                 for block in bags.blocks([topic.name]):
                     assert (np.diff(block.log_times) >= 0).all()
-                    for numbers in reader.read(block, np.arange(len(block)), LeftOut()):
+                    for numbers in reader.read(block, np.arange(len(block)), SkippedMessages()):
                         assert numbers.value.shape == numbers.sec.shape == numbers.rows.shape
                         assert isinstance(numbers.frame_id, str)
 

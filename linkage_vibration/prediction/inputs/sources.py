@@ -15,7 +15,13 @@ from linkage_vibration.bags.can_reader import CanReader, find_signal
 from linkage_vibration.bags.can_signals import FORCES
 from linkage_vibration.bags.field_reader import FieldReader
 from linkage_vibration.bags.message_types import JOINT_STATE
-from linkage_vibration.bags.numbers import Integers, LeftOut, MessageNumber, NumberReader, Numbers
+from linkage_vibration.bags.scalar_reader import (
+    Integers,
+    NumberReader,
+    Scalar,
+    ScalarBatch,
+    SkippedMessages,
+)
 from linkage_vibration.bags.schemas import FieldError, Schema, find_path
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.messages.columns import MessageColumns, joined
@@ -27,7 +33,7 @@ HEADER_TIME, RECEIPT_TIME = TIMES = ("header", "receipt")
 
 
 _NONE = np.zeros(0)
-_NO_NUMBERS = Numbers(
+_NO_NUMBERS = ScalarBatch(
     _NONE.astype(np.int64), _NONE, _NONE, _NONE.astype(np.int32), _NONE.astype(np.uint32), ""
 )
 MAX_BYTES = 1_000_000
@@ -139,7 +145,7 @@ class InputReader:
         """Return what is read from a topic, in words."""
         return f"{self.reader.what} on {topic}"
 
-    def _number(self, data: bytes, received: int) -> tuple[MessageNumber, int] | None:
+    def _number(self, data: bytes, received: int) -> tuple[Scalar, int] | None:
         """Return the number of a message, NaN if not available, and its receipt less the delay."""
         number = self.reader.read_one(data)
         if number is None:
@@ -148,13 +154,15 @@ class InputReader:
             number = number._replace(value=math.nan)
         return number, received - self._delay
 
-    def _senders(self, numbers: Numbers) -> list[str]:
+    def _senders(self, numbers: ScalarBatch) -> list[str]:
         """Return the sender of each number on a bus, as the field names it; "" if it is chosen."""
         if numbers.senders is None:
             return [""] * len(numbers.value)
         return [f"{self.settings.field}@0x{sender:02X}" for sender in numbers.senders.tolist()]
 
-    def numbers(self, block: Block, rows: Integers, left_out: LeftOut) -> Iterator[Numbers]:
+    def numbers(
+        self, block: Block, rows: Integers, left_out: SkippedMessages
+    ) -> Iterator[ScalarBatch]:
         """Read many messages, with NaN for values that are not available."""
         large = block.sizes[rows] > MAX_BYTES
         if large.any():
@@ -199,7 +207,7 @@ class CrankInput(InputReader):
             sec, nanosec = divmod(time, 10**9)
         return self.scale.reading(value, rate), sec, nanosec, frame_id, time
 
-    def read_block(self, block: Block, rows: Integers, left_out: LeftOut) -> MessageColumns:
+    def read_block(self, block: Block, rows: Integers, left_out: SkippedMessages) -> MessageColumns:
         """Return what `read_one` returns for many messages of a bag, in the order of arrival.
 
         Columns are those of `Reading`, stamps as ``sec``, ``nanosec`` and ``stamp``, ns, ``time``,
@@ -260,7 +268,7 @@ class SpeedInput(InputReader):
         return self._gain * number.value + self._offset, time
 
     def read_block(
-        self, block: Block, rows: Integers, left_out: LeftOut
+        self, block: Block, rows: Integers, left_out: SkippedMessages
     ) -> Iterator[tuple[Integers, FloatArray, Integers, list[str]]]:
         """Yield rows, speeds, times and senders of many messages, each (n,); see `read_one`."""
         for numbers in self.numbers(block, rows, left_out):

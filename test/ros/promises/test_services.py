@@ -20,7 +20,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from scipy.integrate import trapezoid
 from std_srvs.srv import Trigger
 
-from linkage_vibration.prediction.answers import Served
+from linkage_vibration.prediction.answers import LoadedModel
 from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.table.table import load_table
@@ -50,7 +50,7 @@ A_GOAL = "its own goal builds a table already"
 
 
 @pytest.fixture(scope="module")
-def served() -> Served:
+def served() -> LoadedModel:
     """Return what the node serves."""
     return shipped()
 
@@ -122,7 +122,7 @@ class Goals:
 
 
 @promise("services.md#predict")
-def test_predict(node: Promised, served: Served) -> None:
+def test_predict(node: Promised, served: LoadedModel) -> None:
     """A request for 1,000 angles has as many predictions, bit for bit, in their order."""
     angles = np.linspace(1.6, 3.1, 1000)
     answer = node.ask("predict", PredictVibration, crank_angles=array("d", angles))
@@ -153,7 +153,7 @@ def test_too_many_angles(node: Promised) -> None:
 
 
 @promise("services.md#predict")
-def test_shares(node: Promised, served: Served) -> None:
+def test_shares(node: Promised, served: LoadedModel) -> None:
     """With shares, the answer has what each cause contributes to the standard deviations."""
     asked = {"crank_angles": array("d", [ANGLE]), "crank_angle_stddev": 0.01}
     answer = node.ask("predict", PredictVibration, shares=True, **asked)
@@ -164,7 +164,7 @@ def test_shares(node: Promised, served: Served) -> None:
 
 
 @promise("services.md#get_frf")
-def test_get_frf(node: Promised, served: Served) -> None:
+def test_get_frf(node: Promised, served: LoadedModel) -> None:
     """FRFs of the table and exact ones agree within 1e-4; the former are the table's, exactly."""
     outputs, inputs = ["E1.z", "V1.x"], ["E1.z"]
     asked = {"crank_angle": ANGLE, "outputs": outputs, "inputs": inputs}
@@ -217,7 +217,7 @@ def test_too_many_frequencies(node: Promised) -> None:
 
 
 @promise("services.md#get_ground_levels")
-def test_ground_levels(node: Promised, served: Served) -> None:
+def test_ground_levels(node: Promised, served: LoadedModel) -> None:
     """Levels are the roots of the integrals of their power spectral densities."""
     outputs = ["E1.z", "lift_cylinders.force"]
     asked = {"crank_angle": ANGLE, "ground_speed": -8.0, "outputs": outputs}
@@ -252,7 +252,7 @@ def test_too_many_places(node: Promised) -> None:
 
 
 @promise("services.md#get_mode_shapes")
-def test_mode_shapes(node: Promised, served: Served) -> None:
+def test_mode_shapes(node: Promised, served: LoadedModel) -> None:
     """There is every mode up to the end of the band, in ascending order, as the model has them."""
     answer = node.ask("get_mode_shapes", GetModeShapes, crank_angle=ANGLE)
     assert (answer.success, answer.table_id) == (True, served.table.table_id)
@@ -262,7 +262,7 @@ def test_mode_shapes(node: Promised, served: Served) -> None:
 
 
 @promise("services.md#get_mode_shapes")
-def test_scale_of_mode_shapes(node: Promised, served: Served) -> None:
+def test_scale_of_mode_shapes(node: Promised, served: LoadedModel) -> None:
     """Shapes have unit modal mass: their FRFs add up to the solved one."""
     answer = node.ask("get_mode_shapes", GetModeShapes, crank_angle=ANGLE)
     shapes = np.reshape(answer.shapes, (-1, len(answer.places)))
@@ -275,7 +275,7 @@ def test_scale_of_mode_shapes(node: Promised, served: Served) -> None:
 
 
 @promise("services.md#get_table")
-def test_get_table(node: Promised, served: Served, tmp_path: Path) -> None:
+def test_get_table(node: Promised, served: LoadedModel, tmp_path: Path) -> None:
     """The table and the mechanism of the answer give the predictions of the node anywhere."""
     answer = node.ask("get_table", GetTable)
     (tmp_path / "table.npz").write_bytes(bytes(answer.table))
@@ -311,7 +311,7 @@ def test_advise(node: Promised) -> None:
 
 
 @promise("services.md#advise")
-def test_two_zeros(node: Promised, served: Served) -> None:
+def test_two_zeros(node: Promised, served: LoadedModel) -> None:
     """Two zeros permit all heights of the table, and only the present ground speed."""
     answer = node.ask("advise", Advise, **present())
     assert answer.success, answer.message
@@ -354,7 +354,7 @@ def test_progress(node: Promised) -> None:
 
 
 @promise("services.md#implements-by-name", goal=A_GOAL)
-def test_cancelled_goal(node: Promised, served: Served) -> None:
+def test_cancelled_goal(node: Promised, served: LoadedModel) -> None:
     """A goal that is cancelled leaves the old table."""
     goals = Goals(node)
     handle, future = goals.send(mass=1e4, inertia=10.0)
@@ -395,7 +395,7 @@ def test_second_goal(node: Promised) -> None:
     ],
 )
 def test_refused_implement(
-    node: Promised, served: Served, fields: dict[str, Any], words: str
+    node: Promised, served: LoadedModel, fields: dict[str, Any], words: str
 ) -> None:
     """An implement that is not possible is refused, and the old table stays in use."""
     status, result = Goals(node).result(**fields)

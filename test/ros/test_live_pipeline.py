@@ -27,9 +27,9 @@ from linkage_vibration.prediction.settings import Parameters, with_values
 from linkage_vibration.prediction.severity import Unknown
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.ros import arrivals, message_path
+from linkage_vibration.ros import arrivals, live_pipeline
 from linkage_vibration.ros.live_inputs import live_topics
-from linkage_vibration.ros.message_path import Predicting
+from linkage_vibration.ros.live_pipeline import LivePipeline
 from linkage_vibration.ros.statistics import Statistics
 from linkage_vibration.support.resources import (
     DEFAULT_MECHANISM,
@@ -41,7 +41,7 @@ from linkage_vibration.table.table import load_table
 from linkage_vibration_interfaces.msg import LoadState as LoadStateMessage
 from test.support.ros_process import JOINT
 
-PACKAGE = Path(message_path.__file__).parents[1]
+PACKAGE = Path(live_pipeline.__file__).parents[1]
 START = 1_700_000_000.0  # s
 
 
@@ -57,7 +57,7 @@ class Bench:
         clock = SimpleNamespace(
             monotonic=lambda: self.now, time_ns=lambda: round(1e9 * (START + self.now))
         )
-        for module in (message_path, arrivals):
+        for module in (live_pipeline, arrivals):
             monkeypatch.setattr(module, "time", clock)
         self.published = list[str]()  # types
         outputs = {
@@ -82,7 +82,7 @@ class Bench:
         self.monitor = ResonanceMonitor(
             read_excitations(Parameters().excitation_path()), rate=Parameters().resonance_rate
         )
-        self.path = Predicting(
+        self.path = LivePipeline(
             *(node, listener, outputs, Parameters()),  # type: ignore[arg-type]
             self.topics,
             predictor,

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 from rclpy.node import Node
 
-from linkage_vibration.bags.numbers import MAX_NAMES, CdrError, ReadingError
+from linkage_vibration.bags.scalar_reader import MAX_NAMES, CdrError, ReadingError
 from linkage_vibration.bags.writing import Topic
 from linkage_vibration.listening.live import SensorMonitor, second
 from linkage_vibration.mechanics.description import Mechanism
@@ -91,7 +91,7 @@ def output_topics(node: Node) -> list[Topic]:
     ]
 
 
-class Predicting:
+class LivePipeline:
     """Answers readings with predictions and, once a speed is known, resonances and advice.
 
     Publishers are given by their messages' types. ``record`` gets each used message, its time, ns,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from linkage_vibration.listening.gates import (
+from linkage_vibration.listening.mode_checks import (
     damping_doubt,
     line_doubt,
     low_damping_doubt,

@@ -30,7 +30,7 @@ class ReadingError(LinkageVibrationError):
     """A message has no reliable number."""
 
 
-class MessageNumber(NamedTuple):
+class Scalar(NamedTuple):
     """The number of one message, its rate (1/s, NaN if unknown), and the header of the message."""
 
     value: float
@@ -41,11 +41,11 @@ class MessageNumber(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Numbers:
+class ScalarBatch:
     """The numbers of messages whose headers have the same frame, by columns."""
 
     rows: Integers  # (n,), of the block
-    value: FloatArray  # (n,), as in `MessageNumber`
+    value: FloatArray  # (n,), as in `Scalar`
     rate: FloatArray  # (n,), likewise
     sec: NDArray[np.int32]  # (n,), s; 0 without a header
     nanosec: NDArray[np.uint32]  # (n,), ns
@@ -54,7 +54,7 @@ class Numbers:
 
 
 @dataclass(slots=True)
-class LeftOut:
+class SkippedMessages:
     """How many messages of a bag were left out, and why."""
 
     others: int = 0  # do not contain the number
@@ -76,7 +76,7 @@ class NumberReader(ABC):
     sender: str = ""
 
     @abstractmethod
-    def read_one(self, data: bytes) -> MessageNumber | None:
+    def read_one(self, data: bytes) -> Scalar | None:
         """Return the number of a message in plain CDR; None if it does not contain it.
 
         It raises a `CdrError` if the bytes are not such a message, and a `ReadingError` if its
@@ -84,7 +84,9 @@ class NumberReader(ABC):
         """
 
     @abstractmethod
-    def read(self, block: Block, rows: Integers, left_out: LeftOut) -> Iterator[Numbers]:
+    def read(
+        self, block: Block, rows: Integers, left_out: SkippedMessages
+    ) -> Iterator[ScalarBatch]:
         """Read messages of a bag, (n,), which gives the same numbers as `read_one` for each.
 
         Those without a number are counted in ``left_out``.

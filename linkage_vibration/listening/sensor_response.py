@@ -17,7 +17,7 @@ from linkage_vibration.readers.sensors import Sensor
 from linkage_vibration.table.table import Table
 
 
-class Transfer:
+class SensorResponse:
     """Amplitudes at the place of a sensor per unit of each excitation that has an amplitude.
 
     A `SignalError` says that the table has no response there.

@@ -14,7 +14,7 @@ from linkage_vibration.listening.output_only import (
     ALIKE,
     ORDERS,
     Candidate,
-    Steps,
+    PausableTask,
     covariances,
     mac,
     poles_and_shapes,
@@ -72,7 +72,7 @@ def wheelbase_lines(
     place: Place,
     alpha3: float,
     speeds: Sequence[float],
-) -> Steps[FloatArray]:
+) -> PausableTask[FloatArray]:
     """Return frequencies, Hz, of maxima of the predicted spectrum that no mode makes.
 
     It is the mean of the acceleration's at speeds, m/s, as a line that follows a changing speed is
@@ -136,7 +136,7 @@ def tone_doubt(
     rate: float,
     band: tuple[float, float],
     orders: Sequence[Sequence[float]],
-) -> Steps[str]:
+) -> PausableTask[str]:
     """Return which tone that no excitation describes dominates a band, Hz; else nothing.
 
     Of squares of amplitudes, ln(mean) - mean(ln) is 0.58 for random forces, and 1 / q for a tone of
@@ -178,7 +178,7 @@ def _strongest_line(
 
 def window_doubt(
     windows: Sequence[FloatArray], rate: float, first_lag: int, candidate: Candidate
-) -> Steps[str]:
+) -> PausableTask[str]:
     """Return that fewer than `WINDOWS` windows, (n, n_channels), show a mode; else nothing."""
     shown = 0
     for window in windows:
