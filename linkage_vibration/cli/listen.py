@@ -62,7 +62,7 @@ def run(options: argparse.Namespace) -> int:
         for sensor in sensors:
             times, readings = read_measured(sensor, options.log, int(log.stamps[0]))
             signal = measured_signal(sensor, times, readings, highest)
-            comparisons.append(page.hear(log, signal))
+            comparisons.append(page.compare_sensor(log, signal))
             bar.update()
         modes = page.heard_modes(log, comparisons)
         bar.update()

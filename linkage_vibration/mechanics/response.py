@@ -422,7 +422,7 @@ def far_poles(
     return FarPoles(np.asarray(k + 1j * damping[:, 1]), damping[:, 0].copy(), frequencies)
 
 
-def searched(band: tuple[float, float], *, free: bool) -> tuple[float, float]:
+def peak_search_band(band: tuple[float, float], *, free: bool) -> tuple[float, float]:
     """Return the part of a band (Hz) in which responses are compared; `free` is for a mechanism."""
     return (max(band[0], FREE_FROM * band[1]), band[1]) if free else band
 

@@ -62,7 +62,7 @@ class SensorComparison:
     reference: FloatArray  # (m,), N, what load ratios refer to; NaN if it is not known
 
 
-def hear(log: Log, signal: Signal) -> SensorComparison:
+def compare_sensor(log: Log, signal: Signal) -> SensorComparison:
     """Return what a sensor heard in the drive of a log, beside what its model predicts there."""
     if log.table is None or log.mechanism is None or not log.excitations:
         raise ReviewError(f"{log.path} holds no table with excitations; replay the drive again.")

@@ -23,7 +23,7 @@ from linkage_vibration.mechanics.response import (
     FarPoles,
     PoleResidue,
     find_maxima,
-    searched,
+    peak_search_band,
     sum_of_modes,
 )
 from linkage_vibration.table.interpolation import interpolation_matrix
@@ -88,7 +88,7 @@ class Modal:
 
     def _lines(self, band: tuple[float, float]) -> FloatArray:
         """Return angular frequencies among which maxima are sought, (n, n_lines), ascending."""
-        first, high = (2.0 * math.pi * end for end in searched(band, free=self.models.free))
+        first, high = (2.0 * math.pi * end for end in peak_search_band(band, free=self.models.free))
         poles = self.frequencies
         n = len(poles)
         oscillates = (poles.imag > MECHANISM) & (np.abs(poles) < high)

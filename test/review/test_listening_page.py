@@ -19,7 +19,7 @@ from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.review import listening_page
 from linkage_vibration.review.listening_page import (
     answers,
-    hear,
+    compare_sensor,
     heard_modes,
     is_calm,
     modes_answer,
@@ -58,7 +58,7 @@ def test_a_level_is_not_known_where_a_speed_or_the_angle_is_not(log: Log) -> Non
     engine = {Source.ENGINE: (times, known)}
     both = engine | {Source.PTO: (times, np.zeros(len(times)))}
     signal = shaken(log, 0.0, 8.0)
-    actual = [hear(replace(log, speeds=each), signal) for each in (engine, both)]
+    actual = [compare_sensor(replace(log, speeds=each), signal) for each in (engine, both)]
     assert [Source.PTO.value in each.unknown for each in actual] == [True, False]
     for each in actual:
         middle = each.orders.times
@@ -84,11 +84,11 @@ DOUBTFUL = replace(FAR, doubt="a reason")
 )
 def test_modes_answer(log: Log, modes: list[DriveMode], words: str, explained: bool) -> None:
     """The worst mode that is reported is the answer; what may explain it stands in the table."""
-    named = modes_answer(log, modes, [hear(log, shaken(log, 0.0, 0.0))]).replace(
+    named = modes_answer(log, modes, [compare_sensor(log, shaken(log, 0.0, 0.0))]).replace(
         log.mode_name(0), "mode 1"
     )
     assert words in named
-    page = listening_page.listening_page(log, [hear(log, shaken(log, 0.0, 0.0))], modes)
+    page = listening_page.listening_page(log, [compare_sensor(log, shaken(log, 0.0, 0.0))], modes)
     assert "± nan" not in page
     assert ("may be explained by a change of" in page) == explained
     assert "class=calm" not in page  # No order was compared.
@@ -119,7 +119,7 @@ def test_contradictions_come_first(log: Log, apart: float, is_detected: bool, wo
     What noise hides is not known to agree, so it does not count as compared.
     """
     row = order(log, apart, is_detected=is_detected)
-    heard = replace(hear(log, shaken(log, 0.0, 0.0)), rows=[row], compared=0.95)
+    heard = replace(compare_sensor(log, shaken(log, 0.0, 0.0)), rows=[row], compared=0.95)
     said = answers(log, [heard], [MODE])
     assert (words in said[0]) if words else said[0].startswith("The ")
     assert said[0].startswith("engine_shake 1.5 at imu is ") == bool(words)
@@ -130,7 +130,9 @@ def test_contradictions_come_first(log: Log, apart: float, is_detected: bool, wo
 
 def test_what_was_not_compared_is_not_green(log: Log) -> None:
     """95 % of the predicted mean square has to be compared, and a mode; less is said in words."""
-    heard = replace(hear(log, shaken(log, 0.0, 0.0)), rows=[order(log, 0.0)], compared=0.95)
+    heard = replace(
+        compare_sensor(log, shaken(log, 0.0, 0.0)), rows=[order(log, 0.0)], compared=0.95
+    )
     less = replace(heard, compared=0.949)
     assert is_calm([heard], [MODE])
     assert not is_calm([heard], [])
@@ -148,12 +150,12 @@ def test_share_that_was_compared(log: Log) -> None:
     still = replace(log, crank_angle=constant, speeds=engine)
     [shake] = [each for each in log.excitations if each.load and each.source is Source.ENGINE]
     alone = replace(still, excitations=(shake,))
-    first = hear(alone, shaken(log, 0.0, 0.0)).rows[0]
+    first = compare_sensor(alone, shaken(log, 0.0, 0.0)).rows[0]
     signal = shaken(log, 0.0, 0.0)
     tone = np.sqrt(2.0) * first.predicted * np.sin(2.0 * np.pi * 37.5 * signal.times)
     signal = replace(signal, values=0.001 * signal.values + np.outer(tone, [0.0, 0.0, 1.0]))
-    assert hear(alone, signal).compared == pytest.approx(1.0, abs=0.15)
-    assert hear(still, signal).compared == 0.0
+    assert compare_sensor(alone, signal).compared == pytest.approx(1.0, abs=0.15)
+    assert compare_sensor(still, signal).compared == 0.0
 
 
 def silence(log: Log, angles: np.ndarray, signals: list[Signal]) -> str:
@@ -210,7 +212,7 @@ def test_no_mode_is_sought_in_a_gap(log: Log, gap: float, monkeypatch: pytest.Mo
     whole, late = shaken(log, 0.0, 0.0), shaken(log, 5.0, 0.0)
     kept = (whole.times < 10.0) | (whole.times > 10.0 + gap)
     whole = replace(whole, times=whole.times[kept], values=whole.values[kept])
-    heard_modes(log, [hear(log, each) for each in (whole, late)])
+    heard_modes(log, [compare_sensor(log, each) for each in (whole, late)])
     times, values, angle = given[2], given[3], given[5]
     assert (times[0], values.shape[1]) == (5.0, 4)
     unknown = np.isnan(angle)
@@ -227,7 +229,7 @@ def test_load_ratio_of_a_pin(log: Log) -> None:
     tone = 1000.0 * math.sqrt(2.0) * moving.values[:, 2:]
     signal = replace(moving, sensor=force, values=tone)
     static = LinkageModel(read_mechanism(config_file(PAPER_MECHANISM))).static_forces(2.5)[0]
-    heard = hear(replace(log, crank_angle=angle), signal)
+    heard = compare_sensor(replace(log, crank_angle=angle), signal)
     np.testing.assert_allclose(heard.measured / heard.reference, 1000.0 / static, rtol=0.01)
     said = answers(log, [heard], ())[-1]
     assert f"Its load ratio is up to {1000.0 / static:.2g}; that of" in said
@@ -237,7 +239,7 @@ def test_load_ratio_of_a_pin(log: Log) -> None:
         replace(log, crank_angle=angle, table=unknown),
         replace(log, crank_angle=4.0 + angle),
     ):
-        assert "load ratio" not in answers(log, [hear(other, signal)], ())[-1]
+        assert "load ratio" not in answers(log, [compare_sensor(other, signal)], ())[-1]
 
 
 def test_a_dead_axis_and_sensors_that_hardly_meet(
@@ -254,10 +256,10 @@ def test_a_dead_axis_and_sensors_that_hardly_meet(
     monkeypatch.setattr(drive_modes, "search_modes", listen)
     signal = shaken(log, 0.0, 0.0)
     first, dead = (replace(signal, values=signal.values * gain) for gain in ([0, 0, 1], [0, 0, 0]))
-    heard = [hear(log, first), hear(log, dead)]
+    heard = [compare_sensor(log, first), compare_sensor(log, dead)]
     assert heard_modes(log, heard) == heard_modes(log, heard[1:]) == ()
     assert places == [[("E1", "z")]]
     assert "No natural frequency was found" in listening_page.listening_page(log, heard, ())
     late = replace(signal, times=signal.times + signal.times[-1] - 7.0)
-    heard_modes(log, [hear(log, first), hear(log, late)])
+    heard_modes(log, [compare_sensor(log, first), compare_sensor(log, late)])
     assert len(places) == 1

@@ -12,7 +12,7 @@ from scipy.optimize import linear_sum_assignment
 from linkage_vibration.errors import check_type
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.mechanics.response import searched
+from linkage_vibration.mechanics.response import peak_search_band
 from linkage_vibration.support.version import VERSION
 from linkage_vibration.table.pole_cells import oscillating, values_of
 from linkage_vibration.table.table import Table, TableError
@@ -134,7 +134,7 @@ def _table(sampler: Sampler, pieces: Sequence[RefinedPiece]) -> Table:
         free_modes=sampler.free_modes,
         toggles=sampler.toggles,
         band=sampler.response.band,
-        peak_band=searched(sampler.response.peak_band, free=sampler.free_modes > 0),
+        peak_band=peak_search_band(sampler.response.peak_band, free=sampler.free_modes > 0),
         places=() if without else sampler.pole_places,
         forces=sampler.forces,
         reference_force=sampler.response.reference_force,

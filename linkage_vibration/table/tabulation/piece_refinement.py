@@ -15,7 +15,7 @@ import numpy as np
 
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray
 from linkage_vibration.mechanics.description import Response
-from linkage_vibration.mechanics.response import far_poles, reach, searched
+from linkage_vibration.mechanics.response import far_poles, peak_search_band, reach
 from linkage_vibration.table.interpolation import (
     interpolation_matrix,
     stroke_angle,
@@ -186,7 +186,7 @@ def _with_far(
     poles = poles[(poles.imag >= 0.0) & (not sampler.measured)]
     stiffness = np.abs(poles) ** 2 + 0j if viscous else -(poles**2)
     decay = -2.0 * poles.real if viscous else np.zeros(len(poles))
-    far = far_poles(stiffness, decay, searched(sampler.response.band, free=free), N_FAR)
+    far = far_poles(stiffness, decay, peak_search_band(sampler.response.band, free=free), N_FAR)
     lines = _near_lines(near, check_lines(sampler.response.band, free=free)[:N_FIT])
     sums = np.array([sample.totals[:N_FIT] for sample in samples]) - lines
     side_by_side = sums.swapaxes(0, 1).reshape(N_FIT, -1)
@@ -235,7 +235,7 @@ def _far_error(
     checked[-1] = math.sqrt(_END * width)
     pairs, worst = frf_pairs(models.shapes.shape[1], models.n_inputs), np.zeros(2)
     for row, error in enumerate(off):
-        size = frf_norm(between.frf(row, EVERY, EVERY), searched(band, free=models.free))
+        size = frf_norm(between.frf(row, EVERY, EVERY), peak_search_band(band, free=models.free))
         for each in (weights, checked):
             norms = np.zeros_like(size)
             norms[pairs] = np.linalg.norm(each * error, axis=0)
@@ -333,7 +333,7 @@ def compare(
     there = oscillating_rows(after.frequencies)
     off = [_worst([each]) for each in _pole_errors(before.frequencies, there, response)]
     values = max(*off, _worst(errors))
-    compared_band = searched(response.band, free=after.models.free)
+    compared_band = peak_search_band(response.band, free=after.models.free)
     peak, frf = _peak_error(before, after, response.peak_band), far_error
     # Fewer points leave the largest errors between them.
     between = stroke_angle((coarse.variables[1:] + coarse.variables[:-1]) / 2.0, coarse.toggles)

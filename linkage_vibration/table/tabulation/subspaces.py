@@ -18,7 +18,7 @@ from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArra
 from linkage_vibration.mechanics.description import Response
 from linkage_vibration.mechanics.model import IdentifiedSolution, LinkageModel, Place, Solution
 from linkage_vibration.mechanics.modes import MECHANISM, mixed_damping, modal_damping
-from linkage_vibration.mechanics.response import reach, searched
+from linkage_vibration.mechanics.response import peak_search_band, reach
 from linkage_vibration.table.reduced import Numbers, frf_pairs
 
 _WIDER = 2.5  # Poles up to so many times the reach may continue those of a table.
@@ -117,7 +117,7 @@ def _generator_poles(sample: PoleSample) -> ComplexArray:
 
 def check_lines(band: tuple[float, float], *, free: bool) -> FloatArray:
     """Return the frequencies (rad/s) of `PoleSample.totals`: those of the fit, then the others."""
-    low, high = searched(band, free=free)
+    low, high = peak_search_band(band, free=free)
     fit = (1.0 - np.cos(np.pi * (np.arange(N_FIT) + 0.5) / N_FIT)) / 2.0
     # The error is largest at the end of the band.
     check = np.append((np.arange(N_CHECK - 1) + 0.5) / (N_CHECK - 1), 1.0)

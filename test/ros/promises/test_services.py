@@ -101,9 +101,9 @@ class Goals:
     def send(self, **fields: Any) -> Any:
         """Return a goal that the node has accepted, and the future of its result."""
         self.progress.clear()
-        hear = lambda message: self.progress.append(message.feedback.progress)  # noqa: E731
+        compare_sensor = lambda message: self.progress.append(message.feedback.progress)  # noqa: E731
         goal = SetImplement.Goal(**fields)
-        handle = self._wait(self.client.send_goal_async(goal, feedback_callback=hear))
+        handle = self._wait(self.client.send_goal_async(goal, feedback_callback=compare_sensor))
         assert handle.accepted
         return handle, handle.get_result_async()
 
