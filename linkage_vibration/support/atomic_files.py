@@ -137,11 +137,11 @@ def _move(new: Path, target: Path, new_only: bool = False) -> None:
     with new.open("rb") as file:
         os.fsync(file.fileno())
     if new_only:
-        target.touch(exist_ok=False)  # a file that has appeared meanwhile stays
+        _move_to_free_name(new, target)
     else:
         with suppress(FileNotFoundError):
             new.chmod(stat.S_IMODE(target.stat().st_mode))
-    new.replace(target)
+        new.replace(target)
 
 
 def write_bytes(path: Path, data: bytes, error: type[LinkageVibrationError]) -> None:
@@ -152,6 +152,21 @@ def write_bytes(path: Path, data: bytes, error: type[LinkageVibrationError]) -> 
 def write_text(path: Path, text: str, error: type[LinkageVibrationError]) -> None:
     """Write a text file in UTF-8, as `write_bytes` does."""
     write_bytes(path, text.encode(), error)
+
+
+def _move_to_free_name(new: Path, target: Path) -> None:
+    """Move a file to a name that no file has, by operations that cannot replace one."""
+    try:
+        os.link(new, target)
+    except FileExistsError:
+        raise
+    except OSError:  # This file system has no hard links.
+        target.touch(exist_ok=False)
+        try:
+            new.replace(target)
+        except OSError:
+            target.unlink()
+            raise
 
 
 def _check_place(path: Path) -> None:

@@ -341,7 +341,7 @@ def test_header_and_fmu_say_why_deviations_are_not_known(tractor: Table, unknown
 def test_table_with_meeting_poles_is_refused() -> None:
     """Where poles nearly meet over much of the range, the error says where, and what to do."""
     dashpot, alpha3 = meeting_off_axis()
-    stroke = (alpha3 - 1e-6, alpha3 + 1e-6)
+    stroke = (alpha3 - 5e-7, alpha3 + 5e-7)
     mechanism = crossing_crank(GAP, AT, RATIO, dashpot)
     mechanism = replace(mechanism, stroke=stroke, assembly_alpha3=stroke[0])
     table = build_table(LinkageModel(mechanism), 1e-2)

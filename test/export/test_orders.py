@@ -205,7 +205,12 @@ def test_states_over_a_drive(case: Case) -> None:
     predicted = library.predict(angles, still)
     faults = library.judge(predicted, library.assess(predicted, speeds), times, limits)
     np.testing.assert_array_equal(faults[:, 0], expected.state)
-    np.testing.assert_array_equal(faults[:, 1], expected.excitation_index)
+    # Numbers of exported forces may differ by 0.5 %, which can exchange two loads of one size.
+    other = np.flatnonzero(faults[:, 1] != expected.excitation_index)
+    assert len(other) < 1e-3 * len(times)
+    for i in other:
+        loads = known.at(angles[i : i + 1], speeds[i : i + 1].T).load_ratios[0]
+        assert loads[faults[i, 1]] == pytest.approx(loads[expected.excitation_index[i]], rel=0.01)
     np.testing.assert_array_equal(faults[:, 2:], expected.states)
     entered = np.flatnonzero(np.diff((faults[:, 0] == ResonanceState.WARNING).astype(int)))
     assert (len(entered) >= 4) == bool(known.force_places)

@@ -214,7 +214,7 @@ def test_blocks_are_readings_one_after_the_other() -> None:
             {
                 name: np.concatenate([getattr(p, name) for p in parts])
                 for name in vars(parts[0])
-                if name not in ("table_id", "ends_at")
+                if name not in ("table_id", "ends_at", "unknown_factors")
             }
         )
     for other in columns[1:]:

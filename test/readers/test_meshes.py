@@ -306,7 +306,7 @@ BAD: dict[str, tuple[Callable[[str], str], str]] = {
         lambda text: "solid bar\n" + text,
         "is damaged or has another format than its name",
     ),
-    "old version": (replaced("2.2 0 8", "1 0 8"), "another format .* Need mesh format in .*2.2"),
+    "old version": (replaced("2.2 0 8", "1 0 8"), "another format .*Need mesh format in .*2.2"),
     "no groups": (
         replaced("PhysicalNames", "Comments"),
         "has no physical surface 'left' for the point A; choose one of none, or add it",

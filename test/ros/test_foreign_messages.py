@@ -140,7 +140,7 @@ def test_isobus_over_dds_and_in_a_bag(
     names = [f"/ISOBUS/{topic}" for topic in TYPES]
     assert messages(again, *names) == messages(log, *names)
     report = check_bag(log, Limits(statuses=(Status.OK, Status.INVALID_ANGLE)), SETTINGS)
-    assert report.passed
+    assert report.passed, str(report)
     assert report.predictions == len(messages(log, "/foreign/prediction"))
 
 

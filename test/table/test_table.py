@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.support.atomic_files import OutputError
@@ -102,7 +103,7 @@ def test_angles_outside_are_refused(small: Table) -> None:
             small.interpolate(angle)
     with pytest.raises(TableError, match=r"131\.8 deg is in range, so were degrees given"):
         small.evaluate([131.8])
-    with pytest.raises(TableError, match="FRFs belong to one angle; call `frf` for each"):
+    with pytest.raises(LinkageVibrationError, match="call it for each of them"):
         small.frf(ends, [("E1", "z")], [("E1", "z")])
 
 
