@@ -139,7 +139,9 @@ def test_isobus_over_dds_and_in_a_bag(
         assert answers == recorded
     names = [f"/ISOBUS/{topic}" for topic in TYPES]
     assert messages(again, *names) == messages(log, *names)
-    report = check_bag(log, Limits(statuses=(Status.OK, Status.INVALID_ANGLE)), SETTINGS)
+    # The drive has one position and one speed that are no numbers.
+    limits = Limits(statuses=(Status.OK, Status.INVALID_ANGLE), input_faults=2)
+    report = check_bag(log, limits, SETTINGS)
     assert report.passed, str(report)
     assert report.predictions == len(messages(log, "/foreign/prediction"))
 
