@@ -22,6 +22,7 @@ from typing import Any
 import pytest
 import yaml
 
+from linkage_vibration.demo.domain import reserve_domain
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.prediction.excitation import excitations_from_mapping
 from linkage_vibration.prediction.settings import Parameters, with_values
@@ -29,7 +30,6 @@ from linkage_vibration.readers.implements import read_implements
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.testing.limits import read_limits
 from test.support.can_bus import EPOCH, synthetic_hitch, write_candump
-from test.support.domain import reserve_domain
 from test.support.environments import make_environment
 
 ROOT = Path(__file__).resolve().parents[1]

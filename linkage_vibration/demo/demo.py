@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from linkage_vibration.demo.domain import reserve_domain
 from linkage_vibration.drawing.live_line import LiveLine
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.playback.readings import read_numbers
@@ -31,7 +32,6 @@ DRIVE = "drives/hitch_duty_cycle.mcap"
 # The table's range is shortened by this at each end, so that rounding does not leave it.
 MARGIN = 1e-9  # rad
 STOP_TIMEOUT = 10.0  # s
-DOMAINS = 101  # the ports of higher ones overlap with those that Linux gives to clients
 NODE_MODULE = "linkage_vibration.ros.node"
 # Both files are beside the log. The node's messages would break the live line on the terminal.
 NODE_PARAMETERS, NODE_OUTPUT = "node_parameters.yaml", "node_output.txt"
@@ -80,7 +80,7 @@ def _set_environment(output: Path) -> None:
     """Set the variables of ROS 2 that the user has not set."""
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     if "ROS_DOMAIN_ID" not in os.environ:
-        os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % DOMAINS)
+        os.environ["ROS_DOMAIN_ID"] = str(reserve_domain())
     if "HOME" not in os.environ:
         # ROS 2 writes its logs below one of the two, and does not start without either.
         os.environ.setdefault("ROS_LOG_DIR", str(output.resolve()))

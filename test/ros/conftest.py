@@ -10,7 +10,7 @@ from itertools import count
 
 import pytest
 
-from test.support.domain import reserve_domain
+from linkage_vibration.demo.domain import reserve_domain
 from test.support.ros_process import Peer, RunningNode, peer_of, start_node
 
 

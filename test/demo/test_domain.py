@@ -8,15 +8,15 @@ import sys
 
 import pytest
 
+from linkage_vibration.demo.domain import DomainError, reserve_domain
 from test.support import domain as module
-from test.support.domain import DomainError, reserve_domain
 
 
 def test_domain_in_use_is_avoided(monkeypatch: pytest.MonkeyPatch) -> None:
     """A domain is not chosen twice, nor if something listens on its port."""
     first = reserve_domain()
     assert reserve_domain() != first
-    probe = "from test.support.domain import reserve_domain as r; print(r())"
+    probe = "from linkage_vibration.demo.domain import reserve_domain as r; print(r())"
     command = [sys.executable, "-c", f"{probe}; print(r())"]
     printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     second, third = map(int, printed.split())
