@@ -16,10 +16,10 @@ import numpy as np
 
 from benchmark.report import machine, publish, table
 from linkage_vibration.bags.can_logs import DEFINITION
+from linkage_vibration.demo.domain import reserve_domain
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.settings import Parameters, with_values
 from test.support.can_bus import EPOCH, BusFrame, identifier, synthetic_hitch, write_candump
-from test.support.domain import reserve_domain
 from test.support.interface_packages import built_package, environment_with
 from test.support.ros_process import start_node
 

@@ -16,7 +16,7 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 
 from benchmark.report import machine, publish, table
-from test.support.domain import reserve_domain
+from linkage_vibration.demo.domain import reserve_domain
 from test.support.ros_process import JOINT, SENSOR, own_context, start_node, until
 
 SECONDS, RATE = 25.0, 80.0

@@ -20,12 +20,12 @@ from std_msgs.msg import Float64
 
 from benchmark.listening.simulation import Scene, simulate
 from benchmark.report import machine, publish, table
+from linkage_vibration.demo.domain import reserve_domain
 from linkage_vibration.listening.live import SensorMonitor
 from linkage_vibration.prediction.excitation import Source, excitations_from_mapping
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.readers.sensors import live_sensors
 from linkage_vibration.readers.served import read_served
-from test.support.domain import reserve_domain
 from test.support.ros_process import JOINT, SENSOR, own_context, start_node, until
 
 RATE, SECONDS, PAIRS = 200, 20.0, 5
