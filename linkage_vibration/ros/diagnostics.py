@@ -209,8 +209,9 @@ def _values(health: Health, statistics: Statistics) -> dict[str, str]:
         "table id": "" if served is None else served.table.table_id,
         "table error": f"{served.table.interpolation_error.max() if served else math.nan:.1e}",
     }
-    if predicting is not None and predicting.resonance is not None:
-        near = described(predicting.resonance)
+    # The thread of the readings replaces it.
+    if predicting is not None and (resonance := predicting.resonance) is not None:
+        near = described(resonance)
         values["resonance"] = near.state.name.lower()
         values["margin [%]"] = f"{100.0 * near.relative_margin:.1f}"
         values["probability"] = f"{near.probability:.2g}"

@@ -551,8 +551,8 @@ class LivePipeline:
             if self._adviser.is_due(float(message.total_load_ratio), int(message.due_at)):
                 advice = self._adviser.answer(message)
                 self._publish(ADVICE, advice, *stamp_and_frame(message), answers)
-        self.resonance = messages[-1]
-        self.resonance.state = ResonanceState(self.resonance.state)
+        messages[-1].state = ResonanceState(messages[-1].state)
+        self.resonance = messages[-1]  # whole, as the thread of the diagnostics reads it
 
     def _report_status(self, prediction: Prediction) -> None:
         """Warn of a reading that has no prediction, or one that is sensitive to its error."""
