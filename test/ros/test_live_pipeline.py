@@ -24,7 +24,7 @@ from linkage_vibration.prediction.levels import kept_levels
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.prediction.settings import Parameters, with_values
-from linkage_vibration.prediction.severity import Unknown
+from linkage_vibration.prediction.severity import ResonanceState, Unknown
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.ros import arrivals, live_pipeline
@@ -253,6 +253,21 @@ def test_windows_of_readings(bench: Bench, readings: int, messages: int) -> None
     assert len(counts) == messages
     assert bench.path.resonance is not None
     assert int(bench.path.resonance.count) == messages
+
+
+def test_other_threads_see_a_whole_assessment(bench: Bench) -> None:
+    """Whenever the diagnostics look, the last assessment has a state with a name."""
+    seen, kind = list[bool](), type(bench.path)
+
+    class Watched(kind):  # type: ignore[misc, valid-type]
+        def __setattr__(self, name: str, value: Any) -> None:
+            super().__setattr__(name, value)
+            if name == "resonance" and value is not None:
+                seen.append(isinstance(value.state, ResonanceState))
+
+    bench.path.__class__ = Watched
+    test_windows_of_readings(bench, 11, 2)
+    assert seen == [True, True]
 
 
 def publisher(kind: str) -> SimpleNamespace:
