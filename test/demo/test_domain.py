@@ -8,8 +8,8 @@ import sys
 
 import pytest
 
+from linkage_vibration.demo import domain as module
 from linkage_vibration.demo.domain import DomainError, reserve_domain
-from test.support import domain as module
 
 
 def test_domain_in_use_is_avoided(monkeypatch: pytest.MonkeyPatch) -> None:
