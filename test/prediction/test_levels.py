@@ -105,9 +105,6 @@ def test_levels_are_those_of_the_model(name: str) -> None:
         assert np.isnan(level.velocities[[0, 1, 2, 7]]).all()  # no amplitude, and no speed
 
 
-_POLES = 13  # of the shipped tractor and the starters
-
-
 def with_implement(file: str, mass: float, inertia: float) -> Mechanism:
     """Return a shipped mechanism with another implement, kg and kg m2, and no uncertain numbers."""
     mapping = yaml.safe_load(config_file(file).read_text(encoding="utf-8"))
@@ -125,10 +122,6 @@ def check_velocity(mechanism: Mechanism, table: Table, angles: Sequence[float]) 
         force = np.abs(frf.frf(np.array([4.05]))[0, 0, 0]) * 150.0 * (540.0 / 1080.0) ** 2
         velocity = 2.0 * math.pi * 4.05 * force / math.sqrt(2.0)
         level = level_at(levels, alpha3, speeds())
-        if math.isnan(level.velocities[3]):  # not known where two poles nearly coincide
-            frequencies = model.solve(alpha3).natural_frequencies[:_POLES]
-            assert np.diff(np.log(frequencies)).min() < 0.01
-            continue
         assert level.velocities[3] == pytest.approx(velocity, rel=2e-4)
         assert math.isfinite(level.total_load_ratio)
 
