@@ -35,6 +35,16 @@ def pytest_pycollect_makemodule(module_path: Path, parent: Any) -> pytest.Module
     return pytest.Module.from_parent(parent, path=module_path)
 
 
+COLLECTED = pytest.StashKey[list[pytest.Item]]()
+"""All tests of the modules of this run, also those of the nightly set, which may not run."""
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Keep what was collected, before options choose from it."""
+    config.stash[COLLECTED] = list(items)
+
+
 def pytest_configure(config: pytest.Config) -> None:
     """Let the tests keep what programs cache beside what pytest does, not in the user's home."""
     os.environ["XDG_CACHE_HOME"] = str(config.rootpath / ".pytest_cache" / "programs")

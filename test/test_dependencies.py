@@ -178,7 +178,7 @@ def test_only_public_names_are_imported(folder: str) -> None:
             assert set(names) <= set(public), f"{path} imports {names} of {module}"
 
 
-@pytest.mark.nightly
+@pytest.mark.nightly(alone="it installs old releases")
 @pytest.mark.parametrize("version", ["0.11.0", "0.11.5"])
 def test_bags_are_read_with_the_oldest_rosbags(tmp_path: Path, version: str) -> None:
     """The tests of bags pass with the first release that setup.py allows; pip downloads it."""

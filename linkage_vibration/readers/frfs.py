@@ -211,7 +211,7 @@ def _receptance(data: Mapping[str, Any], where: str) -> _Function:
         raise FileError(f"{where} is not complex; export real and imaginary parts.")
     if power and len(x) and x[0] == 0.0:
         x, y = x[1:], y[1:]
-    with np.errstate(all="ignore"):
+    with np.errstate(all="ignore"):  # what is not finite is reported later
         return x, y / (2j * np.pi * x) ** power
 
 

@@ -62,7 +62,7 @@ def compare(
     beside = [model.solve(alpha3 + step).natural_frequencies for step in steps]
     count = min(len(solution.natural_frequencies), *map(len, beside))
     predicted = solution.natural_frequencies[:count]
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):  # modes at 0 Hz
         turned = np.max([np.abs(np.log(each[:count] / predicted)) for each in beside], axis=0)
     spreads = np.array([mode.frequency_stddev / mode.frequency for mode in measured])
     spreads[np.isnan(spreads)] = _UNKNOWN
@@ -163,7 +163,7 @@ def pair_modes(
     ).reshape(-1, 3, 1).transpose(1, 0, 2)  # fmt: skip
     away = np.abs(np.log(hz / np.maximum(frequencies, 1e-3)))
     permitted = away <= math.log(FARTHEST) + _EQUAL
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):  # log(0), undamped
         damping = np.abs(np.log(ratios / damping_ratios))
     damping = np.where(np.isfinite(damping), damping, 0.0)  # a model without damping
     damping /= _SIGMAS * np.hypot(_MODEL_DAMPING, np.nan_to_num(spreads))

@@ -15,7 +15,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from linkage_vibration.bags.blocks import Block
 from linkage_vibration.bags.field_reader import FieldReader
 from linkage_vibration.bags.message_types import JOINT_STATE
-from linkage_vibration.bags.scalar_reader import CdrError, ReadingError, SkippedMessages
+from linkage_vibration.bags.scalar_reader import MAX_NAMES, CdrError, ReadingError, SkippedMessages
 from linkage_vibration.bags.schemas import (
     NUMBERS,
     FieldError,
@@ -326,3 +326,12 @@ def test_layouts_are_bounded() -> None:
     assert rows == {k: float(k) for k in range(300)}
     assert len(reader._layouts._kept) <= 64
     assert math.isclose(reader.read_one(data[7])[0], 7.0)  # type: ignore[index]
+
+
+def test_names_are_limited() -> None:
+    """Of a message with very many names, the first thousand are kept."""
+    names = [f"joint {k}" for k in range(1001)]
+    data = joint_state(names, [0.0] * 1001, [])
+    reader = FieldReader(JOINTS, JOINT_STATE, "position[boom]")
+    assert list(reader.other_names(data)) == names[:1000]
+    assert MAX_NAMES == 1000

@@ -128,7 +128,7 @@ def test_foreign_recording(tmp_path: Path) -> None:
     np.testing.assert_allclose((angles.min(), angles.max()), (90, 180), atol=1e-6)
 
 
-@pytest.mark.nightly
+@pytest.mark.nightly(short="test_every_joint_state_is_answered_and_logged")
 def test_shipped_drive(tmp_path: Path) -> None:
     """The demo, run as `make demo` does, answers all 2000 joint states of the shipped drive."""
     printed = demo(tmp_path)

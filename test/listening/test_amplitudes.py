@@ -3,6 +3,7 @@
 """Amplitudes of excitations from measured orders hold within their intervals."""
 
 import math
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -170,3 +171,13 @@ def test_amplitude_of_an_order_in_a_few_windows() -> None:
     amplitude, relative = _amplitude(squares, np.full(5, 0.1), np.ones((5, 1)))
     assert amplitude == pytest.approx(math.sqrt(1.7 / 5.0))
     assert math.isfinite(relative)
+
+
+def test_the_deviation_of_a_measured_rms() -> None:
+    """Of m lines that are far above noise of a variance s, the mean rms deviates by sqrt(s/m)/2."""
+    amplitudes = np.full((15, 1, 2), 100.0 * math.sqrt(NOISE))
+    actual = orders(amplitudes, np.random.default_rng(2))
+    plain = tuple(replace(each, load=None) for each in excitations())
+    for row in measure_orders(plain, actual, np.empty((15, 1, 0)), ()):
+        assert row.measured == pytest.approx(100.0 * math.sqrt(NOISE / 2.0), rel=0.01)
+        assert row.measured_stddev == pytest.approx(math.sqrt(NOISE / 15.0) / 2.0, rel=0.01)

@@ -504,19 +504,19 @@ def test_mass_that_is_too_large(tmp_path: Path) -> None:
 
 
 def test_threads_change_no_byte(tmp_path: Path) -> None:
-    """A replay from Python has the same bytes with one, two and four threads of BLAS."""
+    """A replay from Python has the same bytes with one and with four threads of BLAS."""
     code = (
         "import sys, linkage_vibration as lv\n"
         "lv.replay(sys.argv[1], sys.argv[2], lv.Parameters(ground_speed=7.0))"
     )
     drive, logs = config_file("drives/hitch_duty_cycle.mcap"), list[bytes]()
-    for threads in ("1", "2", "4"):
+    for threads in ("1", "4"):
         log, own = tmp_path / f"{threads}.mcap", {"XDG_CACHE_HOME": str(tmp_path / threads)}
         environment = {**os.environ, **own, "OPENBLAS_NUM_THREADS": threads}
         command = [sys.executable, "-c", code, str(drive), str(log)]
         subprocess.run(command, env=environment, check=True)
         logs.append(log.read_bytes())
-    assert logs[0] == logs[1] == logs[2]
+    assert logs[0] == logs[1]
 
 
 def test_what_if_the_implement_were_heavier(tmp_path: Path) -> None:

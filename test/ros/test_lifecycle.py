@@ -123,7 +123,7 @@ def test_levels_are_ready_before_the_first_reading(
     assert entities(node)["subscriptions"] > before
 
 
-@pytest.mark.parametrize("count", [20, pytest.param(60, marks=pytest.mark.nightly)])
+@pytest.mark.parametrize("count", [10, pytest.param(60, marks=pytest.mark.nightly)])
 def test_many_lifecycles_leave_nothing_behind(
     managed: Callable[..., Any], tmp_path: Path, count: int
 ) -> None:
@@ -154,7 +154,7 @@ def test_many_lifecycles_leave_nothing_behind(
     # Objects of the last configuration or two may wait for another thread; a leak has all of them.
     for kind, number in sizes[-1][2].items():
         assert number <= 3 * max(sizes[0][2][kind], 1), kind
-    if count > 20:
+    if count > 10:
         assert sizes[-1][1] - sizes[0][1] < 5 * 2**20  # a table alone has half of that, each time
     assert node.trigger_configure() is SUCCESS
     assert node.trigger_shutdown() is SUCCESS

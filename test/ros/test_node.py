@@ -187,10 +187,10 @@ def test_signals_amid_traffic(start: Callable[..., Any], meet: Callable[[str], A
     for i, by in enumerate((signal.SIGINT, signal.SIGTERM, signal.SIGHUP)):
         busy = start(name=f"busy_{i}")
         peer = meet(f"busy_{i}")
-        for count in range(1000):
+        for count in range(400):
             peer.publish()
             peer.executor.spin_once(0.0005)
-            if count == 700:
+            if count == 300:
                 busy.process.send_signal(by)
         assert busy.stop(by) == 0
         assert {line.split()[0] for line in busy.printed.splitlines()} <= {"[INFO]"}, busy.printed
