@@ -206,6 +206,7 @@ def test_file_that_never_grows_is_a_lasting_fault(
     node.wait_for(ERROR, "could not be written any further")
     node.stays(ERROR, 7)
     assert node.process.printed.count("could not be written any further") == 1
+    assert node.peer.ask([JOINT], [2.0]).status == Status.OK
     resource.prlimit(node.process.process.pid, resource.RLIMIT_FSIZE, limits)
     node.wait_for(WARN, "messages are missing in the log")
 
