@@ -42,7 +42,7 @@ SWAPS: dict[type[ast.AST], str] = {
 }
 OPERATOR = re.compile(r"(\)*\s*)([-+*/<>=!]+|and|or)(\s*\(*)")
 MADE = shutil.ignore_patterns(".*", "build", "*.egg-info", "__pycache__")
-MOST = 5  # files of tests, those with the most similar names
+MOST = 4  # files of tests, those with the most similar names
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ def drawn(count: int, seed: int) -> dict[str, list[Mutant]]:
 
 
 def tests_of(module: Path) -> list[str]:
-    """Return the files of tests that import a module, or else those of its room, at most five.
+    """Return the files of tests that import a module, or else those of its room, at most four.
 
     The ones with its name come first, and then those of its room. Only the node's start nodes.
     """
@@ -141,17 +141,30 @@ def is_room(path: Path, module: Path) -> bool:
     return "ros" not in path.parts or module.parts[1] == "ros"
 
 
-def run(checkout: Path, tests: Sequence[str]) -> int | None:
-    """Return the exit code of tests in a checkout, until one fails; None after the limit."""
+def run(checkout: Path, tests: Sequence[str]) -> str | None:
+    """Return which test fails first in a checkout, "" if none does; None after the limit."""
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
     environment = os.environ | {"PYTHONPATH": str(checkout)}
     try:
         done = subprocess.run(
-            command, cwd=checkout, env=environment, capture_output=True, timeout=LIMIT
+            command, cwd=checkout, env=environment, capture_output=True, text=True, timeout=LIMIT
         )
     except subprocess.TimeoutExpired:
         return None
-    return done.returncode
+    failed = re.search(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", done.stdout, re.MULTILINE)
+    return failed[1] if failed else "" if done.returncode in (0, 5) else tests[0]
+
+
+def notices(checkout: Path, mutant: Mutant) -> bool:
+    """Return whether a test of the module fails with a change, and passes without it."""
+    file = checkout / mutant.path
+    text = file.read_bytes()
+    file.write_bytes(mutant.change(text))
+    failed = run(checkout, tests_of(mutant.path))
+    file.write_bytes(text)
+    if failed and run(checkout, [failed]) != "":
+        raise SystemExit(f"{failed} fails without a change, too; correct it first.")
+    return failed != ""
 
 
 def main() -> None:
@@ -160,26 +173,18 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=300)
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
-    rows, missed, sound = list[tuple[str, int, int]](), list[str](), set[str]()
+    rows, missed = list[tuple[str, int, int]](), list[str]()
     with tempfile.TemporaryDirectory() as folder:
         checkout = Path(folder) / "checkout"
         shutil.copytree(ROOT, checkout, ignore=MADE)
         for room, few in drawn(given.count, given.seed).items():
-            found = 0
-            for each in few:
-                tests, file = tests_of(each.path), checkout / each.path
-                text = file.read_bytes()
-                for name in tests:  # A test that fails anyway would find everything.
-                    if name not in sound and run(checkout, [name]) not in (0, 5):
-                        raise SystemExit(f"{name} fails without a change; correct it first.")
-                    sound.add(name)
-                file.write_bytes(each.change(text))
-                notices = run(checkout, tests) != 0
-                file.write_bytes(text)
-                found += notices
-                missed += [] if notices else [each.describe(text)]
-                print(notices, each.describe(text), flush=True)
-            rows.append((room, len(few), found))
+            found = [notices(checkout, each) for each in few]
+            rows.append((room, len(few), sum(found)))
+            pairs = zip(few, found, strict=True)
+            missed += [
+                x.describe((ROOT / x.path).read_bytes()) for x, is_found in pairs if not is_found
+            ]
+            print(rows[-1], *missed, sep="\n", flush=True)
     count, noticed = sum(row[1] for row in rows), sum(row[2] for row in rows)
     share = noticed / count
     error = math.sqrt(share * (1.0 - share) / count)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -126,7 +126,6 @@ def paths(message: Any, prefix: str = "") -> dict[str, float]:
     return actual
 
 
-@settings(max_examples=80)
 @given(messages(), st.booleans())
 def test_against_rosbags(drawn: tuple[str, Any, list[Any]], little: bool) -> None:
     """Every number of any type is exact, one by one and together, in either byte order."""

@@ -44,7 +44,6 @@ TRUE = 80.0, 40.0  # N
 NOISE = 1e-6  # (m/s2)^2
 ANGLES = np.radians([105.0, 120.0, 135.0, 150.0, 165.0])
 SPEEDS = np.array([480.0, 500.0, 520.0])  # rpm
-DRIVES = 60
 
 
 def excitations() -> tuple[Excitation, ...]:
@@ -88,10 +87,16 @@ def test_the_transfer_is_that_of_the_model() -> None:
     assert np.isnan(predicted().gains(2.3, np.array([math.nan, 50.0]))[:, 0]).all()
 
 
-def test_intervals_of_amplitudes_hold() -> None:
-    """Of drives of machines with other numbers, 90 to 99 % lie within the intervals of 95 %."""
+@pytest.mark.parametrize(
+    ("drives", "least"), [(12, 20 / 24), pytest.param(60, 0.9, marks=pytest.mark.nightly)]
+)
+def test_intervals_of_amplitudes_hold(drives: int, least: float) -> None:
+    """Of drives of machines with other numbers, 90 to 99 % lie within the intervals of 95 %.
+
+    Of 24 amplitudes, less than 20 do so with a probability of 1 %.
+    """
     random, scores = np.random.default_rng(7), []
-    for _, model in zip(range(DRIVES), drawn_models(), strict=False):
+    for _, model in zip(range(drives), drawn_models(), strict=False):
         rows = []
         for angle in ANGLES.tolist():
             frf = model.solve(angle).frf([("E1", "x"), ("E1", "z")], [("E1", "x")])
@@ -103,7 +108,8 @@ def test_intervals_of_amplitudes_hold() -> None:
             assert row.is_detected
             scores.append(math.log(row.amplitude / true) / row.relative_stddev)
     share = float((np.abs(scores) < 1.96).mean())
-    assert 0.90 <= share <= 0.99
+    assert least <= share
+    assert drives == 12 or share <= 0.99
 
 
 def heard(amplitude: float) -> list[MeasuredOrder]:
