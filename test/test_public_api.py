@@ -149,6 +149,11 @@ def test_wrong_types_end_in_a_sentence() -> None:
         (lv.build_table, mechanism, "Mechanism is given in place of LinkageModel; make one"),
         (lv.Predictor, model, "LinkageModel is given in place of Table; use `build_table`"),
         (lv.LinkageModel, "a.yaml", "str is given in place of Mechanism; read the file"),
+        (lambda it: lv.sweep(mechanism, it, [2.0]), 3, "int is given in place of Mapping; give"),
+        (mechanism.with_values, 3, "int is given in place of Mapping; give numbers by"),
+        (lv.summaries, "a.mcap", "str is given in place of list or tuple; give a list of paths"),
+        (lambda it: lv.save_table(it, "a.npz"), mechanism, "Mechanism is given in place of Table;"),
+        (lambda it: lv.check_bag("a.mcap", it), 0.33, "float is given in place of Limits; give"),
     ]
     for function, value, words in calls:
         with pytest.raises(lv.LinkageVibrationError, match=f"^The type {words}"):

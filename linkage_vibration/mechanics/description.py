@@ -18,7 +18,7 @@ from typing import Any, ClassVar, Literal, Protocol
 import numpy as np
 from scipy.linalg import eigh
 
-from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.errors import LinkageVibrationError, check_type
 from linkage_vibration.mechanics.arrays import FloatArray, symmetric
 from linkage_vibration.mechanics.components import CENTRE_OF_GRAVITY, Component, FrfComponent
 from linkage_vibration.mechanics.dofs import InterfaceDof
@@ -452,6 +452,7 @@ class Mechanism:
         MechanismError
             If a path does not exist, or the mechanism is not possible with these numbers.
         """
+        check_type(values, "give numbers by their paths", Mapping)
         if self.described is None:
             raise MechanismError(self.name, "was not read from data; use `read_mechanism`.")
         return self.described(values)

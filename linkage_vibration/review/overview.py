@@ -12,7 +12,7 @@ from urllib.parse import quote
 
 import numpy as np
 
-from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.errors import LinkageVibrationError, check_type
 from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.verdict import (
     KNOWN,
@@ -137,6 +137,7 @@ def summaries(logs: Sequence[str | Path], *, map: Map = map) -> list[dict[str, A
     LinkageVibrationError
         If a folder holds no MCAP file.
     """
+    check_type(logs, "give a list of paths", list, tuple)
     paths = logs_of([Path(log) for log in logs])
     return gathered(map(_summary, paths), len(paths))
 

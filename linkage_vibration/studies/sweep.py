@@ -64,9 +64,10 @@ def sweep(
         If xarray is not installed, a path or an angle is wrong, or no combination has a solution.
     """
     check_type(mechanism, "read the file with `read_mechanism`", Mechanism)
+    check_type(values, "give the values of each number by its path", Mapping)
     xarray = import_xarray()
-    axes = {path: real_numbers(numbers, path) for path, numbers in values.items()}
-    alpha3 = real_numbers(angles, "angles")
+    axes = {path: np.atleast_1d(real_numbers(numbers, path)) for path, numbers in values.items()}
+    alpha3 = np.atleast_1d(real_numbers(angles, "angles"))
     combinations = list(itertools.product(*(axis.tolist() for axis in axes.values())))
     if not combinations or not len(alpha3):
         raise LinkageVibrationError("There is nothing to solve; give values and angles.")
