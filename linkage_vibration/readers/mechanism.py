@@ -2,11 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads mechanisms from YAML files."""
 
-import hashlib
 import itertools
-import json
 from collections.abc import Hashable
-from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +11,6 @@ import yaml
 
 from linkage_vibration.mechanics.description import Body, Mechanism, MechanismError, Point
 from linkage_vibration.mechanics.keys import Keys
-from linkage_vibration.mechanics.material import read_material
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.readers.component_files import ComponentFileError
 from linkage_vibration.readers.frfs import read_frfs
@@ -105,20 +101,7 @@ def _frfs(keys: Keys, points: dict[str, Point], path: Path) -> Body:
     return read_frfs(path, nodes=nodes, points=points, mass=mass)
 
 
-def _mesh(keys: Keys, points: dict[str, Point], path: Path) -> Body:
-    from linkage_vibration.readers.meshes import mesh_matrices
-
-    file, modes = keys["file"], keys.integer("modes", default=20)
-    material = read_material(file["material"])
-    pins = {point: file["pins"].text(point) for point in file["pins"]}
-    rotations = sorted(points)  # unused ones are left free later
-    matrices = mesh_matrices(path, material, pins, list(points.items()), modes, rotations)
-    origin = [pins, points, asdict(material), modes, False, path.read_bytes().hex()]
-    digest = hashlib.sha256(json.dumps(origin, sort_keys=True).encode()).hexdigest()
-    return replace(matrices, digest=digest)
-
-
-_FILES = {"matrices": _matrices, "frfs": _frfs, "mesh": _mesh}
+_FILES = {"matrices": _matrices, "frfs": _frfs}
 """What reads the body of a link from a file, by the ``kind`` of the file."""
 
 
