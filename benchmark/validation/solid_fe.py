@@ -84,7 +84,7 @@ def main() -> None:
             "This page compares the in-plane natural frequencies of solid links, reduced with "
             "scikit-fem and coupled by us, with those of one assembled model in CalculiX. The "
             f"linkage is `{mechanism.name}`; each link is a bar with an eye around every pin. Both "
-            f"codes have the same mesh of {n_elements} ten-node tetrahedra with {n_nodes} nodes in all.",
+            f"codes have one mesh of {n_elements} ten-node tetrahedra with {n_nodes} nodes in all.",
             table(["alpha3, deg", "", *(f"mode {i + 1}" for i in range(MODES))], rows),
             "Largest relative difference by the number of fixed-interface modes per link:",
             table(
