@@ -1,12 +1,9 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Reads logs of a CAN bus as bags through python-can.
+"""Reads logs of a CAN bus as bags through python-can, with a topic for each channel.
 
-They are texts of candump, BusMaster, and GVRET or SavvyCAN, ASC and BLF of Vector, TRC of PEAK, and
-MF4.
-
-Each channel is a topic of type ``can_msgs/msg/Frame``. The frames of a log are kept in memory, 22
-bytes for each, because a log has no index and need not be in the order of its times.
+The frames of a log are kept in memory, 22 bytes for each, because a log has no index and need not
+be in the order of its times.
 """
 
 import gzip
