@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from linkage_vibration.bags.message_types import CAN_FRAME
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.support.missing_library import needed
-from linkage_vibration.support.progress import byte_bar
+from linkage_vibration.support.progress import shown_bar
 from linkage_vibration.support.version import check_versions
 
 if TYPE_CHECKING:
@@ -129,7 +129,7 @@ def read_can_log(path: Path) -> CanLog:
     """Read a log; damage may raise any exception, such as a `CanLogError`."""
     check_versions("python-can")
     suffix = can_log_suffix(path)
-    with path.open("rb") as raw, byte_bar(path, path.stat().st_size) as bar:
+    with path.open("rb") as raw, shown_bar(path, path.stat().st_size) as bar:
         file: Any = gzip.GzipFile(fileobj=raw) if path.suffix.lower() == ".gz" else raw
         lines = _Lines(file, suffix)
         rows = _rows(file, suffix, lines)

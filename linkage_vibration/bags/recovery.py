@@ -40,7 +40,7 @@ from linkage_vibration.bags.mcap_records import (
 from linkage_vibration.bags.writing import ROSBAG2_METADATA, rosbag2_metadata
 from linkage_vibration.errors import LinkageVibrationError, printable
 from linkage_vibration.support.atomic_files import refuse_pipe, replacement
-from linkage_vibration.support.progress import byte_bar
+from linkage_vibration.support.progress import shown_bar
 
 RECOVERY_METADATA = "linkage_vibration.recovery"  # the name of a record
 
@@ -120,7 +120,7 @@ def recover(source: Path, output: Path) -> Recovery:
         file = source.open("rb", buffering=0)
     except OSError as error:
         raise RecoveryError(f"{source} cannot be read: {error.strerror}; give a file.") from None
-    bar = byte_bar(source, source.stat().st_size)
+    bar = shown_bar(source, source.stat().st_size)
     with (
         file,
         bar as shown,
