@@ -76,6 +76,7 @@ BENCH = [
     "pyOMA-2>=1.4",
     "pytest",
     "rerun-sdk>=0.41",
+    "scikit-fem",
     "sdynpy",
 ]
 
