@@ -223,6 +223,9 @@ def _rows(file: BinaryIO, suffix: str, lines: "_Lines") -> Iterator[_Row]:
             message.timestamp += ahead
             yield _row(message)
     elif suffix == ".mf4":
+        if not file.read(8).startswith((b"MDF", b"UnFinMF")):
+            raise CanLogError("does not begin like an MF4 file; give another file.")
+        file.seek(0)
         try:
             yield from map(_row, can.MF4Reader(file))
         except NotImplementedError:
@@ -324,6 +327,8 @@ class _Lines(io.TextIOBase):
             except UnicodeDecodeError:
                 line = content.decode("cp1252", errors="replace")
             self.number, self.last = self.number + 1, line.strip()
+            if "\0" in line:
+                raise ValueError("a null character")
             if self._suffix not in (".asc", ".trc"):
                 line = self._as_candump(line.strip())
         if self._suffix == ".asc" and self.begins and not _ASC_HEADER.match(line):

@@ -15,7 +15,7 @@ from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.readers.component_files import ComponentFileError
 from linkage_vibration.readers.frfs import read_frfs
 from linkage_vibration.readers.matrices import read_matrices
-from linkage_vibration.support.atomic_files import refuse_pipe
+from linkage_vibration.support.atomic_files import read_text
 from linkage_vibration.support.resources import DEFAULT_MECHANISM, config_file
 from linkage_vibration.support.yaml_size import refuse_unbounded
 
@@ -42,8 +42,7 @@ def read_mechanism(path: str | Path | None = None) -> Mechanism:
 def load_yaml(path: Path) -> tuple[Any, str]:
     """Return the data of a YAML file, and its text; a MechanismError says why it cannot be read."""
     try:
-        refuse_pipe(path)
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path)
     except OSError as error:
         raise MechanismError(
             str(path), f"cannot be opened: {error.strerror}; give the path of a YAML file."
