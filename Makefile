@@ -76,7 +76,7 @@ docs: setup
 # The benchmarks have an environment of their own, with the codes that they compare this package with.
 # CalculiX, npm and Chromium come from apt; a benchmark that lacks one names it.
 bench:
-	@PYTHON="$(PYTHON)" sh tools/setup.sh build/bench$(suffix) bags,plots,test,fe,uff,bench
+	@PYTHON="$(PYTHON)" sh tools/setup.sh build/bench$(suffix) bags,plots,test,uff,bench
 	@. build/bench$(suffix)/bin/activate && python -m benchmark $(ONLY)
 
 setup:

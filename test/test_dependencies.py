@@ -77,7 +77,7 @@ for name in [
     DISTRIBUTIONS[name] = (f"ros-{name.replace('_', '-')}", name)
 
 # What a folder needs when it is used: lists of setup.py, and whether package.xml installs it.
-USER = {"bags", "can", "fe", "plots", "ros", "uff", "xarray"}
+USER = {"bags", "can", "plots", "ros", "uff", "xarray"}
 FOLDERS = {
     "linkage_vibration": (USER, "exec_depend"),
     "launch": (USER, "exec_depend"),

@@ -149,6 +149,9 @@ def _data_sets(path: Path) -> list[dict[str, Any]]:
     with needed("uff", "needs pyuff to be read", FileError):
         import pyuff
     check_file(path)
+    with path.open("rb") as opened:
+        if not opened.read(4096).lstrip().startswith(b"-1"):
+            raise FileError("does not begin like a Universal File; export it again.")
     # pyuff raises plain exceptions; infinite numbers are reported later.
     with file_errors(path, Exception), np.errstate(all="ignore"):
         file = pyuff.UFF(str(path))

@@ -2,12 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compares modes measured at several heights with a mechanism's, as targets of a calibration.
 
-Measured modes are paired with those of a model by frequency, damping ratio and order. Every
-measured mode has a cost between 0 and 1: 1 if it is not paired, and otherwise the distance to its
-mode of the model. The pairing with the lowest sum is found by dynamic programming, among those that
-keep the order of the modes. As a pair never costs more than 1, and a measured mode that fits well
-costs almost nothing, a mode that belongs to none cannot push another off its place. A pair is
-doubtful if the best pairing without it costs hardly more.
+Every measured mode has a cost: 1 if it is not paired with a mode of the model, and otherwise the
+distance, 0 to 1, by frequency and damping ratio. Of the pairings that keep the order of the modes,
+that with the lowest sum is taken. A pair is doubtful if the best one without it costs hardly more.
 """
 
 import math
