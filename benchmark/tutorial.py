@@ -27,7 +27,7 @@ def main() -> None:
             browser.settle()
             browser.screenshot(PICTURES / "tutorial_answer.png")
             browser.screenshot(PICTURES / "review.png", whole=True)
-            browser.evaluate("document.querySelector('#table-contributions tbody tr').click()")
+            browser.evaluate("document.querySelector('#table-sources tbody tr').click()")
             browser.evaluate("document.querySelector('#charts').scrollIntoView()")
             browser.settle()
             browser.screenshot(PICTURES / "tutorial_moment.png")

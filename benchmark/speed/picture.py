@@ -118,7 +118,7 @@ def _draw_line(axes: Axes, points: Sequence[Point], unit: float, style: _Line) -
         for p, cost, error in zip(points, costs, errors, strict=True):
             number = p.setting.split()[0]
             # The points of Exudyn begin at another line, which would cross a number at their left.
-            beside = {"xytext": (-5, -4), "ha": "right"}
+            beside: dict[str, Any] = {"xytext": (-5, -4), "ha": "right"}
             if p.family == peers.EXUDYN:
                 beside = {"xytext": (4, 5), "ha": "left"}
             axes.annotate(number, (cost, error), fontsize=10, **beside, **place)
