@@ -28,7 +28,7 @@ def main() -> None:
             browser.screenshot(PICTURES / "tutorial_answer.png")
             browser.screenshot(PICTURES / "review.png", whole=True)
             browser.evaluate("document.querySelector('#table-sources tbody tr').click()")
-            browser.evaluate("document.querySelector('#charts').scrollIntoView()")
+            browser.evaluate("document.querySelector('#toolbar').scrollIntoView()")
             browser.settle()
             browser.screenshot(PICTURES / "tutorial_moment.png")
             browser.resize(390, 800, mobile=True)

@@ -22,10 +22,10 @@ _TABLES = INTERPOLATED[0]
 # the marker, the index of the point that has the text, and its distance from there in points.
 _Line = tuple[str, str, str, int, tuple[int, int]]
 _FRFS_LINES: dict[str, _Line] = {
-    coupled.NO_RESIDUAL: ("without\nresidual", SKY, "v", -1, (8, 8)),
+    coupled.NO_RESIDUAL: ("without\nresidual", SKY, "v", -1, (-33, -24)),
     coupled.FAR_POLES: ("far poles (this package)", BLUE, "D", -1, (-120, -18)),
     coupled.BATCHED: ("LM-FBS,\nbatched", AMBER, "o", 0, (8, -8)),
-    peers.SDYNPY_MODES: ("SDynPy\nby modes", GREY, "<", -1, (8, -4)),
+    peers.SDYNPY_MODES: ("SDynPy,\nmodes", GREY, "<", -1, (8, -4)),
     coupled.AS_WRITTEN: ("LM-FBS,\neq. 19", GREEN, "o", -1, (-58, 2)),
     peers.PYFBS: ("pyFBS", RED, "d", -1, (-18, -16)),
     peers.SDYNPY_FRF: ("SDynPy by FRFs", PURPLE, ">", -1, (8, -14)),
@@ -117,8 +117,8 @@ def _draw_line(axes: Axes, points: Sequence[Point], unit: float, style: _Line) -
     if points[0].family in _COUNTED:
         for p, cost, error in zip(points, costs, errors, strict=True):
             number = p.setting.split()[0]
-            # The points of Exudyn begin at another line, which would cross a number at their left.
+            # Another line would cross a number on the left of these.
             beside: dict[str, Any] = {"xytext": (-5, -4), "ha": "right"}
-            if p.family == peers.EXUDYN:
+            if p.family == peers.EXUDYN or p.part == FRFS:
                 beside = {"xytext": (4, 5), "ha": "left"}
             axes.annotate(number, (cost, error), fontsize=10, **beside, **place)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from linkage_vibration.drawing import palette
-from linkage_vibration.drawing.plots import draw_bands, frequency_axis, name_modes, plain, tidy
+from linkage_vibration.drawing.plots import draw_bands, frequency_axis, name_modes, tidy
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.excitation import Excitation, Source
@@ -46,7 +46,8 @@ def draw_mechanism(
     n_panels = 1 + 2 * len(sources)
     # One panel below the other, so that the texts are legible on a phone.
     figure = Figure(figsize=(6.0, 3.4 * n_panels), dpi=110, layout="constrained")
-    first, *panels = figure.subplots(n_panels, squeeze=False)[:, 0]
+    rows = figure.subfigures(n_panels, squeeze=False)[:, 0]  # Each has a layout of its own.
+    first, *panels = (row.subplots() for row in rows)
     angles = np.linspace(*ends, _ANGLES)
     predictions = predict_many(predictor, angles, np.zeros(_ANGLES))
     draw_modes(first, predictor.table.mode_names, predictions)
@@ -90,15 +91,13 @@ def _draw_orders(
             ax.axhspan(*ends, color=colour, alpha=0.3, linewidth=1.0)
     frequency_axis(ax, frequencies)
     speeds, (bottom, top) = np.linspace(low, high, 181), ax.get_ylim()
-    for i, order in enumerate(sorted(orders, key=lambda order: order.ratio)):
+    named = list[tuple[str, float]]()
+    for order in orders:
         lines = order.ratio * unit * speeds
         ax.plot(speeds, lines, color=palette.INK, linewidth=1.0)
-        shown = np.flatnonzero((lines > bottom) & (lines < top))
-        if len(shown):
-            at = shown[int(len(shown) * (i + 0.5) / len(orders))]  # so that no two names overlap
-            back = {"boxstyle": "round,pad=0.1", "color": "white"}
-            place = float(speeds[at]), float(lines[at])
-            ax.annotate(plain(order.name), place, ha="center", va="center", fontsize=9, bbox=back)
+        if (shown := lines[(lines > bottom) & (lines < top)]).size:
+            named.append((order.name, float(shown[-1])))
+    name_modes(ax, np.empty(0), (), named, fontsize=10)
     ax.set(xlabel=label, xlim=(low, high))
     ax.set_title("Orders, and the range of each mode", loc="left")
     tidy(ax)

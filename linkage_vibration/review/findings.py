@@ -9,7 +9,7 @@ from functools import lru_cache, partial
 import numpy as np
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.advice import (
     HEIGHT,
@@ -20,6 +20,7 @@ from linkage_vibration.prediction.advice import (
     is_quieter,
 )
 from linkage_vibration.prediction.excitation import KMH, Source
+from linkage_vibration.prediction.ground import MAX_OFF_GROUND
 from linkage_vibration.prediction.levels import LevelTable, kept_levels
 from linkage_vibration.prediction.predictor import Predictor, Status
 from linkage_vibration.prediction.resonance import ResonanceMonitor
@@ -33,6 +34,7 @@ from linkage_vibration.prediction.severity import (
 )
 from linkage_vibration.prediction.verdict import (
     KNOWN,
+    Drive,
     above_and_below,
     all_known,
     drive_sentence,
@@ -123,6 +125,11 @@ def remedy(log: Log, row: int) -> str:
     angle, ratio = math.degrees(message.crank_angles[HEIGHT]), message.load_ratios[HEIGHT]
     enough = enough if ratio <= at.load_ratio_limit else "this is not enough"
     return f"a crank angle of {angle:.0f} deg would leave {ratio_words(ratio)}; {enough}"
+
+
+def all_counted(drive: Drive) -> BoolArray:
+    """Return when the total load has all sources, (n,); a tyre off the ground leaves one out."""
+    return np.asarray(all_known(drive) & ~(drive.resonances.off_ground_share > MAX_OFF_GROUND))
 
 
 def ending(log: Log, row: int) -> str:

@@ -25,8 +25,8 @@ from linkage_vibration.mechanics.arrays import FloatArray, runs
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.predictor import Predictor, Status
 from linkage_vibration.prediction.severity import WarningLimits
-from linkage_vibration.prediction.verdict import Drive, all_known, ground_and_orders
-from linkage_vibration.review.findings import log_limits, speeds_at_drive
+from linkage_vibration.prediction.verdict import Drive, above_and_below, ground_and_orders
+from linkage_vibration.review.findings import all_counted, log_limits, speeds_at_drive
 from linkage_vibration.review.log import Log
 from linkage_vibration.table.table import Table
 
@@ -99,7 +99,7 @@ def draw_log(figure: "Figure", log: Log) -> None:
         orders = _draw_excitations(upper, log, drive, limits)
         _draw_total(lower, log, drive, limits)
         times = [*drive.times.tolist(), float(drive.times[-1] + drive.held[-1])]
-        above = [(times[i], times[j]) for i, j in runs(_total(drive) > limits.warning)]
+        above = [(times[i], times[j]) for i, j in runs(above_and_below(drive, limits.warning)[0])]
     names = [log.mode_name(mode) for mode in range(log.n_modes)]
     name_modes(upper, ends, names, orders, least=_LEAST_APART)
     for ax in panels:
@@ -186,7 +186,7 @@ def _draw_total(ax: "Axes", log: Log, drive: Drive, limits: WarningLimits) -> No
     total = _total(drive)
     total[np.flatnonzero(drive.broken[1:])] = np.nan
     factor = np.asarray(drive.resonances.total_load_ratio_factor, dtype=float)
-    known = all_known(drive)
+    known = all_counted(drive)
     finite = np.isfinite(factor) & np.isfinite(total) & known
     if finite.any():
         low, high = total / factor, total * factor

@@ -14,7 +14,6 @@ from linkage_vibration.drawing import palette
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, IntArray, runs
 from linkage_vibration.mechanics.forces import GRAVITY, SOIL
 from linkage_vibration.prediction.excitation import Excitation
-from linkage_vibration.prediction.ground import MAX_OFF_GROUND
 from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.severity import ResonanceState, ratio_words
 from linkage_vibration.prediction.verdict import (
@@ -22,13 +21,13 @@ from linkage_vibration.prediction.verdict import (
     Drive,
     Episode,
     above_and_below,
-    all_known,
     contributions,
     episodes,
     ground_and_orders,
 )
 from linkage_vibration.review.advice_map import advice_map
 from linkage_vibration.review.findings import (
+    all_counted,
     all_speeds,
     first_sentence,
     log_limits,
@@ -201,7 +200,7 @@ def _columns(log: Log, rows: IntArray, axis: TimeAxis) -> dict[str, NDArray[Any]
         counts["excitation"] = np.searchsorted(names, r.excitation)
         columns |= {name: values.astype(np.uint8) for name, values in counts.items()}
         assert log.drive is not None
-        part = ~_latest(log, _all_counted(log.drive))[rows]
+        part = ~_latest(log, all_counted(log.drive))[rows]
         numbers = {"load_ratio": r.total_load_ratio}
         numbers["load_known"] = np.where(part, np.nan, r.total_load_ratio)
         numbers["load_part"] = np.where(part, r.total_load_ratio, np.nan)
@@ -232,11 +231,6 @@ def _latest(log: Log, flags: BoolArray) -> BoolArray:
     assert log.drive is not None
     at = np.searchsorted(log.drive.predictions, np.arange(len(log.stamps)), side="right") - 1
     return np.asarray((at >= 0) & flags[at])
-
-
-def _all_counted(drive: Drive) -> BoolArray:
-    """Return when the total load has all sources, (n,); a tyre off the ground leaves one out."""
-    return np.asarray(all_known(drive) & ~(drive.resonances.off_ground_share > MAX_OFF_GROUND))
 
 
 def _excitation_names(log: Log) -> list[str]:
@@ -271,7 +265,7 @@ def _charts(log: Log, axis: TimeAxis) -> Items:
 
 def _load_chart(log: Log, drive: Drive, axis: TimeAxis) -> dict[str, Any]:
     """Return the chart of the load with its limit; it is hatched where the load is not known."""
-    loads, (above, below) = _all_counted(drive), above_and_below(drive)
+    loads, (above, below) = all_counted(drive), above_and_below(drive)
     total = drive.resonances.total_load_ratio.astype(float)
     values = [np.where(loads, total, np.nan), np.where(loads, np.nan, total)]
     parts = ground_and_orders(drive, log.excitations) or ()
