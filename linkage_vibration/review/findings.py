@@ -121,10 +121,10 @@ def remedy(log: Log, row: int) -> str:
         return "not known, as the log does not hold the model"
     message = drive_advice(log, levels, _HEIGHTS, row=row).message
     if not is_quieter(message)[HEIGHT] or not at.total_load_ratio > at.load_ratio_limit:
-        return "no speed and no height alone is known to"
+        return "no speed or height alone that is known"
     angle, ratio = math.degrees(message.crank_angles[HEIGHT]), message.load_ratios[HEIGHT]
     enough = enough if ratio <= at.load_ratio_limit else "this is not enough"
-    return f"a crank angle of {angle:.0f} deg would leave {ratio_words(ratio)}; {enough}"
+    return f"a crank angle of {angle:.1f} deg would leave {ratio_words(ratio)}; {enough}"
 
 
 def all_counted(drive: Drive) -> BoolArray:

@@ -196,9 +196,11 @@ def _draw_total(ax: "Axes", log: Log, drive: Drive, limits: WarningLimits) -> No
     labels = "the ground", "all orders, at most"
     for values, label, colour in zip(parts, labels, palette.COLOURS[2:4], strict=False):
         broken = np.where(np.isnan(total), np.nan, values)
-        ax.plot(drive.times, broken, color=colour, linewidth=1.2, label=label)
+        if np.isfinite(broken).any():
+            ax.plot(drive.times, broken, color=colour, linewidth=1.2, label=label)
     whole = np.where(known, total, np.nan)
-    ax.plot(drive.times, whole, color=palette.INK, linewidth=1.6, label="total")
+    label = "total" if np.isfinite(whole).any() else None
+    ax.plot(drive.times, whole, color=palette.INK, linewidth=1.6, label=label)
     times = [*drive.times.tolist(), float(drive.times[-1] + drive.held[-1])]
     if spans := [(times[i], times[j]) for i, j in runs(~known)]:
         part = np.where(known, np.nan, total)

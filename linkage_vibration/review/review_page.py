@@ -374,20 +374,23 @@ def _tables(
     largest, loads, warnings = Items(), Items(), Items()
     described = {each.name: each.description for each in log.excitations}
     for part in parts:
+        what, ratio, time = described.get(part.name) or part.name, "not known", ""
+        ending, where = "not known", dict[str, Any]()
+        if not math.isnan(part.load_ratio):
+            time, where = clock(float(drive.times[part.worst]), whole), place(part.worst)
+            factors = drive.resonances.load_ratio_factors[part.worst]
+            ratio = as_precise(part.load_ratio, float(factors[drive.names.index(part.name)]))
         held = [f"{part.warning_time:.1f}", str(part.warnings), f"{part.note_time:.1f}"]
         held = held if part.known else [""] * len(held)
-        if math.isnan(part.load_ratio):
-            loads.append({"cells": [part.name, "not known", "", *held]})
-            continue
-        time, where = clock(float(drive.times[part.worst]), whole), place(part.worst)
-        factors = drive.resonances.load_ratio_factors[part.worst]
-        ratio = as_precise(part.load_ratio, float(factors[drive.names.index(part.name)]))
         loads.append({"cells": [part.name, ratio, time, *held], "length": 0.0, **where})
-        if part.load_ratio > 0.0 and len(largest) < _SOURCES:
-            what = described.get(part.name) or part.name
-            largest.append(
-                {"cells": [what, ratio, time, remedy(log, part.worst)], "length": 0.0, **where}
-            )
+        if where and part.load_ratio > 0.0 and len(largest) < _SOURCES:
+            ending = remedy(log, part.worst)
+        elif where or not part.warning_time:
+            continue
+        # A source of an unknown load that warned, as the ground that tyres left, comes first.
+        largest.insert(
+            len(largest) if where else 0, {"cells": [what, ratio, time, ending], **where}
+        )
     for episode in shown:
         at = drive.resonances.message(episode.worst)
         hertz = at.excitation_frequency
@@ -398,30 +401,30 @@ def _tables(
         row = {"cells": [*cells, f"{episode.duration:.1f}"], "length": episode.duration}
         row["severity"] = float(severity[episode.worst])
         warnings.append(place(episode.worst) | row)
+    unknown = any(math.isnan(part.load_ratio) for part in parts)
     more = f", of which the {MAX_WARNINGS} with the largest loads" * (len(every) > len(shown))
-    ratio = "load ratio [1]"
+    titles = {
+        "sources": "The largest sources" + " that are known" * unknown,
+        "contributions": f"All sources ({len(loads)})",
+        "moments": f"Warnings ({len(every)}{more})",
+    }
+    load, when = "load ratio [1]", f"[{unit}]"
+    heads = {
+        "sources": ["source", load, f"largest at {when}", "what would end it"],
+        "contributions": [
+            "source",
+            load,
+            f"at {when}",
+            "in warning [s]",
+            "warnings",
+            "in note [s]",
+        ],
+        "moments": [f"start {when}", load, "in", "most severe", "at [Hz]", "duration [s]"],
+    }
+    each = largest[:_SOURCES], loads, warnings
     return [
-        {
-            "id": "sources",
-            "title": "The largest sources",
-            "head": ["source", ratio, f"largest at [{unit}]", "what would end it"],
-            "rows": largest,
-            "first": True,
-        },
-        {
-            "id": "contributions",
-            "title": f"All sources ({len(loads)})",
-            "note": "The load ratio is the largest force in a pin or cylinder by this source (root "
-            "mean square) over the static force there.",
-            "head": ["source", ratio, f"at [{unit}]", "in warning [s]", "warnings", "in note [s]"],
-            "rows": loads,
-        },
-        {
-            "id": "moments",
-            "title": f"Warnings ({len(every)}{more})",
-            "head": [f"start [{unit}]", ratio, "in", "most severe", "at [Hz]", "duration [s]"],
-            "rows": warnings,
-        },
+        {"id": name, "title": title, "head": heads[name], "rows": rows, "first": name == "sources"}
+        for (name, title), rows in zip(titles.items(), each, strict=True)
     ]
 
 

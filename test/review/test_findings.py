@@ -16,11 +16,19 @@ import pytest
 
 from linkage_vibration.cli.main import main
 from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.severity import ResonanceState
 from linkage_vibration.prediction.verdict import contributions, episodes
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.review.findings import DOUBTFUL, ending, first_sentence, log_levels
+from linkage_vibration.review.findings import (
+    DOUBTFUL,
+    all_counted,
+    ending,
+    first_sentence,
+    log_levels,
+    remedy,
+)
 from linkage_vibration.review.log import Log, problems, read_log
 from linkage_vibration.review.overview import drive_summary, overview_html
 from linkage_vibration.review.review_page import page_of, review_page
@@ -321,6 +329,33 @@ def test_what_ends_a_warning_does_end_it(log: Log) -> None:
     unlike = replace(log, speeds={Source.ENGINE: log.speeds[Source.ENGINE]})
     assert log.drive.resonances.excitation[20] == "engine_shake 1.5"
     assert (ending(log, 20) != "", ending(unlike, 20)) == (True, "")
+
+
+def test_what_would_end_a_load(log: Log) -> None:
+    """Above the limit the page names what ends that; below it nothing, and else it is not known."""
+    assert log.drive is not None
+    of, seen = log.drive.resonances, set[str]()
+    for row in range(0, len(log.drive.times), 40):
+        text, above = remedy(log, row), of.total_load_ratio[row] > of.load_ratio_limit[row]
+        expected = "not needed, as nothing was above its limit"
+        if of.unknown_sources[row] or np.isnan(of.total_load_ratio[row]):
+            expected = "not known"
+        if above and (words := ending(log, row)):
+            expected = f"{words}; this is enough"
+        if not above or ending(log, row):
+            assert text.startswith(expected)
+        seen.add(text[:6])
+    assert {"not ne", "a PTO "} <= seen
+    calm = int(np.flatnonzero((of.unknown_sources == 0) & (of.total_load_ratio < 0.01))[0])
+    worst = int(np.nanargmax(of.total_load_ratio))
+    lifted = MessageColumns(**vars(of) | {"off_ground_share": np.full(len(log.drive.times), 0.3)})
+    off = replace(log, drive=replace(log.drive, resonances=lifted))
+    assert remedy(log, calm).startswith("not needed")
+    assert remedy(off, calm) == "no speed or height alone that is known"
+    assert off.drive is not None
+    assert [all_counted(each)[calm] for each in (log.drive, off.drive)] == [True, False]
+    bare = remedy(replace(log, table=None), worst)
+    assert bare == "not known, as the log does not hold the model"
 
 
 @pytest.fixture

@@ -50,7 +50,6 @@ for (const table of data.tables) {
   });
   const section = element(table.first ? "section" : "details", { class: "table", id: `table-${table.id}` },
     element(table.first ? "h2" : "summary", {}, table.title));
-  if (table.note) section.append(element("p", { class: "note" }, table.note));
   if (table.id === "moments" && table.rows.length > PRINTED) section.append(element("p", { class: "note printed" }, `The ${PRINTED} strongest of them:`));
   alignNumbers(heads, body);
   if (table.rows.length) section.append(element("div", { class: "scroll", tabindex: 0, "aria-label": table.title }, element("table", {}, element("thead", {}, element("tr", {}, ...heads)), body)));
