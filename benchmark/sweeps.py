@@ -23,10 +23,10 @@ ROUNDS = 3
 
 
 def _dask(workers: int) -> AbstractContextManager[Any]:
-    cluster: AbstractContextManager[Any] = Client(  # type: ignore[no-untyped-call]
+    client: AbstractContextManager[Any] = Client(
         n_workers=workers, threads_per_worker=1, dashboard_address=None
     )
-    return cluster
+    return client
 
 
 POOLS: dict[str, Callable[[int], AbstractContextManager[Any]]] = {

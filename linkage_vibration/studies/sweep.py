@@ -4,18 +4,18 @@
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from linkage_vibration.errors import LinkageVibrationError, check_type
 from linkage_vibration.mechanics.arrays import FloatArray, real_numbers
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.messages.columns import import_xarray
+from linkage_vibration.support.parallel import Map, gathered
 
 UNITS = {
     "natural_frequencies": "Hz",
@@ -24,9 +24,6 @@ UNITS = {
     "frf_peak_magnitude": "m/N",
 }
 _Row = tuple[FloatArray, FloatArray, float, float]  # one of each quantity of UNITS
-
-Map = Callable[..., Iterable[Any]]
-"""A function like `map`: it may return futures, as that of a Dask client does."""
 
 
 def sweep(
@@ -85,12 +82,6 @@ def sweep(
     columns["problem"] = list(axes), np.array(problems).reshape(shape[:-1])
     modes = np.arange(1, 1 + mechanism.response.modes)
     return xarray.Dataset(columns, coords={**axes, "alpha3": alpha3, "mode": modes})
-
-
-def gathered(results: Iterable[Any], total: int) -> list[Any]:
-    """Return results, of which those of a cluster are futures, and show the progress."""
-    bar = tqdm(results, total=total, disable=None, delay=2.0)
-    return [each.result() if hasattr(each, "result") else each for each in bar]
 
 
 def _solved(
