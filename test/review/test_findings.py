@@ -54,7 +54,7 @@ def test_only_invalid_angles(write_log: Any, tmp_path: Path) -> None:
     times = np.arange(50) / 100.0
     path = write_log(tmp_path / "nan.mcap", times, np.full(50, np.nan))
     log = read_log(path)
-    assert "is not known, as no crank angle was valid" in first_sentence(log)
+    assert "is not known, as each crank angle was invalid" in first_sentence(log)
     cards = {card["label"]: card["value"] for card in review_page(log).content["summary"]}
     assert cards["Warnings"] == "not known"
 
