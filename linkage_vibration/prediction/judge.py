@@ -97,15 +97,21 @@ class InputJudge:
             self._readings.take(now, *values, known=in_table, sender=sender)
 
     def speed(
-        self, source: Source, received: int, value: float, topic: str, sender: str = ""
+        self,
+        source: Source,
+        received: int,
+        value: float,
+        topic: str,
+        sender: str = "",
+        age: float = 0.0,
     ) -> None:
-        """Take a speed, rpm or m/s, which arrived at a time, ns."""
+        """Take a speed, rpm or m/s, which arrived at a time, ns, when its stamp had an age, s."""
         now, watch = self._at(received), self._speeds.get(source)
         if watch is None:
             watch = self._speeds[source] = SpeedWatch(source, topic)
         if self._is_due(source, received):
             self._judge_speed(source, now)
-        watch.take(now, value, sender)
+        watch.take(now, value, sender, age)
 
     def faults(self) -> list[InputFault]:
         """Return one fault of each kind, the most serious and then the first one first.
