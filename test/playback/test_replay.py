@@ -388,21 +388,21 @@ def test_a_doubted_reading_is_not_the_worst(tmp_path: Path) -> None:
     log, loads, velocities = read_log(path), dict[float, float](), dict[float, float]()
     for _, message in read_messages(path, LEVELS_TOPIC):
         stamp = message.header.stamp
-        time = stamp.sec - START // 10**9 + 1e-9 * stamp.nanosec
-        loads[time], velocities[time] = message.total_load_ratio, message.total_velocity
+        at = stamp.sec - START // 10**9 + 1e-9 * stamp.nanosec
+        loads[at], velocities[at] = message.total_load_ratio, message.total_velocity
     worst, limits = drive_summary(log)["worst"], Limits(input_faults=None, known_share=0.9)
     for values, limit in ((loads, "load_ratio"), (velocities, "velocity")):
         largest = max(values, key=values.__getitem__)
-        of_sound = {time: v for time, v in values.items() if not 7.99 < time < 14.0}
+        of_sound = {at: v for at, v in values.items() if not 7.99 < at < 14.0}
         sound = max(of_sound, key=of_sound.__getitem__)
         assert 8.0 < largest < 14.0
         assert limit == "velocity" or worst["time_s"] == pytest.approx(sound, abs=0.01)
         # Between both, only doubted ones exceed a limit, which is then exceeded all the same.
-        for most, time in ((0.0, sound), (0.5 * (values[sound] + values[largest]), largest)):
+        for most, at in ((0.0, sound), (0.5 * (values[sound] + values[largest]), largest)):
             [failure] = check_bag(path, replace(limits, **{limit: most})).failures
             assert failure.limit == limit
-            assert (7.99 < failure.seconds < 14.0) == (time == largest)
-            assert time == largest or failure.seconds == pytest.approx(time, abs=0.01)
+            assert (7.99 < failure.seconds < 14.0) == (at == largest)
+            assert at == largest or failure.seconds == pytest.approx(at, abs=0.01)
     assert "The largest that is not doubted was" in first_sentence(log)
     assert len(log.faults) == 1
 
