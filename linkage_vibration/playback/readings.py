@@ -3,7 +3,9 @@
 """Reads the inputs of bags, and judges them as the node does."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType
 from typing import TypeAlias
@@ -63,6 +65,7 @@ class JudgedInputs:
         rows = np.flatnonzero(block.topics == self._places[HITCH])
         readings, speeds = self.crank.read_block(block, rows, left_out), list[SpeedRow]()
         others, names = left_out.others, left_out.names.copy()
+        heard = list[tuple[int, Callable[[], None]]]()
         for source, each in self.speeds.items():
             rows = np.flatnonzero(block.topics == self._places[source.value])
             for of_topic, values, times, senders in each.read_block(block, rows, left_out):
@@ -70,14 +73,22 @@ class JudgedInputs:
                 columns = *(column.tolist() for column in numbers), senders
                 for row, value, time, received, sender in zip(*columns, strict=True):
                     speeds.append((row, source, value, time))
-                    from_whom = self._names[source.value], sender, 1e-9 * (received - time)
-                    self.judge.speed(source, received, value, *from_whom)
+                    about = self._names[source.value], sender, 1e-9 * (received - time)
+                    heard.append((row, partial(self.judge.speed, source, received, value, *about)))
         left_out.others, left_out.names = others, names  # those beside the crank angle
         angles = readings.crank_angle
         known = np.isnan(angles_in_table(angles, self._range)) == np.isnan(angles)
         moments = block.log_times[readings.in_block], readings.stamp
         of_each = *moments, angles, readings.velocity, known, readings.sender
-        self.judge.readings(*(column.tolist() for column in of_each))
+        lists = [column.tolist() for column in of_each]
+        # In the order of arrival, so that a speed that stops is found when it does.
+        heard.sort(key=lambda each: each[0])
+        rows = np.searchsorted(readings.in_block, [row for row, _ in heard])
+        for (first, last), (_, judge) in zip(
+            pairwise([0, *rows.tolist(), len(readings)]), [*heard, (0, lambda: None)], strict=True
+        ):
+            self.judge.readings(*(column[first:last] for column in lists))
+            judge()
         return readings, sorted(speeds, key=lambda speed: speed[0])
 
 

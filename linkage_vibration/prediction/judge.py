@@ -91,6 +91,9 @@ class InputJudge:
             now = self._at(arrived)
             if self._is_due(None, arrived):
                 self._judge_readings(now)
+            for source in self._speeds:
+                if self._is_due(source, arrived):
+                    self._judge_speed(source, now)
             self._taken = True
             self._stands |= self._standing.stands(arrived, stamp)
             values = stamp, arrived, angle, velocity

@@ -207,6 +207,18 @@ def test_a_speed_that_stopped() -> None:
     assert "The PTO speed on /pto_speed stopped 1.1 s ago" in sentence
 
 
+def test_a_speed_that_never_comes_back() -> None:
+    """One that ends at 5 s is too old after 6 s: at 7 to 14 s, and at the end."""
+    judge = InputJudge("the crank angle", RANGE)
+    for k in range(741):
+        time = START + k * STEP
+        judge.readings([time], [time], [2.0], [math.nan], [True])
+        if k <= 250:
+            judge.speed(Source.GROUND, time, 3.0, "/speed")
+    [fault] = judge.faults()
+    assert fault.sentence.endswith("(first after 6 s, in 9 of 15 seconds).")
+
+
 def test_a_pto_without_an_engine() -> None:
     """A PTO that turns for more than 10 s beside an engine at rest is named."""
     for seconds, expected in ((9, 0), (13, 1)):
