@@ -293,8 +293,8 @@ class ReadingWatch:
         if max(list(self._rates)[-2:]) >= _FALLEN * usual:
             return []
         sentence = (
-            f"The readings are sent at {rate:.1f} Hz instead of {usual:.1f} Hz; check the "
-            "sensor's driver, and the load of its machine."
+            f"The readings come at {rate:.1f} Hz instead of {usual:.1f} Hz; check the sensor's "
+            "driver, and the loads of its machine and of the node's."
         )
         return [Fault(Level.WARN, sentence)]
 

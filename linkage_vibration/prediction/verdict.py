@@ -385,6 +385,11 @@ def not_counted(drive: Drive, excitations: Sequence[Excitation]) -> str:
     if drive.times.min() >= _LATE:
         late = f"{drive.times.min():.1f} s"
         texts.append(f"No load is known for the first {late}.")
+    unsaid = drive.missing - max(float(drive.times.min()), 0.0)
+    if unsaid >= _LATE:
+        texts.append(
+            f"No message states the load for {unsaid:.1f} s, as each holds for at most {GAP:g} s."
+        )
     has_load = np.isfinite(resonances.load_ratios).any(axis=0)
     silent = [name for name, its in zip(drive.names, has_load, strict=True) if not its]
     if silent:

@@ -15,8 +15,9 @@ from linkage_vibration.mechanics.arrays import BoolArray, IntArray, runs
 from linkage_vibration.mechanics.forces import GRAVITY, SOIL
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.predictor import Status
-from linkage_vibration.prediction.severity import ResonanceState, ratio_words
+from linkage_vibration.prediction.severity import GAP, ResonanceState, ratio_words
 from linkage_vibration.prediction.verdict import (
+    KNOWN,
     Contribution,
     Episode,
     all_known,
@@ -267,7 +268,7 @@ def _charts(log: Log, axis: TimeAxis) -> Items:
         series: Items = []
         key = [{"label": "limits of a warning and a note", "colour": "#5f5f5f", "style": "dashed"}]
         key.append({"label": "all", **total})
-        spans = _spans(log, ~_all_known(log), axis)
+        spans = _unknown_spans(log, axis)
         if spans:
             key.append({"label": "a part of all, as a source is not known", **part})
             hatched = {"label": "not known in all", "colour": "#f3f3f3", "hatched": True}
@@ -383,13 +384,11 @@ def _summary(log: Log, of: dict[str, Any], missing: list[tuple[float, float]]) -
                 parts.append(f"overdamped in {overdamped:,} predictions")
             add(_mode_name(log, mode), ", ".join(parts))
     warnings, worst, share = of["warnings"], of["worst"], of["known_share"]
-    text = "none"
+    text = "none" if share >= KNOWN else "none that is known" if share else "not known"
     if warnings:
         text = (
             f"{warnings}, {100.0 * of['in_warning_s'] / (log.times[-1] or 1.0):.1f} % of the time"
         )
-    elif not share:
-        text = "not known"
     add("Warnings", text, alert=not of["calm"])
     add("Loads not known", f"{100.0 * (1.0 - share):.1f} % of the time" if share < 1.0 else "never")
     if worst is not None:
@@ -448,6 +447,15 @@ def _shades(log: Log, missing: list[tuple[float, float]], axis: TimeAxis) -> lis
     for kind, statuses in (("range", _INVALID), ("toggle", (Status.NEAR_TOGGLE,))):
         shades += [[*span, kind] for span in _spans(log, np.isin(log.status, statuses), axis)]
     return shades
+
+
+def _unknown_spans(log: Log, axis: TimeAxis) -> list[list[float]]:
+    """Return from where to where on the axis no message holds that knows all loads."""
+    assert log.drive is not None
+    times = log.times[log.drive.predictions]
+    late = np.flatnonzero(np.diff(times) > GAP)
+    ends = np.stack([times[late] + log.drive.held[late], times[late + 1]], axis=1)
+    return [*_spans(log, ~_all_known(log), axis), *axis.place(ends).tolist()]
 
 
 def _spans(log: Log, flags: BoolArray, axis: TimeAxis) -> list[list[float]]:

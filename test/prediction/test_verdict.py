@@ -299,8 +299,10 @@ def test_sparse_readings_cannot_warn(excitations: tuple[Excitation, ...]) -> Non
     text = sentence(drive([NOTE] * 4, [2.0] * 4, step=5.0), excitations)
     assert text.startswith("Loads exceeded 0.33 of the static force in 4 of 4 readings;")
     assert "more than 3 s apart, they cannot warn." in text
+    assert "No message states the load for 6.0 s, as each holds for at most 3 s." in text
     text = sentence(drive([NOTE] * 4, [2.0] * 4, step=0.2), excitations)
     assert "for 0.8 s in all, but never for 1 s, so nothing warned" in text
+    assert "No message states" not in text
 
 
 def test_why_no_load_is_known(excitations: tuple[Excitation, ...]) -> None:

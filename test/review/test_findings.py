@@ -20,6 +20,7 @@ from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.severity import ResonanceState
 from linkage_vibration.prediction.verdict import contributions, episodes
 from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.review import review_page as pages
 from linkage_vibration.review.findings import ending, first_sentence, log_levels
 from linkage_vibration.review.log import Log, problems, read_log
 from linkage_vibration.review.overview import drive_summary, overview_html
@@ -91,6 +92,31 @@ def test_part_of_a_total_is_marked(log: Log) -> None:
     np.testing.assert_array_equal(hatched[:-1], part[:-1])
     labels = [each["label"] for each in chart["key"]]
     assert ("not known in all" in labels) == part.any()
+
+
+@pytest.mark.parametrize(("step", "hatched"), [(3.0, 0), (3.5, 1)])
+def test_readings_that_are_far_apart_are_hatched(
+    write_log: Any, tmp_path: Path, step: float, hatched: int
+) -> None:
+    """A reading holds for at most 3 s, so the load is not known from then to the next one."""
+    log = read_log(write_log(tmp_path / "sparse.mcap", step * np.arange(9), np.full(9, 2.0)))
+    page = review_page(log)
+    [chart] = [each for each in page.content["charts"] if each["id"] == "load"]
+    late = [span for span in chart["shades"] if span[0] % step == pytest.approx(3.0)]
+    assert late == [[step * k + 3.0, step * (k + 1), "unknown"] for k in range(8)] * hatched
+
+
+@pytest.mark.parametrize(
+    ("share", "words"), [(0.95, "none"), (0.949, "none that is known"), (0.0, "not known")]
+)
+def test_warnings_that_nobody_saw(
+    log: Log, monkeypatch: pytest.MonkeyPatch, share: float, words: str
+) -> None:
+    """The page has no warnings only if the load is known for 95 % of the drive."""
+    summary = drive_summary(log) | {"warnings": 0, "known_share": share}
+    monkeypatch.setattr(pages, "drive_summary", lambda _: summary)
+    cards = {card["label"]: card["value"] for card in review_page(log).content["summary"]}
+    assert cards["Warnings"] == words
 
 
 def test_jump_of_the_clock(jumping: Path) -> None:
