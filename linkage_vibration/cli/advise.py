@@ -89,8 +89,6 @@ def _described(advice: "Advice") -> str:
                 why += f"now with a probability of {100.0 - probability:.0f} %"
             lines.append(f"{name:16}  none: {why}")
     lines.append(of.sentence)
-    if advice.unsure:
-        lines.append(f"Factors and probabilities that are unknown: {advice.unsure}.")
     if of.not_counted:
         lines.append(f"Not counted, as their loads are not known: {of.not_counted}.")
     counts = np.bincount(advice.reasons.ravel(), minlength=len(advice.reason_texts))

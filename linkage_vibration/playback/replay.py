@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -33,6 +33,7 @@ from linkage_vibration.messages.topics import (
     PREDICTION,
     log_topic,
 )
+from linkage_vibration.playback.readings import JudgedInputs, SpeedRow
 from linkage_vibration.playback.remapping import (
     ReplayError,
     bag_paths,
@@ -52,8 +53,6 @@ from linkage_vibration.prediction.answers import (
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs.presets import HITCH
 from linkage_vibration.prediction.inputs.sources import CrankInput
-from linkage_vibration.prediction.inputs.units import ANGLES
-from linkage_vibration.prediction.judge import InputJudge
 from linkage_vibration.prediction.levels import kept_levels
 from linkage_vibration.prediction.motion import crank_filter, crank_resolution
 from linkage_vibration.prediction.periods import Periods, Place, Stamps
@@ -71,7 +70,6 @@ if TYPE_CHECKING:
     from linkage_vibration.listening.live import SensorMonitor
 
 REPLAY_METADATA = "linkage_vibration.replay"
-_SpeedRow: TypeAlias = tuple[int, Source, float, int]  # row, speed, value, time (ns)
 _NAMES = {topic.type: full_name(topic.name) for topic in OUTPUT_TOPICS}
 _ANSWERS = MEASURED, PREDICTION, *ASSESSED, ADVICE
 """The types of the answers to a reading, in their order in the log."""
@@ -229,11 +227,11 @@ def replay(
                 for block in bags.blocks(list(run.topics), bags.is_own_log):
                     log.write(run.messages(block))
                     bar.update(len(block))
-                faults = run.judge.faults()
+                faults = run.inputs.judge.faults()
                 run.done.input_faults = [fault.sentence for fault in faults]
                 numbered = {str(i): json.dumps(asdict(each)) for i, each in enumerate(faults, 1)}
                 log.add_metadata(FAULTS_METADATA, numbered)
-            _refuse_empty(run.done, bags, run.crank)
+            _refuse_empty(run.done, bags, run.inputs.crank)
     return run.done
 
 
@@ -263,51 +261,34 @@ class _Replay:
     def __init__(
         self, bags: Bags, settings: Parameters, topics: Mapping[str, BagTopic], served: LoadedModel
     ) -> None:
-        self.crank = settings.crank_input(topic_schema(bags, topics[HITCH]))
-        self.speeds = {
-            source: settings.speed_input(source, topic_schema(bags, topics[source.value]))
-            for source in Source
-            if source.value in topics
-        }
         self.sensors = _Sensors(bags, settings, served)
         self.topics = {topic.name: topic for topic in (*topics.values(), *self.sensors.topics)}
         self._names = list(self.topics)
-        self._places = {name: self._names.index(topic.name) for name, topic in topics.items()}
+        of_table = self._names, served.predictor.table.alpha3_range
+        self.inputs = JudgedInputs(bags, settings, topics, *of_table)
         notices: list[str] = []
         self.monitor = _monitor(settings, topics, served, notices.append)
         self._adviser: Adviser | None = None
         self._predictor, self._periods = served.predictor, Periods(settings.prediction_rate)
         self._stamps = Stamps()
-        self._topic_names = {source: topics[source.value].name for source in self.speeds}
-        scale, hitch = self.crank.scale, topics[HITCH].name
-        self.judge = InputJudge(
-            self.crank.describe(hitch),
-            self._predictor.table.alpha3_range,
-            offset=scale.offset * ANGLES.get(scale.unit, math.nan),
-            stale_after=settings.stale_after,
-        )
         self._motion = crank_filter()
         self._agreement = crank_agreement(self._predictor.table.alpha3_range)
         self._standing = StandingClock()
-        missing = {each.reader.what for each in self.speeds.values()} | self.sensors.missing
+        missing = {each.reader.what for each in self.inputs.speeds.values()} | self.sensors.missing
         self.done = Replayed(topic=topics[HITCH].name, missing=missing, notice=" ".join(notices))
         self.done.unreadable, self.done.fault = bags.bad_lines, bags.fault
 
     def messages(self, block: Block) -> list[Messages]:
         """Return the input messages of a block that are used, and what is predicted for them."""
-        rows = np.flatnonzero(block.topics == self._places[HITCH])
-        readings = self.crank.read_block(block, rows, self.done)
-        used = [readings.in_block]
-        speeds = self._speeds(block, used)
+        readings, speeds = self.inputs.read(block, self.done)
+        used = [readings.in_block, np.array([speed[0] for speed in speeds], np.int64)]
+        known = {source for _, source, *_ in speeds}
+        self.done.missing -= {self.inputs.speeds[source].reader.what for source in known}
         messages = [*self.sensors.messages(block, self._names, readings, speeds, used, self.done)]
         if len(readings):
             predictions = predict_many(self._predictor, readings.crank_angle, readings.stddev)
             readings.due_at, readings.by_receipt = self._stamps.times(readings.stamp, readings.time)
             messages += self._predictions(block, readings, predictions)
-            known = predictions.status != Status.OUT_OF_RANGE
-            numbers = readings.time, readings.stamp, readings.crank_angle, readings.velocity
-            columns = *numbers, known, readings.sender
-            self.judge.readings(*(column.tolist() for column in columns))
             if self.monitor is not None:
                 messages += self._resonances(self.monitor, block, readings, predictions, speeds)
         elif self.monitor is not None:
@@ -337,29 +318,13 @@ class _Replay:
                 times = block.log_times[same], block.publish_times[same]
                 yield Messages(name, data, len(_PLACES) * same, *times)
 
-    def _speeds(self, block: Block, used: list[Integers]) -> list[_SpeedRow]:
-        """Return the speeds of a block by rows, and add those rows to the used ones."""
-        speeds: list[_SpeedRow] = []
-        others, names = self.done.others, self.done.names.copy()
-        for source, each in self.speeds.items():
-            of_topic = np.flatnonzero(block.topics == self._places[source.value])
-            for rows, values, times, senders in each.read_block(block, of_topic, self.done):
-                used.append(rows)
-                self.done.missing.discard(each.reader.what)
-                columns = rows.tolist(), values.tolist(), times.tolist()
-                speeds += [(row, source, v, time) for row, v, time in zip(*columns, strict=True)]
-                for _, v, time, sender in zip(*columns, senders, strict=True):
-                    self.judge.speed(source, time, v, self._topic_names[source], sender)
-        self.done.others, self.done.names = others, names  # those beside the crank angle
-        return sorted(speeds, key=lambda speed: speed[0])
-
     def _resonances(
         self,
         monitor: ResonanceMonitor,
         block: Block,
         readings: MessageColumns,
         predictions: MessageColumns,
-        speeds: Sequence[_SpeedRow],
+        speeds: Sequence[SpeedRow],
     ) -> Iterator[Messages]:
         """Assess predictions, with the speeds that were received among them."""
         self._adviser = self._adviser or Adviser(monitor)
@@ -423,7 +388,7 @@ class _Replay:
         velocity, error = readings.velocity.copy(), np.zeros(len(readings))
         unknown = np.flatnonzero(np.isnan(velocity))
         if len(unknown):
-            moving, known_part = readings.rows(unknown), self.crank.scale.angle_stddev
+            moving, known_part = readings.rows(unknown), self.inputs.crank.scale.angle_stddev
             velocity[unknown], error[unknown] = self._motion.add_many(
                 moving.stamp.tolist(),
                 moving.crank_angle.tolist(),
@@ -460,7 +425,7 @@ class _Sensors:
         block: Block,
         names: Sequence[str],
         readings: MessageColumns,
-        speeds: Sequence[_SpeedRow],
+        speeds: Sequence[SpeedRow],
         used: list[Integers],
         left_out: SkippedMessages,
     ) -> Iterator[Messages]:

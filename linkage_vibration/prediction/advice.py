@@ -72,7 +72,6 @@ class Advice:
 
     # The fields of ``Advice.msg`` but for header and table; beside its places, their columns, (4,).
     message: MessageColumns
-    unsure: str  # why a factor or a probability of a known load is not known; empty if all are
     crank_angles: FloatArray  # (n_angles,), rad: rows of the map
     ground_speeds: FloatArray  # (n_speeds,), m/s: columns
     load_ratios: FloatArray  # (n_angles, n_speeds); NaN where refused
@@ -130,18 +129,20 @@ def advise(
     sentence = advice_sentence(message, limit=limit)
     message.sentence = sentence or _nothing_better(message.load_ratios[NOW], why)
     unsure = ~unknown & np.isnan(message.load_ratio_factors)
+    if unsure.any():
+        message.sentence += f" {_why_unsure(members[:, unsure])}"
     shown = cells[:-1, :-1]
     maps = load[shown], velocity[shown], reasons[shown]
-    text = _why_unsure(members[:, unsure]) if unsure.any() else ""
-    return Advice(message, text, angles[:-1], speeds[:-1], *maps, texts)
+    return Advice(message, angles[:-1], speeds[:-1], *maps, texts)
 
 
 def _why_unsure(members: FloatArray) -> str:
     """Return why it is not known how sure loads of members, (n_members, n), are."""
-    if not len(members):
-        return "the table has no ensemble, as no number of the mechanism is uncertain"
-    known = int(np.isfinite(members).sum(axis=0).min())
-    return f"only {known} of {len(members)} members of the ensemble have a load there"
+    why = "the table has no ensemble, as no number of the mechanism is uncertain"
+    if len(members):
+        known = int(np.isfinite(members).sum(axis=0).min())
+        why = f"only {known} of {len(members)} members of the ensemble have a load there"
+    return f"Not all factors and probabilities are known, as {why}."
 
 
 def _places(columns: MessageColumns) -> NDArray[np.void]:

@@ -293,8 +293,8 @@ class ReadingWatch:
         if max(list(self._rates)[-2:]) >= _FALLEN * usual:
             return []
         sentence = (
-            f"The readings are sent at {rate:.1f} Hz instead of {usual:.1f} Hz; check the "
-            "sensor's driver, and the load of its machine."
+            f"The readings come at {rate:.1f} Hz instead of {usual:.1f} Hz; check the sensor's "
+            "driver, and the loads of its machine and of the node's."
         )
         return [Fault(Level.WARN, sentence)]
 
@@ -378,15 +378,17 @@ def _disagreement(window: _Window, publishers: _Nodes, what: str, name: str) -> 
     if len(window.senders) > 1:
         sentence = senders_disagree(window.senders, what, name)
         return [Fault(Level.ERROR, sentence, since=window.began)]
-    if publishers is None:
-        sentence = f"The values of {what} go to and fro, as those of publishers that disagree; "
-        return [Fault(Level.ERROR, f"{sentence}record one of them alone.", since=window.began)]
-    nodes = publishers()
-    if len(nodes) < 2:
-        return []
-    listing = ", ".join(sorted(nodes))
-    sentence = f"The publishers of {what} disagree ({listing}); stop or remap all but one."
-    return [Fault(Level.ERROR, sentence)]
+    if publishers is not None and len(nodes := publishers()) > 1:
+        listing = ", ".join(sorted(nodes))
+        sentence = f"The publishers of {what} disagree ({listing}); stop or remap all but one."
+    elif publishers is not None and window.jumps:
+        return []  # these have a sentence of their own
+    else:
+        fix = "check the sensor" if publishers else "record one of them alone"
+        sentence = (
+            f"The values of {what} go to and fro, as those of publishers that disagree; {fix}."
+        )
+    return [Fault(Level.ERROR, sentence, since=window.began)]
 
 
 class _Noise:

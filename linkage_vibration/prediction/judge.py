@@ -91,21 +91,30 @@ class InputJudge:
             now = self._at(arrived)
             if self._is_due(None, arrived):
                 self._judge_readings(now)
+            for source in self._speeds:
+                if self._is_due(source, arrived):
+                    self._judge_speed(source, now)
             self._taken = True
             self._stands |= self._standing.stands(arrived, stamp)
             values = stamp, arrived, angle, velocity
             self._readings.take(now, *values, known=in_table, sender=sender)
 
     def speed(
-        self, source: Source, received: int, value: float, topic: str, sender: str = ""
+        self,
+        source: Source,
+        received: int,
+        value: float,
+        topic: str,
+        sender: str = "",
+        age: float = 0.0,
     ) -> None:
-        """Take a speed, rpm or m/s, which arrived at a time, ns."""
+        """Take a speed, rpm or m/s, which arrived at a time, ns, when its stamp had an age, s."""
         now, watch = self._at(received), self._speeds.get(source)
         if watch is None:
             watch = self._speeds[source] = SpeedWatch(source, topic)
         if self._is_due(source, received):
             self._judge_speed(source, now)
-        watch.take(now, value, sender)
+        watch.take(now, value, sender, age)
 
     def faults(self) -> list[InputFault]:
         """Return one fault of each kind, the most serious and then the first one first.

@@ -221,7 +221,7 @@ def present_sentence(resonance: MessageColumns, excitations: Sequence[Excitation
     if resonance.excitation_index < 0 and not alone:
         lost = "all orders are beyond the frequencies of the table"
         if resonance.unknown_sources & Unknown.CRANK_ANGLE:
-            lost = "the prediction for this crank angle has no natural frequencies"
+            lost = "the crank angle is invalid, outside of the table or doubted"
         return f"No load is known, as {lost if working else unknown}."
     tail = f" {unknown[0].upper()}{unknown[1:]}." if unknown else ""
     if resonance.ground_unknown and Source.GROUND not in speeds:

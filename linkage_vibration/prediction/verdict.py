@@ -95,11 +95,6 @@ class Durations:
         known = self.above + self.below
         return known / (known + self.unknown) if known else 0.0
 
-    @property
-    def calm(self) -> bool:
-        """Whether the load is known, and was never above its limit."""
-        return self.above == 0.0 and self.known_share >= KNOWN
-
 
 @dataclass(frozen=True, slots=True)
 class Episode:
@@ -290,7 +285,7 @@ def drive_sentence(
         blind = bool(speeds) and not working
         why = "all orders were beyond the frequencies of the table"
         if (resonances.unknown_sources & Unknown.CRANK_ANGLE != 0).all():
-            why = "no crank angle was valid"
+            why = "each crank angle was invalid, outside of the table or doubted"
         if blind:
             why = f"{unknown_speed_words(speeds, ('was', 'were'))} never known"
         if blind or not all(excitation.terrain for excitation in working):
@@ -390,6 +385,11 @@ def not_counted(drive: Drive, excitations: Sequence[Excitation]) -> str:
     if drive.times.min() >= _LATE:
         late = f"{drive.times.min():.1f} s"
         texts.append(f"No load is known for the first {late}.")
+    unsaid = drive.missing - max(float(drive.times.min()), 0.0)
+    if unsaid >= _LATE:
+        texts.append(
+            f"No message states the load for {unsaid:.1f} s, as each holds for at most {GAP:g} s."
+        )
     has_load = np.isfinite(resonances.load_ratios).any(axis=0)
     silent = [name for name, its in zip(drive.names, has_load, strict=True) if not its]
     if silent:

@@ -99,7 +99,7 @@ def first_sentence(log: Log) -> str:
 def verdict(log: Log, sentence: str) -> tuple[str, str]:
     """Return the short verdict of a drive with its known share, and the rest of the sentence."""
     first, _, rest = sentence.removeprefix(DOUBTFUL).partition(". ")
-    text = f"{first.rstrip('.')}."
+    text = f"{DOUBTFUL * bool(log.input_faults)}{first.rstrip('.')}."
     share = 0.0 if log.drive is None else durations(log.drive).known_share
     if share == 0.0 or first.startswith("Known for"):
         return text, rest

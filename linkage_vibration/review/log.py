@@ -4,6 +4,7 @@
 
 import itertools
 import json
+import math
 import re
 import tempfile
 from collections.abc import Mapping, Sequence
@@ -38,11 +39,13 @@ from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.messages.csv_tables import prediction_table, table_text, unit_suffix
 from linkage_vibration.messages.fields import Field, message_fields
 from linkage_vibration.messages.topics import ASSESSED, PREDICTION
+from linkage_vibration.playback.readings import recorded_faults
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.judge import InputFault, InputJudge
 from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.provenance import EXCITATIONS, PARAMETERS
 from linkage_vibration.prediction.resonance import described
+from linkage_vibration.prediction.settings import Parameters, with_values
 from linkage_vibration.prediction.verdict import Drive, drive_of
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
@@ -335,15 +338,18 @@ def gaps(log: Log) -> list[tuple[float, float]]:
 def _input_faults(log: Log) -> tuple[InputFault, ...]:
     """Return what the diagnostics of the node say of the inputs, from what a log holds of them.
 
-    A replay has read the inputs themselves, and has written what it found.
+    A replay has written what it found. Of another log without inputs, only the answers are judged.
     """
     if FAULTS_METADATA in log.metadata:
         texts = log.metadata[FAULTS_METADATA].values()
         return tuple(InputFault(**json.loads(text)) for text in texts)
-    if log.table is None:
-        return ()
-    judge = InputJudge("the crank angle", log.table.alpha3_range)
-    unknown, known = np.full(len(log.stamps), np.nan), log.status != Status.OUT_OF_RANGE
+    stroke = log.table.alpha3_range if log.table else (-math.inf, math.inf)
+    with suppress(LinkageVibrationError):  # also of parameters of another version
+        settings = with_values(Parameters(), log.parameters)
+        return tuple(recorded_faults(log.path, settings, stroke))
+    judge = InputJudge("the crank angle", stroke)
+    unknown = np.full(len(log.stamps), np.nan)
+    known = (log.status != Status.OUT_OF_RANGE) | (log.table is None)
     columns = log.received, log.stamps, log.crank_angle, unknown, known
     judge.readings(*(column.tolist() for column in columns))
     for source, (times, values) in log.speeds.items():

@@ -15,7 +15,7 @@ from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, IntArray, 
 from linkage_vibration.mechanics.forces import GRAVITY, SOIL
 from linkage_vibration.prediction.excitation import Excitation
 from linkage_vibration.prediction.predictor import Status
-from linkage_vibration.prediction.severity import ResonanceState, ratio_words
+from linkage_vibration.prediction.severity import GAP, ResonanceState, ratio_words
 from linkage_vibration.prediction.verdict import (
     Contribution,
     Drive,
@@ -285,7 +285,8 @@ def _load_chart(log: Log, drive: Drive, axis: TimeAxis) -> dict[str, Any]:
         ("above", "above the limit, or tyres off the ground", _latest(log, above)),
     )
     for kind, label, flags in marks:
-        spans += (its := [[*span, kind] for span in _spans(log, flags, axis)])
+        places = _spans(log, flags, axis) + (_late(log, axis) if kind == "unknown" else [])
+        spans += (its := [[*place, kind] for place in places])
         style = {"colour": _SHADES[kind], "fill": True, "hatched": kind == "unknown"}
         key += [{"label": label, **style}] * bool(its)
     title = "Load ratio: largest force over the static force there"
@@ -505,6 +506,16 @@ def _shades(log: Log, missing: list[tuple[float, float]], axis: TimeAxis) -> lis
     for kind, statuses in (("range", _INVALID), ("toggle", (Status.NEAR_TOGGLE,))):
         shades += [[*span, kind] for span in _spans(log, np.isin(log.status, statuses), axis)]
     return shades
+
+
+def _late(log: Log, axis: TimeAxis) -> list[list[float]]:
+    """Return from where to where on the axis the next message is so late that none holds."""
+    assert log.drive is not None
+    times = log.times[log.drive.predictions]
+    late = np.flatnonzero(np.diff(times) > GAP)
+    ends = np.stack([times[late] + log.drive.held[late], times[late + 1]], axis=1)
+    places: list[list[float]] = axis.place(ends).tolist()
+    return places
 
 
 def _spans(log: Log, flags: BoolArray, axis: TimeAxis) -> list[list[float]]:

@@ -186,7 +186,7 @@ class Services:
         response.table_id = served.table.table_id
         response.mechanism = served.mechanism_text
 
-    async def _advise(self, request: srv.Advise.Request, response: srv.Advise.Response) -> str:
+    async def _advise(self, request: srv.Advise.Request, response: srv.Advise.Response) -> None:
         angles = request.crank_angle_min, request.crank_angle_max
         speeds = request.ground_speed_min, request.ground_speed_max
         present = [request.engine_speed, request.pto_speed, abs(request.ground_speed)]
@@ -206,8 +206,6 @@ class Services:
         encoded = encode_message(ADVICE, advised.message, sec, nanosec, "")
         response.advice = deserialize_message(encoded, Advice)
         _fill(response, served, advised)
-        unsure = f"Factors and probabilities that are unknown: {advised.unsure}."
-        return unsure if advised.unsure else ""
 
     async def _on_goal(self, goal: Any) -> SetImplement.Result:
         """Use another implement, with progress; a client may cancel it."""

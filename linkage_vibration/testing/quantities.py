@@ -206,10 +206,11 @@ def _of_loads(log: Log, limits: Limits) -> Iterator[Quantity]:
         known = state != ResonanceState.UNKNOWN
     for limit, most in given:
         if limit == "load_ratio":
-            yield _load_ratio(log, drive, span, limits, known, why)
+            each = _load_ratio(log, drive, span, limits, known, why)
         elif limit == "velocity":
             words = f"the velocity of the response point{whose} is {{:.3g}} m/s"
-            yield _within(limit, span, velocity.astype(float), (-math.inf, most), words, known, why)
+            allowed, values = (-math.inf, most), velocity.astype(float)
+            each = _within(limit, span, values, allowed, words, known, why)
         else:
             least, sure = ResonanceState.NOTE, known
             if limit == "warning_time":  # without a load, nothing can warn
@@ -219,7 +220,9 @@ def _of_loads(log: Log, limits: Limits) -> Iterator[Quantity]:
             over = there & (spent > most + 1e-9) & (spent - span.held <= most + 1e-9)
             text = f"the {limit.replace('_', ' ')}{whose} is {spent[-1]:.3f} s, more than {most:g},"
             size = np.where(state == ResonanceState.UNKNOWN, math.nan, 0.0)
-            yield Quantity(limit, span, over, size, _always(text), there | sure, why)
+            each = Quantity(limit, span, over, size, _always(text), there | sure, why)
+        # A moment that is doubted is not named where another one exceeds the limit, too.
+        yield replace(each, size=each.size * ~drive.doubted)
 
 
 def _load_ratio(
@@ -251,9 +254,7 @@ def _load_ratio(
             raise TestKitError(f"place is {limits.place!r}; {log.path} has only {every}.")
         # While another place is loaded more, only a bound is known of the load here.
         above = (ratio > most) & (place == limits.place)
-    # A load that is doubted is not named where another one exceeds the limit, too.
-    sizes = ratio * ~drive.doubted
-    return Quantity("load_ratio", span, above, sizes, words, above | below, why)
+    return Quantity("load_ratio", span, above, ratio, words, above | below, why)
 
 
 def _excitation(log: Log, drive: Drive, name: str) -> int:
@@ -269,17 +270,10 @@ def _drive_within(log: Log, drive: Drive, limits: Limits) -> Drive | None:
     span = _span(times, drive.predictions, drive.held, drive.missing, limits)
     if not len(span.rows):
         return None
-    return replace(
-        drive,
-        times=times[span.rows] - (limits.windows[0][0] if limits.windows else 0.0),
-        held=span.held,
-        broken=drive.broken[span.rows],
-        resonances=drive.resonances.rows(span.rows),
-        angles=drive.angles[span.rows],
-        predictions=span.predictions,
-        missing=span.missing,
-        doubted=drive.doubted[span.rows],
-    )
+    parts = {name: getattr(drive, name)[span.rows] for name in ("broken", "angles", "doubted")}
+    parts |= {name: getattr(span, name) for name in ("held", "predictions", "missing")}
+    times = times[span.rows] - (limits.windows[0][0] if limits.windows else 0.0)
+    return replace(drive, times=times, resonances=drive.resonances.rows(span.rows), **parts)
 
 
 def _why(log: Log, drive: Drive | None) -> str:

@@ -200,8 +200,8 @@ def test_what_is_not_known_is_not_advised() -> None:
     assert np.isnan(certain.message.probabilities).all()
     assert np.isnan(certain.message.load_ratio_factors).all()
     assert "(how probably, is not known)" in certain.message.sentence
-    assert certain.unsure.startswith("the table has no ensemble")
-    assert ask().unsure == ""
+    assert "Not all factors and probabilities are known, as the table" in certain.message.sentence
+    assert "Not all factors" not in ask().message.sentence
     outside = ask(angle=3.2, ground_speeds=(1.0, 10.0)).message
     assert np.isnan(outside.load_ratios[[NOW, SPEED]]).all()
     assert np.isfinite(outside.load_ratios[[HEIGHT, BOTH]]).all()
@@ -279,7 +279,7 @@ def test_a_probability_needs_95_percent_of_the_members(known: int, unsure: bool)
     answer = advise(levels, EXCITATIONS, Question(2.7, np.array([1800.0, 540.0, 8.0])))
     assert np.isnan(answer.message.probabilities[1:]).all() == unsure
     words = f"only {known} of 64 members of the ensemble have a load there"
-    assert answer.unsure == (words if unsure else "")
+    assert answer.message.sentence.endswith(f"known, as {words}.") == unsure
 
 
 def test_the_only_candidate_is_not_quieter() -> None:

@@ -154,8 +154,8 @@ FAULTS = [
     ("degrees", [130.0], {}, EXPECTED, Level.ERROR, "are in degrees (130)"),
     ("degrees with an offset", [30.0], {}, replace(EXPECTED, offset=1.5), Level.ERROR, "degrees"),
     ("sign", [-2.0], {}, EXPECTED, Level.ERROR, "inside with the other sign"),
-    ("one side", [0.3, 0.4], {}, ALONE, Level.ERROR, "are below the table's 90 to 180 deg"),
-    ("other side", [4.0, 4.05], {}, ALONE, Level.ERROR, "are above"),
+    ("one side", [0.38, 0.4], {}, ALONE, Level.ERROR, "are below the table's 90 to 180 deg"),
+    ("other side", [4.0, 4.02], {}, ALONE, Level.ERROR, "are above"),
     ("no number", [math.nan], {}, EXPECTED, Level.ERROR, "is a number"),
     ("zero stamps", [2.0], {"age": math.inf}, EXPECTED, Level.WARN, "are zero"),
     ("old", [2.0], {"age": 3.0}, EXPECTED, Level.WARN, "3.0 s old"),
@@ -204,7 +204,9 @@ def test_publishers_that_disagree() -> None:
     assert not any(judged(times, [2.0] * n))
     slower = [2.0 + 0.05 * (i % 10 == 0) for i in range(n)]  # one of them at a tenth of the rate
     assert "disagree" in judged(times, slower)[-1][0].sentence
-    assert not any(judged(times, angles, ALONE))  # its sensor is noisy
+    # No load is known at angles of a sensor that is as noisy as that.
+    assert "go to and fro" in judged(times, angles, ALONE)[-1][0].sentence
+    assert not any(judged(times, [2.0 + 0.02 * (i % 2) for i in range(n)], ALONE))
 
 
 def test_missing_readings() -> None:
@@ -369,10 +371,19 @@ def to_and_fro(source: Source, low: float, high: float, period: float, rate: flo
 def test_limits_of_a_speed_that_goes_to_and_fro(
     source: Source, low: float, high: float, period: float, rate: float, faulty: bool
 ) -> None:
-    """Nothing changes by 120 rpm of a PTO, 400 rpm of an engine or 2 m/s and back in 0.8 s."""
+    """Nothing changes by 120 rpm of a PTO, 400 rpm of an engine or 2 m/s and back in 0.8 s.
+
+    Smaller changes look like those of publishers that disagree, unless they are slow.
+    """
     faults = to_and_fro(source, low, high, period, rate)
-    assert [fault.level for fault in faults] == [Level.WARN] * faulty
-    assert all(f"to and fro by {high - low:.4g} {source.unit}" in f.sentence for f in faults)
+    by = f"changed to and fro by {high - low:.4g} {source.unit}"
+    assert [by in fault.sentence for fault in faults if fault.level is Level.WARN] == [
+        True
+    ] * faulty
+    other = [fault for fault in faults if fault.level is Level.ERROR]
+    assert [f"{source.label} speed on /speed go to and fro" in f.sentence for f in other] == (
+        [True] * (not faulty and period < 0.5)
+    )
 
 
 def test_two_changes_are_not_to_and_fro() -> None:

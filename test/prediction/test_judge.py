@@ -181,6 +181,18 @@ def test_faults_of_speeds(source: Source, value: Callable[[int], float], words: 
     assert any(words in sentence for sentence in speeds(source, value))
 
 
+@pytest.mark.parametrize(("age", "words"), [(1.0, ""), (1.1, "1.1 s old"), (-1.1, "1.1 s ahead")])
+def test_stamps_of_speeds(age: float, words: str) -> None:
+    """A speed whose stamps are off by more than `stale_after` is named with what helps."""
+    judge = InputJudge("the crank angle", RANGE)
+    for k in range(100):
+        judge.speed(Source.GROUND, START + k * 100_000_000, 5.0, "/speed", age=age)
+    found = [fault.sentence for fault in judge.faults()]
+    assert [f"on /speed are {words}, so that it is not" in text for text in found] == [True] * bool(
+        words
+    )
+
+
 def test_sound_speeds() -> None:
     """Speeds that are possible have no fault."""
     assert speeds(Source.ENGINE, lambda k: 800.0 + 10.0 * k) == []
@@ -193,6 +205,18 @@ def test_a_speed_that_stopped() -> None:
     assert speeds(Source.PTO, lambda k: 540.0, 900_000_000) == []
     [sentence] = speeds(Source.PTO, lambda k: 540.0, 1_100_000_000)
     assert "The PTO speed on /pto_speed stopped 1.1 s ago" in sentence
+
+
+def test_a_speed_that_never_comes_back() -> None:
+    """One that ends at 5 s is too old after 6 s: at 7 to 14 s, and at the end."""
+    judge = InputJudge("the crank angle", RANGE)
+    for k in range(741):
+        time = START + k * STEP
+        judge.readings([time], [time], [2.0], [math.nan], [True])
+        if k <= 250:
+            judge.speed(Source.GROUND, time, 3.0, "/speed")
+    [fault] = judge.faults()
+    assert fault.sentence.endswith("(first after 6 s, in 9 of 15 seconds).")
 
 
 def test_a_pto_without_an_engine() -> None:

@@ -199,7 +199,7 @@ def test_what_is_not_counted_is_said(excitations: tuple[Excitation, ...]) -> Non
 def test_what_is_known_comes_first(
     excitations: tuple[Excitation, ...], lost: int, words: str
 ) -> None:
-    """A drive of which less than 95 % is known is not calm, and begins with what is known.
+    """The sentence of a drive of which less than 95 % is known begins with what is known.
 
     Either a speed is lost, or one excitation, or there is no message for that time.
     """
@@ -209,13 +209,13 @@ def test_what_is_known_comes_first(
     states = np.stack([np.full(100, CLEAR), np.where(rows, UNKNOWN, CLEAR)], axis=1)
     for each in (speed, drive([CLEAR] * 100, [0.14] * 100, **known | {"states": states})):
         assert sentence(each, excitations).startswith(words)
-        assert durations(each).calm == (lost <= 5)
+        assert durations(each).known_share == pytest.approx(0.01 * (100 - lost))
     n = 100 - lost
     if n:
         known = {"unknown_sources": np.zeros(n, int), "states": np.full((n, 2), CLEAR)}
         short = replace(drive([CLEAR] * n, [0.14] * n, **known), missing=float(lost))
         assert sentence(short, excitations).startswith(words)
-        assert durations(short).calm == (lost <= 5)
+        assert durations(short).known_share == pytest.approx(0.01 * n)
 
 
 @pytest.mark.parametrize(("count", "said"), [(0, False), (1, True)])
@@ -309,8 +309,10 @@ def test_sparse_readings_cannot_warn(excitations: tuple[Excitation, ...]) -> Non
     text = sentence(drive([NOTE] * 4, [2.0] * 4, step=5.0), excitations)
     assert text.startswith("Loads exceeded 0.33 of the static force in 4 of 4 readings;")
     assert "more than 3 s apart, they cannot warn." in text
+    assert "No message states the load for 6.0 s, as each holds for at most 3 s." in text
     text = sentence(drive([NOTE] * 4, [2.0] * 4, step=0.2), excitations)
     assert "for 0.8 s in all, but never for 1 s, so nothing warned" in text
+    assert "No message states" not in text
 
 
 def test_why_no_load_is_known(excitations: tuple[Excitation, ...]) -> None:
@@ -342,14 +344,16 @@ def test_a_stale_message_says_what_is_missing(excitations: tuple[Excitation, ...
     """It is the speeds if all are missing, and otherwise the prediction."""
     none = drive([UNKNOWN], [math.nan], unknown_sources=np.array([1 | ENGINE_SPEED]))
     first = none.resonances.message(0)
-    assert "has no natural frequencies" in present_sentence(first, excitations)
+    assert "angle is invalid, outside of the table or doubted" in present_sentence(
+        first, excitations
+    )
     speeds = np.array([ENGINE_SPEED | PTO_SPEED])
     both = drive([UNKNOWN], [math.nan], unknown_sources=speeds)
     text = "the engine and PTO speeds are not known or not fresh"
     assert text in present_sentence(both.resonances.message(0), excitations)
     assert "the engine and PTO speeds were never known" in sentence(both, excitations)
     lost = drive([UNKNOWN], [math.nan], unknown_sources=np.array([1]))
-    assert "no crank angle was valid" in sentence(lost, excitations)
+    assert "as each crank angle was invalid, outside" in sentence(lost, excitations)
     beyond = drive([UNKNOWN], [math.nan], unknown_sources=np.array([32]))
     assert "all orders were beyond the frequencies of the table" in sentence(beyond, excitations)
     live = present_sentence(beyond.resonances.message(0), excitations)

@@ -63,7 +63,7 @@ def test_only_invalid_angles(write_log: Any, tmp_path: Path) -> None:
     times = np.arange(50) / 100.0
     path = write_log(tmp_path / "nan.mcap", times, np.full(50, np.nan))
     log = read_log(path)
-    assert "is not known, as no crank angle was valid" in first_sentence(log)
+    assert "is not known, as each crank angle was invalid" in first_sentence(log)
     assert is_one_sentence(log)
 
 
@@ -104,6 +104,18 @@ def test_part_of_a_total_is_marked(log: Log) -> None:
     np.testing.assert_array_equal(hatched[:-1], (part & ~above)[:-1])
     labels = [each["label"] for each in chart["key"]]
     assert ("not known whether above the limit" in labels) == (part & ~above).any()
+
+
+@pytest.mark.parametrize(("step", "hatched"), [(3.0, 0), (3.5, 1)])
+def test_readings_that_are_far_apart_are_hatched(
+    write_log: Any, tmp_path: Path, step: float, hatched: int
+) -> None:
+    """A reading holds for at most 3 s, so the load is not known from then to the next one."""
+    log = read_log(write_log(tmp_path / "sparse.mcap", step * np.arange(9), np.full(9, 2.0)))
+    page = review_page(log)
+    [chart] = [each for each in page.content["charts"] if each["id"] == "load"]
+    late = [span for span in chart["shades"] if span[0] % step == pytest.approx(3.0)]
+    assert late == [[step * k + 3.0, step * (k + 1), "unknown"] for k in range(8)] * hatched
 
 
 def test_jump_of_the_clock(jumping: Path) -> None:
@@ -382,7 +394,7 @@ def test_page_begins_with_the_answer(page: Any, jumping: Path) -> None:
     """The beginning of the sentence comes first, and the cursor is at the worst moment."""
     log = read_log(jumping)
     sentence = first_sentence(log).removeprefix(DOUBTFUL)
-    assert page.text("#answer").startswith(sentence[: sentence.index(". ") + 1])
+    assert page.text("#answer").startswith(DOUBTFUL + sentence[: sentence.index(". ") + 1])
     assert page.text("#rest p") == sentence[sentence.index(". ") + 2 :]
     assert page.text("#inputs li") == log.input_faults[0]
     assert log.drive is not None

@@ -383,7 +383,7 @@ def test_readings_that_are_left_out_are_no_fault_of_the_sensor(bench: Bench) -> 
             bench.now += 0.018
             bench.give(0.0)
         faults = bench.faults()
-    assert "The readings are sent at 50.0 Hz instead of 100.0 Hz" in faults
+    assert "The readings come at 50.0 Hz instead of 100.0 Hz" in faults
 
 
 def test_speeds_that_did_not_arrive(bench: Bench) -> None:
