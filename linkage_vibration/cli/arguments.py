@@ -156,18 +156,18 @@ def warn(text: str) -> None:
 def read_table(settings: "Parameters") -> "LoadedModel":
     """Return the mechanism and its table; one that is built, with a bar, is kept for later."""
     from linkage_vibration.prediction.level_cache import kept_table
-    from linkage_vibration.readers.served import read_served
+    from linkage_vibration.readers.loaded_model import load_model
     from linkage_vibration.support.progress import table_bar
 
     with table_bar("table") as building:
-        return read_served(settings, warn, building, kept_table)
+        return load_model(settings, warn, building, kept_table)
 
 
 def read_levels(settings: "Parameters") -> "tuple[LoadedModel, Sequence[Excitation], LevelTable]":
     """Return what `read_table` does, with the excitations that parameters name and their levels."""
     from linkage_vibration.prediction.doubts import excitation_doubts
     from linkage_vibration.prediction.levels import kept_levels
-    from linkage_vibration.readers.served import read_loads
+    from linkage_vibration.readers.loaded_model import read_loads
 
     served = read_table(settings)
     excitations = read_loads(settings, served, warn)

@@ -152,7 +152,7 @@ def _load_ratios(
     Speeds are in rpm or m/s; loaded, (n_excitations,), are its orders with an amplitude.
     """
     every = np.full((len(Source), len(speeds)), math.nan)
-    every[source.place] = speeds
+    every[source.index] = speeds
     results = levels.at_all_pairs(angles, every)
     unknown = (results.ground_unknown != "") & (source is Source.GROUND)
     unknown |= np.isnan(results.velocities[:, loaded]).any(axis=1)

@@ -13,7 +13,7 @@ from typing import Any
 import yaml
 
 from linkage_vibration.mechanics.description import Body, Mechanism, MechanismError, Point
-from linkage_vibration.mechanics.keys import Keys
+from linkage_vibration.mechanics.keys import CheckedMapping
 from linkage_vibration.mechanics.material import read_material
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.readers.component_files import ComponentFileError
@@ -75,7 +75,7 @@ def mechanism_of(mapping: Any, path: Path) -> Mechanism:
     The path is the file that errors name; paths in the data are relative to its folder.
     """
 
-    def read(keys: Keys, points: dict[str, Point]) -> Body:
+    def read(keys: CheckedMapping, points: dict[str, Point]) -> Body:
         file = keys["file"]
         try:
             reader = _FILES[file.choice("kind", _FILES)]
@@ -94,18 +94,18 @@ def mechanism_of(mapping: Any, path: Path) -> Mechanism:
         ) from None
 
 
-def _matrices(keys: Keys, points: dict[str, Point], path: Path) -> Body:
+def _matrices(keys: CheckedMapping, points: dict[str, Point], path: Path) -> Body:
     return read_matrices(path)
 
 
-def _frfs(keys: Keys, points: dict[str, Point], path: Path) -> Body:
+def _frfs(keys: CheckedMapping, points: dict[str, Point], path: Path) -> Body:
     file = keys["file"]
     nodes = {file["nodes"].integer(point): point for point in file.names("nodes")}
     mass = keys.number("mass", positive=True) if "mass" in keys else None
     return read_frfs(path, nodes=nodes, points=points, mass=mass)
 
 
-def _mesh(keys: Keys, points: dict[str, Point], path: Path) -> Body:
+def _mesh(keys: CheckedMapping, points: dict[str, Point], path: Path) -> Body:
     from linkage_vibration.readers.meshes import mesh_matrices
 
     file, modes = keys["file"], keys.integer("modes", default=20)

@@ -88,13 +88,6 @@ class Levels:
         totals = np.array(rows).reshape(len(rows), len(alpha3))
         return totals, 2.0 * totals
 
-    def factors(self, alpha3: Any, speeds: Any, limit: float) -> Any:
-        """Return what `LevelTable.factors` returns."""
-        with np.errstate(all="ignore"):
-            totals, _ = self.member_totals(alpha3, speeds)
-            factor = np.exp(np.std(np.log(totals), axis=0)) if len(totals) else np.nan * alpha3
-        return {"total_load_ratio_factor": factor, "total_velocity_factor": factor}
-
 
 def ask(angle: float = 2.7, speed: float = 8.0, n_members: int = 64, **permitted: Any) -> Any:
     """Return the advice about the loads in closed form."""
@@ -269,13 +262,9 @@ def test_a_probability_needs_95_percent_of_the_members(known: int, unsure: bool)
     totals = levels.member_totals
 
     def some(alpha3: Any, speeds: Any) -> Any:
-        rows, velocities = totals(alpha3, speeds)
-        return np.where(np.arange(64)[:, np.newaxis] < known, rows, math.nan), velocities
+        return np.where(np.arange(64)[:, np.newaxis] < known, totals(alpha3, speeds), math.nan)
 
     levels.member_totals = some
-    missing = np.full(4, math.nan if unsure else 1.2)
-    factors = {"total_load_ratio_factor": missing, "total_velocity_factor": missing}
-    levels.factors = lambda *_: factors
     answer = advise(levels, EXCITATIONS, Question(2.7, np.array([1800.0, 540.0, 8.0])))
     assert np.isnan(answer.message.probabilities[1:]).all() == unsure
     words = f"only {known} of 64 members of the ensemble have a load there"
