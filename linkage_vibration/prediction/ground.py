@@ -63,7 +63,7 @@ _ANGLE_STEPS, _DEGREE = (32, 128), math.radians(1.0)  # least and most steps, an
 _MAX_FREQUENCIES, _PER_HALF_WIDTH = 4096, 1.5  # most of them, and how many resolve a half-width
 _FLATTEST = 0.1  # of exponents of coherence; tracks with a flatter spectrum are independent
 _FARTHEST = 500.0  # of x, where the coherence is 0 in double precision
-_BLOCK = 64  # OpenBLAS multiplies two matrices of so many rows and columns with one thread.
+_BLOCK = 32, 256  # OpenBLAS multiplies two matrices of this shape with one thread.
 
 
 class GroundError(LinkageVibrationError):
@@ -281,16 +281,16 @@ def mean_squares(
     # The last bits of a large product depend on the number of threads of BLAS.
     pairs = zip(_blocks(values), _blocks(weights), strict=True)
     product = sum(rows[:, np.newaxis] @ columns.swapaxes(1, 2) for rows, columns in pairs)
-    whole = np.swapaxes(product, 1, 2).reshape(_BLOCK * len(product), -1)
+    whole = np.swapaxes(product, 1, 2).reshape(_BLOCK[0] * len(product), -1)
     return np.asarray(whole[: len(values), : len(speeds)], np.float64)
 
 
 def _blocks(matrix: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return square blocks of a matrix, filled with zeros: (n_across, n_down, _BLOCK, _BLOCK)."""
-    down, across = (-size % _BLOCK for size in matrix.shape)
+    """Return blocks of a matrix, filled with zeros: (n_across, n_down, *_BLOCK)."""
+    height, width = _BLOCK
+    down, across = (-size % of for size, of in zip(matrix.shape, _BLOCK, strict=True))
     filled = np.pad(matrix, ((0, down), (0, across)))
-    split = filled.reshape(len(filled) // _BLOCK, _BLOCK, -1, _BLOCK)
-    return split.transpose(2, 0, 1, 3)
+    return filled.reshape(-1, height, filled.shape[1] // width, width).transpose(2, 0, 1, 3)
 
 
 def _weights(
