@@ -15,9 +15,8 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
-from scipy.optimize import linear_sum_assignment
 
 from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from linkage_vibration.mechanics.description import Mechanism
@@ -656,9 +655,9 @@ def _sampled(table: Table, inputs: list[UnitLoad], outputs: list[Place], n_force
     }
 
 
-def _spline(at: FloatArray, values: FloatArray) -> CubicSpline:
+def _spline(at: FloatArray, values: FloatArray) -> "scipy.interpolate.CubicSpline":
     """Return the spline through values, with 0 for those that are not known."""
-    return CubicSpline(at, np.nan_to_num(values, nan=0.0))
+    return scipy.interpolate.CubicSpline(at, np.nan_to_num(values, nan=0.0))
 
 
 def _cubics(at: FloatArray, values: FloatArray, lost: BoolArray) -> FloatArray:
@@ -788,7 +787,7 @@ class _Samples:
 
 def _in_order(wanted: ComplexArray, roots: ComplexArray) -> NDArray[np.int64]:
     """Return an order of all roots in which those nearest to the wanted ones come first."""
-    rows, columns = linear_sum_assignment(np.abs(wanted[:, np.newaxis] - roots))
+    rows, columns = scipy.optimize.linear_sum_assignment(np.abs(wanted[:, np.newaxis] - roots))
     first, others = columns[np.argsort(rows)], np.ones(len(roots), np.bool_)
     others[first] = False
     return np.append(first, np.flatnonzero(others))

@@ -407,9 +407,8 @@ class ResonanceRules:
 class ResonanceMonitor:
     """Compares excitation frequencies with natural frequencies, and load ratios with limits.
 
-    It remembers what its `ResonanceRules` need of readings before. It has no clock, so the same
-    calls give the same answers, live or offline. Speeds are used for ``stale_after`` s, and
-    messages are published at the rate of `Windows`, Hz.
+    It remembers what its `ResonanceRules` need of readings before, and has no clock. Speeds are
+    used for ``stale_after`` s, and messages are published at the rate of `Windows`, Hz.
     """
 
     def __init__(

@@ -121,6 +121,9 @@ def test_the_whole_grid_by_brute_force() -> None:
         assert message.velocities[place] == pytest.approx(2.0 * load(*best), rel=1e-6)
         quieter = sum(load(*best, *each) < load(*present, *each) for each in MEMBERS)
         assert message.probabilities[place] == pytest.approx((quieter + 0.5) / 65.0)
+        factor = math.exp(float(np.std([math.log(load(*best, *each)) for each in MEMBERS])))
+        assert message.load_ratio_factors[place] == pytest.approx(factor)
+        assert message.velocity_factors[place] == pytest.approx(factor)
     assert message.load_ratios[NOW] == pytest.approx(load(*present), rel=1e-6)
     assert math.isnan(message.probabilities[NOW])
     for i, angle in enumerate(angles):
@@ -307,7 +310,7 @@ def test_negative_speeds_of_shafts_are_refused(source: int) -> None:
 
 def test_advice_is_due_once_a_second_above_the_limit() -> None:
     """Stamps decide, on both sides of the limit and of a second; a clock may jump back."""
-    monitor: Any = SimpleNamespace(limits=WarningLimits(warning=0.33))
+    monitor: Any = SimpleNamespace(rules=SimpleNamespace(limits=WarningLimits(warning=0.33)))
     is_due = Adviser(monitor).is_due
     stamps = 0, 1, 999_999_999, 10**9, 10**9 + 1, 5, 6, 10**9 + 4, 10**9 + 5
     ratios = 0.33, 0.331, 0.4, 0.4, 0.4, 0.4, math.nan, 0.4, 0.4
