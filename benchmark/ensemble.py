@@ -34,6 +34,7 @@ from linkage_vibration.readers.mechanism import load_yaml, mechanism_of
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import Table, table_bytes
 from linkage_vibration.table.tabulation import build_table
+from test.support.level_factors import level_factors
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -277,7 +278,7 @@ class Comparison:
 
 def compare(scene: Scene, levels: LevelTable, true: FloatArray, solved: FloatArray) -> Comparison:
     """Compare the levels of whole models, and of members solved as a whole, with a table's."""
-    result = levels.factors(scene.alpha3, scene.speeds, 1.0)
+    result = level_factors(levels, scene.alpha3, scene.speeds, 1.0)
     stated = [
         np.vstack([result[f"{each}_factors"].T, result[f"total_{each}_factor"]])
         for each in ("velocity", "load_ratio")
@@ -295,7 +296,7 @@ def compare(scene: Scene, levels: LevelTable, true: FloatArray, solved: FloatArr
         limits = np.nanquantile(true[:, 1, -1], 1.0 - share, axis=0)
         for i, limit in enumerate(limits.tolist()):
             at = scene.alpha3[[i]], scene.speeds[:, [i]]
-            off.append(float(levels.factors(*at, limit)["warning_probability"][0]) - share)
+            off.append(float(level_factors(levels, *at, limit)["warning_probability"][0]) - share)
     return Comparison(deviations, errors, known, own, np.array(off))
 
 
@@ -321,7 +322,7 @@ def compared(name: str, scene: Scene) -> tuple[list[str], list[str], list[list[s
         true = np.concatenate([each.result() for each in waiting])
     comparison = compare(scene, levels, true, members(scene, built, refused))
     begin = time.process_time()
-    levels.factors(scene.alpha3, scene.speeds, 1.0)
+    level_factors(levels, scene.alpha3, scene.speeds, 1.0)
     lookup = (time.process_time() - begin) / len(scene.alpha3)
     known = np.isfinite(comparison.deviations)
 

@@ -24,8 +24,8 @@ from linkage_vibration.demo.domain import reserve_domain
 from linkage_vibration.listening.live import SensorMonitor
 from linkage_vibration.prediction.excitation import Source, excitations_from_mapping
 from linkage_vibration.prediction.settings import Parameters
+from linkage_vibration.readers.loaded_model import load_model
 from linkage_vibration.readers.sensors import live_sensors
-from linkage_vibration.readers.served import read_served
 from test.support.ros_process import JOINT, SENSOR, own_context, start_node, until
 
 RATE, SECONDS, PAIRS = 200, 20.0, 5
@@ -67,7 +67,7 @@ def share(context: Context, folder: Path, environment: dict[str, str], **given: 
 
 def without_rclpy(seconds: float = 200.0) -> str:
     """Return what a monitor takes for the samples of a simulated drive, and its longest part."""
-    served, drive = read_served(Parameters()), simulate(3, Scene(road=256e-6, seconds=seconds))
+    served, drive = load_model(Parameters()), simulate(3, Scene(road=256e-6, seconds=seconds))
     sensor = Path(tempfile.mkdtemp()) / "sensors.yaml"
     sensor.write_text(SENSORS.replace("E1", "E2"))
     speeds = {Source(name): float(values.mean()) for name, values in drive.speeds.items()}

@@ -156,16 +156,16 @@ def warn(text: str) -> None:
 def read_table(settings: "Parameters") -> "LoadedModel":
     """Return the mechanism and its table; one that is built is kept for later."""
     from linkage_vibration.prediction.level_cache import kept_table
-    from linkage_vibration.readers.served import read_served
+    from linkage_vibration.readers.loaded_model import load_model
 
-    return read_served(settings, warn, keep=kept_table)
+    return load_model(settings, warn, keep=kept_table)
 
 
 def read_levels(settings: "Parameters") -> "tuple[LoadedModel, Sequence[Excitation], LevelTable]":
     """Return what `read_table` does, with the excitations that parameters name and their levels."""
     from linkage_vibration.prediction.doubts import excitation_doubts
     from linkage_vibration.prediction.levels import kept_levels
-    from linkage_vibration.readers.served import read_loads
+    from linkage_vibration.readers.loaded_model import read_loads
 
     served = read_table(settings)
     excitations = read_loads(settings, served, warn)

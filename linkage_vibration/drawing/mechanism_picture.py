@@ -158,7 +158,7 @@ def _load_ratios(
     angles, speeds = np.linspace(*ends, _MAP[0]), unit * np.linspace(low, high, _MAP[1])
     loaded = np.array([each.source is source and bool(each.load) for each in excitations])
     every = np.full((len(Source), len(speeds)), math.nan)
-    every[source.place] = speeds
+    every[source.index] = speeds
     results = levels.at_all_pairs(angles, every)
     unknown = (results.ground_unknown != "") & (source is Source.GROUND)
     unknown |= np.isnan(results.velocities[:, loaded]).any(axis=1)

@@ -97,14 +97,14 @@ def constants_of(table: Table, orders: OrderConstants | None = None) -> Constant
             "no poles meet."
         )
     cubics = np.where(without[:, np.newaxis], math.nan, cubics)
-    low, high = table.alpha3_range
+    (low, high), away = table.alpha3_range, table.range_away_from_toggles
     rows = np.hstack(list(table.parameter_stddev))
     noise = np.hstack([table.frequency_stddev, table.damping_ratio_stddev])
     return Constants(
         n_modes=table.n_modes,
         n_peaks=cubics.shape[2] // 2 - table.n_modes,
         alpha3_range=(low, high),
-        sound_range=(max(table.sound_range[0], low), min(table.sound_range[1], high)),
+        sound_range=(max(away[0], low), min(away[1], high)),
         peak_band=widened(table.peak_band),
         turns=covers_a_turn(table.alpha3_range),
         starts=starts,

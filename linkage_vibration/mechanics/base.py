@@ -10,7 +10,7 @@ freedom.
 import re
 
 from linkage_vibration.mechanics.description import GROUND, Base, Mount
-from linkage_vibration.mechanics.keys import DAMPEST, RIGID, STIFFEST, Keys
+from linkage_vibration.mechanics.keys import DAMPEST, RIGID, STIFFEST, CheckedMapping
 
 # The width is in mm if the ratio of height to width follows, else in inches: 420/85R34, 16.9R38.
 _SIZE = re.compile(r"(?:IF|VF)? ?(\d+(?:\.\d+)?)(/\d+)? ?[R-] ?(\d+(?:\.\d+)?)")
@@ -26,7 +26,7 @@ def mount_springs(base: Base | None) -> tuple[tuple[Mount, int], ...]:
     )
 
 
-def read_mounts(keys: Keys, taken: set[str]) -> tuple[Mount, ...]:
+def read_mounts(keys: CheckedMapping, taken: set[str]) -> tuple[Mount, ...]:
     """Read the mounts of a base, none of which may have the name of a point that is `taken`."""
     mounts = []
     for name in keys.names("mounts"):
@@ -53,7 +53,7 @@ def read_mounts(keys: Keys, taken: set[str]) -> tuple[Mount, ...]:
     return tuple(mounts)
 
 
-def tyre_stiffness(keys: Keys) -> float:
+def tyre_stiffness(keys: CheckedMapping) -> float:
     """Return the vertical stiffness of rolling tyres, N/m, by their size, age and pressure.
 
     One has 172 - 1.77 D + 5.6 A + 0.34 W D p kN/m: rim D and width W in inches, age A in years, p
@@ -71,7 +71,7 @@ def tyre_stiffness(keys: Keys) -> float:
     return keys.integer("count", default=1) * factor * 1e3 * stiffness
 
 
-def _tyre_size(keys: Keys) -> tuple[float, float]:
+def _tyre_size(keys: CheckedMapping) -> tuple[float, float]:
     """Return the width and the rim of a tyre, inches, which may be as written on it."""
     if "size" not in keys:
         return keys.number("width_in"), keys.number("rim_in")

@@ -16,7 +16,7 @@ RIGID = "give SI units, or join the bodies rigidly instead"
 """What to do about a stiffness or a damping beyond these."""
 
 
-class Keys:
+class CheckedMapping:
     """A mapping with its path, such as ``links.crank``. It remembers which keys were read.
 
     Every method that reads a key raises `MechanismError` if the key is missing or invalid.
@@ -34,7 +34,7 @@ class Keys:
                 raise MechanismError(where, problem)
         self.path = path
         self._value = value
-        self._children: dict[str, Keys] = {}
+        self._children: dict[str, CheckedMapping] = {}
         self._read: set[str] = set()
 
     def __iter__(self) -> Iterator[str]:
@@ -45,7 +45,7 @@ class Keys:
         """Return whether a key exists."""
         return key in self._value
 
-    def __getitem__(self, key: str) -> "Keys":
+    def __getitem__(self, key: str) -> "CheckedMapping":
         """Return the mapping of a key."""
         return self._child(key, self._get(key))
 
@@ -57,7 +57,7 @@ class Keys:
         """Return the keys of the mapping of a key, which is optional."""
         return list(self[key]) if key in self else []
 
-    def items(self, key: str) -> "list[Keys]":
+    def items(self, key: str) -> "list[CheckedMapping]":
         """Return the mappings in the list of a key."""
         value = self._get(key)
         if not isinstance(value, list) or not value:
@@ -170,10 +170,10 @@ class Keys:
                 advice = f"did you mean {near[0]}?" if near else "remove it."
                 raise self.error(key, f"this key is not known here; {advice}")
 
-    def _child(self, key: str, value: Any) -> "Keys":
+    def _child(self, key: str, value: Any) -> "CheckedMapping":
         """Return the mapping at a key or in a list, the same each time."""
         if key not in self._children:
-            self._children[key] = Keys(self._at(key), value)
+            self._children[key] = CheckedMapping(self._at(key), value)
         return self._children[key]
 
     def _at(self, key: str) -> str:

@@ -17,14 +17,16 @@ from linkage_vibration.mechanics.description import (
     Response,
     RigidBody,
 )
-from linkage_vibration.mechanics.keys import DAMPEST, RIGID, STIFFEST, Keys
+from linkage_vibration.mechanics.keys import DAMPEST, RIGID, STIFFEST, CheckedMapping
 
 _WIDEST = 20.0  # m; no linkage is wider, but numbers in millimetres are
 _METRES = "write m, so divide millimetres by 1000"
 _STRAIGHT = 1e-6  # m; points of a link are on one line if they are nearer to it
 
 
-def with_lateral(mechanism: Mechanism, keys: Keys, response: Response, *, drawn: bool) -> Mechanism:
+def with_lateral(
+    mechanism: Mechanism, keys: CheckedMapping, response: Response, *, drawn: bool
+) -> Mechanism:
     """Return a mechanism with the lateral half that keys describe, and its links in true length."""
     for link in mechanism.links:
         _check_link(link)
@@ -64,7 +66,7 @@ def _check_link(link: Link) -> None:
             raise MechanismError(f"{where}.points.{point}", f"{problem}; put it on the axis.")
 
 
-def _places(keys: Keys, mechanism: Mechanism) -> dict[str, float]:
+def _places(keys: CheckedMapping, mechanism: Mechanism) -> dict[str, float]:
     """Read the y of points, m; on a link between two given ones, the others are on their line."""
     mounts = () if mechanism.base is None else mechanism.base.mounts
     names = keys.names("y")
@@ -89,7 +91,9 @@ def _places(keys: Keys, mechanism: Mechanism) -> dict[str, float]:
     return y
 
 
-def _in_space(link: Link, y: dict[str, float], across: dict[str, float] | None, keys: Keys) -> Link:
+def _in_space(
+    link: Link, y: dict[str, float], across: dict[str, float] | None, keys: CheckedMapping
+) -> Link:
     """Return a link in true length, and with a section across the plane."""
     places = {point: (x, y.get(point, 0.0)) for point, (x, _) in link.points}
     off = [point for point in places if places[point][1]]
@@ -114,13 +118,13 @@ def _in_space(link: Link, y: dict[str, float], across: dict[str, float] | None, 
     return replace(link, slope=slope, body=replace(link.body, segments=segments))
 
 
-def _section(keys: Keys) -> dict[str, float]:
+def _section(keys: CheckedMapping) -> dict[str, float]:
     shear = keys.number("shear_coefficient", positive=True, default=5 / 6)
     second_moment = keys.number("second_moment", positive=True)
     return {"second_moment_across": second_moment, "shear_coefficient_across": shear}
 
 
-def _inertia(keys: Keys, body: RigidBody, drawn: bool) -> tuple[float, float]:
+def _inertia(keys: CheckedMapping, body: RigidBody, drawn: bool) -> tuple[float, float]:
     """Read the inertias of a body in roll and yaw, kg m2, which some body has if not drawn."""
     name = "base" if body.name == GROUND else body.name
     roll, yaw = (keys[name].number(axis, positive=True) for axis in ("roll", "yaw"))
@@ -131,7 +135,7 @@ def _inertia(keys: Keys, body: RigidBody, drawn: bool) -> tuple[float, float]:
     return roll, yaw
 
 
-def _chain(keys: Keys, name: str, mechanism: Mechanism) -> Chain:
+def _chain(keys: CheckedMapping, name: str, mechanism: Mechanism) -> Chain:
     links = {link.name: link for link in mechanism.links}
     link = links[keys.choice("link", links)]
     if link.count == 1:
@@ -150,7 +154,7 @@ def _chain(keys: Keys, name: str, mechanism: Mechanism) -> Chain:
     return Chain(name, link.name, at, (x, y, z), stiffness, damping)
 
 
-def _axle(keys: Keys, track: float) -> Axle:
+def _axle(keys: CheckedMapping, track: float) -> Axle:
     hint = f"0 is an axle that pivots; {_METRES}"
     return Axle(
         keys.number("track", default=track, least=0.0, most=_WIDEST, hint=hint),
@@ -160,7 +164,7 @@ def _axle(keys: Keys, track: float) -> Axle:
     )
 
 
-def _rockshaft(keys: Keys) -> float:
+def _rockshaft(keys: CheckedMapping) -> float:
     try:
         keys.choice("rockshaft", ["rigid"], default="rigid")
         return math.inf

@@ -3,7 +3,7 @@
 """Reads materials, and refuses those whose numbers suggest another unit."""
 
 from linkage_vibration.mechanics.description import Material
-from linkage_vibration.mechanics.keys import Keys
+from linkage_vibration.mechanics.keys import CheckedMapping
 
 _SOFTEST = 1e6  # Pa, of rubber; the moduli of metals in N/mm2 are lower
 _STIFFEST = 1e18  # Pa; beside a stiffer link, rounding moves the first mode by more than 1e-5
@@ -11,7 +11,7 @@ _LIGHTEST = 1e-9  # kg/m3; below, products of masses become zero
 _STIFF, _FLIMSY = 1e9, (0.5, 25.0)  # Pa, and kg/m3 that no solid so stiff has; in g/cm3 all have
 
 
-def read_material(keys: Keys) -> Material:
+def read_material(keys: CheckedMapping) -> Material:
     """Read an isotropic material."""
     poisson = keys.number("poisson_ratio")
     if not -1.0 < poisson < 0.5:

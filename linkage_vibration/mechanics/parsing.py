@@ -28,7 +28,7 @@ from linkage_vibration.mechanics.description import (
     Spring,
     rayleigh_damping,
 )
-from linkage_vibration.mechanics.keys import DAMPEST, RIGID, Keys
+from linkage_vibration.mechanics.keys import DAMPEST, RIGID, CheckedMapping
 from linkage_vibration.mechanics.lateral_keys import with_lateral
 from linkage_vibration.mechanics.paths import number_at, split_paths, with_numbers
 from linkage_vibration.mechanics.springs import read_stiffness
@@ -42,7 +42,7 @@ _HEAVIEST = 1e9  # kg; largest mass of a rigid body
 _SLOWEST = 0.1  # Hz; lowest frequency at which a spring has a loss factor
 
 
-def _no_files(keys: Keys, _: dict[str, Point]) -> Body:
+def _no_files(keys: CheckedMapping, _: dict[str, Point]) -> Body:
     """Refuse links from files, where nothing can read them."""
     raise MechanismError(
         keys.path, "a file cannot be read here; describe a beam, or read the mechanism from a file."
@@ -57,7 +57,7 @@ def mechanism_from_mapping(
     Keys that end in ``_deg`` are in degrees, all else is SI. `read_body` reads the body of a link
     with a ``file``, from its keys and its points. Inertias that are `drawn` may be impossible.
     """
-    top = Keys("", mapping)
+    top = CheckedMapping("", mapping)
     if "uncertainty" in top:  # of numbers that are valid
         return _uncertain(top["uncertainty"], mapping, read_body)
     ground = _points(top, "ground")
@@ -106,7 +106,7 @@ def mechanism_from_mapping(
     return mechanism
 
 
-def _stroke(keys: Keys, alpha3: float, angles: list[float]) -> tuple[float, float]:
+def _stroke(keys: CheckedMapping, alpha3: float, angles: list[float]) -> tuple[float, float]:
     """Read the stroke, deg, with the angles of the assembly; one in radians is refused."""
     low, high = keys.interval("range_deg")
     turn = 2.0 * math.pi
@@ -120,7 +120,7 @@ def _stroke(keys: Keys, alpha3: float, angles: list[float]) -> tuple[float, floa
     return low, high
 
 
-def _uncertain(keys: Keys, mapping: dict[str, Any], read_body: BodyReader) -> Mechanism:
+def _uncertain(keys: CheckedMapping, mapping: dict[str, Any], read_body: BodyReader) -> Mechanism:
     """Return the mechanism of a mapping with the uncertainty of its numbers."""
     exact = {key: value for key, value in mapping.items() if key != "uncertainty"}
     mechanism = mechanism_from_mapping(exact, read_body)
@@ -138,7 +138,7 @@ def again_from_mapping(
     given = mapping["links"].items()
     links = {name: {**link, "file": {}} if "file" in link else link for name, link in given}
 
-    def body(keys: Keys, points: dict[str, Point]) -> Body:
+    def body(keys: CheckedMapping, points: dict[str, Point]) -> Body:
         keys["file"].refuse_unknown()
         return bodies[keys.path]
 
@@ -158,7 +158,7 @@ def with_values(
 
 
 def _response(
-    keys: Keys,
+    keys: CheckedMapping,
     points: dict[str, dict[str, Point]],
     *,
     base: bool,
@@ -192,7 +192,7 @@ def _response(
     )
 
 
-def _reference_force(keys: Keys) -> ReferenceForce:
+def _reference_force(keys: CheckedMapping) -> ReferenceForce:
     """Read what dynamic forces are compared with, N: for all places, or by their names."""
     if not keys.is_mapping("reference_force"):
         return keys.number("reference_force", positive=True)
@@ -201,7 +201,7 @@ def _reference_force(keys: Keys) -> ReferenceForce:
 
 
 def _check_grounded(
-    keys: Keys, key: str, places: Collection[str], ground: Collection[str], hint: str = ""
+    keys: CheckedMapping, key: str, places: Collection[str], ground: Collection[str], hint: str = ""
 ) -> None:
     """Refuse the points of a body none of which is one of the ground: a name is misspelt."""
     if not {*places} & {*ground}:
@@ -209,12 +209,12 @@ def _check_grounded(
         raise keys.error(key, f"{problem} ({', '.join(ground)}); correct a name{hint}.")
 
 
-def _points(keys: Keys, key: str) -> dict[str, Point]:
+def _points(keys: CheckedMapping, key: str) -> dict[str, Point]:
     """Read the points of a body that is not a link, x and z, m."""
     return _checked(keys, key, {point: keys[key].point(point) for point in keys[key]})
 
 
-def _checked(keys: Keys, key: str, places: dict[str, Point]) -> dict[str, Point]:
+def _checked(keys: CheckedMapping, key: str, places: dict[str, Point]) -> dict[str, Point]:
     """Return the places of the points of one body, none of which are far apart."""
     for (first, place), (second, other) in itertools.combinations(places.items(), 2):
         away = math.dist(place, other)
@@ -224,7 +224,7 @@ def _checked(keys: Keys, key: str, places: dict[str, Point]) -> dict[str, Point]
     return places
 
 
-def _link(keys: Keys, name: str, ground: dict[str, Point], read_file: BodyReader) -> Link:
+def _link(keys: CheckedMapping, name: str, ground: dict[str, Point], read_file: BodyReader) -> Link:
     points = keys["points"]
     places = _checked(keys, "points", {point: points.place(point) for point in points})
     if len(places) < 2:
@@ -254,7 +254,7 @@ def _link(keys: Keys, name: str, ground: dict[str, Point], read_file: BodyReader
     )
 
 
-def _damping(keys: Keys) -> Damping:
+def _damping(keys: CheckedMapping) -> Damping:
     rule = keys.choice("rule", ["rayleigh", "modal_ratio", "loss_factor"], default="rayleigh")
     if rule == "modal_ratio":
         return ModalRatio(_damping_ratio(keys))
@@ -264,18 +264,18 @@ def _damping(keys: Keys) -> Damping:
     return rayleigh_damping(_damping_ratio(keys), *at)
 
 
-def _damping_ratio(keys: Keys) -> float:
+def _damping_ratio(keys: CheckedMapping) -> float:
     hint = "nothing would oscillate; write 2 % as 0.02"
     return keys.number("ratio", positive=True, most=1.0, hint=hint)
 
 
-def _base(keys: Keys, ground: dict[str, Point], taken: set[str]) -> Base:
+def _base(keys: CheckedMapping, ground: dict[str, Point], taken: set[str]) -> Base:
     mounts = read_mounts(keys, taken)
     places = _checked(keys, "mounts", ground | {mount.name: mount.at for mount in mounts})
     return Base(read_rigid(keys, GROUND, places), mounts)
 
 
-def read_rigid(keys: Keys, name: str, places: dict[str, Point]) -> RigidBody:
+def read_rigid(keys: CheckedMapping, name: str, places: dict[str, Point]) -> RigidBody:
     """Read mass, inertia and centre of gravity of a rigid body with points at places (x, z), m."""
     centre = _centre_of_gravity(keys, places)
     hint = "beside it the links lose their digits, so write kg"
@@ -292,7 +292,7 @@ def read_rigid(keys: Keys, name: str, places: dict[str, Point]) -> RigidBody:
     return RigidBody(name, tuple(places.items()), centre, mass, inertia)
 
 
-def _centre_of_gravity(keys: Keys, points: dict[str, Point]) -> Point:
+def _centre_of_gravity(keys: CheckedMapping, points: dict[str, Point]) -> Point:
     """Read the place of the centre of gravity: coordinates, or distances from two points."""
     if not keys.is_mapping("centre_of_gravity"):
         return keys.point("centre_of_gravity")
@@ -314,7 +314,7 @@ def _centre_of_gravity(keys: Keys, points: dict[str, Point]) -> Point:
     return (x1 + along * ux - across * uz, z1 + along * uz + across * ux)
 
 
-def _spring(keys: Keys, name: str, points: dict[str, dict[str, Point]]) -> Spring:
+def _spring(keys: CheckedMapping, name: str, points: dict[str, dict[str, Point]]) -> Spring:
     """Read a spring: on the joint of two bodies, or between two points."""
     owners: dict[str, list[str]] = {}
     for body, places in points.items():
@@ -335,7 +335,9 @@ def _spring(keys: Keys, name: str, points: dict[str, dict[str, Point]]) -> Sprin
     return Spring(name, bodies, ends, stiffness, damping, retardation)
 
 
-def _joint(keys: Keys, owners: dict[str, list[str]]) -> tuple[tuple[str, ...], tuple[str, str]]:
+def _joint(
+    keys: CheckedMapping, owners: dict[str, list[str]]
+) -> tuple[tuple[str, ...], tuple[str, str]]:
     """Read the joint on which a spring acts, and which two of its bodies."""
     point = keys.choice("joint", [point for point, bodies in owners.items() if len(bodies) > 1])
     bodies = owners[point]
@@ -347,7 +349,9 @@ def _joint(keys: Keys, owners: dict[str, list[str]]) -> tuple[tuple[str, ...], t
     return (point,), (bodies[0], bodies[1])
 
 
-def _ends(keys: Keys, owners: dict[str, list[str]]) -> tuple[tuple[str, ...], tuple[str, str]]:
+def _ends(
+    keys: CheckedMapping, owners: dict[str, list[str]]
+) -> tuple[tuple[str, ...], tuple[str, str]]:
     """Read the two points between which a spring acts, and the bodies that have them."""
     ends = keys.words("between")
     if len(ends) != 2 or ends[0] == ends[1] or not set(ends) <= owners.keys():

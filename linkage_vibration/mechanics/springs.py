@@ -20,7 +20,7 @@ from linkage_vibration.mechanics.description import (
     Point,
     Spring,
 )
-from linkage_vibration.mechanics.keys import RIGID, STIFFEST, Keys
+from linkage_vibration.mechanics.keys import RIGID, STIFFEST, CheckedMapping
 from linkage_vibration.mechanics.kinematics import Configuration
 
 # No cylinder comes near these limits; numbers in millimetres, litres or MPa go beyond them.
@@ -59,14 +59,14 @@ def tension_share(spring: Spring, mechanism: Mechanism, configuration: Configura
     return np.asarray(1.0 / np.where(lever == 0.0, math.nan, lever))
 
 
-def read_stiffness(keys: Keys) -> float | Cylinder:
+def read_stiffness(keys: CheckedMapping) -> float | Cylinder:
     """Read the stiffness of a spring: a number, or that of a cylinder."""
     if "cylinder" in keys:
         return _read_cylinder(keys["cylinder"], on_joint="joint" in keys)
     return keys.number("stiffness", default=0.0, least=0.0, most=STIFFEST, hint=RIGID)
 
 
-def _read_cylinder(keys: Keys, *, on_joint: bool) -> Cylinder:
+def _read_cylinder(keys: CheckedMapping, *, on_joint: bool) -> Cylinder:
     closed = keys.number("closed_length", positive=True)
     bore, stroke = (
         keys.number(key, positive=True, most=_LONGER * closed, hint="lengths are in m")

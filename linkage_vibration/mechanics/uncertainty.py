@@ -17,7 +17,7 @@ from linkage_vibration.mechanics.description import (
     UncertainNumber,
     Uncertainty,
 )
-from linkage_vibration.mechanics.keys import Keys
+from linkage_vibration.mechanics.keys import CheckedMapping
 from linkage_vibration.mechanics.paths import (
     number_at,
     number_paths,
@@ -48,7 +48,7 @@ def rotation(n: int, seed: int) -> FloatArray:
 
 
 def read_uncertainty(
-    keys: Keys, mapping: dict[str, Any], parse: Callable[[dict[str, Any]], Mechanism]
+    keys: CheckedMapping, mapping: dict[str, Any], parse: Callable[[dict[str, Any]], Mechanism]
 ) -> Uncertainty:
     """Read ``relative`` and ``absolute`` standard deviations of numbers, and ``correlations``.
 
@@ -97,7 +97,12 @@ def _described(
 
 
 def _number(
-    keys: Keys, path: str, mapping: dict[str, Any], valid: Sequence[str], *, relative: bool
+    keys: CheckedMapping,
+    path: str,
+    mapping: dict[str, Any],
+    valid: Sequence[str],
+    *,
+    relative: bool,
 ) -> UncertainNumber:
     """Read the standard deviation of one number, which is at valid paths."""
     hint = "5 % of the number are 0.05" if relative else "give a standard deviation"
@@ -134,7 +139,7 @@ def _most_like(path: str, paths: Sequence[str]) -> str:
     return ", ".join(difflib.get_close_matches(path, paths, 3, 0.0))
 
 
-def _correlation(keys: Keys, paths: list[str]) -> FloatArray:
+def _correlation(keys: CheckedMapping, paths: list[str]) -> FloatArray:
     """Read the correlations of the numbers, (n, n)."""
     matrix = np.eye(len(paths))
     for entry in keys.items("correlations") if "correlations" in keys else ():

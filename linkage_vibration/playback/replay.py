@@ -55,14 +55,14 @@ from linkage_vibration.prediction.inputs.presets import HITCH
 from linkage_vibration.prediction.inputs.sources import CrankInput
 from linkage_vibration.prediction.levels import kept_levels
 from linkage_vibration.prediction.motion import crank_filter, crank_resolution
-from linkage_vibration.prediction.periods import Periods, Place, Stamps
+from linkage_vibration.prediction.periods import Periods, Stamps, WindowStep
 from linkage_vibration.prediction.predictor import Predictor, Status, predict_many
 from linkage_vibration.prediction.provenance import attachments, implement_facts
 from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor
 from linkage_vibration.prediction.settings import DECLARED, NODE_NAME, Parameters, with_values
 from linkage_vibration.readers.excitations import excitation_files
+from linkage_vibration.readers.loaded_model import load_model, read_described, read_loads
 from linkage_vibration.readers.sensors import SensorReader, live_sensors, sensor_files
-from linkage_vibration.readers.served import read_described, read_loads, read_served
 from linkage_vibration.support.atomic_files import check_outputs, replacement
 from linkage_vibration.support.progress import shown_bar
 
@@ -73,7 +73,7 @@ REPLAY_METADATA = "linkage_vibration.replay"
 _NAMES = {topic.type: full_name(topic.name) for topic in OUTPUT_TOPICS}
 _ANSWERS = MEASURED, PREDICTION, *ASSESSED, ADVICE
 """The types of the answers to a reading, in their order in the log."""
-_PLACES = {kind: place for place, kind in enumerate(["", *_ANSWERS])}  # "" is that of the reading
+_RANKS = {kind: rank for rank, kind in enumerate(["", *_ANSWERS])}  # "" is that of the reading
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,7 +209,7 @@ def replay(
     check_outputs([output], [*paths, *filter(None, models)])
     with open_bags(paths) as bags:
         topics = choose_topics(bags, settings, remaps)
-        served = _served(settings, what_if)
+        served = _loaded_model(settings, what_if)
         run = _Replay(bags, settings, topics, served)
         log_topics = [logged_topic(bags, topic) for topic in run.topics.values()]
         outputs, read = _outputs(run, settings)
@@ -316,7 +316,7 @@ class _Replay:
                 same = of_topic[sizes == size]
                 data = sliding_window_view(block.buffer, size)[block.starts[same]]
                 times = block.log_times[same], block.publish_times[same]
-                yield Messages(name, data, len(_PLACES) * same, *times)
+                yield Messages(name, data, len(_RANKS) * same, *times)
 
     def _resonances(
         self,
@@ -331,9 +331,9 @@ class _Replay:
         before = np.searchsorted(readings.in_block, [speed[0] for speed in speeds])
         # There is nothing to assess before the first speed.
         first = 0 if monitor.any_speed_reported else min([len(readings), *before.tolist()])
-        place = np.zeros(len(readings), np.int64)
-        place[first:] = [*map(monitor.windows.place, readings.due_at[first:].tolist())]
-        due = place != Place.LEFT_OUT
+        step = np.zeros(len(readings), np.int64)
+        step[first:] = [*map(monitor.windows.step, readings.due_at[first:].tolist())]
+        due = step != WindowStep.LEFT_OUT
         velocity, error = self._velocities(readings, due)
         earlier = np.searchsorted(np.flatnonzero(due), before).tolist()
         assessed = readings.rows(due)
@@ -349,7 +349,7 @@ class _Replay:
                 frame_id=np.full(len(assessed), assessed.frame_id, object),
                 due_at=assessed.due_at,
                 timed_by_receipt=assessed.by_receipt,
-                place=place[due],
+                step=step[due],
             ),
         )
         resonances.in_block = assessed.in_block[resonances.ends_at]
@@ -476,14 +476,14 @@ def _single(
 
 def _messages(kind: str, data: NDArray[np.uint8], block: Block, rows: Integers) -> Messages:
     """Return the answers to the messages in some rows of a block as messages of the log."""
-    times, places = block.log_times[rows], len(_PLACES) * rows + _PLACES[kind]
-    return Messages(_NAMES[kind], data, places, times, times)
+    times, ranks = block.log_times[rows], len(_RANKS) * rows + _RANKS[kind]
+    return Messages(_NAMES[kind], data, ranks, times, times)
 
 
-def _served(settings: Parameters, what_if: WhatIf) -> LoadedModel:
+def _loaded_model(settings: Parameters, what_if: WhatIf) -> LoadedModel:
     """Return the mechanism and its table, which is built for another implement."""
     if what_if == _AS_DESCRIBED:
-        return read_served(settings)
+        return load_model(settings)
     path, described = settings.mechanism_path(), read_described(settings)
     mechanism = described.mechanism
     if len(mechanism.rigid_bodies) != 1:
@@ -499,7 +499,7 @@ def _served(settings: Parameters, what_if: WhatIf) -> LoadedModel:
     from linkage_vibration.table.tabulation import build_table
 
     table = build_table(LinkageModel(changed))
-    return ModelWithoutTable(changed, text).served(Predictor(table))
+    return ModelWithoutTable(changed, text).with_predictor(Predictor(table))
 
 
 def _refuse_repeated(paths: Sequence[Path]) -> None:

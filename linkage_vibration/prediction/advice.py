@@ -19,7 +19,7 @@ from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.messages.fields import message_constants, message_fields
 from linkage_vibration.messages.topics import ADVICE
 from linkage_vibration.prediction.excitation import KMH, Excitation, Source
-from linkage_vibration.prediction.levels import LevelTable
+from linkage_vibration.prediction.levels import LevelTable, spreads
 from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.prediction.severity import ratio_words
 from linkage_vibration.table.interpolation import angles_in_table
@@ -36,7 +36,7 @@ _LIKELY = 0.5  # A place is called quieter with at least this probability.
 _PERIOD = 10**9  # ns, between two live pieces of advice
 _SAME = 1.0 + 1e-6  # Loads that differ by less are the same, and the first one is chosen.
 _NOTABLE = 0.8  # A height that leaves more of the load is not worth a change.
-_GROUND = Source.GROUND.place
+_GROUND = Source.GROUND.index
 _NO_LOAD = (
     "No excitation with an amplitude is at work here, or the table has no FRFs or no static force "
     "to compare with."
@@ -110,18 +110,17 @@ def advise(
     )
     permitted = [cells[-1:, -1:], cells[:-1, -1:], cells[-1:, :-1], cells[:-1, :-1]]
     chosen = np.array([smallest(load, among.ravel()) for among in permitted])
-    totals, _ = levels.member_totals(alpha3[chosen], every[:, chosen])
-    members = np.where(reasons[chosen], math.nan, totals)
-    factors = levels.factors(alpha3[chosen], every[:, chosen], math.inf)
-    unknown = np.isnan(load[chosen])
+    both = levels.member_totals(alpha3[chosen], every[:, chosen])
+    members, unknown = np.where(reasons[chosen], math.nan, both[0]), np.isnan(load[chosen])
+    factors = np.where(unknown, math.nan, spreads(np.swapaxes(both, 0, 2)).T)
     message = MessageColumns(
         not_counted=_not_counted(excitations, question.speeds),
         crank_angles=np.where(unknown & _ADVISED, math.nan, alpha3[chosen]),
         ground_speeds=np.where(unknown & _ADVISED, math.nan, every[_GROUND, chosen]),
         load_ratios=load[chosen],
-        load_ratio_factors=np.where(unknown, math.nan, factors["total_load_ratio_factor"]),
+        load_ratio_factors=factors[0],
         velocities=velocity[chosen],
-        velocity_factors=np.where(unknown, math.nan, factors["total_velocity_factor"]),
+        velocity_factors=factors[1],
         probabilities=_probabilities(members),
     )
     message.places = _places(message)
@@ -219,7 +218,7 @@ def _reasons(
     A cell is refused if a load that is at work is not known there, as it would seem to be quiet.
     """
     loaded = np.array([[excitation.load is not None] for excitation in excitations])
-    at_work = loaded & np.isfinite(speeds[[excitation.source.place for excitation in excitations]])
+    at_work = loaded & np.isfinite(speeds[[excitation.source.index for excitation in excitations]])
     ground = results.ground_unknown
     inside = np.isfinite(angles_in_table(alpha3, levels.alpha3_range))
     refused = {
@@ -240,7 +239,7 @@ def _not_counted(excitations: Sequence[Excitation], speeds: FloatArray) -> str:
     return ", ".join(
         excitation.name
         for excitation in excitations
-        if (excitation.load or excitation.terrain) is None or unknown[excitation.source.place]
+        if (excitation.load or excitation.terrain) is None or unknown[excitation.source.index]
     )
 
 
@@ -315,7 +314,7 @@ class Adviser:
 
     def is_due(self, load_ratio: float, stamp: int) -> bool:
         """Return whether advice is due for the next resonance; its stamp is in ns."""
-        exceeded = load_ratio > self._monitor.limits.warning
+        exceeded = load_ratio > self._monitor.rules.limits.warning
         if not exceeded or 0 <= stamp - self._last < _PERIOD:
             return False
         self._last = stamp
@@ -323,12 +322,12 @@ class Adviser:
 
     def answer(self, resonance: MessageColumns) -> MessageColumns:
         """Return the advice for a resonance of the monitor, as ``Advice.msg``."""
-        levels, ground = self._monitor.levels, float(resonance.speeds[_GROUND])
+        levels, ground = self._monitor.rules.levels, float(resonance.speeds[_GROUND])
         assert levels is not None  # without levels, no load ratio exceeds a limit
         low, high = _LIVE_SPEEDS
         permitted = None if math.isnan(ground) else (low * ground, high * ground)
         question = Question(resonance.crank_angle, resonance.speeds, None, permitted)
-        limit = self._monitor.limits.warning
-        advice = advise(levels, self._monitor.excitations, question, _LIVE_SHAPE, limit=limit)
+        limit = self._monitor.rules.limits.warning
+        advice = advise(levels, self._monitor.rules.excitations, question, _LIVE_SHAPE, limit=limit)
         advice.message.table_id = resonance.table_id
         return advice.message

@@ -60,7 +60,7 @@ class ModelWithoutTable:
     implement: "Implement | None" = None  # in use, if it is not that of the mechanism file
     implements: "Implements | None" = None  # can be chosen by name
 
-    def served(self, predictor: Predictor) -> "LoadedModel":
+    def with_predictor(self, predictor: Predictor) -> "LoadedModel":
         """Return the mechanism with what looks up its table."""
         return LoadedModel(**vars(self), predictor=predictor)
 

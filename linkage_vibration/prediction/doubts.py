@@ -94,7 +94,7 @@ def excitation_doubts(excitations: Sequence[Excitation], levels: "LevelTable") -
     speeds = np.full((len(Source), len(rows)), math.nan)
     for column, i in enumerate(rows):
         load, source = excitations[i].load, excitations[i].source
-        speeds[source.place, column] = load.speed if load else _WORKING
+        speeds[source.index, column] = load.speed if load else _WORKING
     angles = np.linspace(*levels.alpha3_range, 9)
     over_all = levels.at_all_pairs(angles, speeds)
     ratios = over_all.load_ratios.reshape(len(angles), len(rows), -1)

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from linkage_vibration.mechanics.description import MechanismError
-from linkage_vibration.mechanics.keys import Keys
+from linkage_vibration.mechanics.keys import CheckedMapping
 from linkage_vibration.prediction.ground import Spectrum, Terrain, power_law
 from linkage_vibration.prediction.loads import ExcitationError, Load, given_kinds
 
@@ -36,7 +36,7 @@ class Source(enum.Enum):
     GROUND = "ground"  # m/s
 
     @property
-    def place(self) -> int:
+    def index(self) -> int:
         """Index of the speed among those of all sources."""
         return list(Source).index(self)
 
@@ -89,7 +89,7 @@ def excitations_from_mapping(
     [('shaft 1', 9.0), ('shaft 2', 18.0)]
     """
     try:
-        keys, excitations = Keys(where, mapping), list[Excitation]()
+        keys, excitations = CheckedMapping(where, mapping), list[Excitation]()
         for name in keys:
             if "terrain" in keys[name]:
                 excitations.append(_ground(keys[name], name, read_profile))
@@ -107,7 +107,7 @@ def excitations_from_mapping(
     return tuple(excitations)
 
 
-def _orders(keys: Keys, name: str) -> list[Excitation]:
+def _orders(keys: CheckedMapping, name: str) -> list[Excitation]:
     """Return one excitation for each order."""
     source = Source(keys.choice("speed", [source.value for source in Source]))
     per_unit = RPM * _number(keys, "ratio", default=1.0)
@@ -143,12 +143,12 @@ def _orders(keys: Keys, name: str) -> list[Excitation]:
     ]
 
 
-def _description(keys: Keys, name: str) -> str:
+def _description(keys: CheckedMapping, name: str) -> str:
     """Return what an excitation is in words; its name if the file has no description."""
     return keys.text("description") if "description" in keys else name.replace("_", " ")
 
 
-def _ground(keys: Keys, name: str, read_profile: ReadProfile) -> Excitation:
+def _ground(keys: CheckedMapping, name: str, read_profile: ReadProfile) -> Excitation:
     """Return the excitation by the ground under the wheels."""
     if keys.choice("speed", [source.value for source in Source]) != Source.GROUND.value:
         raise keys.error("speed", "wheels follow the speed over ground; write `speed: ground`.")
@@ -203,12 +203,12 @@ def _ground(keys: Keys, name: str, read_profile: ReadProfile) -> Excitation:
     )
 
 
-def _radius(keys: Keys) -> float:
+def _radius(keys: CheckedMapping) -> float:
     """Return the rolling radius of a wheel, m."""
     return _number(keys, "rolling_radius", *_WHEELS, hint=", in m")
 
 
-def _loads(keys: Keys, orders: list[float]) -> list[Load | None]:
+def _loads(keys: CheckedMapping, orders: list[float]) -> list[Load | None]:
     """Return the load of each order; None without amplitudes."""
     kinds = given_kinds(keys)
     if not kinds:
@@ -232,7 +232,7 @@ def _loads(keys: Keys, orders: list[float]) -> list[Load | None]:
     ]
 
 
-def _stddevs(keys: Keys, count: int) -> list[float]:
+def _stddevs(keys: CheckedMapping, count: int) -> list[float]:
     """Return the deviations of amplitudes: one for all, or one for each."""
     key = "amplitude_stddev"
     if not keys.is_list(key):
@@ -243,13 +243,13 @@ def _stddevs(keys: Keys, count: int) -> list[float]:
     return values
 
 
-def _stddev(keys: Keys, key: str, default: float = 0.0) -> float:
+def _stddev(keys: CheckedMapping, key: str, default: float = 0.0) -> float:
     """Return a relative standard deviation."""
     return _number(keys, key, 0.0, 1.0, default=default, hint=", as a part of the value")
 
 
 def _number(
-    keys: Keys,
+    keys: CheckedMapping,
     key: str,
     least: float = _LEAST,
     largest: float = _LARGEST,
@@ -264,7 +264,7 @@ def _number(
 
 
 def _check(
-    keys: Keys, key: str, number: float, least: float, largest: float, hint: str = ""
+    keys: CheckedMapping, key: str, number: float, least: float, largest: float, hint: str = ""
 ) -> None:
     if not least <= number <= largest:
         raise keys.error(key, f"{number:g} is not from {least:g} to {largest:g}{hint}.")

@@ -63,7 +63,7 @@ _ANGLE_STEPS, _DEGREE = (32, 128), math.radians(1.0)  # least and most steps, an
 _MAX_FREQUENCIES, _PER_HALF_WIDTH = 4096, 1.5  # most of them, and how many resolve a half-width
 _FLATTEST = 0.1  # of exponents of coherence; tracks with a flatter spectrum are independent
 _FARTHEST = 500.0  # of x, where the coherence is 0 in double precision
-_ONE_THREAD = 2**18  # multiplications up to which OpenBLAS uses one thread
+_BLOCK = 32, 256  # OpenBLAS multiplies two matrices of this shape with one thread.
 
 
 class GroundError(LinkageVibrationError):
@@ -279,11 +279,18 @@ def mean_squares(
     weights = _weights(squares, speeds[:, np.newaxis], uncovered, wheels)
     values = squares.values.reshape(len(squares.values), -1)
     # The last bits of a large product depend on the number of threads of BLAS.
-    step = max(_ONE_THREAD // (7 * values.shape[1]), 2)
-    rows = np.array_split(values, max(len(values) // 4, 1))  # of four to seven
-    parts = [weights[i : i + step].T for i in range(0, len(weights), step)]
-    product = np.concatenate([np.hstack([row @ part for part in parts]) for row in rows])
-    return product.astype(np.float64)
+    pairs = zip(_blocks(values), _blocks(weights), strict=True)
+    product = sum(rows[:, np.newaxis] @ columns.swapaxes(1, 2) for rows, columns in pairs)
+    whole = np.swapaxes(product, 1, 2).reshape(_BLOCK[0] * len(product), -1)
+    return np.asarray(whole[: len(values), : len(speeds)], np.float64)
+
+
+def _blocks(matrix: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return blocks of a matrix, filled with zeros: (n_across, n_down, *_BLOCK)."""
+    height, width = _BLOCK
+    down, across = (-size % of for size, of in zip(matrix.shape, _BLOCK, strict=True))
+    filled = np.pad(matrix, ((0, down), (0, across)))
+    return filled.reshape(-1, height, filled.shape[1] // width, width).transpose(2, 0, 1, 3)
 
 
 def _weights(

@@ -131,7 +131,7 @@ class _Window:
 
 
 @dataclass(frozen=True, slots=True)
-class Expected:
+class ReadingExpectation:
     """What is expected of the readings."""
 
     name: str  # what is read, such as "joint hitch on /joint_states"
@@ -235,7 +235,7 @@ class ReadingWatch:
         """Take a message that has no reliable reading, and why."""
         self._window.refusal = sentence
 
-    def judge(self, now: float, elapsed: float, expected: Expected) -> list[Fault]:
+    def judge(self, now: float, elapsed: float, expected: ReadingExpectation) -> list[Fault]:
         """Return what was wrong since the last call, which was ``elapsed`` (s) before ``now``."""
         while self._waiting:
             self._look(self._waiting.popleft(), expected.taken)
@@ -249,7 +249,7 @@ class ReadingWatch:
         ]
         return self._recent.with_earlier(now, faults)
 
-    def _missing(self, window: _Window, now: float, expected: Expected) -> list[Fault]:
+    def _missing(self, window: _Window, now: float, expected: ReadingExpectation) -> list[Fault]:
         if window.refusal:
             return [Fault(Level.ERROR, window.refusal, "refusal")]
         never = math.isnan(self.last)
@@ -259,7 +259,7 @@ class ReadingWatch:
         sentence = f"The node has not received {expected.name} for {age:.1f} s. {expected.remedy}"
         return [Fault(Level.ERROR if expected.others else Level.STALE, sentence.rstrip())]
 
-    def _values(self, window: _Window, expected: Expected) -> list[Fault]:
+    def _values(self, window: _Window, expected: ReadingExpectation) -> list[Fault]:
         faults, sentences = _disagreement(window, expected.publishers, expected.name, HITCH), {}
         if not faults and window.jumps:
             sentences["jumps"] = (
@@ -299,7 +299,7 @@ class ReadingWatch:
         return [Fault(Level.WARN, sentence)]
 
 
-def _range(window: _Window, expected: Expected) -> list[Fault]:
+def _range(window: _Window, expected: ReadingExpectation) -> list[Fault]:
     if window.invalid and window.invalid == window.received:
         sentence = f"No reading of {expected.name} is a number; check the sensor."
         return [Fault(Level.ERROR, sentence)]
@@ -313,7 +313,7 @@ def _range(window: _Window, expected: Expected) -> list[Fault]:
     return faults + _outside(window, expected)
 
 
-def _outside(window: _Window, expected: Expected) -> list[Fault]:
+def _outside(window: _Window, expected: ReadingExpectation) -> list[Fault]:
     if not window.n_outside or window.n_outside + window.invalid < window.received:
         return []
     angles, offset = window.outside, expected.offset
@@ -338,7 +338,7 @@ def _outside(window: _Window, expected: Expected) -> list[Fault]:
     return [Fault(Level.ERROR, sentence.format(expected.name, side, *degrees, advice))]
 
 
-def _stamps(window: _Window, expected: Expected) -> list[Fault]:
+def _stamps(window: _Window, expected: ReadingExpectation) -> list[Fault]:
     least, most = window.ages
     advice = "synchronise the clocks, or set use_sim_time exactly if a clock is published."
     sentences = []

@@ -11,9 +11,9 @@ from itertools import repeat
 from linkage_vibration.prediction.agreement import StandingClock
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.health import (
-    Expected,
     Fault,
     Level,
+    ReadingExpectation,
     ReadingWatch,
     SpeedWatch,
     turns_without_engine,
@@ -55,7 +55,7 @@ class _Found:
 class InputJudge:
     """What is wrong with the inputs of a drive; ``name`` says what is read.
 
-    ``offset`` and ``stale_after`` are as in `Expected`.
+    ``offset`` and ``stale_after`` are as in `ReadingExpectation`.
     """
 
     def __init__(
@@ -67,7 +67,9 @@ class InputJudge:
         stale_after: float = 1.0,
     ) -> None:
         low, high = alpha3_range
-        self._expected = Expected(name, "", False, low, high, offset, stale_after, 0.0, None)
+        self._expected = ReadingExpectation(
+            name, "", False, low, high, offset, stale_after, 0.0, None
+        )
         self._readings = ReadingWatch(high - low > math.pi)
         self._standing, self._stands = StandingClock(), False
         self._began: int | None = None  # ns, when the first message arrived

@@ -15,9 +15,8 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
-from scipy.optimize import linear_sum_assignment
 
 from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from linkage_vibration.mechanics.description import Mechanism
@@ -71,7 +70,7 @@ _MIN_STATIC_SHARE = 1e-5  # of the sizes of its terms; a smaller static response
 _SAME_SQUARE = 1.0 - 1e-6  # of the square of a load ratio; a smaller difference is rounding
 _SILENT = 1e-30  # A smaller level has no logarithm.
 _FIRST_CELLS, _MOST_CELLS = 32, 512  # of a piece of the table
-_GROUND = Source.GROUND.place
+_GROUND = Source.GROUND.index
 _REASONS = np.array(REASONS)
 _CHUNK = 16  # angles that are evaluated together, so that their terms stay in the cache
 
@@ -168,7 +167,7 @@ class LevelTable:
         loads = [excitation.load for excitation in excitations]
         self.states_uncertainty = table.uncertain or table.measured
         self._top, self._inputs = 2.0 * math.pi * table.band[1], np.array(which)
-        self._sources = np.array([excitation.source.place for excitation in excitations])
+        self._sources = np.array([excitation.source.index for excitation in excitations])
 
         self._omega = np.array([2.0 * math.pi * excitation.ratio for excitation in excitations])
         self._rms = np.array([x.amplitude / math.sqrt(2.0) if x else math.nan for x in loads])
@@ -253,14 +252,17 @@ class LevelTable:
         """Return the terms at angles in the table, (n,)."""
         assert self._cells is not None
         starts, cubics = self._cells
-        i = np.maximum(starts.searchsorted(angles, side="right") - 1, 0)
-        cells, apart = cubics.take(i, axis=0), (angles - starts.take(i))[:, np.newaxis]
-        values = cells[:, 0] * apart
-        for power in (1, 2):
-            values += cells[:, power]
-            values *= apart
-        values += cells[:, 3]
+        which = np.maximum(starts.searchsorted(angles, side="right") - 1, 0)
         layout, n = self._layout, len(angles)
+        values, apart = np.empty((n, cubics.shape[2])), (angles - starts[which])[:, np.newaxis]
+        ends = [0, *(np.flatnonzero(which[1:] != which[:-1]) + 1).tolist(), n]
+        for few in map(slice, ends, ends[1:]):  # A crank stays in a cell for some readings.
+            rows, cubic, x = values[few], cubics[which[few.start]], apart[few]
+            np.multiply(cubic[0], x, out=rows)
+            for power in (1, 2):
+                rows += cubic[power]
+                rows *= x
+            rows += cubic[3]
         poles, static = 3 * layout.n_terms, values.shape[1] - layout.n_inputs - layout.n_forces
         return _Terms(
             values[:, :poles].reshape(n, 3, -1),
@@ -398,12 +400,8 @@ class LevelTable:
         if not self.n_members or not len(alpha3):
             return np.full((len(alpha3), len(of_levels)), math.nan)
         values = self.members(alpha3, speeds)[..., of_levels]
-        total = values[..., -1:]
-        with np.errstate(over="ignore", invalid="ignore"):  # infinite levels of members
-            logs = np.log(np.maximum(values, _SILENT))
-            logs -= _mean(logs)[:, np.newaxis]
-            factors = np.exp(np.sqrt(_mean(logs * logs)))
-            factors[:, -1:] = _mean(np.where(np.isnan(total), total, total > limit))
+        factors, total = spreads(values), values[..., -1:]
+        factors[:, -1:] = _mean(np.where(np.isnan(total), total, total > limit))
         return factors
 
     def set_factors(
@@ -424,14 +422,6 @@ class LevelTable:
         factors = np.concatenate([held if held.size else computed[:1], computed])[which]
         _set_factors(columns, factors)
         return np.asarray(factors[-1:])
-
-    def factors(
-        self, alpha3: FloatArray, speeds: FloatArray, limit: float
-    ) -> dict[str, NDArray[np.float32]]:
-        """Return what `factor_rows` does by the names; NaN where a level is not known, too."""
-        columns = self.at(alpha3, speeds)
-        _set_factors(columns, self.factor_rows(alpha3, speeds, limit))
-        return {name: getattr(columns, name) for name in DEVIATION_FIELDS}
 
     def _forcing_at(self, speeds: FloatArray) -> _Forcing:
         """Return what excitations do at speeds, (n_sources, n)."""
@@ -624,11 +614,21 @@ def _sum(terms: Reals) -> Reals:
     return np.asarray(np.add.accumulate(terms, axis=1)[:, -1])
 
 
+def spreads(values: FloatArray) -> FloatArray:
+    """Return exp of the deviations of ln(values) over members, (n, k), of (n, n_members, k)."""
+    with np.errstate(over="ignore", invalid="ignore"):  # infinite levels of members
+        logs = np.log(np.maximum(values, _SILENT))
+        logs -= _mean(logs)[:, np.newaxis]
+        return np.asarray(np.exp(np.sqrt(_mean(logs * logs))))
+
+
 def _mean(values: FloatArray) -> FloatArray:
     """Return the mean over members, (n, k), of (n, n_members, k); NaN if too few are known."""
     finite = ~np.isnan(values)
     count = finite.sum(axis=1)
-    mean = _sum(np.where(finite, values, 0.0)) / count
+    if not count.any():
+        return np.full(count.shape, math.nan)
+    mean = _sum(np.where(finite, values, 0.0)) / np.maximum(count, 1)
     return np.where(count >= _MIN_KNOWN_SHARE * values.shape[1], mean, math.nan)
 
 
@@ -659,9 +659,9 @@ def _sampled(table: Table, inputs: list[UnitLoad], outputs: list[Place], n_force
     }
 
 
-def _spline(at: FloatArray, values: FloatArray) -> CubicSpline:
+def _spline(at: FloatArray, values: FloatArray) -> "scipy.interpolate.CubicSpline":
     """Return the spline through values, with 0 for those that are not known."""
-    return CubicSpline(at, np.nan_to_num(values, nan=0.0))
+    return scipy.interpolate.CubicSpline(at, np.nan_to_num(values, nan=0.0))
 
 
 def _cubics(at: FloatArray, values: FloatArray, lost: BoolArray) -> FloatArray:
@@ -791,7 +791,7 @@ class _Samples:
 
 def _in_order(wanted: ComplexArray, roots: ComplexArray) -> NDArray[np.int64]:
     """Return an order of all roots in which those nearest to the wanted ones come first."""
-    rows, columns = linear_sum_assignment(np.abs(wanted[:, np.newaxis] - roots))
+    rows, columns = scipy.optimize.linear_sum_assignment(np.abs(wanted[:, np.newaxis] - roots))
     first, others = columns[np.argsort(rows)], np.ones(len(roots), np.bool_)
     others[first] = False
     return np.append(first, np.flatnonzero(others))

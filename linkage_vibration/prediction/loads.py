@@ -5,6 +5,7 @@
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 
@@ -176,10 +177,10 @@ def _moment(body: str, mechanism: Mechanism, where: str) -> UnitLoad:
     (x0, z0), (x1, z1) = points[first], points[second]
     across = np.array([-(z1 - z0), x1 - x0]) / math.dist(points[first], points[second]) ** 2
     places: Sequence[Place] = [(point, d) for point in (first, second) for d in ("x", "z")]
-    kinematics = None if body == "base" else Kinematics(mechanism)
+    kinematics = cache(lambda: Kinematics(mechanism))  # which takes long, and kept levels need not
 
     def weights(alpha3: float) -> tuple[FloatArray, FloatArray]:
-        turn = 0.0 if kinematics is None else kinematics.at(alpha3).angle(body)
+        turn = 0.0 if body == "base" else kinematics().at(alpha3).angle(body)
         cos, sin = math.cos(turn), math.sin(turn)
         x, z = cos * across[0] - sin * across[1], sin * across[0] + cos * across[1]
         return np.array([-x, -z, x, z]), np.zeros(4)

@@ -67,7 +67,7 @@ class Periods:
         return np.asarray(periods[1:] != periods[:-1])
 
 
-class Place(enum.IntEnum):
+class WindowStep(enum.IntEnum):
     """What a reading does to the window of readings of which the most severe is published."""
 
     LEFT_OUT = 0  # another one has been assessed in this part
@@ -87,15 +87,15 @@ class Windows:
         self.rate = rate
         self._part = self._time = _NEVER
 
-    def place(self, time: int) -> Place:
+    def step(self, time: int) -> WindowStep:
         """Return what the next reading does, from its time, ns."""
         if not self.rate:
-            return Place.CLOSES
+            return WindowStep.CLOSES
         length = round(1e9 / (PARTS * self.rate))
         before, self._part = self._part, time // length
         if self._part == before:
-            return Place.LEFT_OUT
+            return WindowStep.LEFT_OUT
         apart, self._time = time - self._time, time
         if self._part // PARTS == before // PARTS:
-            return Place.WAITS
-        return Place.CLOSES if 0 <= apart <= PARTS * length else Place.ALONE
+            return WindowStep.WAITS
+        return WindowStep.CLOSES if 0 <= apart <= PARTS * length else WindowStep.ALONE

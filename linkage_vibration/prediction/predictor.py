@@ -165,7 +165,7 @@ class Predictor:
         check_type(table, "use `build_table` or `load_table`", Table)
         self.table = table
         self._low, self._high = table.alpha3_range
-        self._sound_low, self._sound_high = table.sound_range
+        self._first_away, self._last_away = table.range_away_from_toggles
         self._n_modes = table.n_modes
         self._measured = table.measured
         self._table_id = table.table_id
@@ -240,7 +240,7 @@ class Predictor:
         stddevs = [math.sqrt(a * a + b * b + c * c + d * d) for a, b, c, d in each]
         modes = np.array([*values, *slopes[:n], *stddevs]).reshape(5, n)
         frequencies, ratios, frequency_slopes, frequency_stddevs, ratio_stddevs = modes
-        sound = self._sound_low <= angle <= self._sound_high
+        sound = self._first_away <= angle <= self._last_away
         return Prediction(
             crank_angle=alpha3,
             status=Status.OK if sound else Status.NEAR_TOGGLE,
@@ -309,7 +309,7 @@ def predict_many(predictor: Predictor, alpha3: FloatArray, stddev: FloatArray) -
     values, slopes = table.evaluate(angles), table.evaluate_slopes(angles)
     ends = table.alpha3[table.pieces]
     piece = np.clip(np.searchsorted(ends, angles, side="right") - 1, 0, len(ends) - 2)
-    first, last = table.sound_range
+    first, last = table.range_away_from_toggles
     sound = (first <= angles) & (angles <= last)
 
     status = np.where(np.isfinite(alpha3), Status.OUT_OF_RANGE, Status.INVALID_ANGLE)

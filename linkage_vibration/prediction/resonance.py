@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from linkage_vibration.bags.blocks import Integers
-from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
+from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, IntArray
 from linkage_vibration.messages.columns import MessageColumns, joined
 from linkage_vibration.prediction.agreement import Agreement
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.ground import MAX_OFF_GROUND
 from linkage_vibration.prediction.levels import LevelTable, unknown_levels
 from linkage_vibration.prediction.motion import Rate, speed_filter
-from linkage_vibration.prediction.periods import Place, Windows
+from linkage_vibration.prediction.periods import Windows, WindowStep
 from linkage_vibration.prediction.predictor import Prediction
 from linkage_vibration.prediction.severity import (
     CLEAR,
@@ -48,18 +48,18 @@ _FACTORS_FOR = 1.0  # s, for which the factors of levels are used again in the s
 _SPEED_BITS = np.array([SPEED_BITS[source] for source in Source])
 _SI = np.array([source.si for source in Source])
 _NO_SPEED = math.nan, math.nan, math.nan
-_GROUND = Source.GROUND.place
+_GROUND = Source.GROUND.index
 
 
 class Header(NamedTuple):
-    """What a message takes from its reading, and the place of that in its window."""
+    """What a message takes from its reading, and what that does to its window."""
 
     sec: int
     nanosec: int
     frame_id: str
     due_at: int  # ns
     timed_by_receipt: bool
-    place: Place
+    step: WindowStep
 
 
 _Speed: TypeAlias = tuple[float, float, float]
@@ -68,8 +68,7 @@ _Reading: TypeAlias = tuple[Prediction, Rate, int, list[_Speed], Header]
 """Prediction, velocity, time, ns, speeds, and header of a reading."""
 
 
-@dataclass(frozen=True, slots=True)
-class ReportedSpeed:
+class ReportedSpeed(NamedTuple):
     """A speed that is reported among predictions, as by `ResonanceMonitor.set_speed`."""
 
     before: int  # predictions that precede it
@@ -121,14 +120,14 @@ def rows_of(predictions: Sequence[Prediction]) -> MessageColumns:
 
 def window_headers(headers: Sequence[Header]) -> MessageColumns:
     """Return what messages take from their readings, (n,) each."""
-    sec, nanosec, frame_id, due_at, timed_by_receipt, place = zip(*headers, strict=True)
+    sec, nanosec, frame_id, due_at, timed_by_receipt, step = zip(*headers, strict=True)
     return MessageColumns(
         sec=np.array(sec),
         nanosec=np.array(nanosec),
         frame_id=np.array(frame_id, object),
         due_at=np.array(due_at),
         timed_by_receipt=np.array(timed_by_receipt, np.uint8),
-        place=np.array(place),
+        step=np.array(step),
     )
 
 
@@ -145,9 +144,9 @@ def _published(columns: MessageColumns) -> tuple[Integers, Integers, int]:
     """
     # A window has a message of its most severe reading and, if the state has changed since, of
     # its last. The readings of windows that have ended are done.
-    closing = np.flatnonzero(columns.place >= Place.CLOSES)
+    closing = np.flatnonzero(columns.step >= WindowStep.CLOSES)
     n = int(closing[-1]) + 1 if len(closing) else 0
-    begins = columns.place[:n] == Place.ALONE
+    begins = columns.step[:n] == WindowStep.ALONE
     begins[closing[:-1] + 1] = True
     window = np.cumsum(begins)
     last = np.flatnonzero(np.append(window[1:] != window[:-1], [True] * (n > 0)))
@@ -155,7 +154,7 @@ def _published(columns: MessageColumns) -> tuple[Integers, Integers, int]:
     # Of readings that are equal, the latest counts.
     worst = np.lexsort((columns.severity[:n], WINDOW_RANKS.take(state), window))[last]
     rows = np.union1d(worst, last[state[last] != state[worst]])
-    late = columns.place[last[np.searchsorted(last, rows)]] == Place.WAITS
+    late = columns.step[last[np.searchsorted(last, rows)]] == WindowStep.WAITS
     rows = rows[~(late & (state[rows] == CLEAR))]
     return rows, closing[np.searchsorted(closing, rows)], n
 
@@ -189,205 +188,41 @@ def described(of: MessageColumns) -> MessageColumns:
     return MessageColumns(**vars(of) | derived)
 
 
-class ResonanceMonitor:
-    """Compares excitation frequencies with natural frequencies, and load ratios with limits.
-
-    It has no clock, so the same calls give the same answers, live or offline. Speeds are used for
-    ``stale_after`` s, and messages are published at the rate of `Windows`, Hz.
-    """
+class ResonanceRules:
+    """What excitations, limits and levels say about readings; it remembers nothing of them."""
 
     def __init__(
-        self,
-        excitations: Sequence[Excitation],
-        limits: WarningLimits = DEFAULT_LIMITS,
-        stale_after: float = 1.0,
-        levels: LevelTable | None = None,
-        rate: float = 0.0,
+        self, excitations: Sequence[Excitation], limits: WarningLimits, levels: LevelTable | None
     ) -> None:
-        self.excitations = tuple(excitations)
-        self.limits = limits
-        self.stale_after = stale_after
-        self.levels = levels
-        self.windows = Windows(rate)
-        ratios = [(excitation.ratio, excitation.relative_stddev) for excitation in self.excitations]
+        self.excitations, self.limits, self.levels = tuple(excitations), limits, levels
+        ratios = [(excitation.ratio, excitation.relative_stddev) for excitation in excitations]
         self._ratios, self._stddevs = np.array(ratios).T[..., np.newaxis]
-        self._sources = np.array([excitation.source.place for excitation in self.excitations])
-        self._warns = np.array([[excitation.warns] for excitation in self.excitations])
-        self._loaded = np.array([[bool(excitation.load)] for excitation in self.excitations])
+        self.sources = np.array([excitation.source.index for excitation in excitations])
+        """Index of the speed of each excitation, (n_excitations,)."""
+        self._warns = np.array([[excitation.warns] for excitation in excitations])
+        self._loaded = np.array([[bool(excitation.load)] for excitation in excitations])
         # (n_sources, n_excitations): which orders with an amplitude follow a speed
-        places = np.arange(len(Source))[:, np.newaxis]
-        self._orders = ((self._sources == places) & self._loaded.T).astype(int)
+        follows = self.sources == np.arange(len(Source))[:, np.newaxis]
+        self._orders = (follows & self._loaded.T).astype(int)
         self._has_orders = self._orders.any(axis=1, keepdims=True)
-        self._rolling = np.array([[bool(excitation.terrain)] for excitation in self.excitations])
-        names = [excitation.name for excitation in self.excitations]
-        self._names = np.array([*names, ""])  # -1: none
-        used = {excitation.source for excitation in self.excitations}
-        self._used = np.array([source in used for source in Source])
-        self._filters = {source: speed_filter(source) for source in Source}
-        self._agreements = {source: Agreement(source.value) for source in Source}
-        # By source: the last speed, its rate and the bound of its error; when it was reported, ns.
-        self._speeds, self._times = [_NO_SPEED for _ in Source], [0 for _ in Source]
-        self._fixed = [False for _ in Source]
-        self._timer = WarningTimer(len(self.excitations) + 1)  # the last is that of the total
-        self.use()
-        self.restart()
-        self.any_speed_reported = False  # without a speed there is nothing to assess
+        self._rolling = np.array([[bool(excitation.terrain)] for excitation in excitations])
+        self._names = np.array([*(excitation.name for excitation in excitations), ""])  # -1: none
+        self._places = np.array([*(levels.force_places if levels else ()), ""])
+        self._used = follows.any(axis=1)
 
-    def restart(self) -> None:
-        """Count messages from 1, and forget the readings whose window has not ended."""
-        self.count = 0  # of messages
-        self.windows = Windows(self.windows.rate)
-        self._waiting = list[_Reading]()
-        self._open: MessageColumns | None = None  # what is assessed of a window that goes on
-
-    def use(self, limits: WarningLimits | None = None, levels: LevelTable | None = None) -> None:
-        """Use other limits or levels from now on; readings that wait are of the levels before."""
-        if levels is not None:
-            self._waiting, self._open = [], None
-        self.limits, self.levels = limits or self.limits, levels or self.levels
-        self._places = np.array([*(self.levels.force_places if self.levels else ()), ""])
-        # By source: the time, ns; speed and angle then; and the quiet ones.
-        self._quiet: dict[int, tuple[int, FloatArray, FloatArray]] = {}
-        # When factors were last computed, ns, and the state then.
-        self._factors_time, self._factors_state = _NO_PERIOD, UNKNOWN
-        self._factors = np.empty((1, 0))
-
-    def set_speed(self, source: Source, value: float, time: int) -> None:
-        """Use a reported speed, rpm or m/s; its rate is estimated as `RateFilter` describes.
-
-        It becomes unknown if it is not finite, that of a shaft is negative, or values go to and
-        fro. A ground speed is negative in reverse; its magnitude counts. The time is in ns.
-        """
-        self.any_speed_reported = True
-        value = float(value)
-        rate, error = self._filters[source].add(time, value)
-        lost = self._agreements[source].loses(time, value)
-        if source is Source.GROUND and value < 0.0:
-            value, rate = -value, -rate
-        if lost or not 0.0 <= value < math.inf:
-            value = math.nan
-        self._set(source, (value, rate, error), time, False)
-
-    def set_fixed(self, source: Source, value: float | None) -> None:
-        """Fix a speed (rpm or m/s); with None, a fixed speed becomes unknown."""
-        if value is not None:
-            self.any_speed_reported = True
-            self._set(source, (value, 0.0, 0.0), 0, True)
-        elif self._fixed[source.place]:
-            self._set(source, _NO_SPEED, 0, False)
-
-    def unknown_speeds(self, time: int) -> int:
-        """Return the bits of ``LoadState`` of the used speeds that are not known at a time, ns."""
-        lost = np.isnan([speed for speed, *_ in self._speeds_at(time)]) & self._used
-        return int(_SPEED_BITS @ lost)
-
-    def _set(self, source: Source, numbers: _Speed, time: int, fixed: bool) -> None:
-        place = source.place
-        self._speeds[place], self._times[place], self._fixed[place] = numbers, time, fixed
-
-    def _speeds_at(self, time: int) -> list[_Speed]:
-        """Return the speeds that are known at a time, ns, by source."""
-        limit = math.floor(min(1e9 * self.stale_after, _LATEST))
-        return [
-            numbers if fixed or abs(time - at) <= limit else _NO_SPEED
-            for numbers, at, fixed in zip(self._speeds, self._times, self._fixed, strict=True)
-        ]
+    def unknown_speeds(self, speeds: FloatArray) -> Integers:
+        """Return the bits, (n,), of the used speeds that are NaN, of (n_sources, n)."""
+        return np.asarray(_SPEED_BITS @ (np.isnan(speeds) & self._used[:, np.newaxis]))
 
     def assess(
-        self, prediction: Prediction, velocity: float, time: int, velocity_error: float = 0.0
-    ) -> MessageColumns:
-        """Return one ``Resonance`` with its ``Levels`` and its ``LoadState``.
-
-        The crank's velocity, NaN if not known, and the bound of its error are in rad/s; the time,
-        ns, is by the clock of the speeds.
-        """
-        velocities, errors = np.array([[velocity], [velocity_error]])
-        row = rows_of([prediction])
-        resonance = self.assess_many(row, velocities, np.array([time]), (), errors).message(0)
-        resonance.state = ResonanceState(resonance.state)
-        return resonance
-
-    def take(
-        self, prediction: Prediction, velocity: Rate, time: int, header: Header
-    ) -> MessageColumns | None:
-        """Take a reading that has a place; return the messages of the windows that end, if any.
-
-        The arguments are those of `assess`, and a `Header`.
-        """
-        self._waiting.append((prediction, velocity, time, self._speeds_at(time), header))
-        if header.place is Place.WAITS:
-            return None
-        waiting, self._waiting = self._waiting, []
-        predictions, velocities, times, speeds, headers = zip(*waiting, strict=True)
-        return self._answer(
-            rows_of(predictions),
-            np.array(velocities).T,
-            np.array(times),
-            _by_source(speeds),
-            window_headers(headers),
-        )
-
-    def assess_many(
-        self,
-        predictions: MessageColumns,
-        velocity: FloatArray,
-        time: Integers,
-        speeds: Sequence[ReportedSpeed],
-        velocity_error: FloatArray,
-        headers: MessageColumns | None = None,
-    ) -> MessageColumns:
-        """Return ``Resonance``, ``Levels`` and ``LoadState`` of the windows of n predictions.
-
-        Velocities of the crank and bounds of their errors, (n,), are in rad/s; times, (n,), ns, are
-        by the clock of the speeds. Without the headers of `take`, each prediction has a message.
-        """
-        reported, after = [], 0
-        for row, now in enumerate(time.tolist()):
-            while after < len(speeds) and speeds[after].before <= row:
-                self.set_speed(speeds[after].source, speeds[after].value, speeds[after].time)
-                after += 1
-            reported.append(self._speeds_at(now))
-        for each in speeds[after:]:
-            self.set_speed(each.source, each.value, each.time)
-        if headers is None:
-            headers = MessageColumns(place=np.full(len(time), Place.CLOSES))
-        crank = np.array([velocity, velocity_error])
-        return self._answer(predictions, crank, time, _by_source(reported), headers)
-
-    def _answer(
         self,
         predictions: MessageColumns,
         crank: FloatArray,
         time: Integers,
         speeds: FloatArray,
-        headers: MessageColumns,
+        timer: WarningTimer,
     ) -> MessageColumns:
-        """Return the messages of the windows that end with n readings.
-
-        Beside the columns of `_assess` they have those of headers, and as ``ends_at`` the index of
-        the reading, of these n, with which they are published.
-        """
-        parts, before = [], 0
-        with np.errstate(all="ignore"):  # speeds and angles may be any 64 bits
-            for start in range(0, max(len(time), 1), _CHUNK):
-                few = slice(start, start + _CHUNK)
-                numbers = crank[:, few], time[few], speeds[..., few]
-                parts.append(self._assess(predictions.rows(few), *numbers))
-            columns = joined(parts)
-            vars(columns).update(vars(headers), time=time)
-            if self._open is not None:
-                before, columns = len(self._open), joined([self._open, columns])
-            rows, ends, done = _published(columns)
-            self._open = columns.rows(slice(done, None)) if done < len(columns) else None
-            columns = columns.rows(rows)
-            columns.ends_at = ends - before
-            self._complete(columns)
-        return columns
-
-    def _assess(
-        self, predictions: MessageColumns, crank: FloatArray, time: Integers, speeds: FloatArray
-    ) -> MessageColumns:
-        """Return the resonances of n predictions, but for what `_complete` adds.
+        """Return the resonances of n predictions; the timer has followed the readings before.
 
         The crank's velocity and the bound of its error are (2, n), and speeds with their rates and
         the bounds of the errors of these (3, n_sources, n).
@@ -411,7 +246,7 @@ class ResonanceMonitor:
         known = ~np.isnan(ratio)
         # Without a source, the total is a part of it: it may exceed the limit, too.
         known[-1] &= (unknown == 0) | exceeds[-1]
-        warns = self._timer.follow(exceeds, known, time, self.limits.dwell) & known
+        warns = timer.follow(exceeds, known, time, self.limits.dwell) & known
         # The ground is near no mode, so only a load ratio says something about it.
         near = pairs.apart < np.where(beyond, self.limits.near, math.inf)
         assessable = np.where(self._rolling, known[:-1], near)
@@ -435,20 +270,6 @@ class ResonanceMonitor:
         columns.crank_angle, columns.speeds = predictions.crank_angle, speeds[0].T
         return columns
 
-    def _complete(self, columns: MessageColumns) -> None:
-        """Add what only messages that are published have: count, factors, what ends a warning."""
-        n, speeds, angles = len(columns), columns.speeds.T, columns.crank_angle
-        columns.count = (self.count + 1 + np.arange(n)).astype(np.uint32)
-        self.count += n
-        columns.unknown_factors = self.levels.unknown_factors if self.levels else ""
-        if self.levels is not None and self.levels.n_members and n:
-            self._set_factors(self.levels, columns)
-        worst = columns.excitation_index
-        columns.quiet_speed, columns.quiet_angle = self._quieter(
-            columns.state, worst, angles, speeds, columns.time
-        )
-        columns.quiet_speed *= _SI.take(self._sources.take(worst))
-
     def _unknown_sources(
         self, predictions: MessageColumns, speeds: FloatArray, ratio: FloatArray, beyond: BoolArray
     ) -> NDArray[np.uint8]:
@@ -457,11 +278,10 @@ class ResonanceMonitor:
         The speeds are (n_sources, n), the load ratios (n_excitations + 1, n), and what is beyond
         the frequencies of the table (n_excitations, n).
         """
-        lost = np.isnan(speeds) & self._used[:, np.newaxis]
         nowhere = np.isnan(predictions.natural_frequencies).all(axis=1)
         # A tractor that stands is not shaken by the ground, whatever is known of that.
         unlevel = (self._rolling & np.isnan(ratio[:-1])).any(axis=0) & (speeds[_GROUND] > 0.0)
-        bits = _SPEED_BITS @ lost + Unknown.CRANK_ANGLE * nowhere
+        bits = self.unknown_speeds(speeds) + Unknown.CRANK_ANGLE * nowhere
         silent = (
             self._orders @ beyond == self._orders.sum(axis=1, keepdims=True)
         ) & self._has_orders
@@ -471,7 +291,7 @@ class ResonanceMonitor:
     def _pairs(self, predictions: MessageColumns, crank: FloatArray, speeds: FloatArray) -> _Pairs:
         """Return each excitation with its nearest mode."""
         naturals = predictions.natural_frequencies
-        of_each = speeds.take(self._sources, axis=1)
+        of_each = speeds.take(self.sources, axis=1)
         frequency, rate, error = self._ratios * of_each
         # A mode without a natural frequency is infinitely far away.
         apart = np.fmin(np.abs(frequency / naturals.T[:, np.newaxis] - 1.0), math.inf)
@@ -511,7 +331,7 @@ class ResonanceMonitor:
         chosen[:, stale] = math.nan
         chosen[2, np.isnan(chosen[0])] = math.nan  # The ground has no nearest mode.
         frequency, speed, natural, probability, rate, error = chosen
-        source = self._sources.take(worst)
+        source = self.sources.take(worst)
         load_ratio = np.where(stale, math.nan, levels.load_ratios.T.take(at))
         return MessageColumns(
             excitation=self._names.take(np.where(stale, len(self._names) - 1, worst)),
@@ -531,6 +351,245 @@ class ResonanceMonitor:
             **vars(levels),
         )
 
+    def _place_names(self, places: Integers, ratio: FloatArray) -> NDArray[np.str_]:
+        """Return the names of pins and cylinders, (n,); empty where the load ratio is not known."""
+        return self._places.take(np.where(np.isnan(ratio), len(self._places) - 1, places))
+
+    def sought(self, angle: float, speeds: FloatArray, source: int) -> FloatArray:
+        """Return the nearest speed of a source, and the nearest angle, without an exceeded limit.
+
+        Everything else stays as it is; speeds are (n_sources,).
+        """
+        if self.levels is None:
+            return np.full(2, math.nan)
+        tried = np.linspace(*self.levels.alpha3_range, _N_ANGLES)
+        at = np.concatenate([np.full(len(_SPEEDS), angle), tried])
+        every = np.repeat(speeds[:, np.newaxis], len(at), axis=1)
+        every[source, : len(_SPEEDS)] *= _SPEEDS
+        quiet = self._are_quiet(at, every, np.full(len(at), _PRESENT))
+        ends = np.split(quiet, [len(_SPEEDS)])
+        pairs = (every[source, : len(_SPEEDS)], speeds[source]), (tried, angle)
+        chosen = []
+        for (values, present), rows in zip(pairs, ends, strict=True):
+            # Of two values that are equally far, rounding would choose; the lower one is taken.
+            apart = np.abs(values - present) * np.where(values > present, 1.0 + 1e-9, 1.0)
+            nearest = int(np.where(rows, apart, math.inf).argmin())
+            chosen.append(values[nearest] if rows[nearest] else math.nan)
+        return np.array(chosen)
+
+    def ends(
+        self, sought: FloatArray, angles: FloatArray, speeds: FloatArray, source: int
+    ) -> BoolArray:
+        """Return whether a speed and an angle that were sought end warnings of n readings, too.
+
+        Those that are NaN, as nothing was found, are not looked at. Speeds are (n_sources, n).
+        """
+        n = len(angles)
+        if self.levels is None:
+            return np.ones(n, np.bool_)
+        every, at = np.tile(speeds, 3), np.tile(angles, 3)
+        every[source, n : 2 * n], at[2 * n :] = sought
+        quiet = self._are_quiet(at, every, np.tile(np.arange(n), 3)).reshape(3, n)[1:]
+        return np.asarray((quiet | np.isnan(sought)[:, np.newaxis]).all(axis=0))
+
+    def _are_quiet(self, angles: FloatArray, speeds: FloatArray, present: IntArray) -> BoolArray:
+        """Return where no limit is exceeded, (n,); `present` are the indices of what is now."""
+        assert self.levels is not None
+        found, limit = self.levels.at(angles, speeds), self.limits.warning
+        unsafe = (found.load_ratios > limit)[:, self._warns[:, 0]].any(axis=1)
+        unsafe |= found.off_ground_share > MAX_OFF_GROUND
+        # Where a load that is known now would not be known, nothing is known to be quiet.
+        unknown = np.isnan(found.load_ratios)
+        unsafe |= (unknown & ~unknown[present]).any(axis=1)
+        return np.asarray((found.total_load_ratio <= limit) & ~unsafe)
+
+
+class ResonanceMonitor:
+    """Compares excitation frequencies with natural frequencies, and load ratios with limits.
+
+    It remembers what its `ResonanceRules` need of readings before, and has no clock. Speeds are
+    used for ``stale_after`` s, and messages are published at the rate of `Windows`, Hz.
+    """
+
+    def __init__(
+        self,
+        excitations: Sequence[Excitation],
+        limits: WarningLimits = DEFAULT_LIMITS,
+        stale_after: float = 1.0,
+        levels: LevelTable | None = None,
+        rate: float = 0.0,
+    ) -> None:
+        self.rules = ResonanceRules(excitations, limits, levels)
+        self.stale_after = stale_after
+        self.windows = Windows(rate)
+        self._filters = {source: speed_filter(source) for source in Source}
+        self._agreements = {source: Agreement(source.value) for source in Source}
+        # The last speeds, when they were reported, ns, and whether they are fixed
+        self._speeds = dict.fromkeys(Source, (_NO_SPEED, 0, False))
+        self._timer = WarningTimer(len(excitations) + 1)  # the last is that of the total
+        self.use()
+        self.restart()
+        self.any_speed_reported = False  # without a speed there is nothing to assess
+
+    def restart(self) -> None:
+        """Count messages from 1, and forget the readings whose window has not ended."""
+        self.count = 0  # of messages
+        self.windows = Windows(self.windows.rate)
+        self._waiting = list[_Reading]()
+        self._open: MessageColumns | None = None  # what is assessed of a window that goes on
+
+    def use(self, limits: WarningLimits | None = None, levels: LevelTable | None = None) -> None:
+        """Use other limits or levels from now on; readings that wait are of the levels before."""
+        if levels is not None:
+            self._waiting, self._open = [], None
+        of = self.rules
+        self.rules = ResonanceRules(of.excitations, limits or of.limits, levels or of.levels)
+        # By source: the time, ns; speed and angle then; and the quiet ones.
+        self._quiet: dict[int, tuple[int, FloatArray, FloatArray]] = {}
+        # When factors were last computed, ns, and the state then.
+        self._factors_time, self._factors_state = _NO_PERIOD, UNKNOWN
+        self._factors = np.empty((1, 0))
+
+    def set_speed(self, source: Source, value: float, time: int) -> None:
+        """Use a reported speed, rpm or m/s; its rate is estimated as `RateFilter` describes.
+
+        It becomes unknown if it is not finite, that of a shaft is negative, or values go to and
+        fro. A ground speed is negative in reverse; its magnitude counts. The time is in ns.
+        """
+        self.any_speed_reported = True
+        value = float(value)
+        rate, error = self._filters[source].add(time, value)
+        lost = self._agreements[source].loses(time, value)
+        if source is Source.GROUND and value < 0.0:
+            value, rate = -value, -rate
+        if lost or not 0.0 <= value < math.inf:
+            value = math.nan
+        self._speeds[source] = (value, rate, error), time, False
+
+    def set_fixed(self, source: Source, value: float | None) -> None:
+        """Fix a speed (rpm or m/s); with None, a fixed speed becomes unknown."""
+        if value is not None:
+            self.any_speed_reported = True
+            self._speeds[source] = (value, 0.0, 0.0), 0, True
+        elif self._speeds[source][2]:
+            self._speeds[source] = _NO_SPEED, 0, False
+
+    def unknown_speeds(self, time: int) -> int:
+        """Return the bits of ``LoadState`` of the used speeds that are not known at a time, ns."""
+        speeds = _by_source([self._speeds_at(time)])[0]
+        return int(self.rules.unknown_speeds(speeds)[0])
+
+    def _speeds_at(self, time: int) -> list[_Speed]:
+        """Return the speeds that are known at a time, ns, by source."""
+        limit = math.floor(min(1e9 * self.stale_after, _LATEST))
+        return [
+            numbers if fixed or abs(time - at) <= limit else _NO_SPEED
+            for numbers, at, fixed in self._speeds.values()
+        ]
+
+    def assess(
+        self, prediction: Prediction, velocity: float, time: int, velocity_error: float = 0.0
+    ) -> MessageColumns:
+        """Return one ``Resonance`` with its ``Levels`` and its ``LoadState``.
+
+        The crank's velocity, NaN if not known, and the bound of its error are in rad/s; the time,
+        ns, is by the clock of the speeds.
+        """
+        velocities, errors = np.array([[velocity], [velocity_error]])
+        row = rows_of([prediction])
+        resonance = self.assess_many(row, velocities, np.array([time]), (), errors).message(0)
+        resonance.state = ResonanceState(resonance.state)
+        return resonance
+
+    def take(
+        self, prediction: Prediction, velocity: Rate, time: int, header: Header
+    ) -> MessageColumns | None:
+        """Take a reading that is not left out; return the messages of the windows that end, if any.
+
+        The arguments are those of `assess`, and a `Header`.
+        """
+        self._waiting.append((prediction, velocity, time, self._speeds_at(time), header))
+        if header.step is WindowStep.WAITS:
+            return None
+        waiting, self._waiting = self._waiting, []
+        predictions, velocities, times, speeds, headers = zip(*waiting, strict=True)
+        return self._answer(
+            rows_of(predictions),
+            np.array(velocities).T,
+            np.array(times),
+            _by_source(speeds),
+            window_headers(headers),
+        )
+
+    def assess_many(
+        self,
+        predictions: MessageColumns,
+        velocity: FloatArray,
+        time: Integers,
+        speeds: Sequence[ReportedSpeed],
+        velocity_error: FloatArray,
+        headers: MessageColumns | None = None,
+    ) -> MessageColumns:
+        """Return ``Resonance``, ``Levels`` and ``LoadState`` of the windows of n predictions.
+
+        Velocities of the crank and bounds of their errors, (n,), are in rad/s; times, (n,), ns, are
+        by the clock of the speeds. Without the headers of `take`, each prediction has a message.
+        """
+        reported, after = [], 0
+        for row, now in enumerate(time.tolist()):
+            while after < len(speeds) and speeds[after].before <= row:
+                self.set_speed(speeds[after].source, speeds[after].value, speeds[after].time)
+                after += 1
+            reported.append(self._speeds_at(now))
+        for each in speeds[after:]:
+            self.set_speed(each.source, each.value, each.time)
+        if headers is None:
+            headers = MessageColumns(step=np.full(len(time), WindowStep.CLOSES))
+        crank = np.array([velocity, velocity_error])
+        return self._answer(predictions, crank, time, _by_source(reported), headers)
+
+    def _answer(
+        self,
+        predictions: MessageColumns,
+        crank: FloatArray,
+        time: Integers,
+        speeds: FloatArray,
+        headers: MessageColumns,
+    ) -> MessageColumns:
+        """Return the messages of the windows that end with n readings.
+
+        Beside the columns of the rules they have those of headers, and as ``ends_at`` the index of
+        the reading, of these n, with which they are published.
+        """
+        parts, before = [], 0
+        with np.errstate(all="ignore"):  # speeds and angles may be any 64 bits
+            for start in range(0, max(len(time), 1), _CHUNK):
+                few = slice(start, start + _CHUNK)
+                numbers = crank[:, few], time[few], speeds[..., few]
+                parts.append(self.rules.assess(predictions.rows(few), *numbers, self._timer))
+            columns = joined(parts)
+            vars(columns).update(vars(headers), time=time)
+            if self._open is not None:
+                before, columns = len(self._open), joined([self._open, columns])
+            rows, ends, done = _published(columns)
+            self._open = columns.rows(slice(done, None)) if done < len(columns) else None
+            columns = columns.rows(rows)
+            columns.ends_at = ends - before
+            self._complete(columns)
+        return columns
+
+    def _complete(self, columns: MessageColumns) -> None:
+        """Add what only messages that are published have: count, factors, what ends a warning."""
+        n, levels = len(columns), self.rules.levels
+        columns.count = (self.count + 1 + np.arange(n)).astype(np.uint32)
+        self.count += n
+        columns.unknown_factors = levels.unknown_factors if levels else ""
+        if levels is not None and levels.n_members and n:
+            self._set_factors(levels, columns)
+        sources = self.rules.sources.take(columns.excitation_index)
+        columns.quiet_speed, columns.quiet_angle = self._quieter(columns, sources)
+        columns.quiet_speed *= _SI.take(sources)
+
     def _set_factors(self, levels: LevelTable, columns: MessageColumns) -> None:
         """Set the factors of n messages, which are computed once a second and in a new state."""
         due, rows = [], []  # the rows that are evaluated, and how many of these precede each row
@@ -541,89 +600,44 @@ class ResonanceMonitor:
                 self._factors_time, self._factors_state = now, state
                 due.append(row)
             rows.append(len(due))
-        self._factors = levels.set_factors(columns, due, rows, self._factors, self.limits.warning)
+        limit = self.rules.limits.warning
+        self._factors = levels.set_factors(columns, due, rows, self._factors, limit)
 
-    def _place_names(self, places: Integers, ratio: FloatArray) -> NDArray[np.str_]:
-        """Return the names of pins and cylinders, (n,); empty where the load ratio is not known."""
-        return self._places.take(np.where(np.isnan(ratio), len(self._places) - 1, places))
-
-    def _quieter(
-        self,
-        state: NDArray[np.uint8],
-        worst: Integers,
-        angles: FloatArray,
-        speeds: FloatArray,
-        time: Integers,
-    ) -> FloatArray:
+    def _quieter(self, columns: MessageColumns, sources: Integers) -> FloatArray:
         """Return the nearest speed and crank angle that end the warnings, (2, n); NaN if none.
 
-        The arrays are (n,), and speeds (n_sources, n).
+        Sources, (n,), are those of the most severe excitations. An answer is used again for a
+        second, while it ends the warning and has not been passed.
         """
-        quiet = np.full((2, len(time)), math.nan)
-        for row in np.flatnonzero(state == WARNING).tolist():
-            source, now = int(self._sources[worst[row]]), int(time[row])
-            then, present = self._quiet.get(source), np.array([speeds[source, row], angles[row]])
-            if (
-                then is None
-                or not 0 <= now - then[0] < 1e9 * _QUIET_FOR
-                or _passed(*then[1:], present)
-                or not self._ends(then[2], angles[row], speeds[:, row], source)
-            ):
-                sought = np.array(self._sought(angles[row], speeds[:, row], source))
-                then = self._quiet[source] = now, present, sought
-            quiet[:, row] = then[2]
+        quiet, warned = np.full((2, len(columns)), math.nan), columns.state == WARNING
+        for source in np.unique(sources[warned]).tolist():
+            rows = np.flatnonzero(warned & (sources == source))
+            while len(rows):
+                held = self._held(columns, rows, source)
+                if held:
+                    quiet[:, rows[:held]] = self._quiet[source][2][:, np.newaxis]
+                    rows = rows[held:]
+                    continue
+                row, rows = rows[0], rows[1:]
+                speeds, angle = columns.speeds[row], columns.crank_angle[row]
+                quiet[:, row] = sought = self.rules.sought(angle, speeds, source)
+                present = np.array([speeds[source], angle])
+                self._quiet[source] = int(columns.time[row]), present, sought
         return quiet
 
-    def _sought(self, angle: float, speeds: FloatArray, source: int) -> tuple[float, float]:
-        """Return the nearest speed of a source, and the nearest angle, without an exceeded limit.
-
-        Everything else stays as it is; speeds are (n_sources,).
-        """
-        if self.levels is None:
-            return math.nan, math.nan
-        low, high = self.levels.alpha3_range
-        tried = np.linspace(low, high, _N_ANGLES)
-        at = np.concatenate([np.full(len(_SPEEDS), angle), tried])
-        every = np.repeat(speeds[:, np.newaxis], len(at), axis=1)
-        every[source, : len(_SPEEDS)] *= _SPEEDS
-        quiet = self._are_quiet(self.levels, at, every, _PRESENT)
-        chosen = []
-        for values, present, rows in (
-            (every[source, : len(_SPEEDS)], speeds[source], quiet[: len(_SPEEDS)]),
-            (tried, angle, quiet[len(_SPEEDS) :]),
-        ):
-            # Of two values that are equally far, rounding would choose; the lower one is taken.
-            apart = np.abs(values - present) * np.where(values > present, 1.0 + 1e-9, 1.0)
-            nearest = int(np.where(rows, apart, math.inf).argmin())
-            chosen.append(float(values[nearest]) if rows[nearest] else math.nan)
-        return chosen[0], chosen[1]
-
-    def _ends(self, sought: FloatArray, angle: float, speeds: FloatArray, source: int) -> bool:
-        """Return whether a speed and an angle that were sought end a warning of this reading, too.
-
-        Those that are NaN, as nothing was found, are not looked at.
-        """
-        if self.levels is None:
-            return True
-        every = np.repeat(speeds[:, np.newaxis], 3, axis=1)
-        every[source, 1] = sought[0]
-        at = np.array([angle, angle, sought[1]])
-        quiet = self._are_quiet(self.levels, at, every, 0)[1:]
-        return bool((quiet | np.isnan(sought)).all())
-
-    def _are_quiet(
-        self, levels: LevelTable, angles: FloatArray, speeds: FloatArray, present: int
-    ) -> BoolArray:
-        """Return whether no limit is exceeded at angles and speeds, (n,); one is the present."""
-        found, limit = levels.at(angles, speeds), self.limits.warning
-        unsafe = (found.load_ratios > limit)[:, self._warns[:, 0]].any(axis=1)
-        unsafe |= found.off_ground_share > MAX_OFF_GROUND
-        # Where a load that is known now would not be known, nothing is known to be quiet.
-        unknown = np.isnan(found.load_ratios)
-        unsafe |= (unknown & ~unknown[present]).any(axis=1)
-        return np.asarray((found.total_load_ratio <= limit) & ~unsafe)
+    def _held(self, columns: MessageColumns, rows: Integers, source: int) -> int:
+        """Return for how many of these rows, from the first one on, the last answer holds."""
+        if source not in self._quiet:
+            return 0
+        then, before, sought = self._quiet[source]
+        age = columns.time[rows] - then
+        rows = rows[: _leading((age >= 0) & (age < 1e9 * _QUIET_FOR))]
+        speeds, angles = columns.speeds[rows].T, columns.crank_angle[rows]
+        present = np.stack([speeds[source], angles], axis=1)
+        passed = ((sought - before) * (sought - present) < 0.0).any(axis=1)
+        return _leading(self.rules.ends(sought, angles, speeds, source) & ~passed)
 
 
-def _passed(before: FloatArray, sought: FloatArray, present: FloatArray) -> bool:
-    """Return whether a speed or an angle that was sought has been passed since."""
-    return bool(((sought - before) * (sought - present) < 0.0).any())
+def _leading(values: BoolArray) -> int:
+    """Return how many values precede the first that is false."""
+    return int(np.append(values, False).argmin())

@@ -90,10 +90,9 @@ class WarningTimer:
     """
 
     def __init__(self, n: int) -> None:
-        self._warns = np.zeros(n, np.bool_)
-        self._since = np.full(n, _NEVER)  # ns, from when on the limit says otherwise than a warning
-        self._known = np.zeros(n, np.int64)  # ns, when it was last known
-        self._last = 0  # ns
+        self._warns, self._since = [False] * n, [_NEVER] * n
+        """Since when, ns, each limit says otherwise than its warning."""
+        self._known, self._last = [0] * n, 0  # ns, when it was last known, and the last reading
 
     def follow(
         self, exceeds: BoolArray, known: BoolArray, time: Integers, dwell: float
@@ -102,22 +101,21 @@ class WarningTimer:
 
         ``known``, (n_limits, n), says where it is known whether the limit is exceeded.
         """
-        warns = np.zeros(exceeds.shape, np.bool_)
-        least = round(1e9 * dwell)
-        for row, now in enumerate(time.tolist()):
+        warns, least = np.zeros(exceeds.shape, np.bool_), round(1e9 * dwell)
+        rows = zip(time.tolist(), exceeds.T.tolist(), known.T.tolist(), strict=True)
+        for row, (now, exceeded, here) in enumerate(rows):
             jumps = now <= self._last - 1e9 * BACK
-            ended = (now - self._known > 1e9 * GAP) | jumps
-            self._warns[ended], self._since[ended] = False, _NEVER
             # Of two publishers whose times differ, the later one's counts.
-            now = self._last = now if jumps else max(now, self._last)
-            here = known[:, row]
-            self._known[here | ended] = now
-            differs = exceeds[:, row] != self._warns
-            since = np.where(differs, np.minimum(self._since, now), _NEVER)
-            self._since = np.where(here, since, self._since)
-            changes = here & differs & (now - self._since >= least)
-            self._warns ^= changes
-            self._since[changes] = _NEVER
+            latest = self._last = now if jumps else max(now, self._last)
+            for i, exceeds_now in enumerate(exceeded):
+                if jumps or now - self._known[i] > 1e9 * GAP:
+                    self._warns[i], self._since[i], self._known[i] = False, _NEVER, latest
+                if here[i]:
+                    self._known[i] = latest
+                    differs = exceeds_now != self._warns[i]
+                    self._since[i] = min(self._since[i], latest) if differs else _NEVER
+                    if differs and latest - self._since[i] >= least:
+                        self._warns[i], self._since[i] = exceeds_now, _NEVER
             warns[:, row] = self._warns
         return warns
 

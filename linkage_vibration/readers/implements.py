@@ -5,7 +5,7 @@
 from pathlib import Path
 
 from linkage_vibration.mechanics.description import Mechanism, MechanismError
-from linkage_vibration.mechanics.keys import Keys
+from linkage_vibration.mechanics.keys import CheckedMapping
 from linkage_vibration.mechanics.parsing import read_rigid
 from linkage_vibration.prediction.answers import Implement, ServingError, rigid_body_name
 from linkage_vibration.readers.mechanism import load_yaml
@@ -19,7 +19,7 @@ def read_implements(path: str | Path, mechanism: Mechanism) -> dict[str, Impleme
     """
     path = Path(path)
     try:
-        top = Keys("", load_yaml(path)[0])
+        top = CheckedMapping("", load_yaml(path)[0])
         implements = {
             name: _implement(top["implements"][name], mechanism) for name in top["implements"]
         }
@@ -35,7 +35,7 @@ def read_implements(path: str | Path, mechanism: Mechanism) -> dict[str, Impleme
     return implements
 
 
-def _implement(keys: Keys, mechanism: Mechanism) -> Implement:
+def _implement(keys: CheckedMapping, mechanism: Mechanism) -> Implement:
     """Read an implement, with the checks of a rigid body."""
     asked = keys.text("rigid_body") if "rigid_body" in keys else ""
     try:

@@ -12,7 +12,7 @@ from typing import Any
 import yaml
 
 from linkage_vibration.mechanics.description import Body, Mechanism, MechanismError, Point
-from linkage_vibration.mechanics.keys import Keys
+from linkage_vibration.mechanics.keys import CheckedMapping
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping, with_values
 from linkage_vibration.readers.component_files import ComponentFileError
 from linkage_vibration.readers.frfs import read_frfs
@@ -72,7 +72,7 @@ def mechanism_of(mapping: Any, path: Path) -> Mechanism:
     The path is the file that errors name; paths in the data are relative to its folder.
     """
 
-    def read(keys: Keys, points: dict[str, Point]) -> Body:
+    def read(keys: CheckedMapping, points: dict[str, Point]) -> Body:
         file = keys["file"]
         try:
             reader = _FILES[file.choice("kind", _FILES)]
@@ -92,11 +92,11 @@ def mechanism_of(mapping: Any, path: Path) -> Mechanism:
         ) from None
 
 
-def _matrices(keys: Keys, points: dict[str, Point], path: Path) -> Body:
+def _matrices(keys: CheckedMapping, points: dict[str, Point], path: Path) -> Body:
     return read_matrices(path)
 
 
-def _frfs(keys: Keys, points: dict[str, Point], path: Path) -> Body:
+def _frfs(keys: CheckedMapping, points: dict[str, Point], path: Path) -> Body:
     file = keys["file"]
     nodes = {file["nodes"].integer(point): point for point in file.names("nodes")}
     mass = keys.number("mass", positive=True) if "mass" in keys else None

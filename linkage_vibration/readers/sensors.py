@@ -21,7 +21,7 @@ from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import MechanismError
 from linkage_vibration.mechanics.forces import GRAVITY
-from linkage_vibration.mechanics.keys import Keys
+from linkage_vibration.mechanics.keys import CheckedMapping
 from linkage_vibration.readers.mechanism import load_yaml
 from linkage_vibration.readers.recordings import ordered, read_table
 from linkage_vibration.support.commands import command
@@ -69,7 +69,7 @@ class Sensor:
 def read_sensors(path: Path) -> list[Sensor]:
     """Read the sensors in a YAML file; a SensorError names the key and the fix."""
     try:
-        keys = Keys(f"{path}: sensors", load_yaml(path)[0])
+        keys = CheckedMapping(f"{path}: sensors", load_yaml(path)[0])
         sensors = [_sensor(keys[name], name, path.parent) for name in keys]
         keys.refuse_unknown()
     except MechanismError as error:
@@ -94,7 +94,7 @@ def live_sensors(path: Path) -> list[Sensor]:
     return sensors
 
 
-def _sensor(keys: Keys, name: str, folder: Path) -> Sensor:
+def _sensor(keys: CheckedMapping, name: str, folder: Path) -> Sensor:
     quantity = keys.choice("quantity", list(_UNITS), default="acceleration")
     unit = keys.choice("unit", list(_UNITS[quantity]))
     factor = keys.number(_FORCES[unit], positive=True) if unit in _FORCES else 1.0
@@ -131,7 +131,7 @@ def _sensor(keys: Keys, name: str, folder: Path) -> Sensor:
     )
 
 
-def _columns(keys: Keys) -> tuple[int, ...]:
+def _columns(keys: CheckedMapping) -> tuple[int, ...]:
     """Return the columns of a CSV file, which count from 1; the first is the time."""
     numbers = keys.numbers("columns")
     if any(n < 2.0 or n != round(n) for n in numbers) or len(set(numbers)) < len(numbers):
@@ -140,7 +140,7 @@ def _columns(keys: Keys) -> tuple[int, ...]:
     return tuple(int(n) for n in numbers)
 
 
-def _axes(keys: Keys) -> FloatArray:
+def _axes(keys: CheckedMapping) -> FloatArray:
     """Return the rotation from the axes of a sensor to those of the tractor, (3, 3)."""
     if "axes" not in keys:
         return np.eye(3)

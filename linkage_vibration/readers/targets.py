@@ -11,7 +11,7 @@ from typing import Any
 
 import yaml
 
-from linkage_vibration.mechanics.keys import Keys
+from linkage_vibration.mechanics.keys import CheckedMapping
 from linkage_vibration.mechanics.paths import number_at
 from linkage_vibration.readers.mechanism import load_yaml
 
@@ -36,7 +36,7 @@ class Target:
         return f"mode {self.mode} {where}"
 
 
-def read_target(keys: Keys) -> Target:
+def read_target(keys: CheckedMapping) -> Target:
     """Read a target from its keys."""
     at: float | str
     if "at_deg" in keys:

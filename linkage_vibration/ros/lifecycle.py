@@ -44,8 +44,8 @@ from linkage_vibration.prediction.provenance import attachments, implement_facts
 from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.prediction.settings import NODE_NAME, ParameterError, Parameters
 from linkage_vibration.readers.excitations import excitation_files
+from linkage_vibration.readers.loaded_model import load_model, read_loads
 from linkage_vibration.readers.sensors import Sensor, live_sensors, sensor_files
-from linkage_vibration.readers.served import read_loads, read_served
 from linkage_vibration.ros.command_line import plain_text
 from linkage_vibration.ros.diagnostics import Health, statuses
 from linkage_vibration.ros.endpoints import OUTPUTS, WARN_PERIOD, Throttle, advertise
@@ -299,7 +299,7 @@ class LinkageVibrationNode(LifecycleNode):
             log_writer()
         except LogError as error:
             self.get_logger().warning(f"{error} The node predicts without.")
-        self._served = served = read_served(settings, self.get_logger().info, self._on_building)
+        self._served = served = load_model(settings, self.get_logger().info, self._on_building)
         self._check_signals()
         self._monitored = excitations = read_loads(settings, served, self.get_logger().info)
         path = settings.sensor_path()
@@ -492,7 +492,7 @@ def _table_info(served: LoadedModel, excitations: Sequence[Excitation], stamp: T
     """Return the message that describes a table, which is in use since a time."""
     table, response = served.table, served.mechanism.response
     low, high = table.alpha3_range
-    sound = max(low, table.sound_range[0]), min(high, table.sound_range[1])
+    sound = max(low, table.range_away_from_toggles[0]), min(high, table.range_away_from_toggles[1])
     same = "table_id mechanism_name model_hash package_version n_modes"
     same += " peak_error frf_error force_error mode_names unknown_deviations force_places"
     info = TableInfo(

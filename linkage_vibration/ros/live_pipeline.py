@@ -31,9 +31,9 @@ from linkage_vibration.prediction.advice import Adviser
 from linkage_vibration.prediction.agreement import StandingClock, crank_agreement
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.health import (
-    Expected,
     Fault,
     Level,
+    ReadingExpectation,
     ReadingWatch,
     SpeedWatch,
     missing_speeds,
@@ -51,7 +51,7 @@ from linkage_vibration.prediction.inputs.topics import INPUT_DEPTH
 from linkage_vibration.prediction.inputs.units import ANGLES, Reading
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.motion import Rate, crank_filter, crank_resolution
-from linkage_vibration.prediction.periods import Periods, Place, Stamps
+from linkage_vibration.prediction.periods import Periods, Stamps, WindowStep
 from linkage_vibration.prediction.predictor import Prediction, Predictor, Status, fault
 from linkage_vibration.prediction.resonance import Header, ResonanceMonitor
 from linkage_vibration.prediction.settings import Parameters
@@ -112,7 +112,7 @@ class LivePipeline:
         statistics: Statistics,
         throttle: Throttle,
     ) -> None:
-        self.predictor, self.excitations = predictor, monitor.excitations
+        self.predictor, self.excitations = predictor, monitor.rules.excitations
         self.prediction: Prediction | None = None
         self.resonance: MessageColumns | None = None
         self.readings, self.age = ReadingWatch(), math.nan
@@ -254,7 +254,7 @@ class LivePipeline:
             timed_by_receipt=last is not None and last.timed_by_receipt,
             excitation_index=-1,
             total_load_ratio=math.nan,
-            load_ratio_limit=self._monitor.limits.warning,
+            load_ratio_limit=self._monitor.rules.limits.warning,
             known_share=0.0,
             quiet_speed=math.nan,
             quiet_angle=math.nan,
@@ -268,7 +268,7 @@ class LivePipeline:
         mismatches = self._listener.unmatched()
         remedy = self._explain_missing(now, mismatches) if missing else ""
         first, last = self.predictor.table.alpha3_range
-        expected = Expected(
+        expected = ReadingExpectation(
             name=self.input_name,
             remedy=remedy,
             others=bool(self._names),
@@ -513,15 +513,15 @@ class LivePipeline:
         if self._periods.is_due(due_at):
             self._publish(PREDICTION, prediction, *header, answers)
             counts.latencies.append(time.monotonic() - began)
-        place = self._monitor.windows.place(due_at) if needed else Place.LEFT_OUT
-        needed = place is not Place.LEFT_OUT
+        step = self._monitor.windows.step(due_at) if needed else WindowStep.LEFT_OUT
+        needed = step is not WindowStep.LEFT_OUT
         velocity = self._velocity(reading, stamp, needed)
         lost = self._agreement.loses(due_at, reading.crank_angle)
         lost |= self._standing.stands(at, stamp)
         if needed:
             # No load is known at an angle that is doubted.
             known = self.predictor.predict(math.nan, math.nan) if lost else prediction
-            of_reading = Header(*header, due_at, by_receipt, place)
+            of_reading = Header(*header, due_at, by_receipt, step)
             windows = self._monitor.take(known, velocity, at, of_reading)
             if windows is not None:
                 self._publish_windows(windows, answers)

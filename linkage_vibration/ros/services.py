@@ -371,7 +371,7 @@ def _rebuild(
     predictor, levels = call_in_process(
         answers.rebuilt, changed.mechanism, like, excitations, wanted
     )
-    return changed.served(predictor), levels
+    return changed.with_predictor(predictor), levels
 
 
 def _fill(response: Any, served: LoadedModel, answer: object) -> None:

@@ -27,7 +27,7 @@ from linkage_vibration.mechanics.description import (
     UncertainNumber,
     coarser,
 )
-from linkage_vibration.mechanics.keys import Keys
+from linkage_vibration.mechanics.keys import CheckedMapping
 from linkage_vibration.mechanics.kinematics import Kinematics
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
@@ -158,7 +158,7 @@ def read_calibration(path: Path) -> CalibrationTask:
     A CalibrationError names the file, the key and the fix.
     """
     try:
-        keys = Keys("", load_yaml(path)[0])
+        keys = CheckedMapping("", load_yaml(path)[0])
         mapping, text = load_yaml(path.parent / keys.text("mechanism"))
         bounds = keys["parameters"]
         parameters = [Parameter(name, *bounds.interval(name, positive=True)) for name in bounds]

@@ -189,7 +189,7 @@ class Table:
         return float(self.alpha3[0]), float(self.alpha3[-1])
 
     @cached_property
-    def sound_range(self) -> tuple[float, float]:
+    def range_away_from_toggles(self) -> tuple[float, float]:
         """Range of angles (rad) at least one degree away from the toggles."""
         if self.toggles is None:
             return -math.inf, math.inf

@@ -11,18 +11,20 @@ import pytest
 from linkage_vibration.cli.main import SUBCOMMANDS
 
 SLOW = ["scipy.signal", "scipy.stats", "scipy.ndimage", "matplotlib", "mcap", "rosbags", "rclpy"]
-SLOW += ["linkage_vibration.review.log", "linkage_vibration.listening"]
+SLOW += ["scipy.interpolate", "linkage_vibration.review.log", "linkage_vibration.listening"]
 LOG, BAG, LISTENING = "linkage_vibration.review.log", "mcap", "linkage_vibration.listening"
+SPLINES = "scipy.interpolate"
 EXPECTED = {
     "calibrate": {BAG},
-    "measure": {"scipy.ndimage"},
-    "listen": {BAG, LOG, LISTENING},
+    "build": {SPLINES},
+    "measure": {"scipy.ndimage", SPLINES},
+    "listen": {BAG, LOG, LISTENING, SPLINES},
     "recover": {BAG},
     "replay": {BAG},
     "review": {BAG, LOG},
     "demo": {BAG, LOG},
     "play": {BAG, "rclpy"},
-    "node": {LISTENING, "rclpy"},
+    "node": {LISTENING, "rclpy", SPLINES},
 }
 # A process is forked for each command, which executes all imports of its module, also those in
 # functions. What commands have in common is imported before.

@@ -20,7 +20,7 @@ from linkage_vibration.prediction.answers import LoadedModel
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.readers.excitations import read_excitations
-from linkage_vibration.readers.served import read_served
+from linkage_vibration.readers.loaded_model import load_model
 from linkage_vibration.support.resources import config_file
 from test.listening.test_signals import sensor
 
@@ -34,7 +34,7 @@ AMPLITUDE = 0.2  # m/s2, along z
 @cache
 def served() -> LoadedModel:
     """Return the shipped linkage."""
-    return read_served(Parameters())
+    return load_model(Parameters())
 
 
 def monitor(fixed: float | None = ENGINE, at: str = "E1") -> SensorMonitor:

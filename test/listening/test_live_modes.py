@@ -22,8 +22,8 @@ from linkage_vibration.messages.encoding import encode_message
 from linkage_vibration.messages.topics import MEASURED
 from linkage_vibration.prediction.excitation import Source, excitations_from_mapping
 from linkage_vibration.prediction.settings import Parameters
+from linkage_vibration.readers.loaded_model import load_model
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.readers.served import read_served
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import load_table
 from test.listening.test_signals import sensor
@@ -36,7 +36,7 @@ MODE = DriveMode(2.5, HEAVE, 8.0, 0.03, 0.0, 7.36, 0.01, 0.02, 0.002, (30.0,))
 
 def messages(drive: Drive) -> list[MessageColumns]:
     """Return the messages of a sensor on the implement about a drive."""
-    served = read_served(Parameters())
+    served = load_model(Parameters())
     shafts = {"pto": {"speed": "pto", "orders": [1, 0.45]}}
     parts = [replace(sensor(), at="E2")], served.predictor, served.mechanism
     listening = SensorMonitor(*parts, excitations_from_mapping(shafts), {}, 1.0)

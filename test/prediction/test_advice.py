@@ -88,13 +88,6 @@ class Levels:
         totals = np.array(rows).reshape(len(rows), len(alpha3))
         return totals, 2.0 * totals
 
-    def factors(self, alpha3: Any, speeds: Any, limit: float) -> Any:
-        """Return what `LevelTable.factors` returns."""
-        with np.errstate(all="ignore"):
-            totals, _ = self.member_totals(alpha3, speeds)
-            factor = np.exp(np.std(np.log(totals), axis=0)) if len(totals) else np.nan * alpha3
-        return {"total_load_ratio_factor": factor, "total_velocity_factor": factor}
-
 
 def ask(angle: float = 2.7, speed: float = 8.0, n_members: int = 64, **permitted: Any) -> Any:
     """Return the advice about the loads in closed form."""
@@ -128,6 +121,9 @@ def test_the_whole_grid_by_brute_force() -> None:
         assert message.velocities[place] == pytest.approx(2.0 * load(*best), rel=1e-6)
         quieter = sum(load(*best, *each) < load(*present, *each) for each in MEMBERS)
         assert message.probabilities[place] == pytest.approx((quieter + 0.5) / 65.0)
+        factor = math.exp(float(np.std([math.log(load(*best, *each)) for each in MEMBERS])))
+        assert message.load_ratio_factors[place] == pytest.approx(factor)
+        assert message.velocity_factors[place] == pytest.approx(factor)
     assert message.load_ratios[NOW] == pytest.approx(load(*present), rel=1e-6)
     assert math.isnan(message.probabilities[NOW])
     for i, angle in enumerate(angles):
@@ -269,13 +265,9 @@ def test_a_probability_needs_95_percent_of_the_members(known: int, unsure: bool)
     totals = levels.member_totals
 
     def some(alpha3: Any, speeds: Any) -> Any:
-        rows, velocities = totals(alpha3, speeds)
-        return np.where(np.arange(64)[:, np.newaxis] < known, rows, math.nan), velocities
+        return np.where(np.arange(64)[:, np.newaxis] < known, totals(alpha3, speeds), math.nan)
 
     levels.member_totals = some
-    missing = np.full(4, math.nan if unsure else 1.2)
-    factors = {"total_load_ratio_factor": missing, "total_velocity_factor": missing}
-    levels.factors = lambda *_: factors
     answer = advise(levels, EXCITATIONS, Question(2.7, np.array([1800.0, 540.0, 8.0])))
     assert np.isnan(answer.message.probabilities[1:]).all() == unsure
     words = f"only {known} of 64 members of the ensemble have a load there"
@@ -318,7 +310,7 @@ def test_negative_speeds_of_shafts_are_refused(source: int) -> None:
 
 def test_advice_is_due_once_a_second_above_the_limit() -> None:
     """Stamps decide, on both sides of the limit and of a second; a clock may jump back."""
-    monitor: Any = SimpleNamespace(limits=WarningLimits(warning=0.33))
+    monitor: Any = SimpleNamespace(rules=SimpleNamespace(limits=WarningLimits(warning=0.33)))
     is_due = Adviser(monitor).is_due
     stamps = 0, 1, 999_999_999, 10**9, 10**9 + 1, 5, 6, 10**9 + 4, 10**9 + 5
     ratios = 0.33, 0.331, 0.4, 0.4, 0.4, 0.4, math.nan, 0.4, 0.4

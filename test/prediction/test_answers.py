@@ -43,7 +43,7 @@ DRIVE: dict[str, Any] = {"outputs": [], "inputs": [], "frequencies": np.array([]
 def served(mechanism: Mechanism, mechanism_file: Path) -> LoadedModel:
     """Return the mechanism and the table of the package."""
     table = load_table(config_file("tables/three_point_linkage.npz"), mechanism)
-    return ModelWithoutTable(mechanism, mechanism_file.read_text()).served(Predictor(table))
+    return ModelWithoutTable(mechanism, mechanism_file.read_text()).with_predictor(Predictor(table))
 
 
 @pytest.mark.parametrize("alpha3", [1.6, 2.0, 2.6, 3.1])
@@ -66,14 +66,16 @@ def test_motion_of_the_base_is_an_input(mechanism_file: Path) -> None:
     path = config_file("three_point_linkage_on_tractor.yaml")
     tractor = read_mechanism(path)
     table = load_table(config_file("tables/three_point_linkage_on_tractor.npz"), tractor)
-    served = ModelWithoutTable(tractor, path.read_text()).served(Predictor(table))
+    served = ModelWithoutTable(tractor, path.read_text()).with_predictor(Predictor(table))
     line, inputs = np.array([0.0]), ["base.z", "base:front_axle.z", "front_axle.z"]
     answer = answer_frf(served, 2.0, ["rear_axle.z"], inputs, line, exact=True)
     np.testing.assert_allclose(answer.frf[0, 0, :2], [1.0, 0.0], atol=1e-6)
     assert answer.frf[0, 0, 2].real == pytest.approx(0.0, abs=1e-9)
     mechanism = read_mechanism(mechanism_file)
     table = load_table(config_file("tables/three_point_linkage.npz"))
-    clamped = ModelWithoutTable(mechanism, mechanism_file.read_text()).served(Predictor(table))
+    clamped = ModelWithoutTable(mechanism, mechanism_file.read_text()).with_predictor(
+        Predictor(table)
+    )
     for exact in (False, True):
         with pytest.raises(ServingError, match=r"base\.z"):
             answer_frf(clamped, 2.0, ["E1.z"], ["base.z"], line, exact=exact)
@@ -156,7 +158,7 @@ def test_frf_of_a_crank_that_turns_all_the_way() -> None:
     path = config_file("four_bar.yaml")
     mechanism = read_mechanism(path)
     table = build_table(LinkageModel(mechanism), 1e-2)
-    turning = ModelWithoutTable(mechanism, path.read_text()).served(Predictor(table))
+    turning = ModelWithoutTable(mechanism, path.read_text()).with_predictor(Predictor(table))
     here = answer_frf(turning, math.radians(10.0), exact=False, **DRIVE)
     for degrees in (370.0, -350.0, 3610.0):
         answer = answer_frf(turning, math.radians(degrees), exact=False, **DRIVE)

@@ -283,7 +283,7 @@ def test_spectrum_at_any_place_sums_up_to_the_level_of_the_model(tractor: Tracto
 @pytest.fixture(scope="module")
 def asking(tractor: Tractor) -> Callable[..., GroundAnswer]:
     """Return what answers a question at an angle, deg, a speed, m/s, and places about class C."""
-    served = ModelWithoutTable(tractor.mechanism, "").served(Predictor(tractor.table))
+    served = ModelWithoutTable(tractor.mechanism, "").with_predictor(Predictor(tractor.table))
     field = {"speed": "ground", "terrain": {"class": "C"}, "raised": True, "track": 0.0}
     lugs = {"lugs": 20, "rolling_radius": 0.8}
     excitations = excitations_from_mapping({"field": field | lugs})

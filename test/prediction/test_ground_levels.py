@@ -21,8 +21,8 @@ from linkage_vibration.prediction.resonance import described as with_derived
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.prediction.severity import ResonanceState, present_sentence
 from linkage_vibration.readers.excitations import excitation_files, read_excitations
+from linkage_vibration.readers.loaded_model import load_model, read_loads
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.readers.served import read_loads, read_served
 from linkage_vibration.support.resources import (
     DEFAULT_MECHANISM,
     DEFAULT_TABLE,
@@ -235,7 +235,7 @@ def test_a_mechanism_without_wheels(tmp_path: Path) -> None:
     """The default ground is left out with a notice; that of a user's file has a reason."""
     settings = {"mechanism_file": PAPER_MECHANISM, "table_file": PAPER_TABLE}
     files = {key: str(config_file(name)) for key, name in settings.items()}
-    served = read_served(Parameters(**files))
+    served = load_model(Parameters(**files))
     path = tmp_path / "mine.yaml"
     path.write_text("field: {speed: ground, terrain: {class: C}, raised: true}\n")
     mine = read_loads(Parameters(**files, excitation_file=str(path)), served)

@@ -13,9 +13,9 @@ import pytest
 from linkage_vibration.messages.definitions import message_text
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.health import (
-    Expected,
     Fault,
     Level,
+    ReadingExpectation,
     ReadingWatch,
     SpeedWatch,
     missing_speeds,
@@ -27,7 +27,7 @@ from test.support.motions import STROKE
 
 SECOND = 10**9  # ns
 START = 1_700_000_000 * SECOND
-EXPECTED = Expected(
+EXPECTED = ReadingExpectation(
     name="joint hitch on /joint_states",
     remedy="Its topic has no publisher.",
     others=False,
@@ -44,7 +44,7 @@ ALONE = replace(EXPECTED, publishers=lambda: ["a"])
 def judged(
     times: Iterable[float],
     angles: Iterable[float],
-    expected: Expected = EXPECTED,
+    expected: ReadingExpectation = EXPECTED,
     *,
     velocity: float | Sequence[float] = math.nan,
     age: float = 0.0,
@@ -172,7 +172,11 @@ FAULTS = [
     ids=[case[0] for case in FAULTS],
 )
 def test_fault(
-    angles: list[float], how: dict[str, float], expected: Expected, level: Level, words: str
+    angles: list[float],
+    how: dict[str, float],
+    expected: ReadingExpectation,
+    level: Level,
+    words: str,
 ) -> None:
     """Each fault has a level and a sentence, in the last second of some seconds."""
     times = seconds(50, 4)

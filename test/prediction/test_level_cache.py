@@ -39,6 +39,7 @@ from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import DEFAULT_MECHANISM, config_file
 from linkage_vibration.table.table import Table, load_table
+from test.support.level_factors import level_factors
 
 ARRAYS = {"values": np.random.default_rng(1).normal(size=(40, 1000)), "order": np.arange(7)}
 SHAFT = {"speed": "pto", "orders": [1, 2], "force": [400.0, 90.0], "at": "E1.z", "at_speed": 540.0}
@@ -107,7 +108,7 @@ def results(of: LevelTable) -> list[bytes]:
     assessed = [monitor.assess(predictor.predict(2.8), 0.0, 10**10 + 10**8 * k) for k in range(15)]
     assert np.isfinite(assessed[-1].quiet_speed)
     assert np.isfinite(assessed[-1].total_load_ratio_factor)
-    factors = [values.tobytes() for values in of.factors(angles, at, limit).values()]
+    factors = [values.tobytes() for values in level_factors(of, angles, at, limit).values()]
     return [*factors, *(all_bytes(each) for each in (of.at(angles, at), *assessed))]
 
 

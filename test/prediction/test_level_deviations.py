@@ -35,6 +35,7 @@ from linkage_vibration.support.resources import (
     config_file,
 )
 from linkage_vibration.table.table import load_table
+from test.support.level_factors import level_factors
 
 FloatArray = NDArray[np.float64]
 
@@ -121,7 +122,7 @@ def at_path(mapping: Any, path: str) -> float:
 def test_factors_and_probabilities_are_those_of_models(sampled: FloatArray) -> None:
     """At, between and above resonances, they agree with the samples."""
     levels = level_table()
-    actual = levels.factors(np.full(len(LINES), ALPHA3), speeds(LINES), 0.0)
+    actual = level_factors(levels, np.full(len(LINES), ALPHA3), speeds(LINES), 0.0)
     factors = [actual[name][:, 0] for name in ("velocity_factors", "load_ratio_factors")]
     assert within_samples(np.log(factors), np.log(sampled))
     totals = levels.member_totals(np.full(len(LINES), ALPHA3), speeds(LINES))
@@ -132,7 +133,7 @@ def test_factors_and_probabilities_are_those_of_models(sampled: FloatArray) -> N
     for share, row in zip((0.9, 0.5, 0.1), limits, strict=True):
         for line, limit in enumerate(row.tolist()):
             at = np.array([ALPHA3]), speeds(LINES[[line]])
-            assert levels.factors(*at, limit)["warning_probability"][0] == pytest.approx(
+            assert level_factors(levels, *at, limit)["warning_probability"][0] == pytest.approx(
                 share, abs=0.1
             )
 
@@ -190,7 +191,7 @@ def test_amplitude_and_frequency_belong_to_the_members() -> None:
     line = np.array([30.0])
     at = np.array([ALPHA3]), speeds(line), 0.0
     plain, loud, unsteady = (
-        math.log(float(level_table(*stddevs).factors(*at)["velocity_factors"][0, 0]))
+        math.log(float(level_factors(level_table(*stddevs), *at)["velocity_factors"][0, 0]))
         for stddevs in ((0.0, 0.0), (0.5, 0.0), (0.0, 0.02))
     )
     assert loud == pytest.approx(math.hypot(plain, 0.5), rel=0.02)
@@ -209,7 +210,7 @@ def test_without_uncertainty_nothing_is_stated() -> None:
     levels = LevelTable(Predictor(table), mechanism, orders)
     at = np.array([2.0]), speeds(np.array([540.0]))
     assert levels.member_totals(*at)[0].shape == (0, 1)
-    assert all(np.isnan(values).all() for values in levels.factors(*at, 0.3).values())
+    assert all(np.isnan(values).all() for values in level_factors(levels, *at, 0.3).values())
     assert not len(table.ensemble_alpha3)
 
 
@@ -224,11 +225,11 @@ def test_factors_are_held_for_a_second() -> None:
     actual, states = list[float](), list[int]()
     for angle, time in zip(angles.tolist(), stamps, strict=True):
         if time == stamps[-1]:
-            monitor.limits = WarningLimits(warning=1e9, note=0.0)
+            monitor.rules.limits = WarningLimits(warning=1e9, note=0.0)
         message = described(monitor.assess(predictor.predict(angle), 0.0, time))
         actual.append(message.load_ratio_factor)
         states.append(message.state)
-    fresh = levels.factors(angles, speeds(np.full(7, 7.0)), 0.33)["load_ratio_factors"][:, 0]
+    fresh = level_factors(levels, angles, speeds(np.full(7, 7.0)), 0.33)["load_ratio_factors"][:, 0]
     assert actual == fresh[[0, 0, 2, 2, 4, 4, 6]].tolist()
     assert len(set(fresh.tolist())) == 7
     assert len(set(states[:-1])) == 1 != len(set(states))

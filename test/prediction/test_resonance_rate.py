@@ -15,7 +15,7 @@ from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.motion import Rate
-from linkage_vibration.prediction.periods import Place, Windows
+from linkage_vibration.prediction.periods import Windows, WindowStep
 from linkage_vibration.prediction.predictor import Prediction, Predictor, Status
 from linkage_vibration.prediction.resonance import Header, ResonanceMonitor, rows_of, window_headers
 from linkage_vibration.prediction.severity import WINDOW_RANKS, ResonanceState, WarningLimits
@@ -45,10 +45,10 @@ def monitor(rate: float = 10.0) -> ResonanceMonitor:
     return watch
 
 
-def places(rate: float, milliseconds: list[int]) -> str:
+def steps(rate: float, milliseconds: list[int]) -> str:
     """Return what each reading does: a letter for those that wait, close, or close alone."""
     windows = Windows(rate)
-    return "".join("-wca"[windows.place(stamp * MS)] for stamp in milliseconds)
+    return "".join("-wca"[windows.step(stamp * MS)] for stamp in milliseconds)
 
 
 @pytest.mark.parametrize(
@@ -70,17 +70,17 @@ def places(rate: float, milliseconds: list[int]) -> str:
         (10.0, [1019, 1001], "a-"),  # or within a part of it
     ],
 )
-def test_places(rate: float, milliseconds: list[int], expected: str) -> None:
+def test_steps(rate: float, milliseconds: list[int], expected: str) -> None:
     """Five readings of a period are assessed, and the first of the next one ends the window."""
-    assert places(rate, milliseconds) == expected
+    assert steps(rate, milliseconds) == expected
 
 
 def test_another_rate_while_running() -> None:
     """A rate that is changed holds from the next reading on."""
     windows = Windows(10.0)
-    assert [windows.place(0), windows.place(MS)] == [Place.ALONE, Place.LEFT_OUT]
+    assert [windows.step(0), windows.step(MS)] == [WindowStep.ALONE, WindowStep.LEFT_OUT]
     windows.rate = 0.0
-    assert [windows.place(2 * MS), windows.place(3 * MS)] == [Place.CLOSES] * 2
+    assert [windows.step(2 * MS), windows.step(3 * MS)] == [WindowStep.CLOSES] * 2
 
 
 def live(readings: Readings) -> Published:
@@ -99,10 +99,10 @@ def take(
     watch: ResonanceMonitor, stamp: int, prediction: Prediction = PREDICTION
 ) -> MessageColumns | None:
     """Give a monitor a reading with a stamp, ms; return the messages that it publishes."""
-    place = watch.windows.place(stamp * MS)
-    if place is Place.LEFT_OUT:
+    step = watch.windows.step(stamp * MS)
+    if step is WindowStep.LEFT_OUT:
         return None
-    header = Header(0, stamp, "", stamp, False, place)
+    header = Header(0, stamp, "", stamp, False, step)
     return watch.take(prediction, Rate(0.0, 0.0), stamp * MS, header)
 
 
@@ -112,14 +112,14 @@ def in_blocks(readings: Readings, size: int) -> Published:
     Here the natural frequency is in the other ratio to that of the engine.
     """
     watch, published = monitor(), Published()
-    every = [(stamp, rpm, watch.windows.place(stamp * MS)) for stamp, rpm in readings]
-    assessed = [each for each in every if each[2] is not Place.LEFT_OUT]
+    every = [(stamp, rpm, watch.windows.step(stamp * MS)) for stamp, rpm in readings]
+    assessed = [each for each in every if each[2] is not WindowStep.LEFT_OUT]
     for start in range(0, len(assessed), size):
         block = assessed[start : start + size]
         rows = rows_of([PREDICTION] * len(block))
         rows.natural_frequencies = np.array([[10.0 * RPM[CLEAR] / rpm] for _, rpm, _ in block])
         stamps, zero = np.array([stamp for stamp, *_ in block]), np.zeros(len(block))
-        headers = window_headers([Header(0, s, "", s, False, place) for s, _, place in block])
+        headers = window_headers([Header(0, s, "", s, False, step) for s, _, step in block])
         windows = watch.assess_many(rows, zero, stamps * MS, (), zero, headers)
         ends = stamps[windows.ends_at].tolist()
         published += zip(ends, windows.nanosec.tolist(), windows.state.tolist(), strict=True)

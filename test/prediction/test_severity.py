@@ -133,8 +133,8 @@ def shaken(force: float, limits: WarningLimits = WarningLimits()) -> ResonanceMo
 
 def assessed(monitor: ResonanceMonitor, alpha3: float, speed: float, seconds: float) -> Any:
     """Return the resonance after so many seconds at an angle and a PTO speed."""
-    assert monitor.levels is not None
-    predictor = monitor.levels._predictor
+    assert monitor.rules.levels is not None
+    predictor = monitor.rules.levels._predictor
     monitor.set_fixed(Source.PTO, speed)
     for k in range(round(10.0 * seconds) + 1):
         resonance = monitor.assess(predictor.predict(alpha3), 0.0, k * SECOND // 10)
@@ -159,7 +159,7 @@ def test_a_warning_names_what_ends_it() -> None:
     monitor = shaken(6000.0)
     actual = assessed(monitor, 2.0, 540.0, 2.0)
     assert actual.state == WARNING
-    sentence = present_sentence(actual, monitor.excitations)
+    sentence = present_sentence(actual, monitor.rules.excitations)
     quiet = actual.quiet_speed * RPM
     assert f"{quiet:.0f} rpm" in sentence
     assert assessed(shaken(6000.0), 2.0, float(quiet), 2.0).state != WARNING
@@ -174,9 +174,9 @@ def test_a_warning_names_what_ends_it() -> None:
 
 def later(monitor: ResonanceMonitor, alpha3: float, speed: float) -> Any:
     """Return the resonance 0.1 s after those of `assessed` over 2 s."""
-    assert monitor.levels is not None
+    assert monitor.rules.levels is not None
     monitor.set_fixed(Source.PTO, speed)
-    predictor = monitor.levels._predictor
+    predictor = monitor.rules.levels._predictor
     return described(monitor.assess(predictor.predict(alpha3), 0.0, 21 * SECOND // 10))
 
 
@@ -189,7 +189,7 @@ def test_what_ends_a_warning_follows_the_limits_and_the_levels() -> None:
         monitor, other = shaken(6000.0), shaken(force, limits)
         held = assessed(monitor, 2.0, 540.0, 2.0).quiet_speed
         assert later(monitor, 2.0, 540.0 + 1e-3).quiet_speed == held
-        monitor.use(limits, other.levels)
+        monitor.use(limits, other.rules.levels)
         expected = assessed(other, 2.0, 540.0, 2.0)
         actual = later(monitor, 2.0, 540.0)
         assert (actual.quiet_speed, actual.load_ratio_factor) == (

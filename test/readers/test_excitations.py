@@ -12,7 +12,7 @@ from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.loads import ExcitationError
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.readers.excitations import read_excitations
-from linkage_vibration.readers.served import read_described, read_loads, read_served
+from linkage_vibration.readers.loaded_model import load_model, read_described, read_loads
 from linkage_vibration.support.resources import PAPER_MECHANISM, PAPER_TABLE, config_file
 
 
@@ -60,7 +60,7 @@ def test_places_that_a_mechanism_lacks() -> None:
     settings = Parameters(
         mechanism_file=str(config_file(PAPER_MECHANISM)), table_file=str(config_file(PAPER_TABLE))
     )
-    served, notices = read_served(settings), list[str]()
+    served, notices = load_model(settings), list[str]()
     loads = {each.name: each.load for each in read_loads(settings, served, notices.append)}
     kept = {"pto_shaft 1", "cardan_joint 2", "rotor 1", "tines 2"}
     assert {name for name, load in loads.items() if load is not None} == kept
@@ -74,7 +74,7 @@ def test_places_that_a_mechanism_lacks() -> None:
 def test_places_that_the_tractor_has() -> None:
     """On the shipped tractor nothing is left out."""
     settings, notices = Parameters(), list[str]()
-    excitations = read_loads(settings, read_served(settings), notices.append)
+    excitations = read_loads(settings, load_model(settings), notices.append)
     amplitudes = [each.load or each.terrain for each in excitations]
     assert all(each is not None and each.relative_stddev > 0.0 for each in amplitudes)
     assert not notices
@@ -89,7 +89,7 @@ def test_places_of_a_named_file(tmp_path: Path) -> None:
         table_file=str(config_file(PAPER_TABLE)),
         excitation_file=str(path),
     )
-    served = read_served(settings)
+    served = load_model(settings)
     excitations = read_loads(settings, served, pytest.fail)
     with pytest.raises(ExcitationError, match=r"excitation engine 0\.5: a moment acts on a rigid"):
         LevelTable(served.predictor, served.mechanism, excitations)
@@ -97,7 +97,7 @@ def test_places_of_a_named_file(tmp_path: Path) -> None:
 
 def test_as_many_as_messages_can_hold(tmp_path: Path) -> None:
     """The limits are those of ``TableInfo``: 64 excitations and 32 modes, and not one more."""
-    path, served = tmp_path / "many.yaml", read_served(Parameters())
+    path, served = tmp_path / "many.yaml", load_model(Parameters())
     settings = Parameters(excitation_file=str(path))
     path.write_text(f"engine: {{speed: engine, orders: {list(range(1, 65))}}}")
     assert len(read_loads(settings, served)) == 64

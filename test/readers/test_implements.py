@@ -19,8 +19,8 @@ from linkage_vibration.prediction.answers import (
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.readers.implements import read_implements
+from linkage_vibration.readers.loaded_model import load_model, read_described
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.readers.served import read_described, read_served
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import load_table
 
@@ -119,7 +119,7 @@ def test_the_parameter_chooses(mechanism: Mechanism, tmp_path: Path) -> None:
     described = read_described(settings_for(path, "plough"))
     assert described.mechanism.rigid_bodies[0].mass == 1200.0
     assert described.mechanism_text.startswith("# With the implement plough instead of that")
-    own = read_served(settings_for(path, ""))
+    own = load_model(settings_for(path, ""))
     assert own.implement is None
     assert own.table.model_hash == mechanism.model_hash
     with pytest.raises(ServingError, match=r"no implement 'drill'; name one of: plough"):
@@ -136,7 +136,7 @@ def test_an_implement_like_that_of_the_table_needs_no_other(
     same = {"mass": body.mass, "inertia": body.inertia, "centre_of_gravity": {**TAPE}}
     same["centre_of_gravity"] = {"E1": 1.020, "E2": 1.095, "side": "left"}
     path, reports = written(tmp_path, {"same": same}), list[str]()
-    served = read_served(settings_for(path, "same"), reports.append)
+    served = load_model(settings_for(path, "same"), reports.append)
     assert reports == []
     assert served.implement is not None
     assert served.implement.name == "same"
@@ -155,9 +155,9 @@ def test_a_named_implement_replaces_that_of_the_file(tmp_path: Path) -> None:
     )
     known = Implements(mechanism, text, read_implements(implements, mechanism))
     table = load_table(config_file("tables/three_point_linkage.npz"))  # of no importance here
-    served = ModelWithoutTable(mechanism, text, None, known).served(Predictor(table))
+    served = ModelWithoutTable(mechanism, text, None, known).with_predictor(Predictor(table))
     first = replaced(served, "one")
-    second = replaced(first.served(Predictor(table)), "other")
+    second = replaced(first.with_predictor(Predictor(table)), "other")
     assert second.mechanism.rigid_bodies[0] == mechanism.rigid_bodies[0]
     assert second.mechanism.rigid_bodies[1].mass == 1200.0
     assert second.implement is not None

@@ -505,7 +505,7 @@ def test_walk_of_a_reading(monkeypatch: pytest.MonkeyPatch) -> None:
     bench = Bench(monkeypatch, DEFAULT_TABLE)
     mechanism = read_mechanism(config_file(DEFAULT_MECHANISM))
     # Tabulating the ground takes long.
-    excitations = [replace(each, terrain=None) for each in bench.monitor.excitations]
+    excitations = [replace(each, terrain=None) for each in bench.monitor.rules.excitations]
     bench.monitor.use(levels=kept_levels(bench.path.predictor, mechanism, excitations))
     walks = []
     for _ in range(12):

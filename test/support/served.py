@@ -14,4 +14,4 @@ def shipped() -> LoadedModel:
     path = config_file(DEFAULT_MECHANISM)
     mechanism = read_mechanism(path)
     table = load_table(config_file(DEFAULT_TABLE), mechanism)
-    return ModelWithoutTable(mechanism, path.read_text()).served(Predictor(table))
+    return ModelWithoutTable(mechanism, path.read_text()).with_predictor(Predictor(table))

@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 from linkage_vibration.mechanics.bodies import beam
 from linkage_vibration.mechanics.description import Body, Point
-from linkage_vibration.mechanics.keys import Keys
+from linkage_vibration.mechanics.keys import CheckedMapping
 
-BodyReader = Callable[[Keys, dict[str, Point]], Body]
+BodyReader = Callable[[CheckedMapping, dict[str, Point]], Body]
 """Reads a body from the keys of its link and the link's points."""
 
 BODIES: dict[str, BodyReader] = {"material": beam.read}

@@ -32,7 +32,7 @@ from linkage_vibration.mechanics.description import (
     Section,
 )
 from linkage_vibration.mechanics.dofs import InterfaceDof
-from linkage_vibration.mechanics.keys import Keys
+from linkage_vibration.mechanics.keys import CheckedMapping
 from linkage_vibration.mechanics.material import read_material
 from linkage_vibration.mechanics.sections import SHAPES
 
@@ -109,7 +109,7 @@ class Beam:
         return forces
 
 
-def read(keys: Keys, places: dict[str, Point]) -> Beam:
+def read(keys: CheckedMapping, places: dict[str, Point]) -> Beam:
     """Read a beam from the keys of a link and the places of its points, x and z, m."""
     material = read_material(keys["material"])
     poisson = material.poisson_ratio
@@ -132,7 +132,7 @@ def read(keys: Keys, places: dict[str, Point]) -> Beam:
 
 
 def _check_proportions(
-    keys: Keys, segments: tuple[Segment, ...], begin: float, density: float
+    keys: CheckedMapping, segments: tuple[Segment, ...], begin: float, density: float
 ) -> None:
     """Refuse a link too deep for a beam, or with its section and length in different units."""
     length = segments[-1].end - begin
@@ -149,7 +149,7 @@ def _check_proportions(
         raise MechanismError(keys.path, f"{problem}; {hint}.")
 
 
-def _section(keys: Keys, poisson_ratio: float) -> Section:
+def _section(keys: CheckedMapping, poisson_ratio: float) -> Section:
     return SHAPES[keys.choice("shape", SHAPES)](keys, poisson_ratio)
 
 

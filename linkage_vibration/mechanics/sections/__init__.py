@@ -5,10 +5,10 @@
 from collections.abc import Callable
 
 from linkage_vibration.mechanics.description import Section
-from linkage_vibration.mechanics.keys import Keys
+from linkage_vibration.mechanics.keys import CheckedMapping
 from linkage_vibration.mechanics.sections import general, i_section, rectangle, tube
 
-SHAPES: dict[str, Callable[[Keys, float], Section]] = {
+SHAPES: dict[str, Callable[[CheckedMapping, float], Section]] = {
     "rectangle": rectangle.read,
     "tube": tube.read,
     "round": tube.read_round,

@@ -3,10 +3,10 @@
 """Sections of any shape, given by their properties."""
 
 from linkage_vibration.mechanics.description import Section
-from linkage_vibration.mechanics.keys import Keys
+from linkage_vibration.mechanics.keys import CheckedMapping
 
 
-def read(keys: Keys, poisson_ratio: float) -> Section:
+def read(keys: CheckedMapping, poisson_ratio: float) -> Section:
     """Read a section by its properties."""
     return Section(
         area=keys.number("area", positive=True),

@@ -3,7 +3,7 @@
 """I-sections: two equal flanges across the plane of motion and a web in it, without fillets."""
 
 from linkage_vibration.mechanics.description import Section
-from linkage_vibration.mechanics.keys import Keys
+from linkage_vibration.mechanics.keys import CheckedMapping
 from linkage_vibration.mechanics.sections.rectangle import rectangle
 
 
@@ -40,7 +40,7 @@ def i_section(
     )
 
 
-def read(keys: Keys, poisson_ratio: float) -> Section:
+def read(keys: CheckedMapping, poisson_ratio: float) -> Section:
     """Read an I-section."""
     height, width = keys.number("height", positive=True), keys.number("width", positive=True)
     web, flange = (keys.number(f"{part}_thickness", positive=True) for part in ("web", "flange"))

@@ -3,7 +3,7 @@
 """Full rectangles."""
 
 from linkage_vibration.mechanics.description import Section
-from linkage_vibration.mechanics.keys import Keys
+from linkage_vibration.mechanics.keys import CheckedMapping
 
 
 def rectangle(width: float, height: float, poisson_ratio: float) -> Section:
@@ -17,7 +17,7 @@ def rectangle(width: float, height: float, poisson_ratio: float) -> Section:
     return Section(area, width * height**3 / 12.0, shear, height * width**3 / 12.0, shear)
 
 
-def read(keys: Keys, poisson_ratio: float) -> Section:
+def read(keys: CheckedMapping, poisson_ratio: float) -> Section:
     """Read a rectangle."""
     width, height = keys.number("width", positive=True), keys.number("height", positive=True)
     return rectangle(width, height, poisson_ratio)

@@ -5,7 +5,7 @@
 import math
 
 from linkage_vibration.mechanics.description import Section
-from linkage_vibration.mechanics.keys import Keys
+from linkage_vibration.mechanics.keys import CheckedMapping
 
 
 def tube(outer: float, inner: float, poisson_ratio: float) -> Section:
@@ -20,7 +20,7 @@ def tube(outer: float, inner: float, poisson_ratio: float) -> Section:
     return Section(area, second_moment, shear, second_moment, shear)
 
 
-def read(keys: Keys, poisson_ratio: float) -> Section:
+def read(keys: CheckedMapping, poisson_ratio: float) -> Section:
     """Read a tube."""
     outer = keys.number("outer_diameter", positive=True)
     inner = keys.number("inner_diameter", positive=True)
@@ -30,6 +30,6 @@ def read(keys: Keys, poisson_ratio: float) -> Section:
     return tube(outer, inner, poisson_ratio)
 
 
-def read_round(keys: Keys, poisson_ratio: float) -> Section:
+def read_round(keys: CheckedMapping, poisson_ratio: float) -> Section:
     """Read a round bar."""
     return tube(keys.number("diameter", positive=True), 0.0, poisson_ratio)

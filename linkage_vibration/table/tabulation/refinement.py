@@ -14,7 +14,7 @@ from linkage_vibration.table.tabulation.accuracy import Accuracy
 from linkage_vibration.table.tabulation.sampling import Sampler
 
 _SHORTER = 8.0  # Rounding is checked again when a piece is so many times shorter.
-_BATCH = 3  # So many points measure the error; one alone may be where it is zero.
+_BATCH = 3  # Three new points measure the error, which may be zero at a single one.
 _FIRST = 2 * _BATCH  # A piece begins with so many points.
 MOST = 48
 """Points of a piece; if a polynomial needs more, halving the piece needs fewer."""

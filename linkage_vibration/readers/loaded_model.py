@@ -30,7 +30,7 @@ from linkage_vibration.support.commands import command
 from linkage_vibration.table.table import Table, load_table, refuse_other
 
 
-def read_served(
+def load_model(
     settings: Parameters,
     report: Callable[[str], object] | None = None,
     progress: Callable[[float], object] | None = None,
@@ -52,7 +52,7 @@ def read_served(
         table = load_table(table_path)
         if described.implement is None or table.model_hash == mechanism.model_hash:
             refuse_other(table, table_path, mechanism, quote(str(path)))
-            return described.served(Predictor(table))
+            return described.with_predictor(Predictor(table))
         why = "its implement is not that of the table"
 
     def built() -> Table:
@@ -66,7 +66,7 @@ def read_served(
             report(f"Building the table of {path}, as {why}; {saved}.")
         return build_table(LinkageModel(mechanism), progress=progress)
 
-    return described.served(Predictor(keep(mechanism, built) if keep else built()))
+    return described.with_predictor(Predictor(keep(mechanism, built) if keep else built()))
 
 
 def read_described(settings: Parameters) -> ModelWithoutTable:
