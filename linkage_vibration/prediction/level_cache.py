@@ -88,7 +88,7 @@ def kept_table(mechanism: Mechanism, build: Callable[[], Table]) -> Table:
 def _key(mechanism: Mechanism, *more: object) -> str:
     """Return a hash of a mechanism and more, of the code and of how this machine rounds."""
     # The hash of the model has the arrays of bodies, but only twelve digits of each number.
-    exact = [getattr(mechanism, each.name) for each in fields(mechanism)]
+    exact = [getattr(mechanism, each.name) for each in fields(mechanism) if each.repr]
     versions = VERSION, np.__version__, scipy.__version__, sys.version, platform.platform()
     digest = hashlib.sha256(repr((more, mechanism.model_hash, exact, versions)).encode())
     digest.update(_rounding())
