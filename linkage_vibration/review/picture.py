@@ -199,7 +199,7 @@ def _draw_total(ax: "Axes", log: Log, drive: Drive, limits: WarningLimits) -> No
         if np.isfinite(broken).any():
             ax.plot(drive.times, broken, color=colour, linewidth=1.2, label=label)
     whole = np.where(known, total, np.nan)
-    label = "total" if np.isfinite(whole).any() else None
+    label = "total" if np.isfinite(whole).any() else "_"  # which no legend has
     ax.plot(drive.times, whole, color=palette.INK, linewidth=1.6, label=label)
     times = [*drive.times.tolist(), float(drive.times[-1] + drive.held[-1])]
     if spans := [(times[i], times[j]) for i, j in runs(~known)]:
