@@ -267,7 +267,7 @@ class GroundMembers:
             squares = ground_squares(transfer, orders, mounts, terrain, lines)
             values.append(mean_squares(squares, np.exp(self._speeds)))
         shape = _N_ANGLES, members.n + 1, len(outputs), _N_SPEEDS
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore"):  # log(0) without ground
             logs = np.log(np.reshape(values, shape))
             logs = np.moveaxis(logs[:, 1:] - logs[:, :1], 3, 1)
         known = np.where(np.isposinf(logs), math.nan, logs)

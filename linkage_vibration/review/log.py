@@ -207,7 +207,7 @@ class Log:
         """The crank angle without the whole turns of a crank that turns around, rad, (n,)."""
         if self.table is None or not covers_a_turn(self.table.alpha3_range):
             return self.crank_angle
-        with np.errstate(invalid="ignore"):
+        with np.errstate(invalid="ignore"):  # an infinite angle
             return angles_in_table(self.crank_angle, self.table.alpha3_range)
 
 

@@ -199,13 +199,13 @@ def _draw_total(ax: "Axes", log: Log, drive: Drive, limits: WarningLimits) -> No
         if np.isfinite(broken).any():
             ax.plot(drive.times, broken, color=colour, linewidth=1.2, label=label)
     whole = np.where(known, total, np.nan)
-    label = "total" if np.isfinite(whole).any() else "_"  # which no legend has
-    ax.plot(drive.times, whole, color=palette.INK, linewidth=1.6, label=label)
+    seen = {"label": "total"} if np.isfinite(whole).any() else {}
+    ax.plot(drive.times, whole, color=palette.INK, linewidth=1.6, **seen)
     times = [*drive.times.tolist(), float(drive.times[-1] + drive.held[-1])]
     if spans := [(times[i], times[j]) for i, j in runs(~known)]:
         part = np.where(known, np.nan, total)
-        label = "a part of the total"
-        ax.plot(drive.times, part, color=palette.INK, linewidth=1.0, linestyle=":", label=label)
+        style = {"linestyle": ":", "label": "a part of the total"}
+        ax.plot(drive.times, part, color=palette.INK, linewidth=1.0, **style)
         style = {"facecolor": "#f3f3f3", "edgecolor": "#b8b8b8", "lw": 0, "hatch": "//"}
         shaded(ax, spans, label="a source is not known", **style)
     ax.legend(loc="upper right", fontsize=10, ncols=3)

@@ -28,6 +28,7 @@ from linkage_vibration.review.findings import (
     first_sentence,
     log_levels,
     remedy,
+    speeds_at_drive,
 )
 from linkage_vibration.review.log import Log, problems, read_log
 from linkage_vibration.review.overview import drive_summary, overview_html
@@ -290,6 +291,15 @@ def test_summary_without_loads(write_log: Any, tmp_path: Path) -> None:
             assert values[key] is None
         assert values["unknown_s"] == pytest.approx(0.5, abs=0.011)
         assert values["known_share"] == 0.0
+
+
+def test_speeds_at_a_drive(log: Log) -> None:
+    """The ground speed is a magnitude in reverse, too; a negative speed of a shaft is not known."""
+    before = np.array([-1.0])
+    speeds = {Source.GROUND: (before, np.array([-2.0])), Source.PTO: (before, np.array([-540.0]))}
+    actual = speeds_at_drive(replace(log, speeds=speeds))
+    assert (actual[Source.GROUND] == 2.0).all()
+    assert np.isnan(actual[Source.PTO]).all()
 
 
 def test_what_ends_a_warning_does_end_it(log: Log) -> None:
