@@ -21,7 +21,7 @@ function sortBy(body, column, head) {
 function alignNumbers(heads, body) {
   heads.forEach((head, column) => {
     const own = [...body.rows].map(row => row.cells[column]);
-    if (own.every(cell => /^[\d.:+-]*$|^not known$|^doubted$/.test(cell.textContent))) for (const cell of [head, ...own]) cell.classList.add("number");
+    if (own.some(cell => /^\d/.test(cell.textContent)) && own.every(cell => /^[\d.:+-]*$|^not known$|^doubted$/.test(cell.textContent))) for (const cell of [head, ...own]) cell.classList.add("number");
   });
 }
 
