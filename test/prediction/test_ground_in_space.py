@@ -11,6 +11,7 @@ import yaml
 from scipy.integrate import trapezoid
 from scipy.linalg import eig
 from scipy.signal import lfilter
+from scipy.special import ndtri
 
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
@@ -80,11 +81,13 @@ def wheel_heights(speed: float, step: float, count: int, seed: int) -> np.ndarra
     )
 
 
-def simulated(rows: np.ndarray, a: Assembly, speed: float, seed: int) -> np.ndarray:
-    """Return responses, (n_rows, count), of displacements and velocities to the ground.
+def simulated(
+    rows: np.ndarray, a: Assembly, speed: float, seed: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return responses, (n_rows, count), and by how much the ground pushes each wheel, (4, count).
 
-    Rows are (n_rows, 2, size). The modes of the matrices are coupled by all of the damping. Each
-    pole is integrated exactly for forces that change linearly between two times.
+    Rows, (n_rows, 2, size), are of displacements and velocities. All of the damping couples the
+    modes. Each pole is integrated exactly for forces that change linearly between two times.
     """
     step, seconds, lead = 4e-3, 1600.0, 60.0
     count = round(seconds / step)
@@ -119,40 +122,51 @@ def simulated(rows: np.ndarray, a: Assembly, speed: float, seed: int) -> np.ndar
         state = lfilter([new, old], [1.0, -grown], wrapped)
         weight = 2.0 if pole.imag > 0.0 else 1.0
         responses += weight * np.multiply.outer(output, state).real
-    return responses[:, round(lead / step) :]
+    return responses[:, round(lead / step) :], forces
 
 
 @pytest.mark.parametrize("speed", [2.5, 20.0 / 3.6])
-def test_levels_by_two_tracks(built: tuple[Mechanism, Table], mapping: Any, speed: float) -> None:
-    """Both directions of E1 and the force of a chain have the simulated levels.
+def test_levels_by_two_tracks(built: tuple[Mechanism, Table], speed: float) -> None:
+    """Both directions of E1, a chain and the tyre that is off the ground most have these levels.
 
-    They are within two standard errors by 40 parts of 40 s, and 0.4 %, as the vertical half
+    They are within two standard errors by 120 parts of 40 s, and 0.4 %, as the vertical half
     neglects that pairs bend sideways.
     """
     mechanism, table = built
     places, (a, _) = pose(ALPHA3), assembled(ALPHA3, tractor=True)
-    rows = np.zeros((3, 2, a.size))
+    rows = np.zeros((5, 2, a.size))
     rows[0, 1], rows[1, 1] = a.matrix(["E1L"])[[1, 2]]
     first = np.insert(places["P1"], 1, 0.2)
     hook = first + CHAIN_AT / 0.810 * (np.insert(places["E1"], 1, 0.4) - first)
     unit = (CHAIN_END - hook) / np.linalg.norm(CHAIN_END - hook)
     ends = a.matrix(["hookL", "endL"])
     rows[2, 0] = CHAIN * unit @ (ends[3:] - ends[:3])
-    expected = simulated(rows, a, speed, seed=7)
-    squares = (expected**2).reshape(3, 40, -1).mean(axis=2)
+    for i, axle in enumerate(AXLES):
+        wheel = a.matrix([f"wheel{i}1.0"])[2] / 2.0
+        rows[3 + i] = -axle[5] * wheel, -DAMPING[i][2] * wheel
+    parts = []
+    for seed in range(3):
+        responses, pushed = simulated(rows, a, speed, seed)
+        # The axle that pivots loads both of its wheels alike.
+        responses[3:] += pushed[0], (pushed[2] + pushed[3]) / 2.0
+        parts.append((responses**2).reshape(5, 40, -1).mean(axis=2))
+    squares = np.concatenate(parts, axis=1)
     rms = np.sqrt(squares.mean(axis=1))
-    errors = squares.std(axis=1, ddof=1) / math.sqrt(40) / (2.0 * rms)
-    assert (errors < 0.05 * rms).all()
+    errors = squares.std(axis=1, ddof=1) / math.sqrt(squares.shape[1]) / (2.0 * rms)
+    assert (errors < 0.03 * rms).all()
     at = np.array([ALPHA3]), np.array([speed])
-    found = [
-        float(GroundTable(table, mechanism, TERRAIN, point=("E1", axis)).at(*at).velocity[0])
-        for axis in "yz"
-    ]
-    lookup = GroundTable(table, mechanism, TERRAIN, [CHAIN_FORCE])
-    found.append(math.sqrt(lookup.at(*at).forces2[0, 0]))
-    assert (np.abs(np.array(found) - rms) < 2.0 * errors + 0.004 * rms).all(), (found, rms, errors)
+    lookup = GroundTable(table, mechanism, TERRAIN, [CHAIN_FORCE], point=("E1", "y"))
+    levels = lookup.at(*at)
+    upright = GroundTable(table, mechanism, TERRAIN, point=("E1", "z")).at(*at).velocity[0]
+    found = [levels.velocity[0], upright, math.sqrt(levels.forces2[0, 0])]
+    loads = LinkageModel(mechanism).mount_loads(ALPHA3) / 2.0
+    lifted = int((loads / rms[3:]).argmin())
+    found.append(-loads[lifted] / float(ndtri(levels.off_ground_share[0])))
+    kept = [0, 1, 2, 3 + lifted]
+    off, allowed = np.abs(np.array(found) - rms[kept]), 2.0 * errors[kept] + 0.004 * rms[kept]
+    assert (off < allowed).all()
     for source in (table, LinkageModel(mechanism)):
-        for place, level in zip([("E1", "y"), ("E1", "z"), CHAIN_FORCE], found, strict=True):
+        for place, level in zip([("E1", "y"), ("E1", "z"), CHAIN_FORCE], found, strict=False):
             f, density = ground_spectrum(source, mechanism, TERRAIN, place, ALPHA3, speed)
             total = trapezoid(density * f, np.log(f))
             assert math.sqrt(total) == pytest.approx(level, rel=3e-3)
