@@ -14,6 +14,7 @@ also hold the rotation out of the plane.
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -86,6 +87,7 @@ def _link(link: Link, mechanism: Mechanism, *, reduced: bool) -> Component:
         beam_matrices(beam, points, rotations=free, masses=masses, across=True, clamped=clamped)
     ]
     if link.count > 1:
+        link = replace(link, modes=-(-link.modes // 2))  # half of them in each direction
         turned = mechanism.rotations(link.name) | held
         bodies.insert(0, beam_matrices(beam, points, rotations=turned, masses=masses))
     parts = [component_of(link, mechanism, b, b.dofs, reduced=reduced) for b in bodies]

@@ -17,7 +17,6 @@ from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import Base, Chain, Cylinder, Mechanism, RigidBody
 from linkage_vibration.mechanics.forces import GRAVITY
 from linkage_vibration.mechanics.kinematics import Configuration
-from linkage_vibration.mechanics.mode_names import kinetic_energy, name_modes
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.paths import split_paths
 from linkage_vibration.mechanics.springs import length_and_rate, oil_pressure
@@ -129,7 +128,10 @@ def _slack_chains(levels: "LevelTable") -> Iterator[str]:
             unknown = "has no `pretension`, so it is not known whether it goes slack"
             yield f"{chain.name} {unknown}; it needs {ground}."
         elif needed > chain.pretension:
-            name, tight, slack = slack_mode(levels.mechanism, chain, alpha3)
+            tight, slack = slack_mode(levels.mechanism, chain, alpha3)
+            assert levels.lateral is not None
+            own = levels.lateral.evaluate(np.array([alpha3]))[0, : levels.lateral.n_modes]
+            name = levels.lateral.mode_names[int(np.abs(own - tight).argmin())]
             yield (
                 f"{chain.name} goes slack, as {ground}, exceeds its pretension of "
                 f"{chain.pretension:g} N; with one of both slack, the {name} is at about "
@@ -137,8 +139,8 @@ def _slack_chains(levels: "LevelTable") -> Iterator[str]:
             )
 
 
-def slack_mode(mechanism: Mechanism, chain: Chain, alpha3: float) -> tuple[str, float, float]:
-    """Return the mode that one slack chain lowers most, and its frequency without and with it, Hz.
+def slack_mode(mechanism: Mechanism, chain: Chain, alpha3: float) -> tuple[float, float]:
+    """Return the frequency of the mode that one slack chain lowers most, before and then, Hz.
 
     One chain holds the lateral half with half of the stiffness; that it couples both halves is
     neglected.
@@ -151,7 +153,7 @@ def slack_mode(mechanism: Mechanism, chain: Chain, alpha3: float) -> tuple[str, 
     tight, slack = (LinkageModel(x, half="lateral").solve(alpha3) for x in (mechanism, other))
     own, lower = (each.natural_frequencies[:n] for each in (tight, slack))
     mode = int((lower / own).argmin())
-    return name_modes(kinetic_energy(tight))[mode], float(own[mode]), float(lower[mode])
+    return float(own[mode]), float(lower[mode])
 
 
 def load_ratio_doubt(ratio: float, where: str, hint: str = _ROUGH) -> str:

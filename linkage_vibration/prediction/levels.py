@@ -181,7 +181,7 @@ class LevelTable:
             (i for i, excitation in enumerate(excitations) if excitation.terrain), 0
         )
         self._cells: tuple[FloatArray, FloatArray] | None = None
-        self.mechanism = mechanism
+        self.mechanism, self.lateral = mechanism, table.lateral
         pins = self.force_places = table.load_places if self._loaded else ()
         """Pins and cylinders, the first ones of the table, then chains of known pretension."""
         self.chains: list[Chain] = []

@@ -4,6 +4,7 @@
 
 import copy
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -201,8 +202,12 @@ def test_the_papers_rows(paper: Mechanism) -> None:
 
 
 def test_the_papers_modes_out_of_the_plane(paper: Mechanism) -> None:
-    """They are 141.712, 183.715 and 357.261 Hz at every angle, as its own model in space gave."""
-    model = LinkageModel(paper, half="lateral")
+    """They are 141.712, 183.715 and 357.261 Hz at every angle, as its own model in space gave.
+
+    That model kept 20 modes of a link in each direction.
+    """
+    links = tuple(link.meshed(24, 40) for link in paper.links)
+    model = LinkageModel(replace(paper, links=links), half="lateral")
     for alpha3 in (1.6, 2.2, 3.1):
         frequencies = hertz(model, alpha3)
         for expected in (141.712, 183.715, 357.261):
@@ -225,7 +230,10 @@ def test_reduced_stacked_and_by_frfs(on: str, request: pytest.FixtureRequest) ->
     """Reduction, a stack of angles, and LM-FBS give the same lateral half."""
     mapping = request.getfixturevalue(on)
     model, full = lateral(mapping), lateral(mapping, reduced=False)
-    np.testing.assert_allclose(hertz(model, 2.0)[:7], hertz(full, 2.0)[:7], rtol=1e-6)
+    found, exact = hertz(model, 2.0), hertz(full, 2.0)
+    for highest, rtol in (130.0, 1e-6), (190.0, 2e-5):
+        n = int((exact < highest).sum())
+        np.testing.assert_allclose(found[:n], exact[:n], rtol=rtol)
     angles = np.linspace(*model.mechanism.stroke, 3)
     stack = model.stack(angles)
     for row, alpha3 in zip(stack.modes.omega, angles, strict=True):

@@ -3,6 +3,7 @@
 """Levels by two tracks, against a simulation in time of a hitch in space on four tyres."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,11 @@ from scipy.special import ndtri
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
+from linkage_vibration.prediction.doubts import excitation_doubts, slack_mode
+from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.ground import GroundTable, Terrain, ground_spectrum
+from linkage_vibration.prediction.levels import LevelTable
+from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import Table
 from linkage_vibration.table.tabulation import build_table
@@ -29,6 +34,7 @@ from test.support.hitch_in_space import (
     DAMPING,
     Assembly,
     assembled,
+    hitch,
     modes,
     pose,
 )
@@ -170,3 +176,67 @@ def test_levels_by_two_tracks(built: tuple[Mechanism, Table], speed: float) -> N
             f, density = ground_spectrum(source, mechanism, TERRAIN, place, ALPHA3, speed)
             total = trapezoid(density * f, np.log(f))
             assert math.sqrt(total) == pytest.approx(level, rel=3e-3)
+
+
+def levels_of(built: tuple[Mechanism, Table], pretension: float | None) -> tuple[Any, Any]:
+    """Return levels by the ground of a chain of a pretension, N, and their excitations."""
+    mechanism, table = built
+    assert mechanism.lateral is not None
+    chains = tuple(replace(each, pretension=pretension) for each in mechanism.lateral.chains)
+    mechanism = replace(mechanism, lateral=replace(mechanism.lateral, chains=chains))
+    excitations = [Excitation("a farm track", Source.GROUND, 1.0, None, terrain=TERRAIN)]
+    return LevelTable(Predictor(table), mechanism, excitations), excitations
+
+
+def test_a_chain_that_goes_slack_is_named(built: tuple[Mechanism, Table]) -> None:
+    """At 10 km/h, it is one whose pretension is below what spectra demand at one of nine angles.
+
+    One slack chain lowers the sway as chains of half the stiffness do in the finite elements.
+    """
+    mechanism, table = built
+    needed = []
+    for alpha3 in np.linspace(*table.alpha3_range, 9):
+        spectrum = ground_spectrum(table, mechanism, TERRAIN, CHAIN_FORCE, alpha3, 10.0 / 3.6)
+        needed.append(3.0 * math.sqrt(trapezoid(spectrum[1] * spectrum[0], np.log(spectrum[0]))))
+    for share, named in ((0.98, True), (1.02, False)):
+        levels, excitations = levels_of(built, share * max(needed))
+        text = " ".join(excitation_doubts(excitations, levels))
+        assert ("check_chain goes slack" in text) == named
+        assert ("the implement sway is at about" in text) == named
+    unknown = " ".join(excitation_doubts(*reversed(levels_of(built, None))))
+    assert "check_chain has no `pretension`, so it is not known" in unknown
+    chain = levels.chains[0]
+    tight, slack = slack_mode(mechanism, chain, ALPHA3)
+    exact = hitch(ALPHA3, tractor=True)[0][4], hitch(ALPHA3, tractor=True, chain=CHAIN / 2.0)[0][4]
+    assert (tight, slack) == pytest.approx(exact, rel=1e-3)
+    assert 0.12 < 1.0 - slack / tight < 0.21  # of a prototype
+
+
+def test_load_ratios_add_both_halves(built: tuple[Mechanism, Table]) -> None:
+    """Those of a chain refer to its pretension, and those of pins add all components."""
+    mechanism, table = built
+    speed, angle = 10.0 / 3.6, np.array([ALPHA3])
+    speeds = np.full((len(Source), 1), math.nan)
+    speeds[Source.GROUND.place] = speed
+
+    def square(place: tuple[str, str], halves: Any = mechanism) -> float:
+        f, density = ground_spectrum(table, halves, TERRAIN, place, ALPHA3, speed)
+        return float(trapezoid(density * f, np.log(f)))
+
+    low = levels_of(built, 1e3)[0].at(angle, speeds)
+    assert low.total_load_ratio[0] == pytest.approx(math.sqrt(square(CHAIN_FORCE)) / 1e3, rel=3e-3)
+    levels = levels_of(built, 1e6)[0]
+    assert levels.force_places[-1] == "check_chain"
+    assert levels.force_places[low.total_load_places[0]] == "check_chain"
+    high = levels.at(angle, speeds)
+    place = levels.force_places[high.total_load_places[0]]
+    components = "force_x", "force_y", "force_z"
+    known = {*table.forces, *(table.lateral.forces if table.lateral else ())}
+    both = sum(square((place, each)) for each in components if (place, each) in known)
+    static = table.reference_forces(angle)[table.force_places.index(place), 0]
+    assert high.total_load_ratio[0] == pytest.approx(math.sqrt(both) / static, rel=3e-3)
+    alone = replace(mechanism, lateral=None)
+    vertical = sum(
+        square((place, each), alone) for each in components if (place, each) in table.forces
+    )
+    assert both > 1.02 * vertical

@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -166,7 +167,13 @@ class Assembly:
 
 
 def assembled(
-    alpha3: float, *, tractor: bool, rockshaft: float = math.inf, paper: bool = False, n: int = 24
+    alpha3: float,
+    *,
+    tractor: bool,
+    rockshaft: float = math.inf,
+    paper: bool = False,
+    n: int = 24,
+    chain: float = CHAIN,
 ) -> tuple[Assembly, list[str]]:
     """Return the parts of a hitch, and the points of its pairs of links: those of the left first.
 
@@ -269,7 +276,7 @@ def assembled(
         carried(f"end{side}", "tractor", anchor)
         hook = spots["P1" + side] + CHAIN_AT / 0.810 * (spots["E1" + side] - spots["P1" + side])
         unit = (anchor - hook) / np.linalg.norm(anchor - hook)
-        spring([f"hook{side}", f"end{side}"], math.sqrt(CHAIN) * np.concatenate([-unit, unit]))
+        spring([f"hook{side}", f"end{side}"], math.sqrt(chain) * np.concatenate([-unit, unit]))
     for i, (x, z, track, kx, ky, kz, contact) in enumerate(AXLES if tractor else ()):
         tx, ty, tz = (c / k for c, k in zip(DAMPING[i], (kx, ky, kz), strict=True))
         for sign in (1.0, -1.0):
@@ -291,11 +298,9 @@ def modes(a: Assembly) -> tuple[FloatArray, FloatArray]:
     return np.sqrt(squares) / (2.0 * math.pi), shapes[:, ::-1] * np.sqrt(shift + squares)
 
 
-def hitch(
-    alpha3: float, *, tractor: bool, rockshaft: float = math.inf, paper: bool = False, n: int = 24
-) -> tuple[FloatArray, FloatArray]:
+def hitch(alpha3: float, **given: Any) -> tuple[FloatArray, FloatArray]:
     """Return the natural frequencies of the lateral and of the vertical half, Hz, up to 400 Hz."""
-    a, beside = assembled(alpha3, tractor=tractor, rockshaft=rockshaft, paper=paper, n=n)
+    a, beside = assembled(alpha3, **given)
     hertz, shapes = modes(a)
     moved = (a.matrix(beside) @ shapes).reshape(2, len(beside) // 2, 3, -1)
     mirrored = moved[1] * np.array([1.0, -1.0, 1.0])[:, np.newaxis]
