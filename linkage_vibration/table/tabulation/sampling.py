@@ -243,6 +243,6 @@ def _places(model: LinkageModel, points: Sequence[str] | None) -> tuple[Place, .
     directions = model.interface.directions
     every = [(point, direction) for point in points for direction in directions]
     if model.half == "lateral":  # What is in the middle moves along y alone.
-        moves = model.rows(every, model.kinematics.at(model.mechanism.stroke[0])).any(axis=1)
-        every = [place for place, moving in zip(every, moves, strict=True) if moving]
+        moves = model.rows(every, model.kinematics.at(model.mechanism.stroke[0]))
+        every = [every[i] for i in np.flatnonzero(moves.any(axis=1)).tolist()]
     return tuple(every)
