@@ -6,6 +6,7 @@
 #   make test                        lint, types and tests
 #   make test ONLY=test/ros          some tests alone
 #   make test VERSIONS=ubuntu-24.04  tests with the libraries that tools/ubuntu-24.04.txt names
+#   make nightly                     the tests that take long, into benchmark/results/nightly.md (an hour or more)
 #   make coverage                    which share of the code the tests run, into benchmark/results/coverage.md
 #   make ament                       the linters of ament that PyPI has
 #   make docs                        the documentation, as a site in build/docs
@@ -32,7 +33,7 @@ in_venv = @. $(venv)/bin/activate &&
 once_more = { test $$? = 1 && echo "The tests that failed run once more:" && \
 	python -m pytest --last-failed --last-failed-no-failures none; }
 
-.PHONY: demo test lint ament coverage docs bench setup clean
+.PHONY: demo test nightly lint ament coverage docs bench setup clean
 
 demo: setup
 	$(in_venv) linkage-vibration demo $(if $(BAG),--bag "$(BAG)") $(if $(JOINT),--joint "$(JOINT)")
@@ -40,6 +41,10 @@ demo: setup
 # Lint and types are those of the newest versions.
 test: $(if $(ONLY)$(VERSIONS),setup,lint)
 	$(in_venv) { python -m pytest $(if $(ONLY),$(ONLY),$(in_two)) || $(once_more); }
+
+nightly: setup
+	$(in_venv) python -m pytest -m nightly $(if $(ONLY),$(ONLY),$(in_two)) \
+		--junitxml=build/nightly.xml; python tools/write_nightly.py build/nightly.xml "$(ONLY)"
 
 lint: setup
 	$(in_venv) python -m ruff check .
@@ -71,7 +76,7 @@ docs: setup
 # The benchmarks have an environment of their own, with the codes that they compare this package with.
 # CalculiX, npm and Chromium come from apt; a benchmark that lacks one names it.
 bench:
-	@PYTHON="$(PYTHON)" sh tools/setup.sh build/bench$(suffix) bags,plots,test,fe,uff,bench
+	@PYTHON="$(PYTHON)" sh tools/setup.sh build/bench$(suffix) bags,plots,test,uff,bench
 	@. build/bench$(suffix)/bin/activate && python -m benchmark $(ONLY)
 
 setup:

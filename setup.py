@@ -36,13 +36,12 @@ EXTRAS = {
     "can": ["cantools>=39.4.13", "python-can>=4.3.0"],
     # MF4 files of a CAN bus.
     "mf4": ["asammdf", "python-can>=4.3.0"],
-    "fe": ["meshio", "scikit-fem"],
     "uff": ["pyuff"],
     "plots": ["matplotlib>=3.6.3"],
     "xarray": ["pandas", "xarray"],
     "docs": ["furo", "myst-parser", "numpydoc", "sphinx"],
 }
-_USED = ("bags", "can", "mf4", "fe", "uff", "plots", "xarray")
+_USED = ("bags", "can", "mf4", "uff", "plots", "xarray")
 OPTIONAL = [name for extra in _USED for name in EXTRAS[extra]]
 # colcon runs the tests with pytest because the extra "test" names it.
 TEST = [
@@ -60,6 +59,7 @@ TEST = [
     "pytest-timeout",
     "pytest-xdist",
     "ruff",
+    "scikit-fem",
     "types-PyYAML",
     "types-tqdm",
 ]
@@ -72,11 +72,13 @@ BENCH = [
     "gmsh",
     "hypothesis",
     "mcap-ros2-support",
+    "meshio",
     "pyFBS>=1.0.7",
     "pyOMA-2",
     "pyOMA-2>=1.4",
     "pytest",
     "rerun-sdk>=0.41",
+    "scikit-fem",
     "sdynpy",
 ]
 

@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 from benchmark.rates import joining_rates, undamped_slopes
 from benchmark.report import machine, publish, table
-from linkage_vibration.drawing.palette import COLOURS, GREY, INK
+from linkage_vibration.drawing.palette import COLOURS, GREY, INK, PEAK
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 from linkage_vibration.mechanics.description import Spring
@@ -292,9 +292,14 @@ def draw(computed: Sequence[Result]) -> None:
         left.semilogx(line, [row, row], "-", color=COLOURS[i], linewidth=1.0)
         left.plot(line[:1], [row], "o", color=COLOURS[i], markersize=5, markerfacecolor="white")
         left.plot(line[1:], [row], "o", color=COLOURS[i], markersize=5)
-        for j, worst in enumerate(result.share.max(axis=0).tolist()):
-            place = row + 0.03 * (j - 3)
-            right.plot([worst], [place], "o", color=(*COLOURS, GREY, INK)[j], markersize=4)
+    shares = [(result.case, result.share) for result in computed if result.share is not None]
+    for j, (name, marker) in enumerate(zip(QUANTITIES, "osD^vPX", strict=True)):
+        rows, worst = np.arange(len(cases), 0, -1) - 0.11 * (j - 3), np.full(len(cases), math.nan)
+        for case, share in shares:
+            i = cases.index(case)
+            worst[i] = np.fmax(worst[i], share[:, j].max())
+        colour = (*COLOURS, PEAK, INK)[j]
+        right.plot(worst, rows, marker, color=colour, markersize=5, label=name)
     left.set_yticks(range(len(cases), 0, -1), [str(case) for case in cases], fontsize=8)
     for i, tolerance in enumerate(TOLERANCES):
         left.plot([], [], "o-", color=COLOURS[i], label=f"tolerance {tolerance:.0e}")
@@ -303,16 +308,18 @@ def draw(computed: Sequence[Result]) -> None:
     left.set(xlabel="number", xticks=(20, 50, 100, 200), xticklabels=("20", "50", "100", "200"))
     left.minorticks_off()
     left.set_title("What a table costs", loc="left", color=INK)
-    for j, name in enumerate(QUANTITIES):
-        right.plot([], [], "o", color=(*COLOURS, GREY, INK)[j], markersize=4, label=name)
     right.axvline(1.0, color=INK, linewidth=1.0)
     right.axvline(2.0, color=GREY, linewidth=0.8, linestyle="--")
-    right.text(1.98, 0.4, "no angle may exceed this", ha="right", color=GREY, fontsize=8)
+    back = {"color": "white", "pad": 1.0}
+    style = {"ha": "right", "color": GREY, "fontsize": 8, "bbox": back}
+    right.text(1.97, 0.4, "no angle may exceed this", **style)
     right.set(xlim=(0.0, 2.1), ylim=(0.3, len(cases) + 0.7))
-    right.set(xlabel="largest true error / reported error")
+    right.set(xlabel="largest true error / reported error, for the worst tolerance")
     right.set_title("Are the reported errors bounds?", loc="left", color=INK)
+    left.legend(frameon=False, fontsize=8, loc="best")
+    boxed = {"framealpha": 1.0, "edgecolor": "white", "fontsize": 8}
+    right.legend(loc="upper right", bbox_to_anchor=(1.95 / 2.1, 1.0), **boxed)
     for axes in (left, right):
-        axes.legend(frameon=False, fontsize=8, loc="upper right" if axes is right else "best")
         axes.grid(axis="x", color="#e4e4e4", linewidth=0.6)
         axes.spines[["top", "right"]].set_visible(False)
     figure.savefig(PICTURE, dpi=150)

@@ -23,7 +23,7 @@ FloatArray = NDArray[np.float64]
 
 PICTURE = Path(__file__).parents[1] / "docs" / "pictures" / "budget.png"
 NAME = "three_point_linkage_on_tractor"
-QUANTITIES = ("f1", "f2", "f3", "highest peak")
+QUANTITIES = "implement heave", "implement pitch", "lower link bending", "highest peak"
 N_ANGLES = 7
 FINER = 4  # times the elements of the description
 N_HITCH, N_TRACTOR = 3, 3  # modes of the hitch, after those of the tractor
@@ -237,10 +237,10 @@ def main() -> None:
         "budget",
         "Where accuracy is lost",
         [
-            f"This page shows what each cause changes in the natural frequencies f1, f2 and f3 of "
-            f"the hitch and in its highest peak, for `{NAME}`: the largest relative change at "
-            f"{N_ANGLES} angles over the stroke, in order of size. With the tractor, f1 to f3 are "
-            "its modes 4 to 6, and the highest peak is that of the tractor's modes. The dampings "
+            f"This page shows what each cause changes in three natural frequencies of the hitch "
+            f"and in its highest peak, for `{NAME}`: the largest relative change at {N_ANGLES} "
+            "angles over the stroke, in order of size. The highest peak is that of the tractor's "
+            "modes. The dampings "
             "and other numbers are as uncertain as the description says. The row of beams comes "
             "from `benchmark/results/solid_fe.md`, which has no peaks.",
             table(["cause", "compared", *QUANTITIES], rows),

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from benchmark.report import machine, publish, table
 from linkage_vibration.cli.main import main as command
 from linkage_vibration.drawing.palette import INK, mode_colours
-from linkage_vibration.export.expected import NUMBERS, angles_to_test
+from linkage_vibration.export.constants import NUMBERS
 from linkage_vibration.export.exported import Export, export_of
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.playback.replay import replay
@@ -27,7 +27,7 @@ from linkage_vibration.review.log import Log, read_log
 from linkage_vibration.support.resources import DEFAULT_TABLE, PAPER_TABLE, config_file
 from linkage_vibration.table.table import Table, load_table
 from linkage_vibration.table.tabulation import build_table
-from test.support.c_code import EXACT, Library
+from test.support.c_code import EXACT, Library, angles_to_test
 from test.support.fmu import differences, simulate
 
 FloatArray = NDArray[np.float64]

@@ -79,13 +79,7 @@ def main() -> None:
 def replayed(bag: Path, output: Path) -> tuple[float, int, float]:
     """Replay a bag; return the time (s), the number of predictions and the peak memory (MiB)."""
     begin = time.perf_counter()
-    with tqdm(desc="replay", unit="message", unit_scale=True) as bar:
-
-        def show(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
-
-        done = replay([bag], output, PARAMETERS, progress=show)
+    done = replay([bag], output, PARAMETERS)
     took = time.perf_counter() - begin
     [kibibytes] = re.findall(r"VmHWM:\s*(\d+) kB", Path("/proc/self/status").read_text())
     return took, done.predictions, int(kibibytes) / 1024.0

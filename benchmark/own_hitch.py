@@ -178,6 +178,9 @@ def draw_tyres(ax: Axes, model: LinkageModel) -> None:
     )
     ax.fill(*outline.T, color=GREY, alpha=0.2, linewidth=0)
     draw_linkage(ax, model, math.radians(AT))
+    for text in list(ax.texts):  # Names of pins would cover one another at this scale.
+        text.remove()
+    note(ax, "P1", np.zeros(2), 10)
     for mount in base.mounts:
         (x, z), name = mount.at, mount.name.replace("_", " ")
         wave = 0.08 * np.array([0, 0, *[1, -1] * 4, 1, 0, 0])

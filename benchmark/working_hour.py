@@ -23,7 +23,7 @@ from benchmark.force_integration import EVERY, STEP, PinForces, Run, running
 from benchmark.report import RESULTS, machine, publish, table
 from linkage_vibration.bags.log_writer import LogWriter
 from linkage_vibration.bags.message_types import FLOAT64, JOINT_STATE
-from linkage_vibration.drawing.palette import COLOURS, INK, mode_colours
+from linkage_vibration.drawing.palette import COLOURS, INK, PEAK
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.messages.topics import log_topic
 from linkage_vibration.playback.replay import replay
@@ -348,7 +348,7 @@ def loads_table(result: Outcome) -> str:
 def draw(results: dict[str, Outcome], picture: Path) -> None:
     """Draw the load ratios over the hour, with the work and the warnings."""
     figure = Figure(figsize=(11.0, 2.2 * len(results) + 1.0), dpi=100, layout="constrained")
-    colours = "#cccccc", *mode_colours(len(KINDS) - 1)
+    colours = "#cccccc", COLOURS[0], COLOURS[1], COLOURS[2], PEAK, COLOURS[4]
     axes = figure.subplots(len(results), 1, sharex=True, squeeze=False)[:, 0]
     for axis, (fault, result) in zip(axes, results.items(), strict=True):
         minutes = result.drive.times / 60.0
@@ -360,11 +360,13 @@ def draw(results: dict[str, Outcome], picture: Path) -> None:
         axis.plot(minutes, integrated, color=COLOURS[3], lw=2.0, label="integrated")
         axis.plot(minutes, reported, color=INK, lw=0.6, label="reported")
         axis.axhline(result.limit, color=INK, ls="--", lw=0.8, label="limit")
-        axis.fill_between(minutes, 2e-3, 3.0, where=result.warns, color=COLOURS[1], alpha=0.3, lw=0)
+        warned = {"color": COLOURS[1], "alpha": 0.3, "lw": 0, "label": "warning"}
+        axis.fill_between(minutes, 3e-3, 3.0, where=result.warns, **warned)
         axis.set(yscale="log", ylim=(2e-3, 3.0), xlim=(0.0, minutes[-1]), ylabel="load ratio")
-        axis.set_title(fault)
-    axes[-1].set(xlabel="time [min], with the work below and warnings shaded")
-    axes[0].legend(loc="upper right", fontsize=7, ncols=9)
+        axis.yaxis.set_major_formatter("{x:g}")
+        axis.set_title(fault, loc="left")
+    axes[-1].set(xlabel="time [min], with the work in the strip below")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=5)
     figure.savefig(picture)
 
 

@@ -16,9 +16,9 @@ from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
 from test.support.programs import missing_programs
 
-# Times say nothing on a machine that others share.
-settings.register_profile("untimed", deadline=None)
-settings.load_profile("untimed")
+# Times say nothing on a machine that others share. Each run tries other examples.
+settings.register_profile("few", deadline=None, max_examples=40)
+settings.load_profile("few")
 
 collect_ignore = ["ros/launched_node.py"]  # launch_test runs it, which ros/test_launch.py calls
 
@@ -33,6 +33,16 @@ def pytest_pycollect_makemodule(module_path: Path, parent: Any) -> pytest.Module
     if module_path.name == "__init__.py":
         return None
     return pytest.Module.from_parent(parent, path=module_path)
+
+
+COLLECTED = pytest.StashKey[list[pytest.Item]]()
+"""All tests of the modules of this run, also those of the nightly set, which may not run."""
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Keep what was collected, before options choose from it."""
+    config.stash[COLLECTED] = list(items)
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -136,7 +136,7 @@ def test_every_step_is_a_benchmark() -> None:
         assert path.with_suffix(".py").is_file() or (path / "__main__.py").is_file(), step
 
 
-@pytest.mark.nightly
+@pytest.mark.nightly(alone="it installs what only benchmarks need")
 def test_every_benchmark_is_imported_where_make_bench_runs_it(tmp_path: Path) -> None:
     """The environment of ``make bench``, made from a copy of the checkout, imports them all."""
     checkout = tmp_path / "checkout"

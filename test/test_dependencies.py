@@ -77,7 +77,7 @@ for name in [
     DISTRIBUTIONS[name] = (f"ros-{name.replace('_', '-')}", name)
 
 # What a folder needs when it is used: lists of setup.py, and whether package.xml installs it.
-USER = {"bags", "can", "fe", "plots", "ros", "uff", "xarray"}
+USER = {"bags", "can", "plots", "ros", "uff", "xarray"}
 FOLDERS = {
     "linkage_vibration": (USER, "exec_depend"),
     "launch": (USER, "exec_depend"),
@@ -178,7 +178,7 @@ def test_only_public_names_are_imported(folder: str) -> None:
             assert set(names) <= set(public), f"{path} imports {names} of {module}"
 
 
-@pytest.mark.nightly
+@pytest.mark.nightly(alone="it installs old releases")
 @pytest.mark.parametrize("version", ["0.11.0", "0.11.5"])
 def test_bags_are_read_with_the_oldest_rosbags(tmp_path: Path, version: str) -> None:
     """The tests of bags pass with the first release that setup.py allows; pip downloads it."""

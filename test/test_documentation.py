@@ -50,11 +50,12 @@ NOT_RUN = {
     "make bench": "a benchmark takes minutes or hours",
     "make demo": "test/demo plays it",
     "make docs": "test_the_site_can_be_built builds it",
+    "make nightly": "it takes an hour or more",
     "make test": "it runs this test",
-    "pytest": "it runs these tests",
     "pre-commit": "make test runs the same checks",
     "bloom": "releases are made by hand",
     "git": "releases are made by hand",
+    "python -m benchmark.mutants": "it takes hours",
     "python -m build": "releases are made by hand",
     "sed": "releases are made by hand",
     "twine": "releases are made by hand",
@@ -324,6 +325,53 @@ def names_of(code: str) -> tuple[set[str], set[str]]:
     aliases = [a for n in nodes if isinstance(n, ast.Import | ast.ImportFrom) for a in n.names]
     imported = {(alias.asname or alias.name).partition(".")[0] for alias in aliases}
     return imported, {node.id for node in nodes if isinstance(node, ast.Name)}
+
+
+FIGURE = re.compile(r"(?<![\w.-])\d+(?:,\d{3})*(?:\.\d+)?(?:e-?\d+)?(?![\w-])")
+CITED = re.compile(r"\]\((?:\.\./)?((?:benchmark/results/\w+|docs/validation)\.md)")
+
+
+def is_on_page(figure: str, numbers: list[float]) -> bool:
+    """Return whether a number of a page, or a percentage of it, is rounded to a figure."""
+    digits = f".{len(figure.partition('e')[0].replace('.', '')) - 1}e"
+    if "e" not in figure:
+        digits = f".{len(figure.partition('.')[2])}f"
+    wanted = format(float(figure.replace(",", "")), digits)
+    return any(format(factor * each, digits) == wanted for each in numbers for factor in (1, 100))
+
+
+@pytest.mark.parametrize(
+    ("figure", "numbers", "expected"),
+    [
+        ("8", [7.6], True),
+        ("8", [7.4], False),
+        ("0.54", [0.536], True),
+        ("0.54", [0.546], False),
+        ("4.2e-5", [4.23e-5], True),
+        ("4.2e-5", [4.26e-5], False),
+        ("96", [0.9561], True),
+        ("17,306", [17306.0], True),
+    ],
+)
+def test_figures_are_rounded(figure: str, numbers: list[float], expected: bool) -> None:
+    """A figure has the digits that its page rounds to."""
+    assert is_on_page(figure, numbers) == expected
+
+
+def test_quoted_figures_are_those_of_their_pages() -> None:
+    """Each figure of a sentence, or a row, that cites a page of results is on that page."""
+    compared = 0
+    for page in [*PAGES, Path("QUALITY_DECLARATION.md")]:
+        text = re.sub(r"^```.*?^```$", "", (ROOT / page).read_text(), flags=re.M | re.S)
+        for part in re.split(r"\n\n|\n(?=[|-])|(?<=[.:])\s(?=[A-Z[])", text):
+            if cited := CITED.findall(part):
+                plain = re.sub(r"\[[^\]]*\]\([^)]*\)|`[^`]*`|\d{4}-\d\d-\d\d", " ", part)
+                pages = " ".join((ROOT / each).read_text() for each in cited)
+                numbers = [float(each.replace(",", "")) for each in FIGURE.findall(pages)]
+                for figure in FIGURE.findall(plain):
+                    assert is_on_page(figure, numbers), f"{page}: {figure} in {part}"
+                    compared += 1
+    assert compared > 40
 
 
 def test_the_tests_that_are_named_exist() -> None:

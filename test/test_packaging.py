@@ -133,6 +133,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return built
 
 
+@pytest.mark.nightly(alone="it installs a release; the blocks of the docs run in the wheel, too")
 def test_replay_in_a_fresh_environment(wheel: Path, tmp_path: Path) -> None:
     """With ``[bags]`` alone, and without ROS 2, bags can be replayed and checked."""
     subprocess.run([sys.executable, "-m", "venv", tmp_path], check=True)

@@ -155,7 +155,7 @@ def test_figures_are_written(tmp_path: Path, sweeps: SWEEPS) -> None:
     assert len(pictures) == 9
 
 
-@pytest.mark.nightly
+@pytest.mark.nightly(alone="four steps of least squares take minutes")
 def test_freeing_the_upper_link_fits_better() -> None:
     """With its length free, a few steps of least squares meet the frequencies better."""
     none, upper = scan_freed_dimensions(["geometry.P2_E2"], evaluations=4)

@@ -379,7 +379,7 @@ def draw(page: str) -> None:
     upper.set_yticks(range(len(names)), labels)
     upper.set_title("The paper's task: time by method", loc="left", fontsize=15, color=INK)
     upper.set_xlabel("time, in that of the first row (blue: this package)", fontsize=_SIZE)
-    styles = {FAST: (COLOURS[0], "o"), BATCHED: (COLOURS[4], "s"), SDYNPY: (COLOURS[1], "^")}
+    styles = {FAST: (COLOURS[0], "o"), BATCHED: (COLOURS[2], "s"), SDYNPY: (COLOURS[1], "^")}
     ticks: set[float] = set()
     for way, name, *columns in (row for row in rows if len(row) == 6):
         if way == LINKS_GROW and name in styles:
@@ -390,7 +390,7 @@ def draw(page: str) -> None:
             lower.annotate(
                 name,
                 place,
-                (0, -40 if name == FAST else 9),
+                (0, -75 if name == FAST else 9),
                 textcoords="offset points",
                 fontsize=_SIZE,
                 color=colour,

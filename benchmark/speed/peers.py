@@ -226,8 +226,8 @@ def _solids(scene: Scene) -> list[Method]:
     if lacks("gmsh") or shutil.which("ccx") is None:
         return [Method(CALCULIX, "", missing="gmsh or CalculiX (ccx) is not installed")]
     from benchmark.validation.calculix import calculix_frequencies, read_mesh
-    from benchmark.validation.solid_fe import solid_link
     from benchmark.validation.solids import write_mesh
+    from benchmark.validation.substructure import solid_link
 
     mechanism = scene.mechanism
     keep = tempfile.TemporaryDirectory()
@@ -237,7 +237,7 @@ def _solids(scene: Scene) -> list[Method]:
         write_mesh(files[link.name], link)
     meshes = {name: read_mesh(path) for name, path in files.items()}
     links = tuple(
-        solid_link(link, files[link.name], mechanism.rotations(link.name))
+        solid_link(link, meshes[link.name], mechanism.rotations(link.name))
         for link in mechanism.links
     )
     model = LinkageModel(replace(mechanism, links=links), kinematics=scene.kinematics)

@@ -22,10 +22,10 @@ _TABLES = INTERPOLATED[0]
 # the marker, the index of the point that has the text, and its distance from there in points.
 _Line = tuple[str, str, str, int, tuple[int, int]]
 _FRFS_LINES: dict[str, _Line] = {
-    coupled.NO_RESIDUAL: ("without residual", SKY, "v", -1, (-38, -15)),
-    coupled.FAR_POLES: ("far poles (this package)", BLUE, "D", -1, (-60, -20)),
+    coupled.NO_RESIDUAL: ("without\nresidual", SKY, "v", -1, (-33, -24)),
+    coupled.FAR_POLES: ("far poles (this package)", BLUE, "D", -1, (-120, -18)),
     coupled.BATCHED: ("LM-FBS,\nbatched", AMBER, "o", 0, (8, -8)),
-    peers.SDYNPY_MODES: ("SDynPy\nby modes", PURPLE, "<", -1, (8, -4)),
+    peers.SDYNPY_MODES: ("SDynPy,\nmodes", GREY, "<", -1, (8, -4)),
     coupled.AS_WRITTEN: ("LM-FBS,\neq. 19", GREEN, "o", -1, (-58, 2)),
     peers.PYFBS: ("pyFBS", RED, "d", -1, (-18, -16)),
     peers.SDYNPY_FRF: ("SDynPy by FRFs", PURPLE, ">", -1, (8, -14)),
@@ -38,9 +38,9 @@ _PANELS: dict[str, tuple[str, str, dict[str, _Line]]] = {
         {
             coupled.ALL_MODES: ("null space (this package)", BLUE, "o", -1, (10, -2)),
             coupled.REDUCED_MESH: ("the same,\ncoarser mesh", GREEN, "o", 0, (12, -8)),
-            peers.SDYNPY_MODES: ("SDynPy", PURPLE, "<", 2, (10, -4)),
+            peers.SDYNPY_MODES: ("SDynPy", GREY, "<", 2, (10, -4)),
             assembled.FAMILY: ("unreduced, sparse", INK, "s", 1, (8, 4)),
-            peers.EXUDYN: ("Exudyn", RED, "P", 2, (6, 8)),
+            peers.EXUDYN: ("Exudyn", RED, "P", -1, (-62, -18)),
         },
     ),
     FRFS: ("Eleven FRFs on 2001 lines at another angle", "relative L2 error", _FRFS_LINES),
@@ -117,4 +117,8 @@ def _draw_line(axes: Axes, points: Sequence[Point], unit: float, style: _Line) -
     if points[0].family in _COUNTED:
         for p, cost, error in zip(points, costs, errors, strict=True):
             number = p.setting.split()[0]
-            axes.annotate(number, (cost, error), xytext=(-5, -4), fontsize=10, ha="right", **place)
+            # Another line would cross a number on the left of these.
+            beside: dict[str, Any] = {"xytext": (-5, -4), "ha": "right"}
+            if p.family == peers.EXUDYN or p.part == FRFS:
+                beside = {"xytext": (4, 5), "ha": "left"}
+            axes.annotate(number, (cost, error), fontsize=10, **beside, **place)

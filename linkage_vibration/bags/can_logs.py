@@ -1,12 +1,9 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Reads logs of a CAN bus as bags through python-can.
+"""Reads logs of a CAN bus as bags through python-can, with a topic for each channel.
 
-They are texts of candump, BusMaster, and GVRET or SavvyCAN, ASC and BLF of Vector, TRC of PEAK, and
-MF4.
-
-Each channel is a topic of type ``can_msgs/msg/Frame``. The frames of a log are kept in memory, 22
-bytes for each, because a log has no index and need not be in the order of its times.
+The frames of a log are kept in memory, 22 bytes for each, because a log has no index and need not
+be in the order of its times.
 """
 
 import gzip
@@ -26,7 +23,7 @@ from numpy.typing import NDArray
 from linkage_vibration.bags.message_types import CAN_FRAME
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.support.missing_library import needed
-from linkage_vibration.support.progress import byte_bar
+from linkage_vibration.support.progress import shown_bar
 from linkage_vibration.support.version import check_versions
 
 if TYPE_CHECKING:
@@ -132,7 +129,7 @@ def read_can_log(path: Path) -> CanLog:
     """Read a log; damage may raise any exception, such as a `CanLogError`."""
     check_versions("python-can")
     suffix = can_log_suffix(path)
-    with path.open("rb") as raw, byte_bar(path, path.stat().st_size) as bar:
+    with path.open("rb") as raw, shown_bar(path, path.stat().st_size) as bar:
         file: Any = gzip.GzipFile(fileobj=raw) if path.suffix.lower() == ".gz" else raw
         lines = _Lines(file, suffix)
         rows = _rows(file, suffix, lines)
@@ -226,6 +223,9 @@ def _rows(file: BinaryIO, suffix: str, lines: "_Lines") -> Iterator[_Row]:
             message.timestamp += ahead
             yield _row(message)
     elif suffix == ".mf4":
+        if not file.read(8).startswith((b"MDF", b"UnFinMF")):
+            raise CanLogError("does not begin like an MF4 file; give another file.")
+        file.seek(0)
         try:
             yield from map(_row, can.MF4Reader(file))
         except NotImplementedError:
@@ -327,6 +327,8 @@ class _Lines(io.TextIOBase):
             except UnicodeDecodeError:
                 line = content.decode("cp1252", errors="replace")
             self.number, self.last = self.number + 1, line.strip()
+            if "\0" in line:
+                raise ValueError("a null character")
             if self._suffix not in (".asc", ".trc"):
                 line = self._as_candump(line.strip())
         if self._suffix == ".asc" and self.begins and not _ASC_HEADER.match(line):

@@ -2,12 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Finds values in messages in plain CDR, in one of them or in thousands together.
 
-Messages of one publisher differ mostly in their numbers. So one of them is parsed, and its layout
-is kept: where its values are, and the bytes (lengths and texts) on which that depends. Every other
-message with these bytes has its values at the same places.
-
-Own code because rosbags takes 12 times as long to read and decode a joint state (`python -m
-benchmark.libraries`), and rclpy 30 us, a third of a live prediction.
+One message is parsed, and its layout is kept: where its values are, and the bytes (lengths and
+texts) on which that depends. Every other message with these bytes has its values at the same
+places. Own code because rosbags takes 12 times as long (`python -m benchmark.libraries`).
 """
 
 import struct

@@ -13,7 +13,7 @@ import numpy as np
 from linkage_vibration.bags.can_frames import EXTENDED, FLAGS, PAYLOAD
 from linkage_vibration.bags.can_signals import Bits, CanSignal, j1939_key
 from linkage_vibration.bags.schemas import FieldError
-from linkage_vibration.support.atomic_files import refuse_pipe
+from linkage_vibration.support.atomic_files import read_text
 from linkage_vibration.support.missing_library import needed
 from linkage_vibration.support.version import check_versions
 
@@ -71,10 +71,9 @@ def _load(path: Path, changed: int) -> "Database":
     with needed("can", f"Reading {path} needs cantools", DbcError):
         from cantools.database.can import Database
     try:
-        refuse_pipe(path)
         # Other messages than ours may overlap themselves; ours is checked by itself.
         database = Database(strict=False)
-        database.add_dbc_string(_text(path.read_bytes()))
+        database.add_dbc_string(_text(path))
     except OSError as error:
         raise DbcError(f"{path} cannot be opened: {error.strerror}; check the path.") from None
     # cantools raises errors of its own, of its parser and of Python for a file that is not DBC.
@@ -84,12 +83,12 @@ def _load(path: Path, changed: int) -> "Database":
     return database
 
 
-def _text(content: bytes) -> str:
-    """Return the text of a file in UTF-8 or, as DBC files mostly are, in the Windows code page."""
+def _text(path: Path) -> str:
+    """Return the text of a file in UTF-8 or, as DBC files mostly are, in a code page of Windows."""
     try:
-        return content.decode("utf-8-sig")
+        return read_text(path, "utf-8-sig")
     except UnicodeDecodeError:
-        return content.decode("cp1252", errors="replace")
+        return read_text(path, "latin-1")  # cp1252 is the same, but for signs that DBC files lack
 
 
 def _choose(path: Path, what: str, name: str, among: Sequence[Named]) -> Named:

@@ -32,7 +32,7 @@ from linkage_vibration.bags.mcap_bag import McapBag, read_mcap
 from linkage_vibration.bags.mcap_records import MAGIC
 from linkage_vibration.bags.recovery import JoinedError, repair
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.support.atomic_files import refuse_pipe
+from linkage_vibration.support.atomic_files import read_text, refuse_pipe
 from linkage_vibration.support.commands import command
 from linkage_vibration.support.missing_library import needed
 from linkage_vibration.support.progress import read_with_bar
@@ -115,8 +115,7 @@ def _metadata(path: Path) -> dict[str, Any]:
     if not path.exists():
         return {"relative_file_paths": []}
     try:
-        refuse_pipe(path)
-        text = path.read_text("utf-8")
+        text = read_text(path)
         root = yaml.compose(text, yaml.SafeLoader)
         if root is not None:
             refuse_unbounded(root)

@@ -2,11 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Saves the readable part of an incomplete or damaged MCAP file.
 
-Own code because the reader of mcap stops at the first damaged record, and so loses half of a file
-of which this saves 87 % (`python -m benchmark.libraries`). An MCAP file is a magic number and
-records, each with an opcode, a length and a content. Behind damage, reading continues at the next
-record that nothing else looks like: a chunk, the index of its messages, the end of the data, or the
-beginning of another file. The summary is read first, as it may have the only intact definitions.
+Own code because the reader of mcap stops at the first damaged record (`python -m
+benchmark.libraries`). Behind damage, reading continues at the next record that nothing else looks
+like: a chunk, its index, the end of the data, or the beginning of another file.
 """
 
 import errno
@@ -42,7 +40,7 @@ from linkage_vibration.bags.mcap_records import (
 from linkage_vibration.bags.writing import ROSBAG2_METADATA, rosbag2_metadata
 from linkage_vibration.errors import LinkageVibrationError, printable
 from linkage_vibration.support.atomic_files import refuse_pipe, replacement
-from linkage_vibration.support.progress import byte_bar
+from linkage_vibration.support.progress import shown_bar
 
 RECOVERY_METADATA = "linkage_vibration.recovery"  # the name of a record
 
@@ -122,7 +120,7 @@ def recover(source: Path, output: Path) -> Recovery:
         file = source.open("rb", buffering=0)
     except OSError as error:
         raise RecoveryError(f"{source} cannot be read: {error.strerror}; give a file.") from None
-    bar = byte_bar(source, source.stat().st_size)
+    bar = shown_bar(source, source.stat().st_size)
     with (
         file,
         bar as shown,
@@ -234,7 +232,7 @@ class _Rescue:
 
     def scan(self) -> None:
         """Save everything that is readable."""
-        self._read_summary()
+        self._read_summary()  # first, as it may have the only intact definitions
         self._read_records()
         if not (self._file or self.definitions):
             remedy = repair(self.source.path) or "give an MCAP file"

@@ -2,10 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads topics of bags as columns, thousands of messages at a time, in the order of log times.
 
-Own code because rosbags takes 3 times and mcap 13 times as long for a message, and 12 and 25 times
-for a decoded joint state, and a replay reads hours (`python -m benchmark.libraries`). Chunks of
-MCAP are parsed as a whole; other bags are read by rosbags. One chunk of each file, and the chunks
-that overlap it, are in memory at a time.
+Chunks of MCAP are parsed as a whole, because rosbags takes 3 times and mcap 13 times as long
+(`python -m benchmark.libraries`); other bags are read by rosbags. One chunk of each file, and the
+chunks that overlap it, are in memory at a time.
 """
 
 import heapq
@@ -77,16 +76,9 @@ class BagTopic:
 
 
 class Bags:
-    """Open bags that are read as one.
+    """Open bags that are read as one; a topic with several types occurs once for each.
 
-    Attributes
-    ----------
-    paths : tuple of Path
-        The bags.
-    topics : tuple of BagTopic
-        Their topics; one with several types occurs once for each.
-    bad_lines, fault : int and str
-        How many lines of logs of a CAN bus were left out, and what is wrong with the first.
+    So many ``bad_lines`` of logs of a CAN bus were left out, the first for a ``fault``.
     """
 
     def __init__(self, paths: Sequence[Path], files: Sequence[BagFile]) -> None:
@@ -105,9 +97,8 @@ class Bags:
     def defined(self, name: str) -> tuple[str, str, Schema] | None:
         """Return the definition of a topic's type as an MCAP schema, its hash, and its fields.
 
-        The hash is that of RIHS01 (REP 2016). Types of ROS 1 are converted to ROS 2, as the
-        messages are. The result is None if the bags do not define the type. A `BagError` is raised
-        if they define it in several ways.
+        The hash is that of RIHS01 (REP 2016). The result is None if the bags do not define the
+        type. A `BagError` is raised if they define it in several ways.
         """
         definitions: list[tuple[str, str, Schema]] = []
         files: list[Path] = []

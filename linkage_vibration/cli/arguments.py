@@ -154,13 +154,11 @@ def warn(text: str) -> None:
 
 
 def read_table(settings: "Parameters") -> "LoadedModel":
-    """Return the mechanism and its table; one that is built, with a bar, is kept for later."""
+    """Return the mechanism and its table; one that is built is kept for later."""
     from linkage_vibration.prediction.level_cache import kept_table
     from linkage_vibration.readers.served import read_served
-    from linkage_vibration.support.progress import table_bar
 
-    with table_bar("table") as building:
-        return read_served(settings, warn, building, kept_table)
+    return read_served(settings, warn, keep=kept_table)
 
 
 def read_levels(settings: "Parameters") -> "tuple[LoadedModel, Sequence[Excitation], LevelTable]":

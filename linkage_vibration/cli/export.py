@@ -20,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add = parser.add_argument
     add("table", nargs="?", type=Path, help="table to export (default: the shipped one)")
-    text = "folder for a header, a source file in C99 and a test; it is created if it is missing"
+    text = "folder for a header and a source file in C99; it is created if it is missing"
     add("--c", type=Path, metavar="DIR", help=text)
     text = "FMU to write, for co-simulation and model exchange by FMI 2.0"
     add("--fmu", type=Path, metavar="FILE", help=text)
@@ -70,13 +70,13 @@ def run(options: argparse.Namespace) -> int:
 
 def _files(options: argparse.Namespace, export: "Export") -> dict[Path, bytes]:
     """Return the contents of the files to write."""
-    from linkage_vibration.export.c_source import c_files
+    from linkage_vibration.export.c_source import c_sources
     from linkage_vibration.export.fmu import fmu_bytes
 
     contents = dict[Path, bytes]()
     if options.c is not None:
         _refuse_another_table(options.c / f"{options.name}.h", export.table.table_id)
-        texts = c_files(export)
+        texts = c_sources(export)
         contents |= {options.c / name: text.encode() for name, text in texts.items()}
     if options.fmu is not None:
         contents[options.fmu] = fmu_bytes(export, compiled=not options.source_only)

@@ -31,12 +31,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Replay the bags into one log and print a summary; return the exit code."""
-    from tqdm import tqdm
-
     from linkage_vibration.playback.remapping import remappings
     from linkage_vibration.playback.replay import WhatIf, problems, replay, replay_summary
     from linkage_vibration.support.atomic_files import check_output
-    from linkage_vibration.support.progress import table_bar
 
     inputs = [*options.bags, *filter(None, [options.params_file])]
     check_output(options.output, ".mcap", inputs)
@@ -47,15 +44,7 @@ def run(options: argparse.Namespace) -> int:
     what_if = WhatIf(options.implement_mass, options.implement_inertia)
     if what_if != WhatIf() or settings.table_path() is None:
         print("The table of this mechanism is built first.")
-    messages = tqdm(disable=None, unit=" messages", unit_scale=True, delay=1.0, position=0)
-    with messages as bar, table_bar("table") as building:
-
-        def show(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
-
-        remaps = remappings(options.remap)
-        done = replay(options.bags, options.output, settings, remaps, what_if, show, building)
+    done = replay(options.bags, options.output, settings, remappings(options.remap), what_if)
     print(f"{options.output}: {printable(replay_summary(done))}")
     code = exit_code(problems(done), options.strict)
     return code if done.with_numbers else INCOMPLETE

@@ -119,13 +119,12 @@ def _outputs(
 def _write(log: "Log", page: Path | None, options: argparse.Namespace) -> list[Path]:
     """Write the page, the table and the picture of a log that were asked for; return the files."""
     from linkage_vibration.drawing.plots import png_bytes
-    from linkage_vibration.review.html import page_parts
     from linkage_vibration.review.log import ReviewError, csv_text
     from linkage_vibration.review.picture import plot
-    from linkage_vibration.review.review_page import review_page
+    from linkage_vibration.review.review_page import page_of
     from linkage_vibration.support.atomic_files import write_files
 
-    files: dict[Path, Iterable[bytes]] = {page: page_parts(review_page(log))} if page else {}
+    files: dict[Path, Iterable[bytes]] = {page: page_of(log)} if page else {}
     if options.csv:
         files[options.csv] = [csv_text(log).encode()]
     if options.png:

@@ -28,6 +28,7 @@ class Outline:
     joints: FloatArray  # moving pins
     ground: FloatArray  # pins on the ground
     centres: FloatArray  # centres of gravity
+    names: tuple[str, ...]  # of the moving pins, then of those on the ground
 
 
 def scene(model: LinkageModel, configuration: Configuration) -> Outline:
@@ -39,7 +40,8 @@ def scene(model: LinkageModel, configuration: Configuration) -> Outline:
     joints = [place(body, mechanism.local_points(body)[point]) for point, body in pins.items()]
     centres = [place(body.name, body.centre_of_gravity) for body in mechanism.rigid]
     bodies = curves(model, configuration)
-    return Outline(bodies, _rows(joints), _rows(list(ground.values())), _rows(centres))
+    names = (*pins, *ground)
+    return Outline(bodies, _rows(joints), _rows(list(ground.values())), _rows(centres), names)
 
 
 def curves(model: LinkageModel, configuration: Configuration) -> Curves:

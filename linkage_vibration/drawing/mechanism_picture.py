@@ -4,13 +4,13 @@
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from linkage_vibration.drawing import palette
-from linkage_vibration.drawing.plots import draw_bands, frequency_axis, name_modes, plain, tidy
-from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
+from linkage_vibration.drawing.plots import draw_bands, frequency_axis, name_modes, tidy
+from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.levels import LevelTable
@@ -43,17 +43,24 @@ def draw_mechanism(
     from matplotlib.figure import Figure
 
     sources = [source for source in SPEEDS if any(each.source is source for each in excitations)]
-    figure = Figure(figsize=(11.0, 3.6 * (1 + len(sources))), dpi=110, layout="constrained")
-    rows = figure.subfigures(1 + len(sources), 1, squeeze=False)[:, 0]
+    n_panels = 1 + 2 * len(sources)
+    # One panel below the other, so that the texts are legible on a phone.
+    figure = Figure(figsize=(6.0, 3.4 * n_panels), dpi=110, layout="constrained")
+    rows = figure.subfigures(n_panels, squeeze=False)[:, 0]  # Each has a layout of its own.
+    first, *panels = (row.subplots() for row in rows)
     angles = np.linspace(*ends, _ANGLES)
     predictions = predict_many(predictor, angles, np.zeros(_ANGLES))
-    draw_modes(rows[0].subplots(), predictor.table.mode_names, predictions)
+    draw_modes(first, predictor.table.mode_names, predictions)
+    maps = [_load_ratios(source, levels, excitations, ends) for source in sources]
+    top = max(limit, *(float(np.nanmax(each, initial=0.0)) for each in maps), 0.0)
     sentences = []
-    for row, source in zip(rows[1:], sources, strict=True):
-        left, right = row.subplots(1, 2)
+    for i, source in enumerate(sources):
         orders = [each for each in excitations if each.source is source and not each.terrain]
-        _draw_orders(left, source, orders, predictions)
-        sentences.append(_draw_loads(right, source, levels, excitations, limit, ends))
+        _draw_orders(panels[2 * i], source, orders, predictions)
+        silent = [each.name for each in orders if not each.load]
+        sentences.append(
+            _draw_loads(panels[2 * i + 1], source, maps[i], silent, (limit, top), ends)
+        )
     return figure, sentences
 
 
@@ -84,15 +91,13 @@ def _draw_orders(
             ax.axhspan(*ends, color=colour, alpha=0.3, linewidth=1.0)
     frequency_axis(ax, frequencies)
     speeds, (bottom, top) = np.linspace(low, high, 181), ax.get_ylim()
-    for i, order in enumerate(sorted(orders, key=lambda order: order.ratio)):
+    named = list[tuple[str, float]]()
+    for order in orders:
         lines = order.ratio * unit * speeds
         ax.plot(speeds, lines, color=palette.INK, linewidth=1.0)
-        shown = np.flatnonzero((lines > bottom) & (lines < top))
-        if len(shown):
-            at = shown[int(len(shown) * (i + 0.5) / len(orders))]  # so that no two names overlap
-            back = {"boxstyle": "round,pad=0.1", "color": "white", "alpha": 0.8}
-            place = float(speeds[at]), float(lines[at])
-            ax.annotate(plain(order.name), place, ha="center", va="center", fontsize=8, bbox=back)
+        if (shown := lines[(lines > bottom) & (lines < top)]).size:
+            named.append((order.name, float(shown[-1])))
+    name_modes(ax, np.empty(0), (), named, fontsize=10)
     ax.set(xlabel=label, xlim=(low, high))
     ax.set_title("Orders, and the range of each mode", loc="left")
     tidy(ax)
@@ -101,28 +106,30 @@ def _draw_orders(
 def _draw_loads(
     ax: "Axes",
     source: Source,
-    levels: LevelTable,
-    excitations: Sequence[Excitation],
-    limit: float,
+    ratios: FloatArray,
+    silent: Sequence[str],
+    scale: tuple[float, float],
     ends: tuple[float, float],
 ) -> str:
-    """Draw the load ratio by one source over height and speed; return where it is largest."""
-    silent = [e.name for e in excitations if e.source is source and not (e.load or e.terrain)]
-    label, low, high, unit = SPEEDS[source]
-    angles = np.linspace(*ends, _MAP[0])
-    speeds = np.linspace(low, high, _MAP[1])
-    loaded = np.array([each.source is source and bool(each.load) for each in excitations])
-    ratios = _load_ratios(source, levels, angles, unit * speeds, loaded)
+    """Draw the load ratio by one source over height and speed; return where it is largest.
+
+    The scale is the limit and the largest value of the colour bar, which all sources share.
+    """
+    (label, low, high, _), (limit, top) = SPEEDS[source], scale
+    angles, speeds = np.linspace(*ends, _MAP[0]), np.linspace(low, high, _MAP[1])
     degrees, name = np.degrees(angles), label.split(" speed")[0]
     ax.set(xlabel=label, ylabel="crank angle α₃ [deg]", facecolor=palette.GAP_SHADE)
     part = "A part of the load ratio" if silent else "Load ratio"
-    ax.set_title(f"{part} by this source alone (grey: not known)", loc="left")
+    unknown = " (grey: not known)" if np.isnan(ratios).any() else ""
+    ax.set_title(f"{part} by the {name} alone{unknown}", loc="left")
     if not np.isfinite(ratios).any():
         ax.set(xlim=(low, high), ylim=(degrees[0], degrees[-1]))
         return f"The load ratio by the {name} is not known: no amplitude, or no force at rest."
-    drawn = ax.pcolormesh(speeds, degrees, ratios, cmap="cividis", vmin=0.0, shading="nearest")
+    style: dict[str, Any] = {"cmap": "cividis", "vmin": 0.0, "vmax": top, "shading": "nearest"}
+    drawn = ax.pcolormesh(speeds, degrees, ratios, **style)
     assert ax.figure is not None
-    ax.figure.colorbar(drawn, ax=ax)
+    bar = ax.figure.colorbar(drawn, ax=ax, label=f"load ratio (red: limit {limit:g})")
+    bar.ax.axhline(limit, color=palette.ABOVE, linewidth=2.5)
     i, j = np.unravel_index(np.nanargmax(ratios), ratios.shape)
     unit_name = label.partition("[")[2][:-1]
     text = (
@@ -134,8 +141,7 @@ def _draw_loads(
     above = np.isfinite(ratios) & (ratios > limit)
     if not above.any():
         return f"{text}, which is not above the limit of {limit:g}."
-    lines = ax.contour(speeds, degrees, ratios, [limit], colors="white", linewidths=1.5)
-    ax.clabel(lines, fmt=f"{limit:g}", fontsize=9)
+    ax.contour(speeds, degrees, ratios, [limit], colors=palette.ABOVE, linewidths=2.0)
     avoided = degrees[above.any(axis=1)], speeds[above.any(axis=0)]
     (first, last), (slow, fast) = ((values[0], values[-1]) for values in avoided)
     return (
@@ -145,12 +151,12 @@ def _draw_loads(
 
 
 def _load_ratios(
-    source: Source, levels: LevelTable, angles: FloatArray, speeds: FloatArray, loaded: BoolArray
+    source: Source, levels: LevelTable, excitations: Sequence[Excitation], ends: tuple[float, float]
 ) -> FloatArray:
-    """Return the load ratios by one source, (n_angles, n_speeds), NaN where a part is not known.
-
-    Speeds are in rpm or m/s; loaded, (n_excitations,), are its orders with an amplitude.
-    """
+    """Return the load ratios by one source, (n_angles, n_speeds), NaN where a part is not known."""
+    _, low, high, unit = SPEEDS[source]
+    angles, speeds = np.linspace(*ends, _MAP[0]), unit * np.linspace(low, high, _MAP[1])
+    loaded = np.array([each.source is source and bool(each.load) for each in excitations])
     every = np.full((len(Source), len(speeds)), math.nan)
     every[source.place] = speeds
     results = levels.at_all_pairs(angles, every)

@@ -116,20 +116,28 @@ def frequency_axis(ax: "Axes", frequencies: FloatArray) -> None:
 
 
 def name_modes(
-    ax: "Axes", ends: FloatArray, names: Sequence[str], *, least: float = 0.06, fontsize: int = 12
+    ax: "Axes",
+    ends: FloatArray,
+    names: Sequence[str],
+    orders: Sequence[tuple[str, float]] = (),
+    *,
+    least: float = 0.06,
+    fontsize: int = 12,
 ) -> None:
-    """Write the names of modes at the right of where their curves end, Hz, (n_modes,).
+    """Write the names of modes, and of orders, on the right where their curves end, Hz, (n_modes,).
 
     Names are apart by at least a share of the height. A mode that ends with NaN has none.
     """
     low, high = np.log(ax.get_ylim())
+    n_modes, ends = len(names), np.append(ends, [end for _, end in orders])
+    names = [*(name or f"mode {i + 1}" for i, name in enumerate(names)), *(n for n, _ in orders)]
     finite = np.flatnonzero(np.isfinite(ends))
     heights = spread((np.log(ends[finite]) - low) / (high - low), least)
-    colours = palette.mode_colours(len(names))
+    colours = [*palette.mode_colours(n_modes), *[palette.INK] * len(orders)]
     for i, height in zip(finite.tolist(), heights.tolist(), strict=True):
         style: dict[str, Any] = {"color": colours[i], "fontsize": fontsize, "va": "center"}
-        name = plain(names[i] or f"mode {i + 1}")
-        ax.text(1.01, height, name, transform=ax.transAxes, fontweight="bold", **style)
+        style["fontweight"] = "bold" if i < n_modes else "normal"
+        ax.text(1.01, height, plain(names[i]), transform=ax.transAxes, **style)
 
 
 def spread(heights: FloatArray, least: float) -> FloatArray:

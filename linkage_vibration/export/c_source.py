@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Writes the numbers of a table into templates, as one C header, one source file and a test."""
+"""Writes the numbers of a table into templates, as one C header and one source file."""
 
 import math
 import re
@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkage_vibration.export.constants import FARTHEST, Constants
-from linkage_vibration.export.expected import Comparison, expected_levels, expected_predictions
 from linkage_vibration.export.exported import Export
 from linkage_vibration.export.orders import ForceConstants, OrderConstants
 from linkage_vibration.messages.fields import message_constants, message_fields
@@ -24,12 +23,6 @@ from linkage_vibration.support.version import VERSION
 
 _TEMPLATES = Path(__file__).with_name("templates")
 _WIDTH = 96  # characters of a line
-
-
-def c_files(export: Export) -> dict[str, str]:
-    """Return the header, the source and the test by their names."""
-    test = {f"{export.name}_test.c": filled("test.c.in", _test_values(export))}
-    return c_sources(export) | test
 
 
 def c_sources(export: Export) -> dict[str, str]:
@@ -83,11 +76,6 @@ def existing_table(header: str) -> str:
     return match[1] if match else ""
 
 
-def _common_values(export: Export) -> dict[str, str]:
-    """Return what stands for each name in all templates."""
-    return {"prefix": export.name, "PREFIX": export.name.upper()}
-
-
 def _values(export: Export) -> dict[str, str]:
     """Return what stands for each name in the templates of header and source."""
     constants, prefix, table = export.constants, export.name, export.table
@@ -98,7 +86,8 @@ def _values(export: Export) -> dict[str, str]:
     values = {
         **{field.name: comment(field.comment) for field in fields},
         **_numbers(constants),
-        **_common_values(export),
+        "prefix": prefix,
+        "PREFIX": prefix.upper(),
         "version": VERSION,
         "title": comment(
             f"Vibration of {table.mechanism_name}: natural frequencies at any crank angle."
@@ -214,30 +203,3 @@ def _order_values(orders: OrderConstants) -> dict[str, str]:
         "back": back,
         "highest_omega": literal(2.0 * math.pi * orders.highest_frequency),
     }
-
-
-def _test_values(export: Export) -> dict[str, str]:
-    """Return what stands for each name in the template of the test."""
-    orders = export.constants.orders
-    predictions, statuses = expected_predictions(export)
-    values = _common_values(export) | {
-        "count": str(len(statuses)),
-        "statuses": _wrapped(map(str, statuses)),
-        **_comparison(predictions, ("angles", "expected", "allowed")),
-        **dict.fromkeys(("orders_test", "orders_calls", "assess_too"), ""),
-    }
-    if orders is not None:
-        levels = expected_levels(export, predictions.given[:, 0])
-        values |= _comparison(levels, ("cases", "levels", "allowed_levels"))
-        values |= {
-            "assessed": str(len(levels.given)),
-            "orders_calls": "    assess_all();\n",
-            "assess_too": f" and {export.name}_assess",
-        }
-        values["orders_test"] = filled("orders_test.c.in", values)
-    return values
-
-
-def _comparison(comparison: Comparison, names: tuple[str, str, str]) -> dict[str, str]:
-    """Return the rows of a comparison in C, by names."""
-    return {name: _rows(rows) for name, rows in zip(names, comparison, strict=True)}

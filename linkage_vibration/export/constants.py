@@ -16,6 +16,16 @@ from linkage_vibration.table.table import Table, widened
 FARTHEST = 1e6
 """A larger angle, rad, is too coarse to remove whole turns."""
 
+PER_MODE = (
+    "natural_frequencies",
+    "frequency_stddevs",
+    "damping_ratios",
+    "damping_ratio_stddevs",
+    "frequency_slopes",
+)
+NUMBERS = (*PER_MODE, "frf_peak_frequency", "frf_peak_magnitude", "interpolation_error")
+"""The numbers of a prediction beside the status, in their order in C."""
+
 _MOST_GAPS = 1e-3  # of the range
 
 

@@ -10,7 +10,7 @@ from linkage_vibration.export.constants import Constants, ExportError, constants
 from linkage_vibration.export.orders import orders_of
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.prediction.excitation import Excitation
-from linkage_vibration.prediction.levels import LevelTable, kept_levels
+from linkage_vibration.prediction.levels import kept_levels
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.table.table import Table
 
@@ -32,7 +32,6 @@ class Export:
     name: str  # begins the names of files and of everything in C
     table: Table
     constants: Constants
-    levels: LevelTable | None = None  # the node's, for the generated test
 
     @property
     def mode_labels(self) -> list[str]:
@@ -63,8 +62,8 @@ def export_of(
             f"{name!r} cannot begin names in C; give up to 20 lower-case letters, digits and "
             "underscores, of which the first is a letter."
         )
-    levels = orders = None
+    orders = None
     if mechanism is not None and excitations:
         levels = kept_levels(Predictor(table), mechanism, excitations)
         orders = orders_of(table, levels, excitations)
-    return Export(name, table, constants_of(table, orders), levels)
+    return Export(name, table, constants_of(table, orders))

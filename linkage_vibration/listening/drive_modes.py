@@ -105,11 +105,13 @@ def search_modes(
     if wheelbase(mechanism) and not any(each.terrain for each in excitations):
         excitations = *excitations, _GROUND
     speeds = {source: np.abs(speed) for source, speed in speeds.items()}  # also in reverse
-    drive = _Drive(table, mechanism, times, signals, tuple(places), angle, predicted)
+    drive = _Drive(
+        *(table, mechanism, times, signals, places, angle, predicted, speeds, excitations, damped)
+    )
     modes: list[DriveMode] = []
     for segments in find_segments(times, angle):
         yield
-        modes += yield from _at_height(drive, segments, speeds, excitations, damped)
+        modes += yield from _at_height(drive, segments)
     return tuple(modes)
 
 
@@ -179,46 +181,47 @@ def why_no_modes(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Drive:
-    """The arguments of `search_modes`, and the predicted frequencies."""
+    """The arguments of `search_modes`, with positive speeds, and the predicted frequencies."""
 
     table: Table
     mechanism: Mechanism
     times: FloatArray
     signals: FloatArray
-    places: tuple[Place, ...]
+    places: Sequence[Place]
     angle: FloatArray
     predicted: FloatArray  # (n, n_modes), Hz
+    speeds: Mapping[Source, FloatArray]
+    excitations: Sequence[Excitation]
+    damped: bool
+
+    @property
+    def rate(self) -> float:
+        """The rate of the signals, Hz."""
+        return 1.0 / float(self.times[1] - self.times[0])
 
 
-def _at_height(
-    drive: _Drive,
-    segments: Sequence[slice],
-    speeds: dict[Source, FloatArray],
-    excitations: Sequence[Excitation],
-    damped: bool,
-) -> PausableTask[list[DriveMode]]:
+def _at_height(drive: _Drive, segments: Sequence[slice]) -> PausableTask[list[DriveMode]]:
     """Return the modes that segments at one height show."""
     table, rows = drive.table, np.concatenate([np.r_[each] for each in segments])
     alpha3 = float(drive.angle[rows].mean())
-    ground = speeds.get(Source.GROUND, np.zeros(len(drive.times)))[rows]
-    rolls = bool((ground > _STANDS).any())
-    slowest = float(np.quantile(ground[ground > _STANDS], 0.05)) if rolls else math.inf
+    ground = drive.speeds.get(Source.GROUND, np.zeros(len(drive.times)))[rows]
+    rolling = ground[ground > _STANDS]
+    slowest = float(np.quantile(rolling, 0.05)) if len(rolling) else math.inf
     shapes = model_shapes(table, alpha3, drive.places)
     means = drive.predicted[rows].mean(axis=0)
     slopes, deviations = table.slopes(alpha3), table.parameter_deviations(alpha3)
     ratios = table.evaluate(np.array([alpha3]))[0, table.n_modes : 2 * table.n_modes]
-    given = 1.0 / float(drive.times[1] - drive.times[0])
     modes = []
-    for mode in np.flatnonzero((means > _LOWEST) & (means < _HIGHEST * given)).tolist():
+    for mode in np.flatnonzero((means > _LOWEST) & (means < _HIGHEST * drive.rate)).tolist():
         mean = float(np.mean([drive.predicted[part, mode].mean() for part in segments]))
         too_damped = damping_doubt(float(ratios[mode]))
-        if too_damped and not damped:
+        if too_damped and not drive.damped:
             continue
-        windows, rate = [], phase_rate(mean, given)
+        windows, rate = [], phase_rate(mean, drive.rate)
         for part in segments:
             yield
             predicted = drive.predicted[part, mode]
-            windows.append(over_phase(drive.signals[part], predicted, mean, given))
+            windows.append(over_phase(drive.signals[part], predicted, mean, drive.rate))
         lag = 1 + math.ceil(rate * wheelbase(drive.mechanism) / slowest)
         candidates = yield from identify(windows, rate, (_AROUND[0] * mean, _AROUND[1] * mean), lag)
         best = _best(candidates, mode, means, shapes)
@@ -227,16 +230,13 @@ def _at_height(
         doubt, over_time = "", best.frequency / mean * drive.predicted[:, mode]
         for part in segments:
             yield
-            there = {source: speed[part] for source, speed in speeds.items()}
-            doubt = doubt or order_doubt(over_time[part], there, excitations)
+            there = {source: speed[part] for source, speed in drive.speeds.items()}
+            doubt = doubt or order_doubt(over_time[part], there, drive.excitations)
         doubt = doubt or (yield from window_doubt(windows, rate, lag, best))
         doubt = doubt or low_damping_doubt(best.ratio, best.ratio_stddev, float(ratios[mode]))
-        of_height = drive, segments, speeds, excitations, given, mean
-        doubt = doubt or (yield from _tone_doubt(*of_height))
-        doubt = doubt or too_damped
-        if not doubt and rolls:
-            rolling = ground[ground > _STANDS]
-            doubt = yield from _line_doubt(drive, excitations, rolling, alpha3, best, mean)
+        doubt = doubt or (yield from _tone_doubt(drive, segments, mean)) or too_damped
+        if not doubt and len(rolling):
+            doubt = yield from _line_doubt(drive, rolling, alpha3, best, mean)
         modes.append(
             DriveMode(
                 alpha3,
@@ -255,37 +255,26 @@ def _at_height(
     return modes
 
 
-def _tone_doubt(
-    drive: _Drive,
-    segments: Sequence[slice],
-    speeds: dict[Source, FloatArray],
-    excitations: Sequence[Excitation],
-    rate: float,
-    mean: float,
-) -> PausableTask[str]:
+def _tone_doubt(drive: _Drive, segments: Sequence[slice], mean: float) -> PausableTask[str]:
     """Return that a tone that no excitation describes is in the band of a mode; else ""."""
-    known = [each for each in excitations if each.terrain is None and each.source in speeds]
+    speeds = drive.speeds
+    known = [each for each in drive.excitations if not each.terrain and each.source in speeds]
     orders = [
         [each.ratio * float(speeds[each.source][part].mean()) for each in known]
         for part in segments
     ]
     windows = [drive.signals[part] for part in segments]
     band = _AROUND[0] * mean, _AROUND[1] * mean
-    return (yield from tone_doubt(windows, rate, band, orders))
+    return (yield from tone_doubt(windows, drive.rate, band, orders))
 
 
 def _line_doubt(
-    drive: _Drive,
-    excitations: Sequence[Excitation],
-    rolling: FloatArray,
-    alpha3: float,
-    best: Candidate,
-    predicted: float,
+    drive: _Drive, rolling: FloatArray, alpha3: float, best: Candidate, predicted: float
 ) -> PausableTask[str]:
     """Return that a line of the wheelbase, at the speeds of rolling, m/s, is there; else ""."""
     speeds = np.quantile(rolling, (0.05, 0.35, 0.65, 0.95)).tolist()
     place = drive.places[int(np.abs(best.shape).argmax())]
-    for terrain in [each.terrain for each in excitations if each.terrain is not None]:
+    for terrain in filter(None, (each.terrain for each in drive.excitations)):
         raised = replace(terrain, raised=True)  # A tool in the soil ends no rolling.
         given = drive.table, drive.mechanism, raised, place, alpha3, speeds
         lines = yield from wheelbase_lines(*given)

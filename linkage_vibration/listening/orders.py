@@ -53,7 +53,7 @@ def track_orders(
     window = np.hanning(n)
     beside = np.exp(-2j * math.pi * np.multiply.outer(_BESIDE, np.arange(n) / signal.rate))
     for k in range(m):
-        with np.errstate(invalid="ignore"):
+        with np.errstate(invalid="ignore"):  # an unknown frequency compares as False
             used = (hertz[k] > _APART) & (hertz[k] < HIGHEST * signal.rate)
         at = np.flatnonzero(used)
         if not len(at):

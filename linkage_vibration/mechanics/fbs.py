@@ -95,7 +95,7 @@ def _inverse(matrices: Sequence[Matrix], n_dofs: int, omega: Matrix) -> ComplexA
     cross = _dynamic([matrix[b, i] for matrix in matrices], omega)
     diagonals: list[Matrix] = [matrix.diagonal()[np.newaxis, i] for matrix in matrices]
     inner = _dynamic(diagonals, omega)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):  # a held resonance, solved below
         passed = (cross / inner) @ cross.swapaxes(1, 2)
     condensed = _dynamic([matrix[b, b] for matrix in matrices], omega) - passed
     held = ~np.isfinite(condensed).all(axis=(1, 2))  # on a resonance with the interface held

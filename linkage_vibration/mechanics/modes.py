@@ -90,7 +90,7 @@ class DampedModes:
             poles = self.oscillating
             return np.asarray(-poles.real / np.abs(poles))
         omega = np.sqrt(np.abs(self.stiffness))
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore"):  # rigid modes have none
             ratios = self.decay / (2.0 * omega) + self.stiffness.imag / (2.0 * omega**2)
         return np.where(omega > 0.0, ratios, np.nan)
 
@@ -222,7 +222,7 @@ def _refined(
     size = (shapes**2).sum(axis=0)
     slope = damped + 2.0 * poles * size
     value = poles * (poles * size + damped) + (omega[:, np.newaxis] ** 2 * shapes**2).sum(axis=0)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):  # a slope of zero, as below
         step = value / slope
         # Where two poles meet, the slope is zero, and Newton's method does not converge.
         converges = np.abs(step * size) <= _STEP * np.abs(slope)

@@ -10,8 +10,7 @@ from scipy.linalg import cho_factor, cho_solve, eigh
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray, symmetric
 
-SINGULAR = 1e-12
-"""A smaller pivot, as a share of its diagonal entry, is rounding."""
+_SINGULAR = 1e-12  # A smaller pivot, as a share of its diagonal entry, is rounding.
 
 
 class ReductionError(LinkageVibrationError):
@@ -43,9 +42,9 @@ def craig_bampton(
         try:
             factor = cho_factor(stiffness[i, i])
         except np.linalg.LinAlgError:
-            raise not_held(n_interface) from None
-        if (np.diag(factor[0]) ** 2 < SINGULAR * np.diag(stiffness)[i]).any():
-            raise not_held(n_interface)
+            raise _not_held(n_interface) from None
+        if (np.diag(factor[0]) ** 2 < _SINGULAR * np.diag(stiffness)[i]).any():
+            raise _not_held(n_interface)
         transformation[i, b] = -cho_solve(factor, stiffness[i, b])
     reduced_mass, reduced_stiffness = np.zeros((2, n_interface + n_modes, n_interface + n_modes))
     if n_modes:
@@ -61,7 +60,7 @@ def craig_bampton(
     return Reduction(reduced_mass, reduced_stiffness, transformation)
 
 
-def not_held(n_interface: int) -> ReductionError:
+def _not_held(n_interface: int) -> ReductionError:
     """Return the error that a component moves although its interface is held."""
     problem = f"With its {n_interface} interface DoFs held the component can still move"
     hint = "hold more of them, for example a rotation if it has only one pin"

@@ -289,7 +289,7 @@ class PoleResidue:
         omega = start.copy()
         for _ in range(_NEWTON):
             value, first, second = self._single(omega)
-            with np.errstate(divide="ignore", invalid="ignore"):
+            with np.errstate(divide="ignore", invalid="ignore"):  # on an undamped pole
                 slope = (value.conj() * first).real
                 bend = np.abs(first) ** 2 + (value.conj() * second).real
                 step = np.where(bend < 0.0, slope / bend, 0.0)
@@ -314,7 +314,7 @@ class PoleResidue:
         """Return H, dH/dw and d2H/dw2 of the only FRF, at angular frequencies, (n_freq,)."""
         below, value = self._terms(omega)
         rate, below_rate = 1j * self.rates[0, 0], 1j * self.decay - 2.0 * omega[:, np.newaxis]
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore"):  # on an undamped pole
             first = (rate - value * below_rate) / below
             second = 2.0 * (value - first * below_rate) / below
         return value.sum(axis=1) + self.residual[0, 0], first.sum(axis=1), second.sum(axis=1)

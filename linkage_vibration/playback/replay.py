@@ -65,6 +65,7 @@ from linkage_vibration.readers.excitations import excitation_files
 from linkage_vibration.readers.sensors import SensorReader, live_sensors, sensor_files
 from linkage_vibration.readers.served import read_described, read_loads, read_served
 from linkage_vibration.support.atomic_files import check_outputs, replacement
+from linkage_vibration.support.progress import shown_bar
 
 if TYPE_CHECKING:
     from linkage_vibration.listening.live import SensorMonitor
@@ -167,15 +168,13 @@ def replay(
     settings: Parameters | None = None,
     remaps: Mapping[str, str] = MappingProxyType({}),
     what_if: WhatIf = _AS_DESCRIBED,
-    progress: Callable[[int, int], None] = lambda done, total: None,
-    building: Callable[[float], object] = lambda finished: None,
 ) -> Replayed:
     """Predict for each reading of the hitch in bags, and write a log.
 
     A single log of the node is read as it was written, and other bags in the order of log times.
     The log contains the input messages unchanged, a prediction for each reading and, where a speed
     is known, resonances and advice at their rates, at the log times of the readings. The bytes of
-    all are those that the node publishes.
+    all are those that the node publishes. A bar on a terminal shows the progress.
 
     Parameters
     ----------
@@ -189,10 +188,6 @@ def replay(
         The bags' names of the node's topics, such as ``{"joint_states": "/arm/joint_states"}``.
     what_if : WhatIf
         Another implement than the mechanism has; the table is then rebuilt.
-    progress : callable
-        It is called with the number of messages that are done, and of all messages.
-    building : callable
-        While a table is built, it is called with the finished fraction of that.
 
     Raises
     ------
@@ -216,7 +211,7 @@ def replay(
     check_outputs([output], [*paths, *filter(None, models)])
     with open_bags(paths) as bags:
         topics = choose_topics(bags, settings, remaps)
-        served = _served(settings, what_if, building)
+        served = _served(settings, what_if)
         run = _Replay(bags, settings, topics, served)
         log_topics = [logged_topic(bags, topic) for topic in run.topics.values()]
         outputs, read = _outputs(run, settings)
@@ -225,13 +220,15 @@ def replay(
             PROVENANCE_METADATA: {**package_versions(), **implement_facts(served)},
             REPLAY_METADATA: {"inputs": " ".join(path.name for path in paths)},
         }
-        total, done = sum(topic.count for topic in run.topics.values()), 0
-        with replacement(output, ReplayError) as unfinished:
+        total = sum(topic.count for topic in run.topics.values())
+        with (
+            replacement(output, ReplayError) as unfinished,
+            shown_bar(output, total, " messages") as bar,
+        ):
             with ChunkLog(unfinished, [*log_topics, *outputs], files, metadata) as log:
                 for block in bags.blocks(list(run.topics), bags.is_own_log):
                     log.write(run.messages(block))
-                    done += len(block)
-                    progress(done, total)
+                    bar.update(len(block))
                 faults = run.judge.faults()
                 run.done.input_faults = [fault.sentence for fault in faults]
                 numbered = {str(i): json.dumps(asdict(each)) for i, each in enumerate(faults, 1)}
@@ -518,12 +515,10 @@ def _messages(kind: str, data: NDArray[np.uint8], block: Block, rows: Integers) 
     return Messages(_NAMES[kind], data, places, times, times)
 
 
-def _served(
-    settings: Parameters, what_if: WhatIf, building: Callable[[float], object]
-) -> LoadedModel:
+def _served(settings: Parameters, what_if: WhatIf) -> LoadedModel:
     """Return the mechanism and its table, which is built for another implement."""
     if what_if == _AS_DESCRIBED:
-        return read_served(settings, progress=building)
+        return read_served(settings)
     path, described = settings.mechanism_path(), read_described(settings)
     mechanism = described.mechanism
     if len(mechanism.rigid_bodies) != 1:
@@ -538,7 +533,7 @@ def _served(
     changed, text = with_implement(mechanism, described.mechanism_text, implement)
     from linkage_vibration.table.tabulation import build_table
 
-    table = build_table(LinkageModel(changed), progress=building)
+    table = build_table(LinkageModel(changed))
     return ModelWithoutTable(changed, text).served(Predictor(table))
 
 

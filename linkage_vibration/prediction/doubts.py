@@ -147,7 +147,7 @@ def slack_mode(mechanism: Mechanism, chain: Chain, alpha3: float) -> tuple[float
     """
     assert mechanism.lateral is not None
     loose = replace(chain, stiffness=chain.stiffness / 2.0)
-    chains = tuple(loose if each == chain else each for each in mechanism.lateral.chains)
+    chains = tuple(loose if each.name == chain.name else each for each in mechanism.lateral.chains)
     other = replace(mechanism, lateral=replace(mechanism.lateral, chains=chains))
     n = mechanism.lateral.response.modes
     tight, slack = (LinkageModel(x, half="lateral").solve(alpha3) for x in (mechanism, other))

@@ -259,7 +259,7 @@ class GroundMembers:
         for half in halves_of(self._table, self._mechanism):
             rows = [i for i, place in enumerate(self._outputs) if half.knows(place)]
             squares[:, :, rows] += self._squares(half, rows)
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore"):  # log(0) without ground
             logs = np.log(squares)
             logs = np.moveaxis(logs[:, 1:] - logs[:, :1], 3, 1)
         known = np.where(np.isposinf(logs), math.nan, logs)

@@ -21,6 +21,7 @@ _LEAST, _LARGEST = 1e-6, 1e6  # of a number in a description
 _STEEPEST = 4.0  # of exponents
 _WHEELS = 0.01, 10.0  # m: rolling radii; numbers in millimetres are beyond
 _CLASSES = {name: 16e-6 * 4.0**k for k, name in enumerate("ABCDEFGH")}  # ISO 8608, m3 at 0.1 1/m
+_TIMES = {0.5: "every second turn", 1.0: "once a turn", 2.0: "twice a turn"}
 _WITHIN_CLASS = 0.2  # of amplitudes: a class reaches from half to twice its mean roughness
 
 ReadProfile = Callable[[str], tuple[Spectrum, Spectrum | None]]
@@ -67,6 +68,7 @@ class Excitation:
     warns: bool = True
     terrain: Terrain | None = None  # what wheels roll on, if that excites
     rolling_radius: float = math.nan  # m; NaN without a wheel
+    description: str = ""  # what it is in words, such as "tines of the harrow, twice a turn"
 
 
 def no_profile(name: str) -> tuple[Spectrum, None]:
@@ -124,10 +126,26 @@ def _orders(keys: Keys, name: str) -> list[Excitation]:
     for i, order in enumerate(orders):
         _check(keys, f"orders[{i}]", order, _LEAST, _LARGEST)
     spread, loads = _stddev(keys, "frequency_stddev"), _loads(keys, orders)
+    what = _description(keys, name)
     return [
-        Excitation(name, source, order * per_unit, load, spread, order not in silent, None, radius)
-        for name, order, load in zip(names, orders, loads, strict=True)
+        Excitation(
+            order_name,
+            source,
+            order * per_unit,
+            load,
+            spread,
+            order not in silent,
+            None,
+            radius,
+            f"{what}, {_TIMES.get(order, f'{order:g} times a turn')}",
+        )
+        for order_name, order, load in zip(names, orders, loads, strict=True)
     ]
+
+
+def _description(keys: Keys, name: str) -> str:
+    """Return what an excitation is in words; its name if the file has no description."""
+    return keys.text("description") if "description" in keys else name.replace("_", " ")
 
 
 def _ground(keys: Keys, name: str, read_profile: ReadProfile) -> Excitation:
@@ -166,7 +184,7 @@ def _ground(keys: Keys, name: str, read_profile: ReadProfile) -> Excitation:
     for end in band:
         _check(keys, "band_hz", end, 0.01, 1e3)
     treaded = not {"lugs", "rolling_radius"}.isdisjoint(keys)
-    radius = _radius(keys) if treaded else math.nan
+    radius, what = _radius(keys) if treaded else math.nan, _description(keys, name)
     pitch = 2.0 * math.pi * radius / keys.integer("lugs") if treaded else None
     terrain = Terrain(
         roughness=roughness,
@@ -180,7 +198,9 @@ def _ground(keys: Keys, name: str, read_profile: ReadProfile) -> Excitation:
         difference=difference,
         track=track,
     )
-    return Excitation(name, Source.GROUND, math.nan, terrain=terrain, rolling_radius=radius)
+    return Excitation(
+        name, Source.GROUND, math.nan, None, 0.0, True, terrain, radius, description=what
+    )
 
 
 def _radius(keys: Keys) -> float:

@@ -60,6 +60,8 @@ class LevelCache:
         if arrays is None:
             arrays = compute()
             _write(path, lambda: _write_arrays(path, arrays))
+        else:
+            _note_use(path)
         return arrays
 
 
@@ -74,7 +76,9 @@ def kept_table(mechanism: Mechanism, build: Callable[[], Table]) -> Table:
     path = None if folder is None else folder / f"table-{_key(mechanism)}.npz"
     if path is not None:
         with suppress(TableError):
-            return load_table(path, mechanism)
+            table = load_table(path, mechanism)
+            _note_use(path)
+            return table
     table = build()
     if path is not None:
         _write(path, lambda: save_table(table, path))
@@ -129,8 +133,14 @@ def _read(path: Path) -> Arrays | None:
     return None
 
 
+def _note_use(path: Path) -> None:
+    """Let a file that was read be among the last to be removed, if the folder permits it."""
+    with suppress(OSError):
+        os.utime(path)
+
+
 def _write(path: Path, write: Callable[[], object]) -> None:
-    """Let a file be written if the folder permits it, and remove the oldest ones."""
+    """Let a file be written if the folder permits it, and remove those unused for longest."""
     with suppress(OSError, LinkageVibrationError):
         path.parent.mkdir(parents=True, exist_ok=True)
         write()

@@ -432,7 +432,7 @@ class LevelTable:
             return np.full((len(alpha3), len(of_levels)), math.nan)
         values = self.members(alpha3, speeds)[..., of_levels]
         total = values[..., -1:]
-        with np.errstate(all="ignore"):
+        with np.errstate(over="ignore", invalid="ignore"):  # infinite levels of members
             logs = np.log(np.maximum(values, _SILENT))
             logs -= _mean(logs)[:, np.newaxis]
             factors = np.exp(np.sqrt(_mean(logs * logs)))
@@ -468,7 +468,7 @@ class LevelTable:
 
     def _forcing_at(self, speeds: FloatArray) -> _Forcing:
         """Return what excitations do at speeds, (n_sources, n)."""
-        with np.errstate(all="ignore"):
+        with np.errstate(all="ignore"):  # speeds may be any 64 bits
             speed = speeds.take(self._sources, axis=0).T
             omega = self._omega * speed
             defined = np.where((speed >= 0.0) & (omega <= self._top), 1.0, math.nan)
@@ -636,7 +636,7 @@ def _level_columns(
 
     The reasons, (n,), are those why the level of the ground is not known.
     """
-    with np.errstate(over="ignore"):
+    with np.errstate(over="ignore"):  # a level beyond float32 is infinite
         single = numbers.astype(np.float32)
     columns = _columns(places.shape[1] - 1).items()
     return MessageColumns(

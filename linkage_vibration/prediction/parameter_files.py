@@ -16,7 +16,7 @@ from linkage_vibration.prediction.settings import (
     is_ros_parameter,
     with_values,
 )
-from linkage_vibration.support.atomic_files import refuse_pipe
+from linkage_vibration.support.atomic_files import read_text
 from linkage_vibration.support.version import VERSION
 
 
@@ -82,8 +82,7 @@ def missing_section(path: Path, node_name: str) -> str:
 def _sections(path: Path) -> list[tuple[str, object]]:
     """Return the names of the nodes in a file, which may have wildcards, and their parameters."""
     try:
-        refuse_pipe(path)
-        content = yaml.load(path.read_text(encoding="utf-8"), _Loader)
+        content = yaml.load(read_text(path), _Loader)
     except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
         problem = " ".join(str(error).split())
         raise ParameterError(f"{path} cannot be read as YAML: {problem}.") from None

@@ -173,7 +173,7 @@ def described(of: MessageColumns) -> MessageColumns:
         chosen = np.take_along_axis(levels, np.maximum(index, 0)[..., np.newaxis], -1)[..., 0]
         return np.where(index < 0, math.nan, chosen)
 
-    with np.errstate(all="ignore"):
+    with np.errstate(all="ignore"):  # a crank at rest; rates may be any 64 bits
         nears, parts = closing > of.approach_rate_error, closing < -of.approach_rate_error
         never = parts | ((closing == 0.0) & (of.approach_rate_error == 0.0))
         crossing = np.where(nears, np.abs(margin) / closing, np.where(never, math.inf, math.nan))
@@ -368,7 +368,7 @@ class ResonanceMonitor:
         the reading, of these n, with which they are published.
         """
         parts, before = [], 0
-        with np.errstate(all="ignore"):
+        with np.errstate(all="ignore"):  # speeds and angles may be any 64 bits
             for start in range(0, max(len(time), 1), _CHUNK):
                 few = slice(start, start + _CHUNK)
                 numbers = crank[:, few], time[few], speeds[..., few]

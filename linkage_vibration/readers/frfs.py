@@ -149,6 +149,9 @@ def _data_sets(path: Path) -> list[dict[str, Any]]:
     with needed("uff", "needs pyuff to be read", FileError):
         import pyuff
     check_file(path)
+    with path.open("rb") as opened:
+        if not opened.read(4096).lstrip().startswith(b"-1"):
+            raise FileError("does not begin like a Universal File; export it again.")
     # pyuff raises plain exceptions; infinite numbers are reported later.
     with file_errors(path, Exception), np.errstate(all="ignore"):
         file = pyuff.UFF(str(path))
@@ -211,7 +214,7 @@ def _receptance(data: Mapping[str, Any], where: str) -> _Function:
         raise FileError(f"{where} is not complex; export real and imaginary parts.")
     if power and len(x) and x[0] == 0.0:
         x, y = x[1:], y[1:]
-    with np.errstate(all="ignore"):
+    with np.errstate(all="ignore"):  # what is not finite is reported later
         return x, y / (2j * np.pi * x) ** power
 
 

@@ -121,7 +121,8 @@ def _size(matrix: NDArray[Any]) -> str:
 def _accepted(name: str, matrix: FloatArray, mass: FloatArray) -> FloatArray:
     """Return the multiple of the mass that makes a matrix positive despite its rounding."""
     largest = float(np.max(matrix.diagonal() / mass.diagonal()))
-    return max(_ACCEPTED[name], _ROUNDING * largest) * mass
+    with np.errstate(over="ignore"):  # a mass beyond all, which a later check refuses
+        return max(_ACCEPTED[name], _ROUNDING * largest) * mass
 
 
 def _check(labels: Sequence[str], name: str, matrix: FloatArray, mass: FloatArray) -> None:
@@ -134,7 +135,7 @@ def _check(labels: Sequence[str], name: str, matrix: FloatArray, mass: FloatArra
     diagonal = whole.diagonal()
     if diagonal.min() <= 0.0:
         raise _not_positive(name, labels[int(diagonal.argmin())])
-    with np.errstate(over="ignore"):
+    with np.errstate(over="ignore"):  # so asymmetric that it is refused
         scale = np.sqrt(diagonal)
         sizes = np.abs(matrix - matrix.T) / scale / scale[:, np.newaxis]
     if sizes.max() > _ASYMMETRY:

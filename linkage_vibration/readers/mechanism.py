@@ -2,11 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads mechanisms from YAML files."""
 
-import hashlib
 import itertools
-import json
 from collections.abc import Hashable
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,12 +13,11 @@ import yaml
 
 from linkage_vibration.mechanics.description import Body, Mechanism, MechanismError, Point
 from linkage_vibration.mechanics.keys import Keys
-from linkage_vibration.mechanics.material import read_material
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping, with_values
 from linkage_vibration.readers.component_files import ComponentFileError
 from linkage_vibration.readers.frfs import read_frfs
 from linkage_vibration.readers.matrices import read_matrices
-from linkage_vibration.support.atomic_files import refuse_pipe
+from linkage_vibration.support.atomic_files import read_text
 from linkage_vibration.support.resources import DEFAULT_MECHANISM, config_file
 from linkage_vibration.support.yaml_size import refuse_unbounded
 
@@ -47,8 +44,7 @@ def read_mechanism(path: str | Path | None = None) -> Mechanism:
 def load_yaml(path: Path) -> tuple[Any, str]:
     """Return the data of a YAML file, and its text; a MechanismError says why it cannot be read."""
     try:
-        refuse_pipe(path)
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path)
     except OSError as error:
         raise MechanismError(
             str(path), f"cannot be opened: {error.strerror}; give the path of a YAML file."
@@ -107,20 +103,7 @@ def _frfs(keys: Keys, points: dict[str, Point], path: Path) -> Body:
     return read_frfs(path, nodes=nodes, points=points, mass=mass)
 
 
-def _mesh(keys: Keys, points: dict[str, Point], path: Path) -> Body:
-    from linkage_vibration.readers.meshes import mesh_matrices
-
-    file, modes = keys["file"], keys.integer("modes", default=20)
-    material = read_material(file["material"])
-    pins = {point: file["pins"].text(point) for point in file["pins"]}
-    rotations = sorted(points)  # unused ones are left free later
-    matrices = mesh_matrices(path, material, pins, list(points.items()), modes, rotations)
-    origin = [pins, points, asdict(material), modes, False, path.read_bytes().hex()]
-    digest = hashlib.sha256(json.dumps(origin, sort_keys=True).encode()).hexdigest()
-    return replace(matrices, digest=digest)
-
-
-_FILES = {"matrices": _matrices, "frfs": _frfs, "mesh": _mesh}
+_FILES = {"matrices": _matrices, "frfs": _frfs}
 """What reads the body of a link from a file, by the ``kind`` of the file."""
 
 

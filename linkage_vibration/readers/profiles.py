@@ -87,7 +87,7 @@ def _problem(table: FloatArray) -> str:
             hint = "give measured profiles of one track or of two"
             return f"the {whose} is a straight line, so it has no spectrum; {hint}."
     at, density = np.array(profile_spectrum(distance, _parts(table)[0])).T
-    with np.errstate(all="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):  # a spectrum of zeros
         height = density[2:-2] / np.sqrt(density[:-4] * density[4:])
     most = int(height.argmax())
     if height[most] > _LINE:

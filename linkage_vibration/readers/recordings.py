@@ -9,7 +9,7 @@ import numpy as np
 from linkage_vibration.bags.message_types import IMU
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray
-from linkage_vibration.support.atomic_files import refuse_pipe
+from linkage_vibration.support.atomic_files import read_text
 
 _CHANNELS = [
     f"{part}.{axis}" for part in ("linear_acceleration", "angular_velocity") for axis in "xyz"
@@ -68,8 +68,7 @@ def read_table(path: Path) -> FloatArray:
     It returns the lines of numbers, (n, n_columns); an empty cell is NaN.
     """
     try:
-        refuse_pipe(path)
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_text(path, "utf-8-sig")
     except UnicodeDecodeError:
         raise RecordingError(f"{path}: is not text in UTF-8; save it as CSV UTF-8.") from None
     except OSError as error:

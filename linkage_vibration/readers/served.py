@@ -33,13 +33,13 @@ from linkage_vibration.table.table import Table, load_table, refuse_other
 def read_served(
     settings: Parameters,
     report: Callable[[str], object] | None = None,
-    progress: Callable[[float], object] = lambda finished: None,
+    progress: Callable[[float], object] | None = None,
     keep: Callable[[Mechanism, Callable[[], Table]], Table] | None = None,
 ) -> LoadedModel:
     """Return a mechanism with its table, which is built if the parameters name none for it.
 
-    `report` is called with each doubt and before a table is built, and `progress` with the finished
-    fraction of the stroke; it may raise an error to stop. `keep` may know a table built before.
+    `report` is called with each doubt and before a table is built, and `progress` as `build_table`
+    does; it may raise an error to stop. `keep` may know a table built before.
     """
     described = read_described(settings)
     mechanism = described.mechanism

@@ -226,7 +226,7 @@ def _same_moments(a: Log, b: Log) -> tuple[int, IntArray, IntArray]:
 
 def _angle_differences(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return by how much angles, (n,), differ apart from whole turns, rad; NaN if unknown."""
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore"):  # inf - inf, of readings that are infinite
         return np.asarray(np.abs((b - a + math.pi) % math.tau - math.pi))
 
 

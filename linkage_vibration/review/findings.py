@@ -9,10 +9,18 @@ from functools import lru_cache, partial
 import numpy as np
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.messages.columns import MessageColumns
-from linkage_vibration.prediction.advice import Advice, Question, advice_sentence, advise
+from linkage_vibration.prediction.advice import (
+    HEIGHT,
+    Advice,
+    Question,
+    advice_sentence,
+    advise,
+    is_quieter,
+)
 from linkage_vibration.prediction.excitation import KMH, Source
+from linkage_vibration.prediction.ground import MAX_OFF_GROUND
 from linkage_vibration.prediction.levels import LevelTable, kept_levels
 from linkage_vibration.prediction.predictor import Predictor, Status
 from linkage_vibration.prediction.resonance import ResonanceMonitor
@@ -21,10 +29,14 @@ from linkage_vibration.prediction.severity import (
     ResonanceState,
     WarningLimits,
     ending_words,
+    ratio_words,
     speed_words,
 )
 from linkage_vibration.prediction.verdict import (
     KNOWN,
+    Drive,
+    above_and_below,
+    all_known,
     drive_sentence,
     durations,
     episodes,
@@ -82,6 +94,42 @@ def first_sentence(log: Log) -> str:
         log.drive, limits, log.mode_label, log.excitations, partial(ending, log)
     )
     return f"{DOUBTFUL * bool(log.input_faults)}{verdict} {advice}".rstrip()
+
+
+def verdict(log: Log, sentence: str) -> tuple[str, str]:
+    """Return the short verdict of a drive with its known share, and the rest of the sentence."""
+    first, _, rest = sentence.removeprefix(DOUBTFUL).partition(". ")
+    text = f"{first.rstrip('.')}."
+    share = 0.0 if log.drive is None else durations(log.drive).known_share
+    if share == 0.0 or first.startswith("Known for"):
+        return text, rest
+    percent = "all" if share == 1.0 else f"{math.floor(100.0 * share)} %"
+    return f"{text} It is known for {percent} of the drive whether loads exceeded the limit.", rest
+
+
+def remedy(log: Log, row: int) -> str:
+    """Return what would end the load of a message, and whether that is enough."""
+    assert log.drive is not None
+    at, known = log.drive.resonances.message(row), all_known(log.drive)[row]
+    above, below = (flags[row] for flags in above_and_below(log.drive))
+    enough = "this is enough" if known else "this is enough for the loads that are known"
+    if not above:
+        return "not needed, as nothing was above its limit" if below else "not known"
+    if words := ending(log, row):
+        return f"{words}; {enough}"
+    if (levels := log_levels(log)) is None:
+        return "not known, as the log does not hold the model"
+    message = drive_advice(log, levels, _HEIGHTS, row=row).message
+    if not is_quieter(message)[HEIGHT] or not at.total_load_ratio > at.load_ratio_limit:
+        return "no speed or height alone that is known"
+    angle, ratio = math.degrees(message.crank_angles[HEIGHT]), message.load_ratios[HEIGHT]
+    enough = enough if ratio <= at.load_ratio_limit else "this is not enough"
+    return f"a crank angle of {angle:.1f} deg would leave {ratio_words(ratio)}; {enough}"
+
+
+def all_counted(drive: Drive) -> BoolArray:
+    """Return when the total load has all sources, (n,); a tyre off the ground leaves one out."""
+    return np.asarray(all_known(drive) & ~(drive.resonances.off_ground_share > MAX_OFF_GROUND))
 
 
 def ending(log: Log, row: int) -> str:
@@ -164,10 +212,11 @@ def drive_advice(
     levels: LevelTable,
     shape: tuple[int, int],
     ground_speeds: tuple[float, float] | None = None,
+    row: int | None = None,
 ) -> Advice:
-    """Return advice for the worst moment of a drive, with a map of this shape."""
+    """Return advice for a message of a drive, by default the worst, with a map of this shape."""
     assert log.drive is not None
-    worst, speeds = worst_message(log.drive), speeds_at_drive(log)
+    worst, speeds = worst_message(log.drive) if row is None else row, speeds_at_drive(log)
     present = np.array([speeds[s][worst] if s in speeds else math.nan for s in Source])
     question = Question(float(log.drive.angles[worst]), present, None, ground_speeds)
     return advise(levels, log.excitations, question, shape)

@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 from linkage_vibration.mechanics.arrays import FloatArray, IntArray
 from linkage_vibration.support.version import VERSION
 
-MAX_SAMPLES = 400_000  # with three modes, a page of so many samples has less than 50 MB
+MAX_SAMPLES = 350_000  # with 3 modes and 13 excitations, a page of so many has less than 50 MB
 COVERAGE = 2.0  # standard deviations on each side of a band of uncertainty
 
 _FOLDER = Path(__file__).parent / "page"
 _SCRIPTS = (
     *("data", "decimation", "state", "words", "elements", "axes", "shades", "pointer", "numbers"),
-    *("charts", "receptance", "waterfall", "overlays", "excitations", "angle_chart", "linkage"),
+    *("charts", "excitations", "linkage"),
     *("readout", "modes", "tables", "advice", "provenance"),
     *("rows", "strip", "layout", "controls", "start"),
 )  # the parts of the page's script, each of which may use the parts before it

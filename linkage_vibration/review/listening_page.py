@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from linkage_vibration.drawing import palette
-from linkage_vibration.drawing.plots import frequency_axis, name_modes, plain, png_bytes, tidy
+from linkage_vibration.drawing.plots import frequency_axis, name_modes, png_bytes, tidy
 from linkage_vibration.listening.amplitudes import (
     AGREES,
     MeasuredOrder,
@@ -283,17 +283,15 @@ def _draw_spectrogram(ax: "Axes", log: Log, sensor: SensorComparison) -> None:
     frequency_axis(ax, ends)
     ax.set_ylim(max(0.5, float(frequencies[1])), top)
     rows = sorted((row for row in sensor.rows if row.is_detected), key=lambda row: -row.measured)
-    names = [each.name for each in log.excitations]
+    names, orders = [each.name for each in log.excitations], list[tuple[str, float]]()
     for row in rows[:_LABELLED]:
         hertz = sensor.orders.frequencies[:, names.index(row.excitation.name)]
         ax.plot(
             sensor.orders.times, np.where(hertz > 0.0, hertz, np.nan), color=palette.INK, ls=":"
         )
-        if (at := np.flatnonzero(hertz > 0.0)).size:
-            place = float(sensor.orders.times[at[0]]), float(hertz[at[0]])
-            back = {"boxstyle": "round,pad=0.1", "color": "white", "alpha": 0.8}
-            ax.annotate(plain(row.excitation.name), place, bbox=back, fontsize=9)
-    name_modes(ax, ends, [log.mode_name(mode) for mode in range(log.n_modes)], least=0.05)
+        if (turning := hertz[hertz > 0.0]).size:
+            orders.append((row.excitation.name, float(turning[-1])))
+    name_modes(ax, ends, [log.mode_name(mode) for mode in range(log.n_modes)], orders, least=0.05)
     title = f"{sensor.signal.sensor.name}: measured spectrum (grey), predicted (bands) and measured"
     title += "\nnatural frequencies (points), with two standard deviations, and orders (dotted)"
     ax.set_title(title, loc="left", fontsize=12)

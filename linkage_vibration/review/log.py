@@ -50,8 +50,7 @@ from linkage_vibration.support.commands import command
 from linkage_vibration.table.interpolation import angles_in_table, covers_a_turn
 from linkage_vibration.table.table import Table, TableError, load_table
 
-_EACH = "states", "load_ratios", "velocities"  # what a log keeps of each excitation
-_READ = *_EACH, "load_ratio_factors"  # what is read of each excitation
+_EACH = "states", "load_ratios", "load_ratio_factors", "velocities"  # what of each excitation
 _DERIVED = (
     Field("margin", "float64", False, comment="Hz"),
     Field("relative_margin", "float64", False, comment="1"),
@@ -208,7 +207,7 @@ class Log:
         """The crank angle without the whole turns of a crank that turns around, rad, (n,)."""
         if self.table is None or not covers_a_turn(self.table.alpha3_range):
             return self.crank_angle
-        with np.errstate(invalid="ignore"):
+        with np.errstate(invalid="ignore"):  # an infinite angle
             return angles_in_table(self.crank_angle, self.table.alpha3_range)
 
 
@@ -285,7 +284,7 @@ def _read_messages(path: Path) -> tuple[Columns, Columns, dict[Source, Columns]]
     wanted = {topic: types[topic] for topic in [*topics, *speeds.values()] if topic}
     fields = [field for kind in ASSESSED for field in message_fields(kind)]
     sequences = {field.name for field in fields if field.is_sequence}
-    unused = ["header.frame_id", *(sequences - {*_READ})]
+    unused = ["header.frame_id", *(sequences - {*_EACH})]
     columns = read_columns(path, wanted, as_written=True, unused=unused)
     predictions, *assessed = (columns.get(topic, {}) for topic in topics)
     if not len(predictions.get("status", ())):

@@ -5,17 +5,14 @@
 from typing import Any
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from linkage_vibration.drawing.geometry import largest, mode_curves, nearest_mode, scene, size
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.arrays import FloatArray
-from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.mechanics.description import GROUND, Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.table.table import Table
 
 DRAWN_ANGLES = 91  # of positions and mode shapes
-FRF_ANGLES = 361  # of the receptance
 
 
 def linkage_grid(mechanism: Mechanism, table: Table) -> dict[str, Any] | None:
@@ -55,67 +52,8 @@ def linkage_grid(mechanism: Mechanism, table: Table) -> dict[str, Any] | None:
         "bodies": list(lengths),
         "rigid": [name in rigid for name in lengths],
         "lengths": list(lengths.values()),
-        "size": max(size(drawn.bodies) for drawn in scenes),
+        "names": scenes[0].names,
+        "size": max(size({**drawn.bodies, GROUND: drawn.ground}) for drawn in scenes),
         "angles": angles,
         **{name: array.astype(np.float32) for name, array in arrays.items()},
     }
-
-
-def receptance_grid(mechanism: Mechanism, table: Table) -> dict[str, Any] | None:
-    """Return the drive point's receptance over the range of a table; None if it has none.
-
-    ``terms``, (n_angles, n_terms, 7), are stiffness, decay, residue and rate of `PoleResidue`,
-    complex but for the decay; ``residual``, (n_angles, 2), follows.
-    """
-    place = (mechanism.response.point, mechanism.response.direction)
-    if place not in table.places:
-        return None
-    angles = np.linspace(*table.alpha3_range, FRF_ANGLES)
-    terms, residuals = [], []
-    for angle in angles:
-        frf = table.frf(float(angle), [place], [place])
-        k, residue, rate = frf.stiffness, frf.residues[0, 0], frf.rates[0, 0]
-        parts = [k.real, k.imag, frf.decay, residue.real, residue.imag, rate.real, rate.imag]
-        terms.append(np.column_stack(parts))
-        residuals.append(frf.residual[0, 0])
-    return {
-        "place": " ".join(place),
-        "band": [max(table.band[0], 0.0), table.band[1]],
-        "n_terms": terms[0].shape[0],
-        "angles": angles,
-        "terms": np.array(_continued(terms)),
-        "residual": np.column_stack([np.real(residuals), np.imag(residuals)]),
-        "frequencies": table.evaluate(angles)[:, : table.n_modes],
-    }
-
-
-def _continued(terms: list[FloatArray]) -> list[FloatArray]:
-    """Order the terms of each angle, (n_terms, 7), so that each continues the one before.
-
-    A term without a counterpart, as where poles become real, gets one with the same poles that does
-    not respond.
-    """
-    paired = [terms[0]]
-    for here in terms[1:]:
-        before = paired[-1]
-        earlier, later = _poles(before)[:, np.newaxis], _poles(here)
-        away = np.abs(earlier - later) / (np.abs(earlier) + np.abs(later))
-        left, right = linear_sum_assignment(away**2)  # squares keep the order of shifted poles
-        after = _silent(before)
-        after[left] = here[right]
-        new = np.delete(here, right, axis=0)
-        if len(new):
-            paired = [np.vstack([past, _silent(new)]) for past in paired]
-        paired.append(np.vstack([after, new]))
-    return paired
-
-
-def _poles(terms: FloatArray) -> np.ndarray[Any, np.dtype[np.complex128]]:
-    """Return one pole of each term, (n_terms,), rad/s."""
-    half = terms[:, 2] / 2.0
-    return np.asarray(-half + np.sqrt(half**2 - (terms[:, 0] + 1j * terms[:, 1])))
-
-
-def _silent(terms: FloatArray) -> FloatArray:
-    """Return terms with the same poles that do not respond."""
-    return np.asarray(np.hstack([terms[:, :3], np.zeros_like(terms[:, 3:])]))

@@ -15,7 +15,6 @@ from linkage_vibration.drawing.plots import (
     draw_bands,
     frequency_axis,
     name_modes,
-    plain,
     require_matplotlib,
     shaded,
     tidy,
@@ -26,8 +25,8 @@ from linkage_vibration.mechanics.arrays import FloatArray, runs
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.predictor import Predictor, Status
 from linkage_vibration.prediction.severity import WarningLimits
-from linkage_vibration.prediction.verdict import Drive, all_known, ground_and_orders
-from linkage_vibration.review.findings import log_limits, speeds_at_drive
+from linkage_vibration.prediction.verdict import Drive, above_and_below, ground_and_orders
+from linkage_vibration.review.findings import all_counted, log_limits, speeds_at_drive
 from linkage_vibration.review.log import Log
 from linkage_vibration.table.table import Table
 
@@ -35,7 +34,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_ABOVE, _ABOVE_SHADE = "#CC3311", "#f8ddd6"  # where a load ratio exceeds its limit
 _FAINT = 0.02  # An order whose load ratio stays below this share of the limit is drawn in grey.
 _LEAST_LOAD = 0.1  # A smaller share of the limit is drawn as a smaller width.
 _FAINT_COLOUR = "#bdbdbd"
@@ -96,15 +94,17 @@ def draw_log(figure: "Figure", log: Log) -> None:
     )[:, 0]
     upper, lower = panels[0], panels[-1]
     above = list[tuple[float, float]]()
-    _draw_modes(upper, log)
+    ends, orders = _draw_modes(upper, log), list[tuple[str, float]]()
     if drive is not None and loaded:
-        _draw_excitations(upper, log, drive, limits)
+        orders = _draw_excitations(upper, log, drive, limits)
         _draw_total(lower, log, drive, limits)
         times = [*drive.times.tolist(), float(drive.times[-1] + drive.held[-1])]
-        above = [(times[i], times[j]) for i, j in runs(_total(drive) > limits.warning)]
+        above = [(times[i], times[j]) for i, j in runs(above_and_below(drive, limits.warning)[0])]
+    names = [log.mode_name(mode) for mode in range(log.n_modes)]
+    name_modes(upper, ends, names, orders, least=_LEAST_APART)
     for ax in panels:
         if above:
-            shaded(ax, above, color=_ABOVE_SHADE)
+            shaded(ax, above, color=palette.ABOVE_SHADE)
         _shade_what_is_missing(ax, log)
         tidy(ax)
         ax.tick_params(labelsize=12)
@@ -125,21 +125,25 @@ def _broken(log: Log, values: FloatArray) -> FloatArray:
     return values
 
 
-def _draw_modes(ax: "Axes", log: Log) -> None:
-    """Draw each mode as a band of its standard deviation, with its name at the right."""
+def _draw_modes(ax: "Axes", log: Log) -> FloatArray:
+    """Draw each mode as a band of its standard deviation; return where they end, Hz, (n_modes,)."""
     frequencies = np.column_stack([_broken(log, values) for values in log.natural_frequencies.T])
     draw_bands(ax, log.times, frequencies, log.frequency_stddevs)
     ends = np.array([[np.nan, *each[np.isfinite(each)]][-1] for each in frequencies.T])
     frequency_axis(ax, ends)
     ax.yaxis.label.set_fontsize(13)
-    name_modes(ax, ends, [log.mode_name(mode) for mode in range(log.n_modes)], least=_LEAST_APART)
-    title = "Where the linkage resonates (coloured, with one standard deviation), and what\n"
-    title += "excites it (as wide as its load; red above the limit; dotted: load not known)"
+    title = "Where the linkage resonates (coloured, with one standard deviation)"
     ax.set_title(title, loc="left", fontsize=13)
+    return ends
 
 
-def _draw_excitations(ax: "Axes", log: Log, drive: Drive, limits: WarningLimits) -> None:
-    """Draw the orders as lines as wide as their load ratio, red where it exceeds the limit."""
+def _draw_excitations(
+    ax: "Axes", log: Log, drive: Drive, limits: WarningLimits
+) -> list[tuple[str, float]]:
+    """Draw the orders as lines as wide as their load ratio, red where it exceeds the limit.
+
+    The names of the largest are returned with the frequencies at which they end, Hz.
+    """
     from matplotlib.collections import LineCollection
 
     times, speeds = drive.times, speeds_at_drive(log)
@@ -149,17 +153,22 @@ def _draw_excitations(ax: "Axes", log: Log, drive: Drive, limits: WarningLimits)
     loudest = np.argsort(-loads.max(axis=0, initial=0.0))[:_LABELLED].tolist()
     shown = [i for i in loudest if loads[:, i].max(initial=0.0) >= _FAINT * limits.warning]
     low, high = ax.get_ylim()
+    ends = list[tuple[str, float]]()
+    words = ["as wide as its load", "red above the limit", "dotted: load not known"]
+    drawn = [True, bool((loads > limits.warning).any()), bool(np.isnan(ratios).any())]
+    text = "; ".join(word for word, there in zip(words, drawn, strict=True) if there)
+    ax.set_title(f"{ax.get_title('left')},\nand what excites it ({text})", loc="left", fontsize=13)
     for i, (order, load) in enumerate(zip(log.excitations, loads.T, strict=True)):
         if order.source not in speeds or order.terrain:
             continue
         frequencies = order.ratio * speeds[order.source]
         frequencies = np.where(frequencies > 0.0, frequencies, np.nan)
-        ends = np.column_stack([times, frequencies])
-        segments = np.stack([ends[:-1], ends[1:]], axis=1)
+        places = np.column_stack([times, frequencies])
+        segments = np.stack([places[:-1], places[1:]], axis=1)
         segments[drive.broken[1:]] = np.nan
         faint = load[1:] < _FAINT * limits.warning
         colours = np.where(faint, _FAINT_COLOUR, palette.INK)
-        colours = np.where(load[1:] > limits.warning, _ABOVE, colours)
+        colours = np.where(load[1:] > limits.warning, palette.ABOVE, colours)
         widths = 0.7 + _WIDEST * load[1:] / largest
         dashes = np.where(np.isnan(ratios[1:, i]), ":", "-").tolist()
         style: dict[str, Any] = {"capstyle": "round", "zorder": 1.5 if faint.all() else 3.0}
@@ -168,11 +177,8 @@ def _draw_excitations(ax: "Axes", log: Log, drive: Drive, limits: WarningLimits)
         ax.add_collection(lines, autolim=False)
         visible = (frequencies > low) & (frequencies < high)
         if i in shown and visible.any():
-            at = int(np.where(visible, load, -1.0).argmax())
-            style = {"xytext": (0, 7), "textcoords": "offset points", "ha": "center"}
-            back = {"boxstyle": "round,pad=0.1", "color": "white", "alpha": 0.75}
-            place = float(times[at]), float(frequencies[at])
-            ax.annotate(plain(order.name), place, bbox=back, zorder=4, fontsize=11, **style)
+            ends.append((order.name, float(frequencies[visible][-1])))
+    return ends
 
 
 def _draw_total(ax: "Axes", log: Log, drive: Drive, limits: WarningLimits) -> None:
@@ -180,7 +186,7 @@ def _draw_total(ax: "Axes", log: Log, drive: Drive, limits: WarningLimits) -> No
     total = _total(drive)
     total[np.flatnonzero(drive.broken[1:])] = np.nan
     factor = np.asarray(drive.resonances.total_load_ratio_factor, dtype=float)
-    known = all_known(drive)
+    known = all_counted(drive)
     finite = np.isfinite(factor) & np.isfinite(total) & known
     if finite.any():
         low, high = total / factor, total * factor
@@ -188,23 +194,25 @@ def _draw_total(ax: "Axes", log: Log, drive: Drive, limits: WarningLimits) -> No
     above = total > limits.warning
     parts = ground_and_orders(drive, log.excitations) or ()
     labels = "the ground", "all orders, at most"
-    for values, label, colour in zip(parts, labels, palette.COLOURS[1:3], strict=False):
+    for values, label, colour in zip(parts, labels, palette.COLOURS[2:4], strict=False):
         broken = np.where(np.isnan(total), np.nan, values)
-        ax.plot(drive.times, broken, color=colour, linewidth=1.2, label=label)
+        if np.isfinite(broken).any():
+            ax.plot(drive.times, broken, color=colour, linewidth=1.2, label=label)
     whole = np.where(known, total, np.nan)
-    ax.plot(drive.times, whole, color=palette.INK, linewidth=1.6, label="total")
+    seen = {"label": "total"} if np.isfinite(whole).any() else {}
+    ax.plot(drive.times, whole, color=palette.INK, linewidth=1.6, **seen)
     times = [*drive.times.tolist(), float(drive.times[-1] + drive.held[-1])]
     if spans := [(times[i], times[j]) for i, j in runs(~known)]:
         part = np.where(known, np.nan, total)
-        label = "a part of the total"
-        ax.plot(drive.times, part, color=palette.INK, linewidth=1.0, linestyle=":", label=label)
+        style = {"linestyle": ":", "label": "a part of the total"}
+        ax.plot(drive.times, part, color=palette.INK, linewidth=1.0, **style)
         style = {"facecolor": "#f3f3f3", "edgecolor": "#b8b8b8", "lw": 0, "hatch": "//"}
         shaded(ax, spans, label="a source is not known", **style)
     ax.legend(loc="upper right", fontsize=10, ncols=3)
-    ax.plot(drive.times, np.where(above, total, np.nan), color=_ABOVE, linewidth=3.0)
-    ax.axhline(limits.warning, color=_ABOVE, linestyle="--", linewidth=1.2)
+    ax.plot(drive.times, np.where(above, total, np.nan), color=palette.ABOVE, linewidth=3.0)
+    ax.axhline(limits.warning, color=palette.ABOVE, linestyle="--", linewidth=1.2)
     beside: dict[str, Any] = {"fontsize": 12, "transform": ax.get_yaxis_transform()}
-    ax.text(1.01, limits.warning, "limit", color=_ABOVE, va="center", **beside)
+    ax.text(1.01, limits.warning, "limit", color=palette.ABOVE, va="center", **beside)
     ax.set_ylim(0.0, 1.75 * max(float(np.nanmax(total)), limits.warning))
     ax.set_ylabel("load ratio", fontsize=13)
     title = "Load ratio: vibration over static force, in the pin or cylinder where it is largest"

@@ -3,7 +3,7 @@
 """Describes the page of one log: its charts, readings, tables and texts."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,30 +11,34 @@ from numpy.typing import NDArray
 
 from linkage_vibration.bags.recorder import FAULTS_METADATA
 from linkage_vibration.drawing import palette
-from linkage_vibration.mechanics.arrays import BoolArray, IntArray, runs
+from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, IntArray, runs
 from linkage_vibration.mechanics.forces import GRAVITY, SOIL
-from linkage_vibration.prediction.excitation import Source
+from linkage_vibration.prediction.excitation import Excitation
 from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.severity import ResonanceState, ratio_words
 from linkage_vibration.prediction.verdict import (
     Contribution,
+    Drive,
     Episode,
-    all_known,
+    above_and_below,
     contributions,
     episodes,
     ground_and_orders,
 )
 from linkage_vibration.review.advice_map import advice_map
 from linkage_vibration.review.findings import (
+    all_counted,
     all_speeds,
+    first_sentence,
     log_limits,
-    never_in_table,
     number,
     real_times,
+    remedy,
+    verdict,
 )
-from linkage_vibration.review.html import Page, thinned
+from linkage_vibration.review.html import Page, page_parts, plain_html, thinned
 from linkage_vibration.review.log import Log, gaps
-from linkage_vibration.review.model_grid import linkage_grid, receptance_grid
+from linkage_vibration.review.model_grid import linkage_grid
 from linkage_vibration.review.overview import drive_summary
 from linkage_vibration.review.time_axis import TimeAxis, time_axis
 from linkage_vibration.table.interpolation import angles_in_table
@@ -44,24 +48,27 @@ Items = list[dict[str, Any]]  # as the scripts of the page read them
 DEG = 180.0 / math.pi
 STATUSES = ["OK", "out of range", "invalid angle", "near a toggle"]
 STATES = [state.name.lower() for state in ResonanceState]
-_STYLES = {Source.ENGINE: "solid", Source.PTO: "dashed", Source.GROUND: "dotted"}
 _INVALID = (Status.OUT_OF_RANGE, Status.INVALID_ANGLE)
 MAX_WARNINGS = 1000  # rows of the table of warnings
+_SOURCES = 3  # the largest, which the first screen names
+_SHADES = {"unknown": "#f3f3f3", "above": palette.ABOVE_SHADE}
+_FAINT = 0.02  # An order whose load ratio stays below this share of the limit is drawn in grey.
 _PARTS = {"ground_ratio": "ground", "orders_ratio": "orders together, at most"}  # of the load ratio
 _STALE_AFTER = 1.0  # s, if the log does not hold this parameter
-_LOADS = {
-    "id": "contributions",
-    "title": "What loaded the linkage, the worst first",
-    "note": "The load ratio is the largest force in a pin or cylinder by this excitation (root "
-    "mean square) over the static force there. Choose a row to go to its worst moment.",
-    "head": ["excitation", "load ratio", "at", "in warning [s]", "warnings", "in note [s]"],
-    "first": True,
-}
-_WARNINGS = {
-    "id": "moments",
-    "head": ["start", "load ratio", "in", "most severe", "Hz", "duration [s]"],
-    "folded": True,
-}
+
+
+def page_of(log: Log) -> Iterator[bytes]:
+    """Yield the page of a log, which is one sentence if no crank angle is valid."""
+    if not np.isin(log.status, _INVALID).all():
+        return page_parts(review_page(log))
+    text = plain_html(_title(log), [first_sentence(log)], "", calm=False)
+    return iter([text.encode(errors="backslashreplace")])
+
+
+def _title(log: Log) -> str:
+    """Return the title of a page."""
+    name = log.table.mechanism_name.replace("_", " ") if log.table else "the linkage"
+    return f"Vibration review: {name}"
 
 
 def review_page(log: Log) -> Page:
@@ -74,36 +81,30 @@ def review_page(log: Log) -> Page:
     shown = sorted(severest, key=lambda episode: episode.worst)
     marked = [episode.worst for episode in shown] + [part.worst for part in parts]
     rows = _kept(log, [] if log.drive is None else log.drive.predictions[marked].tolist())
-    summary = drive_summary(log)
-    missing, axis, outside = gaps(log), time_axis(log), bool(never_in_table(log))
+    summary, missing, axis = drive_summary(log), gaps(log), time_axis(log)
+    answer, rest = verdict(log, summary["sentence"])
     content: dict[str, Any] = {
         "charts": _charts(log, axis),
         "overview": {"column": "crank_angle", "factor": DEG, "label": "α3"},
         "readings": _readings(log),
         "mode_labels": [_mode_name(log, mode) for mode in range(log.n_modes)],
         "brief": ["crank_angle", *(f"f{mode + 1}" for mode in range(log.n_modes))],
-        "answer": summary["sentence"],
+        "answer": answer,
+        "rest": rest,
         "calm": summary["calm"],
         "inputs": list(log.input_faults),
         "tables": _tables(log, parts, warnings, shown, rows, axis),
-        "summary": _summary(log, summary, missing),
-        "provenance": _provenance(log, len(rows)),
+        "provenance": _provenance(log, summary, missing, len(rows)),
         "shades": _shades(log, missing, axis),
         **_excitations(log, axis),
         "clock": axis.knots(),
-        "advice": None if outside else advice_map(log),
+        "advice": advice_map(log),
         "stale_after": number(log, "stale_after", _STALE_AFTER),
     }
-    if outside:  # Nothing but the angle is known, and empty charts show nothing.
-        content |= {"charts": content["charts"][:1], "readings": content["readings"][:2]}
-        content |= {"tables": [], "mode_labels": []}
-    elif log.mechanism and log.table:
-        for key, grid in (("frf", receptance_grid), ("linkage", linkage_grid)):
-            if terms := grid(log.mechanism, log.table):
-                content[key] = terms
-    name = log.table.mechanism_name.replace("_", " ") if log.table else "the linkage"
+    if log.mechanism and log.table and (grid := linkage_grid(log.mechanism, log.table)):
+        content["linkage"] = grid
     return Page(
-        title=f"Vibration review: {name}",
+        title=_title(log),
         subtitle=f"{log.path.name}: {len(log.stamps):,} predictions of table {log.table_id}",
         columns=_columns(log, rows, axis),
         start_ns=int(log.stamps[0]),
@@ -111,7 +112,7 @@ def review_page(log: Log) -> Page:
             np.searchsorted(log.times[rows], [end for _, end in missing]),
             np.searchsorted(rows, log.passes),
         ).tolist(),
-        modes=[] if outside else palette.mode_colours(log.n_modes),
+        modes=palette.mode_colours(log.n_modes),
         content=content,
     )
 
@@ -198,25 +199,38 @@ def _columns(log: Log, rows: IntArray, axis: TimeAxis) -> dict[str, NDArray[Any]
         counts = {"state": r.state}
         counts["excitation"] = np.searchsorted(names, r.excitation)
         columns |= {name: values.astype(np.uint8) for name, values in counts.items()}
-        part = ~_all_known(log)[rows]
+        assert log.drive is not None
+        part = ~_latest(log, all_counted(log.drive))[rows]
         numbers = {"load_ratio": r.total_load_ratio}
         numbers["load_known"] = np.where(part, np.nan, r.total_load_ratio)
         numbers["load_part"] = np.where(part, r.total_load_ratio, np.nan)
         columns["load_of"] = part.astype(np.uint8)
         columns |= {name: values.astype(np.float32) for name, values in numbers.items()}
-        if log.drive is not None and (parts := ground_and_orders(log.drive, log.excitations)):
-            at = np.searchsorted(log.drive.predictions, rows, side="right") - 1
-            for name, values in zip(_PARTS, parts, strict=True):
-                latest = np.where(at < 0, np.nan, values[at])
-                columns[name] = latest.astype(np.float32)
+        at = np.searchsorted(log.drive.predictions, rows, side="right") - 1
+        there = at >= 0
+        parts = ground_and_orders(log.drive, log.excitations) or ()
+        for name, values in zip(_PARTS, parts, strict=False):
+            columns[name] = np.where(there, values[at], np.nan).astype(np.float32)
+        loads, limit = log.drive.resonances.load_ratios, log_limits(log).warning
+        for i in range(len(log.drive.names)):
+            columns[f"w{i}"] = there * _load_levels(loads[:, i], limit)[at]
     return columns
 
 
-def _all_known(log: Log) -> BoolArray:
-    """Return at which predictions the latest total load ratio has all of its sources, (n,)."""
+def _load_levels(ratios: FloatArray, limit: float) -> NDArray[np.uint8]:
+    """Return load ratios in steps: 0 unknown, 1 weak, 128 the limit, 255 twice the limit, (n,)."""
+    shares = ratios.astype(float) / limit
+    above = 128.0 + np.ceil(127.0 * np.minimum(shares - 1.0, 1.0))
+    cases = [np.isnan(shares), shares < _FAINT, shares <= 1.0]
+    steps = np.select(cases, [np.zeros_like(shares), 1.0, 2.0 + np.floor(126.0 * shares)], above)
+    return steps.astype(np.uint8)
+
+
+def _latest(log: Log, flags: BoolArray) -> BoolArray:
+    """Return flags of the assessments, (n,), of the latest one at each prediction."""
     assert log.drive is not None
     at = np.searchsorted(log.drive.predictions, np.arange(len(log.stamps)), side="right") - 1
-    return np.asarray((at >= 0) & all_known(log.drive)[at])
+    return np.asarray((at >= 0) & flags[at])
 
 
 def _excitation_names(log: Log) -> list[str]:
@@ -232,76 +246,95 @@ def _has_spread(log: Log) -> bool:
 
 
 def _charts(log: Log, axis: TimeAxis) -> Items:
-    invalid, toggle = np.isin(log.status, _INVALID).any(), (log.status == Status.NEAR_TOGGLE).any()
-    shades = [
-        {"label": label, "colour": colour, "fill": True}
-        for label, colour, shown in (
-            ("no prediction", palette.GAP_SHADE, bool(gaps(log))),
-            ("angle out of range or invalid", palette.INVALID_SHADE, invalid),
-            ("near a toggle", palette.TOGGLE_SHADE, toggle),
-        )
-        if shown
-    ]
-
-    def chart(name: str, title: str, unit: str, **more: Any) -> dict[str, Any]:
-        return {"id": name, "title": title, "unit": unit, **more}
-
+    """Return the chart of the load, if there are excitations, that of the modes, and the angle."""
     angle = {"column": "crank_angle", "factor": DEG, "colour": palette.INK}
-    charts = [chart("angle", "Crank angle α3", "deg", series=[angle], key=shades)]
-    for mode, colour in enumerate(palette.mode_colours(log.n_modes)):
-        name, title = f"f{mode + 1}", f"Natural frequency of m{_mode_name(log, mode)[1:]}"
-        line: dict[str, Any] = {"column": name, "colour": colour, "width": 2}
-        key: Items = []
-        if _has_spread(log):
-            line["spread"] = f"s{mode + 1}"
-            key.append({"label": "± 2 standard deviations", "colour": f"{colour}40", "fill": True})
-        key.append({"label": "excitations", "colour": "#555555"})
-        charts.append(chart(name, title, "Hz", mode=mode, series=[line], key=key))
-    peak = {"column": "peak_magnitude", "colour": palette.PEAK, "width": 1.8}
-    charts.append(chart("peak", "FRF peak", "m/N", log=True, series=[peak]))
-    if log.resonances is not None and np.isfinite(log.resonances.total_load_ratio).any():
-        limits = log_limits(log)
-        title = "Load ratio: largest force over the static force there"
-        total: dict[str, Any] = {"colour": palette.COLOURS[0], "width": 1.8}
-        part = {"colour": palette.COLOURS[0], "width": 1.2, "style": "dotted"}
-        series: Items = []
-        key = [{"label": "limits of a warning and a note", "colour": "#5f5f5f", "style": "dashed"}]
-        key.append({"label": "all", **total})
-        spans = _spans(log, ~_all_known(log), axis)
-        if spans:
-            key.append({"label": "a part of all, as a source is not known", **part})
-            hatched = {"label": "not known in all", "colour": "#f3f3f3", "hatched": True}
-            key.append(hatched | {"fill": True})
-        if log.drive is not None and ground_and_orders(log.drive, log.excitations):
-            for (name, label), colour in zip(_PARTS.items(), palette.COLOURS[1:3], strict=True):
-                series.append({"column": name, "colour": colour, "width": 1.2})
-                key.append({"label": label, "colour": colour})
-        series += [{"column": "load_known", **total}, {"column": "load_part", **part}]
-        guides = [limits.warning, limits.note]
-        hatches = [[*span, "unknown"] for span in spans]
-        charts.append(
-            chart("load", title, "1", series=series, guides=guides, key=key, shades=hatches)
-        )
+    charts = [] if log.drive is None else [_load_chart(log, log.drive, axis)]
+    charts.append(_mode_chart(log))
+    charts.append({"id": "angle", "title": "Crank angle α3", "unit": "deg", "series": [angle]})
+    shades = (
+        ("no prediction", palette.GAP_SHADE, bool(gaps(log))),
+        ("angle invalid", palette.INVALID_SHADE, np.isin(log.status, _INVALID).any()),
+        ("near a toggle", palette.TOGGLE_SHADE, (log.status == Status.NEAR_TOGGLE).any()),
+    )
+    key = [
+        {"label": name, "colour": colour, "fill": True} for name, colour, shown in shades if shown
+    ]
+    charts[0]["key"] = [*charts[0].get("key", []), *key]
     return charts
+
+
+def _load_chart(log: Log, drive: Drive, axis: TimeAxis) -> dict[str, Any]:
+    """Return the chart of the load with its limit; it is hatched where the load is not known."""
+    loads, (above, below) = all_counted(drive), above_and_below(drive)
+    total = drive.resonances.total_load_ratio.astype(float)
+    values = [np.where(loads, total, np.nan), np.where(loads, np.nan, total)]
+    parts = ground_and_orders(drive, log.excitations) or ()
+    every = (
+        *zip(_PARTS.items(), parts, palette.COLOURS[2:4], ("solid", "solid"), strict=False),
+        (("load_known", "all sources"), values[0], palette.INK, "solid"),
+        (("load_part", "only sources that are known"), values[1], palette.INK, "dotted"),
+    )
+    lines: Items = [  # A legend names only what is drawn.
+        {"column": column, "name": name, "label": name, "colour": colour, "style": style}
+        for (column, name), numbers, colour, style in every
+        if np.isfinite(numbers).any()
+    ]
+    key, spans = list(lines), list[list[Any]]()
+    marks = (
+        ("unknown", "not known whether above the limit", ~_latest(log, above | below)),
+        ("above", "above the limit, or tyres off the ground", _latest(log, above)),
+    )
+    for kind, label, flags in marks:
+        spans += (its := [[*span, kind] for span in _spans(log, flags, axis)])
+        style = {"colour": _SHADES[kind], "fill": True, "hatched": kind == "unknown"}
+        key += [{"label": label, **style}] * bool(its)
+    title = "Load ratio: largest force over the static force there"
+    chart = {"id": "load", "title": title, "unit": "1", "series": lines, "key": key, "height": 180}
+    return chart | {"limit": log_limits(log).warning, "first": True, "shades": spans}
+
+
+def _mode_chart(log: Log) -> dict[str, Any]:
+    """Return the chart of all modes, over which the page draws the orders."""
+    spread, lines = _has_spread(log), Items()
+    for mode, colour in enumerate(palette.mode_colours(log.n_modes)):
+        line = {"column": f"f{mode + 1}", "colour": colour, "width": 2}
+        line |= {"spread": f"s{mode + 1}"} if spread else {}
+        lines.append(line | {"name": log.mode_name(mode) or f"mode {mode + 1}"})
+    title, key = "Natural frequencies" + ", with 2 standard deviations" * spread, Items()
+    if _excitations_shown(log) and log.drive is not None:
+        title += ", and orders"
+        orders = log.excitations[: len(log.drive.names)]
+        shown = [i for i, each in enumerate(orders) if not each.terrain]
+        shares = log.drive.resonances.load_ratios[:, shown] / log_limits(log).warning
+        weak = {"colour": "#b0b0b0"}
+        words = (
+            ("as wide as its load", {"colour": palette.INK}, (shares >= _FAINT).any()),
+            ("above the limit", {"colour": palette.ABOVE}, (shares > 1.0).any()),
+            ("weak", weak, (shares < _FAINT).any()),
+            ("load not known", weak | {"style": "dotted"}, np.isnan(shares).any()),
+        )
+        key = [{"label": f"order, {word}", **style} for word, style, there in words if there]
+    chart = {"id": "modes", "title": title, "unit": "Hz", "series": lines, "key": key}
+    return chart | {"log": True, "height": 380, "orders": True}
 
 
 def _readings(log: Log) -> Items:
     def reading(name: str, label: str, **more: Any) -> dict[str, Any]:
         return {"id": name, "label": label, **more}
 
-    angle = {"column": "crank_angle", "factor": DEG, "unit": "deg", "digits": 8}
+    angle = {"column": "crank_angle", "factor": DEG, "unit": "deg", "digits": 5}
     readings = [
         reading("crank_angle", "Crank angle α3", **angle),
         reading("status", "Status", column="status", words=STATUSES),
     ]
     for mode, colour in enumerate(palette.mode_colours(log.n_modes)):
         name, spread = f"f{mode + 1}", {"spread": f"s{mode + 1}"} if _has_spread(log) else {}
-        line = {"colour": colour, "column": name, "unit": "Hz", "digits": 7, **spread}
+        line = {"colour": colour, "column": name, "unit": "Hz", "digits": 4, **spread}
         line["predicted"] = "peak_magnitude"
         readings.append(reading(name, _mode_name(log, mode), **line))
     readings += [
-        reading("peak", "FRF peak", column="peak_magnitude", unit="m/N"),
-        reading("peak_f", "FRF peak frequency", column="peak_frequency", unit="Hz"),
+        reading("peak", "FRF peak", column="peak_magnitude", unit="m/N", digits=3),
+        reading("peak_f", "FRF peak frequency", column="peak_frequency", unit="Hz", digits=4),
     ]
     if log.resonances is None:
         return readings
@@ -309,7 +342,7 @@ def _readings(log: Log) -> Items:
     return [
         *readings,
         reading("state", "State", column="state", words=STATES),
-        reading("load", "Load ratio", column="load_ratio", digits=3),
+        reading("load", "Load ratio", column="load_ratio", digits=2),
         reading("load_of", "Load ratio of", column="load_of", words=["all sources", "a part"]),
         reading("excitation", "Most severe excitation", column="excitation", words=names),
     ]
@@ -323,11 +356,11 @@ def _tables(
     rows: IntArray,
     axis: TimeAxis,
 ) -> Items:
-    """Return the tables of excitations, none without excitations, and of warnings."""
+    """Return the tables of the largest sources, of all of them, and of warnings."""
     if (drive := log.drive) is None:
-        note = "The log holds no resonances, as no speed of engine, PTO or ground was known."
-        return [_WARNINGS | {"title": "Warnings (0)", "note": note, "rows": Items()}]
+        return []
     whole, times, severity = float(real_times(log).max()), axis.place(log.times), drive.severity()
+    unit = "s" if whole < 120.0 else "min:s" if whole < 3600.0 else "h:min:s"
 
     def place(message: int) -> dict[str, Any]:
         """Return where the page shows a resonance; the ground has no frequency and no mode."""
@@ -338,74 +371,96 @@ def _tables(
             where |= {"mode": int(at.mode), "y": float(at.excitation_frequency)}
         return where
 
-    loads, warnings = Items(), Items()
+    largest, loads, warnings = Items(), Items(), Items()
+    described = {each.name: each.description for each in log.excitations}
     for part in parts:
-        cells, where = ["not known", ""], dict[str, Any]()
+        what, ratio, time = described.get(part.name) or part.name, "not known", ""
+        ending, where = "not known", dict[str, Any]()
         if not math.isnan(part.load_ratio):
-            time = clock(float(drive.times[part.worst]), whole)
-            cells, where = [f"{part.load_ratio:.3f}", time], place(part.worst)
-        held = [f"{part.warning_time:.2f}", str(part.warnings), f"{part.note_time:.2f}"]
+            time, where = clock(float(drive.times[part.worst]), whole), place(part.worst)
+            factors = drive.resonances.load_ratio_factors[part.worst]
+            ratio = as_precise(part.load_ratio, float(factors[drive.names.index(part.name)]))
+        held = [f"{part.warning_time:.1f}", str(part.warnings), f"{part.note_time:.1f}"]
         held = held if part.known else [""] * len(held)
-        loads.append({"cells": [part.name, *cells, *held], "length": 0.0, **where})
+        loads.append({"cells": [part.name, ratio, time, *held], "length": 0.0, **where})
+        if where and part.load_ratio > 0.0 and len(largest) < _SOURCES:
+            ending = remedy(log, part.worst)
+        elif where or not part.warning_time:
+            continue
+        # A source of an unknown load that warned, as the ground that tyres left, comes first.
+        largest.insert(
+            len(largest) if where else 0, {"cells": [what, ratio, time, ending], **where}
+        )
     for episode in shown:
         at = drive.resonances.message(episode.worst)
         hertz = at.excitation_frequency
-        ratio = "doubted" if drive.doubted[episode.worst] else f"{at.total_load_ratio:.3f}"
+        ratio = as_precise(at.total_load_ratio, at.total_load_ratio_factor)
+        ratio = "doubted" if drive.doubted[episode.worst] else ratio
         cells = [clock(episode.start, whole), ratio, at.total_load_place]
         cells += [at.excitation, "" if math.isnan(hertz) else f"{hertz:.1f}"]
-        row = {"cells": [*cells, f"{episode.duration:.2f}"], "length": episode.duration}
+        row = {"cells": [*cells, f"{episode.duration:.1f}"], "length": episode.duration}
         row["severity"] = float(severity[episode.worst])
         warnings.append(place(episode.worst) | row)
-    note = "Each row is a warning at its worst moment. Choose a row to go there."
-    if len(every) > len(shown):
-        note += f" Of {len(every)} warnings, the {MAX_WARNINGS} with the largest load ratios."
-    table = _WARNINGS | {"title": f"Warnings ({len(every)})", "rows": warnings}
-    table["note"] = note if every else "There was no warning."
-    return [*([_LOADS | {"rows": loads}] if loads else []), table]
+    unknown = any(math.isnan(part.load_ratio) for part in parts)
+    more = f", of which the {MAX_WARNINGS} with the largest loads" * (len(every) > len(shown))
+    titles = {
+        "sources": "The largest sources" + " that are known" * unknown,
+        "contributions": f"All sources ({len(loads)})",
+        "moments": f"Warnings ({len(every)}{more})",
+    }
+    load, when = "load ratio [1]", f"[{unit}]"
+    heads = {
+        "sources": ["source", load, f"largest at {when}", "what would end it"],
+        "contributions": [
+            "source",
+            load,
+            f"at {when}",
+            "in warning [s]",
+            "warnings",
+            "in note [s]",
+        ],
+        "moments": [f"start {when}", load, "in", "most severe", "at [Hz]", "duration [s]"],
+    }
+    each = largest[:_SOURCES], loads, warnings
+    return [
+        {"id": name, "title": title, "head": heads[name], "rows": rows, "first": name == "sources"}
+        for (name, title), rows in zip(titles.items(), each, strict=True)
+    ]
 
 
-def _summary(log: Log, of: dict[str, Any], missing: list[tuple[float, float]]) -> Items:
-    """Return what a page says at a glance, of values of `drive_summary`."""
-    items: Items = []
+def as_precise(ratio: float, factor: float) -> str:
+    """Return a load ratio without digits below its standard deviation, a factor, or with two."""
+    if not ratio > 0.0 or not math.isfinite(ratio):
+        return "not known" if math.isnan(ratio) else f"{ratio:.2g}"
+    last = math.floor(math.log10(ratio)) - 1
+    if factor > 1.0:
+        last = max(last, min(math.floor(math.log10(ratio * (factor - 1.0))), last + 1))
+    return f"{round(ratio, -last):.{max(0, -last)}f}"
 
-    def add(label: str, value: str, alert: bool = False) -> None:
-        items.append({"label": label, "value": value, "alert": alert})
 
-    add("Drive", f"{_span(log.times[-1])}, {of['predictions']:,} predictions")
-    valid = np.isfinite(log.peak_magnitude)
-    if valid.any():
-        angles = log.crank_angle[valid] * DEG
-        add("Crank angle", f"{angles.min():.1f} to {angles.max():.1f} deg")
-        for mode, values in enumerate(log.natural_frequencies[valid].T):
-            known = values[np.isfinite(values)]
-            parts = [f"{known.min():.2f} to {known.max():.2f} Hz"] if len(known) else []
-            if overdamped := len(values) - len(known):
-                parts.append(f"overdamped in {overdamped:,} predictions")
-            add(_mode_name(log, mode), ", ".join(parts))
-    warnings, worst, share = of["warnings"], of["worst"], of["known_share"]
-    text = "none"
-    if warnings:
-        text = (
-            f"{warnings}, {100.0 * of['in_warning_s'] / (log.times[-1] or 1.0):.1f} % of the time"
-        )
-    elif not share:
-        text = "not known"
-    add("Warnings", text, alert=not of["calm"])
-    add("Loads not known", f"{100.0 * (1.0 - share):.1f} % of the time" if share < 1.0 else "never")
-    if worst is not None:
+def _summary(log: Log, of: dict[str, Any], missing: list[tuple[float, float]]) -> list[list[str]]:
+    """Return labels and values that no chart shows, of values of `drive_summary`."""
+    length = f"{len(missing)}, {_span(sum(end - start for start, end in missing))} in total"
+    rows = [
+        ["Drive", f"{_span(log.times[-1])}, {of['predictions']:,} predictions"],
+        ["Predictions not OK", f"{of['not_ok']:,}"],
+        ["Gaps", length if missing else "none"],
+    ]
+    overdamped = np.isnan(log.natural_frequencies[np.isfinite(log.peak_magnitude)]).sum(axis=0)
+    for mode in np.flatnonzero(overdamped).tolist():
+        text = f"overdamped in {overdamped[mode]:,} predictions"
+        rows.append([_mode_name(log, mode), text])
+    if (worst := of["worst"]) is not None:
         load = f"{ratio_words(worst['load_ratio'])} in {worst['place'] or 'the pins'}"
         angle = math.radians(worst["crank_angle_deg"] or math.nan)
-        add("Largest load", f"{load}{_static_force(log, worst['place'], angle)}")
+        rows.append(["Largest load", f"{load}{_static_force(log, worst['place'], angle)}"])
     if reason := of["model"]["unknown_deviations"]:
-        add("Standard deviations", reason)
-    add("Predictions not OK", f"{of['not_ok']:,}" if of["not_ok"] else "none", bool(of["not_ok"]))
-    length = f"{len(missing)}, {_span(sum(end - start for start, end in missing))} in total"
-    add("Gaps", length if missing else "none", alert=bool(missing))
+        rows.append(["Standard deviations", reason])
     if len(log.passes):
         back = real_times(log)[log.passes - 1] - real_times(log)[log.passes]
         text = f"{len(back)} times, by up to {_span(float(back.max()))}"
-        add("The clock jumped back", text, alert=True)
-    return items
+        rows.append(["The clock jumped back", text])
+    return rows
 
 
 def _static_force(log: Log, place: str, alpha3: float) -> str:
@@ -424,16 +479,18 @@ def _span(seconds: float) -> str:
     return f"{seconds / 60.0:.1f} min" if seconds < 3600.0 else f"{seconds / 3600.0:.2f} h"
 
 
-def _provenance(log: Log, n_kept: int) -> dict[str, Any]:
+def _provenance(
+    log: Log, summary: dict[str, Any], missing: list[tuple[float, float]], n_kept: int
+) -> dict[str, Any]:
     n = len(log.stamps)
     text = f"all {n:,} predictions"
     if n_kept < n:
         text = f"{n_kept:,} of {n:,} predictions, with the extremes of every stretch"
     exact = "times and angles are exact, other numbers have 7 digits"
-    rows = [*provenance_rows(log), ["This page holds", f"{text}; {exact}"]]
+    rows = [*_summary(log, summary, missing), *provenance_rows(log)]
     texts = {"Parameters": log.parameters_text, "Mechanism": log.mechanism_text}
     files = [{"name": name, "text": text} for name, text in texts.items() if text]
-    return {"title": "What made this log", "rows": rows, "files": files}
+    return {"rows": [*rows, ["This page holds", f"{text}; {exact}"]], "files": files}
 
 
 def _shades(log: Log, missing: list[tuple[float, float]], axis: TimeAxis) -> list[list[Any]]:
@@ -461,21 +518,32 @@ def _excitations(log: Log, axis: TimeAxis) -> dict[str, Any]:
 
     There are none if the log lacks their file.
     """
-    speeds = all_speeds(log)
-    shown = [each for each in log.excitations if each.source in speeds and not each.terrain]
+    shown, speeds = _excitations_shown(log), dict[str, Any]()
+    for source, (times, values) in all_speeds(log).items():
+        fixed = {"fixed": float(values[0])}  # at all times of the page
+        measured = {"times": axis.place(times), "values": values.astype(np.float32)}
+        if any(each.source is source for each in shown):
+            speeds[source.value] = measured if source in log.speeds else fixed
     return {
-        "speeds": {
-            source.value: {"times": axis.place(times), "values": values.astype(np.float32)}
-            for source, (times, values) in speeds.items()
-            if any(each.source is source for each in shown)
-        },
+        "speeds": speeds,
         "excitations": [
             {
                 "name": each.name,
-                "style": _STYLES[each.source],
+                "load": f"w{log.excitations.index(each)}",
                 "source": each.source.value,
                 "ratio": each.ratio,
             }
             for each in shown
         ],
     }
+
+
+def _excitations_shown(log: Log) -> list[Excitation]:
+    """Return the orders whose speed was known for some time."""
+    stale = number(log, "stale_after", _STALE_AFTER)
+    known = {
+        source
+        for source, (times, _) in all_speeds(log).items()
+        if source not in log.speeds or (np.diff(times) <= stale).any()
+    }
+    return [each for each in log.excitations if each.source in known and not each.terrain]

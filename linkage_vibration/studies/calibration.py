@@ -2,18 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fits parameters of a mechanism to natural frequencies that were measured or published.
 
-A calibration is a YAML file with three keys: ``mechanism`` (a path beside the file), ``parameters``
-(the path of each number in the mechanism's description, with its bounds) and ``targets`` (natural
-frequencies of modes, at an angle or as an extreme over the stroke).
-``config/calibrations/paper.yaml`` shows every key.
-
-The fit finds the most probable numbers (maximum a posteriori). It minimises the squares of the
-logarithms of the frequency ratios, over their deviations, and of the changes of all numbers that
-the description states as uncertain, over theirs. So it changes these, too, whether they are
-parameters or not. A parameter without a stated deviation has a uniform prior between its bounds.
-
-The covariance is that of the linearised fit. If the residuals contradict the deviations (sum of
-squares above its 95 % quantile), those of the targets are multiplied by what the residuals show.
+``config/calibrations/paper.yaml`` shows every key of a calibration. The fit finds the most probable
+numbers (maximum a posteriori): it minimises the squares of the logarithms of the frequency ratios,
+over their deviations, and of the changes of all numbers that the description states as uncertain,
+over theirs. A parameter without a stated deviation has a uniform prior between its bounds.
 """
 
 import itertools

@@ -2,12 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compares modes measured at several heights with a mechanism's, as targets of a calibration.
 
-Measured modes are paired with those of a model by frequency, damping ratio and order. Every
-measured mode has a cost between 0 and 1: 1 if it is not paired, and otherwise the distance to its
-mode of the model. The pairing with the lowest sum is found by dynamic programming, among those that
-keep the order of the modes. As a pair never costs more than 1, and a measured mode that fits well
-costs almost nothing, a mode that belongs to none cannot push another off its place. A pair is
-doubtful if the best pairing without it costs hardly more.
+Every measured mode has a cost: 1 if it is not paired with a mode of the model, and otherwise the
+distance, 0 to 1, by frequency and damping ratio. Of the pairings that keep the order of the modes,
+that with the lowest sum is taken. A pair is doubtful if the best one without it costs hardly more.
 """
 
 import math
@@ -62,7 +59,7 @@ def compare(
     beside = [model.solve(alpha3 + step).natural_frequencies for step in steps]
     count = min(len(solution.natural_frequencies), *map(len, beside))
     predicted = solution.natural_frequencies[:count]
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):  # modes at 0 Hz
         turned = np.max([np.abs(np.log(each[:count] / predicted)) for each in beside], axis=0)
     spreads = np.array([mode.frequency_stddev / mode.frequency for mode in measured])
     spreads[np.isnan(spreads)] = _UNKNOWN
@@ -163,7 +160,7 @@ def pair_modes(
     ).reshape(-1, 3, 1).transpose(1, 0, 2)  # fmt: skip
     away = np.abs(np.log(hz / np.maximum(frequencies, 1e-3)))
     permitted = away <= math.log(FARTHEST) + _EQUAL
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):  # log(0), undamped
         damping = np.abs(np.log(ratios / damping_ratios))
     damping = np.where(np.isfinite(damping), damping, 0.0)  # a model without damping
     damping /= _SIGMAS * np.hypot(_MODEL_DAMPING, np.nan_to_num(spreads))

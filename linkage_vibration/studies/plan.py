@@ -218,7 +218,7 @@ def _errors(scene: Scene, answer: _Answer, exact: _Answer) -> FloatArray:
     peak = abs(answer.peak / exact.peak - 1.0) if 0.0 < exact.peak < math.inf else 0.0
     frf = 0.0
     if answer.frf is not None and exact.frf is not None:
-        with np.errstate(invalid="ignore"):  # of infinite FRFs
+        with np.errstate(invalid="ignore"):  # inf / inf, of infinite FRFs
             off, size = frf_norms(answer.frf, exact.frf, scene.band)
         if not np.isfinite(size).all():
             problem = f"An FRF of {scene.mechanism.name} is infinite in the band"

@@ -246,7 +246,8 @@ def _change(decays: Decays, poles: ComplexArray, rate: float) -> str:
 
 def _values(poles: ComplexArray) -> FloatArray:
     """Return the frequencies, Hz, and damping ratios of poles, (2, n_poles)."""
-    return np.array([np.abs(poles) / (2.0 * math.pi), -poles.real / np.abs(poles)])
+    with np.errstate(invalid="ignore"):  # a pole at zero has no damping ratio
+        return np.array([np.abs(poles) / (2.0 * math.pi), -poles.real / np.abs(poles)])
 
 
 def _changes(decays: Decays, fit: DecayFit, rate: float) -> FloatArray:
@@ -276,8 +277,9 @@ def _stddevs(decays: Decays, fit: DecayFit) -> FloatArray:
     """
     n, count, size = len(decays), len(fit.poles), np.abs(fit.poles)
     curvature = fit.curvatures.sum(axis=0)
-    along, across = fit.poles.real / size, fit.poles.imag / size
-    slopes = np.array([[along, across], [-(across**2), along * across] / size])
+    with np.errstate(invalid="ignore"):  # a pole at zero has neither
+        along, across = fit.poles.real / size, fit.poles.imag / size
+        slopes = np.array([[along, across], [-(across**2), along * across] / size])
     slopes[0] /= 2.0 * math.pi  # of frequency and damping ratio, to real and imaginary parts
     parts = np.linalg.pinv(curvature).reshape(2, count, 2, count).diagonal(axis1=1, axis2=3)
     white = np.einsum("vai,abi,vbi->vi", slopes, parts, slopes) * variance(decays, fit)

@@ -1,8 +1,9 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Writes files so that no reader ever finds half of one, and no input is lost."""
+"""Reads texts, and writes files so that no reader finds half of one, and no input is lost."""
 
 import errno
+import io
 import os
 import stat
 import tempfile
@@ -56,6 +57,17 @@ def refuse_pipe(path: Path) -> None:
     """Raise an OSError for an input that is a pipe, as its reader might wait for ever."""
     if path.is_fifo():
         raise OSError(errno.EINVAL, f"{path.name} is a pipe, not a file")
+
+
+def read_text(path: Path, encoding: str = "utf-8") -> str:
+    """Return a text; an OSError or a UnicodeDecodeError refuses a pipe, and gigabytes of zeros."""
+    refuse_pipe(path)
+    with path.open("rb") as file:
+        start = file.read(4096)
+        if (at := start.find(b"\0")) >= 0:
+            raise UnicodeDecodeError(encoding, start, at, at + 1, "a null character")
+        file.seek(0)
+        return io.TextIOWrapper(file, encoding).read()
 
 
 def make_folder(folder: Path, error: type[LinkageVibrationError]) -> None:

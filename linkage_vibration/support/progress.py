@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Shows on a terminal how much of a table is built, or of a file is read."""
+"""Shows on a terminal how much of a table is built, or of a file is read, if that takes long."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -25,7 +25,7 @@ class Progress:
 
 @contextmanager
 def table_bar(name: str) -> Iterator[Progress]:
-    """Give what shows the progress of building a table, if that takes long."""
+    """Give what shows the progress of building a table."""
     from tqdm import tqdm
 
     with tqdm(
@@ -35,20 +35,19 @@ def table_bar(name: str) -> Iterator[Progress]:
 
 
 @contextmanager
-def byte_bar(path: Path, size: int) -> Iterator[Any]:
-    """Give a bar of the bytes of a file that are read, if that takes long."""
+def shown_bar(path: Path, total: int, unit: str = "B") -> Iterator[Any]:
+    """Give a bar of what is read of a file, or written to it, in bytes or another unit."""
     from tqdm import tqdm
 
-    with tqdm(
-        disable=None, desc=path.name, total=size, unit="B", unit_scale=True, delay=2.0, leave=False
-    ) as bar:
+    about: dict[str, Any] = {"desc": path.name, "total": total, "unit": unit, "unit_scale": True}
+    with tqdm(disable=None, delay=2.0, leave=False, **about) as bar:
         yield bar
 
 
 @contextmanager
 def read_with_bar(path: Path) -> Iterator[Any]:
-    """Open a file that is read as a whole, with a bar if that takes long."""
+    """Open a file that is read as a whole, with a bar."""
     from tqdm.utils import CallbackIOWrapper
 
-    with path.open("rb") as file, byte_bar(path, path.stat().st_size) as bar:
+    with path.open("rb") as file, shown_bar(path, path.stat().st_size) as bar:
         yield CallbackIOWrapper(bar.update, file, "read")

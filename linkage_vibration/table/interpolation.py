@@ -26,7 +26,7 @@ def leja_points(points: Sequence[float], low: float, high: float, count: int) ->
     """
     grid = np.linspace(low, high, _GRID)
     chosen: list[float] = []
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore"):  # log(0), at a point that is there
         product = np.log(np.abs(grid[:, np.newaxis] - np.array(points))).sum(axis=1)
         for _ in range(count):
             # The last of equally good ones, on every machine, however the logarithms are rounded.

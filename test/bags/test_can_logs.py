@@ -325,6 +325,7 @@ BAD_LINES = {
     "a negative time": "(-5.1) can0 0CFE45F0#7D",
     "an odd time": "(1600000000.1) can0 0CFE45F0#7D",
     "words": "the log was rotated here",
+    "zeros": 40 * "\0",
     "a long line": 5000 * "x",
 }
 

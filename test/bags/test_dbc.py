@@ -70,7 +70,7 @@ def messages(draw: st.DrawFn) -> Message:
 
 
 @given(message=messages(), data=st.binary(min_size=8, max_size=8))
-@settings(max_examples=100)
+@settings(max_examples=50)
 def test_any_signal_in_both_directions(
     tmp_path_factory: pytest.TempPathFactory, message: Message, data: bytes
 ) -> None:
@@ -91,7 +91,7 @@ def test_any_signal_in_both_directions(
 
 
 @given(page=st.integers(0, 15), rest=st.binary(min_size=7, max_size=7))
-@settings(max_examples=100)
+@settings(max_examples=50)
 def test_multiplexed_signals(
     tmp_path_factory: pytest.TempPathFactory, page: int, rest: bytes
 ) -> None:

@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from linkage_vibration.bags.blocks import Block
 from linkage_vibration.bags.field_reader import FieldReader
 from linkage_vibration.bags.message_types import JOINT_STATE
-from linkage_vibration.bags.scalar_reader import CdrError, ReadingError, SkippedMessages
+from linkage_vibration.bags.scalar_reader import MAX_NAMES, CdrError, ReadingError, SkippedMessages
 from linkage_vibration.bags.schemas import (
     NUMBERS,
     FieldError,
@@ -126,7 +126,6 @@ def paths(message: Any, prefix: str = "") -> dict[str, float]:
     return actual
 
 
-@settings(max_examples=80)
 @given(messages(), st.booleans())
 def test_against_rosbags(drawn: tuple[str, Any, list[Any]], little: bool) -> None:
     """Every number of any type is exact, one by one and together, in either byte order."""
@@ -326,3 +325,12 @@ def test_layouts_are_bounded() -> None:
     assert rows == {k: float(k) for k in range(300)}
     assert len(reader._layouts._kept) <= 64
     assert math.isclose(reader.read_one(data[7])[0], 7.0)  # type: ignore[index]
+
+
+def test_names_are_limited() -> None:
+    """Of a message with very many names, the first thousand are kept."""
+    names = [f"joint {k}" for k in range(1001)]
+    data = joint_state(names, [0.0] * 1001, [])
+    reader = FieldReader(JOINTS, JOINT_STATE, "position[boom]")
+    assert list(reader.other_names(data)) == names[:1000]
+    assert MAX_NAMES == 1000

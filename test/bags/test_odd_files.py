@@ -112,27 +112,19 @@ def frame_of(layouts, data):  # type: ignore[no-untyped-def]
     return frame_columns(layouts.find(data), np.frombuffer(data, np.uint8)[np.newaxis])
 
 
-@pytest.mark.parametrize("suffix", KINDS)
-def test_one_odd_file(tmp_path: Path, suffix: str) -> None:
-    """A file of one seed is read as its judge reads it."""
-    check(tmp_path, suffix, 1)
+SEEDS = [range(1, 2), pytest.param(range(300), marks=pytest.mark.nightly)]
 
 
-@pytest.mark.nightly
+@pytest.mark.parametrize("seeds", SEEDS, ids=len)
 @pytest.mark.parametrize("suffix", KINDS)
-def test_many_odd_files(tmp_path: Path, suffix: str) -> None:
-    """Files of 300 seeds are read as their judges read them."""
-    for seed in range(300):
+def test_odd_files(tmp_path: Path, suffix: str, seeds: range) -> None:
+    """Files are read as their judges read them."""
+    for seed in seeds:
         check(tmp_path, suffix, seed)
 
 
-def test_one_odd_log(tmp_path: Path) -> None:
-    """A log of candump of one seed is read as python-can reads it."""
-    check_candump(tmp_path, 1)
-
-
-@pytest.mark.nightly
-def test_many_odd_logs(tmp_path: Path) -> None:
-    """Logs of 300 seeds are read as python-can reads them."""
-    for seed in range(300):
+@pytest.mark.parametrize("seeds", SEEDS, ids=len)
+def test_odd_logs(tmp_path: Path, seeds: range) -> None:
+    """Logs of candump are read as python-can reads them."""
+    for seed in seeds:
         check_candump(tmp_path, seed)

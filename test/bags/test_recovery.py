@@ -496,7 +496,7 @@ def test_output_that_appears(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
         yield SimpleNamespace(update=lambda count: output.write_text("mine"))
 
     with monkeypatch.context() as patch:
-        patch.setattr("linkage_vibration.bags.recovery.byte_bar", bar)
+        patch.setattr("linkage_vibration.bags.recovery.shown_bar", bar)
         with pytest.raises(RecoveryError, match=r"whole.mcap exists already"):
             recover(tmp_path / "log.mcap", output)
     assert output.read_text() == "mine"
@@ -569,7 +569,7 @@ def test_progress_from_python(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         bars.append([path, size])
         yield SimpleNamespace(update=bars[-1].append)
 
-    monkeypatch.setattr("linkage_vibration.bags.recovery.byte_bar", bar)
+    monkeypatch.setattr("linkage_vibration.bags.recovery.shown_bar", bar)
     size = len(write(tmp_path / "log.mcap"))
     recover(tmp_path / "log.mcap", tmp_path / "whole.mcap")
     [[path, total, *steps]] = bars

@@ -8,6 +8,7 @@ import sqlite3
 import struct
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
@@ -24,11 +25,17 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
+from linkage_vibration.bags.dbc import dbc_signal
 from linkage_vibration.bags.message_columns import read_columns, topic_types
 from linkage_vibration.bags.message_types import JOINT_STATE
 from linkage_vibration.bags.reading import BagError
 from linkage_vibration.bags.recovery import Recovery, recover
 from linkage_vibration.bags.streams import open_bags
+from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.readers.frfs import read_frfs
+from linkage_vibration.readers.matrices import read_matrices
+from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.readers.recordings import read_recording
 from test.support.programs import require
 
 FLOAT = "std_msgs/msg/Float64"
@@ -523,6 +530,31 @@ def test_remedy_of_a_cut_mcap(tmp_path: Path) -> None:
     saved = read(tmp_path / "a cut one_recovered.mcap", "/a")
     assert saved == drive(len(saved))
     assert 20 < len(saved) < 200
+
+
+SPARSE: dict[str, Callable[[Path], object]] = {
+    **dict.fromkeys((".mcap", ".bag", ".db3", ".log", ".asc", ".trc", ".blf", ".mf4"), read),
+    ".yaml": read_mechanism,
+    ".csv": read_recording,
+    ".npz": read_matrices,
+    ".uff": read_frfs,
+    ".dbc": lambda path: dbc_signal(path, "M.S"),
+}
+
+
+@pytest.mark.parametrize("suffix", SPARSE)
+@pytest.mark.parametrize("size", [2**29, 10 * 2**30])
+def test_holes_in_any_file(tmp_path: Path, suffix: str, size: int) -> None:
+    """A file of zeros, which a file system need not store, is refused within a second."""
+    for name in ("can", "cantools", "pyuff"):  # whose imports take longer
+        pytest.importorskip(name)
+    path = tmp_path / f"zeros{suffix}"
+    with path.open("wb") as file:
+        file.truncate(size)
+    begin = time.process_time()
+    with pytest.raises(LinkageVibrationError, match=rf"zeros\{suffix}.* (is|has|holds|does) "):
+        SPARSE[suffix](path)
+    assert time.process_time() - begin < 1.0
 
 
 def test_active_bag(tmp_path: Path) -> None:

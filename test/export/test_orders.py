@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 from linkage_vibration.cli.main import main
-from linkage_vibration.export.c_source import c_files, c_sources
+from linkage_vibration.export.c_source import c_sources
 from linkage_vibration.export.exported import NAME, Export, export_of
 from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
-from linkage_vibration.prediction.levels import LevelTable
+from linkage_vibration.prediction.levels import LevelTable, kept_levels
 from linkage_vibration.prediction.loads import FORCE, Load, LoadKind
 from linkage_vibration.prediction.predictor import Predictor, predict_many
 from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor, ResonanceState
@@ -32,7 +32,7 @@ from linkage_vibration.support.resources import (
     config_file,
 )
 from linkage_vibration.table.table import Table, load_table
-from test.support.c_code import Library, compile_c, misra_rules, run_test, write
+from test.support.c_code import Library, compile_c, misra_rules, write
 from test.support.programs import require
 
 ORDERS = tuple(
@@ -69,8 +69,10 @@ def case(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     """Return a table, levels, excitations, and their compiled export."""
     export = exported_case(request.param)
     library = Library(tmp_path_factory.mktemp("orders"), export)
-    assert export.levels is not None
-    return export.table, export.levels, CASES[request.param][2], library
+    mechanism_file, _, excitations = CASES[request.param]
+    mechanism = read_mechanism(config_file(mechanism_file))
+    levels = kept_levels(Predictor(export.table), mechanism, excitations)
+    return export.table, levels, excitations, library
 
 
 @cache
@@ -80,12 +82,6 @@ def exported_case(name: str) -> Export:
     mechanism = read_mechanism(config_file(mechanism_file))
     table = load_table(config_file(table_file), mechanism)
     return export_of(table, mechanism, excitations)
-
-
-@cache
-def files_of_tractor() -> dict[str, str]:
-    """Return the source with all cells of the tractor, and its test."""
-    return c_files(exported_case("tractor with amplitudes"))
 
 
 def drawn(table: Table) -> tuple[Any, Any]:
@@ -175,10 +171,10 @@ def drive(table: Table) -> tuple[Any, Any, Any]:
     """
     low, high = table.alpha3_range
     # The monitor alone doubts a speed that goes to and fro without values between both sides.
-    ramp = np.append(np.linspace(0.0, 1100.0, 1500), np.tile([100.0, 320.0, 540.0, 320.0], 400))
+    ramp = np.append(np.linspace(0.0, 1100.0, 300), np.tile([100.0, 320.0, 540.0, 320.0], 60))
     pto = np.concatenate([ramp, ramp[::-1], ramp])
     n = len(pto)
-    times = 10_000_000 * np.arange(n)
+    times = 20_000_000 * np.arange(n)
     times[n // 2 :] += 5_000_000_000
     times[2 * n // 3 :] -= 2_000_000_000
     speeds = np.column_stack([np.linspace(800.0, 2200.0, n), pto, np.full(n, math.nan)])
@@ -233,45 +229,6 @@ def test_a_small_step_back_of_the_time_ends_no_warning(
     assert warns.tolist() == [False] * 10 + [True] * 10 + [expected]
 
 
-def equal_numbers(done: subprocess.CompletedProcess[str]) -> tuple[int, int]:
-    """Return how many numbers are equal, and of how many."""
-    equal, of = map(int, re.findall(r"^(\d+) of (\d+) numbers", done.stdout)[0])
-    return equal, of
-
-
-@pytest.mark.parametrize("name", CASES)
-def test_generated_test(name: str, tmp_path: Path) -> None:
-    """The shipped test compares excitations, too; it passes."""
-    export = exported_case(name)
-    orders = export.constants.orders
-    assert orders is not None
-    done = run_test(export, tmp_path, require("gcc"), "-O2", "-ffp-contract=off")
-    assert done.returncode == 0, done.stdout
-    equal, of = equal_numbers(done)
-    n = len(orders.excitations)
-    assert of > 200 * (6 * n + 3) + 500 * (5 * export.table.n_modes + 3)
-    assert equal > 0.9 * of
-
-
-@pytest.mark.parametrize(
-    ("right", "wrong"),
-    [
-        ("= magnitude / still", "= 1.01f * magnitude / still"),
-        ("load_ratios[i] = load_ratio(", "load_ratios[i] = 1.1 * load_ratio("),
-    ],
-)
-def test_generated_test_can_fail(right: str, wrong: str, tmp_path: Path) -> None:
-    """It finds a change of each kind of numbers."""
-    files = files_of_tractor()
-    source = files[f"{NAME}.c"]
-    assert source.count(right) == 1
-    write(files | {f"{NAME}.c": source.replace(right, wrong)}, tmp_path)
-    command = [require("gcc"), "-std=c99", "-O1", f"{NAME}.c", f"{NAME}_test.c", "-lm"]
-    compile_c([*command, "-o", "run"], tmp_path)
-    done = subprocess.run([tmp_path / "run"], capture_output=True, text=True)
-    assert done.returncode == 1, done.stdout
-
-
 _MAIN = """
 #include "PREFIX.h"
 #include <math.h>
@@ -324,7 +281,13 @@ int main(void)
 """
 
 
-@pytest.mark.parametrize("name", ["tractor with amplitudes", "paper without amplitudes"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "paper without amplitudes",
+        pytest.param("tractor with amplitudes", marks=pytest.mark.nightly),
+    ],
+)
 def test_sanitizers(name: str, tmp_path: Path) -> None:
     """Sanitizers find neither a wrong address nor undefined behaviour, whatever the arguments."""
     write(c_sources(exported_case(name)), tmp_path)

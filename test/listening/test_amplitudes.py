@@ -3,6 +3,7 @@
 """Amplitudes of excitations from measured orders hold within their intervals."""
 
 import math
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -43,7 +44,6 @@ TRUE = 80.0, 40.0  # N
 NOISE = 1e-6  # (m/s2)^2
 ANGLES = np.radians([105.0, 120.0, 135.0, 150.0, 165.0])
 SPEEDS = np.array([480.0, 500.0, 520.0])  # rpm
-DRIVES = 60
 
 
 def excitations() -> tuple[Excitation, ...]:
@@ -87,10 +87,16 @@ def test_the_transfer_is_that_of_the_model() -> None:
     assert np.isnan(predicted().gains(2.3, np.array([math.nan, 50.0]))[:, 0]).all()
 
 
-def test_intervals_of_amplitudes_hold() -> None:
-    """Of drives of machines with other numbers, 90 to 99 % lie within the intervals of 95 %."""
+@pytest.mark.parametrize(
+    ("drives", "least"), [(12, 20 / 24), pytest.param(60, 0.9, marks=pytest.mark.nightly)]
+)
+def test_intervals_of_amplitudes_hold(drives: int, least: float) -> None:
+    """Of drives of machines with other numbers, 90 to 99 % lie within the intervals of 95 %.
+
+    Of 24 amplitudes, less than 20 do so with a probability of 1 %.
+    """
     random, scores = np.random.default_rng(7), []
-    for _, model in zip(range(DRIVES), drawn_models(), strict=False):
+    for _, model in zip(range(drives), drawn_models(), strict=False):
         rows = []
         for angle in ANGLES.tolist():
             frf = model.solve(angle).frf([("E1", "x"), ("E1", "z")], [("E1", "x")])
@@ -102,7 +108,8 @@ def test_intervals_of_amplitudes_hold() -> None:
             assert row.is_detected
             scores.append(math.log(row.amplitude / true) / row.relative_stddev)
     share = float((np.abs(scores) < 1.96).mean())
-    assert 0.90 <= share <= 0.99
+    assert least <= share
+    assert drives == 12 or share <= 0.99
 
 
 def heard(amplitude: float) -> list[MeasuredOrder]:
@@ -170,3 +177,13 @@ def test_amplitude_of_an_order_in_a_few_windows() -> None:
     amplitude, relative = _amplitude(squares, np.full(5, 0.1), np.ones((5, 1)))
     assert amplitude == pytest.approx(math.sqrt(1.7 / 5.0))
     assert math.isfinite(relative)
+
+
+def test_the_deviation_of_a_measured_rms() -> None:
+    """Of m lines that are far above noise of a variance s, the mean rms deviates by sqrt(s/m)/2."""
+    amplitudes = np.full((15, 1, 2), 100.0 * math.sqrt(NOISE))
+    actual = orders(amplitudes, np.random.default_rng(2))
+    plain = tuple(replace(each, load=None) for each in excitations())
+    for row in measure_orders(plain, actual, np.empty((15, 1, 0)), ()):
+        assert row.measured == pytest.approx(100.0 * math.sqrt(NOISE / 2.0), rel=0.01)
+        assert row.measured_stddev == pytest.approx(math.sqrt(NOISE / 15.0) / 2.0, rel=0.01)

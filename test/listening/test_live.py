@@ -54,11 +54,12 @@ def drive(
     seconds: float,
     also: Callable[[SensorMonitor, int, int], None] = lambda *_: None,
     left_out: range = range(0),
+    start: int = START,
 ) -> list[tuple[int, MessageColumns]]:
     """Feed samples and a crank angle that stays; return the stamps and messages."""
     actual = []
     for k in range(int(seconds * RATE)):
-        stamp = START + k * NS // RATE
+        stamp = start + k * NS // RATE
         if k % 10 == 0:
             listening.set_angle(ANGLE, stamp)
         also(listening, k, stamp)
@@ -73,6 +74,14 @@ def test_one_message_a_second_after_the_first_window() -> None:
     """A window of 4 s has to be full; then each second of the stamps has one message."""
     actual = drive(monitor(), 8.5)
     assert [stamp // NS - START // NS for stamp, _ in actual] == [5, 6, 7, 8]
+
+
+@pytest.mark.parametrize(("before", "first"), [(60, 4), (40, 5)])
+def test_samples_before_the_first_window(before: int, first: int) -> None:
+    """Even samples of a window of 4 s need those of 50 ms before it, of a whole second here."""
+    whole = START // NS * NS
+    [(stamp, _), *_] = drive(monitor(), 5.5, start=whole - before * 10**6)
+    assert (stamp - whole) // NS == first
 
 
 def test_the_numbers_are_those_of_the_signal_and_of_the_whole_model() -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from linkage_vibration.listening import mode_checks
 from linkage_vibration.listening.mode_checks import (
     damping_doubt,
     line_doubt,
@@ -98,6 +99,22 @@ def test_lines_of_the_wheelbase() -> None:
     places = tuple((name.replace("rear_axle", "E3"), axis) for name, axis in table.places)
     lacking = replace(table, places=places), *arguments[1:]
     assert np.isnan(finish(wheelbase_lines(*lacking, [20.0 / 3.6]))).all()
+
+
+def test_lines_are_maxima_of_the_acceleration(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A velocity's spectrum without a maximum, as it falls with f^2, has one as acceleration."""
+    name = "three_point_linkage_on_tractor"
+    table = load_table(config_file(f"tables/{name}.npz"))
+    mechanism = read_mechanism(config_file(f"{name}.yaml"))
+    modes = np.log(table.evaluate(np.radians([165.0]))[0, : table.n_modes])
+    widest = int(np.diff(modes).argmax())
+    away = np.linspace(-3.0, 3.0, 6001)
+    hertz = np.exp(modes[widest : widest + 2].mean() + away)
+    psd = hertz**-2.0 * (1.0 + np.exp(-((away / 0.5) ** 2)))
+    assert (np.diff(psd) < 0.0).all()
+    monkeypatch.setattr(mode_checks, "ground_spectrum", lambda *_: (hertz, psd))
+    arguments = table, mechanism, Terrain(64e-6), ("E1", "z"), math.radians(165.0)
+    assert finish(wheelbase_lines(*arguments, [3.0])).tolist() == [pytest.approx(hertz[3000])]
 
 
 @pytest.mark.parametrize(

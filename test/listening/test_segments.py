@@ -48,3 +48,12 @@ def test_over_phase() -> None:
     peak = spectrum.argmax() * rate / 2**16
     assert peak == pytest.approx(1.1 * predicted.mean(), rel=2e-3)
     assert spectrum[[int(peak * 0.9 / rate * 2**16)]] < 0.01 * spectrum.max()
+
+
+@pytest.mark.parametrize(("over_mean", "low", "high"), [(1.8, 0.9, 1.01), (3.6, 0.0, 0.03)])
+def test_what_would_be_folded_is_filtered(over_mean: float, low: float, high: float) -> None:
+    """Resampled at 6 times a frequency, a sine of 1.8 times it stays, and one of 3.6 times goes."""
+    times = np.arange(0.0, 40.0, 1.0 / RATE)
+    signal = math.sqrt(2.0) * np.sin(math.tau * 4.0 * over_mean * times)[:, np.newaxis]
+    resampled = over_phase(signal, np.full(len(times), 4.0), 4.0, RATE)
+    assert low <= resampled[50:-50].std() <= high

@@ -66,16 +66,18 @@ def test_a_mode_that_does_not_oscillate_is_refused(model: LinkageModel) -> None:
         with_noise(damped, "upper_link", 0.0, 0).identify(ALPHA3)
 
 
-@pytest.mark.nightly
+@pytest.mark.parametrize("count", [2, pytest.param(200, marks=pytest.mark.nightly)])
 @pytest.mark.parametrize("link", ["lower_link", "upper_link"])
-def test_intervals_hold(link: str) -> None:
+def test_intervals_hold(link: str, count: int) -> None:
     """The interval of 95 % contains the truth for 90 % of 200 seeds or more, typically to 99 %.
 
     No seed shows a spurious mode.
     """
-    actual = scatter(link, 1e-2, range(200))
+    actual = scatter(link, 1e-2, range(count))
     assert actual.spurious == 0
-    assert actual.answered == 200
+    assert actual.answered == count
+    if count == 2:
+        return  # no share
     coverage = actual.coverage()
     assert coverage.min() >= 0.9
     assert np.median(coverage) <= 0.99

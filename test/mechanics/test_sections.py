@@ -86,7 +86,7 @@ def elastic_section(
     The coefficient is 2 (1 + nu) I / (nu (I' - I) / 2 - A / I integral of x (chi + x y^2)) with
     the flexure function chi of Saint-Venant's cantilever (Cowper 1966, eq. 26).
     """
-    skfem = pytest.importorskip("skfem", reason="scikit-fem solves the flexure (extra fe)")
+    skfem = pytest.importorskip("skfem", reason="scikit-fem solves the flexure")
     helpers = pytest.importorskip("skfem.helpers")
     dot, grad = helpers.dot, helpers.grad
 

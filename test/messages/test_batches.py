@@ -48,7 +48,7 @@ def assert_same(
         assert encoded[i].tobytes() == single
 
 
-@settings(max_examples=300)
+@settings(max_examples=100)
 @given(st.lists(ROWS, min_size=1, max_size=20), st.text(max_size=12))
 def test_same_bytes(rows: list[tuple[float, float, int, int]], frame: str) -> None:
     """Any angle, in the range or outside, gives the bytes that the node publishes."""
@@ -122,7 +122,7 @@ def assert_same_resonances(
     return resonances.state.tolist()
 
 
-@settings(max_examples=200)
+@settings(max_examples=100)
 @given(
     st.lists(st.lists(st.one_of(SPEEDS, READINGS), max_size=12), min_size=1, max_size=3),
     st.sampled_from([(0.1, 0.02, 1.0), (0.3, 0.3, 0.5), (1e300, 0.0, 1e300), (0.1, 0.02, 1e-9)]),

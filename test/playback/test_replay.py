@@ -7,8 +7,10 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -495,38 +497,51 @@ def test_hitch_percent(tmp_path: Path) -> None:
 
 
 def test_mass_that_is_too_large(tmp_path: Path) -> None:
-    """A mass beside which the links lose their digits is refused before a table is built."""
-    finished: list[float] = []
-    heavy = WhatIf(mass=1e9)
+    """A mass beside which the links lose their digits is refused, and nothing is written."""
     with pytest.raises(LinkageVibrationError, match="the links lose their digits"):
-        replay(DRIVE, tmp_path / "log.mcap", what_if=heavy, building=finished.append)
-    assert (finished, list(tmp_path.iterdir())) == ([], [])
+        replay(DRIVE, tmp_path / "log.mcap", what_if=WhatIf(mass=1e9))
+    assert not list(tmp_path.iterdir())
 
 
 def test_threads_change_no_byte(tmp_path: Path) -> None:
-    """A replay from Python has the same bytes with one, two and four threads of BLAS."""
+    """A replay from Python has the same bytes with one and with four threads of BLAS."""
     code = (
         "import sys, linkage_vibration as lv\n"
         "lv.replay(sys.argv[1], sys.argv[2], lv.Parameters(ground_speed=7.0))"
     )
     drive, logs = config_file("drives/hitch_duty_cycle.mcap"), list[bytes]()
-    for threads in ("1", "2", "4"):
+    for threads in ("1", "4"):
         log, own = tmp_path / f"{threads}.mcap", {"XDG_CACHE_HOME": str(tmp_path / threads)}
         environment = {**os.environ, **own, "OPENBLAS_NUM_THREADS": threads}
         command = [sys.executable, "-c", code, str(drive), str(log)]
         subprocess.run(command, env=environment, check=True)
         logs.append(log.read_bytes())
-    assert logs[0] == logs[1] == logs[2]
+    assert logs[0] == logs[1]
 
 
-def test_what_if_the_implement_were_heavier(tmp_path: Path) -> None:
-    """A heavier implement lowers the first natural frequency; the log contains its mechanism."""
+def test_what_if_the_implement_were_heavier(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A heavier implement lowers the first natural frequency; the log contains its mechanism.
+
+    Also from Python, bars show how much of its table is built and how many messages are done.
+    """
+    built, done = list[float](), list[int]()
+    bars = {
+        "linkage_vibration.table.tabulation.building.table_bar": nullcontext(built.append),
+        "linkage_vibration.playback.replay.shown_bar": nullcontext(
+            SimpleNamespace(update=done.append)
+        ),
+    }
     bag, log = write_mcap(tmp_path / "bag.mcap", swing(20)), tmp_path / "log.mcap"
     replay([bag], log, Parameters())
     before = [m.natural_frequencies[0] for _, m in read_messages(log, PREDICTION_TOPIC)]
-    finished: list[float] = []
-    replay([bag], log, Parameters(), what_if=WhatIf(mass=1200.0), building=finished.append)
-    assert len(finished) > 10
+    for name, bar in bars.items():
+        monkeypatch.setattr(name, lambda *_, bar=bar: bar)
+    replay([bag], log, Parameters(), what_if=WhatIf(mass=1200.0))
+    assert len(built) > 10
+    assert built[-1] == pytest.approx(1.0)
+    assert sum(done) == 20
     after = [m.natural_frequencies[0] for _, m in read_messages(log, PREDICTION_TOPIC)]
     ratio = np.array(after) / np.array(before)
     assert np.all(ratio[np.isfinite(ratio)] < 0.99)

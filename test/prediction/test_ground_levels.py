@@ -80,6 +80,7 @@ def test_class_and_roughness_are_the_same_ground() -> None:
             "terrain.roughness: 256 is not from 1e-09 to 1",
         ),
         ({"terrain": {"profile": "a/road.csv"}}, "profile: a/road.csv is not beside this file"),
+        ({"terrain": {"profile": r"a\road.csv"}}, r"road\.csv is not beside this file"),
         ({"lugs": 20}, "field.rolling_radius: this key is missing"),
         ({"rolling_radius": 0.8}, "field.lugs: this key is missing"),
         ({"speed": "pto"}, "field.speed: wheels follow"),

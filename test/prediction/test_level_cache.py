@@ -349,15 +349,16 @@ def test_where_the_files_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
         assert cache_folder() == Path("/home/someone/.cache/linkage_vibration")
 
 
-def test_only_the_newest_files_are_kept(folder: Path) -> None:
-    """With one file too many, the oldest one is removed; with one fewer, all remain."""
+def test_only_the_latest_files_are_kept(folder: Path) -> None:
+    """With one file too many, that unused for longest is removed; with one fewer, all remain."""
     for k in range(MOST_FILES):
         keep(key=f"{k}")
         os.utime(folder / f"cells-{k}.npz", (k, k))
     assert len(list(folder.iterdir())) == MOST_FILES
+    assert is_kept(key="0")  # used again
     keep(key="new")
-    assert not is_kept(key="0")
-    assert all(is_kept(key=key) for key in ("1", f"{MOST_FILES - 1}", "new"))
+    assert not is_kept(key="1")
+    assert all(is_kept(key=key) for key in ("0", "2", f"{MOST_FILES - 1}", "new"))
     assert len(list(folder.iterdir())) == MOST_FILES
 
 

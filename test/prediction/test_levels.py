@@ -136,7 +136,7 @@ def test_pieces_with_different_numbers_of_poles() -> None:
     check_velocity(mechanism, table, [0.5 * (first + end), end - 1e-6, end, end + 1e-6, last])
 
 
-@pytest.mark.nightly
+@pytest.mark.nightly(short="test_pieces_with_different_numbers_of_poles")
 @pytest.mark.parametrize(
     "file",
     ["three_point_linkage_on_tractor.yaml", *(f"starters/category_{i}.yaml" for i in range(1, 5))],

@@ -155,6 +155,16 @@ def test_mostly_is_more_than_half_of_the_square(
     assert ("; shaker 1 at 9.0 Hz is the largest excitation." in text) != mostly
 
 
+@pytest.mark.parametrize(("ground", "said"), [(0.72, True), (0.70, False)])
+def test_what_is_left_without_the_ground(ground: float, said: bool) -> None:
+    """The other load, 0.3, is named if the ground makes more than half of the square."""
+    rough = {"speed": "ground", "terrain": {"class": "B"}, "raised": True}
+    both = excitations_from_mapping({"shaker": SHAKER | GROWING, "ground": rough})
+    ratios = np.array([[0.3, ground]], np.float32)
+    text = sentence(drive([WARNING], [1.0], load_ratios=ratios), both)
+    assert ("Without the ground it would have been at most 0.3." in text) == said
+
+
 def test_what_is_not_counted_is_said(excitations: tuple[Excitation, ...]) -> None:
     """Loads that were never known, and times without a load, are named."""
     text = sentence(drive([CLEAR, UNKNOWN, CLEAR], [0.0, math.nan, 0.0]), excitations)

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Links of every kind in one linkage: beams, matrices, FRFs, a solid mesh, read from files."""
+"""Links of every kind in one linkage: beams, matrices and FRFs, read from files."""
 
 import math
 from pathlib import Path
@@ -11,9 +11,8 @@ import pytest
 import yaml
 from numpy.typing import NDArray
 
-from linkage_vibration.mechanics.bodies.beam import Beam
 from linkage_vibration.mechanics.components import Component
-from linkage_vibration.mechanics.description import Mechanism, MechanismError
+from linkage_vibration.mechanics.description import MechanismError
 from linkage_vibration.mechanics.fbs import component_frf
 from linkage_vibration.mechanics.model import LinkageModel, ModelError
 from linkage_vibration.mechanics.regularisation import RegularisationError
@@ -122,14 +121,10 @@ def test_a_held_link_is_refused(
         LinkageModel(read_mechanism(write(tmp_path, mapping)))
 
 
-def test_all_four_kinds_in_one_linkage(mapping: Any, model: LinkageModel, tmp_path: Path) -> None:
-    """A beam, matrices, a mesh and FRFs give together what the same links give as matrices."""
-    steel = dict(mapping["links"]["upper_link"]["material"])
+def test_all_three_kinds_in_one_linkage(mapping: Any, model: LinkageModel, tmp_path: Path) -> None:
+    """A beam, matrices and FRFs give together what the same links give as matrices."""
     save_matrices(tmp_path / "lower.npz", model, "lower_link")
     replace_body(mapping, "lower_link", kind="matrices", path="lower.npz")
-    bar_mesh(tmp_path / "upper.msh", 0.520, 0.06, 0.08)
-    pins = {"P2": "left", "E2": "right"}
-    replace_body(mapping, "upper_link", kind="mesh", path="upper.msh", pins=pins, material=steel)
     judge = LinkageModel(read_mechanism(write(tmp_path, mapping)))
     save_frfs(tmp_path / "rod.npz", model, "lift_rod")
     replace_body(mapping, "lift_rod", kind="frfs", path="rod.npz")
@@ -172,85 +167,6 @@ def test_both_couplings_agree_with_any_damping(rule: str, name: str) -> None:
         coupled = model.coupled_frf(alpha3, FREQUENCIES, places, places)
         modal = model.solve(alpha3).frf(places, places).frf(FREQUENCIES)
         assert np.linalg.norm(coupled - modal) < 1e-8 * np.linalg.norm(modal)
-
-
-def bar_mesh(path: Path, length: float, width: float, height: float) -> None:
-    """Write a bar of tetrahedra with named end faces as gmsh 2.2."""
-    for module in ("meshio", "skfem"):
-        pytest.importorskip(module, reason="solid meshes need the extra fe")
-    nx, ny, nz = 24, 2, 2
-    xs = np.linspace(0.0, length, nx + 1)
-    ys, zs = (
-        np.linspace(-width / 2, width / 2, ny + 1),
-        np.linspace(-height / 2, height / 2, nz + 1),
-    )
-    grid = np.arange((nx + 1) * (ny + 1) * (nz + 1)).reshape(nx + 1, ny + 1, nz + 1) + 1
-    lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$PhysicalNames", "3"]
-    lines += ['2 1 "left"', '2 2 "right"', '3 3 "body"', "$EndPhysicalNames", "$Nodes"]
-    lines.append(str(grid.size))
-    lines += [
-        f"{grid[i, j, k]} {x!r} {y!r} {z!r}"
-        for i, x in enumerate(xs.tolist())
-        for j, y in enumerate(ys.tolist())
-        for k, z in enumerate(zs.tolist())
-    ]
-    elements = []
-    for end, tag in ((0, 1), (nx, 2)):
-        face = grid[end]
-        for j in range(ny):
-            for k in range(nz):
-                a, b, c, d = face[j, k], face[j + 1, k], face[j + 1, k + 1], face[j, k + 1]
-                elements += [f"2 2 {tag} {tag} {a} {b} {c}", f"2 2 {tag} {tag} {a} {c} {d}"]
-    corners = [
-        (0, 0, 0),
-        (1, 0, 0),
-        (1, 1, 0),
-        (0, 1, 0),
-        (0, 0, 1),
-        (1, 0, 1),
-        (1, 1, 1),
-        (0, 1, 1),
-    ]
-    split = [(0, 1, 2, 6), (0, 2, 3, 6), (0, 3, 7, 6), (0, 7, 4, 6), (0, 4, 5, 6), (0, 5, 1, 6)]
-    for i in range(nx):
-        for j in range(ny):
-            for k in range(nz):
-                cell = [grid[i + a, j + b, k + c] for a, b, c in corners]
-                elements += [f"4 2 3 3 {' '.join(str(cell[n]) for n in t)}" for t in split]
-    lines += ["$EndNodes", "$Elements", str(len(elements))]
-    lines += [f"{n + 1} {text}" for n, text in enumerate(elements)]
-    path.write_text("\n".join([*lines, "$EndElements"]) + "\n")
-
-
-def test_a_solid_mesh_takes_a_links_place(
-    mapping: Any, mechanism: Mechanism, tmp_path: Path
-) -> None:
-    """The upper link as a coarse solid bar keeps mode 1, and the hash covers its files."""
-    link = mapping["links"]["upper_link"]
-    link["section"] = {"shape": "rectangle", "width": 0.06, "height": 0.08}
-    beam = LinkageModel(read_mechanism(write(tmp_path, mapping)))
-    bar_mesh(tmp_path / "upper.msh", 0.520, 0.06, 0.08)
-    steel = dict(link["material"])
-    replace_body(
-        mapping,
-        "upper_link",
-        kind="mesh",
-        path="upper.msh",
-        pins={"P2": "left", "E2": "right"},
-        material=steel,
-    )
-    path = write(tmp_path, mapping)
-    mechanism = read_mechanism(path)
-    assert mechanism.model_hash == read_mechanism(path).model_hash
-    assert not isinstance(mechanism.links[1].body, Beam)
-    solid = LinkageModel(mechanism)
-    for alpha3 in (1.8, 2.6):
-        # Axial stiffness is all that these modes ask of the upper link; rigid end faces stiffen it.
-        np.testing.assert_allclose(
-            solid.solve(alpha3).natural_frequencies[:3],
-            beam.solve(alpha3).natural_frequencies[:3],
-            rtol=0.02,
-        )
 
 
 def test_errors_name_the_key_of_a_wrong_file(mapping: Any, tmp_path: Path) -> None:

@@ -23,6 +23,20 @@ def test_shipped_file() -> None:
     assert len({each.name for each in actual}) == len(actual) == 13
 
 
+def test_descriptions_of_excitations(tmp_path: Path) -> None:
+    """An excitation has words for what it is and how often a turn; without a key, its name."""
+    path = tmp_path / "excitations.yaml"
+    path.write_text(
+        "a_b: {speed: pto, orders: [0.5, 1, 2, 6], description: tines of the harrow}\n"
+        "c_d: {speed: pto, orders: [1.5]}\n"
+        "e: {speed: ground, terrain: {class: C}, raised: true}\n"
+    )
+    words = "every second turn", "once a turn", "twice a turn", "6 times a turn"
+    expected = [f"tines of the harrow, {often}" for often in words]
+    actual = [each.description for each in read_excitations(path)]
+    assert actual == [*expected, "c d, 1.5 times a turn", "e (class C)"]
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

@@ -196,15 +196,12 @@ def check_odd_uff(folder: Path, expected: ComplexArray, seed: int) -> None:
     assert_bar(path, expected, 1e-9 if double else 2e-6)
 
 
-def test_one_odd_uff(tmp_path: Path, expected: ComplexArray) -> None:
-    """A file of one seed gives the closed form."""
-    check_odd_uff(tmp_path, expected, 1)
-
-
-@pytest.mark.nightly
-def test_many_odd_uff(tmp_path: Path, expected: ComplexArray) -> None:
-    """Files of 300 seeds give the closed form."""
-    for seed in range(300):
+@pytest.mark.parametrize(
+    "seeds", [range(1, 2), pytest.param(range(300), marks=pytest.mark.nightly)], ids=len
+)
+def test_odd_uff(tmp_path: Path, expected: ComplexArray, seeds: range) -> None:
+    """Files that differ in all that UFF permits give the closed form."""
+    for seed in seeds:
         check_odd_uff(tmp_path, expected, seed)
 
 

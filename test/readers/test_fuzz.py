@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-for name in ("pyuff", "meshio", "skfem", "rosbags"):
-    pytest.importorskip(name, reason="reads or writes files of one kind (extras uff, fe and bags)")
+for name in ("pyuff", "rosbags"):
+    pytest.importorskip(name, reason="reads or writes files of one kind (extras uff and bags)")
 
 from linkage_vibration.errors import LinkageVibrationError  # noqa: E402
 from test.support.damage import ACCEPTED, BOMBS, REFUSED, damaged, read_outcome, write_files  # noqa: E402

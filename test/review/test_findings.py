@@ -16,14 +16,23 @@ import pytest
 
 from linkage_vibration.cli.main import main
 from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.severity import ResonanceState
 from linkage_vibration.prediction.verdict import contributions, episodes
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.review.findings import ending, first_sentence, log_levels
+from linkage_vibration.review.findings import (
+    DOUBTFUL,
+    all_counted,
+    ending,
+    first_sentence,
+    log_levels,
+    remedy,
+    speeds_at_drive,
+)
 from linkage_vibration.review.log import Log, problems, read_log
 from linkage_vibration.review.overview import drive_summary, overview_html
-from linkage_vibration.review.review_page import review_page
+from linkage_vibration.review.review_page import page_of, review_page
 from linkage_vibration.review.time_axis import time_axis
 from linkage_vibration.support.resources import PAPER_MECHANISM, config_file
 from test.support.drive import engine_and_pto_speed, hitch_duty_cycle
@@ -55,22 +64,23 @@ def test_only_invalid_angles(write_log: Any, tmp_path: Path) -> None:
     path = write_log(tmp_path / "nan.mcap", times, np.full(50, np.nan))
     log = read_log(path)
     assert "is not known, as no crank angle was valid" in first_sentence(log)
-    cards = {card["label"]: card["value"] for card in review_page(log).content["summary"]}
-    assert cards["Warnings"] == "not known"
+    assert is_one_sentence(log)
+
+
+def is_one_sentence(log: Log) -> bool:
+    """Return whether the page of a log has its sentence alone, and no script and no table."""
+    page = b"".join(page_of(log)).decode()
+    return first_sentence(log) in html.unescape(page) and not re.search("<script|<table", page)
 
 
 @pytest.mark.parametrize("inside", [0, 1])
 def test_only_angles_outside(write_log: Any, tmp_path: Path, inside: int) -> None:
-    """The angle and the range come first, without empty charts; a single angle inside is enough."""
+    """The page has the angle and the range alone; with a single angle inside it has charts."""
     angles = np.radians([343.8] * 50)
     angles[:inside] = 2.0
     log = read_log(write_log(tmp_path / "outside.mcap", np.arange(50) / 100.0, angles))
-    page = review_page(log)
-    charts = [chart["id"] for chart in page.content["charts"]]
     text = "A crank angle of 343.8 deg is outside 90 to 180 deg: check offset or sign."
-    assert page.content["answer"].startswith(text) == (charts == ["angle"]) == (not inside)
-    assert (page.content["tables"] == [] and "frf" not in page.content) == (not inside)
-    assert not page.content["calm"]
+    assert first_sentence(log).startswith(text) == is_one_sentence(log) == (not inside)
 
 
 def test_part_of_a_total_is_marked(log: Log) -> None:
@@ -85,12 +95,15 @@ def test_part_of_a_total_is_marked(log: Log) -> None:
     np.testing.assert_array_equal(dotted, part & np.isfinite(total))
     [chart] = [each for each in page.content["charts"] if each["id"] == "load"]
     hatched = np.zeros(len(log.stamps), np.bool_)
+    red = hatched.copy()
     for start, end, kind in chart["shades"]:
-        assert kind == "unknown"
-        hatched |= (log.times >= start) & (log.times < end)
-    np.testing.assert_array_equal(hatched[:-1], part[:-1])
+        flags = {"unknown": hatched, "above": red}[kind]
+        flags |= (log.times >= start) & (log.times < end)
+    above = total > at.load_ratio_limit
+    np.testing.assert_array_equal(red[:-1], above[:-1])
+    np.testing.assert_array_equal(hatched[:-1], (part & ~above)[:-1])
     labels = [each["label"] for each in chart["key"]]
-    assert ("not known in all" in labels) == part.any()
+    assert ("not known whether above the limit" in labels) == (part & ~above).any()
 
 
 def test_jump_of_the_clock(jumping: Path) -> None:
@@ -177,8 +190,8 @@ def test_overview_escapes_names(log: Log) -> None:
 
 
 def test_static_force_of_the_largest_load(log: Log) -> None:
-    """The card names the static force in that pin, which the model computes at that angle."""
-    cards = {card["label"]: card["value"] for card in review_page(log).content["summary"]}
+    """The page names the static force in that pin, which the model computes at that angle."""
+    cards = dict(review_page(log).content["provenance"]["rows"])
     assert log.drive is not None
     row = int(np.nanargmax(log.drive.resonances.total_load_ratio))
     model = LinkageModel(read_mechanism(config_file(PAPER_MECHANISM)))
@@ -280,6 +293,15 @@ def test_summary_without_loads(write_log: Any, tmp_path: Path) -> None:
         assert values["known_share"] == 0.0
 
 
+def test_speeds_at_a_drive(log: Log) -> None:
+    """The ground speed is a magnitude in reverse, too; a negative speed of a shaft is not known."""
+    before = np.array([-1.0])
+    speeds = {Source.GROUND: (before, np.array([-2.0])), Source.PTO: (before, np.array([-540.0]))}
+    actual = speeds_at_drive(replace(log, speeds=speeds))
+    assert (actual[Source.GROUND] == 2.0).all()
+    assert np.isnan(actual[Source.PTO]).all()
+
+
 def test_what_ends_a_warning_does_end_it(log: Log) -> None:
     """At the angle and the speeds of the message, the limit holds at each value as it is written.
 
@@ -319,6 +341,33 @@ def test_what_ends_a_warning_does_end_it(log: Log) -> None:
     assert (ending(log, 20) != "", ending(unlike, 20)) == (True, "")
 
 
+def test_what_would_end_a_load(log: Log) -> None:
+    """Above the limit the page names what ends that; below it nothing, and else it is not known."""
+    assert log.drive is not None
+    of, seen = log.drive.resonances, set[str]()
+    for row in range(0, len(log.drive.times), 40):
+        text, above = remedy(log, row), of.total_load_ratio[row] > of.load_ratio_limit[row]
+        expected = "not needed, as nothing was above its limit"
+        if of.unknown_sources[row] or np.isnan(of.total_load_ratio[row]):
+            expected = "not known"
+        if above and (words := ending(log, row)):
+            expected = f"{words}; this is enough"
+        if not above or ending(log, row):
+            assert text.startswith(expected)
+        seen.add(text[:6])
+    assert {"not ne", "a PTO "} <= seen
+    calm = int(np.flatnonzero((of.unknown_sources == 0) & (of.total_load_ratio < 0.01))[0])
+    worst = int(np.nanargmax(of.total_load_ratio))
+    lifted = MessageColumns(**vars(of) | {"off_ground_share": np.full(len(log.drive.times), 0.3)})
+    off = replace(log, drive=replace(log.drive, resonances=lifted))
+    assert remedy(log, calm).startswith("not needed")
+    assert remedy(off, calm) == "no speed or height alone that is known"
+    assert off.drive is not None
+    assert [all_counted(each)[calm] for each in (log.drive, off.drive)] == [True, False]
+    bare = remedy(replace(log, table=None), worst)
+    assert bare == "not known, as the log does not hold the model"
+
+
 @pytest.fixture
 def page(browser: Any, overview: Path) -> Iterator[Any]:
     """Return the browser with the page of the jumping log."""
@@ -330,9 +379,12 @@ def page(browser: Any, overview: Path) -> Iterator[Any]:
 
 
 def test_page_begins_with_the_answer(page: Any, jumping: Path) -> None:
-    """The sentence and the excitations come first, and the cursor is at the worst moment."""
+    """The beginning of the sentence comes first, and the cursor is at the worst moment."""
     log = read_log(jumping)
-    assert page.text("#answer") == first_sentence(log)
+    sentence = first_sentence(log).removeprefix(DOUBTFUL)
+    assert page.text("#answer").startswith(sentence[: sentence.index(". ") + 1])
+    assert page.text("#rest p") == sentence[sentence.index(". ") + 2 :]
+    assert page.text("#inputs li") == log.input_faults[0]
     assert log.drive is not None
     rows = page.evaluate("[...document.querySelectorAll('#table-contributions tbody tr')].length")
     assert rows == len(log.drive.names)
@@ -340,7 +392,7 @@ def test_page_begins_with_the_answer(page: Any, jumping: Path) -> None:
     assert page.evaluate("review.cursor") == log.drive.predictions[worst]
     assert page.evaluate("review.mode") == log.drive.resonances.mode[worst]
     assert page.evaluate("document.querySelector('#table-moments').open") is False
-    assert "1 times" in page.text("#summary")
+    assert "1 times" in page.text("#provenance")
 
 
 def test_cursor_of_a_chart_that_comes_into_sight(page: Any) -> None:
@@ -348,11 +400,11 @@ def test_cursor_of_a_chart_that_comes_into_sight(page: Any) -> None:
     page.resize(1280, 400)
     page.evaluate("document.querySelector('#table-contributions tbody tr').click()")
     page.settle()
-    page.evaluate("document.querySelector('#chart-load').scrollIntoView()")
+    page.evaluate("document.querySelector('#chart-angle').scrollIntoView()")
     page.evaluate("new Promise(done => setTimeout(done, 200))")
     left, width = page.evaluate(
         "(e => [parseFloat(e.style.left), e.parentElement.clientWidth])"
-        "(document.querySelector('#chart-load .cursor'))"
+        "(document.querySelector('#chart-angle .cursor'))"
     )
     low, high = page.evaluate("review.view")
     time = page.evaluate("review.columns.time[review.cursor]")
@@ -380,7 +432,7 @@ def test_canvases_have_names_and_numbers(page: Any) -> None:
         "[...document.querySelectorAll('.chart-row')]"
         ".map(e => e.querySelectorAll('.numbers tbody td').length)"
     )
-    assert len(tables) == 7
+    assert len(tables) == 3
     assert min(tables) >= 25
 
 
@@ -389,7 +441,7 @@ def test_next_goes_forward_from_the_cursor(page: Any, jumping: Path) -> None:
     drive = read_log(jumping).drive
     assert drive is not None
     actual = drive.predictions[[each.worst for each in episodes(drive)]].tolist()
-    page.click(page.place("#chart-peak .u-over", 0.01))
+    page.click(page.place("#chart-modes .u-over", 0.01))
     actual = [row for row in actual if row > page.evaluate("review.cursor")]
     page.key("n", "n")
     assert page.evaluate("review.cursor") == actual[0]

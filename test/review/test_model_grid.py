@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the page interpolates between angles agrees with the model."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ from linkage_vibration.drawing.geometry import curves
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.review.model_grid import _continued, linkage_grid, receptance_grid
+from linkage_vibration.review.model_grid import linkage_grid
 from linkage_vibration.support.resources import (
     DEFAULT_MECHANISM,
     DEFAULT_TABLE,
@@ -20,8 +19,6 @@ from linkage_vibration.support.resources import (
     config_file,
 )
 from linkage_vibration.table.table import load_table
-from linkage_vibration.table.tabulation import build_table
-from test.support.crossing import crossing_crank
 
 Grid = dict[str, Any]
 
@@ -48,62 +45,6 @@ def test_shapes_do_not_flip(drawn: Grid) -> None:
     before, after = drawn["shapes"][:, :-1], drawn["shapes"][:, 1:]
     sizes = np.linalg.norm(before, axis=(2, 3)) * np.linalg.norm(after, axis=(2, 3))
     assert ((before * after).sum(axis=(2, 3)) / sizes).min() > 0.98
-
-
-def test_terms_between_angles(mechanism: Mechanism) -> None:
-    """Halfway between two angles of the grid, interpolated terms give |H| within 1e-3."""
-    table = load_table(config_file(PAPER_TABLE))
-    grid = receptance_grid(mechanism, table)
-    assert grid is not None
-    assert grid["place"] == "E1 z"
-    frequencies = np.linspace(1.0, 199.0, 397)
-    w = 2.0 * np.pi * frequencies[:, np.newaxis]
-    for i in (3, 180, 357):
-        kr, ki, c, rr, ri, tr, ti = grid["terms"][i : i + 2].mean(axis=0).T
-        terms = (rr + 1j * ri + 1j * w * (tr + 1j * ti)) / (kr + 1j * ki - w**2 + 1j * w * c)
-        mixed = terms.sum(axis=1) + grid["residual"][i : i + 2].mean(axis=0) @ [1.0, 1j]
-        halfway = float(grid["angles"][i : i + 2].mean())
-        exact = table.frf(halfway, [("E1", "z")], [("E1", "z")]).frf(frequencies)[:, 0, 0]
-        assert np.linalg.norm(mixed - exact) / np.linalg.norm(exact) < 1e-3
-
-
-def test_no_frf_no_waterfall(mechanism: Mechanism) -> None:
-    """A table without the drive point gives no receptance."""
-    table = load_table(config_file(PAPER_TABLE))
-    assert receptance_grid(mechanism, replace(table, places=table.places[2:])) is None
-
-
-def test_terms_of_a_mode_that_becomes_real() -> None:
-    """Each term continues the one at the angle before, also where two poles become real."""
-    mechanism = crossing_crank(0.2, 0.8137, 0.01, 3e3)
-    table = build_table(LinkageModel(mechanism), 1e-4)
-    grid = receptance_grid(mechanism, table)
-    assert grid is not None
-    assert np.isnan(grid["frequencies"]).any()
-    assert np.isfinite(grid["frequencies"]).any()
-    point, direction = grid["place"].split()
-    frequencies = np.linspace(1.0, 59.0, 117)
-    w = 2.0 * np.pi * frequencies[:, np.newaxis]
-    off = []
-    for i in range(0, len(grid["angles"]) - 1, 5):
-        kr, ki, c, rr, ri, tr, ti = grid["terms"][i : i + 2].mean(axis=0).T
-        terms = (rr + 1j * ri + 1j * w * (tr + 1j * ti)) / (kr + 1j * ki - w**2 + 1j * w * c)
-        mixed = terms.sum(axis=1) + grid["residual"][i : i + 2].mean(axis=0) @ [1.0, 1j]
-        halfway = float(grid["angles"][i : i + 2].mean())
-        place = [(point, direction)]
-        exact = table.frf(halfway, place, place).frf(frequencies)[:, 0, 0]
-        off.append(np.linalg.norm(mixed - exact) / np.linalg.norm(exact))
-    assert max(off) < 1e-2
-
-
-def test_terms_keep_their_order_where_all_frequencies_rise() -> None:
-    """Undamped modes at 1 and 2 rad/s rise to 2 and 3: the first does not jump over the second."""
-    before, after = np.zeros((2, 7)), np.zeros((2, 7))
-    before[:, 0], after[:, 0] = [1.0, 4.0], [9.0, 4.0]  # squares of frequencies
-    before[:, 3], after[:, 3] = [1.0, 2.0], [2.0, 1.0]  # residues
-    first, second = _continued([before, after])
-    assert np.array_equal(first[:, [0, 3]], [[1.0, 1.0], [4.0, 2.0]])
-    assert np.array_equal(second[:, [0, 3]], [[4.0, 1.0], [9.0, 2.0]])
 
 
 def test_tractor_is_drawn_and_moves() -> None:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page of a log works in a browser with mouse, keys and touch."""
 
+import math
 import re
 from collections.abc import Iterator
 from dataclasses import replace
@@ -14,12 +15,10 @@ import pytest
 from linkage_vibration.cli.main import main
 from linkage_vibration.messages.definitions import message_definition
 from linkage_vibration.prediction.judge import InputFault
-from linkage_vibration.prediction.verdict import Drive, episodes
+from linkage_vibration.prediction.verdict import Drive, durations, episodes
 from linkage_vibration.review.log import Log, read_log
 from linkage_vibration.review.overview import drive_summary
-from linkage_vibration.review.review_page import STATES, review_page
-from linkage_vibration.support.resources import PAPER_TABLE, config_file
-from linkage_vibration.table.table import load_table
+from linkage_vibration.review.review_page import STATES, _load_levels, as_precise, review_page
 
 SHIFT = 8
 
@@ -66,13 +65,11 @@ def test_browser_that_cannot_unpack(browser: Any, file: Path) -> None:
 
 def test_charts_out_of_sight_follow(page: Any) -> None:
     """A chart below the window is drawn, too, once the page is open, and has a cursor."""
-    assert page.place("#chart-load .u-over")[0] > 0.0
+    assert page.place("#chart-angle .u-over")[0] > 0.0
     page.evaluate("scrollTo(0, 0)")
-    assert page.evaluate("document.querySelector('#chart-load').getBoundingClientRect().top") > 900
-    lines = "document.querySelectorAll('.chart:not([hidden]) .cursor').length"
-    assert page.evaluate(lines) == page.evaluate(
-        "document.querySelectorAll('.chart:not([hidden])').length"
-    )
+    assert page.evaluate("document.querySelector('#chart-angle').getBoundingClientRect().top") > 900
+    lines = "document.querySelectorAll('.chart .cursor').length"
+    assert page.evaluate(lines) == page.evaluate("document.querySelectorAll('.chart').length")
 
 
 def test_command_writes_files(drive: Path, tmp_path: Path, capsys: Any) -> None:
@@ -86,37 +83,109 @@ def test_command_writes_files(drive: Path, tmp_path: Path, capsys: Any) -> None:
 
 
 def test_page_shows_the_drive(page: Any, log: Log) -> None:
-    """The page has a row for each quantity, and lists all moments."""
+    """The page has charts of the load, of all modes and of the angle, and lists all moments."""
     rows = page.evaluate("[...document.querySelectorAll('.chart')].map(e => e.id)")
-    shown = ["angle", "waterfall", "f1", "f2", "f3", "peak", "load"]
-    assert [row for row in rows if row != "chart-over-angle"] == [f"chart-{name}" for name in shown]
+    assert rows == ["chart-load", "chart-modes", "chart-angle"]
     values = page.evaluate("document.querySelectorAll('#table-moments tbody tr').length")
     assert log.drive is not None
     assert values == len(episodes(log.drive)) > 4
     assert log.table_id in page.text("#provenance")
 
 
+def test_first_screen_answers(page: Any, log: Log) -> None:
+    """At 1280 x 900 it has a short verdict, the load with its limit, and up to three sources."""
+    answer = page.text("#answer")
+    assert len(re.split(r"(?<=\.) (?=[A-Z])", answer)) <= 2
+    assert log.drive is not None
+    percent = math.floor(100.0 * durations(log.drive).known_share)
+    assert f" {percent} %" in answer
+    bottom = "document.querySelector('#table-sources').getBoundingClientRect().bottom"
+    assert page.evaluate(f"(scrollTo(0, 0), {bottom})") <= 900
+    assert page.evaluate("review.scale('load')")[1] > 0.02  # the limit in the parameters
+    lines = "[...document.querySelectorAll('#table-sources tbody tr')].map(e => e.innerText)"
+    rows = page.evaluate(lines)
+    assert rows[0].startswith("pto shaft, ")
+    assert 1 <= len(rows) <= 3
+    heads = page.evaluate(
+        "[...document.querySelectorAll('#table-sources th')].map(e => e.innerText)"
+    )
+    assert heads == ["source", "load ratio [1]", "largest at [s]", "what would end it"]
+
+
+def test_labels_of_axes_are_exact(page: Any) -> None:
+    """The labels of each axis of values are its values, also for steps as 0.0025."""
+    for chart in ("load", "modes", "angle"):
+        labels, values = page.evaluate(f"review.labels('{chart}')")
+        pairs = [(float(a), b) for a, b in zip(labels, values, strict=True) if a is not None]
+        assert len(pairs) > 1
+        for shown, exact in pairs:
+            assert shown == pytest.approx(exact, rel=1e-9, abs=1e-15)
+
+
+def test_dark_mode_follows_the_browser(page: Any) -> None:
+    """The page is inverted where the browser asks for dark colours, and not where it does not."""
+    filters = "getComputedStyle(document.body).filter"
+    for scheme, dark in (("dark", True), ("light", False)):
+        features = [{"name": "prefers-color-scheme", "value": scheme}]
+        page.send("Emulation.setEmulatedMedia", features=features)
+        assert ("invert" in page.evaluate(filters)) == dark
+
+
+@pytest.mark.parametrize(
+    ("ratio", "factor", "text"),
+    [
+        (0.0886, math.nan, "0.089"),
+        (0.0886, 1.01, "0.089"),
+        (0.0886, 1.2, "0.09"),
+        (0.0886, 2.55, "0.09"),
+        (1.234, 1.5, "1.2"),
+        (1.234, 2.5, "1"),
+        (207.0, math.nan, "210"),
+        (0.0, math.nan, "0"),
+        (math.nan, math.nan, "not known"),
+    ],
+)
+def test_load_ratio_has_no_digits_below_its_deviation(
+    ratio: float, factor: float, text: str
+) -> None:
+    """A load ratio has two digits, or fewer if its deviation, ratio (factor - 1), is larger."""
+    assert as_precise(ratio, factor) == text
+
+
+def test_steps_of_loads() -> None:
+    """Steps tell unknown, weak, and loads on both sides of the limit apart."""
+    limit = 0.33
+    ratios = [math.nan, 0.0, 0.0065, 0.0067, limit, np.nextafter(limit, 1.0), 0.66, 9.0]
+    steps = _load_levels(np.array(ratios), limit).tolist()
+    assert steps[:3] == [0, 1, 1]
+    assert 2 <= steps[3] < steps[4] == 128 < steps[5] < steps[6] == steps[7] == 255
+
+
 def test_hover_reads_the_log_s_numbers(page: Any, log: Log) -> None:
     """The page shows the numbers of the prediction nearest to the mouse, as in the log."""
     for share in (0.1, 0.3, 0.8):
-        page.hover(page.place("#chart-f2 .u-over", share))
+        page.hover(page.place("#chart-modes .u-over", share))
         i = page.evaluate("review.cursor")
         assert log.times[i] == pytest.approx(share * log.times[-1], abs=0.03)
         for mode in range(3):
             shown = float(page.text(f"#read-f{mode + 1}").split()[0])
-            assert shown == pytest.approx(log.natural_frequencies[i, mode], rel=6e-7)
+            text, spread = page.text(f"#read-f{mode + 1}").removesuffix(" Hz").split(" ± ")
+            by = 2.0 * log.frequency_stddevs[i, mode]
+            places = len(text.partition(".")[2])
+            assert shown == round(float(log.natural_frequencies[i, mode]), places)
+            assert 10.0 <= round(by * 10.0**places) <= 100.0  # two digits of the deviation
+            assert float(spread) == pytest.approx(by, abs=0.51 * 10.0**-places)
             held = page.evaluate(f"review.columns.f{mode + 1}[{i}]")
             assert held == np.float32(log.natural_frequencies[i, mode])
         shown = float(page.text("#read-crank_angle").split()[0])
-        assert shown == pytest.approx(np.rad2deg(log.crank_angle[i]), rel=1e-7)
-        assert "±" in page.text("#read-f1")
+        assert shown == pytest.approx(np.rad2deg(log.crank_angle[i]), abs=5.1e-3)
 
 
 def test_click_keeps_the_cursor(page: Any) -> None:
     """The cursor returns to the clicked sample when the mouse leaves the chart."""
-    page.click(page.place("#chart-peak .u-over", 0.6))
+    page.click(page.place("#chart-modes .u-over", 0.6))
     kept = page.evaluate("review.cursor")
-    page.hover(page.place("#chart-peak .u-over", 0.2))
+    page.hover(page.place("#chart-modes .u-over", 0.2))
     assert page.evaluate("review.cursor") != kept
     page.hover(page.place("h1"))
     assert page.evaluate("review.cursor") == kept
@@ -124,7 +193,7 @@ def test_click_keeps_the_cursor(page: Any) -> None:
 
 def test_link_to_a_moment(page: Any, file: Path, log: Log) -> None:
     """A click puts its time into the address, and a page with a time there opens at it."""
-    page.click(page.place("#chart-peak .u-over", 0.6))
+    page.click(page.place("#chart-modes .u-over", 0.6))
     kept = page.evaluate("review.cursor")
     address = page.evaluate("location.href")
     assert address.endswith(f"#t={log.times[kept]:.3f}")
@@ -142,7 +211,7 @@ def test_drag_zooms_and_pans(page: Any, log: Log) -> None:
     """A drag zooms in, a drag with Shift moves the view, and a double-click shows everything."""
     whole = view(page)
     assert whole == [0.0, log.times[-1]]
-    start, end = page.place("#chart-f1 .u-over", 0.25), page.place("#chart-f1 .u-over", 0.5)
+    start, end = page.place("#chart-modes .u-over", 0.25), page.place("#chart-modes .u-over", 0.5)
     page.drag(start, end)
     np.testing.assert_allclose(view(page), [0.25 * whole[1], 0.5 * whole[1]], atol=0.05)
     page.drag(end, start, SHIFT)
@@ -153,7 +222,7 @@ def test_drag_zooms_and_pans(page: Any, log: Log) -> None:
 
 def test_wheel_and_strip(page: Any, log: Log) -> None:
     """Ctrl and the wheel zoom about the mouse; the window in the strip is drawn and dragged."""
-    at = page.place("#chart-f1 .u-over", 0.5)
+    at = page.place("#chart-modes .u-over", 0.5)
     page.mouse("mouseWheel", at, deltaX=0, deltaY=-200, modifiers=2)
     page.settle()
     low, high = view(page)
@@ -189,7 +258,7 @@ def test_moments_are_shown_on_demand(page: Any, log: Log) -> None:
 
 def test_keys(page: Any, log: Log) -> None:
     """Arrows move the cursor, + and - zoom about it, digits choose a mode, m stops the motion."""
-    page.click(page.place("#chart-f1 .u-over", 0.5))
+    page.click(page.place("#chart-modes .u-over", 0.5))
     i = page.evaluate("review.cursor")
     page.key("ArrowRight", modifiers=SHIFT)
     assert page.evaluate("review.cursor") == i + 1
@@ -233,40 +302,17 @@ def test_linkage_is_drawn_and_moves(page: Any, log: Log) -> None:
     assert before[n:] != after[n:]
     ends = [line.split()[0] for line in before[:n]]
     assert "0.0000,0.0000" in ends  # P1, on the ground at the origin
-    page.hover(page.place("#chart-f1 .u-over", 12.25 / log.times[-1]))
+    page.hover(page.place("#chart-modes .u-over", 12.25 / log.times[-1]))
     assert page.text("#linkage-caption") == "No prediction at 185.00°."
     assert page.text("#read-status") == "out of range"
     assert page.text("#read-f1") == "no value"
-
-
-def test_receptance_is_the_table_s(page: Any) -> None:
-    """|H| in the waterfall is within 0.3 % of the table, also beside resonances."""
-    table = load_table(config_file(PAPER_TABLE))
-    for degrees, frequency in ((101.3, 3.1), (133.37, 98.0), (165.21, 5.4), (178.0, 150.0)):
-        angle = float(np.deg2rad(degrees))
-        shown = page.evaluate(f"review.receptance({angle!r}, {frequency})")
-        frf = table.frf(angle, [("E1", "z")], [("E1", "z")])
-        exact = abs(frf.frf(np.array([frequency]))[0, 0, 0])
-        assert shown == pytest.approx(exact, rel=3e-3)
-
-
-def test_waterfall_over_the_angle(page: Any) -> None:
-    """The waterfall is shown over angle or time, with |H| under the mouse."""
-    page.click(page.place("#over-angle"))
-    assert page.evaluate("document.querySelector('#chart-waterfall').hidden") is True
-    page.hover(page.place("#chart-over-angle .u-over"))
-    assert page.text("#pointer").endswith("135.00°")
-    page.click(page.place("#over-time"))
-    page.hover(page.place("#chart-waterfall .u-over", 0.5, 0.5))
-    assert page.text("#pointer").startswith("|H| = ")
-    assert page.evaluate("document.querySelector('#chart-waterfall').hidden") is False
 
 
 def test_lines_keep_their_extremes(page: Any, log: Log) -> None:
     """The drawn line reaches the lowest and the highest value, also when it is decimated."""
     page.resize(500, 900)
     page.evaluate("new Promise(done => setTimeout(done, 100))")
-    shown = page.evaluate("review.drawn('f2')")
+    shown = page.evaluate("review.drawn('modes', 4)")
     assert len(shown) < len(log.stamps)
     known = [value for value in shown if value is not None]
     assert min(known) == np.float32(np.nanmin(log.natural_frequencies[:, 1]))
@@ -283,7 +329,7 @@ def test_phone(page: Any, tmp_path: Path) -> None:
         "document.querySelectorAll('#modes button').forEach(b => { b.textContent += ' (link)'; })"
     )
     assert page.evaluate("document.documentElement.scrollWidth") == 380
-    x, y = page.place("#chart-f1 .u-over", 0.3)
+    x, y = page.place("#chart-modes .u-over", 0.3)
     page.send("Input.dispatchTouchEvent", type="touchStart", touchPoints=[{"x": x, "y": y}])
     page.send("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
     page.settle()
@@ -295,24 +341,24 @@ def test_phone(page: Any, tmp_path: Path) -> None:
 
 def test_print(page: Any, tmp_path: Path) -> None:
     """The page prints on a few sheets, and has its former width afterwards."""
-    width = page.evaluate("document.querySelector('#chart-f1 canvas').clientWidth")
+    width = page.evaluate("document.querySelector('#chart-modes canvas').clientWidth")
     page.pdf(tmp_path / "page.pdf")
     data = (tmp_path / "page.pdf").read_bytes()
     assert data.startswith(b"%PDF")
     assert 2 <= data.count(b"/Type /Page\n") <= 8
     page.settle()
-    assert page.evaluate("document.querySelector('#chart-f1 canvas').clientWidth") == width
+    assert page.evaluate("document.querySelector('#chart-modes canvas').clientWidth") == width
 
 
 def test_bare_log(browser: Any, write_log: Any, tmp_path: Path) -> None:
-    """A log without provenance gives a page without linkage and waterfall."""
+    """A log without provenance gives a page without linkage, load and tables."""
     log = write_log(tmp_path / "bare.mcap", [0.0], [2.0], False, False)
     assert main(["review", str(log)]) == 0
     browser.problems.clear()
     browser.open(tmp_path / "bare.html")
     assert browser.problems == []
     assert browser.evaluate("document.querySelector('#linkage-section').hidden") is True
-    assert "no resonances" in browser.text("#table-moments")
+    assert browser.evaluate("document.querySelectorAll('#first .chart, .table').length") == 0
     assert "does not hold the table" in browser.text("#provenance")
 
 

@@ -74,8 +74,11 @@ def test_newest_of_each_input(given: str, used: str, wait: float) -> None:
 
 @pytest.mark.parametrize("answering", [0.0, 0.03])
 @pytest.mark.parametrize(("oldest", "left_out"), [(0.049, 0), (0.051, 1), (0.061, 2), (0.2, 3)])
-def test_limit_of_a_wait(oldest: float, left_out: int, answering: float) -> None:
+def test_limit_of_a_wait(
+    monkeypatch: pytest.MonkeyPatch, oldest: float, left_out: int, answering: float
+) -> None:
     """What is answered in time is used, and so is the newest number of each input."""
+    monkeypatch.setattr(arrivals, "time", SimpleNamespace(monotonic=lambda: 7.0))
     oldest -= answering
     messages = [arrived(SHARED, CONTENT["b"], oldest - 0.01 * i) for i in range(4)]
     messages.append(arrived(PTO, b"\x00\x01\x00\x00" + bytes(8), 0.03))

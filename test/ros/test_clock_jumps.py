@@ -77,9 +77,9 @@ def test_while_nothing_arrives(
     with clocked_node(environment, tmp_path, name) as (node, clock):
         peer = meet(name)
         statuses = watched(peer, name)
-        peer.pause(5.0)  # the reading of the meeting is old
+        peer.pause(2.5)  # the reading of the meeting is old
         clock.set(ahead)
-        peer.pause(5.0)
+        peer.pause(3.0)
         check_jump(statuses)
         ends(node)
 
@@ -101,8 +101,8 @@ def test_while_it_predicts_records_and_builds(
         peer.spin(sent.done, "the goal")
         peer.spin(lambda: feedback, "feedback")
         first = peer.stamp + 1
-        for part in range(200):
-            if part == 60:
+        for part in range(100):
+            if part == 30:
                 clock.set(ahead)
                 jumped = time.monotonic()
             last = peer.publish()

@@ -52,13 +52,13 @@ def test_composed_node(composed: tuple[RunningNode, str], meet: Callable[..., Pe
         received.extend(s for s in message.status if s.name == f"/{name}: predictions")
 
     peer.node.create_subscription(DiagnosticArray, "/diagnostics", keep, 10)
-    for _ in range(120):
+    for _ in range(60):
         peer.publish()
         peer.pause(0.02)
     peer.spin(lambda: len(received) >= 3, "diagnostics")
     last = peer.publish()
     peer.spin(lambda: peer.predictions[-1].header.stamp.nanosec == last, "the last prediction")
-    assert len(peer.predictions) == 121
+    assert len(peer.predictions) == 61
     client: Any = ActionClient(peer.node, SetImplement, f"{name}/set_implement")
     peer.spin(client.server_is_ready, "the action")
     feedback: list[Any] = []

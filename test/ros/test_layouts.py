@@ -10,6 +10,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 
+from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.support.resources import config_file
 from linkage_vibration_interfaces.msg import (
     Levels,
@@ -23,11 +24,11 @@ TOPICS = {
     "/linkage_vibration/prediction": VibrationPrediction,
     "/linkage_vibration/resonance": Resonance,
     "/linkage_vibration/load_state": LoadState,
+    "/linkage_vibration/levels": Levels,
     "/linkage_vibration/table_info": TableInfo,
     "/diagnostics": DiagnosticArray,
 }
 FIELDS = {topic: kind.get_fields_and_field_types() for topic, kind in TOPICS.items()}
-FIELDS["/linkage_vibration/levels"] = Levels.get_fields_and_field_types()
 LAYOUT = json.loads(config_file("foxglove_layout.json").read_text())
 
 
@@ -62,7 +63,7 @@ def test_every_topic_and_field_is_there() -> None:
         assert topic in TOPICS, path
         if field:
             name, index = re.fullmatch(r"(\w+)(?:\[(\d+)\])?", field).groups()  # type: ignore[union-attr]
-            kind = TOPICS[topic].get_fields_and_field_types()[name]
+            kind = FIELDS[topic][name]
             assert (index is not None) == kind.startswith("sequence<"), path
     assert {path.partition(".")[0] for path in shown} == set(TOPICS)
 
@@ -72,6 +73,26 @@ def is_field(topic: str, path: str) -> bool:
     match = re.fullmatch(r"(\w+)(\[\d+\])?", path)
     kinds = FIELDS[topic]
     return match is not None and kinds[match[1]].startswith("sequence<") == (match[2] is not None)
+
+
+def test_ground_is_shown_with_the_limit() -> None:
+    """Both layouts show the load of the ground, its limit, and what is not known.
+
+    The index of the ground is that in the shipped file of excitations.
+    """
+    every = read_excitations(config_file("excitations.yaml"))
+    [ground] = [i for i, each in enumerate(every) if each.terrain]
+    shown = {path for config in LAYOUT["configById"].values() for path in paths(config)}
+    root = ET.parse(config_file("plotjuggler_layout.xml")).getroot()
+    curves = {curve.attrib["name"] for curve in root.iter("curve")}
+    expected = {
+        ("levels", f"load_ratios[{ground}]"),
+        ("load_state", "load_ratio_limit"),
+        ("load_state", "unknown_sources"),
+    }
+    assert {f"/linkage_vibration/{topic}.{field}" for topic, field in expected} <= shown
+    assert {f"/linkage_vibration/{topic}/{field}" for topic, field in expected} <= curves
+    assert "/linkage_vibration/levels.ground_unknown" in shown
 
 
 def test_curves_of_plotjuggler() -> None:

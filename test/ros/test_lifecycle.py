@@ -8,6 +8,7 @@ import os
 import shutil
 import subprocess
 import sys
+import time
 from array import array
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -16,8 +17,8 @@ from typing import Any
 
 import pytest
 import rclpy
-from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState
+from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.srv import ChangeState, GetState
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.parameter import Parameter
@@ -123,7 +124,7 @@ def test_levels_are_ready_before_the_first_reading(
     assert entities(node)["subscriptions"] > before
 
 
-@pytest.mark.parametrize("count", [20, pytest.param(60, marks=pytest.mark.nightly)])
+@pytest.mark.parametrize("count", [10, pytest.param(60, marks=pytest.mark.nightly)])
 def test_many_lifecycles_leave_nothing_behind(
     managed: Callable[..., Any], tmp_path: Path, count: int
 ) -> None:
@@ -154,7 +155,7 @@ def test_many_lifecycles_leave_nothing_behind(
     # Objects of the last configuration or two may wait for another thread; a leak has all of them.
     for kind, number in sizes[-1][2].items():
         assert number <= 3 * max(sizes[0][2][kind], 1), kind
-    if count > 20:
+    if count > 10:
         assert sizes[-1][1] - sizes[0][1] < 5 * 2**20  # a table alone has half of that, each time
     assert node.trigger_configure() is SUCCESS
     assert node.trigger_shutdown() is SUCCESS
@@ -382,6 +383,11 @@ def test_transitions_while_peers_come_and_go(
     ]
     peer, executor = manager
     change: Any = peer.create_client(ChangeState, "stormy/change_state")
+    asked: Any = peer.create_client(GetState, "stormy/get_state")
+
+    def state() -> int:
+        return int(response(asked, GetState.Request(), executor.spin_once).current_state.id)
+
     publisher = peer.create_publisher(JointState, "joint_states", SENSOR)
     message = JointState(name=[JOINT], position=array("d", [2.0]))
     sent: list[int] = []
@@ -397,17 +403,22 @@ def test_transitions_while_peers_come_and_go(
         # an answer, and a request for a transition cannot be repeated.
         assert not response(change, ChangeState.Request(), executor.spin_once).success
         for _ in range(count):
-            for transition in (
-                Transition.TRANSITION_CONFIGURE,
-                Transition.TRANSITION_ACTIVATE,
-                Transition.TRANSITION_DEACTIVATE,
-                Transition.TRANSITION_CLEANUP,
+            for transition, reached in (
+                (Transition.TRANSITION_CONFIGURE, State.PRIMARY_STATE_INACTIVE),
+                (Transition.TRANSITION_ACTIVATE, State.PRIMARY_STATE_ACTIVE),
+                (Transition.TRANSITION_DEACTIVATE, State.PRIMARY_STATE_INACTIVE),
+                (Transition.TRANSITION_CLEANUP, State.PRIMARY_STATE_UNCONFIGURED),
             ):
                 request = ChangeState.Request(transition=Transition(id=transition))
-                future = change.call_async(request)
+                future, late = change.call_async(request), time.monotonic() + 5.0
+
+                def is_reached(future: Any = future, late: float = late, to: int = reached) -> bool:
+                    # The storm can make DDS lose the answer, but not the state.
+                    return future.done() or (time.monotonic() > late and state() == to)
+
                 # With a timeout that changes, rclpy begins anew, always with the timer.
-                until(future.done, "an answer", lambda: executor.spin_once(0.02))
-                assert future.result().success, process.printed
+                until(is_reached, "the transition", lambda: executor.spin_once(0.02))
+                assert not future.done() or future.result().success, process.printed
                 enough = len(sent) + 50
                 until(lambda n=enough: len(sent) > n, "messages", lambda: executor.spin_once(0.02))
         assert process.stop() == 0

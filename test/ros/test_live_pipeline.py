@@ -21,7 +21,7 @@ from linkage_vibration.messages.topics import LOAD_STATE, OUTPUT_TOPICS
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.health import Level
 from linkage_vibration.prediction.levels import kept_levels
-from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.prediction.predictor import Predictor, Status
 from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.prediction.settings import Parameters, with_values
 from linkage_vibration.prediction.severity import ResonanceState, Unknown
@@ -287,6 +287,30 @@ def test_readings_that_stop(bench: Bench) -> None:
     assert "for 1.5 s. /joint_states has no publisher" in bench.faults()
     bench.give(0.0, joint="boom")
     assert "It came before; check its sender. /joint_states has no joint hitch" in bench.faults()
+
+
+def test_names_are_limited(bench: Bench) -> None:
+    """Of many nodes that share a topic, the names of a thousand joints are kept."""
+    for k in range(1001):
+        bench.give(0.0, joint=f"joint {k}")
+    assert len(bench.path._other_names) == 1000
+
+
+@pytest.mark.parametrize(
+    ("status", "named"), [(Status.OUT_OF_RANGE, True), (Status.NEAR_TOGGLE, False)]
+)
+def test_an_angle_near_a_toggle_is_in_the_table(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, status: Status, named: bool
+) -> None:
+    """Only angles that the table does not have raise the fault that they are outside."""
+    predict = Predictor.predict
+    monkeypatch.setattr(
+        Predictor, "predict", lambda *given: replace(predict(*given), status=status)
+    )
+    for _ in range(20):
+        bench.now += 0.1
+        bench.give(0.0)
+    assert ("check sign, scale and offset" in bench.faults()) == named
 
 
 def test_names_expire(bench: Bench) -> None:

@@ -159,33 +159,6 @@ def test_every_transition(tractor: Tractor) -> None:
     tractor.wait(CLEAR)
 
 
-def test_values_that_go_to_and_fro_are_unknown(tractor: Tractor) -> None:
-    """While publishers disagree about a speed or the angle, it is not known, and 1 s longer."""
-    tractor.wait(CLEAR)
-
-    def alternate() -> None:
-        tractor.speeds["engine"] = 3000.0 if tractor.speeds["engine"] != 3000.0 else 2500.0
-        for _ in range(5):
-            tractor.step()
-
-    until(lambda: tractor.received[-1].unknown_sources == ENGINE, "a doubted speed", alternate)
-    assert tractor.received[-1].state == UNKNOWN
-    tractor.speeds["engine"] = 3000.0
-    tractor.wait(CLEAR)
-
-    def swing() -> None:
-        tractor.angle = math.radians(240.0) - tractor.angle
-        tractor.step()
-
-    tractor.angle = math.radians(118.0)
-    until(lambda: tractor.received[-1].unknown_sources == CRANK, "a doubted angle", swing)
-    assert tractor.received[-1].state == UNKNOWN
-    tractor.angle = math.radians(120.0)
-    began = time.monotonic()
-    tractor.wait(CLEAR)
-    assert time.monotonic() - began > 0.8
-
-
 def test_a_silent_crank_is_unknown(tractor: Tractor) -> None:
     """Without readings a message comes each second, is unknown and does not count."""
     tractor.wait(CLEAR)

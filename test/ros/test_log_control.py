@@ -34,7 +34,7 @@ class Watched:
     peer: Peer
     name: str
     status: dict[str, Any] = field(default_factory=dict)  # the last one of each part
-    count: int = 0  # of the diagnostics received
+    stamp: int = 0  # of the last diagnostics, ns
 
     def __post_init__(self) -> None:
         """Subscribe to the diagnostics."""
@@ -47,7 +47,8 @@ class Watched:
     def _keep(self, message: Any) -> None:
         own = {s.name: s for s in message.status if s.name.startswith(f"/{self.name}: ")}
         self.status |= {name.split(": ")[1]: status for name, status in own.items()}
-        self.count += bool(own)
+        if own:
+            self.stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
 
     def call(self, word: str) -> Any:
         """Start or stop the recording."""
@@ -61,20 +62,20 @@ class Watched:
 
     def wait_for(self, level: bytes, words: str) -> None:
         """Wait for a status of the log that was made after this call."""
-        after = self.count + 1  # the next one may be under way already
+        after = time.time_ns()
 
         def arrives() -> bool:
             own = self.status.get("log")
-            new = self.count > after
+            new = self.stamp > after
             return bool(new and own and own.level == level and re.search(words, own.message))
 
         until(arrives, f"the status {words!r} of the log; last: {self.status}", self.speak)
 
-    def stays(self, level: bytes, seconds: int = 4) -> None:
+    def stays(self, level: bytes, seconds: int = 3) -> None:
         """Check the level of the log's status in each of some seconds."""
         for _ in range(seconds):
-            before = self.count
-            until(lambda: self.count > before, "diagnostics", self.speak)  # noqa: B023
+            before = self.stamp
+            until(lambda: self.stamp > before, "diagnostics", self.speak)  # noqa: B023
             assert self.status["log"].level == level, self.status["log"]
 
     def value(self, key: str) -> str:
@@ -115,7 +116,7 @@ def test_fault_lasts_as_long_as_its_cause(watch: Callable[..., Watched], tmp_pat
     assert node.process.printed.count("was removed during the recording") == 1
     folder.mkdir()
     node.wait_for(WARN, "[0-9]+ messages are missing in the log")
-    node.stays(WARN, 2)
+    node.stays(WARN)
     dropped = int(node.value("log messages dropped"))
     assert dropped > 0
     ended = node.call("stop")
@@ -154,7 +155,7 @@ def test_stopping_ends_a_fault(watch: Callable[..., Watched], tmp_path: Path) ->
     node.wait_for(OK, f"Recording to {begun.message}")
     again = node.call("start")
     assert "recorded already" in again.message
-    node.stays(OK, 3)
+    node.stays(OK)
     ended = node.call("stop")
     assert (ended.success, ended.message) == (True, begun.message)
     assert count(Path(ended.message)) > 0
@@ -185,10 +186,10 @@ def test_full_disk_is_a_fault_until_it_has_room(
         while True:
             file.write(bytes(4096))
     node.wait_for(ERROR, "No space left on device")
-    node.stays(ERROR, 6)
+    node.stays(ERROR, 3)
     filler.unlink()
     node.wait_for(WARN, "messages are missing in the log")
-    node.stays(WARN, 4)
+    node.stays(WARN)
     ended = node.call("stop")
     assert ended.success
     assert count(Path(ended.message)) > 0
@@ -205,6 +206,7 @@ def test_file_that_never_grows_is_a_lasting_fault(
     node.wait_for(ERROR, "could not be written any further")
     node.stays(ERROR, 7)
     assert node.process.printed.count("could not be written any further") == 1
+    assert node.peer.ask([JOINT], [2.0]).status == Status.OK
     resource.prlimit(node.process.process.pid, resource.RLIMIT_FSIZE, limits)
     node.wait_for(WARN, "messages are missing in the log")
 
@@ -218,7 +220,7 @@ def test_reached_limit_is_a_fault_until_recording_is_stopped(
     assert not refused.success
     [least] = map(int, re.findall(r"disk_limit is 1000 bytes.*set it to (\d+) or", refused.message))
     node.wait_for(ERROR, "disk_limit is 1000 bytes")
-    node.stays(ERROR, 2)
+    node.stays(ERROR)
     assert node.call("stop").success
     node.wait_for(OK, "No log is recorded")
     assert not list(tmp_path.iterdir())
@@ -243,7 +245,7 @@ def test_full_folder_does_not_keep_the_node_from_predicting(
     old.write_bytes(bytes(24_000_000))
     node = watch("full", record=True, log_directory=tmp_path, disk_limit=24_000_000)
     node.wait_for(ERROR, "Nothing more is recorded, as the logs in .* have reached disk_limit")
-    node.stays(ERROR, 2)
+    node.stays(ERROR)
     assert node.peer.ask([JOINT], [2.0]).status == Status.OK
     old.unlink()
     assert node.call("start").success

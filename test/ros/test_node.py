@@ -4,7 +4,6 @@
 
 import math
 import os
-import resource
 import signal
 import subprocess
 import sys
@@ -92,20 +91,6 @@ def test_ten_thousand_joints(peer: Any, predictor: Predictor) -> None:
     assert same(peer.ask(names, [2.5] * 10_000), predictor.predict(2.5))
 
 
-def test_missing_joint_is_reported(start: Callable[..., Any], peer: Any) -> None:
-    """A node whose joint is missing says so, and names the joints that it receives."""
-    lonely = start(name="lonely", joint_name="boom")
-    words = "No reading for more than 5 s: /joint_states has no joint boom; it has "
-    words += f"{JOINT}, wheel"
-
-    def publish() -> None:
-        peer.publish([JOINT, "wheel"], [2.0, 1.0])
-        peer.executor.spin_once(0.1)
-
-    until(lambda: words in lonely.printed, words, publish)
-    assert lonely.stop() == 0
-
-
 def test_topic_bytes_are_exact(peer: Any) -> None:
     """DDS carries what a strict decoder reads, padded to four bytes (RTPS)."""
     peer.raw.clear()
@@ -187,10 +172,10 @@ def test_signals_amid_traffic(start: Callable[..., Any], meet: Callable[[str], A
     for i, by in enumerate((signal.SIGINT, signal.SIGTERM, signal.SIGHUP)):
         busy = start(name=f"busy_{i}")
         peer = meet(f"busy_{i}")
-        for count in range(1000):
+        for count in range(400):
             peer.publish()
             peer.executor.spin_once(0.0005)
-            if count == 700:
+            if count == 300:
                 busy.process.send_signal(by)
         assert busy.stop(by) == 0
         assert {line.split()[0] for line in busy.printed.splitlines()} <= {"[INFO]"}, busy.printed
@@ -205,23 +190,6 @@ def test_signal_ends_a_table_under_way(start: Callable[..., Any]) -> None:
     assert builder.stop(signal.SIGTERM) == 0
     assert "Predicting" not in builder.printed
     assert "Traceback" not in builder.printed
-
-
-def test_full_disk_ends_only_the_log(
-    start: Callable[..., Any], meet: Callable[[str], Any], tmp_path: Path
-) -> None:
-    """When the log cannot be written any more, the node says so once and continues to predict."""
-    recorder = start(name="full", record=True, log_directory=tmp_path)
-    peer = meet("full")
-    size = next(tmp_path.iterdir()).stat().st_size
-    resource.prlimit(recorder.process.pid, resource.RLIMIT_FSIZE, (size, size))
-    for i in range(30):
-        assert peer.ask([JOINT], [1.6 + 0.01 * i]).status == Status.OK
-        peer.pause(0.08)
-    recorder.wait_for("could not be written any further: File too large")
-    assert peer.ask([JOINT], [2.0]).status == Status.OK
-    assert recorder.stop() == 0
-    assert recorder.printed.count("could not be written") == 1
 
 
 def test_log_holds_what_was_published(

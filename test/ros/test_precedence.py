@@ -19,7 +19,7 @@ TARGET = 0.010  # s, of the 99th percentile
 ROUNDS = 5  # other processes may disturb some of them
 
 
-@pytest.mark.nightly  # whether it holds depends on what else the machine does
+@pytest.mark.nightly(alone="whether it holds depends on what else the machine does")
 def test_readings_take_precedence_over_services(
     start: Callable[..., Any], environment: dict[str, str]
 ) -> None:

@@ -4,7 +4,6 @@
 
 import subprocess
 import sys
-import time
 from array import array
 from collections.abc import Callable
 from pathlib import Path
@@ -22,21 +21,14 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
-from linkage_vibration.prediction.inputs.units import HitchCurve, HitchScale
 from linkage_vibration.prediction.predictor import Predictor, Status
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import load_table
-from linkage_vibration_interfaces.msg import LoadState, Resonance, VibrationPrediction
+from linkage_vibration_interfaces.msg import LoadState, Resonance
 from test.support.messages import read_messages
 from test.support.ros_process import JOINT, SENSOR, until
 
 UNKNOWN_TYPE = ParameterMessage(name="sign", value=ParameterValue(type=77))
-
-
-@pytest.fixture(scope="module")
-def predictor() -> Predictor:
-    """Return a predictor on the table that the node uses."""
-    return Predictor(load_table(config_file("tables/three_point_linkage_on_tractor.npz")))
 
 
 @pytest.fixture(scope="module")
@@ -174,39 +166,6 @@ def test_resonance_follows_the_engine(start: Callable[..., Any], peer: Any) -> N
     fixed = resonance(500.0, LoadState.STATE_NOTE)
     assert fixed.excitation_frequency / mode - 1.0 == pytest.approx(0.05, rel=1e-6)
     node.wait_for("field data on /engine_speed is not used, as engine_speed is fixed at")
-
-
-def test_hitch_position_in_percent(
-    start: Callable[..., Any], peer: Any, predictor: Predictor
-) -> None:
-    """A calibration turns percent into angles; an error value of the bus becomes a status."""
-    calibration = (0.0, 3.1, 40.0, 2.6, 100.0, 1.6)
-    process = start(name="percent", input="percent", calibration=list(calibration))
-    process.wait_for("Predicting for field data on /hitch_position")
-    hitch = HitchScale("percent", calibration=HitchCurve(calibration))
-    received: list[Any] = []
-    peer.node.create_subscription(VibrationPrediction, "percent/prediction", received.append, 100)
-    publisher = peer.node.create_publisher(Float64, "hitch_position", SENSOR)
-
-    def answer(percent: float, fits: Callable[[Any], bool]) -> Any:
-        """Publish a position until a prediction fits it."""
-
-        def publish() -> None:
-            publisher.publish(Float64(data=percent))
-            peer.pause(0.2)
-
-        until(lambda: any(map(fits, received)), f"a prediction at {percent} %", publish)
-        return next(filter(fits, received))
-
-    for percent in (0.0, 33.2, 100.0):
-        reading = hitch.reading(percent)
-        expected = predictor.predict(reading.crank_angle, reading.stddev)
-        message = answer(percent, lambda m, angle=reading.crank_angle: m.crank_angle == angle)
-        assert message.natural_frequencies.tolist() == expected.natural_frequencies.tolist()
-        assert message.frequency_stddevs.tolist() == expected.frequency_stddevs.tolist()
-        assert abs(message.header.stamp.sec - time.time()) < 3600.0
-    answer(102.0, lambda m: m.status == Status.INVALID_ANGLE)
-    assert process.stop() == 0
 
 
 def test_calibration_while_active(

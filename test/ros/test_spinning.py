@@ -75,7 +75,7 @@ def test_answers_during_a_goal(start: Callable[..., Any], meet: Callable[..., Pe
     other, _ = timed(peer, client.send_goal_async(HEAVY))
     refused, seconds["second goal"] = timed(peer, other.get_result_async())
     assert "is being built" in refused.result.message
-    peer.pause(1.0)
+    peer.spin(lambda: len(diagnostics) >= 3, "diagnostics")
     cancelled, seconds["cancel"] = timed(peer, goal.cancel_goal_async())
     # This ends once the building process has seen it, between two solutions of the model.
     ended = timed(peer, goal.get_result_async())[0]

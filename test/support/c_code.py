@@ -3,6 +3,7 @@
 """Compiles exported C, and calls it at many angles."""
 
 import ctypes
+import math
 import re
 import subprocess
 from collections.abc import Mapping, Sequence
@@ -13,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from linkage_vibration.export.c_source import c_files, c_sources
-from linkage_vibration.export.expected import NUMBERS, PER_MODE
+from linkage_vibration.export.c_source import c_sources
+from linkage_vibration.export.constants import FARTHEST, NUMBERS, PER_MODE, Constants
 from linkage_vibration.export.exported import Export
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.prediction.severity import WarningLimits
@@ -77,6 +78,37 @@ void judge_many(const PREFIX_prediction *predictions, const PREFIX_resonance *re
 }
 """
 
+_PROGRAM = """
+#include "PREFIX.h"
+#include <stddef.h>
+#include <stdio.h>
+static void show(const void *from, const void *to)
+{
+    const double *number = from;
+    for (; number != to; number++) {
+        printf(" %a", *number);
+    }
+}
+int main(void)
+{
+    double at[5];
+    while (scanf("%la %la %la %la %la", &at[0], &at[1], &at[2], &at[3], &at[4]) == 5) {
+        PREFIX_prediction predicted;
+        PREFIX_predict(at[0], at[1], &predicted);
+        printf("%d", (int)predicted.status);
+        show(predicted.natural_frequencies, &predicted + 1);
+        ASSESSED
+        printf("\\n");
+    }
+    return 0;
+}
+"""
+_ASSESSED = """{
+            PREFIX_resonance found;
+            PREFIX_assess(&predicted, &at[2], &found);
+            show(found.velocities, &found + 1);
+        }"""
+
 
 def compile_c(command: Sequence[Any], folder: Path) -> None:
     """Compile in a folder; fail with what the compiler prints."""
@@ -98,7 +130,7 @@ def misra_rules(files: Mapping[str, str], folder: Path) -> set[str]:
     """
     tables = re.compile(r"(?<=\]) = \{\n[^;]*\};")
     write({name: tables.sub(";", text) for name, text in files.items()}, folder)
-    [source] = [name for name in files if name.endswith(".c") and not name.endswith("_test.c")]
+    [source] = [name for name in files if name.endswith(".c")]
     command = [require("cppcheck"), "--addon=misra", "--enable=style", "--std=c99", "--quiet"]
     command += ["-U__FAST_MATH__", "-U__FINITE_MATH_ONLY__", "-DDBL_MANT_DIG=53", source]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
@@ -106,17 +138,52 @@ def misra_rules(files: Mapping[str, str], folder: Path) -> set[str]:
     return set(re.findall(r"misra-c2012-([0-9.]+)", done.stderr))
 
 
-_files_of = cache(c_files)  # An export is written once for all processors.
+_sources_of = cache(c_sources)  # An export is written once for all processors.
 
 
-def run_test(
-    export: Export, folder: Path, compiler: str, *flags: str, emulator: Sequence[str] = ()
-) -> subprocess.CompletedProcess[str]:
-    """Compile the generated test of an export with strict warnings, and run it."""
-    write(_files_of(export), folder)
-    sources = f"{export.name}.c", f"{export.name}_test.c"
-    compile_c([compiler, *STRICT, *flags, *sources, "-lm", "-o", "run"], folder)
-    return subprocess.run([*emulator, folder / "run"], capture_output=True, text=True)
+def run_program(
+    export: Export,
+    rows: FloatArray,
+    folder: Path,
+    compiler: str,
+    *flags: str,
+    emulator: Sequence[str] = (),
+) -> FloatArray:
+    """Return what exported C, compiled with strict warnings to a program, answers to each row.
+
+    A row is an angle, its deviation and the speeds; the answer is the status, the `NUMBERS`, and
+    with excitations all from the velocities on.
+    """
+    write(_sources_of(export), folder)
+    orders, prefix = export.constants.orders is not None, export.name
+    text = _PROGRAM.replace("ASSESSED", _ASSESSED if orders else "")
+    (folder / "main.c").write_text(text.replace("PREFIX", prefix))
+    compile_c([compiler, *STRICT, *flags, f"{prefix}.c", "main.c", "-lm", "-o", "run"], folder)
+    given = "\n".join(" ".join(map(float.hex, row)) for row in rows.tolist())
+    command = [*emulator, folder / "run"]
+    done = subprocess.run(command, capture_output=True, text=True, input=given, check=True)
+    assert not done.stderr, done.stderr
+    return np.array([list(map(float.fromhex, line.split())) for line in done.stdout.splitlines()])
+
+
+def angles_to_test(constants: Constants, count: int = 1000) -> FloatArray:
+    """Return angles in and around the range, with its ends, borders of cells, NaN and infinity.
+
+    There are at least 20.
+    """
+    low, high = constants.alpha3_range
+    special = [math.nan, math.inf, -math.inf, 0.0, -low, high + 2.0 * math.pi]
+    special += [low - 20.0 * math.pi, 1e5, 1e30]
+    special += [0.7 * low + 0.3 * high + turns * 2.0 * math.pi for turns in (-2, -1, 1, 2)]
+    cells = constants.starts[:: max(1, 4 * len(constants.starts) // count)]
+    at = np.array([low, high, *cells.tolist()])
+    ends = np.nextafter(at, -math.inf), at, [np.nextafter(high, math.inf)]
+    chosen = np.concatenate([special, *ends])[:count]
+    random = np.random.default_rng(2)
+    rest = count - len(chosen)
+    inside = random.uniform(low, high, rest)
+    far = random.uniform(-FARTHEST, FARTHEST, rest)
+    return np.concatenate([chosen, np.where(np.arange(rest) % 10 == 0, far, inside)])
 
 
 class Library:

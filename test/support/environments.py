@@ -12,6 +12,7 @@ import subprocess
 import sys
 import venv
 from collections.abc import Iterable
+from importlib.util import cache_from_source
 from pathlib import Path
 
 from packaging.requirements import Requirement
@@ -40,7 +41,7 @@ def make_environment(folder: Path, wheel: Path, requirements: Iterable[str]) -> 
     kept = {k: v for k, v in os.environ.items() if not k.startswith(("AMENT", "PYTHON", "VIRTUAL"))}
     command: list[str | Path] = [sys.executable, "-m", "pip", "--python", python, "install"]
     subprocess.run(
-        [*command, "-qq", "--no-deps", "--no-index", "--ignore-installed", wheel],
+        [*command, "-qq", "--no-deps", "--no-index", "--no-compile", "--ignore-installed", wheel],
         check=True,
         env=kept,
     )
@@ -100,9 +101,14 @@ def link(distribution: importlib.metadata.Distribution, folder: Path, site: Path
     folder, site : Path
         The environment, and its folder of packages.
     """
+    pairs = []
     for file in distribution.files or []:
         source = Path(str(distribution.locate_file(file))).resolve()
         target = Path(os.path.normpath(site / file))
+        pairs.append((source, target))
+        if source.suffix == ".py":  # what is compiled already, which pip may not list
+            pairs.append((Path(cache_from_source(source)), Path(cache_from_source(target))))
+    for source, target in pairs:
         if target.is_relative_to(folder) and source.is_file() and not target.exists():
             target.parent.mkdir(parents=True, exist_ok=True)
             target.symlink_to(source)

@@ -3,7 +3,6 @@
 """Every reader of files, with small files that it accepts and a check of what it returns."""
 
 import io
-import itertools
 import math
 import tempfile
 from collections.abc import Callable
@@ -25,15 +24,12 @@ from linkage_vibration.bags.message_types import JOINT_STATE
 from linkage_vibration.bags.scalar_reader import SkippedMessages
 from linkage_vibration.bags.streams import open_bags
 from linkage_vibration.mechanics.bodies.frfs import Frfs
-from linkage_vibration.mechanics.bodies.matrices import Matrices
-from linkage_vibration.mechanics.description import Material
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.playback.remapping import topic_schema
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.frfs import read_frfs
 from linkage_vibration.readers.matrices import read_matrices
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.readers.meshes import mesh_matrices
 from linkage_vibration.studies.calibration import read_calibration
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import load_table, table_bytes
@@ -44,9 +40,6 @@ Files = dict[str, bytes]
 Seeds = tuple[tuple[str, Files], ...]
 
 _NODES = {1: "A", 2: "B"}
-_STEEL = Material(210e9, 7800.0, 0.3)
-_LENGTH = 0.3  # m, of the meshed bar
-_EDGES = [(0, 1), (1, 2), (0, 2), (0, 3), (2, 3), (1, 3)]  # order of the middle nodes in gmsh
 
 
 @dataclass(frozen=True)
@@ -83,7 +76,6 @@ def all_readers() -> tuple[Reader, ...]:
         Reader("matrices (npz)", _matrices_npz, _read_matrices),
         Reader("FRFs (npz)", _frfs_npz, _read_frfs),
         Reader("FRFs (UFF 58)", _frfs_uff, _read_frfs),
-        Reader("mesh (gmsh)", _meshes, _read_mesh),
         Reader("bag (MCAP)", _bags_mcap, _read_bag),
         Reader("bag (db3)", _bags_db3, _read_bag),
         Reader("bag (ROS 1)", _bags_ros1, _read_bag),
@@ -117,10 +109,7 @@ def _read_table(path: Path) -> None:
 
 
 def _read_matrices(path: Path) -> None:
-    _check_matrices(read_matrices(path))
-
-
-def _check_matrices(body: Matrices) -> None:
+    body = read_matrices(path)
     for matrix in (body.mass, body.stiffness, body.damping):
         if matrix is not None:
             assert matrix.dtype == np.float64
@@ -135,11 +124,6 @@ def _read_frfs(path: Path) -> None:
     assert body.frf.shape == (len(body.frequencies), len(body.dofs), len(body.dofs))
     assert np.isfinite(body.frf).all()
     assert (np.diff(body.frequencies) > 0.0).all()
-
-
-def _read_mesh(path: Path) -> None:
-    points = [("A", (0.0, 0.0)), ("B", (_LENGTH, 0.0))]
-    _check_matrices(mesh_matrices(path, _STEEL, {"A": "left", "B": "right"}, points, 2))
 
 
 def _read_bag(path: Path) -> None:
@@ -240,66 +224,6 @@ def _frfs_uff() -> Seeds:
                 pyuff.UFF(str(path)).write_sets(data_set, "add")
             contents.append(path.read_bytes())
     return _alone("a.uff", *contents)
-
-
-def _meshes() -> Seeds:
-    kinds = itertools.product(("2.2", "4.1"), (1, 2))
-    return _alone("a.msh", *(_mesh(version, order).encode() for version, order in kinds))
-
-
-def _mesh(version: str, order: int) -> str:
-    """Return a bar along x of three bricks, each cut into six tetrahedra about its diagonal."""
-    size = np.array([_LENGTH / 3.0, 0.03, 0.05])
-    numbers: dict[tuple[float, ...], int] = {}
-
-    def numbered(corners: list[FloatArray]) -> list[int]:
-        """Return the numbers of an element's nodes, whose coordinates are in bricks."""
-        edges = _EDGES if len(corners) == 4 else _EDGES[:3]
-        between = [(corners[a] + corners[b]) / 2.0 for a, b in edges] if order == 2 else []
-        return [numbers.setdefault(tuple(p), len(numbers) + 1) for p in [*corners, *between]]
-
-    tetrahedra = []
-    for x in range(3):
-        for axes in itertools.permutations(range(3)):
-            corners = [np.array([float(x), 0.0, 0.0])]
-            for axis in axes:
-                corners.append(corners[-1] + np.eye(3)[axis])
-            if np.linalg.det(np.diff(corners, axis=0)) < 0.0:
-                corners[1], corners[2] = corners[2], corners[1]
-            tetrahedra.append(numbered(corners))
-    faces = []
-    for end in (0.0, 3.0):
-        square = [
-            np.array([end, y, z]) for y, z in ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0))
-        ]
-        faces.append([numbered([square[k] for k in three]) for three in ((0, 1, 2), (0, 2, 3))])
-    triangle, tetrahedron = (2, 4) if order == 1 else (9, 11)
-    blocks = [(2, triangle, faces[0]), (2, triangle, faces[1]), (3, tetrahedron, tetrahedra)]
-
-    names = ['2 1 "left"', '2 2 "right"', '3 3 "bar"']
-    lines = ["$MeshFormat", f"{version} 0 8", "$EndMeshFormat"]
-    lines += ["$PhysicalNames", "3", *names, "$EndPhysicalNames"]
-    places = [np.array(place) * size - [0.0, 0.015, 0.025] for place in numbers]
-    total, count = len(places), sum(len(elements) for *_, elements in blocks)
-    if version == "2.2":
-        lines += ["$Nodes", str(total)]
-        lines += [f"{i} {x:.9g} {y:.9g} {z:.9g}" for i, (x, y, z) in enumerate(places, 1)]
-        lines += ["$EndNodes", "$Elements", str(count)]
-    else:
-        box = "-1 -1 -1 1 1 1"
-        lines += ["$Entities", "0 0 2 1", f"1 {box} 1 1 0", f"2 {box} 1 2 0", f"1 {box} 1 3 0"]
-        lines += ["$EndEntities", "$Nodes", f"1 {total} 1 {total}", f"3 1 0 {total}"]
-        lines += map(str, range(1, total + 1))
-        lines += [f"{x:.9g} {y:.9g} {z:.9g}" for x, y, z in places]
-        lines += ["$EndNodes", "$Elements", f"3 {count} 1 {count}"]
-    element = itertools.count(1)
-    for tag, (dimension, kind, elements) in enumerate(blocks, 1):
-        if version == "4.1":
-            lines.append(f"{dimension} {tag if dimension == 2 else 1} {kind} {len(elements)}")
-        for nodes in elements:
-            tags = f" {kind} 2 {tag} {tag}" if version == "2.2" else ""
-            lines.append(f"{next(element)}{tags} {' '.join(map(str, nodes))}")
-    return "\n".join([*lines, "$EndElements", ""])
 
 
 def _joint_states(store: Any) -> list[Any]:

@@ -21,9 +21,6 @@ class Matrices(Body):
     mass: FloatArray  # (n, n), SI
     stiffness: FloatArray  # (n, n)
     damping: FloatArray | None = None  # (n, n), viscous; None leaves it to the damping rule
-    # Digest of the data from which the matrices were computed. It enters the model hash instead of
-    # the matrices, because their last bits may differ between machines. An empty one does not.
-    digest: str = ""
     # How all coordinates of the body move the points by which it is drawn.
     drawing: Drawing | None = field(default=None, compare=False)
 

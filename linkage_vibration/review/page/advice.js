@@ -1,6 +1,17 @@
 // Copyright 2026 The linkage_vibration authors. SPDX-License-Identifier: Apache-2.0
 // Paints the load ratio over height and ground speed, with the drive, its worst moment and the quietest height.
 
+// Cividis (Nunez, Anderton and Renslow 2018) looks alike with and without colour blindness.
+const CIVIDIS = ["#00224e", "#123570", "#3b496c", "#575d6d", "#707173", "#8a8678", "#a59c74", "#c3b369", "#e1cc55", "#fee838"];
+const LUT = (() => {
+  const stops = CIVIDIS.map(c => [1, 3, 5].map(k => parseInt(c.slice(k, k + 2), 16)));
+  return Uint32Array.from({ length: 256 }, (_, i) => {
+    const x = i / 255 * (stops.length - 1), k = Math.min(Math.floor(x), stops.length - 2);
+    const [red, green, blue] = [0, 1, 2].map(c => Math.round(stops[k][c] + (stops[k + 1][c] - stops[k][c]) * (x - k)));
+    return (255 << 24 | blue << 16 | green << 8 | red) >>> 0;
+  });
+})();
+
 /** Round values from low to high, about as many as there is room for. */
 function roundValues(low, high, count) {
   const raw = (high - low) / count, ten = 10 ** Math.floor(Math.log10(raw));
@@ -60,5 +71,5 @@ if (data.advice) {
     const here = j >= 0 && j < nV && i >= 0 && i < nA, reason = here && texts[reasons[i * nV + j]];
     note.textContent = here ? `${digits(angles[i], 3)} deg, ${digits(speeds[j], 3)} km/h: ${reason || `load ratio ${digits(at(j, i), 2)}`}` : data.advice.note;
   });
-  byId("advice").append(element("section", { class: "plot" }, element("h2", {}, title), drawn, note));
+  byId("advice").append(element("details", { class: "plot" }, element("summary", {}, title), drawn, note));
 }

@@ -21,18 +21,18 @@ function roundTimes(u, axis, low, high, step) {
   return found;
 }
 
-/** The time axis of a chart, with or without labels and a grid. */
-const timeAxis = (show, grid) => ({
-  ...AXIS, size: show ? 28 : 8, incrs: TIMES, space: 70, splits: roundTimes,
-  grid: { show: grid, stroke: "#e4e4e4", width: 1 },
-  values: (u, splits, axis, space, step) => splits.map(t => show ? clock(t, step) : null),
-  label: show ? `time [${timeUnit}]` : undefined, labelSize: show ? 18 : 0,
-  labelFont: "12px system-ui, sans-serif", labelGap: 0,
-});
+/** The time axis of a chart. */
+const timeAxis = {
+  ...AXIS, size: 28, incrs: TIMES, space: 70, splits: roundTimes, grid: { stroke: "#e4e4e4", width: 1 },
+  values: (u, splits, axis, space, step) => splits.map(t => clock(t, step)),
+  label: `time [${timeUnit}]`, labelSize: 18, labelFont: AXIS.font, labelGap: 0,
+};
+/** The room on the right of a chart for names of what is drawn, px. */
+const roomForNames = width => Math.min(130, .28 * width);
 
 /** The axis of values of a chart, logarithmic or linear. */
-const valueAxis = (log, grid) => ({
-  ...AXIS, size: 64, space: log ? 16 : 28, grid: { show: grid, stroke: "#e4e4e4", width: 1 },
+const valueAxis = log => ({
+  ...AXIS, size: 56, space: log ? 16 : 28, grid: { stroke: "#e4e4e4", width: 1 },
   values: (u, splits) => log ? logLabels(u, splits) : plainLabels(splits),
 });
 
@@ -41,7 +41,8 @@ function plainLabels(splits) {
   const step = splits.length > 1 ? splits[1] - splits[0] : 1;
   const size = Math.max(...splits.map(Math.abs));
   if (size >= 1e6 || (size > 0 && size < 1e-3)) return splits.map(v => v.toExponential(1));
-  const places = clamp(Math.ceil(-Math.log10(step) - 1e-9), 0, 12);
+  let places = 0;
+  while (places < 12 && Math.abs(step * 10 ** places - Math.round(step * 10 ** places)) > 1e-6) places++;
   return splits.map(v => v.toFixed(places));
 }
 
@@ -59,9 +60,10 @@ function logLabels(u, splits) {
   });
 }
 
-/** What uPlot asks for the range of the values: a little more than they span. */
-function yRange(log) {
+/** What uPlot asks for the range of the values: a little more than they span, with the limit of a load. */
+function yRange(log, limit) {
   return (u, low, high) => {
+    if (limit) return [0, 1.15 * Math.max(limit, high ?? 0)];
     if (low === null || !Number.isFinite(low)) return log ? [1e-3, 1] : [0, 1];
     if (log) return [low / 1.12, high * 1.12];
     const room = high > low ? (high - low) * .08 : Math.abs(high) * .05 || 1;

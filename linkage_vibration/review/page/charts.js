@@ -12,9 +12,9 @@ function quantity(series, sign = 0) {
 /** The dashes of each line style, px. */
 const dashes = { dashed: [6, 4], dotted: [2, 3] };
 
-/** Add a row with a chart; its time axis has labels only if they are asked for. */
-function makeChart(spec, holder, labelled) {
-  const height = (spec.height ?? 130) + (labelled ? 44 : 8);
+/** Add a row with a chart. */
+function makeChart(spec, holder) {
+  const height = (spec.height ?? 130) + 44;
   const box = element("div", { class: "chart", id: `chart-${spec.id}`, style: `min-height: ${height}px` });
   const heading = element("h3", {}, spec.title);
   if (spec.unit) heading.append(element("span", { class: "unit" }, ` [${spec.unit}]`));
@@ -40,10 +40,10 @@ function makeChart(spec, holder, labelled) {
       this.u?.destroy();
       this.u = new uPlot({
         width, height, series, bands,
-        legend: { show: false }, cursor: { show: false }, padding: [6, 12, 0, 0],
-        scales: { x: { time: false, range: () => view }, y: { distr: log ? 3 : 1, range: spec.range ? () => spec.range : yRange(log) } },
-        axes: [timeAxis(labelled, !spec.paint), valueAxis(log, !spec.paint)],
-        hooks: { drawClear: [u => { spec.paint?.(u); shade(u, spec.shades); }], draw: [u => { guides(u, spec); spec.overlay?.(u); }] },
+        legend: { show: false }, cursor: { show: false }, padding: [6, roomForNames(width), 0, 0],
+        scales: { x: { time: false, range: () => view }, y: { distr: log ? 3 : 1, range: yRange(log, spec.limit) } },
+        axes: [timeAxis, valueAxis(log)],
+        hooks: { drawClear: [u => shade(u, spec.shades)], draw: [u => { if (spec.limit) drawLimit(u, spec.limit); if (spec.orders) drawOrders(u, spec.series); }] },
       }, this.data(width), box);
       nameCanvas(this.u, `${spec.title}${spec.unit ? ` [${spec.unit}]` : ""} over time`);
       this.line = element("div", { class: "cursor" });
@@ -54,12 +54,12 @@ function makeChart(spec, holder, labelled) {
     near: true,  // whether it is in sight or close to it
     stale: false,  // whether it has to be redrawn once it is near
     update() {
-      if (this.box.hidden || !this.u) return;
+      if (!this.u) return;
       this.stale = false;
       this.u.setData(this.data(this.u.width));
     },
     showCursor() {
-      if (this.box.hidden || !this.u) return;
+      if (!this.u) return;
       const t = time[cursor], inside = t >= view[0] && t <= view[1];
       this.line.hidden = !inside;
       this.line.classList.toggle("kept", cursor === kept);

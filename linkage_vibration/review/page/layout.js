@@ -16,18 +16,12 @@ onView.push(() => {
   for (const chart of charts) if (chart.near) chart.update(); else chart.stale = true;
   showWindow();
 });
-onMode.push(() => {
-  for (const chart of charts) if (chart.spec.id === "waterfall" && !chart.box.hidden) chart.u?.redraw();
-  if (angleChart && !angleBox.hidden) angleChart.redraw();
-});
-
 let shownWidth = 0;
 /** Draw charts in a width, px, or in that of the page. */
 function layout(width = 0, shown = charts) {
   const wide = width || holder.clientWidth;
   shownWidth = wide;
-  for (const chart of shown) if (!chart.box.hidden) chart.make(wide);
-  if (!angleBox.hidden) makeAngleChart(wide, angleBox);
+  for (const chart of shown) chart.make(width || chart.row.parentElement.clientWidth);
   makeStrip(width || overview.clientWidth);
   requestAnimationFrame(() => { showWindow(); showCursor(); });  // in the next frame, when uPlot knows its scales
 }

@@ -8,8 +8,12 @@ const linkage = data.linkage && (() => {
   const L = data.linkage, { angles, places, shapes, joints, centres, ground } = L;
   const count = L.lengths.reduce((a, b) => a + b, 0), size = L.size;
   let left = Infinity, right = -Infinity, low = Infinity, high = -Infinity;
+  const base = L.bodies.indexOf("ground"), skipped = L.lengths.slice(0, Math.max(base, 0)).reduce((a, b) => a + b, 0);
   for (const points of [places, ground]) {
     for (let i = 0; i < points.length; i += 2) {
+      // The base is cut off, so that the linkage is large enough to name its pins.
+      const p = i / 2 % count - skipped;
+      if (points === places && base >= 0 && p >= 0 && p < L.lengths[base]) continue;
       left = Math.min(left, points[i]); right = Math.max(right, points[i]);
       low = Math.min(low, points[i + 1]); high = Math.max(high, points[i + 1]);
     }
@@ -29,6 +33,7 @@ const linkage = data.linkage && (() => {
   const circles = (n, fill) => Array.from({ length: n }, () => pins.appendChild(svg("circle", { r: .012 * size, fill })));
   const nJoints = joints.length / 2 / angles.length, nCentres = centres.length / 2 / angles.length;
   const jointMarks = circles(nJoints, "#e69f00"), centreMarks = circles(nCentres, GREEN);
+  const names = L.names.map(name => pins.appendChild(svg("text", { class: "pin", "font-size": .05 * size, "text-anchor": "middle", "dominant-baseline": "middle" }, name)));
   const mix = (values, i, s, stride, k) => (1 - s) * values[i * stride + k] + s * values[(i + 1) * stride + k];
   /** Points from..to of all curves between angles i and i + 1, moved by the mode, as SVG has them. */
   function points(i, s, from, to, amplitude) {
@@ -65,6 +70,14 @@ const linkage = data.linkage && (() => {
       mark.setAttribute("cy", -mix(values, i, s, 2 * count, 2 * k + 1));
     });
     put(jointMarks, joints, nJoints);
+    const at = names.map((_, k) => k < nJoints
+      ? [0, 1].map(c => mix(joints, i, s, 2 * nJoints, 2 * k + c)) : [0, 1].map(c => ground[2 * (k - nJoints) + c]));
+    const middle = [0, 1].map(c => at.reduce((sum, place) => sum + place[c], 0) / at.length);
+    names.forEach((text, k) => {  // Names are outside the middle of all pins.
+      const away = [0, 1].map(c => at[k][c] - middle[c]), far = .06 * size / (Math.hypot(...away) || 1);
+      text.setAttribute("x", at[k][0] + far * away[0]);
+      text.setAttribute("y", -at[k][1] - far * away[1]);
+    });
     put(centreMarks, centres, nCentres);
   }
   let visible = true;
@@ -79,7 +92,7 @@ const linkage = data.linkage && (() => {
       if (!moving) draw(Math.PI / 2);
       const f = columns[`f${mode + 1}`][cursor], angle = tableAngle[cursor];
       byId("linkage-caption").textContent = Number.isFinite(f)
-        ? `${data.mode_labels[mode]}, ${digits(f)} Hz, at ${(angle * DEG).toFixed(2)}°. The motion is magnified and slowed down; grey shows the linkage at rest.`
+        ? `${data.mode_labels[mode]}, ${digits(f, 3)} Hz, at ${(angle * DEG).toFixed(1)}°. The motion is magnified and slowed down; grey shows the linkage at rest.`
         : Number.isFinite(columns.peak_magnitude[cursor])
           ? `${data.mode_labels[mode]} is overdamped at ${(angle * DEG).toFixed(2)}°: it does not oscillate.`
           : `No prediction at ${Number.isFinite(angle) ? `${(angle * DEG).toFixed(2)}°` : "an invalid angle"}.`;

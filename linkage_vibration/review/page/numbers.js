@@ -12,9 +12,7 @@ const TABLED = 25;  // times in a table of numbers
 /** Add the numbers of a chart in view as a table, which is made when it is opened. */
 function addNumbers(chart) {
   const box = element("details", { class: "numbers" }, element("summary", {}, "Numbers"));
-  const lines = chart.spec.paint
-    ? data.modes.map((_, k) => ({ column: `f${k + 1}`, name: `${data.mode_labels[k]} [Hz]` }))
-    : chart.spec.series.map((line, k) => ({ ...line, name: chart.spec.key?.[k]?.label && chart.spec.series.length > 1 ? chart.spec.key[k].label : `${chart.spec.title} [${chart.spec.unit}]` }));
+  const lines = chart.spec.series.map(line => ({ ...line, name: `${line.name ?? chart.spec.title} [${chart.spec.unit}]` }));
   const fill = () => {
     if (!box.open) return;
     const from = lowerBound(time, view[0]), to = Math.max(from + 1, lowerBound(time, view[1]));
@@ -22,7 +20,7 @@ function addNumbers(chart) {
     for (let i = from; i < Math.min(to, n); i += step) {
       rows.push(element("tr", {}, element("th", { scope: "row" }, clock(time[i], 1e-2)), ...lines.map(line => {
         const value = columns[line.column][i];
-        return element("td", {}, digits(value * (line.factor ?? 1), 6));
+        return element("td", {}, digits(value * (line.factor ?? 1), 4));
       })));
     }
     const head = element("tr", {}, ...[`time [${timeUnit}]`, ...lines.map(line => line.name)].map(text => element("th", { scope: "col" }, text)));

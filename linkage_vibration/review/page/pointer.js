@@ -19,7 +19,6 @@ function interact(chart) {
     const x = place(event);
     if (!drag || drag.kind === "move") {
       setCursor(nearest(at(x)));
-      chart.spec.hover?.(chart.u, event.clientY - over.getBoundingClientRect().top);
       return;
     }
     if (Math.abs(x - drag.x) > 4) drag.far = true;
@@ -45,7 +44,7 @@ function interact(chart) {
   };
   over.addEventListener("pointerup", finish);
   over.addEventListener("pointercancel", finish);
-  over.addEventListener("pointerleave", () => { if (!drag) { setCursor(kept); chart.spec.leave?.(); } });
+  over.addEventListener("pointerleave", () => { if (!drag) setCursor(kept); });
   over.addEventListener("dblclick", () => setView(first, last));
   over.addEventListener("wheel", event => {
     if (!event.ctrlKey && !event.metaKey) return;  // the wheel alone scrolls the page

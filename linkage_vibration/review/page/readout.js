@@ -20,12 +20,14 @@ function readingText(item, i) {
   const value = columns[item.column][i];
   if (item.words) return item.words[value] ?? String(value);
   const missing = item.predicted && Number.isFinite(columns[item.predicted][i]) ? "overdamped" : "no value";
-  let text = Number.isFinite(value) ? `${digits(value * (item.factor ?? 1), item.digits ?? 6)} ${item.unit ?? ""}` : missing;
-  if (item.spread && Number.isFinite(value)) {
-    const spread = columns[item.spread][i];
-    if (Number.isFinite(spread)) text += ` ± ${digits(data.coverage * spread * (item.factor ?? 1), 2)}`;
+  if (!Number.isFinite(value)) return missing;
+  const by = item.spread ? data.coverage * columns[item.spread][i] * (item.factor ?? 1) : NaN;
+  let text = digits(value * (item.factor ?? 1), item.digits);
+  if (by > 0) {  // A number has no more digits than its deviation, which has two.
+    const places = clamp(1 - Math.floor(Math.log10(by)), 0, 12);
+    text = `${(value * (item.factor ?? 1)).toFixed(places)} ± ${by.toFixed(places)}`;
   }
-  return text.trim();
+  return `${text} ${item.unit ?? ""}`.trim();
 }
 
 onCursor.push(() => {
@@ -37,7 +39,6 @@ onCursor.push(() => {
     .map(item => readingText({ ...item, digits: 4, spread: undefined }, cursor))].join(" \u00b7 ");
   for (const chart of charts) chart.showCursor();
   linkage?.show();
-  if (angleChart && !angleBox.hidden) angleChart.redraw(false);
 });
 
 /** What a screen reader says of a sample. */

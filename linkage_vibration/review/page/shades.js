@@ -1,7 +1,7 @@
 // Copyright 2026 The linkage_vibration authors. SPDX-License-Identifier: Apache-2.0
 // Shades gaps, invalid angles and toggles behind a chart, and draws its guide lines.
 
-const fills = { gap: "#e4e4e4", jump: "#222222", range: "#f9e08b", toggle: "#d9e6f2", unknown: "#f3f3f3" };
+const fills = { gap: "#e4e4e4", jump: "#222222", range: "#f9e08b", toggle: "#d9e6f2", unknown: "#f3f3f3", above: "#f8ddd6" };
 const HATCH = "#a8a8a8";
 
 /** Shade where predictions are missing, have no numbers, or are near a toggle, and what the chart adds. */
@@ -53,21 +53,15 @@ function shade(u, more = []) {
   ctx.restore();
 }
 
-/** Draw a dashed line at each of the chart's guide values. */
-function guides(u, spec) {
-  const { ctx, bbox } = u;
+/** Draw the limit of a load as a dashed line, with its value on the right. */
+function drawLimit(u, limit) {
+  const { ctx, bbox } = u, y = u.valToPos(limit, "y", true), right = bbox.left + bbox.width;
+  stroke(u, [[view[0], limit], [view[1], limit]], { colour: ABOVE, width: 1.4, dash: dashes.dashed });
   ctx.save();
-  ctx.beginPath();
-  ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
-  ctx.clip();
-  ctx.strokeStyle = GREY;
-  ctx.setLineDash([5 * devicePixelRatio, 4 * devicePixelRatio]);
-  for (const value of spec.guides ?? []) {
-    const y = u.valToPos(value, "y", true);
-    ctx.beginPath();
-    ctx.moveTo(bbox.left, y);
-    ctx.lineTo(bbox.left + bbox.width, y);
-    ctx.stroke();
-  }
+  ctx.font = `600 ${12 * devicePixelRatio}px system-ui, sans-serif`;
+  ctx.textAlign = "left";
+  ctx.textBaseline = "middle";
+  ctx.fillStyle = ABOVE;
+  ctx.fillText(`limit ${limit}`, right + 6 * devicePixelRatio, y);
   ctx.restore();
 }

@@ -26,12 +26,13 @@ window.review = {
     const { axes } = charts.find(chart => chart.spec.id === id).u, [axis] = axes;
     return axis._splits.map(t => clock(t, axis._splits.length > 1 ? Math.abs(realTime(axis._splits[1]) - realTime(axis._splits[0])) : 1));
   },
-  drawn: id => charts.find(chart => chart.spec.id === id).u.data[1],
-  receptance: (angle, frequency) => 10 ** logReceptance(gridPlace(angle), frequency),
+  drawn: (id, line = 1) => charts.find(chart => chart.spec.id === id).u.data[line],
+  labels: id => (axis => [axis._values, axis._splits])(charts.find(chart => chart.spec.id === id).u.axes[1]),
+  scale: id => (y => [y.min, y.max])(charts.find(chart => chart.spec.id === id).u.scales.y),
 };
 // The charts out of sight follow one by one, so that the page answers in between.
 for (const chart of charts) {
   await new Promise(done => { setTimeout(done); });
-  if (!chart.u && !chart.box.hidden) chart.make(shownWidth);
+  if (!chart.u) chart.make(shownWidth);
 }
 showCursorSoon();

@@ -9,10 +9,10 @@ const frameBox = element("div", { class: "window" });
 function makeStrip(width) {
   strip?.destroy();
   strip = new uPlot({
-    width, height: 58, legend: { show: false }, cursor: { show: false }, padding: [4, 12, 4, 0],
+    width, height: 58, legend: { show: false }, cursor: { show: false }, padding: [4, roomForNames(width), 4, 0],
     series: [{}, { stroke: GREY, width: 1, points: { show: false } }],
     scales: { x: { time: false, range: () => [first, last] }, y: { range: yRange(false) } },
-    axes: [{ show: false }, { ...AXIS, size: 64, values: (u, splits) => splits.map(() => null), grid: { show: false }, ticks: { show: false }, label: data.overview.label, labelSize: 16, labelFont: "11px system-ui, sans-serif" }],
+    axes: [{ show: false }, { ...AXIS, size: 56, values: (u, splits) => splits.map(() => null), grid: { show: false }, ticks: { show: false }, label: data.overview.label, labelSize: 16, labelFont: "11px system-ui, sans-serif" }],
     hooks: { drawClear: [shade] },
   }, decimated([stripQuantity], [first, last], wantedOver(width)), overview);
   nameCanvas(strip, "The crank angle over the whole drive");

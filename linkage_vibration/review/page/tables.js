@@ -17,15 +17,23 @@ function sortBy(body, column, head) {
   head.setAttribute("aria-sort", down ? "descending" : "ascending");
 }
 
+/** Align the columns that hold only numbers and times at their right ends. */
+function alignNumbers(heads, body) {
+  heads.forEach((head, column) => {
+    const own = [...body.rows].map(row => row.cells[column]);
+    if (own.every(cell => /^[\d.:+-]*$|^not known$|^doubted$/.test(cell.textContent))) for (const cell of [head, ...own]) cell.classList.add("number");
+  });
+}
+
 for (const table of data.tables) {
   const body = element("tbody");
   const worst = table.rows.map(row => row.severity ?? 0).sort((a, b) => b - a)[PRINTED] ?? -1;
   table.rows.forEach(row => {
     const line = element("tr", row.time === undefined ? {} : { "data-time": row.time, tabindex: 0 },
       ...row.cells.map(cell => element("td", {}, String(cell))));
-    line.classList.toggle("unprinted", Boolean(table.folded) && row.severity <= worst);
+    line.classList.toggle("unprinted", row.severity <= worst);
     if (row.time !== undefined) {
-      if (!table.first) stops.push({ row, line });
+      if (table.id === "moments") stops.push({ row, line });
       line.addEventListener("click", () => show(row, line));
       line.addEventListener("keydown", event => {
         if (event.key === "Enter" || event.key === " ") { event.preventDefault(); event.stopPropagation(); line.click(); }
@@ -40,10 +48,10 @@ for (const table of data.tables) {
     head.append(button);
     return head;
   });
-  const section = element(table.folded ? "details" : "section", { class: "table", id: `table-${table.id}` },
-    element(table.folded ? "summary" : "h2", {}, table.title));
-  if (table.note) section.append(element("p", { class: "note" }, table.note));
-  if (table.folded && table.rows.length > PRINTED) section.append(element("p", { class: "note printed" }, `The ${PRINTED} strongest of them:`));
+  const section = element(table.first ? "section" : "details", { class: "table", id: `table-${table.id}` },
+    element(table.first ? "h2" : "summary", {}, table.title));
+  if (table.id === "moments" && table.rows.length > PRINTED) section.append(element("p", { class: "note printed" }, `The ${PRINTED} strongest of them:`));
+  alignNumbers(heads, body);
   if (table.rows.length) section.append(element("div", { class: "scroll", tabindex: 0, "aria-label": table.title }, element("table", {}, element("thead", {}, element("tr", {}, ...heads)), body)));
   byId(table.first ? "first" : "tables").append(section);
 }

@@ -13,6 +13,7 @@ from linkage_vibration.errors import check_type
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.response import peak_search_band
+from linkage_vibration.support.progress import table_bar
 from linkage_vibration.support.version import VERSION
 from linkage_vibration.table.pole_cells import oscillating, values_of
 from linkage_vibration.table.table import Table, TableError
@@ -32,7 +33,7 @@ def build_table(
     model: LinkageModel,
     tolerance: float = TOLERANCE,
     points: Sequence[str] | None = None,
-    progress: Callable[[float], object] = lambda finished: None,
+    progress: Callable[[float], object] | None = None,
 ) -> Table:
     """Tabulate the values of predictions over the stroke, to a tolerance.
 
@@ -57,7 +58,8 @@ def build_table(
         measured FRFs has none. The response point in its direction is always one of them.
     progress : callable
         Called with the finished fraction of the work after each solution of the model, and after
-        each member of the ensemble of a mechanism with uncertain numbers.
+        each member of the ensemble of a mechanism with uncertain numbers. By default, a bar on a
+        terminal shows it.
 
     Raises
     ------
@@ -69,6 +71,9 @@ def build_table(
     if not _FINEST <= tolerance < _COARSEST:
         hint = f"give one from {_FINEST:g} to less than {_COARSEST:g}"
         raise TableError(f"A tolerance of {tolerance:g} is invalid or cannot be met; {hint}.")
+    if progress is None:
+        with table_bar(model.mechanism.name) as shown:
+            return build_table(model, tolerance, points, shown)
     if model.half == "vertical" and model.mechanism.lateral is not None:
         return _both_halves(model, tolerance, points, progress)
     return _half(model, tolerance, points, progress)

@@ -23,20 +23,16 @@ FEW = dict.fromkeys([*SHIPPED[:3], COUPLED[-1]], 100) | {SHIPPED[3]: 15}  # angl
 MANY = 10_000
 
 
-@pytest.mark.parametrize("case", FEW, ids=str)
-def test_reported_errors_are_bounds(case: Case) -> None:
+@pytest.mark.parametrize(
+    ("case", "tolerances", "count"),
+    [
+        *((case, (1e-6,), count) for case, count in FEW.items()),
+        *(pytest.param(case, TOLERANCES, MANY, marks=pytest.mark.nightly) for case in CASES),
+    ],
+    ids=str,
+)
+def test_reported_errors_are_bounds(case: Case, tolerances: tuple[float, ...], count: int) -> None:
     """At most 1 % of the angles exceed the reported error of a quantity, none twofold."""
-    _check(case, (1e-6,), FEW[case])
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize("case", CASES, ids=str)
-def test_reported_errors_are_bounds_at_many_angles(case: Case) -> None:
-    """The same holds at many angles, and where dampers couple the modes."""
-    _check(case, TOLERANCES, MANY)
-
-
-def _check(case: Case, tolerances: tuple[float, ...], count: int) -> None:
     for result in results(case, tolerances, np.random.default_rng(3).uniform(size=count)):
         if result.share is None:
             assert "Rounding changes" in result.refusal

@@ -177,7 +177,7 @@ def test_machines_that_do_not_close_leave_no_deviation(stddev: float, known: boo
     assert ("do not close" in table.unknown_deviations) != known
 
 
-@pytest.mark.nightly
+@pytest.mark.nightly(short="test_deviations_of_the_shipped_tractor_are_those_of_whole_models")
 @pytest.mark.parametrize("name", [*NAMES, *OWN])
 def test_monte_carlo(name: str) -> None:
     """Of 1000 whole models with random numbers, nine of ten deviations agree within 15 %."""

@@ -1,0 +1,40 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Writes benchmark/results/nightly.md from the JUnit XML of the nightly set.
+
+Usage: write_nightly.py FILE [TESTS], where TESTS are the files that ran if not all did.
+"""
+
+import sys
+from collections import Counter
+from pathlib import Path
+from xml.etree import ElementTree
+
+sys.path.insert(0, str(Path(__file__).parents[1]))  # also of the pages of benchmarks
+
+from benchmark.report import RESULTS, machine, table
+
+suite = ElementTree.parse(sys.argv[1]).getroot()[0]
+seconds: Counter[str] = Counter()
+counts: dict[str, Counter[str]] = {}
+for case in suite.iter("testcase"):
+    name = case.get("classname", "").replace(".", "/") + ".py"
+    seconds[name] += float(case.get("time", 0.0))  # type: ignore[assignment]
+    outcome = next((each.tag for each in case if each.tag in ("failure", "error", "skipped")), "")
+    counts.setdefault(name, Counter())[outcome or "passed"] += 1
+kinds = "passed", "failure", "error", "skipped"
+rows = [
+    [f"`{name}`", *(str(of[kind] or "") for kind in kinds), f"{seconds[name]:.0f}"]
+    for name, of in sorted(counts.items())
+]
+which = "All files ran" if len(sys.argv) < 3 or not sys.argv[2] else f"Only `{sys.argv[2]}` ran"
+day = suite.get("timestamp", "")[:10]
+page = [
+    "# The nightly set",
+    "On this page you find the last result of the tests that take too long for every run. "
+    f"`make nightly` writes it. {which}, on {day}.",
+    table(["file", *kinds, "s"], rows),
+    f"Made by `make nightly` on: {machine('hypothesis', 'pytest')}.",
+]
+(RESULTS / "nightly.md").write_text("\n\n".join(page) + "\n")
+sys.exit(any(of["failure"] + of["error"] for of in counts.values()))
