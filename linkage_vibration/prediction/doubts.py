@@ -140,7 +140,7 @@ def _slack_chains(levels: "LevelTable") -> Iterator[str]:
 
 
 def slack_mode(mechanism: Mechanism, chain: Chain, alpha3: float) -> tuple[float, float]:
-    """Return the frequency of the mode that one slack chain lowers most, before and then, Hz.
+    """Return the frequency of the mode that one slack chain lowers most, before and then, Hz, undamped.
 
     One chain holds the lateral half with half of the stiffness; that it couples both halves is
     neglected.
@@ -151,7 +151,7 @@ def slack_mode(mechanism: Mechanism, chain: Chain, alpha3: float) -> tuple[float
     other = replace(mechanism, lateral=replace(mechanism.lateral, chains=chains))
     n = mechanism.lateral.response.modes
     tight, slack = (LinkageModel(x, half="lateral").solve(alpha3) for x in (mechanism, other))
-    own, lower = (each.natural_frequencies[:n] for each in (tight, slack))
+    own, lower = (each.modes.omega[:n] / math.tau for each in (tight, slack))
     mode = int((lower / own).argmin())
     return float(own[mode]), float(lower[mode])
 
