@@ -140,7 +140,7 @@ def _slack_chains(levels: "LevelTable") -> Iterator[str]:
 
 
 def slack_mode(mechanism: Mechanism, chain: Chain, alpha3: float) -> tuple[float, float]:
-    """Return the frequency of the mode that one slack chain lowers most, before and then, Hz, undamped.
+    """Return the undamped frequency of the mode that one slack chain lowers most, and then, Hz.
 
     One chain holds the lateral half with half of the stiffness; that it couples both halves is
     neglected.
