@@ -22,7 +22,7 @@ def orders_of(
 ) -> "OrderConstants":
     """Return excitations with the responses to them, as an export contains them."""
     starts, cubics, t, which = levels.arrays
-    i, loaded = int(which.max()) + 1, levels.force_places
+    i, loaded = int(which.max()) + 1, table.load_places if levels.force_places else ()
     names = [name for name, _ in table.forces if name in loaded]
     forces, o = None, 1 + len(names)
     ends = np.cumsum([3 * t, 3 * t * o * i, 3 * o * i, i if t else 0])

@@ -128,6 +128,10 @@ class InterfaceMap:
         rows[..., [x, z]] = configuration.turn(body)
         return rows
 
+    def axes(self, link: str, configuration: Configuration) -> FloatArray:
+        """Return the matrix that turns `directions` of a link into global ones, (..., 2, 2)."""
+        return configuration.turn(link)
+
     @property
     def n_mounts(self) -> int:
         """How many of the last rows of the elongations belong to mounts."""

@@ -316,6 +316,7 @@ class Chain:
     end: tuple[float, float, float]  # m, of the left one: global x, y to the left, and z
     stiffness: float  # N/m, of one, which is tight
     damping: float  # N s/m, of one
+    pretension: float | None  # N, of one; None if it is not known
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,19 +21,13 @@ from numpy.typing import NDArray
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray, rows_of
 from linkage_vibration.mechanics.base import mount_springs
-from linkage_vibration.mechanics.compatibility import CouplingError, Joining
+from linkage_vibration.mechanics.compatibility import CouplingError, InterfaceMap, Joining
 from linkage_vibration.mechanics.components import Component
 from linkage_vibration.mechanics.coupling import CoupledSystem, UncoupledSystem, couple
-from linkage_vibration.mechanics.description import (
-    Link,
-    Mechanism,
-    MechanismError,
-    Mount,
-    ReferenceForce,
-)
+from linkage_vibration.mechanics.description import Link, Mechanism, MechanismError, ReferenceForce
 from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.mechanics.kinematics import Configuration
-from linkage_vibration.mechanics.springs import has_force, tension_share
+from linkage_vibration.mechanics.springs import Values, has_force, tension_share
 
 GRAVITY = 9.80665
 """Standard acceleration of gravity, m/s2, by which static forces are computed."""
@@ -43,8 +37,6 @@ _LEAST_REFERENCE = 0.1
 _SINGULAR = 1e-13  # Nothing holds a motion whose scaled singular value, of the largest, is smaller.
 _BALANCED = 1e-6  # A larger part of the weight that nothing carries is more than rounding.
 
-_COMPONENTS = ("force_x", "force_z")  # of the force of a pin, along the global axes
-_TYRE = ("force_z",)
 _SECTION = ("axial", "shear", "moment")
 
 
@@ -111,6 +103,7 @@ class Forces:
 
     mechanism: Mechanism
     system: UncoupledSystem
+    interface: InterfaceMap
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -125,9 +118,8 @@ class Forces:
                 bodies = len(self.mechanism.owners(point))
                 if bodies > 2 or (bodies == 2 and point not in named.values()):
                     named[f"{link.name}:{point}"] = point
-        springs = [spring.name for spring in self.mechanism.springs if has_force(spring)]
-        tyres = [f"{SOIL}{mount.name}" for mount, axis in self._mounts if axis]
-        names, given = (*named, *springs, *tyres), self.mechanism.response.reference_force
+        springs = [name for name, _ in self.springs if name]
+        names, given = (*named, *springs), self.mechanism.response.reference_force
         for name, _ in given if isinstance(given, tuple) else ():
             if name not in names:
                 problem = f"{name} has no force; give some of: {', '.join(names) or 'none'}."
@@ -136,13 +128,19 @@ class Forces:
 
     @cached_property
     def places(self) -> tuple[tuple[str, str], ...]:
-        """The scalar places of `names`: both components of pins, springs, then tyres along z."""
+        """The scalar places of `names`: all components of pins, springs, then tyres."""
+        springs = dict(self.springs)
         kinds = [
-            _TYRE if name.startswith(SOIL) else _COMPONENTS if ":" in name else ("force",)
+            [springs[name]] if name in springs else self._directions(*self._end(name))
             for name in self.names
         ]
         both = zip(self.names, kinds, strict=True)
         return tuple((name, direction) for name, kind in both for direction in kind)
+
+    def _directions(self, link: Link, point: str) -> list[str]:
+        """Return the components of the force of a pin on a link, along the global axes."""
+        dofs, axes = self._parts[link.name].dofs, self.interface.directions
+        return [f"force_{axis}" for axis in axes if InterfaceDof(point, axis) in dofs]
 
     @cached_property
     def _ends(self) -> dict[str, Mapping[str, FloatArray]]:
@@ -179,30 +177,31 @@ class Forces:
         self, name: str, configuration: Configuration, joining: Joining
     ) -> tuple[Any, dict[str, NDArray[Any]]]:
         """Return indices of coordinates, and rows on them of the forces at a name by direction."""
-        if name not in self._springs:
+        if name not in dict(self.springs):
             link, point = self._end(name)
-            pin = self._on_link(link, point, joining)
-            pin = configuration.turn(link.name)[..., np.newaxis, :, :] @ pin / link.count
-            elastic = np.zeros((len(_SECTION), 3, len(self.system.mass)))
-            elastic[:, 0, self.system.rows[link.name]] = self._ends[link.name][point]
-            forces = (*np.moveaxis(pin, -2, 0), *elastic)
-            return slice(None), dict(zip((*_COMPONENTS, *_SECTION), forces, strict=True))
-        i, at = self._springs.index(name), slice(self.system.n_interface)
+            directions, axes = self._directions(link, point), self.interface.axes
+            pin, turn = self._on_link(link, point, joining), axes(link.name, configuration)
+            if len(directions) < turn.shape[-1]:  # A link in the middle has a force along y alone.
+                which = [self.interface.directions.index(each[-1]) for each in directions]
+                turn = turn[..., which, :][..., which]
+            forces = [*np.moveaxis(turn[..., np.newaxis, :, :] @ pin / link.count, -2, 0)]
+            if point in self._ends[link.name]:
+                elastic = np.zeros((len(_SECTION), 3, len(self.system.mass)))
+                elastic[:, 0, self.system.rows[link.name]] = self._ends[link.name][point]
+                directions, forces = [*directions, *_SECTION], [*forces, *elastic]
+            return slice(None), dict(zip(directions, forces, strict=True))
+        i, at = [each for each, _ in self.springs].index(name), slice(self.system.n_interface)
         both = np.stack([x[..., i] for x in (joining.stiffness, joining.damping)], axis=-1)
         force = np.concatenate([both, 0.0 * both[..., :1]], axis=-1)[..., np.newaxis]
         force = force * joining.elongation[..., np.newaxis, i, :]
-        if name.startswith(SOIL):
-            return at, {_TYRE[0]: force}
-        spring = self.mechanism.springs[i]
-        if not has_force(spring):
-            return at, {}
-        share = np.asarray(tension_share(spring, self.mechanism, configuration))
-        return at, {"force": share[..., np.newaxis, np.newaxis] * force}
+        share = np.asarray(self.tension_share(i, configuration))
+        return at, {self.springs[i][1]: share[..., np.newaxis, np.newaxis] * force}
 
     def _on_link(self, link: Link, point: str, joining: Joining) -> NDArray[Any]:
         """Return what pins at a point exert on a link, (3, 2, n): beside springs, what moves it."""
         system, dofs = self.system, self._parts[link.name].dofs
-        at = system.rows[link.name][[dofs.index(InterfaceDof(point, axis)) for axis in "xz"]]
+        own_dofs = [InterfaceDof(point, each[-1]) for each in self._directions(link, point)]
+        at = system.rows[link.name][[dofs.index(dof) for dof in own_dofs]]
         lossy = system.stiffness + 1j * system.loss if system.loss.any() else system.stiffness
         own = np.array([lossy[at], system.damping[at], system.mass[at]])
         rows = np.broadcast_to(own, (*joining.stiffness.shape[:-1], *own.shape)).copy()
@@ -213,14 +212,19 @@ class Forces:
         return rows
 
     @cached_property
-    def _springs(self) -> list[str]:
-        """The names of springs and vertical mounts, in the order of `Joining`."""
-        mounts = [f"{SOIL}{mount.name}" if axis else "" for mount, axis in self._mounts]
-        return [*(spring.name for spring in self.mechanism.springs), *mounts]
+    def springs(self) -> list[tuple[str, str]]:
+        """The name and direction of the force of each row of `Joining`; "" if it has no force."""
+        own = [(each.name if has_force(each) else "", "force") for each in self.mechanism.springs]
+        return own + [
+            (f"{SOIL}{mount.name}" if axis else "", "force_z")
+            for mount, axis in mount_springs(self.mechanism.base)
+        ]
 
-    @property
-    def _mounts(self) -> tuple[tuple[Mount, int], ...]:
-        return mount_springs(self.mechanism.base)
+    def tension_share(self, row: int, configuration: Configuration) -> Values:
+        """Return the force at the place of a row of `Joining`, per force that the row exerts."""
+        if row >= len(self.mechanism.springs):
+            return 1.0
+        return tension_share(self.mechanism.springs[row], self.mechanism, configuration)
 
     @cached_property
     def sections(self) -> tuple[tuple[str, str], ...]:

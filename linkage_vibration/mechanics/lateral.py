@@ -13,7 +13,8 @@ also hold the rotation out of the plane.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -22,8 +23,9 @@ from scipy.linalg import block_diag
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.mechanics.bodies.beam import Beam, beam_matrices
 from linkage_vibration.mechanics.bodies.matrices import component_of
-from linkage_vibration.mechanics.compatibility import InterfaceMap, SpringRow
+from linkage_vibration.mechanics.compatibility import InterfaceMap, Joining, SpringRow
 from linkage_vibration.mechanics.components import CENTRE_OF_GRAVITY, Component, FrfComponent
+from linkage_vibration.mechanics.coupling import CoupledSystem
 from linkage_vibration.mechanics.description import (
     GROUND,
     Chain,
@@ -36,6 +38,7 @@ from linkage_vibration.mechanics.description import (
     Spring,
 )
 from linkage_vibration.mechanics.dofs import InterfaceDof
+from linkage_vibration.mechanics.forces import SOIL, Forces
 from linkage_vibration.mechanics.kinematics import Configuration
 
 _SAME_PLACE = 1e-9  # m
@@ -84,6 +87,7 @@ def _link(link: Link, mechanism: Mechanism, *, reduced: bool) -> Component:
         beam_matrices(beam, points, rotations=free, masses=masses, across=True, clamped=clamped)
     ]
     if link.count > 1:
+        link = replace(link, modes=-(-link.modes // 2))  # half of them in each direction
         turned = mechanism.rotations(link.name) | held
         bodies.insert(0, beam_matrices(beam, points, rotations=turned, masses=masses))
     parts = [component_of(link, mechanism, b, b.dofs, reduced=reduced) for b in bodies]
@@ -108,7 +112,13 @@ class LateralMap(InterfaceMap):
         super().__init__(mechanism, components)
         assert mechanism.lateral is not None
         self._lateral = mechanism.lateral
-        self._y = dict(self._lateral.y)
+        mounts = (
+            zip(mechanism.base.mounts, self._lateral.axles, strict=True) if mechanism.base else ()
+        )
+        # A mount is at its left wheel.
+        wheels = {mount.name: axle.track / 2.0 for mount, axle in mounts}
+        self._y = dict(self._lateral.y) | wheels
+        self.chains = self._lateral.chains
         self._links = {link.name: link for link in mechanism.links}
         points = {link.name: bearing(link, mechanism) for link in mechanism.links}
         self._bearings = {name: point for name, point in points.items() if point}
@@ -117,7 +127,7 @@ class LateralMap(InterfaceMap):
     @property
     def n_mounts(self) -> int:
         """How many of the last rows of the elongations belong to mounts."""
-        return len(self._wheels)
+        return len(self.wheels)
 
     @property
     def held(self) -> BoolArray:
@@ -130,14 +140,14 @@ class LateralMap(InterfaceMap):
             place = configuration.place(body, self._mechanism.local_points(body)[point])
             return self._carried(body, place, self._y.get(point, 0.0), configuration)
         rows = np.zeros((*configuration.angles.shape[:-1], 3, len(self)))
-        axes = self._axes(body, configuration)
+        axes = self.axes(body, configuration)
         for i, direction in enumerate(self.directions):
             at = self._index.get((body, InterfaceDof(point, direction)))
             if at is not None:
                 rows[..., at] = axes[..., i]
         return rows
 
-    def _axes(self, link: str, configuration: Configuration) -> FloatArray:
+    def axes(self, link: str, configuration: Configuration) -> FloatArray:
         """Return the (..., 3, 3) matrix whose columns are the axes of the left of the links."""
         turn, cosine = configuration.turn(link), 1.0 / self._links[link].stretch
         sine = self._links[link].slope * cosine
@@ -180,7 +190,7 @@ class LateralMap(InterfaceMap):
         rows = np.zeros((*configuration.angles.shape[:-1], len(self)))
         at = self._index.get((link, InterfaceDof(self._bearings[link], direction)))
         if at is not None:
-            axes = self._axes(link, configuration)
+            axes = self.axes(link, configuration)
             own = axes[..., 1] if direction == "theta" else -axes[..., 2]
             if (GROUND, CENTRE_OF_GRAVITY) in self._places:
                 rows[..., self._places[GROUND, CENTRE_OF_GRAVITY][1:]] = own[..., ::2]
@@ -189,21 +199,28 @@ class LateralMap(InterfaceMap):
 
     def _mounts(self, configuration: Configuration) -> list[SpringRow]:
         springs: list[SpringRow] = []
-        for chain in self._lateral.chains:
+        for chain in self.chains:
             row = self._chain(chain, configuration)
             springs.append((row, 2.0 * chain.stiffness, 2.0 * chain.damping))
         for link in self._bearings if not self._rigid_shaft else ():
             # Both cranks turn, by opposite angles.
             row = self._turned(link, "theta", configuration)
             springs.append((row, 4.0 * self._lateral.rockshaft, 0.0))
-        for axis, place, y, k, c in self._wheels:
+        for _, axis, place, y, k, c in self.wheels:
             moved = self._carried(GROUND, np.array(place), y, configuration)
             springs.append((moved[..., axis, :], k, c))
         return springs
 
+    @property
+    def held_by(self) -> list[tuple[str, str]]:
+        """The name and direction of the force of each row of `_mounts`; "" if it has no force."""
+        shafts = [] if self._rigid_shaft else [("", "")] * len(self._bearings)
+        tyres = [(f"{SOIL}{each[0]}" if each[1] == 1 else "", "force_y") for each in self.wheels]
+        return [*((chain.name, "force") for chain in self.chains), *shafts, *tyres]
+
     @cached_property
-    def _wheels(self) -> list[tuple[int, Point, float, float, float]]:
-        """The axis, the place in the plane, y, stiffness and damping of what holds the base.
+    def wheels(self) -> list[tuple[str, int, Point, float, float, float]]:
+        """The mount, axis, place in the plane, y, stiffness and damping of what holds the base.
 
         Each wheel has half of the stiffness of its mount, and the left and the right one move alike
         or oppositely, so the left one with all of the stiffness stands for both.
@@ -211,10 +228,10 @@ class LateralMap(InterfaceMap):
         wheels, base = [], self._mechanism.base
         for mount, axle in zip(base.mounts if base else (), self._lateral.axles, strict=True):
             for axis, k, c in zip((0, 2), mount.stiffness, mount.damping, strict=True):
-                wheels.append((axis, mount.at, axle.track / 2.0, k, c))
+                wheels.append((mount.name, axis, mount.at, axle.track / 2.0, k, c))
             soil = (mount.at[0], axle.contact)
-            wheels.append((1, soil, 0.0, axle.stiffness, axle.damping))
-        return [each for each in wheels if (each[0] == 1 or each[2]) and (each[3] or each[4])]
+            wheels.append((mount.name, 1, soil, 0.0, axle.stiffness, axle.damping))
+        return [each for each in wheels if (each[1] == 1 or each[3]) and (each[4] or each[5])]
 
     def _elongation(self, spring: Spring, configuration: Configuration) -> FloatArray:
         """Return the elongation of the left of two springs; those in the middle keep their length.
@@ -255,6 +272,48 @@ class LateralMap(InterfaceMap):
         """Return the global x, y and z of a point, (..., 3), m."""
         local = self._mechanism.local_points(body)[point]
         return _in_space(configuration.place(body, local), self._y.get(point, 0.0))
+
+
+class LateralForces(Forces):
+    """Finds the forces of the lateral half: in pins, springs and chains, and of tyres across."""
+
+    interface: LateralMap
+
+    @cached_property
+    def _ends(self) -> dict[str, Mapping[str, FloatArray]]:
+        """All links are beams; what strains their sections across the plane is not shown."""
+        return {link.name: {} for link in self.mechanism.links}
+
+    @cached_property
+    def springs(self) -> list[tuple[str, str]]:
+        """The name and direction of the force of each row of `Joining`; "" if it has no force."""
+        own = [
+            (
+                "" if isinstance(each.stiffness, Cylinder) or len(each.points) == 1 else each.name,
+                "force",
+            )
+            for each in self.mechanism.springs
+        ]
+        return own + self.interface.held_by
+
+    def tension_share(self, row: int, configuration: Configuration) -> float:
+        """Return the force at the place of a row of `Joining`, per force that the row exerts."""
+        first = len(self.mechanism.springs)
+        return 0.5 if first <= row < first + len(self.interface.chains) else 1.0
+
+    def at_rest(
+        self, configuration: Configuration, joining: Joining, coupled: CoupledSystem | None = None
+    ) -> FloatArray:
+        """Return the pretension of chains, NaN if not known, and 0 elsewhere, (..., n_places), N.
+
+        What the weight exerts on both sides alike belongs to the vertical half.
+        """
+        tight = {chain.name: chain.pretension for chain in self.interface.chains}
+        static = [tight.get(name, 0.0) for name, _ in self.places]
+        shape = *configuration.angles.shape[:-1], len(static)
+        return np.broadcast_to(
+            np.array([math.nan if each is None else each for each in static]), shape
+        )
 
 
 def _in_space(place: FloatArray, y: float) -> FloatArray:

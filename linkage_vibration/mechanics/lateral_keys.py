@@ -38,11 +38,18 @@ def with_lateral(
         raise keys.error("held", f"{name!r} is not one of rigid_bodies; correct the name.")
     moving = [body for body in mechanism.rigid if body.name not in held]
     mounts = () if mechanism.base is None else mechanism.base.mounts
+    axles = tuple(_axle(keys["axles"][mount.name], mount.track, drawn) for mount in mounts)
+    if mechanism.base is not None:  # An axle may give the track of a mount that has none.
+        mounts = tuple(
+            replace(mount, track=mount.track or axle.track)
+            for mount, axle in zip(mounts, axles, strict=True)
+        )
+        mechanism = replace(mechanism, base=replace(mechanism.base, mounts=mounts))
     lateral = Lateral(
         y=tuple(y.items()),
         inertia=tuple((body.name, _inertia(keys["inertia"], body, drawn)) for body in moving),
         chains=tuple(_chain(keys["chains"][n], n, mechanism) for n in keys.names("chains")),
-        axles=tuple(_axle(keys["axles"][mount.name], mount.track) for mount in mounts),
+        axles=axles,
         rockshaft=_rockshaft(keys),
         held=held,
         sections=tuple((name, *each.values()) for name, each in across.items()),
@@ -151,13 +158,19 @@ def _chain(keys: CheckedMapping, name: str, mechanism: Mechanism) -> Chain:
     x, y, z = places
     stiffness = keys.number("stiffness", positive=True, most=STIFFEST, hint=RIGID)
     damping = keys.number("damping", default=0.0, least=0.0, most=DAMPEST, hint=RIGID)
-    return Chain(name, link.name, at, (x, y, z), stiffness, damping)
+    given = "pretension" in keys
+    tight = keys.number("pretension", positive=True, most=1e6, hint="give N") if given else None
+    return Chain(name, link.name, at, (x, y, z), stiffness, damping, tight)
 
 
-def _axle(keys: CheckedMapping, track: float) -> Axle:
+def _axle(keys: CheckedMapping, track: float, drawn: bool) -> Axle:
     hint = f"0 is an axle that pivots; {_METRES}"
+    own = keys.number("track", default=track, least=0.0, most=_WIDEST, hint=hint)
+    if own not in (0.0, track) and track and not drawn:
+        problem = f"{own:g} m is not the track of this mount, {track:g} m"
+        raise keys.error("track", f"{problem}; give it once, under base.mounts, or 0 here.")
     return Axle(
-        keys.number("track", default=track, least=0.0, most=_WIDEST, hint=hint),
+        own,
         keys.number("stiffness", least=0.0, most=STIFFEST, hint=RIGID),
         keys.number("damping", default=0.0, least=0.0, most=DAMPEST, hint=RIGID),
         keys.number("contact", least=-_WIDEST, most=_WIDEST, hint=f"it is a height; {_METRES}"),

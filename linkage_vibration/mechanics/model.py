@@ -36,7 +36,7 @@ from linkage_vibration.mechanics.fbs import couple_frfs, couple_frfs_with_error,
 from linkage_vibration.mechanics.forces import SOIL, Forces, is_force, magnitudes, reference
 from linkage_vibration.mechanics.identification import IdentifiedModes, identify
 from linkage_vibration.mechanics.kinematics import Configuration, Kinematics
-from linkage_vibration.mechanics.lateral import LateralMap, lateral_components
+from linkage_vibration.mechanics.lateral import LateralForces, LateralMap, lateral_components
 from linkage_vibration.mechanics.modes import DampedModes, Modes, damp_modes, solve_modes
 from linkage_vibration.mechanics.regularisation import MeasuredFrfs, noise_gain, receptances
 from linkage_vibration.mechanics.response import (
@@ -87,7 +87,7 @@ class LinkageModel:
         Kinematics of a mechanism with the same points, pins and stroke, to be used again.
     half : {"vertical", "lateral"}
         The motions in the plane, or those odd about the middle: sway, roll and yaw. The lateral
-        half needs the key `lateral`, whose `response` is that of its `mechanism`. It has no forces.
+        half needs the key `lateral`, whose `response` is that of its `mechanism`.
 
     Raises
     ------
@@ -173,28 +173,24 @@ class LinkageModel:
 
     @cached_property
     def forces(self) -> Forces:
-        """The forces in the linkage, of the vertical half.
+        """The forces in the linkage.
 
         Raises
         ------
         ModelError
-            If a link is known by its FRFs, or this is the lateral half.
+            If a link is known by its FRFs.
         """
-        if self.half == "lateral":
-            raise ModelError("The lateral half has no forces; ask the vertical one.")
-        return self._forces
-
-    @cached_property
-    def _forces(self) -> Forces:
-        return Forces(self.mechanism, self.system)
+        if isinstance(self.interface, LateralMap):
+            return LateralForces(self.mechanism, self.system, self.interface)
+        return Forces(self.mechanism, self.system, self.interface)
 
     @property
     def force_places(self) -> tuple[str, ...]:
         """Pins, springs, cylinders and tyres whose forces are known, such as "lower_link:E1".
 
-        There are none if a link is known by its FRFs, and in the lateral half.
+        There are none if a link is known by its FRFs.
         """
-        return () if self._measured or self.half == "lateral" else self.forces.names
+        return () if self._measured else self.forces.names
 
     def static_forces(self, alpha3: float) -> FloatArray:
         """Return the forces at `force_places` under the weight, (n_force_places,), N.
@@ -258,7 +254,7 @@ class LinkageModel:
         places = pairs(places)
         joining = joining or self.interface.join(configuration)
         loaded = [place for place in places if is_force(place)]
-        forces = (self.forces if loaded else self._forces).rows(loaded, configuration, joining)
+        forces = self.forces.rows(loaded, configuration, joining)
         of_force = np.array([is_force(place) for place in places], dtype=np.bool_)
         rows = np.zeros((*forces.shape[:-2], len(places), forces.shape[-1]), forces.dtype)
         rows[..., of_force, :] = forces

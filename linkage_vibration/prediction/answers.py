@@ -29,6 +29,7 @@ from linkage_vibration.prediction.ground import (
     GroundTable,
     ground_lines,
     ground_spectrum,
+    lateral_mounts,
 )
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.table.table import Table, table_bytes
@@ -247,7 +248,9 @@ def answer_ground(
         )
     table, mechanism = served.table, served.mechanism
     drive = mechanism.response
-    valid = (*table.places, *table.forces) if table.places else ()
+    every = [table, *([table.lateral] if table.lateral and lateral_mounts(mechanism) else [])]
+    both = [place for each in every if each.places for place in (*each.places, *each.forces)]
+    valid = tuple(dict.fromkeys(both))
     places = _places("outputs", outputs, valid, True) or ((drive.point, drive.direction),)
     lines, rows, reasons, densities = ground_lines(terrain), [], [], []
     for place in places:

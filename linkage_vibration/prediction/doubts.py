@@ -7,13 +7,14 @@ Each doubt is a sentence, which names a plausible number. No doubt stops anythin
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from linkage_vibration.mechanics.arrays import FloatArray
-from linkage_vibration.mechanics.description import Base, Cylinder, Mechanism, RigidBody
+from linkage_vibration.mechanics.description import Base, Chain, Cylinder, Mechanism, RigidBody
 from linkage_vibration.mechanics.forces import GRAVITY
 from linkage_vibration.mechanics.kinematics import Configuration
 from linkage_vibration.mechanics.model import LinkageModel
@@ -77,7 +78,7 @@ def excitation_doubts(excitations: Sequence[Excitation], levels: "LevelTable") -
     """Yield a sentence for each number of excitations that is not plausible.
 
     The last ones are about load ratios, those of each order at the speed of its amplitude, and
-    about tyres that leave the ground at 10 km/h.
+    about tyres that leave the ground and chains that go slack at 10 km/h.
     """
     own = [_odd(excitation) for excitation in excitations]
     yield from dict.fromkeys(filter(None, own))
@@ -88,6 +89,7 @@ def excitation_doubts(excitations: Sequence[Excitation], levels: "LevelTable") -
         )
         yield f"{name} {text} 1.4 times too high; give each axle of the base its `track`, in m."
     loads = [bool(each.load or each.terrain) for each in excitations]
+    yield from _slack_chains(levels)
     rows = [i for i, loaded in enumerate(loads) if loaded and not own[i]]
     if not rows or not levels.has_load_ratios:
         return
@@ -109,6 +111,49 @@ def excitation_doubts(excitations: Sequence[Excitation], levels: "LevelTable") -
             where = f"of {excitation.name} at alpha3 = {at:.0f} deg and its at_speed"
             small = f"an amplitude of {excitation.load.amplitude / over.max():.2g} would have 1"
             yield load_ratio_doubt(over.max(), where, f"{small}, so check its unit")
+
+
+def _slack_chains(levels: "LevelTable") -> Iterator[str]:
+    """Yield a sentence for each chain that three times its force by the ground makes slack.
+
+    One of unknown pretension is named with what it needs.
+    """
+    angles = np.linspace(*levels.alpha3_range, 9)
+    for chain, rms in zip(levels.chains, levels.chain_forces(angles, _WORKING), strict=True):
+        needed = 3.0 * np.fmax.reduce(rms, initial=0.0)
+        alpha3 = angles[np.argmax(np.nan_to_num(rms))]
+        ground = f"three times the rms of its force by the ground at 10 km/h, {needed:.3g} N at "
+        ground += f"alpha3 = {math.degrees(alpha3):.0f} deg"
+        if chain.pretension is None:
+            unknown = "has no `pretension`, so it is not known whether it goes slack"
+            yield f"{chain.name} {unknown}; it needs {ground}."
+        elif needed > chain.pretension:
+            tight, slack = slack_mode(levels.mechanism, chain, alpha3)
+            assert levels.lateral is not None
+            own = levels.lateral.evaluate(np.array([alpha3]))[0, : levels.lateral.n_modes]
+            name = levels.lateral.mode_names[int(np.abs(own - tight).argmin())]
+            yield (
+                f"{chain.name} goes slack, as {ground}, exceeds its pretension of "
+                f"{chain.pretension:g} N; with one of both slack, the {name} is at about "
+                f"{slack:.3g} instead of {tight:.3g} Hz there. Tighten it, or drive more slowly."
+            )
+
+
+def slack_mode(mechanism: Mechanism, chain: Chain, alpha3: float) -> tuple[float, float]:
+    """Return the undamped frequency of the mode that one slack chain lowers most, and then, Hz.
+
+    One chain holds the lateral half with half of the stiffness; that it couples both halves is
+    neglected.
+    """
+    assert mechanism.lateral is not None
+    loose = replace(chain, stiffness=chain.stiffness / 2.0)
+    chains = tuple(loose if each.name == chain.name else each for each in mechanism.lateral.chains)
+    other = replace(mechanism, lateral=replace(mechanism.lateral, chains=chains))
+    n = mechanism.lateral.response.modes
+    tight, slack = (LinkageModel(x, half="lateral").solve(alpha3) for x in (mechanism, other))
+    own, lower = (each.modes.omega[:n] / math.tau for each in (tight, slack))
+    mode = int((lower / own).argmin())
+    return float(own[mode]), float(lower[mode])
 
 
 def load_ratio_doubt(ratio: float, where: str, hint: str = _ROUGH) -> str:

@@ -23,11 +23,12 @@ from linkage_vibration.prediction.excitation import Excitation
 from linkage_vibration.prediction.ground import (
     N_FREQUENCIES,
     GroundLevels,
+    Half,
     Terrain,
     ground_lines,
     ground_squares,
+    halves_of,
     mean_squares,
-    vertical_mounts,
 )
 from linkage_vibration.prediction.level_cache import Arrays, Keep, computed
 from linkage_vibration.prediction.loads import UnitLoad, soil_motion, weights_at
@@ -252,26 +253,40 @@ class GroundMembers:
 
     def _tabulated(self) -> Arrays:
         """Compute the `logs`."""
-        mechanism, terrain, outputs = self._mechanism, self._terrain, self._outputs
-        mounts = vertical_mounts(mechanism)
+        n_members = len(self._table.ensemble_poles)
+        shape = _N_ANGLES, n_members, len(self._outputs), _N_SPEEDS
+        squares = np.zeros(shape)
+        for half in halves_of(self._table, self._mechanism):
+            rows = [i for i, place in enumerate(self._outputs) if half.knows(place)]
+            squares[:, :, rows] += self._squares(half, rows)
+        with np.errstate(divide="ignore", invalid="ignore"):  # log(0) without ground
+            logs = np.log(squares)
+            logs = np.moveaxis(logs[:, 1:] - logs[:, :1], 3, 1)
+        known = np.where(np.isposinf(logs), math.nan, logs)
+        return {"logs": np.ascontiguousarray(known, np.float32)}
+
+    def _squares(self, half: Half, known: list[int]) -> FloatArray:
+        """Return mean squares in a half, (n_angles, n_members, n_known, n_speeds), or NaN.
+
+        They are not known if the members of this half are not those of the table.
+        """
+        table, terrain, mounts = half.source, self._terrain, half.mounts
+        assert isinstance(table, Table)
+        if not np.array_equal(table.ensemble_coordinates, self._table.ensemble_coordinates):
+            return np.full((1, 1, 1, 1), math.nan)
         lines = ground_lines(terrain, self._n_lines // _FEWER)
-        loads = [soil_motion(f"base:{mount.name}.z", mechanism) for mount in mounts]
-        members = EnsembleResponses(self._table, loads, outputs, 0)
+        loads = [soil_motion(f"base:{mount.name}.z", self._mechanism) for mount in mounts]
+        members = EnsembleResponses(table, loads, [self._outputs[i] for i in known], 0)
         omega = 2.0 * math.pi * np.tile(lines, len(mounts))[np.newaxis]
         every = np.arange(len(mounts)).repeat(len(lines))
-        orders, values = [1, *[0] * (len(outputs) - 1)] * (members.n + 1), []
+        orders, values = [1 - min(i, 1) for i in known] * (members.n + 1), []
         for angle in self._angles:
             responses = members.at(angle[np.newaxis]).at(0).responses(omega, every)
             transfer = (responses[:, 0] + 1j * responses[:, 1]).swapaxes(1, 2)
             transfer = transfer.reshape(-1, len(mounts), len(lines))
-            squares = ground_squares(transfer, orders, mounts, terrain, lines)
+            squares = ground_squares(transfer, orders, mounts, terrain, lines, half.difference)
             values.append(mean_squares(squares, np.exp(self._speeds)))
-        shape = _N_ANGLES, members.n + 1, len(outputs), _N_SPEEDS
-        with np.errstate(divide="ignore", invalid="ignore"):  # log(0) without ground
-            logs = np.log(np.reshape(values, shape))
-            logs = np.moveaxis(logs[:, 1:] - logs[:, :1], 3, 1)
-        known = np.where(np.isposinf(logs), math.nan, logs)
-        return {"logs": np.ascontiguousarray(known, np.float32)}
+        return np.reshape(values, (_N_ANGLES, members.n + 1, len(known), _N_SPEEDS))
 
     def levels(
         self, nominal: GroundLevels, alpha3: FloatArray, speed: FloatArray, amplitudes: FloatArray

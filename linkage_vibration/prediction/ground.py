@@ -4,6 +4,8 @@
 
 The wheels of all mounts of the base follow one another on two tracks. The heights are random, with
 the power spectral density G(n) over the wavenumber n, so that levels are sums over frequencies.
+The mean of both tracks excites the vertical half, and half of their difference the lateral one.
+Both do not correlate, so that mean squares of both halves add.
 """
 
 import math
@@ -190,6 +192,7 @@ class GroundSquares:
     tracks: tuple[tuple[float, float], ...]  # m: of mounts with one track, then of each pair
     apart: FloatArray  # (n_pairs,), m: by how much the first mount of each pair is behind
     values: NDArray[np.float32]  # (n_out, n_tracks + 2 n_pairs, n_f): of 1, cosines and sines
+    difference: bool = False  # whether half the difference of the tracks excites, not their mean
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -211,6 +214,47 @@ def vertical_mounts(mechanism: Mechanism) -> tuple[Mount, ...]:
     """Return the mounts of the base through which the ground moves it along z."""
     mounts = () if mechanism.base is None else mechanism.base.mounts
     return tuple(mount for mount in mounts if mount.stiffness[1] or mount.damping[1])
+
+
+def lateral_mounts(mechanism: Mechanism) -> tuple[Mount, ...]:
+    """Return those of `vertical_mounts` whose axles do not pivot, and so roll the base."""
+    mounts = vertical_mounts(mechanism)
+    if mechanism.base is None or mechanism.lateral is None:
+        return ()
+    axles = zip(mechanism.base.mounts, mechanism.lateral.axles, strict=True)
+    return tuple(mount for mount, axle in axles if axle.track and mount in mounts)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Half:
+    """A half of a linkage, and the mounts through which the mean or the difference excites it."""
+
+    source: Table | LinkageModel
+    mounts: tuple[Mount, ...]
+    difference: bool
+
+    @property
+    def inputs(self) -> list[Place]:
+        """The places of forces of the mounts; in the lateral half, at left wheels."""
+        return [(mount.name, "z") for mount in self.mounts]
+
+    def knows(self, place: Place) -> bool:
+        """Return whether a place responds in this half."""
+        if isinstance(self.source, Table):
+            return place in self.source.places or place in self.source.forces
+        directions = self.source.interface.directions
+        return place[1] in directions or place in self.source.forces.places
+
+
+def halves_of(source: Table | LinkageModel, mechanism: Mechanism) -> list[Half]:
+    """Return the vertical half of a mechanism, and the lateral one if the ground excites it."""
+    both, mounts = [Half(source, vertical_mounts(mechanism), False)], lateral_mounts(mechanism)
+    if mounts and isinstance(source, LinkageModel):
+        other = LinkageModel(mechanism, kinematics=source.kinematics, half="lateral")
+        both.append(Half(other, mounts, True))
+    elif mounts and isinstance(source, Table) and source.lateral is not None:
+        both.append(Half(source.lateral, mounts, True))
+    return both
 
 
 def _refusal(mounts: Sequence[Mount], terrain: Terrain) -> int:
@@ -249,8 +293,9 @@ def ground_squares(
     mounts: Sequence[Mount],
     terrain: Terrain,
     frequencies: FloatArray,
+    difference: bool = False,
 ) -> GroundSquares:
-    """Return the coefficients of mean squares of responses.
+    """Return the coefficients of mean squares of responses to the mean or difference of tracks.
 
     `ground_transfer` returns (n_out, n_mounts, n_f) at `ground_lines`; the orders, (n_out,), say
     how often each response is differentiated: 1 for a velocity, 2 for an acceleration.
@@ -265,7 +310,7 @@ def ground_squares(
     apart = np.array([mounts[j].at[0] - mounts[i].at[0] for i, j in pairs])
     both = *((each, each) for each in widths), *((tracks[i], tracks[j]) for i, j in pairs)
     rows = np.stack(values, axis=1).astype(np.float32)
-    return GroundSquares(terrain, frequencies, both, apart, rows)
+    return GroundSquares(terrain, frequencies, both, apart, rows, difference)
 
 
 def mean_squares(
@@ -304,7 +349,10 @@ def _weights(
     covered = np.clip(0.5 + high / step, 0.0, 1.0) * np.clip(0.5 - low / step, 0.0, 1.0)
     size = terrain.psd(f, speeds) * f * step * (1.0 - covered if uncovered else covered)
     size[:, [0, -1]] /= 2.0
-    shares = {tracks: terrain.share(f / speeds, tracks) for tracks in set(squares.tracks)}
+    shares = {
+        tracks: terrain.share(f / speeds, tracks, difference=squares.difference)
+        for tracks in set(squares.tracks)
+    }
     if wheels:  # The height under one wheel is the sum of the mean and of half the difference.
         for tracks, share in shares.items():
             share += terrain.share(f / speeds, tracks, difference=True)
@@ -314,7 +362,7 @@ def _weights(
     angles = 2.0 * math.pi * f * (squares.apart[:, np.newaxis, np.newaxis] / speeds)
     # Lines that are too far apart for a delay count as if it were long, which it then is.
     near = np.clip(2.0 - 2.0 / math.pi * step * np.abs(angles), 0.0, 1.0)
-    coherent = size * np.stack(every[first:]) * near
+    coherent = size * np.reshape(every[first:], angles.shape) * near
     parts += [*(coherent * np.cos(angles)), *(coherent * np.sin(angles))]
     return np.concatenate(parts, axis=1, dtype=np.float32)
 
@@ -332,34 +380,45 @@ def ground_spectrum(
     Both are (N_FREQUENCIES,), NaN at waves that the terrain does not know. A GroundError is raised
     without a base on two mounts, with a tool in the soil, or if the speed, m/s, is not above 0.
     """
-    mounts, f = vertical_mounts(mechanism), ground_lines(terrain)
-    if refused := _refusal(mounts, terrain) or (0 if 0.0 < speed < math.inf else _SPEED):
+    halves, f = halves_of(source, mechanism), ground_lines(terrain)
+    if refused := _refusal(halves[0].mounts, terrain) or (0 if 0.0 < speed < math.inf else _SPEED):
         raise GroundError(REASONS[refused])
-    inputs = [(mount.name, "z") for mount in mounts]
-    if isinstance(source, Table):
-        frf = source.frf(alpha3, [place], inputs)
-    else:
-        frf = source.solve(alpha3).frf([place], inputs)
-    behind = np.array([[mount.at[0]] for mount in mounts])
-    delayed = np.exp(2j * math.pi * f * (behind - behind.max()) / speed)
-    parts, tracks = ground_transfer(frf, mounts, f)[0] * delayed, terrain.tracks(mounts)
-    response = parts.sum(axis=0)
-    if not is_force(place):
-        parts, response = (each * 2.0 * math.pi * f for each in (parts, response))
-    shares = [[terrain.share(f / speed, (one, other)) for other in tracks] for one in tracks]
+    density = np.zeros(len(f))
+    for half in [each for each in halves if each.knows(place)] or halves[:1]:
+        mounts, tracks = half.mounts, terrain.tracks(half.mounts)
+        if isinstance(half.source, Table):
+            frf = half.source.frf(alpha3, [place], half.inputs)
+        else:
+            frf = half.source.solve(alpha3).frf([place], half.inputs)
+        behind = np.array([[mount.at[0]] for mount in mounts])
+        delayed = np.exp(2j * math.pi * f * (behind - behind.max()) / speed)
+        parts = ground_transfer(frf, mounts, f)[0] * delayed
+        response = parts.sum(axis=0)
+        if not is_force(place):
+            parts, response = (each * 2.0 * math.pi * f for each in (parts, response))
+        shares = np.array(
+            [
+                [
+                    terrain.share(f / speed, (one, other), difference=half.difference)
+                    for other in tracks
+                ]
+                for one in tracks
+            ]
+        )
+        lost = np.einsum("if,jf,ijf->f", parts, parts.conj(), 1.0 - shares).real
+        density += np.abs(response) ** 2 - lost
     low, high = terrain.wavenumbers
     height = np.where(
         (f >= low * speed) & (f <= high * speed), terrain.psd(f, np.array(speed)), math.nan
     )
-    lost = np.einsum("if,jf,ijf->f", parts, parts.conj(), 1.0 - np.array(shares)).real
-    return f, (np.abs(response) ** 2 - lost) * height
+    return f, density * height
 
 
 class GroundTable:
     """Levels of vibration by the ground at any angle of a table and any speed.
 
     The outputs are forces of the table whose mean squares are wanted; the ``point`` that moves is
-    the response point by default.
+    the response point by default. Either may be of the vertical half, of the lateral one, or both.
     """
 
     def __init__(
@@ -373,7 +432,9 @@ class GroundTable:
     ) -> None:
         self._table, self._terrain, self._keep = table, terrain, keep
         self._mounts = mounts = vertical_mounts(mechanism)
-        self._inputs = [(mount.name, "z") for mount in mounts]
+        self._halves = halves_of(table, mechanism)
+        # If the roll of the base is not modelled, it relieves a tyre as heave and pitch do.
+        self._wheels = mechanism.lateral is None
         response = point or (mechanism.response.point, mechanism.response.direction)
         self._outputs = [response, response, *outputs]
         given = terrain.track is not None or terrain.difference or any(terrain.tracks(mounts))
@@ -383,10 +444,15 @@ class GroundTable:
         """Why no level of it is ever known, of `REASONS`, or 0."""
         if self.refusal:
             return
-        if not set(self._inputs) <= set(table.places) or terrain.band[1] > table.band[1]:
+        moved = [place for place in self._outputs if not is_force(place)]
+        tables = [each.source for each in self._halves if isinstance(each.source, Table)]
+        needed = [*self._halves[0].inputs], [*moved, *self._halves[-1].inputs]
+        if terrain.band[1] > table.band[1] or not all(
+            set(places) <= set(each.places) for places, each in zip(needed, tables, strict=False)
+        ):
             self.refusal = _FRFS
         else:
-            self.lines = _count(table, terrain.band)
+            self.lines = max(_count(each, terrain.band) for each in tables)
             self.refusal = _LIGHT if self.lines > _MAX_FREQUENCIES else 0
         if self.refusal:
             return
@@ -408,35 +474,44 @@ class GroundTable:
         table, terrain, mounts, count = self._table, self._terrain, self._mounts, self._count
         angles = stroke_angle(np.linspace(*self._ends, count + 1), table.toggles)
         angles[[0, -1]] = table.alpha3_range
-        speeds = self._speeds()
-        places = [*self._outputs, *self._inputs]
-        parts = [self._squares(angle, places, mounts) for angle in angles.tolist()]
-        every = replace(parts[0], values=np.concatenate([part.values for part in parts]))
-        # The acceleration has the largest share of its power at short waves, as large as forces.
-        sharpest = replace(parts[0], values=np.stack([part.values[1] for part in parts]))
-        squares, wheels = (
-            mean_squares(every, speeds, wheels=each).reshape(count + 1, len(places), -1)
-            for each in (False, True)
-        )
-        # A tyre feels all of its own track, where roll relieves it as much as heave and pitch do.
-        squares[:, -len(mounts) :] = wheels[:, -len(mounts) :]
-        lost = mean_squares(sharpest, speeds, uncovered=True)[:, np.newaxis]
-        values = np.concatenate([squares, lost], axis=1) * speeds ** (1.0 - terrain.exponent)
+        speeds, n_rows = self._speeds(), len(self._outputs) + len(mounts)
+        values = np.zeros((count + 1, n_rows + 1, len(speeds)))
+        for half in self._halves:
+            parts = [self._squares(half, angle) for angle in angles.tolist()]
+            every = replace(parts[0], values=np.concatenate([part.values for part in parts]))
+            # The acceleration has the largest share of its power at short waves, like forces.
+            sharpest = replace(parts[0], values=np.stack([part.values[1] for part in parts]))
+            squares, wheels = (
+                mean_squares(every, speeds, wheels=each).reshape(count + 1, n_rows, -1)
+                for each in (False, self._wheels)
+            )
+            # A tyre feels all of its own track.
+            squares[:, -len(mounts) :] = wheels[:, -len(mounts) :]
+            lost = mean_squares(sharpest, speeds, uncovered=True)[:, np.newaxis]
+            values += np.concatenate([squares, lost], axis=1)
+        values *= speeds ** (1.0 - terrain.exponent)
         tyres = [table.forces.index((f"{SOIL}{mount.name}", "force_z")) for mount in mounts]
         loads = -table.components_at_rest(angles)[tyres].T[..., np.newaxis]
         rows = np.concatenate([values, loads.repeat(len(speeds), axis=2)], axis=1)
         return {"values": np.ascontiguousarray(rows.transpose(0, 2, 1), np.float32)}
 
-    def _squares(
-        self, alpha3: float, places: list[Place], mounts: tuple[Mount, ...]
-    ) -> GroundSquares:
+    def _squares(self, half: Half, alpha3: float) -> GroundSquares:
         """Return the coefficients at an angle: of the response, forces and the forces of tyres."""
-        f, n = ground_lines(self._terrain, self.lines), len(mounts)
-        transfer = ground_transfer(self._table.frf(alpha3, places, places[-n:]), mounts, f)
-        tyres = np.eye(n)[:, :, np.newaxis] - transfer[-n:]
-        transfer[-n:] = tyres * _impedance(mounts, f)[:, np.newaxis]
-        orders = [1, 2, *[0] * (len(places) - 2)]
-        return ground_squares(transfer, orders, mounts, self._terrain, f)
+        f, n, outputs = ground_lines(self._terrain, self.lines), len(half.mounts), self._outputs
+        assert isinstance(half.source, Table)
+        known = [i for i, place in enumerate(outputs) if half.knows(place)]
+        places = [*(outputs[i] for i in known), *half.inputs]
+        frf = half.source.frf(alpha3, places, half.inputs)
+        part = ground_transfer(frf, half.mounts, f)
+        part[-n:] = (np.eye(n)[:, :, np.newaxis] - part[-n:]) * _impedance(half.mounts, f)[
+            :, np.newaxis
+        ]
+        transfer = np.zeros((len(outputs) + len(self._mounts), n, len(f)), complex)
+        transfer[[*known, *(len(outputs) + self._mounts.index(each) for each in half.mounts)]] = (
+            part
+        )
+        orders = [1, 2, *[0] * (len(transfer) - 2)]
+        return ground_squares(transfer, orders, half.mounts, self._terrain, f, half.difference)
 
     def _column(self, speeds: FloatArray) -> FloatArray:
         """Return where speeds are among those of the table, as a number of steps from a place.

@@ -19,12 +19,12 @@ import scipy
 from numpy.typing import NDArray
 
 from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.mechanics.description import Chain, Mechanism
 from linkage_vibration.mechanics.model import Place
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.ensemble import EnsembleResponses, GroundMembers, load_factors
 from linkage_vibration.prediction.excitation import Excitation, Source
-from linkage_vibration.prediction.ground import REASONS, GroundLevels, GroundTable
+from linkage_vibration.prediction.ground import REASONS, GroundLevels, GroundTable, lateral_mounts
 from linkage_vibration.prediction.level_cache import Arrays, Keep, computed, level_cache
 from linkage_vibration.prediction.loads import (
     ExcitationError,
@@ -180,24 +180,28 @@ class LevelTable:
             (i for i, excitation in enumerate(excitations) if excitation.terrain), 0
         )
         self._cells: tuple[FloatArray, FloatArray] | None = None
-        self.force_places = table.load_places if self._loaded else ()
-        """Pins and cylinders, the first ones of the table."""
+        self.mechanism, self.lateral = mechanism, table.lateral
+        pins = self.force_places = table.load_places if self._loaded else ()
+        """Pins and cylinders, the first ones of the table, then chains of known pretension."""
+        self.chains: list[Chain] = []
+        """Chains that the ground loads, those of known pretension first."""
         if table.places:
             # The response point comes first, then the components of the forces.
-            rows = tuple(place for place in table.forces if place[0] in self.force_places)
-            names = [name for name, _ in rows]
-            self._first = np.array([names.index(place) for place in self.force_places], np.int64)
+            rows = tuple(place for place in table.forces if place[0] in pins)
+            names, self._n_rows = [name for name, _ in rows], len(rows)
+            self._first = np.array([names.index(place) for place in pins], np.int64)
             # A pin has a second component.
-            self._pins = np.array([[names.count(place) > 1] for place in self.force_places])
+            self._pins = np.array([[names.count(place) > 1] for place in pins])
             outputs = [(mechanism.response.point, mechanism.response.direction), *rows]
-            n_forces = len(self.force_places)
+            n_forces = len(pins)
             kept = keep("cells", lambda: _sampled(table, inputs, outputs, n_forces))
             self._cells = kept["starts"], kept["cubics"]
             self._layout = _Layout(*kept["layout"].tolist())
             self._rows, self._order = kept["rows"], kept["order"]
             terrain = excitations[self._terrain].terrain
+            across = self._add_across(table) if terrain is not None else []
             if terrain is not None:
-                self._ground = GroundTable(table, mechanism, terrain, rows, keep=keep)
+                self._ground = GroundTable(table, mechanism, terrain, (*rows, *across), keep=keep)
         self.has_load_ratios = self._cells is not None and bool(self.force_places)
         """Whether the table gives the loads of excitations in pins, up to its highest frequency."""
         self.n_members = 0
@@ -215,8 +219,27 @@ class LevelTable:
             self._nodes = self._terms(table.ensemble_alpha3)
             if self._ground is not None and terrain is not None and not self._ground.refusal:
                 self._ground_members = GroundMembers(
-                    table, mechanism, terrain, outputs, self._ground.lines, keep
+                    table, mechanism, terrain, [*outputs, *across], self._ground.lines, keep
                 )
+
+    def _add_across(self, table: Table) -> list[Place]:
+        """Add chains to the places of forces, and return the forces across the plane: of pins too.
+
+        Those after the forces of the vertical half belong to the places in `_across`.
+        """
+        lateral, pins = self.mechanism.lateral, self.force_places
+        self._across, self._pretensions = np.empty(0, np.int64), np.empty(0)
+        if lateral is None or table.lateral is None or not lateral_mounts(self.mechanism):
+            return []
+        self.chains = sorted(lateral.chains, key=lambda each: each.pretension is None)
+        tight = {each.name: each.pretension for each in self.chains if each.pretension is not None}
+        self.force_places += tuple(tight)
+        self._pretensions = np.array(list(tight.values()))
+        across = [(name, "force_y") for name in pins if (name, "force_y") in table.lateral.forces]
+        across += [(each.name, "force") for each in self.chains]
+        places = [self.force_places.index(name) for name, _ in across if name in self.force_places]
+        self._across = np.array(places, np.int64)
+        return across
 
     def prepare(self) -> None:
         """Compute now what would be computed for the first levels that need it."""
@@ -229,6 +252,16 @@ class LevelTable:
     def lacks_track(self) -> bool:
         """Whether there is a ground, and nothing says how far apart the wheels of an axle are."""
         return self._ground is not None and self._ground.lacks_track
+
+    def chain_forces(self, alpha3: FloatArray, speed: float) -> FloatArray:
+        """Return the rms of the force of each of `chains`, (n_chains, n), N; NaN if not known.
+
+        It is that by the ground at angles, (n,), rad, and a speed, m/s.
+        """
+        if not self.chains or self._ground is None:
+            return np.empty((0, len(alpha3)))
+        squares = self._ground.at(alpha3, np.array([speed])).forces2
+        return np.asarray(np.sqrt(squares[len(squares) - len(self.chains) :]))
 
     @property
     def alpha3_range(self) -> tuple[float, float]:
@@ -503,7 +536,13 @@ class LevelTable:
         components, sizes = squares[..., 1:].transpose(1, 2, 0), forcing.size.T[:, np.newaxis]
         ratios = self._forces(components) * (sizes * sizes)
         if ground is not None:
-            ratios[self._terrain] = self._forces(ground.forces2)
+            if n := len(self._pretensions):  # Loads in the plane do not pull at chains.
+                ratios = np.pad(ratios, ((0, 0), (0, n), (0, 0)))
+                reference = np.pad(reference, ((0, 0), (0, n)))
+                reference[:, -n:] = self._pretensions
+            ratios[self._terrain, : len(self._pins)] = self._forces(ground.forces2)
+            after, n = self._n_rows, len(self._across)
+            ratios[self._terrain, self._across] += ground.forces2[after : after + n]
         ratios /= (reference * reference).T
         total = np.add.accumulate(np.fmax(ratios, 0.0), axis=0)[-1:]
         ratios = np.concatenate([ratios, total])

@@ -424,6 +424,6 @@ def test_springs_without_a_force_are_refused() -> None:
     bar = {key: v for key, v in CANTILEVER["links"]["bar"].items() if key != "clamped"}
     model = model_of({**CANTILEVER, "springs": spring}, "links", {"bar": bar})
     assert model.force_places == ("bar:P",)
-    with pytest.raises(ForceError, match="hinge has no force; it has: no force"):
+    with pytest.raises(ForceError, match="There is no force at hinge; give one of: bar:P"):
         model.solve(0.5).frf([("hinge", "force")], [("E", "z")])
     assert model.static_forces(0.5)[0] == pytest.approx(7800 * 0.02 * 0.03 * 0.8 * G, rel=1e-6)

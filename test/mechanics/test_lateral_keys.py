@@ -50,7 +50,7 @@ def test_without_lateral_nothing_changes(mapping: Any) -> None:
     for path in (
         ("chains", "check_chain", "damping"),
         ("inertia", "base", "yaw"),
-        ("axles", "front_axle", "track"),
+        ("axles", "front_axle", "contact"),
         ("y", "V1"),
     ):
         spoiled = copy.deepcopy(mapping)
@@ -107,6 +107,8 @@ def test_a_general_section_needs_its_other_second_moment(mapping: Any) -> None:
         (change("lateral", "chains", "check_chain", "at", to=0.9), "check_chain.at", "along"),
         (change("lateral", "chains", "check_chain", "link", to="upper_link"), "link", "one chain"),
         (change("lateral", "chains", "check_chain", "stiffness", to=[5e6, 4e6]), "stiff", "number"),
+        (change("lateral", "chains", "check_chain", "pretension", to=0.0), "pretension", "zero"),
+        (change("lateral", "axles", "rear_axle", "track", to=1.7), "rear_axle.track", "1.6 m"),
         (change("lateral", "rockshaft", to="stiff"), "lateral.rockshaft", "text"),
         (change("lateral", "held", to=["plough"]), "lateral.held", "rigid_bodies"),
         (change("lateral", "held", to=["implement"]), "lateral.inertia.implement", "not known"),

@@ -241,4 +241,8 @@ def _places(model: LinkageModel, points: Sequence[str] | None) -> tuple[Place, .
         if not mechanism.owners(point):
             raise TableError(f"{mechanism.name} has no point {point} for FRFs; check the name.")
     directions = model.interface.directions
-    return tuple((point, direction) for point in points for direction in directions)
+    every = [(point, direction) for point in points for direction in directions]
+    if model.half == "lateral":  # What is in the middle moves along y alone.
+        moves = model.rows(every, model.kinematics.at(model.mechanism.stroke[0]))
+        every = [every[i] for i in np.flatnonzero(moves.any(axis=1)).tolist()]
+    return tuple(every)
