@@ -83,9 +83,21 @@ def existing_table(header: str) -> str:
     return match[1] if match else ""
 
 
-def _common_values(export: Export) -> dict[str, str]:
+def common_values(export: Export) -> dict[str, str]:
     """Return what stands for each name in all templates."""
-    return {"prefix": export.name, "PREFIX": export.name.upper()}
+    values = {"prefix": export.name, "PREFIX": export.name.upper()}
+    values |= dict.fromkeys(("excites", "if_excited", "or_infinity"), "")
+    orders = export.constants.orders
+    if orders and orders.excites:
+        rows = (", ".join(f"{mode:d}u" for mode in order) for order in orders.excites)
+        text = "/* Whether an order excites a mode. */\nstatic const uint8_t excites"
+        text += f"[{len(orders.excites)}][{export.constants.n_modes}] = {{\n"
+        values |= {
+            "excites": text + ",\n".join(f"    {{{row}}}" for row in rows) + "\n};\n\n",
+            "if_excited": "(excites[i][mode] > 0u) ? ",
+            "or_infinity": " : (double)INFINITY",
+        }
+    return values
 
 
 def _values(export: Export) -> dict[str, str]:
@@ -98,7 +110,7 @@ def _values(export: Export) -> dict[str, str]:
     values = {
         **{field.name: comment(field.comment) for field in fields},
         **_numbers(constants),
-        **_common_values(export),
+        **common_values(export),
         "version": VERSION,
         "title": comment(
             f"Vibration of {table.mechanism_name}: natural frequencies at any crank angle."
@@ -220,7 +232,7 @@ def _test_values(export: Export) -> dict[str, str]:
     """Return what stands for each name in the template of the test."""
     orders = export.constants.orders
     predictions, statuses = expected_predictions(export)
-    values = _common_values(export) | {
+    values = common_values(export) | {
         "count": str(len(statuses)),
         "statuses": _wrapped(map(str, statuses)),
         **_comparison(predictions, ("angles", "expected", "allowed")),

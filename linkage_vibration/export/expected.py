@@ -79,6 +79,7 @@ def expected_levels(export: Export, angles: FloatArray) -> Comparison:
     frequency = speeds[:, sources] * ratios
     natural = export.table.evaluate(angles)[:, : export.table.n_modes]
     apart = np.abs(frequency[..., np.newaxis] / natural[:, np.newaxis] - 1.0)
+    apart = np.where(levels.excites, apart, math.nan)
     node = levels.at(angles, speeds.T)
     parts = [(frequency, _MESSAGE), (np.fmin.reduce(apart, axis=2), _MESSAGE)]
     parts += [(getattr(node, name), _MESSAGE + _FORCES * ("ratio" in name)) for name in LEVELS]

@@ -20,21 +20,23 @@ class NumberEffects:
     """
 
     def __init__(self, table: Table) -> None:
-        self._nodes = stroke_variable(table.ensemble_alpha3, table.toggles)
-        self._toggles, self._coordinates = table.toggles, table.ensemble_coordinates
-        logs = np.log(np.abs(table.ensemble_poles)).astype(float)  # (n_members, n_nodes, k)
-        hertz = table.evaluate(table.ensemble_alpha3)[:, : table.n_modes]
-        away = np.abs(logs[0][:, :, np.newaxis] - np.log(2.0 * math.pi * hertz)[:, np.newaxis])
-        modes = np.nan_to_num(away, nan=math.inf).argmin(axis=1)  # (n_nodes, n_modes), of k
-        first, second = np.split(np.take_along_axis(logs, modes[np.newaxis], axis=2)[1:], 2)
-        half = (first - second) / 2.0
-        self._known = np.isfinite(half).all(axis=(1, 2))
-        self._values = half[self._known] / math.sqrt(max(int(self._known.sum()), 1))
+        self._table, self._coordinates = table, table.ensemble_coordinates
+        values = [_half_differences(half) for half in table.halves]
+        known = [np.isfinite(each).all(axis=(1, 2)) for each in values]
+        # A pair counts if it is known in each half, with the same numbers.
+        for half in table.halves:
+            known.append((half.ensemble_coordinates == self._coordinates).all(axis=1))
+        self._known = np.logical_and.reduce(known)
+        self._values = [each[self._known] / math.sqrt(max(self._known.sum(), 1)) for each in values]
 
     def at(self, alpha3: FloatArray) -> FloatArray:
         """Return changes by one standard deviation, (n, n_modes, n_directions), at rad, (n,)."""
-        weights = interpolation_matrix(self._nodes, stroke_variable(alpha3, self._toggles))
-        return np.asarray(np.einsum("an,dnk->akd", weights, self._values))
+        parts, at = [], stroke_variable(alpha3, self._table.toggles)
+        for half, values in zip(self._table.halves, self._values, strict=True):
+            nodes = stroke_variable(half.ensemble_alpha3, half.toggles)
+            weights = interpolation_matrix(nodes, at)
+            parts.append(np.einsum("an,dnk->adk", weights, values))
+        return self._table.listed(parts).swapaxes(1, 2)
 
     def of_numbers(self, mechanism: Mechanism, changes: FloatArray) -> dict[str, FloatArray]:
         """Return changes, (..., n_directions), by one standard deviation of each number alone."""
@@ -46,3 +48,13 @@ class NumberEffects:
         each = changes @ directions @ np.linalg.inv(root)
         paths = [number.path for number in uncertainty.numbers]
         return dict(zip(paths, np.moveaxis(each, -1, 0), strict=True))
+
+
+def _half_differences(table: Table) -> FloatArray:
+    """Return half of what two opposite members differ, (n_pairs, n_nodes, n_modes), in ln(Hz)."""
+    logs = np.log(np.abs(table.ensemble_poles)).astype(float)  # (n_members, n_nodes, k)
+    hertz = table.evaluate(table.ensemble_alpha3)[:, : table.n_modes]
+    away = np.abs(logs[0][:, :, np.newaxis] - np.log(2.0 * math.pi * hertz)[:, np.newaxis])
+    modes = np.nan_to_num(away, nan=math.inf).argmin(axis=1)  # (n_nodes, n_modes), of k
+    first, second = np.split(np.take_along_axis(logs, modes[np.newaxis], axis=2)[1:], 2)
+    return np.asarray((first - second) / 2.0)

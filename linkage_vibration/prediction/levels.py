@@ -162,9 +162,14 @@ class LevelTable:
         excitations: Sequence[Excitation],
         keep: Keep = computed,
     ) -> None:
-        self._predictor, table = predictor, predictor.table
+        self._predictor, table = predictor, predictor.table.vertical
         self.unknown_factors = table.unknown_factors
         inputs, which = _unit_loads(table, mechanism, excitations)
+        across = [{direction == "y" for _, direction in inputs[i].places} for i in which]
+        self.excites = np.array(
+            [np.isin(predictor.table.lateral_modes, [*each]) for each in across]
+        )
+        """Which modes each excitation can excite, (n_excitations, n_modes): those of its half."""
         loads = [excitation.load for excitation in excitations]
         self.states_uncertainty = table.uncertain or table.measured
         self._top, self._inputs = 2.0 * math.pi * table.band[1], np.array(which)

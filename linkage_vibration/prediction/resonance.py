@@ -246,6 +246,9 @@ class ResonanceMonitor:
             self._waiting, self._open = [], None
         self.limits, self.levels = limits or self.limits, levels or self.levels
         self._places = np.array([*(self.levels.force_places if self.levels else ()), ""])
+        # (n_modes, n_excitations): which modes an excitation cannot excite, if there are any
+        excites = self.levels.excites if self.levels else np.True_
+        self._unexcited = None if excites.all() else ~excites.T
         # By source: the time, ns; speed and angle then; and the quiet ones.
         self._quiet: dict[int, tuple[int, FloatArray, FloatArray]] = {}
         # When factors were last computed, ns, and the state then.
@@ -475,6 +478,8 @@ class ResonanceMonitor:
         frequency, rate, error = self._ratios * of_each
         # A mode without a natural frequency is infinitely far away.
         apart = np.fmin(np.abs(frequency / naturals.T[:, np.newaxis] - 1.0), math.inf)
+        if self._unexcited is not None:
+            apart[self._unexcited] = math.inf
         mode = apart.argmin(axis=0)
         at = mode + np.arange(len(naturals)) * naturals.shape[1]
         natural, zeta = naturals.take(at), predictions.damping_ratios.take(at)

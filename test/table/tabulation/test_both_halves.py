@@ -12,13 +12,25 @@ import pytest
 import yaml
 
 from linkage_vibration.cli.main import main
-from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.export.exported import export_of
+from linkage_vibration.mechanics.model import LinkageModel, ModelError
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
+from linkage_vibration.prediction.answers import (
+    LoadedModel,
+    ModelWithoutTable,
+    answer_frf,
+    answer_mode_shapes,
+)
+from linkage_vibration.prediction.excitation import Excitation, Source
+from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.prediction.resonance import ResonanceMonitor, ResonanceState
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import Table, TableError, load_table, save_table
 from linkage_vibration.table.tabulation import build_table
+from test.support.c_code import run_test
+from test.support.programs import require
 
 IN_SPACE = config_file("three_point_linkage_in_space.yaml")
 LATERAL = ["tractor sway", "tractor yaw", "implement roll", "tractor roll", "implement sway"]
@@ -31,16 +43,27 @@ def table() -> Table:
     return build_table(LinkageModel(mechanism), 1e-5)
 
 
+@pytest.fixture(scope="module")
+def served(table: Table) -> LoadedModel:
+    """Return what a node of this table serves."""
+    mechanism = replace(read_mechanism(IN_SPACE), uncertainty=None)
+    return ModelWithoutTable(mechanism, IN_SPACE.read_text()).served(Predictor(table))
+
+
+def both(alpha3: float) -> list[Any]:
+    """Return the solutions of the models of both halves."""
+    return [half.solve(alpha3) for half in LinkageModel(read_mechanism(IN_SPACE)).halves]
+
+
 def test_both_halves_in_one_file(table: Table, tmp_path: Path) -> None:
-    """A file keeps both, its checksum is of both, and its bytes are those of the vertical half."""
+    """A file keeps both, and its checksum is of both."""
     save_table(table, tmp_path / "table.npz")
     again = load_table(tmp_path / "table.npz", replace(read_mechanism(IN_SPACE), uncertainty=None))
     assert again.lateral is not None
     assert table.lateral is not None
     assert again.lateral.checksum == table.lateral.checksum != table.checksum
-    assert again.checksum == table.checksum != replace(table, lateral=None).checksum
-    assert again.mode_names[3] == "implement heave"
-    assert list(again.lateral.mode_names) == [*LATERAL, "implement yaw"]
+    assert again.checksum == table.checksum != table.vertical.checksum
+    np.testing.assert_array_equal(again.natural_frequencies, table.natural_frequencies)
     spoiled = dict(np.load(tmp_path / "table.npz"))
     spoiled["lateral_natural_frequencies"] *= 1.001
     np.savez(tmp_path / "spoiled.npz", **spoiled)
@@ -48,25 +71,94 @@ def test_both_halves_in_one_file(table: Table, tmp_path: Path) -> None:
         load_table(tmp_path / "spoiled.npz")
 
 
-@pytest.mark.parametrize("alpha3_deg", [97.0, 135.0, 171.0])
-def test_lateral_predictions(table: Table, alpha3_deg: float) -> None:
-    """They are those of the model, which finite elements confirm, within the tolerance."""
-    predictor, alpha3 = Predictor(table).lateral, math.radians(alpha3_deg)
-    assert predictor is not None
-    found = predictor.predict(alpha3).natural_frequencies
-    model = LinkageModel(read_mechanism(IN_SPACE), half="lateral")
-    np.testing.assert_allclose(found, model.solve(alpha3).natural_frequencies[:6], rtol=1e-5)
-    places, lines = ["E1.y", "V1.x"], np.array([0.5, 2.0, 20.0])
-    expected = model.solve(alpha3).frf(places, ["E1.y"]).frf(lines)
-    table_frf = predictor.table.frf(alpha3, places, ["E1.y"]).frf(lines)
-    np.testing.assert_allclose(table_frf, expected, rtol=2e-3, atol=1e-3 * np.abs(expected).max())
+@pytest.mark.parametrize("alpha3_deg", [90.0, 97.0, 135.0, 171.0, 180.0])
+def test_one_list_of_modes(table: Table, alpha3_deg: float) -> None:
+    """It is what the models of both halves, which finite elements confirm, have together."""
+    alpha3, names = math.radians(alpha3_deg), np.array(table.mode_names)
+    vertical, lateral = (solution.natural_frequencies[:6] for solution in both(alpha3))
+    found = Predictor(table).predict(alpha3)
+    frequencies = found.natural_frequencies
+    np.testing.assert_allclose(frequencies[table.lateral_modes], lateral, rtol=1e-5)
+    np.testing.assert_allclose(frequencies[~table.lateral_modes], vertical, rtol=1e-5)
+    assert names[table.lateral_modes].tolist() == [*LATERAL, "implement yaw"]
+    assert names[~table.lateral_modes][3] == "implement heave"
+    assert alpha3_deg > 90.0 or (np.diff(frequencies) > 0.0).all()
+    many = Predictor(table).predict(np.array([2.0, alpha3]))
+    np.testing.assert_array_equal(many.natural_frequencies[1], frequencies)
+    np.testing.assert_array_equal(many.frequency_slopes[1], found.frequency_slopes)
+
+
+def test_slopes_and_the_peak(table: Table) -> None:
+    """Slopes are differences of frequencies; the peak is that of the vertical half."""
+    predictor, step = Predictor(table), 1e-6
+    low, here, high = (predictor.predict(2.2 + k * step) for k in (-1, 0, 1))
+    differences = (high.natural_frequencies - low.natural_frequencies) / (2.0 * step)
+    np.testing.assert_allclose(here.frequency_slopes, differences, rtol=1e-4, atol=1e-6)
+    own = Predictor(table.vertical).predict(2.2)
+    assert here.frf_peak_magnitude == pytest.approx(own.frf_peak_magnitude, rel=1e-12)
+
+
+def test_frfs_of_both_halves(served: LoadedModel) -> None:
+    """Inputs along y excite the lateral half, others the vertical one; no request may mix them."""
+    alpha3, lines = math.radians(135.0), np.array([0.5, 2.0, 20.0])
+    for half, places, drive in ((1, ["E1.y", "V1.x"], "E1.y"), (0, ["E1.z", "V1.x"], "E1.z")):
+        expected = both(alpha3)[half].frf(places, [drive]).frf(lines)
+        for exact, error in ((True, 1e-9), (False, 2e-3)):
+            answer = answer_frf(served, alpha3, places, [drive], lines, exact=exact)
+            size = np.abs(expected).max()
+            np.testing.assert_allclose(answer.frf, expected, rtol=error, atol=error * size / 2.0)
+    for outputs, inputs, why in (
+        (["E1.y"], ["E1.y", "E1.z"], "give one kind at a time"),
+        (["E1.y"], ["E1.z"], "nothing moves along y"),
+    ):
+        for exact in (True, False):
+            with pytest.raises(ModelError, match=why):
+                answer_frf(served, alpha3, outputs, inputs, lines, exact=exact)
+
+
+def test_shapes_of_both_halves(served: LoadedModel) -> None:
+    """The receptance along y is about the sum of shape^2 / omega^2 of the lateral modes at rest."""
+    modes = answer_mode_shapes(served, 2.3)
+    assert (np.diff(modes.natural_frequencies) > 0.0).all()
+    at = modes.places.index(("E1", "y"))
+    answer = answer_frf(served, 2.3, ["E1.y"], ["E1.y"], np.array([0.0]), exact=True)
+    squares = (modes.shapes[:, at] / (2.0 * math.pi * modes.natural_frequencies)) ** 2
+    assert answer.frf[0, 0, 0] == pytest.approx(squares.sum(), rel=0.01)
+    assert modes.positions[at] == 0.4  # the lower hitch point is 0.40 m left of the middle
+    heave = int(np.abs(modes.shapes[:, at + 1]).argmax())
+    assert modes.shapes[heave, at] == 0.0
+
+
+def test_orders_in_the_plane_excite_no_lateral_mode(table: Table, served: LoadedModel) -> None:
+    """An order at the sway of the implement is near a mode of the vertical half, if near any."""
+    pto = Excitation("pto 1", Source.PTO, 1.0 / 60.0)
+    watch = ResonanceMonitor([pto], levels=LevelTable(served.predictor, served.mechanism, [pto]))
+    prediction, found = served.predictor.predict(2.3), []
+    for name in ("implement sway", "implement heave"):
+        hertz = prediction.natural_frequencies[table.mode_names.index(name)]
+        watch.set_speed(Source.PTO, 60.0 * float(hertz), 0)
+        found.append(watch.assess(prediction, 0.0, 0))
+    sway, heave = found
+    assert not table.lateral_modes[sway.mode]
+    assert sway.state == ResonanceState.UNKNOWN or sway.state == ResonanceState.CLEAR
+    assert table.mode_names[heave.mode] == "implement heave"
+    assert heave.state == ResonanceState.NOTE
+
+
+def test_exported_c_has_one_list(table: Table, served: LoadedModel, tmp_path: Path) -> None:
+    """The generated test of C, which knows which modes an order excites, succeeds."""
+    pto = Excitation("pto 1", Source.PTO, 1.0 / 60.0)
+    export = export_of(table, served.mechanism, [pto])
+    assert export.mode_labels[2] == f"mode 3 ({table.mode_names[2]})"
+    assert run_test(export, tmp_path, require("gcc"), "-ffp-contract=off").returncode == 0
 
 
 def test_without_lateral_there_is_one_half() -> None:
-    """A committed table has none, and neither has its predictor."""
+    """A committed table is its own vertical half."""
     shipped = load_table(config_file("tables/three_point_linkage_on_tractor.npz"))
     assert shipped.lateral is None
-    assert Predictor(shipped).lateral is None
+    assert shipped.vertical is shipped
+    assert not shipped.lateral_modes.any()
 
 
 def test_an_uncertain_chain() -> None:
@@ -90,10 +182,11 @@ def test_an_uncertain_chain() -> None:
 
 
 def test_commands(table: Table, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """`predict` prints the modes of both halves, with the names of the lateral ones."""
+    """`predict` prints the names of the modes of both halves, and their frequencies in one row."""
     save_table(table, tmp_path / "both.npz")
     assert main(["predict", str(tmp_path / "both.npz"), "135"]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert "Sway, roll and yaw: mode 1 (tractor sway), mode 2 (tractor yaw)" in lines[2]
-    assert len(lines) == 5
-    assert float(lines[4].split()[5]) == pytest.approx(5.05, abs=0.02)  # of the prototype
+    words, row = capsys.readouterr().out.split("alpha3 [deg]")
+    labels = words.replace("\n", " ").strip().split(", ")
+    assert labels == [table.mode_label(mode) for mode in range(12)]
+    sway = table.mode_names.index("implement sway")
+    assert float(row.splitlines()[1].split()[1 + sway]) == pytest.approx(5.05, abs=0.02)
