@@ -170,7 +170,7 @@ def answer_frf(
         raise ServingError(
             f"{given} has places but {empty} is empty; give both, or neither for the drive point."
         )
-    valid, forces = table.places, table.forces if table.places else ()
+    valid, forces = table.frf_places, table.forces if table.places else ()
     if exact:
         valid, model = _moving_places(served.mechanism), served.model
         forces = (*model.forces.places, *model.forces.sections) if model.force_places else ()

@@ -162,7 +162,7 @@ class LevelTable:
         excitations: Sequence[Excitation],
         keep: Keep = computed,
     ) -> None:
-        self._predictor, table = predictor, predictor.table.vertical
+        self._predictor, table = predictor, predictor.table
         self.unknown_factors = table.unknown_factors
         inputs, which = _unit_loads(table, mechanism, excitations)
         across = [{direction == "y" for _, direction in inputs[i].places} for i in which]
@@ -197,7 +197,7 @@ class LevelTable:
             self._pins = np.array([[names.count(place) > 1] for place in self.force_places])
             outputs = [(mechanism.response.point, mechanism.response.direction), *rows]
             n_forces = len(self.force_places)
-            kept = keep("cells", lambda: _sampled(table, inputs, outputs, n_forces))
+            kept = keep("cells", lambda: _sampled(table.vertical, inputs, outputs, n_forces))
             self._cells = kept["starts"], kept["cubics"]
             self._layout = _Layout(*kept["layout"].tolist())
             self._rows, self._order = kept["rows"], kept["order"]

@@ -137,7 +137,7 @@ class Table:
         Of the mechanism from which it was built, and of the package that built it.
     parts : tuple of Table
         The tables of the vertical and the lateral half, if the mechanism has both. The modes are
-        then those of both, in one list, and all else but `places` along y is of the vertical half.
+        then those of both, in one list, and all other fields are those of the vertical half.
     """
 
     alpha3: FloatArray = _array("rad")
@@ -221,6 +221,12 @@ class Table:
     def lateral(self) -> "Table | None":
         """The table of the lateral half, if there is one."""
         return self.parts[1] if self.parts else None
+
+    @property
+    def frf_places(self) -> tuple[Place, ...]:
+        """The places between which it has FRFs: `places`, and those of the lateral half along y."""
+        across = self.lateral.places if self.lateral else ()
+        return (*self.places, *(place for place in across if place[1] == "y"))
 
     @cached_property
     def lateral_modes(self) -> BoolArray:
@@ -689,7 +695,6 @@ def both_halves(vertical: Table, lateral: Table) -> Table:
         interpolation_error=np.maximum(errors[0], errors[1].max()),
         slope_error=max(half.slope_error for half in halves),
         frf_error=float(np.fmax(vertical.frf_error, lateral.frf_error)),
-        places=(*vertical.places, *(place for place in lateral.places if place[1] == "y")),
     )
 
 
