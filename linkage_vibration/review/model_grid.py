@@ -26,11 +26,10 @@ FRF_ANGLES = 361  # of the receptance
 
 
 def linkage_grid(mechanism: Mechanism, table: Table) -> dict[str, Any] | None:
-    """Return the linkage and its modes over the range of a table; None without shapes.
+    """Return the linkage and left-side modes over a table's range; None without shapes.
 
     ``places``, (n_angles, n_points, 2), m, and ``shapes``, (n_modes, n_angles, n_points, 2), are of
-    all curves with so many points as ``lengths``, of lateral modes on the left side; ``joints``
-    and ``centres`` are (n_angles, n, 2).
+    all curves with so many points as ``lengths``; ``joints`` and ``centres`` are (n_angles, n, 2).
     """
     angles = np.linspace(*table.alpha3_range, DRAWN_ANGLES)
     try:

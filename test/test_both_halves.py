@@ -1,18 +1,25 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Tables of linkages with a lateral half hold both halves."""
+"""A linkage with a lateral half has one list of modes, wherever a user sees them."""
 
 import math
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
+from scipy.signal import lfilter
 
 from linkage_vibration.cli.main import main
+from linkage_vibration.drawing.geometry import curves, left_curves
+from linkage_vibration.drawing.pose_picture import draw_pose
 from linkage_vibration.export.exported import export_of
+from linkage_vibration.listening.drive_modes import model_shapes, search_modes
+from linkage_vibration.listening.model_check import drive_targets
+from linkage_vibration.listening.output_only import finish
 from linkage_vibration.mechanics.model import LinkageModel, ModelError
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.prediction.answers import (
@@ -26,7 +33,13 @@ from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.resonance import ResonanceMonitor, ResonanceState
 from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.readers.targets import Target
+from linkage_vibration.review.picture import plot
+from linkage_vibration.studies.calibration import CalibrationError, _natural_frequencies
+from linkage_vibration.studies.measurement import compare
+from linkage_vibration.studies.ringdown import MeasuredMode
 from linkage_vibration.support.resources import config_file
+from linkage_vibration.table.cells import Cells, JoinedCells
 from linkage_vibration.table.table import Table, TableError, load_table, save_table
 from linkage_vibration.table.tabulation import build_table
 from test.support.c_code import run_test
@@ -151,6 +164,89 @@ def test_exported_c_has_one_list(table: Table, served: LoadedModel, tmp_path: Pa
     export = export_of(table, served.mechanism, [pto])
     assert export.mode_labels[2] == f"mode 3 ({table.mode_names[2]})"
     assert run_test(export, tmp_path, require("gcc"), "-ffp-contract=off").returncode == 0
+
+
+def test_cells_of_both_halves_side_by_side() -> None:
+    """They are the cubics of each half, and where one half has none, what this half finds."""
+    cubic = np.array([[[2.0], [-1.0], [0.5], [3.0]]])  # 2 t^3 - t^2 + t / 2 + 3 from 1 rad on
+    known = Cells(np.array([1.0]), cubic)
+    broken = np.zeros((3, 4, 1))
+    broken[1, 3], broken[2, 2:] = math.inf, [[1.0], [7.0]]
+    finder: Any = SimpleNamespace(values=lambda i, x: [10.0 * x], slopes=lambda i, x: [10.0])
+    both = JoinedCells([Cells(np.array([1.0, 1.25, 1.5]), broken, finder), known], np.array([1, 0]))
+    for x, other, slope in ((1.1, 0.0, 0.0), (1.3, 13.0, 10.0), (1.7, 7.2, 1.0)):
+        t = x - 1.0
+        values = [2.0 * t**3 - t**2 + t / 2.0 + 3.0, other]
+        assert both.values(x) == pytest.approx(values, rel=1e-14)
+        assert both.many_values(np.array([x]))[0].tolist() == both.values(x)
+        assert both.slopes(x) == pytest.approx([6.0 * t**2 - 2.0 * t + 0.5, slope], rel=1e-13)
+
+
+def test_listening_names_lateral_modes(table: Table, served: LoadedModel) -> None:
+    """Of accelerations along x, y and z it finds both kinds of modes, each under its own name.
+
+    The simulated modes are independent, and 3 % below those of the table.
+    """
+    rate, alpha3, random = 50.0, 2.3, np.random.default_rng(5)
+    places = [("E1", axis) for axis in "xyz"]
+    shapes = model_shapes(table, alpha3, places).real
+    prediction = served.predictor.predict(alpha3)
+    times = np.arange(0.0, 240.0, 1.0 / rate)
+    signals, true = random.normal(0.0, 1e-3, (len(times), 3)), {}
+    for name in ("implement roll", "implement sway", "implement heave"):
+        mode = table.mode_names.index(name)
+        true[mode] = 0.97 * prediction.natural_frequencies[mode]
+        pole = np.exp(2.0 * math.pi * true[mode] * (-0.02 + 1j) / rate)
+        motion = lfilter(
+            [1.0], [1.0, -2.0 * pole.real, abs(pole) ** 2], random.normal(size=len(times))
+        )
+        shape = shapes[:, mode] / np.abs(shapes[:, mode]).max()
+        signals += np.outer(motion / motion.std(), shape)
+    angle, still = np.full(len(times), alpha3), {Source.GROUND: np.zeros(len(times))}
+    found = finish(search_modes(table, served.mechanism, times, signals, places, angle, still))
+    sure = {each.mode: each for each in found if not each.doubt}
+    assert sure.keys() == true.keys()
+    for mode, each in sure.items():
+        assert abs(each.frequency - true[mode]) < 3.0 * each.frequency_stddev
+    targets = yaml.safe_load(drive_targets(found, table, IN_SPACE, IN_SPACE.parent / "f.yaml"))
+    asked = {(each.get("half", "vertical"), each["mode"]) for each in targets["targets"]}
+    assert asked == {("lateral", 3), ("lateral", 5), ("vertical", 4)}
+
+
+def test_measured_modes_of_both_halves() -> None:
+    """Measured modes belong to the nearest modes of either half, which calibrate under `half`."""
+    model = LinkageModel(read_mechanism(IN_SPACE))
+    vertical, lateral = (half.solve(2.3).natural_frequencies for half in model.halves)
+    hertz = (1.002 * lateral[2], 1.002 * lateral[4], 1.002 * vertical[3])
+    measured = [MeasuredMode(hz, 0.03, 1e-3 * hz, 1e-3, 5) for hz in hertz]
+    found = [str(each.mode) for each in compare(model, 2.3, measured)]
+    assert found[0] == "lateral mode 3 (implement roll)"
+    assert found[1:] == ["lateral mode 5 (implement sway)", "mode 4 (implement heave)"]
+    targets = [Target(5, 2.3, 1.0, 0.01, "lateral"), Target(4, 2.3, 1.0, 0.01)]
+    assert str(targets[0]) == "lateral mode 5 at 131.78 deg"
+    frequencies = _natural_frequencies(model, targets)
+    np.testing.assert_allclose(frequencies, [lateral[4], vertical[3]], rtol=1e-12)
+    flat = LinkageModel(replace(read_mechanism(IN_SPACE), lateral=None))
+    with pytest.raises(CalibrationError, match="has no `lateral` half"):
+        _natural_frequencies(flat, targets)
+
+
+def test_pictures_of_both_halves(table: Table, tmp_path: Path) -> None:
+    """Lateral modes are dashed; a pose is drawn from behind, too; shapes are of the left side."""
+    figure = plot(table)
+    styles = [line.get_linestyle() for line in figure.axes[0].lines]
+    assert styles == ["--" if lateral else "-" for lateral in table.lateral_modes]
+    vertical, lateral = LinkageModel(read_mechanism(IN_SPACE)).halves
+    draw_pose(vertical, 2.3, tmp_path / "pose.png")
+    solution = lateral.solve(2.3)
+    moved = left_curves(solution, 2, vertical)
+    assert {name: len(curve) for name, curve in moved.items()} == {
+        name: len(curve) for name, curve in curves(vertical, solution.configuration).items()
+    }
+    shown = moved["lower_link"][-1], moved["implement"][0]  # both are E1
+    np.testing.assert_allclose(shown[0], shown[1], rtol=1e-9)
+    expected = solution.participation(["E1.x", "E1.z"])[:, 2]
+    np.testing.assert_allclose(shown[1], expected, rtol=1e-12)
 
 
 def test_without_lateral_there_is_one_half() -> None:
