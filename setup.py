@@ -49,6 +49,7 @@ TEST = [
     *OPTIONAL,
     "bloom",
     "coverage>=7.10",
+    "distributed",
     "exudyn; platform_machine == 'x86_64'",
     "fmpy",
     "hypothesis>=6.98.15",
@@ -65,6 +66,7 @@ TEST = [
 # The benchmarks need "ros" too; CalculiX comes with `apt-get install calculix-ccx`.
 BENCH = [
     *OPTIONAL,
+    "distributed",
     "exudyn",
     "fmpy",
     "gmsh",

@@ -36,6 +36,7 @@ STEPS = (
     "motion",
     "resonance_rates",
     "tutorial",
+    "sweeps",
     "export_processors",
     "export_c",
     "latency",

@@ -23,7 +23,9 @@ if TYPE_CHECKING:
     from linkage_vibration.prediction.settings import Parameters
     from linkage_vibration.readers.mechanism import read_mechanism
     from linkage_vibration.review.log import Log, read_log
+    from linkage_vibration.review.overview import summaries
     from linkage_vibration.review.picture import plot
+    from linkage_vibration.studies.sweep import sweep
     from linkage_vibration.support.version import __version__ as __version__
     from linkage_vibration.table.table import Table, load_table, save_table
     from linkage_vibration.table.tabulation.building import build_table
@@ -44,7 +46,9 @@ _MODULES = {
     "prediction.settings": ["Parameters"],
     "readers.mechanism": ["read_mechanism"],
     "review.log": ["Log", "read_log"],
+    "review.overview": ["summaries"],
     "review.picture": ["plot"],
+    "studies.sweep": ["sweep"],
     "support.version": ["__version__"],
     "table.table": ["Table", "load_table", "save_table"],
     "table.tabulation.building": ["build_table"],
@@ -59,7 +63,8 @@ __all__ = [
     "LinkageVibrationError", "Log", "Mechanism", "MessageColumns", "Parameters", "Peak",
     "PoleResidue", "Prediction", "Predictor", "Replayed", "Report", "Solution", "Status", "Table",
     "Toggle", "WhatIf", "build_table", "check_bag", "load_table", "plot", "read_log",
-    "read_mechanism", "read_parameters", "replay", "save_table", "transmissibility",
+    "read_mechanism", "read_parameters", "replay", "save_table", "summaries",
+    "sweep", "transmissibility",
 ]
 # fmt: on
 
@@ -76,5 +81,5 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    """Return the public API and what every module has."""
-    return sorted({*globals(), *__all__})
+    """Return the public API, which an editor offers."""
+    return [*__all__, "__version__"]

@@ -20,7 +20,8 @@ CHANGELOG = Path(__file__).parents[1] / "CHANGELOG.rst"
 
 # A change of this list needs a line in the changelog.
 FUNCTIONS = ["build_table", "check_bag", "load_table", "read_log", "read_mechanism"]
-FUNCTIONS += ["plot", "read_parameters", "replay", "save_table", "transmissibility"]
+FUNCTIONS += ["plot", "read_parameters", "replay", "save_table", "summaries", "sweep"]
+FUNCTIONS += ["transmissibility"]
 CLASSES = ["Limits", "LinkageModel", "LinkageVibrationError", "Parameters", "Predictor", "WhatIf"]
 RETURNED = ["Failure", "IdentifiedSolution", "Log", "Mechanism", "Peak", "PoleResidue"]
 RETURNED += ["Prediction", "Replayed", "Report", "MessageColumns", "Solution", "Status", "Table"]
@@ -28,9 +29,9 @@ RETURNED += ["Configuration", "Kinematics", "Toggle"]
 
 
 def test_the_list_is_what_was_promised() -> None:
-    """The public names are those of the list above, and `dir` shows them."""
+    """The public names are those of the list above, and completion offers no others."""
     assert lv.__all__ == sorted(FUNCTIONS + CLASSES + RETURNED)
-    assert set(lv.__all__) <= set(dir(lv))
+    assert set(dir(lv)) == {*lv.__all__, "__version__"}
 
 
 @pytest.mark.parametrize("name", lv.__all__)
@@ -148,6 +149,11 @@ def test_wrong_types_end_in_a_sentence() -> None:
         (lv.build_table, mechanism, "Mechanism is given in place of LinkageModel; make one"),
         (lv.Predictor, model, "LinkageModel is given in place of Table; use `build_table`"),
         (lv.LinkageModel, "a.yaml", "str is given in place of Mechanism; read the file"),
+        (lambda it: lv.sweep(mechanism, it, [2.0]), 3, "int is given in place of Mapping; give"),
+        (mechanism.with_values, 3, "int is given in place of Mapping; give numbers by"),
+        (lv.summaries, "a.mcap", "str is given in place of list or tuple; give a list of paths"),
+        (lambda it: lv.save_table(it, "a.npz"), mechanism, "Mechanism is given in place of Table;"),
+        (lambda it: lv.check_bag("a.mcap", it), 0.33, "float is given in place of Limits; give"),
     ]
     for function, value, words in calls:
         with pytest.raises(lv.LinkageVibrationError, match=f"^The type {words}"):

@@ -18,7 +18,7 @@ from typing import Any, ClassVar, Literal, Protocol
 import numpy as np
 from scipy.linalg import eigh
 
-from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.errors import LinkageVibrationError, check_type
 from linkage_vibration.mechanics.arrays import FloatArray, symmetric
 from linkage_vibration.mechanics.components import CENTRE_OF_GRAVITY, Component, FrfComponent
 from linkage_vibration.mechanics.dofs import InterfaceDof
@@ -429,10 +429,33 @@ class Mechanism:
     base: Base | None = field(default=None, metadata=_LATER)
     uncertainty: Uncertainty | None = field(default=None, metadata=_LATER)
     lateral: Lateral | None = field(default=None, metadata=_LATER)
+    # The mechanism with other numbers at paths; None if it was not read from data.
+    described: "Callable[[Mapping[str, float]], Mechanism] | None" = field(
+        default=None, compare=False, repr=False
+    )
 
     def __repr__(self) -> str:
         """Return its name and its bodies, in a line."""
         return f"Mechanism({self.name}: {', '.join(body.name for body in self.bodies)})"
+
+    def with_values(self, values: Mapping[str, float]) -> "Mechanism":
+        """Return the mechanism with other numbers, by their paths in its file.
+
+        Parameters
+        ----------
+        values : mapping of str to float
+            Paths are keys joined by dots, as in ``rigid_bodies.implement.mass``. Positions in lists
+            are counted from 0, and paths joined by commas share one number.
+
+        Raises
+        ------
+        MechanismError
+            If a path does not exist, or the mechanism is not possible with these numbers.
+        """
+        check_type(values, "give numbers by their paths", Mapping)
+        if self.described is None:
+            raise MechanismError(self.name, "was not read from data; use `read_mechanism`.")
+        return self.described(values)
 
     @cached_property
     def bodies(self) -> tuple[Link | RigidBody, ...]:

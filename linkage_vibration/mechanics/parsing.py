@@ -4,7 +4,7 @@
 
 import itertools
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any, Literal
@@ -30,6 +30,7 @@ from linkage_vibration.mechanics.description import (
 )
 from linkage_vibration.mechanics.keys import DAMPEST, RIGID, Keys
 from linkage_vibration.mechanics.lateral_keys import with_lateral
+from linkage_vibration.mechanics.paths import number_at, split_paths, with_numbers
 from linkage_vibration.mechanics.springs import read_stiffness
 from linkage_vibration.mechanics.uncertainty import read_uncertainty
 
@@ -142,6 +143,18 @@ def again_from_mapping(
         return bodies[keys.path]
 
     return mechanism_from_mapping({**mapping, "links": links}, body, drawn=drawn)
+
+
+def with_values(
+    mapping: dict[str, Any], mechanism: Mechanism, values: Mapping[str, float]
+) -> Mechanism:
+    """Return the mechanism that a mapping describes with other numbers at paths."""
+    numbers = [(path, number) for paths, number in values.items() for path in split_paths(paths)]
+    for path, _ in numbers:
+        number_at(mapping, path)  # it has to exist
+    changed = with_numbers(mapping, numbers)
+    again = again_from_mapping(changed, mechanism)
+    return replace(again, described=partial(with_values, changed, again))
 
 
 def _response(

@@ -54,11 +54,7 @@ class MessageColumns(SimpleNamespace):
         LinkageVibrationError
             If xarray is not installed.
         """
-        try:
-            import xarray
-        except ImportError:
-            hint = "install it with `pip install linkage_vibration[xarray]`"
-            raise LinkageVibrationError(f"xarray is not installed; {hint}.") from None
+        xarray = import_xarray()
         kinds = [message_fields(f"{OWN_PACKAGE}/msg/{kind}") for kind in _TYPES]
         modal = {"frequency_slopes", *(field.name for field in kinds[0] if field.is_sequence)}
         units = {f.name: f.unit for kind in kinds for f in kind if f.type.startswith("float")}
@@ -72,6 +68,16 @@ class MessageColumns(SimpleNamespace):
         data = xarray.Dataset(columns, attrs=texts).set_coords({"crank_angle"} & columns.keys())
         modes = np.arange(1, data.sizes.get("mode", 0) + 1)
         return data.assign_coords(mode=modes) if len(modes) else data
+
+
+def import_xarray() -> Any:
+    """Return the module xarray; an error says how to install it."""
+    try:
+        import xarray
+    except ImportError:
+        hint = "install it with `pip install linkage_vibration[xarray]`"
+        raise LinkageVibrationError(f"xarray is not installed; {hint}.") from None
+    return xarray
 
 
 def joined(parts: Sequence[MessageColumns]) -> MessageColumns:

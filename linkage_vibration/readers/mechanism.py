@@ -7,6 +7,7 @@ import itertools
 import json
 from collections.abc import Hashable
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ import yaml
 from linkage_vibration.mechanics.description import Body, Mechanism, MechanismError, Point
 from linkage_vibration.mechanics.keys import Keys
 from linkage_vibration.mechanics.material import read_material
-from linkage_vibration.mechanics.parsing import mechanism_from_mapping
+from linkage_vibration.mechanics.parsing import mechanism_from_mapping, with_values
 from linkage_vibration.readers.component_files import ComponentFileError
 from linkage_vibration.readers.frfs import read_frfs
 from linkage_vibration.readers.matrices import read_matrices
@@ -84,7 +85,8 @@ def mechanism_of(mapping: Any, path: Path) -> Mechanism:
             raise MechanismError(f"{keys.path}.file", str(error)) from None
 
     try:
-        return mechanism_from_mapping(mapping, read)
+        mechanism = mechanism_from_mapping(mapping, read)
+        return replace(mechanism, described=partial(with_values, mapping, mechanism))
     except MechanismError as error:
         raise MechanismError(f"{path}: {error.path}", error.problem) from None
     except ArithmeticError:

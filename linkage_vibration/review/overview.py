@@ -12,6 +12,7 @@ from urllib.parse import quote
 
 import numpy as np
 
+from linkage_vibration.errors import LinkageVibrationError, check_type
 from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.verdict import (
     KNOWN,
@@ -23,7 +24,8 @@ from linkage_vibration.prediction.verdict import (
 )
 from linkage_vibration.review.findings import first_sentence, is_calm
 from linkage_vibration.review.html import plain_html, table_tag
-from linkage_vibration.review.log import Log, ReviewError, gaps
+from linkage_vibration.review.log import Log, ReviewError, gaps, read_log
+from linkage_vibration.studies.sweep import Map, gathered
 
 _TIME = "in_warning_s"
 _BAG_FILE = "metadata.yaml"  # a folder with this file is one bag
@@ -112,6 +114,40 @@ def drive_summary(log: Log) -> dict[str, Any]:
             "unknown_deviations": log.table.unknown_deviations if log.table else None,
         },
     }
+
+
+def summaries(logs: Sequence[str | Path], *, map: Map = map) -> list[dict[str, Any]]:
+    """Sum up what happened in many drives.
+
+    Parameters
+    ----------
+    logs : sequence of str or Path
+        MCAP files, and folders of bags or of MCAP files.
+    map : callable
+        Python's own `map`, that of a process pool, or that of a Dask client.
+
+    Returns
+    -------
+    list of dict
+        What ``linkage-vibration review --json`` prints of each drive; what is not known is None. A
+        log that cannot be read has the keys ``log`` and ``error`` alone.
+
+    Raises
+    ------
+    LinkageVibrationError
+        If a folder holds no MCAP file.
+    """
+    check_type(logs, "give a list of paths", list, tuple)
+    paths = logs_of([Path(log) for log in logs])
+    return gathered(map(_summary, paths), len(paths))
+
+
+def _summary(path: Path) -> dict[str, Any]:
+    """Return the values of a drive, or why its log cannot be read."""
+    try:
+        return drive_summary(read_log(path))
+    except LinkageVibrationError as error:
+        return {"log": str(path), "error": str(error)}
 
 
 def overview_html(drives: Sequence[tuple[dict[str, Any], str]], failures: Sequence[str]) -> str:

@@ -19,7 +19,7 @@ from zipfile import is_zipfile
 import numpy as np
 from numpy.typing import NDArray
 
-from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.errors import LinkageVibrationError, check_type
 from linkage_vibration.mechanics.arrays import (
     BoolArray,
     ComplexArray,
@@ -618,6 +618,7 @@ def save_table(table: Table, path: str | Path) -> None:
     OutputError
         If the name is that of another format, such as CSV.
     """
+    check_type(table, "use `build_table`", Table)
     check_suffix(Path(path), ".npz")
     write_bytes(Path(path), table_bytes(table), TableError)
 

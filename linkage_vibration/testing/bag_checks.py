@@ -12,7 +12,7 @@ import numpy as np
 
 from linkage_vibration.bags.message_columns import first_topic, topic_types
 from linkage_vibration.bags.streams import open_bags
-from linkage_vibration.errors import printable
+from linkage_vibration.errors import check_type, printable
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.messages.topics import PREDICTION
 from linkage_vibration.playback.replay import replay
@@ -126,6 +126,7 @@ def check_bag(
     LinkageVibrationError
         If the bag cannot be read or replayed, or the baseline has another drive.
     """
+    check_type(limits, "give the limits as `Limits`", Limits)
     if limits.latency is not None and settings is not None:
         raise TestKitError(f"{bag} is replayed, which has no latency; leave out the settings.")
     return check_log(read_drive(bag, settings), limits, picture, baseline)
