@@ -197,7 +197,7 @@ class LevelTable:
             self._pins = np.array([[names.count(place) > 1] for place in self.force_places])
             outputs = [(mechanism.response.point, mechanism.response.direction), *rows]
             n_forces = len(self.force_places)
-            kept = keep("cells", lambda: _sampled(table.vertical, inputs, outputs, n_forces))
+            kept = keep("cells", lambda: _sampled(table, inputs, outputs, n_forces))
             self._cells = kept["starts"], kept["cubics"]
             self._layout = _Layout(*kept["layout"].tolist())
             self._rows, self._order = kept["rows"], kept["order"]
@@ -644,7 +644,7 @@ def _sampled(table: Table, inputs: list[UnitLoad], outputs: list[Place], n_force
     """
     pieces = []
     for first, last in pairwise(table.alpha3[table.pieces].tolist()):
-        samples = _Samples(table, inputs, outputs, n_forces, (first, last))
+        samples = _Samples(table.vertical, inputs, outputs, n_forces, (first, last))
         pieces.append((*samples.refined(), samples.layout))
     layout = max((piece[3] for piece in pieces), key=lambda layout: layout.n_terms)
     starts = np.concatenate([piece[0][:-1] for piece in pieces])
