@@ -16,18 +16,18 @@ class NumberEffects:
     """Changes of ln(frequency) along independent directions of the uncertain numbers.
 
     A direction is a pair of opposite members of the ensemble, which are as probable as one standard
-    deviation. The table has an ensemble.
+    deviation; it changes no mode of a half in which it is not known. The table has an ensemble.
     """
 
     def __init__(self, table: Table) -> None:
         self._table, self._coordinates = table, table.ensemble_coordinates
-        values = [_half_differences(half) for half in table.halves]
-        known = [np.isfinite(each).all(axis=(1, 2)) for each in values]
-        # A pair counts if it is known in each half, with the same numbers.
+        self._values = []
         for half in table.halves:
-            known.append((half.ensemble_coordinates == self._coordinates).all(axis=1))
-        self._known = np.logical_and.reduce(known)
-        self._values = [each[self._known] / math.sqrt(max(self._known.sum(), 1)) for each in values]
+            values = _half_differences(half)
+            known = np.isfinite(values).all(axis=(1, 2))
+            known &= (half.ensemble_coordinates == self._coordinates).all(axis=1)
+            values = np.where(known[:, np.newaxis, np.newaxis], values, 0.0)
+            self._values.append(values / math.sqrt(max(int(known.sum()), 1)))
 
     def at(self, alpha3: FloatArray) -> FloatArray:
         """Return changes by one standard deviation, (n, n_modes, n_directions), at rad, (n,)."""
@@ -43,9 +43,9 @@ class NumberEffects:
         uncertainty = mechanism.uncertainty
         assert uncertainty is not None
         n = len(uncertainty.numbers)
-        directions = self._coordinates[self._known] / math.sqrt(int(self._known.sum()))
+        known = np.maximum(np.count_nonzero(changes, axis=-1, keepdims=True), 1)
         root = np.linalg.cholesky(np.array(uncertainty.correlation).reshape(n, n))
-        each = changes @ directions @ np.linalg.inv(root)
+        each = changes / np.sqrt(known) @ self._coordinates @ np.linalg.inv(root)
         paths = [number.path for number in uncertainty.numbers]
         return dict(zip(paths, np.moveaxis(each, -1, 0), strict=True))
 

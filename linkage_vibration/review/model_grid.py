@@ -46,10 +46,8 @@ def linkage_grid(mechanism: Mechanism, table: Table) -> dict[str, Any] | None:
         for i, solution in enumerate(solved[lateral]):
             if np.isnan(frequencies[i, mode]):
                 continue  # an overdamped mode does not oscillate
-            nearest = nearest_mode(solution, float(frequencies[i, mode]))
-            moved = (
-                left_curves(solution, nearest, model) if lateral else mode_curves(solution, nearest)
-            )
+            at = nearest_mode(solution, float(frequencies[i, mode]))
+            moved = left_curves(solution, at, model) if lateral else mode_curves(solution, at)
             shape = np.vstack(list(moved.values())) / largest(moved)
             # The sign of a shape is arbitrary; it is that of the shape at the previous angle.
             turned = i > 0 and float((shape * shapes[mode, i - 1]).sum()) < 0.0

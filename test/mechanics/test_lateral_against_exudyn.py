@@ -90,7 +90,8 @@ class Hitch:
         """Clamp a node, whose axes are its body's, at a place of the ground."""
         rigid = self.system.AddMarker(items.MarkerNodeRigid(nodeNumber=node))
         turned = self.system.GetNode(node)["referenceCoordinates"][3:]
-        axes = exudyn.HT(rotation=Rotation.from_rotvec(turned).as_matrix(), translation=place)
+        axes = np.eye(4)
+        axes[:3, :3], axes[:3, 3] = Rotation.from_rotvec(turned).as_matrix(), place
         base = items.MarkerBodyRigid(bodyNumber=self._ground, localHT=axes)
         both = [self.system.AddMarker(base), rigid]
         self.system.AddObject(items.ObjectJointGeneric(markerNumbers=both))
