@@ -126,21 +126,22 @@ def _description(
     if table.measured:
         deviations = table.frequency_stddev, table.damping_ratios, table.damping_ratio_stddev
         yield from uncertain_modes(table.natural_frequencies, *deviations, table.mode_label)
-    for half in filter(None, (table, table.lateral)):
-        if half is table.lateral:
-            yield "Sway, roll and yaw:"
-        for mode, shares in enumerate(half.mode_shares):
-            base, bodies, links = (f"{100.0 * share:.0f} %" for share in shares)
-            yield f"{half.mode_label(mode)}: base {base}, rigid bodies {bodies}, links {links}"
-    if table.free_modes:
-        ground = mechanism.base
-        single = table.free_modes == 1
-        left_out = "1 mode at 0 Hz is" if single else f"{table.free_modes} modes at 0 Hz are"
+    for mode, shares in enumerate(table.mode_shares):
+        base, bodies, links = (f"{100.0 * share:.0f} %" for share in shares)
+        yield f"{table.mode_label(mode)}: base {base}, rigid bodies {bodies}, links {links}"
+    for half in table.halves:
+        if not half.free_modes:
+            continue
+        single = half.free_modes == 1
+        left_out = "1 mode at 0 Hz is" if single else f"{half.free_modes} modes at 0 Hz are"
         fix = "clamp the input link or put a spring on its joint"
-        if ground is not None and not ground.mounts:
+        if mechanism.base is not None and not mechanism.base.mounts:
             fix = "give its base mounts"
+        aside = " along y" if half is table.lateral else ""
+        fix = "give `lateral` chains, and axles with a stiffness" if aside else fix
         yield (
-            f"Nothing holds {mechanism.name}: {left_out} left out of the table. To hold it, {fix}."
+            f"Nothing holds {mechanism.name}{aside}: {left_out} left out of the table. To hold it, "
+            f"{fix}."
         )
     if table.unknown_deviations:
         yield table.unknown_deviations

@@ -59,7 +59,7 @@ def run(options: argparse.Namespace) -> int:
             for mode in modes
             if mode.doubt
         ]
-    print(study.comparison_table(compared, model.mechanism.response.mode_names or ()))
+    print(study.comparison_table(compared))
     if notes:
         print("", *notes, sep="\n")
     if not options.filtered:

@@ -4,6 +4,7 @@
 
 import argparse
 import math
+import textwrap
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -42,11 +43,10 @@ def run(options: argparse.Namespace) -> int:
         predictor = read_table(read_settings(options)).predictor
     nine = np.linspace(*predictor.table.alpha3_range, 9)
     degrees = options.angles_deg or np.degrees(nine).tolist()
+    if predictor.table.lateral:
+        labels = map(predictor.table.mode_label, range(predictor.table.n_modes))
+        print(textwrap.fill(", ".join(labels), 100))
     good = _print(predictor, degrees, options)
-    if predictor.lateral is not None:
-        names = map(predictor.lateral.table.mode_label, range(predictor.lateral.table.n_modes))
-        print(f"Sway, roll and yaw: {', '.join(names)}")
-        good = _print(predictor.lateral, degrees, options) and good
     reason = predictor.table.unknown_deviations
     if options.csv:
         many = predictor.predict(np.radians(degrees), math.radians(options.angle_stddev_deg))

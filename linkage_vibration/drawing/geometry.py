@@ -89,6 +89,26 @@ def mode_curves(solution: Solution, mode: int) -> Curves:
     return shapes
 
 
+def left_curves(solution: Solution, mode: int, vertical: LinkageModel) -> Curves:
+    """Return what `mode_curves` does, of the left side in a mode of the lateral half.
+
+    Links are drawn straight between their points. The curves are those of the vertical half.
+    """
+    model, shapes = solution.model, dict[str, FloatArray]()
+    u = solution.modes.shapes[: len(model.interface), mode]
+    for component in vertical.system.components:
+        name, points = component.name, model.mechanism.local_points(component.name)
+        rows = [model.interface.displacement(name, p, solution.configuration) for p in points]
+        moved = (np.array(rows) @ u)[:, ::2]
+        if component.drawing is not None:
+            x, along = [place[0] for place in points.values()], component.drawing.places[:, 0]
+            moved = np.column_stack([np.interp(along, x, each) for each in moved.T])
+        else:  # The centre of gravity of a rigid body moves along y alone.
+            moved = np.vstack([moved, np.zeros(2), moved[:1]])
+        shapes[name] = moved
+    return shapes
+
+
 def _beside(axis: FloatArray, points: Mapping[str, Point]) -> list[tuple[int, str]]:
     """Return the points beside an axis, each with the index of its nearest node, in falling order.
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from linkage_vibration.drawing import palette
 from linkage_vibration.drawing.plots import draw_bands, frequency_axis, name_modes, tidy
-from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.levels import LevelTable
@@ -50,13 +50,14 @@ def draw_mechanism(
     first, *panels = (row.subplots() for row in rows)
     angles = np.linspace(*ends, _ANGLES)
     predictions = predict_many(predictor, angles, np.zeros(_ANGLES))
-    draw_modes(first, predictor.table.mode_names, predictions)
+    table = predictor.table
+    draw_modes(first, table.mode_names, predictions, table.lateral_modes)
     maps = [_load_ratios(source, levels, excitations, ends) for source in sources]
     top = max(limit, *(float(np.nanmax(each, initial=0.0)) for each in maps), 0.0)
     sentences = []
     for i, source in enumerate(sources):
         orders = [each for each in excitations if each.source is source and not each.terrain]
-        _draw_orders(panels[2 * i], source, orders, predictions)
+        _draw_orders(panels[2 * i], source, orders, predictions, table.lateral_modes)
         silent = [each.name for each in orders if not each.load]
         sentences.append(
             _draw_loads(panels[2 * i + 1], source, maps[i], silent, (limit, top), ends)
@@ -64,31 +65,45 @@ def draw_mechanism(
     return figure, sentences
 
 
-def draw_modes(ax: "Axes", names: Sequence[str], predictions: MessageColumns) -> None:
-    """Draw each natural frequency with its standard deviation over the crank angle."""
+def draw_modes(
+    ax: "Axes", names: Sequence[str], predictions: MessageColumns, lateral: BoolArray | None = None
+) -> None:
+    """Draw each natural frequency with its standard deviation over the crank angle.
+
+    Modes that are lateral, (n_modes,), are dashed.
+    """
     angles, frequencies = np.degrees(predictions.crank_angle), predictions.natural_frequencies
-    draw_bands(ax, angles, frequencies, predictions.frequency_stddevs)
+    draw_bands(ax, angles, frequencies, predictions.frequency_stddevs, lateral)
     frequency_axis(ax, frequencies)
     name_modes(ax, frequencies[-1], names, fontsize=10)
     ax.set(xlabel="crank angle α₃ [deg]", xlim=(angles[0], angles[-1]))
     unknown = " (no band: not known)" if np.isnan(predictions.frequency_stddevs).any() else ""
     title = f"Natural frequencies over the stroke, with one standard deviation{unknown}"
+    if lateral is not None and lateral.any():
+        title += "; dashed: sway, roll and yaw"
     ax.set_title(title, loc="left")
     tidy(ax)
 
 
 def _draw_orders(
-    ax: "Axes", source: Source, orders: Sequence[Excitation], predictions: MessageColumns
+    ax: "Axes",
+    source: Source,
+    orders: Sequence[Excitation],
+    predictions: MessageColumns,
+    lateral: BoolArray,
 ) -> None:
-    """Draw a Campbell plot: the orders over their speed, and the range of each mode."""
+    """Draw a Campbell plot: the orders over their speed, and the range of each mode.
+
+    Those of lateral modes, (n_modes,), are hatched.
+    """
     label, low, high, unit = SPEEDS[source]
     frequencies = predictions.natural_frequencies
-    for values, colour in zip(
-        frequencies.T, palette.mode_colours(frequencies.shape[1]), strict=True
-    ):
+    colours = palette.mode_colours(frequencies.shape[1])
+    for values, colour, aside in zip(frequencies.T, colours, lateral.tolist(), strict=True):
         if np.isfinite(values).any():
             ends = float(np.nanmin(values)), float(np.nanmax(values))
-            ax.axhspan(*ends, color=colour, alpha=0.3, linewidth=1.0)
+            hatch = "////" if aside else None
+            ax.axhspan(*ends, color=colour, alpha=0.3, linewidth=1.0, fill=not aside, hatch=hatch)
     frequency_axis(ax, frequencies)
     speeds, (bottom, top) = np.linspace(low, high, 181), ax.get_ylim()
     named = list[tuple[str, float]]()

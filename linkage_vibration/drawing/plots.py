@@ -13,7 +13,7 @@ import numpy as np
 
 from linkage_vibration.drawing import palette
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.support.atomic_files import write_bytes
 from linkage_vibration.support.version import check_versions
 
@@ -88,13 +88,23 @@ def tidy(ax: "Axes") -> None:
     ax.spines[["top", "right"]].set_visible(False)
 
 
-def draw_bands(ax: "Axes", x: FloatArray, frequencies: FloatArray, stddevs: FloatArray) -> None:
-    """Draw each mode, (n, n_modes), Hz, over x as a line with a band of one standard deviation."""
+def draw_bands(
+    ax: "Axes",
+    x: FloatArray,
+    frequencies: FloatArray,
+    stddevs: FloatArray,
+    lateral: BoolArray | None = None,
+) -> None:
+    """Draw each mode, (n, n_modes), Hz, over x as a line with a band of one standard deviation.
+
+    The lines of modes that are lateral, (n_modes,), are dashed.
+    """
     for mode, colour in enumerate(palette.mode_colours(frequencies.shape[1])):
         values, deviation = frequencies[:, mode], np.nan_to_num(stddevs[:, mode])
         low = np.maximum(values - deviation, 0.5 * values)
         ax.fill_between(x, low, values + deviation, color=colour, alpha=0.3, linewidth=0)
-        ax.plot(x, values, color=colour, linewidth=1.7)
+        style = "--" if lateral is not None and lateral[mode] else "-"
+        ax.plot(x, values, style, color=colour, linewidth=1.7)
 
 
 def frequency_axis(ax: "Axes", frequencies: FloatArray) -> None:

@@ -76,6 +76,23 @@ def existing_table(header: str) -> str:
     return match[1] if match else ""
 
 
+def common_values(export: Export) -> dict[str, str]:
+    """Return what stands for each name in all templates."""
+    values = {"prefix": export.name, "PREFIX": export.name.upper()}
+    values |= dict.fromkeys(("excites", "if_excited", "or_infinity"), "")
+    orders = export.constants.orders
+    if orders and orders.excites:
+        rows = (", ".join(f"{mode:d}u" for mode in order) for order in orders.excites)
+        text = "/* Whether an order excites a mode. */\nstatic const uint8_t excites"
+        text += f"[{len(orders.excites)}][{export.constants.n_modes}] = {{\n"
+        values |= {
+            "excites": text + ",\n".join(f"    {{{row}}}" for row in rows) + "\n};\n\n",
+            "if_excited": "(excites[i][mode] > 0u) ? ",
+            "or_infinity": " : (double)INFINITY",
+        }
+    return values
+
+
 def _values(export: Export) -> dict[str, str]:
     """Return what stands for each name in the templates of header and source."""
     constants, prefix, table = export.constants, export.name, export.table
@@ -86,8 +103,7 @@ def _values(export: Export) -> dict[str, str]:
     values = {
         **{field.name: comment(field.comment) for field in fields},
         **_numbers(constants),
-        "prefix": prefix,
-        "PREFIX": prefix.upper(),
+        **common_values(export),
         "version": VERSION,
         "title": comment(
             f"Vibration of {table.mechanism_name}: natural frequencies at any crank angle."

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.sax.saxutils import escape
 
-from linkage_vibration.export.c_source import c_sources, filled, literal
+from linkage_vibration.export.c_source import c_sources, common_values, filled, literal
 from linkage_vibration.export.constants import NUMBERS, PER_MODE, ExportError
 from linkage_vibration.export.exported import Export
 from linkage_vibration.messages.fields import message_constants, message_fields
@@ -97,8 +97,7 @@ def fmu_bytes(export: Export, *, compiled: bool) -> bytes:
     sources = c_sources(export)
     token = hashlib.sha256(f"{VERSION}{sources}".encode()).hexdigest()[:32]
     values = {
-        "prefix": prefix,
-        "PREFIX": prefix.upper(),
+        **common_values(export),
         "settable": str(sum(variable.causality != "output" for variable in reals)),
         "reals": str(len(reals)),
         "integers": str(len(integers)),

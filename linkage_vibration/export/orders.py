@@ -44,6 +44,7 @@ def orders_of(
         cubics=cubics[:, :, of_point],
         highest_frequency=table.band[1],
         forces=forces,
+        excites=() if levels.excites.all() else tuple(map(tuple, levels.excites.tolist())),
     )
 
 
@@ -88,3 +89,5 @@ class OrderConstants:
     cubics: FloatArray  # (n_cells, 4, n_values), as `prediction.levels` has them
     highest_frequency: float  # Hz, up to which responses are known
     forces: ForceConstants | None = None  # None without load ratios
+    # (n_orders, n_modes), as `LevelTable.excites`; empty if each order excites each mode
+    excites: tuple[tuple[bool, ...], ...] = ()

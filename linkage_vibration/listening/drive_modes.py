@@ -140,8 +140,9 @@ def search_signals(
         for i in gap_starts(signal.times).tolist():
             start, end = signal.times[i : i + 2] + np.array([-_BESIDE, _BESIDE])
             angle[(times > start) & (times < end)] = math.nan
-    values = np.hstack([signal.at(times)[:, [0, 2]] for signal in signals])
-    places = [(signal.sensor.at, axis) for signal in signals for axis in "xz"]
+    axes = "xyz" if table.lateral else "xz"
+    values = np.hstack([signal.at(times)[:, ["xyz".index(a) for a in axes]] for signal in signals])
+    places = [(signal.sensor.at, axis) for signal in signals for axis in axes]
     alive = np.flatnonzero(np.ptp(values, axis=0)).tolist()  # An axis may not be measured.
     if not alive:
         return ()
@@ -171,7 +172,8 @@ def why_no_modes(
     if (seconds := longest_still(times, angle)) < SHORTEST:
         text = f"The crank moves less than 1 deg/s within the table for at most {seconds:.3g} s"
         return f"{text} at a time, and modes need {SHORTEST:g} s."
-    lowest = float(np.nanmin(table.evaluate(angle[np.isfinite(angle)])[:, 0]))
+    every = table.evaluate(angle[np.isfinite(angle)])[:, : table.n_modes]
+    lowest = float(np.nanmin(every))
     rate = max(s.rate for s in signals)
     if not _LOWEST < lowest < _HIGHEST * rate:
         text = f"The lowest predicted mode is at {lowest:.3g} Hz, and at {rate:.3g} Hz the sensors"
@@ -301,17 +303,25 @@ def _best(
 
 
 def model_shapes(table: Table, alpha3: float, places: Sequence[Place]) -> ComplexArray:
-    """Return shapes of the table's modes at places, (n_places, n_modes)."""
-    terms = table.frf(alpha3, places, places)
+    """Return shapes of the table's modes at places, on the left side, (n_places, n_modes)."""
+    return table.listed([_half_shapes(half, alpha3, places) for half in table.halves])
+
+
+def _half_shapes(table: Table, alpha3: float, places: Sequence[Place]) -> ComplexArray:
+    """Return the same of one half, which does not move at places that its table does not have."""
+    moved = [i for i, place in enumerate(places) if place in table.places]
+    known, shapes = [places[i] for i in moved], np.zeros((len(places), table.n_modes), complex)
+    if not known:
+        return shapes
+    terms = table.frf(alpha3, known, known)
     hertz = np.sqrt(np.abs(terms.stiffness)) / (2.0 * math.pi)
-    columns = []
-    for each in table.evaluate(np.array([alpha3]))[0, : table.n_modes].tolist():
+    for mode, each in enumerate(table.evaluate(np.array([alpha3]))[0, : table.n_modes].tolist()):
         k = int(np.abs(hertz - each).argmin())
         s = -terms.decay[k] / 2.0 + 2j * math.pi * hertz[k]
         residues = terms.residues[:, :, k] + s * terms.rates[:, :, k]
         best = int(np.abs(np.diag(residues)).argmax())
-        columns.append(residues[:, best] / residues[best, best])
-    return np.array(columns).T
+        shapes[moved, mode] = residues[:, best] / (residues[best, best] or 1.0)  # 0: it is at rest
+    return shapes
 
 
 def wheelbase(mechanism: Mechanism) -> float:

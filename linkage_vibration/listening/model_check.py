@@ -13,7 +13,7 @@ from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.listening.drive_modes import DriveMode
 from linkage_vibration.listening.number_effects import NumberEffects
 from linkage_vibration.mechanics.description import Mechanism
-from linkage_vibration.readers.targets import targets_text
+from linkage_vibration.readers.targets import HALVES, ModelMode, targets_text
 from linkage_vibration.table.table import Table
 
 WARNING = (
@@ -44,7 +44,8 @@ def explanations(
     change of the number costs its square, in standard deviations.
     """
     sure = [mode for mode in modes if not mode.doubt]
-    if mechanism.uncertainty is None or not len(table.ensemble_alpha3) or not sure:
+    known = all(len(half.ensemble_alpha3) for half in table.halves)
+    if mechanism.uncertainty is None or not known or not sure:
         return ()
     effects, heights = NumberEffects(table), np.array([mode.alpha3 for mode in sure])
     changes = effects.at(heights)[range(len(sure)), [mode.mode for mode in sure]]
@@ -89,8 +90,10 @@ def drive_targets(modes: Sequence[DriveMode], table: Table, mechanism: Path, out
     for each in modes:
         if not each.doubt:
             every = table.evaluate(np.array([each.alpha3]))[0, : table.n_modes]
-            rank = int((every < every[each.mode]).sum())
-            targets.append((rank, each.alpha3, each.frequency, each.deviation))
+            lateral = table.lateral_modes[each.mode]
+            rank = int((every[table.lateral_modes == lateral] < every[each.mode]).sum())
+            mode = ModelMode(HALVES[int(lateral)], rank)
+            targets.append((mode, each.alpha3, each.frequency, each.deviation))
     if not targets:
         text = "no mode of the drive is without doubt, so there is no target"
         raise DriveError(f"{output}: {text}; drive longer, or elsewhere, or leave out --targets.")

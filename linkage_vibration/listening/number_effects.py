@@ -16,33 +16,45 @@ class NumberEffects:
     """Changes of ln(frequency) along independent directions of the uncertain numbers.
 
     A direction is a pair of opposite members of the ensemble, which are as probable as one standard
-    deviation. The table has an ensemble.
+    deviation; it changes no mode of a half in which it is not known. The table has an ensemble.
     """
 
     def __init__(self, table: Table) -> None:
-        self._nodes = stroke_variable(table.ensemble_alpha3, table.toggles)
-        self._toggles, self._coordinates = table.toggles, table.ensemble_coordinates
-        logs = np.log(np.abs(table.ensemble_poles)).astype(float)  # (n_members, n_nodes, k)
-        hertz = table.evaluate(table.ensemble_alpha3)[:, : table.n_modes]
-        away = np.abs(logs[0][:, :, np.newaxis] - np.log(2.0 * math.pi * hertz)[:, np.newaxis])
-        modes = np.nan_to_num(away, nan=math.inf).argmin(axis=1)  # (n_nodes, n_modes), of k
-        first, second = np.split(np.take_along_axis(logs, modes[np.newaxis], axis=2)[1:], 2)
-        half = (first - second) / 2.0
-        self._known = np.isfinite(half).all(axis=(1, 2))
-        self._values = half[self._known] / math.sqrt(max(int(self._known.sum()), 1))
+        self._table, self._coordinates = table, table.ensemble_coordinates
+        self._values = []
+        for half in table.halves:
+            values = _half_differences(half)
+            known = np.isfinite(values).all(axis=(1, 2))
+            known &= (half.ensemble_coordinates == self._coordinates).all(axis=1)
+            values = np.where(known[:, np.newaxis, np.newaxis], values, 0.0)
+            self._values.append(values / math.sqrt(max(int(known.sum()), 1)))
 
     def at(self, alpha3: FloatArray) -> FloatArray:
         """Return changes by one standard deviation, (n, n_modes, n_directions), at rad, (n,)."""
-        weights = interpolation_matrix(self._nodes, stroke_variable(alpha3, self._toggles))
-        return np.asarray(np.einsum("an,dnk->akd", weights, self._values))
+        parts, at = [], stroke_variable(alpha3, self._table.toggles)
+        for half, values in zip(self._table.halves, self._values, strict=True):
+            nodes = stroke_variable(half.ensemble_alpha3, half.toggles)
+            weights = interpolation_matrix(nodes, at)
+            parts.append(np.einsum("an,dnk->adk", weights, values))
+        return self._table.listed(parts).swapaxes(1, 2)
 
     def of_numbers(self, mechanism: Mechanism, changes: FloatArray) -> dict[str, FloatArray]:
         """Return changes, (..., n_directions), by one standard deviation of each number alone."""
         uncertainty = mechanism.uncertainty
         assert uncertainty is not None
         n = len(uncertainty.numbers)
-        directions = self._coordinates[self._known] / math.sqrt(int(self._known.sum()))
+        known = np.maximum(np.count_nonzero(changes, axis=-1, keepdims=True), 1)
         root = np.linalg.cholesky(np.array(uncertainty.correlation).reshape(n, n))
-        each = changes @ directions @ np.linalg.inv(root)
+        each = changes / np.sqrt(known) @ self._coordinates @ np.linalg.inv(root)
         paths = [number.path for number in uncertainty.numbers]
         return dict(zip(paths, np.moveaxis(each, -1, 0), strict=True))
+
+
+def _half_differences(table: Table) -> FloatArray:
+    """Return half of what two opposite members differ, (n_pairs, n_nodes, n_modes), in ln(Hz)."""
+    logs = np.log(np.abs(table.ensemble_poles)).astype(float)  # (n_members, n_nodes, k)
+    hertz = table.evaluate(table.ensemble_alpha3)[:, : table.n_modes]
+    away = np.abs(logs[0][:, :, np.newaxis] - np.log(2.0 * math.pi * hertz)[:, np.newaxis])
+    modes = np.nan_to_num(away, nan=math.inf).argmin(axis=1)  # (n_nodes, n_modes), of k
+    first, second = np.split(np.take_along_axis(logs, modes[np.newaxis], axis=2)[1:], 2)
+    return np.asarray((first - second) / 2.0)

@@ -74,6 +74,23 @@ def pairs(places: Sequence[Place | str]) -> list[Place]:
     return [(point, direction) for point, direction in split]
 
 
+def excite_lateral(outputs: Sequence[Place], inputs: Sequence[Place]) -> bool:
+    """Return whether forces at inputs excite the lateral half: those along y do, others do not.
+
+    A `ModelError` says that some do and others do not, or that they move no output.
+    """
+    across = {direction == "y" for _, direction in inputs}
+    if len(across) > 1:
+        problem = "Inputs along y excite the lateral half, and others the vertical one"
+        raise ModelError(f"{problem}; give one kind at a time.")
+    if True not in across and any(direction == "y" for _, direction in outputs):
+        problem = (
+            "Inputs along x and z act alike on the left and the right, so nothing moves along y"
+        )
+        raise ModelError(f"{problem}; give inputs along y, or other outputs.")
+    return True in across
+
+
 class LinkageModel:
     """The components of a mechanism, computed once, to be coupled in any configuration.
 
@@ -125,6 +142,13 @@ class LinkageModel:
     def __repr__(self) -> str:
         """Return the mechanism, in a line."""
         return f"LinkageModel({self.mechanism})"
+
+    @cached_property
+    def halves(self) -> "tuple[LinkageModel, ...]":
+        """The model of the vertical half, and that of the lateral one if it is described."""
+        if self.half == "lateral" or self.mechanism.lateral is None:
+            return (self,)
+        return self, LinkageModel(self.mechanism, kinematics=self.kinematics, half="lateral")
 
     @cached_property
     def system(self) -> UncoupledSystem:

@@ -19,7 +19,7 @@ from linkage_vibration.mechanics.description import GROUND, Mechanism, Mechanism
 from linkage_vibration.mechanics.forces import is_force
 from linkage_vibration.mechanics.ground_motion import soil_places, transmissibility
 from linkage_vibration.mechanics.kinematics import KinematicsError
-from linkage_vibration.mechanics.model import LinkageModel, Place
+from linkage_vibration.mechanics.model import LinkageModel, Place, excite_lateral
 from linkage_vibration.mechanics.modes import MECHANISM
 from linkage_vibration.mechanics.parsing import again_from_mapping
 from linkage_vibration.prediction.excitation import Excitation
@@ -117,7 +117,7 @@ class ModeShapes:
 
     natural_frequencies: FloatArray  # (n_modes,), Hz, ascending
     damping_ratios: FloatArray  # (n_modes,), 1
-    places: Places  # every point that moves, along x and z
+    places: Places  # every point that moves, the left of two, along x, z and in a lateral half y
     positions: FloatArray  # (n_places,), the coordinate of each place in its direction, m
     shapes: FloatArray  # (n_modes, n_places), mass-normalised, 1/sqrt(kg); real parts
 
@@ -171,7 +171,7 @@ def answer_frf(
         raise ServingError(
             f"{given} has places but {empty} is empty; give both, or neither for the drive point."
         )
-    valid, forces = table.places, table.forces if table.places else ()
+    valid, forces = table.frf_places, table.forces if table.places else ()
     if exact:
         valid, model = _moving_places(served.mechanism), served.model
         forces = (*model.forces.places, *model.forces.sections) if model.force_places else ()
@@ -209,7 +209,7 @@ def _solved_frf(
     outputs, inputs = places
     soil = set(soil_places(served.mechanism)).difference(_moving_places(served.mechanism))
     if served.model.measured_frequencies is None:
-        solution = served.model.solve(alpha3)
+        solution = served.model.halves[excite_lateral(outputs, inputs)].solve(alpha3)
         columns = [
             transmissibility(solution, outputs, into)
             if into in soil
@@ -275,26 +275,30 @@ def answer_ground(
 
 
 def answer_mode_shapes(served: LoadedModel, alpha3: float) -> ModeShapes:
-    """Solve the model at an angle (rad) and return its modes."""
+    """Solve the models of all halves at an angle (rad) and return their modes."""
     _check_angle(alpha3)
-    with _asked_angle(served, alpha3):
-        solution = served.model.solve(alpha3)
-    elastic = np.flatnonzero(solution.natural_frequencies >= MECHANISM / (2.0 * math.pi))
-    in_band = int((solution.natural_frequencies[elastic] <= served.table.band[1]).sum())
-    modes = elastic[: max(in_band, served.table.n_modes)]
-    places = _moving_places(served.mechanism)
+    mechanism, rows = served.mechanism, list[FloatArray]()
+    aside = dict(mechanism.lateral.y) if mechanism.lateral else {}
+    places, tables = _moving_places(mechanism), served.table.halves
+    for model, half in zip(served.model.halves, tables, strict=True):
+        with _asked_angle(served, alpha3):
+            solution = model.solve(alpha3)
+        frequencies, ratios = solution.natural_frequencies, solution.damping_ratios
+        elastic = np.flatnonzero(frequencies >= MECHANISM / (2.0 * math.pi))
+        in_band = int((frequencies[elastic] <= half.band[1]).sum())
+        modes = elastic[: max(in_band, half.n_modes)]
+        moved = [i for i, place in enumerate(places) if place[1] in model.interface.directions]
+        shapes = np.zeros((len(places), len(frequencies)))
+        shapes[moved] = solution.mode_shapes([places[i] for i in moved])
+        rows.append(np.vstack([frequencies, ratios, shapes])[:, modes])
+    every = np.hstack(rows)
+    every = every[:, np.argsort(every[0], kind="stable")]
     positions = []
     for point, direction in places:
-        body = served.mechanism.owners(point)[-1]
-        local = served.mechanism.local_points(body)[point]
-        positions.append(solution.configuration.place(body, local)["xz".index(direction)])
-    return ModeShapes(
-        solution.natural_frequencies[modes],
-        solution.damping_ratios[modes],
-        places,
-        np.array(positions),
-        solution.mode_shapes(places)[:, modes].T,
-    )
+        body = mechanism.owners(point)[-1]
+        x, z = solution.configuration.place(body, mechanism.local_points(body)[point])
+        positions.append({"x": x, "y": aside.get(point, 0.0), "z": z}[direction])
+    return ModeShapes(every[0], every[1], places, np.array(positions), every[2:].T)
 
 
 def with_implement(
@@ -435,11 +439,12 @@ def rigid_body_name(mechanism: Mechanism, asked: str) -> str:
 
 
 def _moving_places(mechanism: Mechanism) -> Places:
-    """Return every point that can vibrate, along x and z."""
+    """Return every point that can vibrate, along x and z, and along y in the lateral half."""
+    directions = "xyz" if mechanism.lateral else "xz"
     held = () if mechanism.base else mechanism.local_points(GROUND)
     names = [body.name for body in mechanism.bodies] + ([GROUND] if mechanism.base else [])
     points = dict.fromkeys(p for name in names for p in mechanism.local_points(name))
-    return tuple((p, direction) for p in points if p not in held for direction in ("x", "z"))
+    return tuple((p, direction) for p in points if p not in held for direction in directions)
 
 
 def _places(where: str, names: Sequence[str], valid: Sequence[Place], exact: bool) -> Places:

@@ -164,6 +164,11 @@ class LevelTable:
         self._predictor, table = predictor, predictor.table
         self.unknown_factors = table.unknown_factors
         inputs, which = _unit_loads(table, mechanism, excitations)
+        halves = [{direction == "y" for _, direction in inputs[i].places} for i in which]
+        self.excites = np.array(
+            [np.isin(predictor.table.lateral_modes, [*each]) for each in halves]
+        )
+        """Which modes each excitation can excite, (n_excitations, n_modes): those of its half."""
         loads = [excitation.load for excitation in excitations]
         self.states_uncertainty = table.uncertain or table.measured
         self._top, self._inputs = 2.0 * math.pi * table.band[1], np.array(which)
@@ -678,7 +683,7 @@ def _sampled(table: Table, inputs: list[UnitLoad], outputs: list[Place], n_force
     """
     pieces = []
     for first, last in pairwise(table.alpha3[table.pieces].tolist()):
-        samples = _Samples(table, inputs, outputs, n_forces, (first, last))
+        samples = _Samples(table.vertical, inputs, outputs, n_forces, (first, last))
         pieces.append((*samples.refined(), samples.layout))
     layout = max((piece[3] for piece in pieces), key=lambda layout: layout.n_terms)
     starts = np.concatenate([piece[0][:-1] for piece in pieces])

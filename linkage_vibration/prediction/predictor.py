@@ -6,7 +6,6 @@ import enum
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from typing import overload
 
 import numpy as np
@@ -170,11 +169,6 @@ class Predictor:
         self._measured = table.measured
         self._table_id = table.table_id
         table.interpolate(self._low)  # the table prepares itself at the first use
-
-    @cached_property
-    def lateral(self) -> "Predictor | None":
-        """What predicts the lateral half: sway, roll and yaw; None if the table has none."""
-        return None if self.table.lateral is None else Predictor(self.table.lateral)
 
     def __repr__(self) -> str:
         """Return the table by which it predicts, in a line."""

@@ -209,6 +209,9 @@ class ResonanceRules:
         self._names = np.array([*(excitation.name for excitation in excitations), ""])  # -1: none
         self._places = np.array([*(levels.force_places if levels else ()), ""])
         self._used = follows.any(axis=1)
+        # (n_modes, n_excitations): which modes an excitation cannot excite, if there are any
+        excites = levels.excites if levels else np.True_
+        self._unexcited = None if excites.all() else ~excites.T
 
     def unknown_speeds(self, speeds: FloatArray) -> Integers:
         """Return the bits, (n,), of the used speeds that are NaN, of (n_sources, n)."""
@@ -295,6 +298,8 @@ class ResonanceRules:
         frequency, rate, error = self._ratios * of_each
         # A mode without a natural frequency is infinitely far away.
         apart = np.fmin(np.abs(frequency / naturals.T[:, np.newaxis] - 1.0), math.inf)
+        if self._unexcited is not None:
+            apart[self._unexcited] = math.inf
         mode = apart.argmin(axis=0)
         at = mode + np.arange(len(naturals)) * naturals.shape[1]
         natural, zeta = naturals.take(at), predictions.damping_ratios.take(at)

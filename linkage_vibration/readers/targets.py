@@ -7,7 +7,7 @@ import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import yaml
 
@@ -21,6 +21,22 @@ INCLINOMETER = math.radians(0.5)
 _BOUNDS = 3.0  # from a number of the mechanism to its bounds in the calibration
 
 
+HALVES = "vertical", "lateral"
+
+
+class ModelMode(NamedTuple):
+    """A mode of one half of a mechanism."""
+
+    half: str
+    rank: int  # from 0, ascending
+    name: str = ""
+
+    def __str__(self) -> str:
+        """Return its number among the modes of its half, and its name if it has one."""
+        number = f"{'lateral ' * (self.half == HALVES[1])}mode {self.rank + 1}"
+        return f"{number} ({self.name})" if self.name else number
+
+
 @dataclass(frozen=True, slots=True)
 class Target:
     """A natural frequency that the mechanism is to have."""
@@ -29,11 +45,12 @@ class Target:
     at: float | str  # alpha3 in rad; or "lowest" or "highest" over the stroke
     frequency: float  # Hz
     deviation: float  # standard deviation, relative
+    half: str = HALVES[0]  # among whose modes it counts
 
     def __str__(self) -> str:
         """Return the mode and where it is taken."""
         where = self.at if isinstance(self.at, str) else f"at {math.degrees(self.at):g} deg"
-        return f"mode {self.mode} {where}"
+        return f"{ModelMode(self.half, self.mode - 1)} {where}"
 
 
 def read_target(keys: CheckedMapping) -> Target:
@@ -45,19 +62,24 @@ def read_target(keys: CheckedMapping) -> Target:
         at = keys.choice("over_the_stroke", ["lowest", "highest"])
     frequency = keys.number("hz", positive=True)
     deviation = keys.number("deviation", positive=True, default=0.01)
-    return Target(keys.integer("mode"), at, frequency, deviation)
+    half = keys.choice("half", HALVES, default=HALVES[0])
+    return Target(keys.integer("mode"), at, frequency, deviation, half)
 
 
 def targets_text(
-    modes: Iterable[tuple[int, float, float, float]], mechanism: Path, output: Path, source: str
+    modes: Iterable[tuple[ModelMode, float, float, float]],
+    mechanism: Path,
+    output: Path,
+    source: str,
 ) -> str:
     """Return the text of a calibration (written to output) of rigid bodies to measured modes.
 
-    Each has its index from 0, the angle in rad, Hz, and a relative standard deviation.
+    Each has the mode of the model, the angle in rad, Hz, and a relative standard deviation.
     """
     targets = [
         {
-            "mode": mode + 1,
+            **({"half": mode.half} if mode.half != HALVES[0] else {}),
+            "mode": mode.rank + 1,
             "at_deg": round(math.degrees(alpha3), 6),
             "hz": float(f"{hertz:.7g}"),
             "deviation": float(f"{deviation:.3g}"),

@@ -6,7 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from linkage_vibration.drawing.geometry import largest, mode_curves, nearest_mode, scene, size
+from linkage_vibration.drawing.geometry import (
+    largest,
+    left_curves,
+    mode_curves,
+    nearest_mode,
+    scene,
+    size,
+)
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.description import GROUND, Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
@@ -16,7 +23,7 @@ DRAWN_ANGLES = 91  # of positions and mode shapes
 
 
 def linkage_grid(mechanism: Mechanism, table: Table) -> dict[str, Any] | None:
-    """Return the linkage and its modes over the range of a table; None without shapes.
+    """Return the linkage and left-side modes over a table's range; None without shapes.
 
     ``places``, (n_angles, n_points, 2), m, and ``shapes``, (n_modes, n_angles, n_points, 2), are of
     all curves with so many points as ``lengths``; ``joints`` and ``centres`` are (n_angles, n, 2).
@@ -24,18 +31,20 @@ def linkage_grid(mechanism: Mechanism, table: Table) -> dict[str, Any] | None:
     angles = np.linspace(*table.alpha3_range, DRAWN_ANGLES)
     try:
         model = LinkageModel(mechanism)
-        solutions = [model.solve(float(angle)) for angle in angles]
+        solved = [[half.solve(float(angle)) for angle in angles] for half in model.halves]
     except LinkageVibrationError:
         return None
-    scenes = [scene(model, solution.configuration) for solution in solutions]
+    scenes = [scene(model, solution.configuration) for solution in solved[0]]
     lengths = {name: len(curve) for name, curve in scenes[0].bodies.items()}
     frequencies = table.evaluate(angles)[:, : table.n_modes]
     shapes = np.zeros((table.n_modes, len(angles), sum(lengths.values()), 2))
     for mode in range(table.n_modes):
-        for i, solution in enumerate(solutions):
+        lateral = bool(table.lateral_modes[mode])
+        for i, solution in enumerate(solved[lateral]):
             if np.isnan(frequencies[i, mode]):
                 continue  # an overdamped mode does not oscillate
-            moved = mode_curves(solution, nearest_mode(solution, float(frequencies[i, mode])))
+            at = nearest_mode(solution, float(frequencies[i, mode]))
+            moved = left_curves(solution, at, model) if lateral else mode_curves(solution, at)
             shape = np.vstack(list(moved.values())) / largest(moved)
             # The sign of a shape is arbitrary; it is that of the shape at the previous angle.
             turned = i > 0 and float((shape * shapes[mode, i - 1]).sum()) < 0.0

@@ -21,7 +21,7 @@ from linkage_vibration.drawing.plots import (
     write_png,
 )
 from linkage_vibration.errors import check_type
-from linkage_vibration.mechanics.arrays import FloatArray, runs
+from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, runs
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.predictor import Predictor, Status
 from linkage_vibration.prediction.severity import WarningLimits
@@ -76,10 +76,13 @@ def plot(source: Table | MessageColumns | Log, picture: str | Path | None = None
         figure = Figure(figsize=(9.0, 4.5), dpi=110, layout="constrained")
         if isinstance(source, Table):
             names: Sequence[str] = source.mode_names
+            lateral: BoolArray | None = source.lateral_modes
             source = Predictor(source).predict(np.linspace(*source.alpha3_range, _ANGLES))
         else:
             names = [""] * source.natural_frequencies.shape[1]  # they are drawn as their numbers
-        draw_modes(figure.subplots(), names, source.rows(np.argsort(source.crank_angle)))
+            lateral = None
+        rows = source.rows(np.argsort(source.crank_angle))
+        draw_modes(figure.subplots(), names, rows, lateral)
     if picture is not None:
         write_png(figure, Path(picture))
     return figure
@@ -128,7 +131,8 @@ def _broken(log: Log, values: FloatArray) -> FloatArray:
 def _draw_modes(ax: "Axes", log: Log) -> FloatArray:
     """Draw each mode as a band of its standard deviation; return where they end, Hz, (n_modes,)."""
     frequencies = np.column_stack([_broken(log, values) for values in log.natural_frequencies.T])
-    draw_bands(ax, log.times, frequencies, log.frequency_stddevs)
+    lateral = log.table.lateral_modes if log.table else None
+    draw_bands(ax, log.times, frequencies, log.frequency_stddevs, lateral)
     ends = np.array([[np.nan, *each[np.isfinite(each)]][-1] for each in frequencies.T])
     frequency_axis(ax, ends)
     ax.yaxis.label.set_fontsize(13)

@@ -120,6 +120,8 @@ def review_page(log: Log) -> Page:
 def _mode_name(log: Log, mode: int) -> str:
     """Return the label of a mode with a capital letter."""
     label = log.mode_label(mode)
+    if log.table and log.table.lateral_modes[mode]:
+        label += ", of which the left side is drawn"
     return label[0].upper() + label[1:]
 
 

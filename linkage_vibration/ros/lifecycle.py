@@ -499,7 +499,7 @@ def _table_info(served: LoadedModel, excitations: Sequence[Excitation], stamp: T
         stamp=stamp,
         n_points=len(table.alpha3),
         interpolation_error=float(table.interpolation_error.max()),
-        places=[place_name(place) for place in table.places],
+        places=[place_name(place) for place in table.frf_places],
         excitations=[excitation.name for excitation in excitations],
         response_place=place_name((response.point, response.direction)),
         mechanism=served.mechanism_text,

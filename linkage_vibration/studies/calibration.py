@@ -281,16 +281,21 @@ def _natural_frequencies(model: LinkageModel, targets: Sequence[Target]) -> Floa
     """Return the natural frequency that each target asks for, (n_targets,), Hz."""
     stroke = np.linspace(*model.mechanism.stroke, STROKE_ANGLES).tolist()
     asked = [stroke if isinstance(target.at, str) else [target.at] for target in targets]
-    angles = dict.fromkeys(itertools.chain(*asked))
-    solved = {alpha3: model.solve(alpha3).natural_frequencies for alpha3 in angles}
-    highest = max(target.mode for target in targets)
-    fewest = min(map(len, solved.values()))
-    if highest > fewest:
-        problem = f"the fitted model has {fewest} modes, so none is mode {highest}"
-        raise CalibrationError(f"targets: {problem}; give a lower mode.")
+    models: dict[str, LinkageModel] = {each.half: each for each in model.halves}
+    solved: dict[tuple[str, float], FloatArray] = {}
     frequencies = []
     for target, at in zip(targets, asked, strict=True):
-        curve = np.array([solved[alpha3][target.mode - 1] for alpha3 in at])
+        if target.half not in models:
+            raise CalibrationError(f"targets: {target}: the mechanism has no `lateral` half.")
+        for alpha3 in at:
+            if (target.half, alpha3) not in solved:
+                solution = models[target.half].solve(alpha3)
+                solved[target.half, alpha3] = solution.natural_frequencies
+        rows = [solved[target.half, alpha3] for alpha3 in at]
+        if target.mode > (fewest := min(map(len, rows))):
+            problem = f"the fitted model has {fewest} modes, so none is mode {target.mode}"
+            raise CalibrationError(f"targets: {problem}; give a lower mode.")
+        curve = np.array([row[target.mode - 1] for row in rows])
         frequencies.append(_extreme(curve, target.at == "lowest"))
     return np.array(frequencies)
 

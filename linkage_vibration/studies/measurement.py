@@ -16,8 +16,9 @@ import numpy as np
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.mechanics.mode_names import kinetic_energy, name_modes
 from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.readers.targets import INCLINOMETER, targets_text
+from linkage_vibration.readers.targets import INCLINOMETER, ModelMode, targets_text
 from linkage_vibration.studies.ringdown import MeasuredMode
 
 _UNKNOWN = 0.01  # relative deviation of a frequency that one or two decays show
@@ -43,36 +44,60 @@ class ComparedMode:
 
     alpha3: float  # rad
     measured: MeasuredMode
-    mode: int | None  # from 0; None if it belongs to no mode of the mechanism
+    mode: ModelMode | None  # None if it belongs to no mode of the mechanism
     predicted: float  # Hz; NaN if it belongs to none
     deviation: float  # relative standard deviation of the measured frequency
     # If the pair is doubtful: the mode to which it belongs nearly as well, None if to no mode.
-    rival: tuple[int | None, ...] = ()
+    rival: tuple[ModelMode | None, ...] = ()
 
 
 def compare(
     model: LinkageModel, alpha3: float, measured: Sequence[MeasuredMode]
 ) -> list[ComparedMode]:
     """Return the measured modes (ascending) at an angle (rad) beside those of a mechanism."""
-    steps = _steps(model, alpha3)
-    solution = model.solve(alpha3)
-    beside = [model.solve(alpha3 + step).natural_frequencies for step in steps]
-    count = min(len(solution.natural_frequencies), *map(len, beside))
-    predicted = solution.natural_frequencies[:count]
-    with np.errstate(divide="ignore", invalid="ignore"):  # modes at 0 Hz
-        turned = np.max([np.abs(np.log(each[:count] / predicted)) for each in beside], axis=0)
+    every, (predicted, ratios, turned) = _modes(model, alpha3, _steps(model, alpha3))
     spreads = np.array([mode.frequency_stddev / mode.frequency for mode in measured])
     spreads[np.isnan(spreads)] = _UNKNOWN
     deviations = np.hypot(spreads[:, np.newaxis], np.nan_to_num(turned, posinf=0.0))
-    modes = pair_modes(measured, predicted, solution.damping_ratios[:count], deviations)
+    modes = pair_modes(measured, predicted, ratios, deviations)
     return [
         ComparedMode(alpha3, mode, None, math.nan, math.nan)
         if j is None
         else ComparedMode(
-            alpha3, mode, j, float(predicted[j]), float(deviations[i, j]), tuple(rival)
+            alpha3,
+            mode,
+            every[j],
+            float(predicted[j]),
+            float(deviations[i, j]),
+            tuple(None if k is None else every[k] for k in rival),
         )
         for i, (mode, (j, *rival)) in enumerate(zip(measured, modes, strict=True))
     ]
+
+
+def _modes(
+    model: LinkageModel, alpha3: float, steps: Sequence[float] = ()
+) -> tuple[list[ModelMode], FloatArray]:
+    """Return all modes, ascending, and their Hz, damping ratios and changes by steps, (3, n)."""
+    modes, numbers = list[ModelMode](), list[FloatArray]()
+    for half in model.halves:
+        solution, response = half.solve(alpha3), half.mechanism.response
+        beside = [half.solve(alpha3 + step).natural_frequencies for step in steps]
+        count = min(map(len, [solution.natural_frequencies, *beside]))
+        predicted = solution.natural_frequencies[:count]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            turned = [np.abs(np.log(each[:count] / predicted)) for each in beside]
+        worst = np.max([np.zeros(count), *turned], axis=0)
+        numbers.append(np.array([predicted, solution.damping_ratios[:count], worst]))
+        names = response.mode_names
+        if half.mechanism.lateral:
+            few = np.arange(min(count, response.modes))
+            names = name_modes(kinetic_energy(solution).select(few), names)
+        padded = [*names, *[""] * count][:count]
+        modes += [ModelMode(half.half, i, name) for i, name in enumerate(padded)]
+    every = np.hstack(numbers)
+    order = np.argsort(every[0], kind="stable")
+    return [modes[i] for i in order.tolist()], every[:, order]
 
 
 def _steps(model: LinkageModel, alpha3: float) -> list[float]:
@@ -105,19 +130,17 @@ def calibration_text(modes: Sequence[ComparedMode], mechanism: Path, output: Pat
     return targets_text(targets, mechanism, output, "recordings of blows")
 
 
-def comparison_table(modes: Sequence[ComparedMode], names: Sequence[str]) -> str:
-    """Return a table of measured modes beside the mechanism's, of which the first have names."""
+def comparison_table(modes: Sequence[ComparedMode]) -> str:
+    """Return a table of measured modes beside the mechanism's."""
     lines = [
         f"{'alpha3 [deg]':>12}{'measured [Hz]':>22}{'damping ratio':>20}{'blows':>7}"
         f"{'model [Hz]':>12}  mode"
     ]
     for each in modes:
         measured = each.measured
-        label = "belongs to no mode of the model" if each.mode is None else f"mode {each.mode + 1}"
-        if each.mode is not None and each.mode < len(names):
-            label += f" ({names[each.mode]})"
+        label = str(each.mode or "belongs to no mode of the model")
         for rival in each.rival:
-            label += f", or {'no mode' if rival is None else f'mode {rival + 1}'}: not a target"
+            label += f", or {rival or 'no mode'}: not a target"
         lines.append(
             f"{math.degrees(each.alpha3):12.2f}"
             f"{_with_deviation(measured.frequency, measured.frequency_stddev, 3):>22}"
@@ -210,13 +233,11 @@ def doubt_folds(
     Without an anti-aliasing filter, a mode at f above half the sampling rate appears at
     abs(f - k rate), with the same decay rate.
     """
-    solution = model.solve(alpha3)
-    count = len(solution.natural_frequencies)
-    frequencies, ratios = solution.natural_frequencies, solution.damping_ratios[:count]
+    every, (frequencies, ratios, _) = _modes(model, alpha3)
     doubted = []
     for mode in measured:
         folds = possible_folds(mode, frequencies, ratios, rate)
-        names = " or ".join(f"mode {i + 1} ({frequencies[i]:.4g} Hz)" for i in folds)
+        names = " or ".join(f"{every[i]} ({frequencies[i]:.4g} Hz)" for i in folds)
         doubt = f"it may be {names} of the model, folded at {rate:.4g} samples a second"
         doubted.append(replace(mode, doubt=mode.doubt or doubt) if folds else mode)
     return doubted

@@ -3,6 +3,7 @@
 """Cubic cells, by which a table looks up values and slopes."""
 
 from bisect import bisect_right
+from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
@@ -83,3 +84,34 @@ class Cells:
     def _at(self, alpha3: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
         i = np.maximum(np.searchsorted(self._starts, alpha3, side="right") - 1, 0)
         return i, self._cells[i], (alpha3 - self._starts[i])[:, np.newaxis]
+
+
+class JoinedCells(Cells):
+    """Cells that begin where one of any part does, so that one lookup is enough for all parts.
+
+    Of the quantities of all parts, one after the other, these columns are kept in this order.
+    """
+
+    def __init__(self, parts: Sequence[Cells], columns: IntArray) -> None:
+        starts = np.unique(np.concatenate([part.arrays[0] for part in parts]))
+        shifted = []
+        for own, cubics in (part.arrays for part in parts):
+            i = np.maximum(np.searchsorted(own, starts, side="right") - 1, 0)
+            t, (c3, c2, c1, c0) = (starts - own[i])[:, np.newaxis], cubics[i].swapaxes(0, 1)
+            c1, value = (3.0 * c3 * t + 2.0 * c2) * t + c1, ((c3 * t + c2) * t + c1) * t + c0
+            value = np.where(np.isposinf(c0), c0, value)
+            shifted.append(np.stack([c3, 3.0 * c3 * t + c2, c1, value], axis=1))
+        super().__init__(starts, np.concatenate(shifted, axis=2)[..., columns])
+        self._parts, self._columns = parts, columns
+
+    def _completed(
+        self, numbers: FloatArray, cells: IntArray, alpha3: FloatArray, *, slopes: bool
+    ) -> FloatArray:
+        at = np.flatnonzero(self._direct[cells])
+        if len(at):
+            found = [
+                p.many_slopes(alpha3[at]) if slopes else p.many_values(alpha3[at])
+                for p in self._parts
+            ]
+            numbers[at] = np.hstack(found)[:, self._columns]
+        return numbers

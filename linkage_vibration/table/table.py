@@ -8,7 +8,7 @@ import json
 import math
 from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -20,17 +20,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkage_vibration.errors import LinkageVibrationError, check_type
-from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, real_number, real_numbers
+from linkage_vibration.mechanics.arrays import (
+    BoolArray,
+    ComplexArray,
+    FloatArray,
+    real_number,
+    real_numbers,
+)
 from linkage_vibration.mechanics.description import Mechanism, ReferenceForce
 from linkage_vibration.mechanics.forces import SOIL, magnitudes, reference
 from linkage_vibration.mechanics.kinematics import unit_question
-from linkage_vibration.mechanics.model import Place, pairs
+from linkage_vibration.mechanics.model import Place, excite_lateral, pairs
 from linkage_vibration.mechanics.response import PoleResidue
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.support.atomic_files import check_suffix, refuse_pipe, write_bytes
 from linkage_vibration.support.commands import command
 from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
-from linkage_vibration.table.cells import Cells
+from linkage_vibration.table.cells import Cells, JoinedCells
 from linkage_vibration.table.interpolation import interpolation_matrix, stroke_variable
 from linkage_vibration.table.pole_cells import PoleFinder, PolePiece
 from linkage_vibration.table.reduced import MODEL_ARRAYS, ReducedModels
@@ -129,8 +135,9 @@ class Table:
         N, that the mechanism gives in place of all static forces, or of those at some places.
     model_hash, mechanism_name, package_version : str
         Of the mechanism from which it was built, and of the package that built it.
-    lateral : Table, optional
-        The table of the lateral half of the mechanism, if it has one.
+    parts : tuple of Table
+        The tables of the vertical and the lateral half, if the mechanism has both. The modes are
+        then those of both, in one list, and all other fields are those of the vertical half.
     """
 
     alpha3: FloatArray = _array("rad")
@@ -171,7 +178,7 @@ class Table:
     model_hash: str
     mechanism_name: str
     package_version: str
-    lateral: "Table | None" = None
+    parts: "tuple[Table, ...]" = ()
 
     def __repr__(self) -> str:
         """Return what it is a table of, in a line."""
@@ -199,6 +206,44 @@ class Table:
         """Return how a mode, counted from 0, is called: "mode 4 (implement heave)"."""
         number, name = f"mode {mode + 1}", self.mode_names[mode]
         return number if name == number else f"{number} ({name})"
+
+    @property
+    def halves(self) -> "tuple[Table, ...]":
+        """The table of the vertical half, which is this one if it has no parts, and the lateral."""
+        return self.parts or (self,)
+
+    @property
+    def vertical(self) -> "Table":
+        """The table of the vertical half alone."""
+        return self.halves[0]
+
+    @property
+    def lateral(self) -> "Table | None":
+        """The table of the lateral half, if there is one."""
+        return self.parts[1] if self.parts else None
+
+    @property
+    def frf_places(self) -> tuple[Place, ...]:
+        """The places between which it has FRFs: `places`, and those of the lateral half along y."""
+        across = self.lateral.places if self.lateral else ()
+        return (*self.places, *(place for place in across if place[1] == "y"))
+
+    @cached_property
+    def lateral_modes(self) -> BoolArray:
+        """Which modes are those of the lateral half, (n_modes,)."""
+        return np.asarray(self.mode_order >= self.vertical.n_modes)
+
+    @cached_property
+    def mode_order(self) -> IntArray:
+        """The place of each mode in a list of all vertical, then all lateral ones, (n_modes,)."""
+        if not self.parts:
+            return np.arange(self.n_modes)
+        first = np.concatenate([half.natural_frequencies[0] for half in self.halves])
+        return np.argsort(first, kind="stable")
+
+    def listed(self, of_halves: Sequence[NDArray[Any]]) -> NDArray[Any]:
+        """Return what is known of the modes of each half, (..., n_modes), as of all modes."""
+        return np.asarray(np.concatenate(of_halves, axis=-1)[..., self.mode_order])
 
     @property
     def table_id(self) -> str:
@@ -395,14 +440,19 @@ class Table:
             rad, within the range.
         outputs, inputs : sequence of (point, direction)
             Places of the table, ("E1", "z") or "E1.z"; an output may also be one of its forces.
+            Inputs along y excite the lateral half, of which x and z are those of the left side.
 
         Raises
         ------
         TableError
             If the angle is outside the range, or the table does not know one of the places.
+        ModelError
+            If some inputs are along y and others are not, or no output moves.
         """
         self._refuse_outside(np.array([real_number(alpha3, "alpha3")]))
         outputs, inputs = pairs(outputs), pairs(inputs)
+        if self.parts:
+            return self.parts[excite_lateral(outputs, inputs)].frf(alpha3, outputs, inputs)
         rows = (*self.places, *self.forces)
         for place, valid in (*((o, rows) for o in outputs), *((i, self.places) for i in inputs)):
             if place not in valid:
@@ -490,6 +540,13 @@ class Table:
     @cached_property
     def cells(self) -> Cells:
         """What looks up values: 2 n_modes, then the frequency and the height of the peak."""
+        if self.parts:
+            n, m = (half.n_modes for half in self.halves)
+            # Frequencies, ratios and the peak of the vertical half are before the lateral ones.
+            frequencies = np.r_[:n, 2 * n + 2 : 2 * n + 2 + m][self.mode_order]
+            ratios = frequencies + np.where(self.lateral_modes, m, n)
+            columns = np.concatenate([frequencies, ratios, [2 * n, 2 * n + 1]])
+            return JoinedCells([half.cells for half in self.halves], columns)
         direct = np.isposinf(self.cell_cubics[:, 3]).any(axis=1)
         bounds, rows = np.append(self.cell_starts, self.alpha3[-1]), np.cumsum(direct) - 1
         finder = PoleFinder(self._pole_pieces, bounds, rows, self.cell_poles, self.n_modes)
@@ -498,7 +555,7 @@ class Table:
     @property
     def _arrays(self) -> dict[str, Any]:
         """Every array of which the table has any, by its name in the file."""
-        arrays = {name: getattr(self, name) for name in UNITS}
+        arrays = {name: getattr(self.vertical, name) for name in UNITS}
         for i, models in enumerate(self.reduced):
             arrays |= {f"reduced_{i}_{name}": getattr(models, name) for name in MODEL_ARRAYS}
         if self.lateral is not None:
@@ -507,7 +564,8 @@ class Table:
 
     def _metadata(self) -> dict[str, Any]:
         """Return what the file has beside arrays: every other field, without NaN, for JSON."""
-        facts = {name: getattr(self, name) for name in _FACTS} | {"reduced": len(self.reduced)}
+        facts = {name: getattr(self.vertical, name) for name in _FACTS}
+        facts |= {"reduced": len(self.reduced)}
         facts |= {name: None for name in _MAYBE if math.isnan(facts[name])}
         if self.lateral is not None:
             facts["lateral"] = self.lateral._metadata()
@@ -518,7 +576,7 @@ UNITS = {each.name: each.metadata["unit"] for each in fields(Table) if each.meta
 """Arrays of a table, by their names."""
 
 _MAYBE = "frf_error", "force_error"  # NaN in a table without FRFs; JSON has no NaN
-_FACTS = [each.name for each in fields(Table) if each.name not in (*UNITS, "reduced", "lateral")]
+_FACTS = [each.name for each in fields(Table) if each.name not in (*UNITS, "reduced", "parts")]
 _LATERAL = "lateral_"  # before the names of the arrays of the lateral half
 
 
@@ -604,16 +662,41 @@ def _table(metadata: dict[str, Any], arrays: dict[str, Any]) -> Table:
     """Return the table whose metadata and arrays a file has."""
     facts = {name: _tuples(metadata[name]) for name in _FACTS}
     facts |= {name: math.nan for name in _MAYBE if facts[name] is None}
-    reduced, lateral = [], None
+    reduced = []
     if "lateral" in metadata:
         names = [name for name in arrays if name.startswith(_LATERAL)]
         own = {name.removeprefix(_LATERAL): arrays.pop(name) for name in names}
-        lateral = _table(metadata["lateral"], own)
+        lateral = metadata.pop("lateral")
+        return both_halves(_table(metadata, arrays), _table(lateral, own))
     for i in range(metadata["reduced"]):
         parts = {k: arrays.pop(f"reduced_{i}_{k}", np.empty(0)) for k in MODEL_ARRAYS}
         n_inputs = parts["shapes"].shape[1] - len(facts["forces"])
         reduced.append(ReducedModels(**parts, n_inputs=n_inputs, free=facts["free_modes"] > 0))
-    return Table(**arrays, **facts, reduced=tuple(reduced), lateral=lateral)
+    return Table(**arrays, **facts, reduced=tuple(reduced))
+
+
+def both_halves(vertical: Table, lateral: Table) -> Table:
+    """Return one table of both halves of a mechanism, whose modes are one list."""
+    halves, names = (vertical, lateral), vertical.mode_names
+    others = [f"lateral {name}" if name in names else name for name in lateral.mode_names]
+    table = replace(vertical, parts=halves)
+    angles = [np.clip(vertical.alpha3, *half.alpha3_range) for half in halves]
+    values = [half.evaluate(at) for half, at in zip(halves, angles, strict=True)]
+    modal = [np.hsplit(each[:, :-2], 2) for each in values]
+    frequencies, ratios = (table.listed(parts) for parts in zip(*modal, strict=True))
+    stddev = [half.parameter_stddev for half in halves]
+    errors = [half.interpolation_error for half in halves]
+    return replace(
+        table,
+        natural_frequencies=frequencies,
+        damping_ratios=ratios,
+        mode_names=tuple(table.listed([np.array(each) for each in (names, others)]).tolist()),
+        mode_shares=table.listed([half.mode_shares.T for half in halves]).T,
+        parameter_stddev=table.listed(stddev) if vertical.uncertain else stddev[0],
+        interpolation_error=np.maximum(errors[0], errors[1].max()),
+        slope_error=max(half.slope_error for half in halves),
+        frf_error=float(np.fmax(vertical.frf_error, lateral.frf_error)),
+    )
 
 
 def _read(path: Path) -> Table:

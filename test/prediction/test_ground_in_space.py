@@ -217,7 +217,7 @@ def test_load_ratios_add_both_halves(built: tuple[Mechanism, Table]) -> None:
     mechanism, table = built
     speed, angle = 10.0 / 3.6, np.array([ALPHA3])
     speeds = np.full((len(Source), 1), math.nan)
-    speeds[Source.GROUND.place] = speed
+    speeds[Source.GROUND.index] = speed
 
     def square(place: tuple[str, str], halves: Any = mechanism) -> float:
         f, density = ground_spectrum(table, halves, TERRAIN, place, ALPHA3, speed)

@@ -19,7 +19,7 @@ from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.mechanics.paths import number_at, with_numbers
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.readers.targets import targets_text
+from linkage_vibration.readers.targets import ModelMode, targets_text
 from linkage_vibration.studies import calibration as study
 from linkage_vibration.studies.calibrated_uncertainty import posterior_section, prior_section
 from linkage_vibration.studies.calibration import (
@@ -558,7 +558,12 @@ def test_targets_of_blows_and_of_a_drive(tmp_path: Path, mapping: Any) -> None:
     for kind, degrees, deviation in (("blows", (95, 150), 0.002), ("a drive", (110, 165), 0.004)):
         solved = {angle: heavier.solve(math.radians(angle)) for angle in degrees}
         modes = [
-            (mode, math.radians(angle), float(each.natural_frequencies[mode]), deviation)
+            (
+                ModelMode("vertical", mode),
+                math.radians(angle),
+                float(each.natural_frequencies[mode]),
+                deviation,
+            )
             for angle, each in solved.items()
             for mode in (0, 1)
         ]

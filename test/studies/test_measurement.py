@@ -13,6 +13,7 @@ import yaml
 from linkage_vibration.cli.main import main
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.readers.targets import ModelMode
 from linkage_vibration.studies.measurement import (
     ComparedMode,
     MeasurementError,
@@ -24,6 +25,7 @@ from linkage_vibration.studies.measurement import (
 from linkage_vibration.studies.ringdown import MeasuredMode
 from linkage_vibration.support.resources import config_file
 
+SECOND, THIRD = ModelMode("vertical", 1), ModelMode("vertical", 2)
 EXAMPLE = Path(__file__).parents[2] / "examples" / "simulated_hammer.py"
 
 
@@ -55,7 +57,8 @@ def test_modes_of_the_model(model: LinkageModel) -> None:
         MeasuredMode(hz, 0.01, math.nan, math.nan, 1) for hz in (0.9 * exact[0], 20.0, exact[1])
     ]
     comparison = compare(model, 2.0, measured)
-    assert [each.mode for each in comparison] == [0, None, 1]
+    first, second = (ModelMode("vertical", i) for i in (0, 1))
+    assert [each.mode for each in comparison] == [first, None, second]
     assert comparison[0].predicted == exact[0]
     assert comparison[0].deviation > 0.01  # 1 % as it is unknown, and the angle's
 
@@ -86,7 +89,7 @@ def test_deviations_of_compared_modes(model: LinkageModel) -> None:
         for i, own in enumerate((0.01, 0.03)):
             beside = [model.solve(alpha3 + step).natural_frequencies[i] for step in steps]
             turned = max(abs(math.log(hz / exact[i])) for hz in beside)
-            assert comparison[i].mode == i
+            assert comparison[i].mode == ModelMode("vertical", i)
             assert comparison[i].deviation == pytest.approx(math.hypot(own, turned), rel=1e-6)
 
 
@@ -94,14 +97,15 @@ def test_targets_and_bounds_of_a_calibration(tmp_path: Path) -> None:
     """Modes count from 1 at angles in degrees; a third to three times a number are its bounds."""
     mode = MeasuredMode(7.5, 0.02, 0.1, 0.001, 5)
     modes = [
-        ComparedMode(math.radians(112.5), mode, 2, 7.4, 0.0123456),
-        ComparedMode(math.radians(112.5), mode, 3, 7.9, 0.01, (2,)),
+        ComparedMode(math.radians(112.5), mode, ModelMode("vertical", 2), 7.4, 0.0123456),
+        ComparedMode(math.radians(112.5), mode, ModelMode("lateral", 0), 7.4, 0.0123456),
+        ComparedMode(math.radians(112.5), mode, SECOND, 7.9, 0.01, (THIRD,)),
         ComparedMode(math.radians(112.5), mode, None, math.nan, math.nan),
     ]
     path = config_file("three_point_linkage.yaml")
     content = yaml.safe_load(calibration_text(modes, path, tmp_path / "fit.yaml"))
     target = {"mode": 3, "at_deg": 112.5, "hz": 7.5, "deviation": 0.0123}
-    assert content["targets"] == [target]
+    assert content["targets"] == [target, target | {"half": "lateral", "mode": 1}]
     assert (tmp_path / content["mechanism"]).resolve() == path.resolve()
     [implement] = read_mechanism(path).rigid_bodies
     bounds = content["parameters"]
@@ -111,7 +115,7 @@ def test_targets_and_bounds_of_a_calibration(tmp_path: Path) -> None:
             pytest.approx(value * 3.0),
         ]
     with pytest.raises(MeasurementError, match=r"is within a factor of 1\.5 of one mode"):
-        calibration_text(modes[1:], path, tmp_path / "fit.yaml")
+        calibration_text(modes[2:], path, tmp_path / "fit.yaml")
 
 
 def test_table_of_compared_modes() -> None:
@@ -119,13 +123,13 @@ def test_table_of_compared_modes() -> None:
     known = MeasuredMode(7.5, 0.02, 0.1, 0.001, 5)
     unknown = MeasuredMode(19.0, 0.03, math.nan, math.nan, 1)
     rows = [
-        ComparedMode(math.radians(112.5), known, 0, 7.4, 0.01),
-        ComparedMode(math.radians(112.5), known, 1, 8.0, 0.01),
+        ComparedMode(math.radians(112.5), known, ModelMode("vertical", 0, "lift"), 7.4, 0.01),
+        ComparedMode(math.radians(112.5), known, SECOND, 8.0, 0.01),
         ComparedMode(math.radians(112.5), unknown, None, math.nan, math.nan),
-        ComparedMode(math.radians(112.5), known, 1, 8.0, 0.01, (2,)),
-        ComparedMode(math.radians(112.5), known, 1, 8.0, 0.01, (None,)),
+        ComparedMode(math.radians(112.5), known, SECOND, 8.0, 0.01, (THIRD,)),
+        ComparedMode(math.radians(112.5), known, SECOND, 8.0, 0.01, (None,)),
     ]
-    lines = comparison_table(rows, ["lift"]).splitlines()[1:]
+    lines = comparison_table(rows).splitlines()[1:]
     assert lines[0].split()[:5] == ["112.50", "7.500", "+-", "0.100", "0.0200"]
     assert lines[0].endswith("5       7.400  mode 1 (lift)")
     assert lines[1].endswith("8.000  mode 2")

@@ -16,7 +16,7 @@ from linkage_vibration.mechanics.response import peak_search_band
 from linkage_vibration.support.progress import table_bar
 from linkage_vibration.support.version import VERSION
 from linkage_vibration.table.pole_cells import oscillating, values_of
-from linkage_vibration.table.table import Table, TableError
+from linkage_vibration.table.table import Table, TableError, both_halves
 from linkage_vibration.table.tabulation.accuracy import TOLERANCE, Accuracy
 from linkage_vibration.table.tabulation.cell_making import cell_arrays
 from linkage_vibration.table.tabulation.ensemble import with_uncertainty
@@ -74,22 +74,13 @@ def build_table(
     if progress is None:
         with table_bar(model.mechanism.name) as shown:
             return build_table(model, tolerance, points, shown)
-    if model.half == "vertical" and model.mechanism.lateral is not None:
-        return _both_halves(model, tolerance, points, progress)
-    return _half(model, tolerance, points, progress)
-
-
-def _both_halves(
-    model: LinkageModel,
-    tolerance: float,
-    points: Sequence[str] | None,
-    progress: Callable[[float], object],
-) -> Table:
-    mechanism, kinematics = model.mechanism, model.kinematics
-    other = LinkageModel(mechanism, kinematics=kinematics, half="lateral")
-    table = _half(model, tolerance, points, lambda done: progress(0.5 * done))
-    lateral = _half(other, tolerance, points, lambda done: progress(0.5 + 0.5 * done))
-    return replace(table, lateral=lateral)
+    first, *others = model.halves
+    share = 1.0 / (1 + len(others))
+    table = _half(first, tolerance, points, lambda done: progress(share * done))
+    for other in others:
+        lateral = _half(other, tolerance, points, lambda done: progress(share + share * done))
+        table = both_halves(table, lateral)
+    return table
 
 
 def _half(
