@@ -361,7 +361,9 @@ def costs() -> list[tuple[str, str]]:
     mechanism, shipped = _shipped()
 
     def build() -> GroundTable:
-        return GroundTable(shipped, mechanism, CLASS_C, shipped.forces)
+        lookup = GroundTable(shipped, mechanism, CLASS_C, shipped.forces)
+        _ = lookup.values  # which are computed when they are first needed
+        return lookup
 
     lookup = build()
     first, every = (np.array([2.2]), np.array([5.0])), _map(shipped)

@@ -27,6 +27,7 @@ DISTRIBUTIONS = {
     "can": ("python-can", None),
     "cantools": ("cantools", None),
     "catkin_pkg": ("bloom", None),  # needs it
+    "distributed": ("distributed", None),
     "exudyn": ("exudyn", None),
     "fmpy": ("fmpy", None),
     "gmsh": ("gmsh", None),

@@ -18,7 +18,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray, IntArray, runs
 from linkage_vibration.mechanics.description import Chain, Mechanism
 from linkage_vibration.mechanics.model import Place
 from linkage_vibration.messages.columns import MessageColumns
@@ -70,6 +70,7 @@ _MIN_STATIC_SHARE = 1e-5  # of the sizes of its terms; a smaller static response
 _SAME_SQUARE = 1.0 - 1e-6  # of the square of a load ratio; a smaller difference is rounding
 _SILENT = 1e-30  # A smaller level has no logarithm.
 _FIRST_CELLS, _MOST_CELLS = 32, 512  # of a piece of the table
+_NARROWEST = 1e-9  # rad; narrower cells are not divided
 _GROUND = Source.GROUND.index
 _REASONS = np.array(REASONS)
 _CHUNK = 16  # angles that are evaluated together, so that their terms stay in the cache
@@ -681,22 +682,31 @@ def _sampled(table: Table, inputs: list[UnitLoad], outputs: list[Place], n_force
 
     Beside the outputs, the cubics have the reference forces of n_forces pins and cylinders.
     """
-    pieces = []
-    for first, last in pairwise(table.alpha3[table.pieces].tolist()):
-        samples = _Samples(table.vertical, inputs, outputs, n_forces, (first, last))
-        pieces.append((*samples.refined(), samples.layout))
-    layout = max((piece[3] for piece in pieces), key=lambda layout: layout.n_terms)
-    starts = np.concatenate([piece[0][:-1] for piece in pieces])
-    padded = [_padded(values, its_layout, layout.n_terms) for _, values, _, its_layout in pieces]
+    pieces, waiting = [], list(pairwise(table.alpha3[table.pieces].tolist()))
+    while waiting:
+        ends = waiting.pop()
+        samples = _Samples(table.vertical, inputs, outputs, n_forces, ends)
+        at, values, lost = samples.refined()
+        # Where modes nearly coincide, cells are divided further, by themselves.
+        half, kept = (ends[1] - ends[0]) / 2.0, np.ones(len(lost), np.bool_)
+        for first, last in runs(lost):
+            if _NARROWEST < at[last] - at[first] <= half:
+                waiting.append((float(at[first]), float(at[last])))
+                kept[first:last] = False
+        pieces.append((at, values, lost, kept, samples.layout))
+    layout = max((piece[-1] for piece in pieces), key=lambda layout: layout.n_terms)
+    padded = [_padded(values, of, layout.n_terms) for _, values, _, _, of in pieces]
     rows, order = layout.order(np.concatenate(padded))
     parts = [
-        _cubics(at, values[:, order], lost)
-        for (at, _, lost, _), values in zip(pieces, padded, strict=True)
+        (at[:-1][kept], _cubics(at, values[:, order], lost)[kept])
+        for (at, _, lost, kept, _), values in zip(pieces, padded, strict=True)
     ]
+    starts, cubics = map(np.concatenate, zip(*parts, strict=True))
+    ascending = starts.argsort()
     numbers = layout.n_terms, layout.n_outputs, layout.n_inputs, layout.n_forces
     return {
-        "starts": starts,  # (n_cells,), rad
-        "cubics": np.concatenate(parts),  # (n_cells, 4, n)
+        "starts": starts[ascending],  # (n_cells,), rad
+        "cubics": cubics[ascending],  # (n_cells, 4, n)
         "rows": rows,  # of the matrices of `_Terms`
         "order": order,  # of the values, as places among those of the layout
         "layout": np.array(numbers),

@@ -136,6 +136,17 @@ def test_pieces_with_different_numbers_of_poles() -> None:
     check_velocity(mechanism, table, [0.5 * (first + end), end - 1e-6, end, end + 1e-6, last])
 
 
+def test_modes_that_nearly_coincide() -> None:
+    """Levels are known where two modes veer within a thousandth of the stroke."""
+    file = "starters/category_4.yaml"
+    mapping = yaml.safe_load(config_file(file).read_text(encoding="utf-8"))
+    body = mapping["rigid_bodies"]["implement"]
+    mass = 0.15 * (4.0 / 0.15) ** (5.0 / 11.0)
+    mechanism = with_implement(file, body["mass"] * mass, body["inertia"] * mass)
+    table = build_table(LinkageModel(mechanism))
+    check_velocity(mechanism, table, np.linspace(*table.alpha3_range, 5)[1:-1].tolist())
+
+
 @pytest.mark.nightly(short="test_pieces_with_different_numbers_of_poles")
 @pytest.mark.parametrize(
     "file",

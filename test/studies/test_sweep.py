@@ -101,10 +101,9 @@ def cluster(request: pytest.FixtureRequest) -> Iterator[Any]:
         with ProcessPoolExecutor(2) as pool:
             yield pool.map
         return
-    from distributed import Client, LocalCluster
-
-    local = LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None)
-    with local, Client(local) as client:
+    distributed = pytest.importorskip("distributed", reason="rosdep has no Dask")
+    local = distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None)
+    with local, distributed.Client(local) as client:
         yield client.map
 
 

@@ -1,0 +1,24 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Load ratios of the ten linkages of `benchmark.loads` are those of bodies that are cut free."""
+
+import numpy as np
+import pytest
+
+QUICK = 2, 4  # a four-bar, and the shipped tractor
+
+
+@pytest.mark.parametrize(
+    "number", [n if n in QUICK else pytest.param(n, marks=pytest.mark.nightly) for n in range(10)]
+)
+def test_load_ratios(number: int) -> None:
+    """Those by orders are within 2e-6, and those by the ground and in total within 1e-4."""
+    loads = pytest.importorskip("benchmark.loads", reason="it needs exudyn")
+    case = loads.cases()[number]
+    (ours, total), exact = loads.by_package(case), loads.cut_free(case)
+    for i, (actual, expected) in enumerate(zip(ours, exact, strict=True)):
+        counts = expected.ratios > loads.LEAST * expected.ratios.max()
+        error = np.abs(actual.ratios[counts] / expected.ratios[counts] - 1.0).max()
+        assert error < (2e-6 if i < len(loads.sizes(case)) else 1e-4)
+        assert actual.velocity == pytest.approx(expected.velocity, rel=1e-4)
+    assert total == pytest.approx(exact[-1].ratios.max(), rel=1e-4)
