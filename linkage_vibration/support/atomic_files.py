@@ -3,7 +3,6 @@
 """Reads texts, and writes files so that no reader finds half of one, and no input is lost."""
 
 import errno
-import io
 import os
 import stat
 import tempfile
@@ -64,10 +63,9 @@ def read_text(path: Path, encoding: str = "utf-8") -> str:
     refuse_pipe(path)
     with path.open("rb") as file:
         start = file.read(4096)
-        if (at := start.find(b"\0")) >= 0:
-            raise UnicodeDecodeError(encoding, start, at, at + 1, "a null character")
-        file.seek(0)
-        return io.TextIOWrapper(file, encoding).read()
+    if (at := start.find(b"\0")) >= 0:
+        raise UnicodeDecodeError(encoding, start, at, at + 1, "a null character")
+    return path.read_text(encoding)
 
 
 def make_folder(folder: Path, error: type[LinkageVibrationError]) -> None:

@@ -168,7 +168,7 @@ def test_senders_that_disagree(tmp_path: Path, rpm: float, percent: float) -> No
     actual = problems(replayed(tmp_path, frames)[0])
     assert bool(actual) == (rpm == 1861.0)
     if actual:
-        of_engine, of_hitch = actual
+        of_hitch, of_engine = sorted(actual)
         assert "CAN signal rear_hitch_position on /can0 disagree (" in of_hitch
         assert "rear_hitch_position@0x26: " in of_hitch
         assert "(engine_speed@0x00: 1800 rpm, engine_speed@0x01: 1861 rpm); set eng" in of_engine
