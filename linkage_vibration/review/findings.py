@@ -122,9 +122,12 @@ def remedy(log: Log, row: int) -> str:
     message = drive_advice(log, levels, _HEIGHTS, row=row).message
     if not is_quieter(message)[HEIGHT] or not at.total_load_ratio > at.load_ratio_limit:
         return "no speed or height alone that is known"
-    angle, ratio = math.degrees(message.crank_angles[HEIGHT]), message.load_ratios[HEIGHT]
-    enough = enough if ratio <= at.load_ratio_limit else "this is not enough"
-    return f"a crank angle of {angle:.1f} deg would leave {ratio_words(ratio)}; {enough}"
+    degrees = round(math.degrees(message.crank_angles[HEIGHT]), 1)  # as it is written
+    speeds = {source: float(values[row]) for source, values in speeds_at_drive(log).items()}
+    there = _assessed(log, at, math.radians(degrees), speeds)
+    calm = there.total_load_ratio <= at.load_ratio_limit and there.state != ResonanceState.WARNING
+    leaves = f"a crank angle of {degrees:.1f} deg would leave {ratio_words(there.total_load_ratio)}"
+    return f"{leaves}; {enough if calm else 'this is not enough'}"
 
 
 def all_counted(drive: Drive) -> BoolArray:

@@ -380,6 +380,25 @@ def test_what_would_end_a_load(log: Log) -> None:
     assert bare == "not known, as the log does not hold the model"
 
 
+def test_an_angle_that_leaves_a_load(log: Log) -> None:
+    """The load at the angle as it is written says whether that is enough."""
+    assert log.drive is not None
+    of, speeds, levels, checked = log.drive.resonances, speeds_at_drive(log), log_levels(log), 0
+    limits = np.full(len(log.drive.times), np.float32(0.005))
+    low = MessageColumns(**vars(of) | {"load_ratio_limit": limits})
+    low_log = replace(log, drive=replace(log.drive, resonances=low))
+    for row in range(0, len(limits), 40):
+        if "deg would leave" in (text := remedy(low_log, row)):
+            assert levels is not None
+            at = np.array([[speeds[s][row] if s in speeds else math.nan] for s in Source])
+            angle = np.radians([float(text.split()[4])])
+            left = levels.at(angle, at).total_load_ratio[0]
+            assert ("not enough" in text) == (left > limits[row])
+            assert float(text.split()[8].strip(";")) == pytest.approx(left, rel=0.051)
+            checked += 1
+    assert checked > 10
+
+
 @pytest.fixture
 def page(browser: Any, overview: Path) -> Iterator[Any]:
     """Return the browser with the page of the jumping log."""
