@@ -366,6 +366,11 @@ def _doubted(log: Log, drive: Drive) -> BoolArray:
     """
     times = getattr(drive.resonances, LOG_TIME)
     before = np.append(min(times[0], log.received[0]) - 1, np.minimum(times[:-1], times[1:] - 1))
+    return doubted_between(log, before, times)
+
+
+def doubted_between(log: Log, before: NDArray[np.int64], times: NDArray[np.int64]) -> BoolArray:
+    """Return whether values were doubted after times of receipt until others, ns, (n,)."""
     doubted = np.zeros(len(times), np.bool_)
     for begin, end in (each for fault in log.faults if fault.doubts for each in fault.times):
         doubted |= (times >= begin) & (before < end)

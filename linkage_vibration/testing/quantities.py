@@ -21,7 +21,7 @@ from linkage_vibration.prediction.verdict import (
     sources_known,
 )
 from linkage_vibration.review.findings import first_sentence
-from linkage_vibration.review.log import Log
+from linkage_vibration.review.log import Log, doubted_between
 from linkage_vibration.testing.limits import OF_LOADS, Limits, Range, TestKitError
 
 NOTHING = -1.0
@@ -175,14 +175,18 @@ def _of_predictions(log: Log, limits: Limits, span: Span) -> Iterator[Quantity]:
             return f"the status is {name} at a crank angle of {angles[i]:.2f} deg"
 
         yield Quantity("statuses", span, other, np.zeros(len(rows)), status)
+    times = log.received[rows]
+    sure = ~doubted_between(log, times - 1, times)  # others are named first
     if (allowed := limits.crank_angle_deg) is not None:
-        yield _within("crank_angle_deg", span, angles, allowed, "the crank angle is {:.2f} deg")
+        each = _within("crank_angle_deg", span, angles, allowed, "the crank angle is {:.2f} deg")
+        yield replace(each, size=each.size * sure)
     for mode, allowed in (limits.frequencies or {}).items():
         if mode > log.n_modes:
             raise TestKitError(f"frequencies has mode {mode}; {log.path} has {log.n_modes} modes.")
         words = f"the natural frequency of {log.mode_label(mode - 1)} is {{:.4g}} Hz"
         values = log.natural_frequencies[rows, mode - 1]
-        yield _within("frequencies", span, values, allowed, words)
+        each = _within("frequencies", span, values, allowed, words)
+        yield replace(each, size=each.size * sure)
 
 
 def _of_loads(log: Log, limits: Limits) -> Iterator[Quantity]:

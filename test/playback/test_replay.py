@@ -378,7 +378,7 @@ def test_a_doubted_reading_is_not_the_worst(tmp_path: Path) -> None:
     Page and JSON, and each limit of a check that another moment exceeds, name another one.
     """
     noise = 2.0 + 1e-3 * np.random.default_rng(1).standard_normal(1000)
-    noise[401:700] = noise[400]
+    noise[400:700] = 2.01
     entries: list[Entry] = []
     for k, angle in enumerate(noise.tolist()):
         time = START + k * 20_000_000
@@ -405,6 +405,12 @@ def test_a_doubted_reading_is_not_the_worst(tmp_path: Path) -> None:
             assert failure.limit == limit
             assert (7.99 < failure.seconds < 14.0) == (at == largest)
             assert at == largest or failure.seconds == pytest.approx(at, abs=0.01)
+    angles = np.degrees(noise)
+    angles[400:700] = 0.0
+    largest, when = float(angles.max()), 0.02 * int(angles.argmax())
+    for most, at in ((largest - 1e-3, when), (largest + 1e-3, 8.0)):
+        [failure] = check_bag(path, replace(limits, crank_angle_deg=(0.0, most))).failures
+        assert failure.seconds == pytest.approx(at, abs=0.01)
     assert "The largest that is not doubted was" in first_sentence(log)
     assert len(log.faults) == 1
 
