@@ -74,7 +74,6 @@ BENCH = [
     "mcap-ros2-support",
     "meshio",
     "pyFBS>=1.0.7",
-    "pyOMA-2",
     "pyOMA-2>=1.4",
     "pytest",
     "rerun-sdk>=0.41",

@@ -29,7 +29,7 @@ from linkage_vibration.readers.mechanism import read_mechanism
 
 ROOT = Path(__file__).resolve().parents[1]
 # Codes that the benchmarks compare this package with, and that its tests do without.
-PEERS = {"gmsh", "pyFBS", "rerun", "sdynpy"}
+PEERS = {"gmsh", "meshio", "pyFBS", "rerun", "sdynpy"}
 
 
 @pytest.fixture(scope="module")
