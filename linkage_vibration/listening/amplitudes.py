@@ -89,8 +89,8 @@ def predicted_levels(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the predicted rms of all orders whose loads and speeds are known, m/s or N, (m,).
 
-    It is NaN in windows in which one of these speeds is not known, and everywhere without any or if
-    one acts across the plane. The mean square of each order, (m, n_excitations), is 0 where it has none.
+    It is NaN in windows in which one of these speeds is not known, and everywhere without any or
+    if one acts across the plane. The mean square of each, (m, n_excitations), is 0 without a load.
     """
     squares, any_known = np.zeros(orders.squares.shape), False
     across = any(each.load and each.load.across for each in excitations)
