@@ -320,8 +320,6 @@ def test_files_of_other_programs(tmp_path: Path, chunked: bool) -> None:
         assert len(kept) >= COUNT - 40
     else:  # nothing but its place tells a message from damage
         assert kept == expected[:4]
-        result = recover(tmp_path / "damaged.mcap", tmp_path / "again.mcap")
-        assert "messages outside of chunks are saved up to the first damage" in result.damages[0]
 
 
 @pytest.mark.parametrize(
@@ -449,14 +447,15 @@ def test_chunks_that_disagree(tmp_path: Path) -> None:
         assert reader.message_count == 6
 
 
+@pytest.mark.parametrize("seeds", [2, pytest.param(20, marks=pytest.mark.nightly)])
 @pytest.mark.parametrize("kind", DAMAGES)
-def test_nothing_intact_is_lost(tmp_path: Path, kind: str) -> None:
+def test_nothing_intact_is_lost(tmp_path: Path, kind: str, seeds: int) -> None:
     """Of damaged logs of the node and of mcap, what a scan knows to be intact is saved.
 
     Without chunks, that is what lies before the first damage.
     """
     for k, (name, content) in enumerate(example_logs(tmp_path).items()):
-        for number in range(3):
+        for number in range(seeds):
             spoilt, spans = DAMAGES[kind](content, random.Random(f"{k} {number}"))
             (tmp_path / "log.mcap").write_bytes(spoilt)
             if name == "mcap, without chunks":
