@@ -47,11 +47,6 @@ RECOVERY_METADATA = "linkage_vibration.recovery"  # the name of a record
 _DAMAGES_SHOWN = 20
 _BLOCK = 2**20  # bytes read at a time
 _Definition = records.Schema | records.Channel
-_RECORDS: dict[int, Any] = {
-    opcode: getattr(records, opcode.name.title().replace("_", ""))
-    for opcode in Opcode
-    if opcode not in (Opcode.CHUNK, Opcode.MESSAGE, Opcode.MESSAGE_INDEX)
-}
 _DATA_END = RECORD.pack(Opcode.DATA_END, 4)  # a CRC and the summary follow
 _TAIL = 2**24  # bytes at the end in which the summary is sought
 _MOST_UNKNOWN = 64  # bytes at the end of a record, of fields of a later version of MCAP
@@ -413,11 +408,12 @@ def _parse(opcode: int, body: bytes) -> records.McapRecord | None:
     another kind whose opcode is damaged.
     """
     try:
-        record: records.McapRecord = _RECORDS[opcode].read(ReadDataStream(io.BytesIO(body)))
+        kind: Any = getattr(records, Opcode(opcode).name.title().replace("_", ""))
+        record: records.McapRecord = kind.read(ReadDataStream(io.BytesIO(body)))
         builder = RecordBuilder()
         record.write(builder)
         written = builder.end()[RECORD.size :]  # type: ignore[no-untyped-call]
-    except (KeyError, ValueError, struct.error, McapError):
+    except (TypeError, ValueError, struct.error, McapError):  # or it is a message
         return None
     if opcode == Opcode.ATTACHMENT and body.endswith(bytes(4)):  # it has no CRC
         written = written[:-4] + bytes(4)
