@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a refusal of a file tells to do leads to a file that is read.
 
-Bags have such tests of their own (`test/bags/test_wild_files.py`, `test/bags/test_can_logs.py`).
+Bags of ROS have such tests of their own (`test/bags/test_wild_files.py`).
 """
 
 import ast
@@ -18,6 +18,9 @@ import numpy as np
 import pytest
 import yaml
 
+import linkage_vibration.bags.can_logs as can_logs
+import linkage_vibration.bags.can_reader as can_reader
+import linkage_vibration.bags.dbc as dbc
 import linkage_vibration.listening.model_check as model_check
 import linkage_vibration.listening.sensor_response as sensor_response
 import linkage_vibration.listening.signals as signals
@@ -34,6 +37,7 @@ import linkage_vibration.studies.measurement as measurement
 import linkage_vibration.studies.ringdown as ringdown
 from linkage_vibration.bags.log_writer import LogWriter
 from linkage_vibration.bags.message_types import IMU
+from linkage_vibration.bags.streams import open_bags
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.reduction import craig_bampton
@@ -565,6 +569,88 @@ for _bad, _words in (
     add(f"measure: {_words[:30]}", _words, measure, _bad, BLOWS)
 
 
+# Logs of a CAN bus, and the files that describe their frames.
+
+FRAMES = [f"(1700000000.{k:06d}) can0 123#1122\n" for k in range(10)]
+HEX = ("***BUSMASTER***\n***HEX***\n***SYSTEM MODE***\n"
+       "***START DATE AND TIME 14:11:2023 10:13:20***\n"
+       "10:13:20:5000 Rx 1 0x123 s 2 11 22\n")  # fmt: skip
+ASC = "date Tue Nov 14 10:13:20.500 pm 2023\nbase hex  timestamps absolute\n"
+FRAME = "   0.250000 1  7FFx  Rx d 1 7E\n"
+
+
+def read_log(folder: Path, log: tuple[str, str]) -> object:
+    """Read a log by its name and its text."""
+    path = folder / log[0]
+    path.write_text(log[1])
+    with open_bags([path]) as bags:
+        assert sum(len(block) for block in bags.blocks([each.name for each in bags.topics])) > 0
+        return bags
+
+
+for _name, _bad, _good, _words in (
+    ("a.log", "x\n" + 2 * "y\n" + FRAMES[0], FRAMES[0], "has 3 lines .* correct or delete them"),
+    ("a.asc", ASC, ASC + FRAME, "has no frames that can be read: none was received, or the file"),
+    ("a.asc", ASC.replace("absolute", "relative") + FRAME, ASC + FRAME, "with absolute times"),
+    ("a.log", "".join(f"(0.0{k % 2}0000) can0 123#11\n" for k in range(10)), "".join(FRAMES),
+     "has differences of times instead of times; record it with `candump -l`"),
+    ("a.log", "".join(FRAMES) + "".join(each.replace("(17", "(16") for each in FRAMES),
+     "".join(FRAMES), "goes back in time by .* at frame 11, .*; split the log there"),
+    ("a.log", "".join(each.replace("can0", f"c{k}") for k in range(7) for each in FRAMES[:1])
+     + "".join(f"(1700000000.1) d{k} 123#11\n" for k in range(60)), "".join(FRAMES),
+     "has more than 64 channels; give a log of fewer"),
+    ("a.log", HEX.replace("HEX", "DEC"), HEX, r"save it with `\*\*\*HEX"),
+    ("a.mf4", "text", None, "does not begin like an MF4 file; give another file"),
+):  # fmt: skip
+    add(f"CAN: {_words[:35]}", _words, read_log, (_name, _bad),
+        (_name, _good) if _good else ("a.log", FRAMES[0]))  # fmt: skip
+
+
+def read_blf(folder: Path, start: float) -> object:
+    """Read a log in BLF that begins at a time, s."""
+    can = pytest.importorskip("can")
+    with can.BLFWriter(folder / "a.blf") as log:
+        log(can.Message(start, 0x123, data=b"1"))
+    with open_bags([folder / "a.blf"]) as bags:
+        return bags
+
+
+add("CAN: time", "a time before 1970 or after 2038; set the clock, and record again", read_blf,
+    2.3e9, 1.7e9)  # fmt: skip
+DBC = 'VERSION ""\nBU_: A\nBO_ 291 M: 8 A\n SG_ S : 0|16@1+ (1,0) [0|0] "" A\n'
+LONG = DBC.replace("291 M: 8", "2566844926 M: 9")
+
+
+def read_signal(folder: Path, about: tuple[str | None, str]) -> object:
+    """Read a signal of a DBC file."""
+    text, name = about
+    path = folder / "a.dbc"
+    if text is not None:
+        path.write_text(text)
+    return can_reader.find_signal(name, str(path))
+
+
+for _bad, _good, _words in (
+    ((DBC, "S"), (DBC, "M.S"), "'S' is not the name of a signal; write MESSAGE.SIGNAL"),
+    ((None, "M.S"), (DBC, "M.S"), "cannot be opened: .*; check the path"),
+    (("BO_", "M.S"), (DBC, "M.S"), r"is not a valid DBC file \(.*\); correct it"),
+    ((DBC, "M.X"), (DBC, "M.S"), "has no signal of M X; choose for example S"),
+    ((DBC + DBC[DBC.index("BO_") :].replace("291", "292"), "M.S"), (DBC, "M.S"),
+     "has message M 2 times; .* or keep one"),
+    ((DBC.replace("0|16", "56|16"), "M.S"), (DBC, "M.S"), "into byte 9, .*; correct the file"),
+    ((LONG, "M.S"), (LONG + DBC[DBC.index("BO_") :].replace("M", "N"), "N.S"),
+     "has 9 bytes, which J1939 .*; choose a signal of a message with at most 8 bytes"),
+    ((DBC, "engine_speed@300"), (DBC, "engine_speed@0"), "write one from 0 to 253, such as"),
+    ((DBC, "M.S@0"), (DBC, "M.S"), "write M.S without an address"),
+):  # fmt: skip
+    add(f"signal: {_words[:30]}", _words, read_signal, _bad, _good)
+CASES["signal: unknown"] = Case(
+    "There is no CAN signal 'x'; choose one of rear_hitch_position, .*, or name a DBC file",
+    lambda folder: can_reader.find_signal("x", ""),
+    lambda folder: can_reader.find_signal("rear_hitch_position", ""),
+)
+
+
 @pytest.mark.parametrize("name", CASES)
 def test_remedy(tmp_path: Path, name: str) -> None:
     """A sentence says what to do, and once that is done, the same reader accepts the file."""
@@ -577,10 +663,14 @@ def test_remedy(tmp_path: Path, name: str) -> None:
 
 # Where no content of a file leads, or another test applies the remedy, by a part of the line.
 ELSEWHERE = {
+    can_logs: ["needs asammdf", "StopIteration", "raise ValueError("],  # one bad line
     component_files: ["cannot be opened: {error.strerror}", "more than {MAX_BYTES"],
     frf_files: ["has no numbers that can be read", "lines instead of"],
 }
 MODULES: list[ModuleType] = [
+    can_logs,
+    can_reader,
+    dbc,
     component_files, frf_faults, frf_files, implement_files, matrix_files, mechanism_files,
     profile_files, recording_files, sensor_files, signals, sensor_response, model_check,
     measurement, ringdown,

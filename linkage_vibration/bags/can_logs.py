@@ -176,7 +176,7 @@ def _table(
     while chunk := list(islice(rows, _GATHERED)):
         numbers = [names.setdefault(channel, len(names)) for channel, _ in chunk]
         if len(names) > _CHANNELS:
-            raise CanLogError(f"has more than {_CHANNELS} channels; it is damaged.")
+            raise CanLogError(f"has more than {_CHANNELS} channels; give a log of fewer.")
         packed = [_PACKED.pack(*row, n) for (_, row), n in zip(chunk, numbers, strict=True)]
         parts.append(np.frombuffer(b"".join(packed), _FRAME))
         progress()
@@ -197,7 +197,7 @@ def _table(
 def _check_times(times: NDArray[np.int64]) -> None:
     """Raise an error for times that are not those of the frames."""
     if times.min() < 0 or times.max() > _LATEST:
-        raise CanLogError("has a time before 1970 or after 2038; correct or delete its line.")
+        raise CanLogError("has a time before 1970 or after 2038; set the clock, and record again.")
     steps = np.diff(times)
     if times[0] < _ABSOLUTE and (steps < 0).sum() > _MIXED * len(steps):
         raise CanLogError("has differences of times instead of times; record it with `candump -l`.")
@@ -343,7 +343,10 @@ class _Lines(io.TextIOBase):
             day, month, year = map(int, date.groups())
             self._midnight = datetime(year, month, day, tzinfo=timezone.utc).timestamp()
         elif line.startswith(_REFUSED):
-            raise CanLogError("has decimal numbers or no times of day; save it with those.")
+            raise CanLogError(
+                "has decimal numbers or no times of day; save it with `***HEX***` and "
+                "`***SYSTEM MODE***`."
+            )
         if line.startswith(("***", "Time Stamp,")):
             return ""
         match = _BUSMASTER.match(line) or _GVRET.match(line)
