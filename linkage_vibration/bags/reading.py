@@ -18,6 +18,7 @@ from shlex import quote
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+import yaml
 import zstandard
 
 from linkage_vibration.bags.can_logs import (
@@ -36,6 +37,7 @@ from linkage_vibration.support.commands import command
 from linkage_vibration.support.missing_library import needed
 from linkage_vibration.support.progress import read_with_bar
 from linkage_vibration.support.version import check_versions
+from linkage_vibration.support.yaml_size import refuse_unbounded
 
 if TYPE_CHECKING:
     from rosbags.rosbag1 import Reader as Reader1
@@ -46,7 +48,6 @@ if TYPE_CHECKING:
 # By suffix: the first bytes of a bag, and of each file whose end another one may follow.
 _MAGIC = {".bag": b"#ROSBAG V2.0", ".mcap": MAGIC, ".db3": b"SQLite format 3\0"}
 _ENDS = {".bag": _MAGIC[".bag"], ".db3": _MAGIC[".db3"], ".blf": b"LOGG"}
-_LISTED = re.compile(r"^\s*- ['\"]?([^:'\"\n]+)['\"]?\s*$", re.MULTILINE)  # texts of a YAML list
 _BAG_HEADER = 4096  # bytes of the first record of a bag of ROS 1, which is padded
 _BESIDE = ("-wal", "-journal")  # ends of the names of files that SQLite has not merged yet
 
@@ -95,14 +96,14 @@ def _files(path: Path) -> list[Path]:
     """Return the files of a bag: those in a list of metadata.yaml or, without it, of a folder."""
     if not path.is_dir():
         return [path]
-    every, files = (
-        sorted(path.iterdir(), key=lambda file: (len(file.name), file.name)),
-        list[Path](),
-    )
-    with suppress(OSError, UnicodeDecodeError):
-        named = map(Path, _LISTED.findall(read_text(path / "metadata.yaml")))
-        files = [path / name.name for name in named if _suffix(name) in _MAGIC]
-    files = files or [file for file in every if _suffix(file) in _MAGIC]
+    inside = sorted(path.iterdir(), key=lambda file: (len(file.name), file.name))
+    files = [file for file in inside if _suffix(file) in _MAGIC]
+    with suppress(Exception):  # a file that is damaged lists nothing
+        text = read_text(path / "metadata.yaml")
+        root: Any = yaml.compose(text, yaml.SafeLoader)
+        refuse_unbounded(root)
+        about = yaml.safe_load(text)["rosbag2_bagfile_information"]
+        files = [path / Path(name).name for name in about["relative_file_paths"]] or files
     if not files:
         raise BagError(f"Folder {path} has no file of a bag; give another folder, or a file.")
     return files

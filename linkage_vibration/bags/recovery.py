@@ -50,7 +50,8 @@ _Definition = records.Schema | records.Channel
 _DATA_END = RECORD.pack(Opcode.DATA_END, 4)  # a CRC and the summary follow
 _TAIL = 2**24  # bytes at the end in which the summary is sought
 _MOST_UNKNOWN = 64  # bytes at the end of a record, of fields of a later version of MCAP
-_LIKELY_RECORD = re.compile(rb"[\x01-\x0f].{4}\0{4}", re.DOTALL)  # with a length below 4 GiB
+# With a length below 4 GiB; or the end of a file.
+_LIKELY_RECORD = re.compile(rb"[\x01-\x0f].{4}\0{4}|" + re.escape(MAGIC), re.DOTALL)
 # Schemas, channels and statistics; a lookahead, as a false match may overlap the next one.
 _SUMMARISED = re.compile(rb"(?=[\x03\x04\x0b].{4}\0{4})", re.DOTALL)
 _BEGINNING = MAGIC + bytes([Opcode.HEADER])
@@ -206,7 +207,8 @@ class _Rescue:
         if not (self._complete or self._rest):
             self._damages.append(f"byte {self._end}: the end is missing")
         if not (self._output or self._definitions):
-            remedy = repair(self._path) or "give an MCAP file"
+            remedy = self._damages[-1] if self._rest else "give an MCAP file"
+            remedy = repair(self._path) or remedy
             raise RecoveryError(f"{self._path} has no readable record; {remedy}.")
 
     def _read_summary(self) -> None:

@@ -521,6 +521,17 @@ def test_recovery_of_a_pipe(tmp_path: Path) -> None:
     assert read(tmp_path / "whole.mcap") == messages()
 
 
+def test_zeros_before_a_log(tmp_path: Path) -> None:
+    """The error of a file that begins behind others says how to split them."""
+    content = write(tmp_path / "log.mcap")
+    (tmp_path / "behind.mcap").write_bytes(bytes(1000) + content)
+    with pytest.raises(RecoveryError, match=r"another file begins at byte 1000; split .*tail") as e:
+        recover(tmp_path / "behind.mcap", tmp_path / "whole.mcap")
+    command = str(e.value).split("`")[3]
+    subprocess.run(command, shell=True, check=True, cwd=tmp_path)
+    assert read(tmp_path / "second.mcap") == messages()
+
+
 @pytest.mark.parametrize(
     ("name", "content", "tool"),
     [

@@ -210,7 +210,7 @@ def test_joined_files(tmp_path: Path, kind: str) -> None:
 
 
 def test_joined_blf(tmp_path: Path) -> None:
-    """Logs of BLF that were joined are named; the commands of the error split them."""
+    """A cut log of BLF is named; so are joined ones, and the commands of the error split them."""
     can = pytest.importorskip("can")
     contents = []
     for k in range(2):
@@ -219,6 +219,11 @@ def test_joined_blf(tmp_path: Path) -> None:
                 data = bytes([k, n])
                 writer(can.Message(1.7e9 + n, 0x123, is_extended_id=False, data=data))
         contents.append((tmp_path / "part.blf").read_bytes())
+    path = tmp_path / "cut.blf"
+    for missing, bad in ((0, 0), (1, 1), (100, 1)):
+        path.write_bytes(contents[0][: len(contents[0]) - missing])
+        with open_bags([path]) as bags:
+            assert (bags.bad_lines, bags.fault == "the end of the file is missing") == (bad, bad)
     path = tmp_path / "the joined.blf"
     path.write_bytes(b"".join(contents))
     run(refused(path, f"another file begins at byte {len(contents[0])};"), tmp_path)
