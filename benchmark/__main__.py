@@ -45,7 +45,6 @@ STEPS = (
     "crash",
     "message_bytes",
     "libraries",
-    "damaged_logs",
     "log_readers",
     "can_bus",
     "input_memory",

@@ -29,8 +29,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from benchmark.replay import write_mcap
 from benchmark.report import machine, publish, table
-from linkage_vibration.bags.chunks import ChunkLog, Messages
 from linkage_vibration.bags.field_reader import FieldReader
+from linkage_vibration.bags.log_writer import ChunkLog, Messages
 from linkage_vibration.bags.message_columns import read_columns
 from linkage_vibration.bags.message_types import JOINT_STATE
 from linkage_vibration.bags.recovery import recover

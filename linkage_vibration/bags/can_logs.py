@@ -176,7 +176,7 @@ def _table(
     while chunk := list(islice(rows, _GATHERED)):
         numbers = [names.setdefault(channel, len(names)) for channel, _ in chunk]
         if len(names) > _CHANNELS:
-            raise CanLogError(f"has more than {_CHANNELS} channels; it is damaged.")
+            raise CanLogError(f"has more than {_CHANNELS} channels; give a log of fewer.")
         packed = [_PACKED.pack(*row, n) for (_, row), n in zip(chunk, numbers, strict=True)]
         parts.append(np.frombuffer(b"".join(packed), _FRAME))
         progress()
@@ -197,7 +197,7 @@ def _table(
 def _check_times(times: NDArray[np.int64]) -> None:
     """Raise an error for times that are not those of the frames."""
     if times.min() < 0 or times.max() > _LATEST:
-        raise CanLogError("has a time before 1970 or after 2038; correct or delete its line.")
+        raise CanLogError("has a time before 1970 or after 2038; set the clock, and record again.")
     steps = np.diff(times)
     if times[0] < _ABSOLUTE and (steps < 0).sum() > _MIXED * len(steps):
         raise CanLogError("has differences of times instead of times; record it with `candump -l`.")
@@ -216,7 +216,11 @@ def _rows(file: BinaryIO, suffix: str, lines: "_Lines") -> Iterator[_Row]:
         import can
     text: Any = lines
     if suffix == ".blf":
-        start, reader = _blf_start(file), can.BLFReader(file)
+        start, size = _blf_head(file)
+        if size and file.seek(min(size, 2**40) - 1) and not file.read(1):
+            lines.bad, lines.fault = 1, "the end of the file is missing"
+        file.seek(0)
+        reader = can.BLFReader(file)
         # Older versions of python-can read the date in the time zone of this machine.
         ahead = start - reader.start_timestamp if start and reader.start_timestamp else 0.0
         for message in reader:
@@ -243,16 +247,16 @@ def _rows(file: BinaryIO, suffix: str, lines: "_Lines") -> Iterator[_Row]:
         yield from _text_rows(can.CanutilsLogReader(text), lines)
 
 
-def _blf_start(file: BinaryIO) -> float:
-    """Return the date in the header of a BLF log as UTC, s since 1970; 0 if it has none."""
+def _blf_head(file: BinaryIO) -> tuple[float, int]:
+    """Return the date of a BLF log as UTC, s since 1970, and its size in bytes; 0 if unknown."""
     header = file.read(_BLF_HEADER)
-    file.seek(0)
+    size = int.from_bytes(header[16:24], "little")
     try:
         year, month, _, day, hour, minute, second, ms = struct.unpack("<8H", header[-16:])
         date = datetime(year, month, day, hour, minute, second, 1000 * ms, timezone.utc)
     except (struct.error, ValueError):
-        return 0.0
-    return date.timestamp()
+        return 0.0, size
+    return date.timestamp(), size
 
 
 def _text_rows(reader: "Iterable[Message]", lines: "_Lines") -> Iterator[_Row]:
@@ -343,7 +347,10 @@ class _Lines(io.TextIOBase):
             day, month, year = map(int, date.groups())
             self._midnight = datetime(year, month, day, tzinfo=timezone.utc).timestamp()
         elif line.startswith(_REFUSED):
-            raise CanLogError("has decimal numbers or no times of day; save it with those.")
+            raise CanLogError(
+                "has decimal numbers or no times of day; save it with `***HEX***` and "
+                "`***SYSTEM MODE***`."
+            )
         if line.startswith(("***", "Time Stamp,")):
             return ""
         match = _BUSMASTER.match(line) or _GVRET.match(line)

@@ -25,25 +25,21 @@ Named = TypeVar("Named", "Message", "Signal")
 _NULL_ADDRESS = 0xFE  # the source address that stands for any in DBC files of J1939
 
 
-class DbcError(FieldError):
-    """A DBC file cannot be read, or has no such signal."""
-
-
 def dbc_signal(path: Path, name: str) -> CanSignal:
     """Return a signal that a DBC file describes, such as "RearHitch.Position".
 
     A message of J1939, by its attribute ``VFrameFormat`` or its source address 254, is recognised
-    by its parameter group. A `DbcError` is raised if a frame of 8 bytes cannot contain the signal.
+    by its parameter group. A frame of 8 bytes that cannot contain the signal is a `FieldError`.
     """
     message_name, _, signal_name = name.partition(".")
     if not signal_name:
-        raise DbcError(f"{name!r} is not the name of a signal; write MESSAGE.SIGNAL.")
+        raise FieldError(f"{name!r} is not the name of a signal; write MESSAGE.SIGNAL.")
     database = _load(path, path.stat().st_mtime_ns if path.exists() else 0)
     message = _choose(path, "message", message_name, database.messages)
     signal = _choose(path, f"signal of {message_name}", signal_name, message.signals)
     j1939, key, mask = _identifier(message)
     if message.length > PAYLOAD and j1939:
-        raise DbcError(
+        raise FieldError(
             f"Message {message_name} of {path} has {message.length} bytes, which J1939 sends in "
             "several frames; choose a signal of a message with at most 8 bytes."
         )
@@ -68,18 +64,18 @@ def dbc_signal(path: Path, name: str) -> CanSignal:
 def _load(path: Path, changed: int) -> "Database":
     """Return the content of a file that was changed at a time, ns."""
     check_versions("cantools")
-    with needed("can", f"Reading {path} needs cantools", DbcError):
+    with needed("can", f"Reading {path} needs cantools", FieldError):
         from cantools.database.can import Database
     try:
         # Other messages than ours may overlap themselves; ours is checked by itself.
         database = Database(strict=False)
         database.add_dbc_string(_text(path))
     except OSError as error:
-        raise DbcError(f"{path} cannot be opened: {error.strerror}; check the path.") from None
+        raise FieldError(f"{path} cannot be opened: {error.strerror}; check the path.") from None
     # cantools raises errors of its own, of its parser and of Python for a file that is not DBC.
     except Exception as error:
         text = " ".join(str(error).split())
-        raise DbcError(f"{path} is not a valid DBC file ({text}); correct it.") from error
+        raise FieldError(f"{path} is not a valid DBC file ({text}); correct it.") from error
     return database
 
 
@@ -94,7 +90,7 @@ def _text(path: Path) -> str:
 def _choose(path: Path, what: str, name: str, among: Sequence[Named]) -> Named:
     named = [each for each in among if each.name == name]
     if len(named) > 1:
-        raise DbcError(
+        raise FieldError(
             f"{path} has {what} {name} {len(named)} times; give each a name of its own, or keep "
             "one."
         )
@@ -102,7 +98,7 @@ def _choose(path: Path, what: str, name: str, among: Sequence[Named]) -> Named:
         return named[0]
     similar = ", ".join(get_close_matches(name, [each.name for each in among], 5, 0.0))
     remedy = f"choose for example {similar}" if similar else "it has none at all"
-    raise DbcError(f"{path} has no {what} {name}; {remedy}.")
+    raise FieldError(f"{path} has no {what} {name}; {remedy}.")
 
 
 def _identifier(message: "Message") -> tuple[bool, int, int]:
@@ -134,7 +130,7 @@ def _bits(path: Path, message: "Message", signal: "Signal") -> Bits:
     before = 8 * (start // 8) + 7 - start % 8 if big else start
     n_bytes = (before + length + 7) // 8
     if n_bytes > min(message.length, PAYLOAD):
-        raise DbcError(
+        raise FieldError(
             f"Signal {message.name}.{signal.name} of {path} reaches into byte {n_bytes}, but a "
             f"frame has {min(message.length, PAYLOAD)} bytes; correct the file, or choose another "
             "signal."

@@ -1,20 +1,24 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Writes messages one by one to an MCAP log."""
+"""Writes messages to an MCAP log: one by one as they arrive, or thousands at a time."""
 
 import contextlib
 import fcntl
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import Attachment as AttachmentRecord
+from numpy.lib.stride_tricks import sliding_window_view
 
+from linkage_vibration.bags.blocks import Bytes, Integers
 from linkage_vibration.bags.mcap_file import McapFile
-from linkage_vibration.bags.mcap_records import MESSAGE, MESSAGE_HEAD
+from linkage_vibration.bags.mcap_records import MESSAGE, MESSAGE_HEAD, MESSAGE_RECORD
 from linkage_vibration.bags.writing import (
     ROSBAG2_METADATA,
     Attachment,
@@ -196,3 +200,91 @@ class LogWriter:
                 f"{self.path} could not be written any further: {problem}; make room on its disk"
                 f"{repair if self.written else ''}."
             ) from None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Messages:
+    """Messages of one topic of the log and one size."""
+
+    topic: str
+    data: Bytes  # (n, n_bytes): CDR with encapsulation headers
+    place: Integers  # (n,), among those of the chunk
+    log_times: Integers  # (n,), of receiving, ns, not negative
+    publish_times: Integers  # (n,), of sending, likewise
+
+
+class ChunkLog(LogWriter):
+    """A log that a replay writes by the chunk, 800,000 messages in a second.
+
+    It compresses on another thread. Methods raise an OSError if the file cannot be written.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        topics: Sequence[Topic],
+        attachments: Sequence[Attachment],
+        metadata: Mapping[str, Mapping[str, str]],
+    ) -> None:
+        super().__init__(path, topics, attachments)
+        self._sequences = {topic.name: 0 for topic in topics}
+        self._pool = ThreadPoolExecutor(1)
+        self._under_way = self._pool.submit(lambda: None)
+        for name, facts in metadata.items():
+            self.add_metadata(name, facts)
+
+    def write(self, messages: Sequence[Messages]) -> None:  # type: ignore[override]
+        """Add a chunk of messages in the order of their places."""
+        messages = [group for group in messages if len(group.place)]
+        if not messages:
+            return
+        content, begins = self._records(messages)
+        self._under_way.result()
+        self._under_way = self._pool.submit(self._file.add_chunk, content, begins)
+
+    def add_metadata(self, name: str, data: Mapping[str, str]) -> None:
+        """Add a metadata record, as the base class does."""
+        self._under_way.result()
+        super().add_metadata(name, data)
+
+    def close(self) -> None:
+        """Write the summary, and close the file."""
+        self._under_way.result()
+        super().close()
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        """Complete the log, unless an error occurred."""
+        try:
+            super().__exit__(kind)
+        finally:
+            self._pool.shutdown()
+            self.abandon()
+
+    @contextlib.contextmanager
+    def _failures(self) -> Iterator[None]:
+        yield
+
+    def _records(self, messages: Sequence[Messages]) -> tuple[bytes, Integers]:
+        """Return the records of a chunk, and the position of each message in them."""
+        places = np.concatenate([group.place for group in messages])
+        sizes = [group.data.shape[1] + MESSAGE_RECORD.itemsize for group in messages]
+        lengths = np.repeat(sizes, [len(group.place) for group in messages])
+        order = np.argsort(places, kind="stable")
+        begins = np.empty(len(order), np.int64)
+        begins[order] = np.cumsum(lengths[order]) - lengths[order]
+        buffer = np.empty(int(lengths.sum()), np.uint8)
+        done = 0
+        for group in messages:
+            n, size = group.data.shape
+            header = np.empty(n, MESSAGE_RECORD)
+            header["opcode"] = Opcode.MESSAGE
+            header["length"] = MESSAGE.size + size
+            header["channel"] = self._file.channels[group.topic]
+            header["sequence"] = self._sequences[group.topic] + np.arange(n)
+            header["log_time"], header["publish_time"] = group.log_times, group.publish_times
+            self._sequences[group.topic] += n
+            rows = np.hstack([header.view(np.uint8).reshape(n, -1), group.data])
+            begin = begins[done : done + n]
+            sliding_window_view(buffer, rows.shape[1], writeable=True)[begin] = rows
+            done += n
+        return buffer.tobytes(), begins[order]

@@ -9,7 +9,7 @@ import re
 import shutil
 import sqlite3
 from collections.abc import Iterator
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
@@ -45,8 +45,9 @@ if TYPE_CHECKING:
 
     BagReader: TypeAlias = Reader1 | Reader2 | McapBag | CanLog
 
-# By suffix: the first bytes of a file, and what saves the rest of an incomplete one.
+# By suffix: the first bytes of a bag, and of each file whose end another one may follow.
 _MAGIC = {".bag": b"#ROSBAG V2.0", ".mcap": MAGIC, ".db3": b"SQLite format 3\0"}
+_ENDS = {".bag": _MAGIC[".bag"], ".db3": _MAGIC[".db3"], ".blf": b"LOGG"}
 _BAG_HEADER = 4096  # bytes of the first record of a bag of ROS 1, which is padded
 _BESIDE = ("-wal", "-journal")  # ends of the names of files that SQLite has not merged yet
 
@@ -61,7 +62,6 @@ class BagFile:
 
     path: Path  # as errors name it
     reader: "BagReader"
-    is_packed: bool  # rosbag2 has compressed each message
 
 
 def open_files(path: Path, stack: ExitStack) -> Iterator[BagFile]:
@@ -70,62 +70,43 @@ def open_files(path: Path, stack: ExitStack) -> Iterator[BagFile]:
     with needed("bags", "Reading bags needs rosbags", BagError):
         import rosbags.interfaces  # noqa: F401
     with bag_errors(path):
-        files, is_packed = _files(path)
+        files = _files(path)
     for each in files:
         with bag_errors(each):
             kind, file = _kind(each), _readable(each, stack)
             _check_start(each, file, kind)
-            reader: Any
+            reader: Any = None
             if kind == ".mcap":
                 reader = read_mcap(file, stack)
             elif kind in (".bag", ".db3"):
                 # Their imports take a tenth of the time of a short replay.
                 rosbag = import_module(f"rosbags.rosbag{1 if kind == '.bag' else 2}")
                 reader = stack.enter_context(rosbag.Reader(file))
-                _check_end(file, kind, reader)
-            else:
-                reader = read_can_log(file)
-        yield BagFile(each, reader, is_packed)
+            _check_end(file, kind, reader)
+            reader = reader or read_can_log(file)
+        yield BagFile(each, reader)
 
 
 def mcap_files(path: Path) -> list[Path]:
     """Return the MCAP files of a bag; none if it has another format."""
-    return [file for file in _files(path)[0] if file.suffix == ".mcap"]
+    return [file for file in _files(path) if file.suffix == ".mcap"]
 
 
-def _files(path: Path) -> tuple[list[Path], bool]:
-    """Return the files of a bag, and whether rosbag2 has compressed each message.
-
-    A folder has those that metadata.yaml names or, without it, all that are of bags.
-    """
+def _files(path: Path) -> list[Path]:
+    """Return the files of a bag: those in a list of metadata.yaml or, without it, of a folder."""
     if not path.is_dir():
-        return [path], False
-    about = _metadata(path / "metadata.yaml")
-    files = [path / Path(name).name for name in about["relative_file_paths"]]
-    if not (path / "metadata.yaml").is_file():
-        inside = sorted(path.iterdir(), key=lambda file: (len(file.name), file.name))
-        files = [file for file in inside if _suffix(file) in _MAGIC]
+        return [path]
+    inside = sorted(path.iterdir(), key=lambda file: (len(file.name), file.name))
+    files = [file for file in inside if _suffix(file) in _MAGIC]
+    with suppress(Exception):  # a file that is damaged lists nothing
+        text = read_text(path / "metadata.yaml")
+        root: Any = yaml.compose(text, yaml.SafeLoader)
+        refuse_unbounded(root)
+        about = yaml.safe_load(text)["rosbag2_bagfile_information"]
+        files = [path / Path(name).name for name in about["relative_file_paths"]] or files
     if not files:
         raise BagError(f"Folder {path} has no file of a bag; give another folder, or a file.")
-    return files, str(about.get("compression_mode")).lower() == "message"
-
-
-def _metadata(path: Path) -> dict[str, Any]:
-    """Return what a file says about the files of a bag, nothing if it is missing."""
-    if not path.exists():
-        return {"relative_file_paths": []}
-    try:
-        text = read_text(path)
-        root = yaml.compose(text, yaml.SafeLoader)
-        if root is not None:
-            refuse_unbounded(root)
-        about: dict[str, Any] = yaml.safe_load(text)["rosbag2_bagfile_information"]
-        return about | {"relative_file_paths": [str(each) for each in about["relative_file_paths"]]}
-    except (ValueError, RecursionError, yaml.YAMLError, LookupError, TypeError) as error:
-        raise BagError(
-            f"{path} is damaged ({' '.join(str(error).split())}); delete it, as the bag is read "
-            "without it."
-        ) from None
+    return files
 
 
 def _readable(path: Path, stack: ExitStack) -> Path:
@@ -184,23 +165,25 @@ def _check_start(path: Path, file: Path, kind: str) -> None:
 
 
 def _check_end(file: Path, kind: str, reader: Any) -> None:
-    """Check that no other file follows where a bag of ROS 1 or a database ends."""
+    """Check that no other file follows where a bag of ROS 1, a database or a BLF log ends."""
     with file.open("rb") as opened:
-        if kind == ".db3":
-            head = opened.read(32)  # 65536 is stored as 1
+        head, magic = opened.read(_BAG_HEADER), _ENDS.get(kind, b"")
+        end = int.from_bytes(head[16:24], "little")  # of a BLF log
+        if kind == ".db3":  # 65536 is stored as 1
             page = (int.from_bytes(head[16:18], "big") & ~1) or 2**16
-            end = page * int.from_bytes(head[28:], "big")
-        else:
-            [index] = re.findall(rb"index_pos=(.{8})", opened.read(_BAG_HEADER), re.DOTALL)
+            end = page * int.from_bytes(head[28:32], "big")
+        elif kind == ".bag":
+            [index] = re.findall(rb"index_pos=(.{8})", head, re.DOTALL)
             reader.bio.seek(int.from_bytes(index, "little"))
             for _ in reader.connections:
                 reader.read_connection()
             for _ in reader.chunk_infos:
                 reader.read_chunk_info()
             end = reader.bio.tell()
-        opened.seek(end)
-        if opened.read(len(_MAGIC[kind])) == _MAGIC[kind]:
-            raise JoinedError(file, end)
+        if magic and 0 < end < file.stat().st_size:
+            opened.seek(end)
+            if opened.read(len(magic)) == magic:
+                raise JoinedError(file, end)
 
 
 @contextmanager

@@ -3,8 +3,8 @@
 """Saves the readable part of an incomplete or damaged MCAP file.
 
 Own code because the reader of mcap stops at the first damaged record (`python -m
-benchmark.libraries`). Behind damage, reading continues at the next record that nothing else looks
-like: a chunk, its index, the end of the data, or the beginning of another file.
+benchmark.libraries`). Behind damage, reading continues at the next chunk or index of one, so that
+messages outside of chunks are saved up to the first damage.
 """
 
 import errno
@@ -18,7 +18,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from shlex import quote
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from mcap import records
@@ -47,25 +47,15 @@ RECOVERY_METADATA = "linkage_vibration.recovery"  # the name of a record
 _DAMAGES_SHOWN = 20
 _BLOCK = 2**20  # bytes read at a time
 _Definition = records.Schema | records.Channel
-_Key = tuple[type, int]
-_RECORDS: dict[int, Any] = {
-    opcode: getattr(records, opcode.name.title().replace("_", ""))
-    for opcode in Opcode
-    if opcode not in (Opcode.CHUNK, Opcode.MESSAGE, Opcode.MESSAGE_INDEX)
-}
-_DEFINITIONS = (Opcode.SCHEMA, Opcode.CHANNEL)
 _DATA_END = RECORD.pack(Opcode.DATA_END, 4)  # a CRC and the summary follow
 _TAIL = 2**24  # bytes at the end in which the summary is sought
 _MOST_UNKNOWN = 64  # bytes at the end of a record, of fields of a later version of MCAP
-_LIKELY_RECORD = re.compile(rb"[\x01-\x0f].{4}\0{4}", re.DOTALL)  # with a length below 4 GiB
-# Schemas, channels and statistics.
+# With a length below 4 GiB; or the end of a file.
+_LIKELY_RECORD = re.compile(rb"[\x01-\x0f].{4}\0{4}|" + re.escape(MAGIC), re.DOTALL)
+# Schemas, channels and statistics; a lookahead, as a false match may overlap the next one.
 _SUMMARISED = re.compile(rb"(?=[\x03\x04\x0b].{4}\0{4})", re.DOTALL)
 _BEGINNING = MAGIC + bytes([Opcode.HEADER])
-# A lookahead, as a false match may overlap the next one.
-_RESUMES = re.compile(
-    rb"(?=[\x06\x07].{4}\0{4}|" + re.escape(_DATA_END) + b"|" + re.escape(_BEGINNING) + b")",
-    re.DOTALL,
-)
+_RESUMES = re.compile(rb"(?=[\x06\x07].{4}\0{4}|" + re.escape(_BEGINNING) + b")", re.DOTALL)
 
 
 class RecoveryError(LinkageVibrationError):
@@ -117,7 +107,7 @@ def recover(source: Path, output: Path) -> Recovery:
     """
     try:
         refuse_pipe(source)
-        file = source.open("rb", buffering=0)
+        file = source.open("rb", buffering=_BLOCK)
     except OSError as error:
         raise RecoveryError(f"{source} cannot be read: {error.strerror}; give a file.") from None
     bar = shown_bar(source, source.stat().st_size)
@@ -127,9 +117,9 @@ def recover(source: Path, output: Path) -> Recovery:
         replacement(output, RecoveryError, new_only=True) as new,
         new.open("wb") as stream,
     ):
-        rescue = _Rescue(_Source(source, file), output, stream, shown.update)
-        rescue.scan()
-        return rescue.finish()
+        rescue = _Rescue(source, file, stream)
+        rescue.scan(shown.update)
+        return rescue.finish(output)
 
 
 def recovery_text(recovery: Recovery) -> str:
@@ -152,105 +142,88 @@ def recovery_text(recovery: Recovery) -> str:
     return "\n".join(lines)
 
 
-class _Source:
-    """Reads any part of the damaged file, with one block in memory at a time.
+class _Rescue:
+    """A recovery in progress, of the records between the magic numbers that are intact."""
 
-    Its records begin at ``start`` and end at ``end``, without the magic numbers that are intact.
-    """
-
-    def __init__(self, path: Path, file: io.FileIO) -> None:
-        self.path = path
-        self._file = file
-        self._block = b""
-        self._offset = 0
-        size = os.fstat(file.fileno()).st_size
+    def __init__(self, path: Path, file: BinaryIO, stream: BinaryIO) -> None:
+        self._path, self._file, self._stream = path, file, stream
+        size = file.seek(0, os.SEEK_END)
         if size == 0:
             raise RecoveryError(
                 f"{path} is empty, as its recording ended before anything was written."
             )
-        begun = self.read(0, len(MAGIC)) == MAGIC
-        self.start = len(MAGIC) if begun else 0
-        self.complete = size > self.start and self.read(size - len(MAGIC), len(MAGIC)) == MAGIC
-        self.end = size - len(MAGIC) if self.complete else size
-
-    def next_data(self, offset: int) -> int:
-        """Return the next offset behind a hole, whose zeros a file system need not store."""
-        try:
-            return (
-                os.lseek(self._file.fileno(), offset, os.SEEK_DATA) if offset < self.end else offset
-            )
-        except OSError as error:
-            return self.end if error.errno == errno.ENXIO else offset
-
-    def read(self, offset: int, count: int) -> bytes:
-        """Return bytes from an offset, fewer at the end of the file."""
-        start = offset - self._offset
-        if start < 0 or start + count > len(self._block):
-            self._offset, start = offset, 0
-            try:
-                self._file.seek(offset)
-                self._block = self._file.read(max(count, _BLOCK))
-            except OSError as error:
-                raise RecoveryError(
-                    f"{self.path} cannot be read at byte {offset}: {error.strerror}; copy it with "
-                    "`ddrescue` first if its disk fails."
-                ) from None
-        return self._block[start : start + count]
-
-
-class _Rescue:
-    """A recovery in progress."""
-
-    def __init__(
-        self,
-        source: _Source,
-        output: Path,
-        stream: io.BufferedWriter,
-        progress: Callable[[int], object],
-    ) -> None:
-        self.source = source
+        self._start = len(MAGIC) if self._read(0, len(MAGIC)) == MAGIC else 0
+        ends = size > self._start and self._read(size - len(MAGIC), len(MAGIC)) == MAGIC
+        self._complete, self._end = ends, size - len(MAGIC) * ends
         # The definitions that were read, and whether a CRC confirms each.
-        self.definitions: dict[_Key, tuple[bool, _Definition]] = {}
+        self._definitions: dict[tuple[type, int], tuple[bool, _Definition]] = {}
         # What the output defines: topics by channels, and schemas.
         self._topics: dict[int, str] = {}
         self._schemas: set[int] = set()
-        self._output = output
-        self._stream = stream
-        self._progress = progress
-        self._file: McapFile | None = None
+        self._output: McapFile | None = None
         self._profile = ""
         # Records of messages that are not yet in a chunk of the output.
         self._loose: list[bytes] = []
         self._loose_bytes = 0
-        self._lost: Counter[int] = Counter()
+        # Messages of channels: that the file states, and that no definition describes.
+        self._stated, self._undefined = Counter[int](), Counter[int]()
         self._statistics: records.Statistics | None = None
         self._chunked = False
-        # Messages of the last chunk that no index has counted yet.
-        self._chunk: Counter[int] = Counter()
         self._damages: list[str] = []
         self._rest = 0
 
-    def scan(self) -> None:
-        """Save everything that is readable."""
+    def _read(self, offset: int, count: int) -> bytes:
+        """Return bytes from an offset, fewer at the end of the file."""
+        try:
+            self._file.seek(offset)
+            return self._file.read(count)
+        except OSError as error:
+            raise RecoveryError(
+                f"{self._path} cannot be read at byte {offset}: {error.strerror}; copy it with "
+                "`ddrescue` first if its disk fails."
+            ) from None
+
+    def scan(self, progress: Callable[[int], object]) -> None:
+        """Save the intact records, and resume behind damage."""
         self._read_summary()  # first, as it may have the only intact definitions
-        self._read_records()
-        if not (self._file or self.definitions):
-            remedy = repair(self.source.path) or "give an MCAP file"
-            raise RecoveryError(f"{self.source.path} has no readable record; {remedy}.")
+        if not self._start:
+            self._damages.append("byte 0: the magic number")
+        offset = self._start
+        while offset < self._end:
+            # The file before another one may have an end.
+            other = self._read(offset, len(MAGIC + _BEGINNING)).find(_BEGINNING)
+            if other >= 0:  # Its definitions may have the numbers of other ones.
+                self._rest = offset + other
+                self._damages.append(str(JoinedError(self._path, self._rest)))
+                break
+            end, damage = self._take(offset)
+            if damage:
+                end = self._resume_at(offset + 1)
+                lost = "and the rest of the file" if end == self._end else f"{end - offset} bytes"
+                self._damages.append(f"byte {offset}: {damage}, {lost}")
+            end = min(end, self._end)
+            progress(end - offset)
+            offset = end
+        if not (self._complete or self._rest):
+            self._damages.append(f"byte {self._end}: the end is missing")
+        if not (self._output or self._definitions):
+            remedy = self._damages[-1] if self._rest else "give an MCAP file"
+            remedy = repair(self._path) or remedy
+            raise RecoveryError(f"{self._path} has no readable record; {remedy}.")
 
     def _read_summary(self) -> None:
         """Take the definitions of the summary of a complete file, and its statistics with a CRC."""
-        source, end = self.source, self.source.end - RECORD.size - FOOTER.size
+        end = self._end - RECORD.size - FOOTER.size
         tail = max(end - _TAIL, 0)
-        found = source.read(tail, max(end - tail, 0)).rfind(_DATA_END)
-        if not source.complete or found < 0:
+        found = self._read(tail, max(end - tail, 0)).rfind(_DATA_END)
+        if not self._complete or found < 0:
             return
-        begin, footer = tail + found + len(_DATA_END) + 4, source.read(end, source.end - end)
+        begin, footer = tail + found + len(_DATA_END) + 4, self._read(end, self._end - end)
         # Behind the beginning of another file, the summary is that of this other one.
         ahead = begin - int.from_bytes(footer[RECORD.size : RECORD.size + 8], "little")
-        if ahead > 0 and source.read(ahead, len(_BEGINNING)) == _BEGINNING:
+        if ahead > 0 and self._read(ahead, len(_BEGINNING)) == _BEGINNING:
             return
-        summary = source.read(begin, end - begin)
+        summary = self._read(begin, end - begin)
         # The CRC covers the footer as well, up to the CRC itself.
         crc = zlib.crc32(footer[:-4], zlib.crc32(summary))
         confirmed = crc == int.from_bytes(footer[-4:], "little")
@@ -260,110 +233,65 @@ class _Rescue:
             if len(body) == length and (confirmed or opcode != Opcode.STATISTICS):
                 self._take_other(_parse(opcode, body), confirmed)
 
-    def _read_records(self) -> None:
-        """Save the intact records, and resume behind damage."""
-        source, offset = self.source, self.source.start
-        if not offset:
-            self._damages.append("byte 0: the magic number")
-        while offset < source.end:
-            for at in (offset, offset + len(MAGIC)):  # the file before it may have an end
-                if source.read(at, len(_BEGINNING)) == _BEGINNING:
-                    # Its definitions may have the numbers of other ones.
-                    self._damages.append(str(JoinedError(source.path, at)))
-                    self._rest = at
-                    return
-            end, damage = self._take(offset)
-            if damage:
-                if self._chunk and not self._chunked:
-                    damage += " (messages outside of chunks are saved up to the first damage)"
-                end = self._resume_at(offset + 1)
-                lost = "and the rest of the file" if end == source.end else f"{end - offset} bytes"
-                self._damages.append(f"byte {offset}: {damage}, {lost}")
-            end = min(end, source.end)
-            self._progress(end - offset)
-            offset = end
-        if not source.complete:
-            self._damages.append(f"byte {source.end}: the end is missing")
-
     def _resume_at(self, offset: int) -> int:
         """Return the offset at which reading resumes behind damage, or the end of the file."""
-        source = self.source
-        lengths = {
-            int(Opcode.CHUNK): self._chunk_length,
-            int(Opcode.MESSAGE_INDEX): self._index_length,
-        }
-        while (offset := source.next_data(offset)) < source.end:
-            block = source.read(offset, _BLOCK)
+        while offset < self._end:
+            try:  # A file system need not store the zeros of a hole.
+                offset = self._file.seek(offset, os.SEEK_DATA)
+            except OSError as error:
+                if error.errno == errno.ENXIO:
+                    break
+            block = self._read(offset, _BLOCK)
             for match in _RESUMES.finditer(block):
-                opcode, length = self._head(at := offset + match.start())
-                own_length = lengths.get(opcode)
-                if own_length is None or own_length(at) == length:
-                    return at
-            if len(block) < _BLOCK:
-                break
-            offset += len(block) - len(_DATA_END) + 1
-        return source.end
+                if self._is_sound(offset + match.start()):
+                    return offset + match.start()
+            offset += max(len(block) - len(_BEGINNING) + 1, 1)
+        return self._end
 
-    def _head(self, offset: int) -> tuple[int, int]:
-        """Return the opcode and the length of a record; 0 and 0 if the file ends before them."""
-        header = self.source.read(offset, RECORD.size)
-        opcode, length = RECORD.unpack(header.ljust(RECORD.size, b"\0"))
-        return opcode, length
-
-    def _chunk_length(self, offset: int) -> int:
-        """Return the length of a chunk's content that its own fields give."""
-        head = self.source.read(offset + RECORD.size, CHUNK.size + 16).ljust(CHUNK.size, b"\0")
-        before = CHUNK.size + CHUNK.unpack_from(head)[-1] + 8
-        return int(before + int.from_bytes(head[before - 8 : before], "little"))
-
-    def _index_length(self, offset: int) -> int:
-        """Return the length of an index that its own fields give."""
-        content = self.source.read(offset + RECORD.size, MESSAGE_INDEX.size)
-        return int(MESSAGE_INDEX.size + MESSAGE_INDEX.unpack(content.ljust(6, b"\0"))[1])
+    def _is_sound(self, offset: int) -> bool:
+        """Return whether the fields of a chunk or an index give the length that its head has."""
+        head = self._read(offset, RECORD.size + CHUNK.size + 16)
+        opcode, length = RECORD.unpack(head[: RECORD.size].ljust(RECORD.size, b"\0"))
+        fields = head[RECORD.size :].ljust(CHUNK.size, b"\0")
+        if opcode == Opcode.MESSAGE_INDEX:
+            return bool(length == MESSAGE_INDEX.size + MESSAGE_INDEX.unpack_from(fields)[1])
+        before = CHUNK.size + CHUNK.unpack_from(fields)[-1] + 8
+        data = int.from_bytes(fields[before - 8 : before], "little")
+        return bool(opcode != Opcode.CHUNK or length == before + data)
 
     def _take(self, offset: int) -> tuple[int, str]:
         """Save the record at an offset; return its end and, if it is damaged, what it is.
 
         Only a chunk may end behind the end of the file, if that is missing.
         """
-        source, (opcode, length) = self.source, self._head(offset)
+        head = self._read(offset, RECORD.size).ljust(RECORD.size, b"\0")
+        opcode, length = RECORD.unpack(head)
         end = offset + RECORD.size + length
-        beyond = end > source.end and (source.complete or opcode != Opcode.CHUNK)
-        if beyond or length > LONGEST_RECORD:
+        beyond = end > self._end and (self._complete or opcode != Opcode.CHUNK)
+        if beyond or length > LONGEST_RECORD or not self._is_sound(offset):
             return end, "a record"
+        body = self._read(offset + RECORD.size, length)
         if opcode == Opcode.CHUNK:
-            sound = self._chunk_length(offset) == length
-            return end, self._take_chunk(offset, end) if sound else "a chunk"
+            return end, self._take_chunk(body, offset, end > self._end)
         # Only the next record confirms the length of one without a CRC.
-        head = source.read(end, min(RECORD.size, source.end - end))
-        if head and not _LIKELY_RECORD.match(head.ljust(RECORD.size, b"\0")):
+        behind = self._read(end, min(RECORD.size, self._end - end))
+        if behind and not _LIKELY_RECORD.match(behind.ljust(RECORD.size, b"\0")):
             return end, "a record"
-        body = source.read(offset + RECORD.size, length)
         if opcode == Opcode.MESSAGE_INDEX:
-            if self._index_length(offset) != length:
-                return end, "an index"
             channel, size = MESSAGE_INDEX.unpack_from(body)
-            # An index without its chunk still counts the messages of the chunk.
-            if self._chunk.pop(channel, None) != size // 16:
-                self._lost[channel] += size // 16
-        elif opcode == Opcode.MESSAGE:
-            # If there are chunks, all messages are in them, and this is a damaged index.
-            if self._chunked or length < MESSAGE.size:
-                return end, "a record"
-            self._take_message(RECORD.pack(opcode, length) + body)
-        else:
-            record = _parse(opcode, body)
-            if record is None:
-                return end, "a record"
-            if opcode != Opcode.STATISTICS:
-                self._take_other(record, False)
+            self._stated[channel] += size // 16
+        elif opcode == Opcode.MESSAGE and not self._chunked and length >= MESSAGE.size:
+            self._take_message(head + body)
+        elif (record := _parse(opcode, body)) is None:
+            # If there are chunks, all messages are in them, and another one is a damaged index.
+            return end, "a record"
+        elif opcode != Opcode.STATISTICS:
+            self._take_other(record, False)
         return end, ""
 
-    def _take_chunk(self, offset: int, end: int) -> str:
-        """Save what is in a chunk; return what is damaged."""
+    def _take_chunk(self, body: bytes, offset: int, cut: bool) -> str:
+        """Save what is in a chunk, whose end may be cut; return what is damaged."""
         self._chunked = True
-        self._chunk.clear()
-        body = self.source.read(offset + RECORD.size, end - offset - RECORD.size)
         *_, size, crc, name_length = CHUNK.unpack_from(body)
         stored = CHUNK.size + name_length + 8
         name = body[CHUNK.size : stored - 8]
@@ -373,29 +301,24 @@ class _Rescue:
         parts = list(split_records(content))
         # Without a CRC, the records have to end where the chunk does.
         last = parts[-1][-1] if parts else 0
-        intact = len(content) == size == (size if crc else last)
-        intact = intact and (not crc or crc == zlib.crc32(content))
+        intact = len(content) == size and (zlib.crc32(content) == crc if crc else last == size)
         if not intact:
             # The end of the file may cut it off; or its bytes are missing, and others are in it.
-            if end <= self.source.end or self._resume_at(offset + 1) < self.source.end:
+            if not cut or self._resume_at(offset + 1) < self._end:
                 return "a chunk"
             self._damages.append(f"byte {offset}: a chunk that the end of the file cuts off")
-        messages = []
         for opcode, start, stop in parts:
             if opcode == Opcode.MESSAGE and stop - start >= MESSAGE.size:
-                messages.append(content[start - RECORD.size : stop])
-            elif opcode in _DEFINITIONS:
+                self._take_message(content[start - RECORD.size : stop])
+            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                 self._take_other(_parse(opcode, content[start:stop]), intact and crc > 0)
-        for message in messages:
-            self._take_message(message)
         return ""
 
     def _take_message(self, record: bytes) -> None:
         """Keep a message for the next chunk of the output."""
         channel = int.from_bytes(record[RECORD.size : RECORD.size + 2], "little")
-        self._chunk[channel] += 1
-        if (records.Channel, channel) not in self.definitions:
-            self._lost[channel] += 1
+        if (records.Channel, channel) not in self._definitions:
+            self._undefined[channel] += 1
             return
         self._register(channel)
         self._loose.append(record)
@@ -419,8 +342,8 @@ class _Rescue:
         elif isinstance(record, _Definition):
             # The first one that a CRC confirms, or else the first one.
             key = type(record), record.id
-            if key not in self.definitions or confirmed > self.definitions[key][0]:
-                self.definitions[key] = confirmed, record
+            if key not in self._definitions or confirmed > self._definitions[key][0]:
+                self._definitions[key] = confirmed, record
         elif isinstance(record, records.Attachment):
             self._output_file().attach(record)
         elif isinstance(record, records.Metadata):
@@ -430,10 +353,10 @@ class _Rescue:
         """Define a channel and its schema in the output, unless it has them."""
         if channel in self._topics:
             return
-        _, record = self.definitions[records.Channel, channel]
+        _, record = self._definitions[records.Channel, channel]
         assert isinstance(record, records.Channel)
         self._topics[channel] = record.topic
-        schema = self.definitions.get((records.Schema, record.schema_id))
+        schema = self._definitions.get((records.Schema, record.schema_id))
         if schema is None and record.schema_id:
             self._damages.append(f"the type of {record.topic}: its definition is missing")
             record = replace(record, schema_id=0)
@@ -444,42 +367,40 @@ class _Rescue:
 
     def _output_file(self) -> McapFile:
         """Return the output, which begins with the profile."""
-        if self._file is None:
+        if self._output is None:
             # If the header is lost, the definitions tell its profile.
-            encodings = {getattr(each, "encoding", "") for _, each in self.definitions.values()}
+            encodings = {getattr(each, "encoding", "") for _, each in self._definitions.values()}
             of_types = "ros2" if encodings & {"ros2msg", "ros2idl"} else ""
-            self._file = McapFile(self._stream, self._profile or of_types)
-        return self._file
+            self._output = McapFile(self._stream, self._profile or of_types)
+        return self._output
 
-    def finish(self) -> Recovery:
-        """Complete the output."""
-        for kind, number in self.definitions:
+    def finish(self, path: Path) -> Recovery:
+        """Complete the output, which will have this path."""
+        for kind, number in self._definitions:
             if kind is records.Channel:
                 self._register(number)
         self._write_loose()
-        file = self._output_file()
+        file, topics = self._output_file(), self._topics
         if self._statistics is not None:
-            counts = Counter(self._statistics.channel_message_counts)
-            self._lost = counts - file.counts
-        topics = self._topics
+            self._stated = Counter(self._statistics.channel_message_counts)
         saved, lost = dict.fromkeys(topics.values(), 0), Counter[str]()
         for number, count in file.counts.items():
             saved[topics[number]] += count
-        for number, count in self._lost.items():
+        for number, count in ((self._stated - file.counts) | self._undefined).items():
             lost[topics.get(number, f"unknown channel {number}")] += count
         if file.profile == "ros2" and ROSBAG2_METADATA not in file.metadata:
             file.add_metadata(ROSBAG2_METADATA, rosbag2_metadata())
         file.add_metadata(
             RECOVERY_METADATA,
             {
-                "source": self.source.path.name,
+                "source": self._path.name,
                 "messages_saved": str(sum(saved.values())),
                 "messages_known_lost": str(sum(lost.values())),
                 "damages": "\n".join(self._damages),
             },
         )
         file.close()
-        return Recovery(self._output, saved, dict(lost), tuple(self._damages), self._rest)
+        return Recovery(path, saved, dict(lost), tuple(self._damages), self._rest)
 
 
 def _parse(opcode: int, body: bytes) -> records.McapRecord | None:
@@ -489,11 +410,12 @@ def _parse(opcode: int, body: bytes) -> records.McapRecord | None:
     another kind whose opcode is damaged.
     """
     try:
-        record: records.McapRecord = _RECORDS[opcode].read(ReadDataStream(io.BytesIO(body)))
+        kind: Any = getattr(records, Opcode(opcode).name.title().replace("_", ""))
+        record: records.McapRecord = kind.read(ReadDataStream(io.BytesIO(body)))
         builder = RecordBuilder()
         record.write(builder)
         written = builder.end()[RECORD.size :]  # type: ignore[no-untyped-call]
-    except (KeyError, ValueError, struct.error, McapError):
+    except (TypeError, ValueError, struct.error, McapError):  # or it is a message
         return None
     if opcode == Opcode.ATTACHMENT and body.endswith(bytes(4)):  # it has no CRC
         written = written[:-4] + bytes(4)

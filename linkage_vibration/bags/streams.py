@@ -48,7 +48,7 @@ BLOCK = 4096
 
 _HEADER, _TIME = "std_msgs/msg/Header", "builtin_interfaces/msg/Time"
 _GATHERED = 1024  # messages in a part that rosbags reads one by one
-
+_ZSTD = b"\x28\xb5\x2f\xfd"
 
 _LATEST = 2**63 - 1  # ns, the year 2262; MCAP has unsigned times, whose upper half is meaningless
 _Convert: TypeAlias = Callable[["Connection", bytes], bytes]
@@ -226,7 +226,7 @@ def _parts(file: BagFile, number: int, names: Sequence[str], as_written: bool) -
     with bag_errors(file.path), ExitStack() as stack:
         every = [each for each in file.reader.connections if each.topic in names]
         connections = [each for each in every if not _is_foreign(each)]
-        convert = _converter(connections, file.is_packed)
+        convert = _converter(connections)
         if not isinstance(file.reader, McapBag):
             messages = file.reader.messages(connections) if connections else ()
             yield from _gathered_parts(messages, number, names, convert)
@@ -242,21 +242,22 @@ def _parts(file: BagFile, number: int, names: Sequence[str], as_written: bool) -
                 yield _Part(min(chunk.message_start_time, _LATEST), (number, place), load)
 
 
-def _converter(connections: "Sequence[Connection]", is_packed: bool) -> _Convert | None:
-    """Return what turns messages into plain CDR of ROS 2; None if they are."""
+def _unpacked(connection: "Connection", data: bytes) -> bytes:
+    """Return a message that rosbag2 may have compressed; nothing in CDR begins like zstd."""
+    return decompressed(b"zstd", data, LONGEST_RECORD) if data.startswith(_ZSTD) else data
+
+
+def _converter(connections: "Sequence[Connection]") -> _Convert:
+    """Return what turns messages into plain CDR of ROS 2."""
     from rosbags.interfaces import ConnectionExtRosbag1
 
     old = [each for each in connections if isinstance(each.ext, ConnectionExtRosbag1)]
-    if not (old or is_packed):
-        return None
     store = _store(old)
 
     def convert(connection: "Connection", data: bytes) -> bytes:
-        if is_packed:
-            data = decompressed(b"zstd", data, LONGEST_RECORD)
         return bytes(store.ros1_to_cdr(data, _type(connection))) if connection in old else data
 
-    return convert
+    return convert if old else _unpacked
 
 
 def _mcap_block(
@@ -264,13 +265,13 @@ def _mcap_block(
     stream: BinaryIO,
     chunk: ChunkIndex,
     channels: "Mapping[int, tuple[int, Connection]]",
-    convert: _Convert | None,
+    convert: _Convert,
 ) -> Block:
     with bag_errors(path):
         begins = _indexed(stream, chunk, channels)
         content = _uncompressed(stream, chunk)
         block = _chunk_block(content, channels, begins)
-        if convert is None:
+        if convert is _unpacked and not (len(block) and block.message(0).startswith(_ZSTD)):
             return block
         heads = message_heads(content, block.starts - MESSAGE_RECORD.itemsize)
         data = [
@@ -342,7 +343,7 @@ def _gathered_parts(
     messages: "Iterable[tuple[Connection, int, bytes]]",
     number: int,
     names: Sequence[str],
-    convert: _Convert | None,
+    convert: _Convert,
 ) -> Iterator[_Part]:
     """Yield the parts of a bag whose messages are read one by one."""
     upcoming = iter(messages)
@@ -351,8 +352,7 @@ def _gathered_parts(
         if not gathered:
             return
         connections, log_times, data = zip(*gathered, strict=True)
-        if convert is not None:
-            data = tuple(map(convert, connections, data))
+        data = tuple(map(convert, connections, data))
         times = np.array([min(max(time, 0), _LATEST) for time in log_times])
         topics = np.array([names.index(connection.topic) for connection in connections])
         block = Block(**_laid_out(data), topics=topics, log_times=times, publish_times=times)

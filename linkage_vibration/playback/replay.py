@@ -16,7 +16,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from linkage_vibration.bags.blocks import Block, Integers
-from linkage_vibration.bags.chunks import ChunkLog, Messages
+from linkage_vibration.bags.log_writer import ChunkLog, Messages
 from linkage_vibration.bags.recorder import FAULTS_METADATA, PROVENANCE_METADATA, package_versions
 from linkage_vibration.bags.scalar_reader import SkippedMessages
 from linkage_vibration.bags.streams import Bags, BagTopic, open_bags

@@ -99,18 +99,14 @@ def _check_reciprocity(dofs: Sequence[InterfaceDof], accelerance: ComplexArray) 
             there, back = accelerance[:, i, j], accelerance[:, j, i]
             odd, even = (float(np.linalg.norm(v)) for v in (there - back, there + back))
             noise = _COUPLED * math.sqrt(sizes[i] * sizes[j])
-            if odd > max(_RECIPROCITY * even, noise):
-                raise FileError(
-                    f"the FRF of {name_frf(response, reference)} and its reverse are "
-                    "unrelated but should be equal; look for a wrong direction, sign or unit in "
-                    "one of them."
-                )
             unequal = 2.0 * abs(np.vdot(there + back, there - back)) / max(even**2, 1e-300)
-            if even > noise and unequal > _UNEQUAL:
+            related = odd <= max(_RECIPROCITY * even, noise)
+            if not related or (even > noise and unequal > _UNEQUAL):
+                how = f"differ by {100.0 * unequal:.0f} % on average"
                 raise FileError(
-                    f"the FRF of {name_frf(response, reference)} and its reverse differ by "
-                    f"{100.0 * unequal:.0f} % on average but should be equal; look for a wrong "
-                    "gain of a sensor, or measure them again."
+                    f"the FRF of {name_frf(response, reference)} and its reverse "
+                    f"{how if related else 'are unrelated'} but should be equal; look for a wrong "
+                    "direction, sign, unit or gain, or measure them again."
                 )
 
 

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.prediction.ground import Spectrum, profile_spectrum
 from linkage_vibration.readers.recordings import RecordingError, read_numbers
@@ -16,10 +15,6 @@ _FEWEST = 256  # samples
 _LONGEST, _SMOOTH = 1e9, 1e-12  # m, and of the largest number
 _LINE = 5.0  # of the density beside it: random profiles stay below 3.2
 _GAP = 3.0  # of the median distance between samples
-
-
-class ProfileError(LinkageVibrationError):
-    """A profile cannot be used."""
 
 
 def read_spectra(path: Path) -> tuple[Spectrum, Spectrum | None]:
@@ -35,13 +30,9 @@ def read_profile(path: Path) -> list[FloatArray]:
     The columns of the file are the distance, the height, and that of the other track, if it was
     measured.
     """
-    try:
-        table = read_numbers(path)
-    except RecordingError as error:
-        raise ProfileError(str(error)) from None
-    problem = _problem(table)
-    if problem:
-        raise ProfileError(f"{path}: {problem}")
+    table = read_numbers(path)
+    if problem := _problem(table):
+        raise RecordingError(f"{path}: {problem}")
     return [table[:, 0], *_parts(table)]
 
 

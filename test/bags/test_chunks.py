@@ -9,8 +9,7 @@ import pytest
 from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
 
-from linkage_vibration.bags.chunks import ChunkLog, Messages
-from linkage_vibration.bags.log_writer import LogWriter
+from linkage_vibration.bags.log_writer import ChunkLog, LogWriter, Messages
 from linkage_vibration.bags.writing import Attachment, Topic, offered_qos_profiles
 
 QOS = offered_qos_profiles()

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from linkage_vibration.bags.can_frames import EXTENDED
 from linkage_vibration.bags.can_reader import CanReader, find_signal
 from linkage_vibration.bags.can_signals import CanSignal
-from linkage_vibration.bags.dbc import DbcError, dbc_signal
+from linkage_vibration.bags.dbc import dbc_signal
 from linkage_vibration.bags.schemas import FieldError
 from test.support.can_bus import identifier
 
@@ -178,19 +178,19 @@ SIG_VALTYPE_""",
     )
     path = written(tmp_path / "bus.dbc", text)
     assert dbc_signal(path, "Long.Near").bits.length == 8
-    with pytest.raises(DbcError, match=FAULTS[name]):
+    with pytest.raises(FieldError, match=FAULTS[name]):
         dbc_signal(path, name)
 
 
 def test_files_that_are_not_dbc(tmp_path: Path) -> None:
     """A missing file, a folder, another format and a damaged file give one sentence each."""
-    with pytest.raises(DbcError, match=r"missing.dbc cannot be opened: No such file"):
+    with pytest.raises(FieldError, match=r"missing.dbc cannot be opened: No such file"):
         dbc_signal(tmp_path / "missing.dbc", "A.B")
-    with pytest.raises(DbcError, match=r"cannot be opened: Is a directory"):
+    with pytest.raises(FieldError, match=r"cannot be opened: Is a directory"):
         dbc_signal(tmp_path, "A.B")
     for text in ("", "hello", MULTIPLEXED[:150], "\x00\xff" * 100):
         path = written(tmp_path / "bad.dbc", text)
-        with pytest.raises(DbcError, match=r"bad.dbc (is not a valid DBC file|has no)"):
+        with pytest.raises(FieldError, match=r"bad.dbc (is not a valid DBC file|has no)"):
             dbc_signal(path, "Arm.Nothing")
     first = dbc_signal(written(tmp_path / "changed.dbc", MULTIPLEXED), "Arm.Angle")
     changed = MULTIPLEXED.replace("(0.01,-5)", "(0.02,-5)")
@@ -202,10 +202,10 @@ def test_one_name_twice(tmp_path: Path) -> None:
     """A name that a file has twice is refused, as either could be meant."""
     signal = ' SG_ S : {}|8@1+ (1,0) [0|0] "" X\n'
     single, other = "BO_ 512 M: 8 X\n" + signal.format(0), "BO_ 513 {}: 8 X\n" + signal.format(8)
-    with pytest.raises(DbcError, match=r"signal of M S 2 times; give each a name"):
+    with pytest.raises(FieldError, match=r"signal of M S 2 times; give each a name"):
         dbc_signal(written(tmp_path / "s.dbc", 'VERSION ""\n' + single + signal.format(8)), "M.S")
     text = 'VERSION ""\n' + single + other
-    with pytest.raises(DbcError, match=r"message M 2 times; give each a name"):
+    with pytest.raises(FieldError, match=r"message M 2 times; give each a name"):
         dbc_signal(written(tmp_path / "m.dbc", text.format("M")), "M.S")
     assert dbc_signal(written(tmp_path / "n.dbc", text.format("N")), "M.S").bits.first == 0
 

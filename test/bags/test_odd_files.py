@@ -105,6 +105,35 @@ def check_candump(folder: Path, seed: int) -> None:
     path.unlink()
 
 
+def check_can(folder: Path, suffix: str, seed: int) -> None:
+    """Compare the frames of a log that python-can writes with those that it was given."""
+    can = pytest.importorskip("can")
+    rng, path = random.Random(seed), folder / f"{seed}{suffix}"
+    written = list[tuple[float, int, int, bytes, str]]()
+    with can.Logger(str(path)) as log:
+        for k, _ in enumerate(entries(rng)):
+            extended, remote = rng.random() < 0.5, suffix != ".trc" and rng.random() < 0.1
+            number, channel = rng.randrange(2 ** (29 if extended else 11)), rng.randrange(3)
+            data = b"" if remote else rng.randbytes(rng.randrange(9))
+            dlc, time = rng.randrange(9) if remote else len(data), 1_700_000_000 + 0.01 * k
+            about = {"is_extended_id": extended, "is_remote_frame": remote, "channel": channel}
+            log(can.Message(time, number, dlc=dlc, data=data, **about))
+            key = number | extended << 31 | remote << 30
+            written.append((round(time, 3), key, dlc, data, f"/channel_{channel + 1}"))
+    layouts, found = Layouts("can_msgs/msg/Frame", frame_places), []
+    with open_bags([path]) as bags:
+        names = [topic.name for topic in bags.topics]
+        assert bags.bad_lines == 0, seed
+        for block in bags.blocks(names):
+            for row in range(len(block)):
+                [key], [dlc], [data] = frame_of(layouts, block.message(row))
+                content = data[:dlc].tobytes() if not key >> 30 & 1 else b""
+                time = round(1e-9 * int(block.log_times[row]), 3)
+                found.append((time, int(key), int(dlc), content, names[block.topics[row]]))
+    assert found == written, seed
+    path.unlink()
+
+
 def frame_of(layouts, data):  # type: ignore[no-untyped-def]
     """Return key, length and data of a frame, each as an array of one."""
     import numpy as np
@@ -128,3 +157,11 @@ def test_odd_logs(tmp_path: Path, seeds: range) -> None:
     """Logs of candump are read as python-can reads them."""
     for seed in seeds:
         check_candump(tmp_path, seed)
+
+
+@pytest.mark.parametrize("seeds", SEEDS, ids=len)
+@pytest.mark.parametrize("suffix", [".asc", ".trc", ".blf"])
+def test_odd_logs_of_other_programs(tmp_path: Path, suffix: str, seeds: range) -> None:
+    """Logs of Vector and PEAK have the frames that were written."""
+    for seed in seeds:
+        check_can(tmp_path, suffix, seed)

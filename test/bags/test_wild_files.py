@@ -209,6 +209,34 @@ def test_joined_files(tmp_path: Path, kind: str) -> None:
     assert read(tmp_path / f"second{path.suffix}", "/b") == parts[1]
 
 
+def test_joined_blf(tmp_path: Path) -> None:
+    """A cut log of BLF is named; so are joined ones, and the commands of the error split them."""
+    can = pytest.importorskip("can")
+    contents = []
+    for k in range(2):
+        with can.BLFWriter(tmp_path / "part.blf") as writer:
+            for n in range(200):
+                data = bytes([k, n])
+                writer(can.Message(1.7e9 + n, 0x123, is_extended_id=False, data=data))
+        contents.append((tmp_path / "part.blf").read_bytes())
+    path = tmp_path / "cut.blf"
+    for missing, bad in ((0, 0), (1, 1), (100, 1)):
+        path.write_bytes(contents[0][: len(contents[0]) - missing])
+        with open_bags([path]) as bags:
+            assert (bags.bad_lines, bags.fault == "the end of the file is missing") == (bad, bad)
+    path = tmp_path / "the joined.blf"
+    path.write_bytes(b"".join(contents))
+    run(refused(path, f"another file begins at byte {len(contents[0])};"), tmp_path)
+    for k, name in enumerate(("first", "second")):
+        part = tmp_path / f"{name}.blf"
+        assert part.read_bytes() == contents[k]
+        with open_bags([part]) as bags:
+            [topic] = bags.topics
+            [block] = bags.blocks([topic.name])
+        payloads = [block.message(row)[-8:-6] for row in range(len(block))]
+        assert payloads == [bytes([k, n]) for n in range(200)]
+
+
 @pytest.mark.parametrize("kept", [1.0, 0.7])
 def test_recovery_of_joined_files(tmp_path: Path, kept: float) -> None:
     """Recovery saves the first of joined files, also if it is cut off, and names the second."""
@@ -357,13 +385,20 @@ def test_folder_of_several_files(tmp_path: Path) -> None:
     assert read(tmp_path, "/a") == [*drive(10, 20), *drive(10, 100)]
 
 
-@pytest.mark.parametrize("text", ["", "rosbag2_bagfile_information: [", "a: 1", "\xff"])
+@pytest.mark.parametrize("text", ["", "a: [", "a: 1", "\xff", "a: &a [*a]", "- b.txt\n"])
 def test_metadata_that_is_damaged(tmp_path: Path, text: str) -> None:
-    """The error says to delete metadata.yaml, and the bag is then read."""
+    """A bag whose metadata.yaml lists none of its files is read without it."""
     folder = write_folder(tmp_path / "bag", drive(), StoragePlugin.MCAP)
     (folder / "metadata.yaml").write_text(text, encoding="latin-1")
-    refused(folder, r"metadata\.yaml is damaged .*delete it, as the bag is read without it")
-    (folder / "metadata.yaml").unlink()
+    assert read(folder, "/a") == drive()
+
+
+def test_file_that_is_missing(tmp_path: Path) -> None:
+    """A file that metadata.yaml lists, but that is not in the folder, is named."""
+    folder = write_folder(tmp_path / "bag", drive(), StoragePlugin.MCAP)
+    (folder / "bag.mcap").rename(folder / "other.mcap")
+    refused(folder, r"There is no bag .*bag/bag\.mcap; check the path")
+    (folder / "other.mcap").rename(folder / "bag.mcap")
     assert read(folder, "/a") == drive()
 
 

@@ -687,7 +687,7 @@ print(done.predictions, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 10
 
 def test_memory_does_not_grow_with_the_bag(tmp_path: Path) -> None:
     """A bag of more than 50 MB needs no more memory than one of 5 MB."""
-    from linkage_vibration.bags.chunks import ChunkLog, Messages
+    from linkage_vibration.bags.log_writer import ChunkLog, Messages
 
     totals = []
     rng = np.random.default_rng(1)

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from linkage_vibration.mechanics.arrays import FloatArray
-from linkage_vibration.readers.profiles import ProfileError, read_profile
+from linkage_vibration.readers.profiles import read_profile
+from linkage_vibration.readers.recordings import RecordingError
 
 DISTANCE = 0.1 * np.arange(300)
 HEIGHT = 0.01 * np.sin(DISTANCE)
@@ -62,7 +63,7 @@ def test_faults_are_named(tmp_path: Path, fault: str) -> None:
     """Each error names the file, where it is wrong, and what to do."""
     columns, message = FAULTS[fault]
     path = write(tmp_path / "road.csv", *columns)
-    with pytest.raises(ProfileError, match=rf"road\.csv: .*{message}"):
+    with pytest.raises(RecordingError, match=rf"road\.csv: .*{message}"):
         read_profile(path)
 
 
@@ -76,7 +77,7 @@ def test_just_enough_is_read(tmp_path: Path) -> None:
 
 def test_missing_file(tmp_path: Path) -> None:
     """A file that does not exist is named."""
-    with pytest.raises(ProfileError, match=r"none\.csv: cannot be read"):
+    with pytest.raises(RecordingError, match=r"none\.csv: cannot be read"):
         read_profile(tmp_path / "none.csv")
 
 
@@ -92,5 +93,5 @@ def test_waves_that_repeat_evenly_are_refused(
     if not refused:
         assert len(read_profile(path)[0]) == 8000
         return
-    with pytest.raises(ProfileError, match=r"waves of about (0\.9|1\.0).* m repeat evenly"):
+    with pytest.raises(RecordingError, match=r"waves of about (0\.9|1\.0).* m repeat evenly"):
         read_profile(path)

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from linkage_vibration.bags.chunks import ChunkLog, Messages
+from linkage_vibration.bags.log_writer import ChunkLog, Messages
 from linkage_vibration.bags.message_types import FLOAT64, JOINT_STATE
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.messages.topics import (
