@@ -73,6 +73,7 @@ _FIRST_CELLS, _MOST_CELLS = 32, 512  # of a piece of the table
 _NARROWEST = 1e-9  # rad; narrower cells are not divided
 _GROUND = Source.GROUND.index
 _REASONS = np.array(REASONS)
+_UNITS = np.array([1.0, 1j])
 _CHUNK = 16  # angles that are evaluated together, so that their terms stay in the cache
 
 
@@ -109,7 +110,7 @@ class _Layout:
     def order(self, values: FloatArray) -> tuple[IntArray, IntArray]:
         """Return the rows of the matrices of `_Terms`, and the places of its values here.
 
-        Values are (n, n_values); a row of which all are zero is left out.
+        The matrices come last. Values are (n, n_values); a row of which all are zero is left out.
         """
         parts = self.split(np.arange(self.n_values)[:, np.newaxis])
         poles, above, rest, *others = (part[..., 0] for part in parts)
@@ -117,7 +118,7 @@ class _Layout:
         nonzero = np.asarray(values.any(axis=0))
         used = np.flatnonzero(nonzero[rows].any(axis=(1, 2)))
         matrices = rows[used].transpose(2, 0, 1)
-        return used, np.concatenate([part.ravel() for part in (poles, matrices, *others)])
+        return used, np.concatenate([part.ravel() for part in (poles, *others, matrices)])
 
 
 class _Terms(NamedTuple):
@@ -216,7 +217,7 @@ class LevelTable:
         self._ground_members: GroundMembers | None = None
         if self._loaded and len(table.ensemble_alpha3):
             self._members = EnsembleResponses(
-                table, inputs, outputs, n_forces, self._table_responses
+                table, inputs, outputs, n_forces, self._table_responses, keep
             )
             self.n_members = self._members.n
             amplitudes, frequencies = load_factors(excitations, self.n_members)
@@ -293,22 +294,20 @@ class LevelTable:
         starts, cubics = self._cells
         which = np.maximum(starts.searchsorted(angles, side="right") - 1, 0)
         layout, n = self._layout, len(angles)
-        values, apart = np.empty((n, cubics.shape[2])), (angles - starts[which])[:, np.newaxis]
-        ends = [0, *(np.flatnonzero(which[1:] != which[:-1]) + 1).tolist(), n]
-        for few in map(slice, ends, ends[1:]):  # A crank stays in a cell for some readings.
-            rows, cubic, x = values[few], cubics[which[few.start]], apart[few]
-            np.multiply(cubic[0], x, out=rows)
-            for power in (1, 2):
-                rows += cubic[power]
-                rows *= x
-            rows += cubic[3]
-        poles, static = 3 * layout.n_terms, values.shape[1] - layout.n_inputs - layout.n_forces
-        return _Terms(
-            values[:, :poles].reshape(n, 3, -1),
-            values[:, poles:static].reshape(n, layout.n_inputs, -1, layout.n_outputs),
-            values[:, static : static + layout.n_inputs],
-            values[:, static + layout.n_inputs :],
-        )
+        x = angles - starts[which]
+        powers = np.stack([x * x * x, x * x, x, np.ones(n)], axis=1)[:, np.newaxis]
+        ends = np.cumsum([3 * layout.n_terms, layout.n_inputs, layout.n_forces])
+        numbers = (powers @ cubics[which, :, : ends[-1]])[:, 0]
+        poles, static, reference, _ = np.split(numbers, ends, 1)
+        # A product for each input is so small that BLAS uses one thread.
+        blocks = cubics[:, :, ends[-1] :].reshape(len(cubics), 4, layout.n_inputs, -1)
+        matrices = np.empty((n, layout.n_inputs, 1, blocks.shape[3]))
+        cells = [0, *(np.flatnonzero(which[1:] != which[:-1]) + 1).tolist(), n]
+        for few in map(slice, cells, cells[1:]):  # A crank stays in a cell for some readings.
+            block = blocks[which[few.start]].swapaxes(0, 1)
+            np.matmul(powers[few, np.newaxis], block, out=matrices[few])
+        shape = n, layout.n_inputs, -1, layout.n_outputs
+        return _Terms(poles.reshape(n, 3, -1), matrices.reshape(shape), static, reference)
 
     def at(self, alpha3: FloatArray, speeds: FloatArray) -> MessageColumns:
         """Return the levels at n angles, by the names of the fields of ``Levels.msg``.
@@ -488,17 +487,15 @@ class LevelTable:
         """
         w, t = w[..., np.newaxis], self._layout.n_terms
         k, damping, c = (terms.poles[..., i, np.newaxis, :] for i in range(3))
-        real, imaginary = k - w * w, damping + w * c
-        square = real * real + imaginary * imaginary
-        real, imaginary = real / square, imaginary / square
-        factors = np.zeros((*real.shape[:-1], 2, 3 * t + 3))
-        factors[..., 0, :t] = factors[..., 1, t : 2 * t] = real
-        factors[..., 0, t : 2 * t] = imaginary
-        factors[..., 1, :t] = -imaginary
-        factors[..., 2 * t : 3 * t] = w[..., np.newaxis] * factors[..., t : 2 * t]
-        factors[..., 0, 3 * t] = factors[..., 1, 3 * t + 1] = 1.0
-        factors[..., 1, 3 * t + 2] = w[..., 0]
-        return np.asarray(factors.take(self._rows, axis=-1) @ terms.matrices.take(inputs, axis=-3))
+        factors = np.empty((*np.broadcast_shapes(w.shape, k.shape)[:-1], 3 * t + 3), complex)
+        first = factors[..., :t]
+        first.real, first.imag = k - w * w, damping + w * c
+        np.reciprocal(first, out=first)
+        np.multiply(first, 1j, out=factors[..., t : 2 * t])
+        np.multiply(first, 1j * w, out=factors[..., 2 * t : 3 * t])
+        factors[..., 3 * t : 3 * t + 2], factors[..., 3 * t + 2 :] = _UNITS, 1j * w
+        parts = factors.take(self._rows, axis=-1)[..., np.newaxis].view(float).swapaxes(-1, -2)
+        return np.asarray(parts @ terms.matrices.take(inputs, axis=-3))
 
     def _table_responses(self, nodes: IntArray, omega: FloatArray) -> FloatArray:
         """Return `_responses` at nodes of the ensemble, (n,), (n, 2, n_excitations, n_outputs).

@@ -117,14 +117,14 @@ def test_levels_are_the_same_to_the_last_bit(
 ) -> None:
     """Levels, factors and quiet speeds are those without files, at the first start and the second.
 
-    The first start writes three files, and the second one tabulates nothing.
+    The first start writes four files, and the second one tabulates nothing.
     """
     expected = results(LevelTable(Predictor(shipped[0]), *shipped[1:]))
     assert not folder.exists()
     first = kept_levels(Predictor(shipped[0]), *shipped[1:])
     first.prepare()
     names = [path.name.partition("-")[0] for path in folder.iterdir()]
-    assert sorted(names) == ["cells", "ground", "members"]
+    assert sorted(names) == ["cells", "ground", "members", "modes"]
     assert results(first) == expected
     tabulate_nothing(monkeypatch)
     assert results(kept_levels(Predictor(shipped[0]), *shipped[1:])) == expected
