@@ -74,7 +74,8 @@ _NARROWEST = 1e-9  # rad; narrower cells are not divided
 _GROUND = Source.GROUND.index
 _REASONS = np.array(REASONS)
 _UNITS = np.array([1.0, 1j])
-_CHUNK = 16  # angles that are evaluated together, so that their terms stay in the cache
+# Angles that are evaluated together, so that their terms stay in the cache; those of all members
+_CHUNK, _MEMBERS_CHUNK = 16, 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -386,8 +387,8 @@ class LevelTable:
         width = _unknown(0, len(self._inputs))[0].shape[1]
         quantities = np.full((len(alpha3), self.n_members, width), math.nan)
         inside = np.flatnonzero(np.isfinite(angles))
-        for start in range(0, len(inside) if members is not None else 0, _CHUNK):
-            rows = inside[start : start + _CHUNK]
+        for start in range(0, len(inside) if members is not None else 0, _MEMBERS_CHUNK):
+            rows = inside[start : start + _MEMBERS_CHUNK]
             quantities[rows] = self._of_members(angles[rows], speeds[:, rows], width)
         return quantities
 
@@ -490,7 +491,8 @@ class LevelTable:
         factors = np.empty((*np.broadcast_shapes(w.shape, k.shape)[:-1], 3 * t + 3), complex)
         first = factors[..., :t]
         first.real, first.imag = k - w * w, damping + w * c
-        np.reciprocal(first, out=first)
+        with np.errstate(invalid="ignore"):  # NaN where the table is not accurate
+            np.reciprocal(first, out=first)
         np.multiply(first, 1j, out=factors[..., t : 2 * t])
         np.multiply(first, 1j * w, out=factors[..., 2 * t : 3 * t])
         factors[..., 3 * t : 3 * t + 2], factors[..., 3 * t + 2 :] = _UNITS, 1j * w
