@@ -65,5 +65,9 @@ def export_of(
     orders = None
     if mechanism is not None and excitations:
         levels = kept_levels(Predictor(table), mechanism, excitations)
+        for each in excitations:
+            if each.load is not None and each.load.across:
+                problem = f"excitation {each.name} acts across the plane"
+                raise ExportError(f"{problem}, which exports leave out; remove its amplitude.")
         orders = orders_of(table, levels, excitations)
     return Export(name, table, constants_of(table, orders))

@@ -24,13 +24,14 @@ def orders_of(
     starts, cubics, t, which = levels.arrays
     i, loaded = int(which.max()) + 1, table.load_places if levels.force_places else ()
     names = [name for name, _ in table.forces if name in loaded]
-    forces, o = None, 1 + len(names)
+    forces, o = None, 1 + (len(table.forces) if loaded else 0)
     ends = np.cumsum([3 * t, 3 * t * o * i, 3 * o * i, i if t else 0])
     at = np.split(np.arange(cubics.shape[2]), ends)  # as `prediction.levels` arranges the values
     above, rest = (part.reshape(-1, o, i) for part in at[1:3])
     if names:
-        residues = cubics[:, :, above[:, 1:].reshape(3, -1)]
-        others = cubics[:, :, np.append(rest[:, 1:], at[4])]
+        of = slice(1, 1 + len(names))  # without tyres
+        residues = cubics[:, :, above[:, of].reshape(3, -1)]
+        others = cubics[:, :, np.append(rest[:, of], at[4][: len(loaded)])]
         components = tuple(names.count(name) for name in loaded)
         borders = np.append(starts, table.alpha3_range[1])
         forces = _forces_of(components, borders, residues, others)

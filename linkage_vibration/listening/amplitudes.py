@@ -89,10 +89,11 @@ def predicted_levels(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the predicted rms of all orders whose loads and speeds are known, m/s or N, (m,).
 
-    It is NaN in windows in which one of these speeds is not known, and everywhere without any. The
-    mean square of each order, (m, n_excitations), is 0 where it has none.
+    It is NaN in windows in which one of these speeds is not known, and everywhere without any or
+    if one acts across the plane. The mean square of each, (m, n_excitations), is 0 without a load.
     """
     squares, any_known = np.zeros(orders.squares.shape), False
+    across = any(each.load and each.load.across for each in excitations)
     for column, i in enumerate(transfer.loaded):
         load, speed = excitations[i].load, orders.speeds[:, i]
         if load is None or excitations[i].source not in known:
@@ -103,7 +104,8 @@ def predicted_levels(
             if transfer.sensor.accelerates:
                 amplitude = amplitude / (2.0 * math.pi * orders.frequencies[:, i])
         squares[:, i] = np.where(speed == 0.0, 0.0, amplitude**2 / 2.0)
-    return np.sqrt(squares.sum(axis=1)) if any_known else np.full(len(squares), math.nan), squares
+    levels = np.sqrt(squares.sum(axis=1)) if any_known and not across else math.nan
+    return np.broadcast_to(levels, len(squares)), squares
 
 
 def measure_orders(
@@ -125,7 +127,7 @@ def measure_orders(
     for i, excitation in enumerate(excitations):
         squares, noise = orders.squares[:, i], orders.noise[:, i]
         scale = np.full((len(squares), 1 + n_members), math.nan)
-        if excitation.load is not None:
+        if excitation.load is not None and i in loaded:
             relative = (orders.speeds[:, i] / excitation.load.speed) ** excitation.load.exponent
             scale = units[:, :, list(loaded).index(i)] * relative[:, np.newaxis]
         valid = np.isfinite(squares)

@@ -41,7 +41,8 @@ class SensorResponse:
                 f"The table has no response at {sensor.at}, where {sensor.name} measures; name one "
                 f"of {', '.join(known) or 'none'}, or build a table with --frf-points."
             )
-        self.loaded = [i for i, excitation in enumerate(excitations) if excitation.load is not None]
+        # The response of the lateral half, to what acts across the plane, is not known here.
+        self.loaded = [i for i, e in enumerate(excitations) if e.load and not e.load.across]
         loaded = [excitations[i] for i in self.loaded]
         self._loads = [load_input(each.load, each.name, table, mechanism) for each in loaded]
         self._powers = load_powers([each.load for each in loaded])

@@ -53,6 +53,11 @@ def is_force(place: tuple[str, str]) -> bool:
     return place[1] not in ("x", "y", "z")
 
 
+def tyre_place(mount: str) -> tuple[str, str]:
+    """Return the place of the force between a mount of the base and the soil."""
+    return SOIL + mount, "force_z"
+
+
 def magnitudes(places: Sequence[tuple[str, str]], forces: FloatArray) -> FloatArray:
     """Return magnitudes of forces at each name, (n_names, ...), from their components at places.
 
@@ -63,21 +68,27 @@ def magnitudes(places: Sequence[tuple[str, str]], forces: FloatArray) -> FloatAr
     return np.sqrt(np.add.reduceat(forces**2, first)) if first else forces
 
 
-def reference(static: FloatArray, names: Sequence[str], given: ReferenceForce | None) -> FloatArray:
-    """Return what dynamic forces are compared with, (n_names, ...), N, from static ones.
+def reference(
+    places: Sequence[tuple[str, str]], static: FloatArray, given: ReferenceForce | None
+) -> FloatArray:
+    """Return what dynamic forces are compared with, (n_names, ...), N, from static components.
 
-    They are static forces, at least a share of the largest one (except of tyres), as a ratio to the
-    force in a pin that carries nearly nothing has no meaning; or given, for all or for some names.
+    They are static forces, at least a share of the largest one (a pin that carries nearly nothing
+    has no ratio), or given. Those of tyres are their loads, negative if they would have to pull.
     """
-    hung, forces = [i for i, name in enumerate(names) if not name.startswith(SOIL)], static.copy()
-    least = _LEAST_REFERENCE * static[hung].max(axis=0, initial=0.0)
-    forces[hung] = np.where(least > 0.0, np.maximum(static[hung], least), math.nan)
+    names, forces = list(dict.fromkeys(name for name, _ in places)), magnitudes(places, static)
+    hung = [i for i, name in enumerate(names) if not name.startswith(SOIL)]
+    least = _LEAST_REFERENCE * forces[hung].max(axis=0, initial=0.0)
+    forces[hung] = np.where(least > 0.0, np.maximum(forces[hung], least), math.nan)
+    for place, force in zip(places, static, strict=True):
+        if place == tyre_place(place[0].removeprefix(SOIL)):
+            forces[names.index(place[0])] = -force
     if isinstance(given, float):
         forces[hung] = given
         return forces
-    replaced = dict(given or ())
-    for i, name in enumerate(names):
-        forces[i] = replaced.get(name, forces[i])
+    for name, force in given or ():
+        if name in names:
+            forces[names.index(name)] = force
     return forces
 
 
@@ -118,7 +129,7 @@ class Forces:
                 bodies = len(self.mechanism.owners(point))
                 if bodies > 2 or (bodies == 2 and point not in named.values()):
                     named[f"{link.name}:{point}"] = point
-        springs = [name for name, _ in self.springs if name]
+        springs = dict.fromkeys(name for name, _ in self.springs if name)
         names, given = (*named, *springs), self.mechanism.response.reference_force
         for name, _ in given if isinstance(given, tuple) else ():
             if name not in names:
@@ -129,13 +140,10 @@ class Forces:
     @cached_property
     def places(self) -> tuple[tuple[str, str], ...]:
         """The scalar places of `names`: all components of pins, springs, then tyres."""
-        springs = dict(self.springs)
-        kinds = [
-            [springs[name]] if name in springs else self._directions(*self._end(name))
-            for name in self.names
-        ]
-        both = zip(self.names, kinds, strict=True)
-        return tuple((name, direction) for name, kind in both for direction in kind)
+        springs = [place for place in self.springs if place[0]]
+        pins = [name for name in self.names if name not in dict(springs)]
+        both = [(name, each) for name in pins for each in self._directions(*self._end(name))]
+        return (*both, *springs)
 
     def _directions(self, link: Link, point: str) -> list[str]:
         """Return the components of the force of a pin on a link, along the global axes."""
@@ -190,12 +198,14 @@ class Forces:
                 elastic[:, 0, self.system.rows[link.name]] = self._ends[link.name][point]
                 directions, forces = [*directions, *_SECTION], [*forces, *elastic]
             return slice(None), dict(zip(directions, forces, strict=True))
-        i, at = [each for each, _ in self.springs].index(name), slice(self.system.n_interface)
-        both = np.stack([x[..., i] for x in (joining.stiffness, joining.damping)], axis=-1)
-        force = np.concatenate([both, 0.0 * both[..., :1]], axis=-1)[..., np.newaxis]
-        force = force * joining.elongation[..., np.newaxis, i, :]
-        share = np.asarray(self.tension_share(i, configuration))
-        return at, {self.springs[i][1]: share[..., np.newaxis, np.newaxis] * force}
+        found = {}
+        for i in (i for i, each in enumerate(self.springs) if each[0] == name):
+            both = np.stack([x[..., i] for x in (joining.stiffness, joining.damping)], axis=-1)
+            force = np.concatenate([both, 0.0 * both[..., :1]], axis=-1)[..., np.newaxis]
+            force = force * joining.elongation[..., np.newaxis, i, :]
+            share = np.asarray(self.tension_share(i, configuration))
+            found[self.springs[i][1]] = share[..., np.newaxis, np.newaxis] * force
+        return slice(self.system.n_interface), found
 
     def _on_link(self, link: Link, point: str, joining: Joining) -> NDArray[Any]:
         """Return what pins at a point exert on a link, (3, 2, n): beside springs, what moves it."""
@@ -216,7 +226,7 @@ class Forces:
         """The name and direction of the force of each row of `Joining`; "" if it has no force."""
         own = [(each.name if has_force(each) else "", "force") for each in self.mechanism.springs]
         return own + [
-            (f"{SOIL}{mount.name}" if axis else "", "force_z")
+            tyre_place(mount.name) if axis else ("", "")
             for mount, axis in mount_springs(self.mechanism.base)
         ]
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from linkage_vibration.mechanics.base import mount_springs
 from linkage_vibration.mechanics.description import Mechanism
-from linkage_vibration.mechanics.forces import SOIL
+from linkage_vibration.mechanics.forces import tyre_place
 from linkage_vibration.mechanics.model import ModelError, Place, Solution, pairs
 from linkage_vibration.mechanics.response import PoleResidue, pole_residue
 
@@ -76,7 +76,7 @@ def transmissibility(
     k, c = (each[which, np.newaxis] for each in (joining.stiffness, joining.damping))
     response = pole_residue(solution.damped, out, into).driven(k, c)
     # A tyre is compressed by the motion of the soil under it, too.
-    tyres = [(f"{SOIL}{springs[i - first][0].name}", f"force_{soil[1]}") for i in which]
+    tyres = [tyre_place(springs[i - first][0].name) if axis else None for i in which]
     own = np.array([[float(output == tyre) for tyre in tyres] for output in outputs])
     rest, rate = response.residual - own @ k, response.residual_rate - own @ c
     return replace(response, residual=rest, residual_rate=rate)

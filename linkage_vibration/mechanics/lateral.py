@@ -38,7 +38,7 @@ from linkage_vibration.mechanics.description import (
     Spring,
 )
 from linkage_vibration.mechanics.dofs import InterfaceDof
-from linkage_vibration.mechanics.forces import SOIL, Forces
+from linkage_vibration.mechanics.forces import SOIL, Forces, tyre_place
 from linkage_vibration.mechanics.kinematics import Configuration
 
 _SAME_PLACE = 1e-9  # m
@@ -215,7 +215,10 @@ class LateralMap(InterfaceMap):
     def held_by(self) -> list[tuple[str, str]]:
         """The name and direction of the force of each row of `_mounts`; "" if it has no force."""
         shafts = [] if self._rigid_shaft else [("", "")] * len(self._bearings)
-        tyres = [(f"{SOIL}{each[0]}" if each[1] == 1 else "", "force_y") for each in self.wheels]
+        tyres = [
+            (("", ""), (f"{SOIL}{mount}", "force_y"), tyre_place(mount))[axis]
+            for mount, axis, *_ in self.wheels
+        ]
         return [*((chain.name, "force") for chain in self.chains), *shafts, *tyres]
 
     @cached_property

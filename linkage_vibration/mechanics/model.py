@@ -33,7 +33,7 @@ from linkage_vibration.mechanics.coupling import (
 )
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.fbs import couple_frfs, couple_frfs_with_error, held_frf
-from linkage_vibration.mechanics.forces import SOIL, Forces, is_force, magnitudes, reference
+from linkage_vibration.mechanics.forces import Forces, is_force, magnitudes, reference, tyre_place
 from linkage_vibration.mechanics.identification import IdentifiedModes, identify
 from linkage_vibration.mechanics.kinematics import Configuration, Kinematics
 from linkage_vibration.mechanics.lateral import LateralForces, LateralMap, lateral_components
@@ -227,9 +227,12 @@ class LinkageModel:
         alpha3 : float
             Input angle, rad.
         """
+        return magnitudes(self.forces.places, self._at_rest(alpha3))
+
+    def _at_rest(self, alpha3: float) -> FloatArray:
+        """Return static forces at `Forces.places`, (n_places,), N."""
         configuration = self.kinematics.at(alpha3)
-        forces = self.forces.at_rest(configuration, self.interface.join(configuration))
-        return magnitudes(self.forces.places, forces)
+        return self.forces.at_rest(configuration, self.interface.join(configuration))
 
     def mount_loads(self, alpha3: float) -> FloatArray:
         """Return the vertical load of each mount of the base under all weight, (n_mounts,), N.
@@ -237,17 +240,16 @@ class LinkageModel:
         It is NaN where nothing carries the weight, and negative where a mount would have to pull.
         """
         mounts = () if self.mechanism.base is None else self.mechanism.base.mounts
-        configuration = self.kinematics.at(alpha3)
-        forces = self.forces.at_rest(configuration, self.interface.join(configuration))
-        at = dict(zip(self.forces.places, forces.tolist(), strict=True))
-        return np.array([-at.get((f"{SOIL}{mount.name}", "force_z"), 0.0) for mount in mounts])
+        at = dict(zip(self.forces.places, self._at_rest(alpha3).tolist(), strict=True))
+        return np.array([-at.get(tyre_place(mount.name), 0.0) for mount in mounts])
 
     def reference_forces(self, alpha3: float) -> FloatArray:
         """Return what dynamic forces at `force_places` are compared with, (n_force_places,), N.
 
         It is the static force, but at least a tenth of the largest at this angle, as a pin that
         carries nearly nothing has no meaningful ratio. `response.reference_force` replaces all
-        of them, or those of the places that it names.
+        of them, or those of the places that it names. Of a tyre that would have to pull, it is
+        negative.
 
         Parameters
         ----------
@@ -255,7 +257,7 @@ class LinkageModel:
             Input angle, rad.
         """
         given = self.mechanism.response.reference_force
-        return reference(self.static_forces(alpha3), self.force_places, given)
+        return reference(self.forces.places, self._at_rest(alpha3), given)
 
     def output_rows(
         self,

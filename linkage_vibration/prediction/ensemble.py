@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from linkage_vibration.mechanics.arrays import FloatArray, IntArray
 from linkage_vibration.mechanics.description import Mechanism
-from linkage_vibration.mechanics.forces import magnitudes, reference
+from linkage_vibration.mechanics.forces import reference
 from linkage_vibration.mechanics.model import Place
 from linkage_vibration.prediction.excitation import Excitation
 from linkage_vibration.prediction.ground import (
@@ -30,7 +30,7 @@ from linkage_vibration.prediction.ground import (
     halves_of,
     mean_squares,
 )
-from linkage_vibration.prediction.level_cache import Arrays, Keep, computed
+from linkage_vibration.prediction.level_cache import Arrays, Keep, Kept, computed
 from linkage_vibration.prediction.loads import UnitLoad, soil_motion, weights_at
 from linkage_vibration.table.interpolation import interpolation_matrix, stroke_variable
 from linkage_vibration.table.table import Table
@@ -117,14 +117,14 @@ class EnsembleResponses:
         outputs: Sequence[Place],
         n_forces: int,
         table_responses: Callable[[IntArray, FloatArray], FloatArray] | None = None,
-        keep: Keep = computed,
+        kept: Kept = lambda compute: compute(),
     ) -> None:
         self._table, self._n_forces = table, n_forces
         self._table_responses = table_responses
         self._variables = stroke_variable(table.ensemble_alpha3, table.toggles)
         self.n = len(table.ensemble_poles) - 1
         """Number of members beside the mechanism itself."""
-        nodes = [*keep("modes", lambda: self._at_nodes(outputs, loads)).values()]
+        nodes = [*kept(lambda: self._at_nodes(outputs, loads)).values()]
         self._shapes = [node.shape[2:] for node in nodes]
         self._values = np.concatenate([node.reshape(*node.shape[:2], -1) for node in nodes], axis=2)
         self._nominal = self._modes(self._values[:, 0])
@@ -151,8 +151,8 @@ class EnsembleResponses:
         share = (alpha3 - nodes[after - 1]) / (nodes[after] - nodes[after - 1])
         around, of_table = np.concatenate([after - 1, after]), np.tile(omega[:, 0], (2, 1))
         # What the table adds to the modes of the mechanism itself.
-        left = self._table_responses(around, of_table)
-        left = left - self._nominal.at(around).responses(of_table, loads)
+        own = self._nominal.at(around).responses(of_table, loads)
+        left = self._table_responses(around, of_table)[..., : own.shape[-1]] - own
         weights = np.concatenate([1.0 - share, share]).reshape(-1, 1, 1, 1)
         before, behind = (
             (weights * left).astype(np.float32).reshape(2, len(alpha3), *left.shape[1:])
@@ -180,9 +180,9 @@ class EnsembleResponses:
         numerators[..., 1, :, k:] = 2.0 * ry
         numerators[..., 2, :, :k] = 2.0 * fx - (rx * px + ry * py)
         numerators[..., 2, :, k:] = (ry * px - rx * py) - 2.0 * fy
-        forces = magnitudes(self._table.forces, np.moveaxis(static.astype(float), -1, 0))
-        names = self._table.force_places[: self._n_forces]
-        references = reference(forces[: len(names)], names, self._table.reference_force)
+        forces = np.moveaxis(static.astype(float), -1, 0)
+        references = reference(self._table.forces, forces, self._table.reference_force)
+        references = references[: self._n_forces]
         return _Modes(
             np.concatenate([size * size] * 2, axis=-1)[..., np.newaxis, :],
             -np.concatenate([x, x], axis=-1)[..., np.newaxis, :],

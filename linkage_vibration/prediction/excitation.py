@@ -124,7 +124,7 @@ def _orders(keys: CheckedMapping, name: str) -> list[Excitation]:
         if order not in orders:
             raise keys.error("no_warning", f"{order:g} is not one of the orders; remove it.")
     for i, order in enumerate(orders):
-        _check(keys, f"orders[{i}]", order, _LEAST, _LARGEST)
+        keys.refuse_outside(f"orders[{i}]", order, _LEAST, _LARGEST, "give 1e-06 to 1e+06")
     spread, loads = _stddev(keys, "frequency_stddev"), _loads(keys, orders)
     what = _description(keys, name)
     return [
@@ -159,7 +159,7 @@ def _ground(keys: CheckedMapping, name: str, read_profile: ReadProfile) -> Excit
             "not known.",
         )
     ground, spectrum, difference = keys["terrain"], None, None
-    track = _number(keys, "track", 0.0, _WHEELS[1], hint=", in m") if "track" in keys else None
+    track = _number(keys, "track", 0.0, _WHEELS[1], unit=" m") if "track" in keys else None
     roughness, exponent, reference, spread = math.nan, 2.0, 0.1, 0.0
     if "class" in ground:
         word = ground.choice("class", list(_CLASSES))
@@ -182,7 +182,7 @@ def _ground(keys: CheckedMapping, name: str, read_profile: ReadProfile) -> Excit
         raise keys.error("terrain", "give a class, a roughness, or a profile.")
     band = keys.interval("band_hz", positive=True) if "band_hz" in keys else (0.3, 20.0)
     for end in band:
-        _check(keys, "band_hz", end, 0.01, 1e3)
+        keys.refuse_outside("band_hz", end, 0.01, 1e3, "give 0.01 to 1000 Hz")
     treaded = not {"lugs", "rolling_radius"}.isdisjoint(keys)
     radius, what = _radius(keys) if treaded else math.nan, _description(keys, name)
     pitch = 2.0 * math.pi * radius / keys.integer("lugs") if treaded else None
@@ -205,7 +205,7 @@ def _ground(keys: CheckedMapping, name: str, read_profile: ReadProfile) -> Excit
 
 def _radius(keys: CheckedMapping) -> float:
     """Return the rolling radius of a wheel, m."""
-    return _number(keys, "rolling_radius", *_WHEELS, hint=", in m")
+    return _number(keys, "rolling_radius", *_WHEELS, unit=" m")
 
 
 def _loads(keys: CheckedMapping, orders: list[float]) -> list[Load | None]:
@@ -245,26 +245,18 @@ def _stddevs(keys: CheckedMapping, count: int) -> list[float]:
 
 def _stddev(keys: CheckedMapping, key: str, default: float = 0.0) -> float:
     """Return a relative standard deviation."""
-    return _number(keys, key, 0.0, 1.0, default=default, hint=", as a part of the value")
+    return _number(keys, key, 0.0, 1.0, default=default, unit=", as a part of the value")
 
 
 def _number(
     keys: CheckedMapping,
     key: str,
     least: float = _LEAST,
-    largest: float = _LARGEST,
+    most: float = _LARGEST,
     *,
     default: float | None = None,
-    hint: str = "",
+    unit: str = "",
 ) -> float:
-    """Return a number in a range that includes its ends."""
-    number = keys.number(key, default=default)
-    _check(keys, key, number, least, largest, hint)
-    return number
-
-
-def _check(
-    keys: CheckedMapping, key: str, number: float, least: float, largest: float, hint: str = ""
-) -> None:
-    if not least <= number <= largest:
-        raise keys.error(key, f"{number:g} is not from {least:g} to {largest:g}{hint}.")
+    """Return a number from `least` to `most`."""
+    hint = f"give {least:g} to {most:g}{unit}"
+    return keys.number(key, default=default, least=least, most=most, hint=hint)

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 import scipy
@@ -22,13 +23,15 @@ from numpy.typing import NDArray
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray
 from linkage_vibration.mechanics.description import Mechanism, Mount
-from linkage_vibration.mechanics.forces import SOIL, is_force
+from linkage_vibration.mechanics.forces import is_force, tyre_place
 from linkage_vibration.mechanics.model import LinkageModel, Place
 from linkage_vibration.mechanics.response import PoleResidue
 from linkage_vibration.prediction.level_cache import Arrays, Keep, computed
 from linkage_vibration.table.interpolation import angles_in_table, stroke_angle, stroke_variable
 from linkage_vibration.table.table import Table
 
+Reals = NDArray[np.floating[Any]]
+"""Those of the ensemble have single precision."""
 Reasons = NDArray[np.int8]
 Spectrum = tuple[tuple[float, float], ...]
 """Wavenumbers, 1/m, ascending, and power spectral densities of a profile, m3."""
@@ -202,12 +205,35 @@ class GroundLevels:
     velocity: FloatArray  # (n,), of the response point, rms, m/s
     acceleration: FloatArray  # (n,), rms, m/s2
     forces2: FloatArray  # (n_outputs, n): mean squares of the forces, N2
+    tyres2: FloatArray  # (n_mounts, n): those of tyres, also where these are off the ground
+    loads: FloatArray  # (n_mounts, n): static loads of the mounts, N
     off_ground_share: FloatArray  # (n,), largest share of the time a tyre is off the ground, 1
     reason: Reasons  # (n,): why they are not known, of `REASONS`
 
     def rows(self, which: IntArray) -> "GroundLevels":
         """Return the levels with these indices."""
         return GroundLevels(*(getattr(self, each.name)[..., which] for each in fields(self)))
+
+    def with_share(self, share: FloatArray) -> "GroundLevels":
+        """Return the levels with the largest share of the time that a tyre is off the ground, 1."""
+        off = np.where(share > MAX_OFF_GROUND, _OFF, np.where(np.isnan(share), _STATIC, 0))
+        reason = np.where(self.reason > 0, self.reason, off).astype(np.int8)
+        every = self.velocity, self.acceleration, self.forces2
+        velocity, acceleration, forces2 = (np.where(reason > 0, math.nan, x) for x in every)
+        known = velocity, acceleration, forces2, self.tyres2, self.loads
+        return GroundLevels(*known, share, reason)
+
+
+def off_ground_share(loads: Reals, forces2: Reals) -> FloatArray:
+    """Return the largest share of the time that a tyre is off the ground, (n,), 1.
+
+    Static loads, N, and mean squares of the forces by all excitations, N2, are (n_tyres, n). The
+    sum of these forces is taken as normally distributed.
+    """
+    if not len(loads):
+        return np.full(loads.shape[1], math.nan)
+    with np.errstate(divide="ignore", invalid="ignore"):  # no force
+        return np.asarray(scipy.special.ndtr(-loads / np.sqrt(forces2)).max(axis=0))
 
 
 def vertical_mounts(mechanism: Mechanism) -> tuple[Mount, ...]:
@@ -270,21 +296,17 @@ def ground_lines(terrain: Terrain, count: int = N_FREQUENCIES) -> FloatArray:
 
 
 def ground_transfer(
-    frf: PoleResidue, mounts: Sequence[Mount], frequencies: FloatArray
+    frf: PoleResidue, mounts: Sequence[Mount], frequencies: FloatArray, outputs: Sequence[Place]
 ) -> ComplexArray:
     """Return responses per displacement of the soil under each mount, (n_out, n_mounts, n_f).
 
-    The receptances, (n_out, n_mounts), are those to forces at the mounts along z.
+    The FRFs of the outputs, (n_out, n_mounts), are those to forces at the mounts along z.
     """
-    return np.asarray(frf.frf(frequencies).transpose(1, 2, 0) * _impedance(mounts, frequencies))
-
-
-def _impedance(mounts: Sequence[Mount], frequencies: FloatArray) -> ComplexArray:
-    """Return the force of each mount per displacement, (n_mounts, n_f), N/m."""
     stiffness, damping = np.array([(m.stiffness[1], m.damping[1]) for m in mounts]).T
-    return np.asarray(
-        stiffness[:, np.newaxis] + 2j * math.pi * np.multiply.outer(damping, frequencies)
-    )
+    impedance = stiffness[:, np.newaxis] + 2j * math.pi * np.multiply.outer(damping, frequencies)
+    # A tyre is compressed by the motion of the soil under it, too.
+    own = np.array([[[tyre_place(mount.name) == each] for mount in mounts] for each in outputs])
+    return np.asarray((frf.frf(frequencies).transpose(1, 2, 0) - own) * impedance)
 
 
 def ground_squares(
@@ -392,18 +414,20 @@ def ground_spectrum(
             frf = half.source.solve(alpha3).frf([place], half.inputs)
         behind = np.array([[mount.at[0]] for mount in mounts])
         delayed = np.exp(2j * math.pi * f * (behind - behind.max()) / speed)
-        parts = ground_transfer(frf, mounts, f)[0] * delayed
+        parts = ground_transfer(frf, mounts, f, [place])[0] * delayed
         response = parts.sum(axis=0)
         if not is_force(place):
             parts, response = (each * 2.0 * math.pi * f for each in (parts, response))
-        shares = np.array(
-            [
+        # Where its roll is not modelled, a tyre feels half of the difference of both tracks, too.
+        own = mechanism.lateral is None and place in [tyre_place(mount.name) for mount in mounts]
+        shares = sum(
+            np.array(
                 [
-                    terrain.share(f / speed, (one, other), difference=half.difference)
-                    for other in tracks
+                    [terrain.share(f / speed, (a, b), difference=each) for b in tracks]
+                    for a in tracks
                 ]
-                for one in tracks
-            ]
+            )
+            for each in {half.difference, half.difference or own}
         )
         lost = np.einsum("if,jf,ijf->f", parts, parts.conj(), 1.0 - shares).real
         density += np.abs(response) ** 2 - lost
@@ -436,7 +460,8 @@ class GroundTable:
         # If the roll of the base is not modelled, it relieves a tyre as heave and pitch do.
         self._wheels = mechanism.lateral is None
         response = point or (mechanism.response.point, mechanism.response.direction)
-        self._outputs = [response, response, *outputs]
+        tyres = [[tyre_place(mount.name) for mount in half.mounts] for half in self._halves]
+        self._outputs = [response, response, *outputs, *tyres[0]]
         given = terrain.track is not None or terrain.difference or any(terrain.tracks(mounts))
         self.lacks_track = bool(mounts) and not given
         """Whether nothing says how far apart the wheels of an axle are."""
@@ -446,11 +471,14 @@ class GroundTable:
             return
         moved = [place for place in self._outputs if not is_force(place)]
         tables = [each.source for each in self._halves if isinstance(each.source, Table)]
-        needed = [*self._halves[0].inputs], [*moved, *self._halves[-1].inputs]
+        needed = [*self._halves[0].inputs], [*moved, *self._halves[-1].inputs, *tyres[-1]]
         if terrain.band[1] > table.band[1] or not all(
-            set(places) <= set(each.places) for places, each in zip(needed, tables, strict=False)
+            set(places) <= {*each.places, *each.forces}
+            for places, each in zip(needed, tables, strict=False)
         ):
             self.refusal = _FRFS
+        elif not set(tyres[0]) <= set(table.forces):
+            self.refusal = _STATIC
         else:
             self.lines = max(_count(each, terrain.band) for each in tables)
             self.refusal = _LIGHT if self.lines > _MAX_FREQUENCIES else 0
@@ -474,7 +502,9 @@ class GroundTable:
         table, terrain, mounts, count = self._table, self._terrain, self._mounts, self._count
         angles = stroke_angle(np.linspace(*self._ends, count + 1), table.toggles)
         angles[[0, -1]] = table.alpha3_range
-        speeds, n_rows = self._speeds(), len(self._outputs) + len(mounts)
+        speeds, n_rows = self._speeds(), len(self._outputs)
+        tyres = self._outputs[n_rows - len(mounts) :]
+        felt = [output in tyres for output in self._outputs]
         values = np.zeros((count + 1, n_rows + 1, len(speeds)))
         for half in self._halves:
             parts = [self._squares(half, angle) for angle in angles.tolist()]
@@ -486,30 +516,24 @@ class GroundTable:
                 for each in (False, self._wheels)
             )
             # A tyre feels all of its own track.
-            squares[:, -len(mounts) :] = wheels[:, -len(mounts) :]
+            squares[:, felt] = wheels[:, felt]
             lost = mean_squares(sharpest, speeds, uncovered=True)[:, np.newaxis]
             values += np.concatenate([squares, lost], axis=1)
         values *= speeds ** (1.0 - terrain.exponent)
-        tyres = [table.forces.index((f"{SOIL}{mount.name}", "force_z")) for mount in mounts]
-        loads = -table.components_at_rest(angles)[tyres].T[..., np.newaxis]
+        which = [table.force_places.index(name) for name, _ in tyres]
+        loads = table.reference_forces(angles)[which].T[..., np.newaxis]
         rows = np.concatenate([values, loads.repeat(len(speeds), axis=2)], axis=1)
         return {"values": np.ascontiguousarray(rows.transpose(0, 2, 1), np.float32)}
 
     def _squares(self, half: Half, alpha3: float) -> GroundSquares:
-        """Return the coefficients at an angle: of the response, forces and the forces of tyres."""
-        f, n, outputs = ground_lines(self._terrain, self.lines), len(half.mounts), self._outputs
+        """Return the coefficients at an angle, of the response and of forces."""
+        f, outputs = ground_lines(self._terrain, self.lines), self._outputs
         assert isinstance(half.source, Table)
         known = [i for i, place in enumerate(outputs) if half.knows(place)]
-        places = [*(outputs[i] for i in known), *half.inputs]
+        places = [outputs[i] for i in known]
         frf = half.source.frf(alpha3, places, half.inputs)
-        part = ground_transfer(frf, half.mounts, f)
-        part[-n:] = (np.eye(n)[:, :, np.newaxis] - part[-n:]) * _impedance(half.mounts, f)[
-            :, np.newaxis
-        ]
-        transfer = np.zeros((len(outputs) + len(self._mounts), n, len(f)), complex)
-        transfer[[*known, *(len(outputs) + self._mounts.index(each) for each in half.mounts)]] = (
-            part
-        )
+        transfer = np.zeros((len(outputs), len(half.mounts), len(f)), complex)
+        transfer[known] = ground_transfer(frf, half.mounts, f, places)
         orders = [1, 2, *[0] * (len(transfer) - 2)]
         return ground_squares(transfer, orders, half.mounts, self._terrain, f, half.difference)
 
@@ -539,26 +563,31 @@ class GroundTable:
             problem = f"{len(alpha3)} angles do not belong to {len(speed)} speeds"
             raise GroundError(f"{problem}; give one for each, or one for all.")
         alpha3, speed = np.broadcast_arrays(alpha3, speed)
-        return self.at_table_angles(angles_in_table(alpha3, self._table.alpha3_range), speed)
+        levels = self.at_table_angles(angles_in_table(alpha3, self._table.alpha3_range), speed)
+        return levels.with_share(off_ground_share(levels.loads, levels.tyres2))
 
     def at_table_angles(self, angles: FloatArray, speed: FloatArray) -> GroundLevels:
-        """Return the levels at n angles of the table, NaN where there are none, and speeds."""
+        """Return the levels at n angles of the table, NaN where there are none, and speeds.
+
+        It is not known yet whether tyres are off the ground: `GroundLevels.with_share` follows.
+        """
         speed = speed + 0.0  # -0.0 would be faster than all speeds
         outside, unknown = np.isnan(angles), ~((speed >= 0.0) & (speed <= FASTEST))
-        rows = np.full((1 + len(self._outputs), len(angles)), math.nan)
-        reason = np.full(len(angles), self.refusal)
+        n, m = len(self._outputs), len(self._mounts)
+        rows, reason = np.full((n + m, len(angles)), math.nan), np.full(len(angles), self.refusal)
         if not self.refusal:
             if not (outside | unknown).all():
                 angles = np.where(outside, self._table.alpha3_range[0], angles)
                 rows, reason = self._looked_up(angles, np.where(unknown, 1.0, speed))
-                rows[-1, outside | unknown] = math.nan
+                rows[:, outside | unknown] = math.nan
             reason = np.where(outside, _ANGLE, np.where(unknown, _SPEED, reason))
-        rows[:-1, reason > 0] = math.nan
+        rows[: n - m, reason > 0] = math.nan
         velocity, acceleration = np.sqrt(rows[:2])
-        return GroundLevels(velocity, acceleration, rows[2:-1], rows[-1], reason.astype(np.int8))
+        parts = rows[2 : n - m], rows[n - m : n], rows[n:], np.full(len(angles), math.nan)
+        return GroundLevels(velocity, acceleration, *parts, reason.astype(np.int8))
 
     def _looked_up(self, angles: FloatArray, speed: FloatArray) -> tuple[FloatArray, IntArray]:
-        """Return mean squares and the share off the ground, (n_rows, n), and reasons, (n,)."""
+        """Return mean squares, then loads of the mounts, (n_outputs + n_mounts, n), and reasons."""
         moving = np.minimum(np.maximum(speed, _SLOWEST), FASTEST)
         place = np.stack([stroke_variable(angles, self._table.toggles), self._column(moving)])
         first, weights = _cubic((place - self._origin) / self._steps, self.values.shape[:2])
@@ -566,19 +595,13 @@ class GroundTable:
         terms = around * (weights[:, 0, np.newaxis] * weights[:, 1])[..., np.newaxis]
         # The order of a sum must not depend on the number of rows.
         sums = np.add.accumulate(terms.reshape(16, *around.shape[2:]))[-1].T
-        n, m = len(self._outputs), len(self._mounts)
-        squares = np.maximum(sums[: n + m], 0.0) * speed ** (self._terrain.exponent - 1.0)
-        with np.errstate(divide="ignore"):  # a speed of 0 m/s
-            share = scipy.special.ndtr(-sums[-m:] / np.sqrt(squares[n:])).max(axis=0)
-        reason = np.where(share > MAX_OFF_GROUND, _OFF, np.where(np.isnan(share), _STATIC, 0))
-        lost = sums[n + m] > MAX_UNKNOWN_POWER * (sums[1] + sums[n + m])
-        if lost.any():
-            pitch, finest = self._terrain.lug_pitch, self._terrain.wavenumbers[1]
-            lugs = pitch is not None and finest == 0.5 / pitch
-            which = np.where(lugs & (speed * finest < self._terrain.band[1]), _LUGS, _PROFILE)
-            reason = np.where(lost & (speed > 0.0), which, reason)
-        squares[n] = share
-        return squares[: n + 1], reason
+        n, size = len(self._outputs), speed ** (self._terrain.exponent - 1.0)
+        rows = np.concatenate([np.maximum(sums[:n], 0.0) * size, sums[n + 1 :]])
+        lost = (sums[n] > MAX_UNKNOWN_POWER * (sums[1] + sums[n])) & (speed > 0.0)
+        pitch, finest = self._terrain.lug_pitch, self._terrain.wavenumbers[1]
+        lugs = pitch is not None and finest == 0.5 / pitch
+        which = np.where(lugs & (speed * finest < self._terrain.band[1]), _LUGS, _PROFILE)
+        return rows, np.where(lost, which, 0)
 
 
 def _count(table: Table, band: tuple[float, float]) -> int:

@@ -29,6 +29,8 @@ Arrays = dict[str, Any]
 """Arrays by their names; each is contiguous."""
 Keep = Callable[[str, Callable[[], Arrays]], Arrays]
 """Returns the arrays of a part, which has a name, that a function computes."""
+Kept = Callable[[Callable[[], Arrays]], Arrays]
+"""The same for a part whose name is known."""
 
 MOST_FILES = 20
 """Four tables, and four files of each with excitations, which have up to 50 MB."""

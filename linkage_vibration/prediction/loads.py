@@ -62,6 +62,11 @@ class Load:
     exponent: float  # the amplitude grows with this power of the speed
     relative_stddev: float  # of the amplitude
 
+    @property
+    def across(self) -> bool:
+        """Whether it acts across the plane, and so excites the lateral half."""
+        return self.place.endswith(".y")
+
 
 def given_kinds(keys: Iterable[str]) -> list[LoadKind]:
     """Return the kinds of which a description has amplitudes."""
@@ -101,9 +106,9 @@ def load_input(load: Load | None, name: str, table: Table, mechanism: Mechanism)
     """
     response = mechanism.response
     if load is None:
-        return _force_at((response.point, response.direction))
+        return force_at((response.point, response.direction))
     unit_load = load.kind.unit_load(load.place, mechanism, f"excitation {name}")
-    missing = sorted({place[0] for place in unit_load.places if place not in table.places})
+    missing = sorted({place[0] for place in unit_load.places if place not in table.frf_places})
     if missing:
         raise ExcitationError(
             f"excitation {name}: the table has no FRF at {', '.join(missing)}, where "
@@ -115,15 +120,17 @@ def load_input(load: Load | None, name: str, table: Table, mechanism: Mechanism)
 
 def _force(name: str, mechanism: Mechanism, where: str) -> UnitLoad:
     point, _, direction = name.rpartition(".")
-    if not mechanism.owners(point) or direction not in ("x", "z"):
+    directions = "xyz" if mechanism.lateral else "xz"
+    if not mechanism.owners(point) or direction not in [*directions]:
         raise ExcitationError(
             f"{where}: the mechanism {mechanism.name} has no place {name}; give a point and "
-            f"a direction, such as {mechanism.response.point}.z."
+            f"a direction, such as {mechanism.response.point}.z; y needs the key `lateral`."
         )
-    return _force_at((point, direction))
+    return force_at((point, direction))
 
 
-def _force_at(place: Place) -> UnitLoad:
+def force_at(place: Place) -> UnitLoad:
+    """Return a force of 1 N at a place."""
     weights = np.ones(1), np.zeros(1)
     return UnitLoad((place,), lambda alpha3: weights)
 

@@ -237,9 +237,11 @@ class ResonanceRules:
         pairs = self._pairs(predictions, crank, speeds)
         totals = levels.total_load_ratio[np.newaxis]
         ratio = np.concatenate([levels.load_ratios.T, totals], dtype=float)
-        # No level is known while a tyre is in the air, but that is no reason to be calm.
-        airborne = self._rolling & (levels.off_ground_share > MAX_OFF_GROUND)
-        ratio[:-1][airborne] = math.inf
+        # The level of the ground is not known while a tyre is off it, but that is no reason to be
+        # calm. Orders may lift a tyre, too.
+        off = levels.off_ground_share > MAX_OFF_GROUND
+        ratio[:-1][self._rolling & off & (speeds[0, _GROUND] > 0.0)] = math.inf
+        ratio[-1, off] = math.inf
         # A load that the table could give is not calm because it is beyond the table's frequencies.
         beyond = self._loaded & ~np.isnan(pairs.speed) & np.isnan(levels.velocities.T)
         beyond &= self.levels is not None and self.levels.has_load_ratios

@@ -246,8 +246,11 @@ def _warning(resonance: MessageColumns, excitations: Sequence[Excitation]) -> st
     does = f"exerts {load}, all excitations together {ratio_words(resonance.total_load_ratio)}"
     if resonance.off_ground_share > _HALF:
         return _TIPS
+    off = f"a tyre off the ground for {resonance.off_ground_share:.2g} of the time"
     if math.isnan(resonance.load_ratio):
-        does = f"lifts a tyre off the ground for {resonance.off_ground_share:.2g} of the time"
+        does = f"lifts {off}"
+    elif resonance.off_ground_share > MAX_OFF_GROUND:
+        does += f", and they lift {off}"
     ending = ending_words(resonance, excitations)
     end = f"It ends at {ending}." if ending else _ENDLESS
     return f"{cause_words(resonance)} {does}. {end}"

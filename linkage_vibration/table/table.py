@@ -503,14 +503,16 @@ class Table:
 
         It is the static force, but at least a tenth of the largest at that angle, as a pin that
         carries nearly nothing has no meaningful ratio; or `response.reference_force` of the
-        mechanism. It is NaN where nothing carries the weight.
+        mechanism. It is NaN where nothing carries the weight, and negative of a tyre that would
+        have to pull.
 
         Parameters
         ----------
         alpha3 : ndarray, (n,)
             rad, within the range.
         """
-        return reference(self.forces_at_rest(alpha3), self.force_places, self.reference_force)
+        forces = self.components_at_rest(alpha3)
+        return reference(self.forces if self.places else (), forces, self.reference_force)
 
     def _polynomial(self, piece: int, alpha3: FloatArray) -> tuple[slice, FloatArray]:
         """Return the points of a piece, and their weights at angles, (n, n_points)."""

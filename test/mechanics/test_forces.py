@@ -341,7 +341,7 @@ def test_forces_of_equal_links_are_those_of_one() -> None:
 
 def test_reference_is_a_tenth_of_the_largest_at_least(tractor: LinkageModel) -> None:
     """The force in a pin that carries little is compared with a tenth of the largest."""
-    expected = reference(np.array([50.0, 2000.0, 200.0, 199.0]), list("abcd"), None)
+    expected = reference([(x, "force") for x in "abcd"], np.array([50.0, 2e3, 200.0, 199.0]), None)
     np.testing.assert_allclose(expected, [200.0, 2000.0, 200.0, 200.0])
     static = tractor.static_forces(2.0)
     np.testing.assert_array_equal(

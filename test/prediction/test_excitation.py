@@ -47,7 +47,7 @@ def test_orders_of_shafts_and_tyres() -> None:
         ({"a": {"speed": "ground", "orders": [1]}}, "excitations.a.rolling_radius"),
         (
             {"a": {"speed": "ground", "orders": [1], "rolling_radius": 800}},
-            "rolling_radius: 800 is not from 0.01 to 10, in m",
+            "rolling_radius: 800 is above 10; give 0.01 to 10 m",
         ),
         ({"a": {"speed": "pto", "orders": [1, 2, 1]}}, "a.orders: 'a 1' occurs twice"),
         (
@@ -87,10 +87,10 @@ def test_deviations_of_each_order() -> None:
         ({"force": [3.0]}, r"rotor.force: give one number for each of the 2 orders"),
         ({"force": [3.0, -1.0]}, r"rotor.force: give one number .* none below zero"),
         ({"moment": [1.0, 2.0]}, r"rotor.moment: force is given too; describe each under a name"),
-        ({"exponent": 9}, r"rotor.exponent: 9 is not from -4 to 4"),
+        ({"exponent": 9}, r"rotor.exponent: 9 is above 4; give -4 to 4"),
         ({"amplitude_stddev": [0.5]}, r"rotor.amplitude_stddev: give one number, or one for each"),
         ({"amplitude_stddev": [0.5, 1.1]}, r"one for each of the 2 orders, 0 to 1"),
-        ({"amplitude_stddev": 50}, r"rotor.amplitude_stddev: 50 is not from 0 to 1"),
+        ({"amplitude_stddev": 50}, r"rotor.amplitude_stddev: 50 is above 1; give 0 to 1"),
         ({"no_warning": [3]}, r"rotor.no_warning: 3 is not one of the orders; remove it"),
         ({"at": None}, r"rotor.at: this key is missing"),
         ({"force": None}, r"rotor.at: this key is not known here"),

@@ -39,6 +39,7 @@ from linkage_vibration.prediction.ground import (
     power_law,
     profile_spectrum,
 )
+from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
@@ -87,7 +88,7 @@ def test_mass_on_two_mounts_has_the_level_of_its_closed_form(
     """The rms velocity differs by less than 1e-4 from the integral over 400,001 lines."""
     terrain, mounts = Terrain(256e-6), two_mounts(wheelbase)
     lines = ground_lines(terrain)
-    transfer = ground_transfer(heave(), mounts, lines)
+    transfer = ground_transfer(heave(), mounts, lines, [("E1", "z")])
     squares = ground_squares(transfer, [1], mounts, terrain, lines)
     fine = np.linspace(0.3, 20.0, 400_001)
     exact = level_on_class_c(closed_heave(fine, wheelbase, speed), fine, speed)
@@ -153,7 +154,7 @@ def test_measured_spectrum_gives_the_level_of_the_terrain() -> None:
     roughness, exponent = power_law(spectrum, 0.1)
     measured = Terrain(roughness, exponent, spectrum=spectrum)
     mounts, lines = two_mounts(2.5), ground_lines(terrain)
-    transfer = ground_transfer(heave(), mounts, lines)
+    transfer = ground_transfer(heave(), mounts, lines, [("E1", "z")])
     speeds = np.array([1.0, 8.0])
     exact, lost = (
         mean_squares(ground_squares(transfer, [1], mounts, terrain, lines), speeds)[0],
@@ -179,7 +180,7 @@ def test_mounts_do_not_act_together_if_the_delay_is_long(wheelbase: float, speed
     """Slow, or with axles that are far apart, the level is that of two independent profiles."""
     terrain, mounts = Terrain(256e-6), two_mounts(wheelbase)
     lines = ground_lines(terrain)
-    transfer = ground_transfer(heave(), mounts, lines)
+    transfer = ground_transfer(heave(), mounts, lines, [("E1", "z")])
     squares = ground_squares(transfer, [1], mounts, terrain, lines)
     fine = np.linspace(0.3, 20.0, 200_001)
     density = 256e-6 * (fine / speed / 0.1) ** -2.0 / speed
@@ -202,7 +203,7 @@ def test_three_mounts() -> None:
         rates=first.rates[:, [0, 0, 0]],
         residual=first.residual[:, [0, 0, 0]],
     )
-    transfer = ground_transfer(frf, mounts, lines)
+    transfer = ground_transfer(frf, mounts, lines, [("E1", "z")])
     level = mean_squares(ground_squares(transfer, [1], mounts, terrain, lines), np.array([speed]))[
         0, 0
     ]
@@ -388,17 +389,27 @@ def test_loads_of_the_axles_follow_from_the_lever_rule(tractor: Tractor, degrees
     np.testing.assert_allclose(actual, expected, rtol=1e-6)
 
 
-def test_share_off_the_ground_refuses_levels_above_a_fifth(tractor: Tractor) -> None:
-    """The share is that of a Gaussian force, and 0.198 is known while 0.202 is not."""
-    degrees, speed, w = 140.0, 30.0 / 3.6, 2.0 * math.pi * FINE
-    load = static_loads(tractor.mechanism, tractor.model, degrees)[1]
-    solution, (rear, front) = tractor.model.solve(math.radians(degrees)), MOUNTS
-    frf = solution.frf([("front_axle", "z")], [("rear_axle", "z"), ("front_axle", "z")]).frf(FINE)
+def front_tyre(tractor: Tractor, degrees: float, speed: float, f: FloatArray) -> ComplexArray:
+    """Return the force of the front tyre per height under it, and of the ground, N/m, (2, n_f)."""
+    w, (rear, front) = 2.0 * math.pi * f, MOUNTS
+    solution = tractor.model.solve(math.radians(degrees))
+    frf = solution.frf([("front_axle", "z")], [("rear_axle", "z"), ("front_axle", "z")]).frf(f)
     ahead = front[0] + 1j * w * front[1]
     behind = (rear[0] + 1j * w * rear[1]) * np.exp(-1j * w * 2.5 / speed)
-    force = ahead * (1.0 - frf[:, 0, 1] * ahead - frf[:, 0, 0] * behind)
-    height = 256e-6 * (FINE / speed / 0.1) ** -2.0 / speed
-    deviation = math.sqrt(trapezoid(np.abs(force) ** 2 * height, FINE))
+    own = ahead * (1.0 - frf[:, 0, 1] * ahead)
+    return np.array([own, own - ahead * frf[:, 0, 0] * behind])
+
+
+def deviation_of_front_tyre(tractor: Tractor, degrees: float, speed: float) -> float:
+    """Return the standard deviation of the force of the front tyre on class C, N."""
+    return level_on_class_c(front_tyre(tractor, degrees, speed, FINE)[1], FINE, speed)
+
+
+def test_share_off_the_ground_refuses_levels_above_a_fifth(tractor: Tractor) -> None:
+    """The share is that of a Gaussian force, and 0.198 is known while 0.202 is not."""
+    degrees, speed = 140.0, 30.0 / 3.6
+    load = static_loads(tractor.mechanism, tractor.model, degrees)[1]
+    deviation = deviation_of_front_tyre(tractor, degrees, speed)
     for share, reason in ((0.198, ""), (0.202, "A tyre is off the ground")):
         # The share of a normal distribution beyond the load; the front axle is the light one.
         factor = load / (-NormalDist().inv_cdf(share) * deviation)
@@ -407,6 +418,47 @@ def test_share_off_the_ground_refuses_levels_above_a_fifth(tractor: Tractor) -> 
         assert REASONS[actual.reason[0]].startswith(reason)
         assert math.isnan(actual.velocity[0]) == bool(reason)
         assert np.isnan(actual.forces2).all() == bool(reason)
+
+
+@pytest.mark.parametrize(("share", "lifted"), [(0.198, False), (0.202, True)])
+def test_orders_and_ground_lift_a_tyre_together(
+    tractor: Tractor, share: float, lifted: bool
+) -> None:
+    """Squares of the forces on the soil add up, also those by a tyre that is out of round alone."""
+    degrees, speed, one = 140.0, 30.0 / 3.6, np.array([1.0])
+    load = static_loads(tractor.mechanism, tractor.model, degrees)[1]
+    ground = deviation_of_front_tyre(tractor, degrees, speed)
+    both = load / -NormalDist().inv_cdf(share)
+    runout = math.sqrt(2.0 * (both**2 - ground**2))
+    runout /= abs(front_tyre(tractor, degrees, speed, one * speed / (2.0 * math.pi * 0.8))[0, 0])
+    tyre = {"speed": "ground", "rolling_radius": 0.8, "orders": [1], "at_speed": 5.0}
+    tyre |= {"at": "base:front_axle.z", "base_displacement": [runout]}
+    field = {"speed": "ground", "terrain": {"class": "C"}, "raised": True, "track": 0.0}
+    excitations = excitations_from_mapping({"tyre": tyre, "field": field})
+    alpha3, speeds = one * math.radians(degrees), np.array([[math.nan], [math.nan], [speed]])
+    actual, alone = (
+        LevelTable(Predictor(tractor.table), tractor.mechanism, each).at(alpha3, speeds)
+        for each in (excitations, excitations[:1])
+    )
+    assert actual.off_ground_share[0] == pytest.approx(share, abs=1e-3)
+    assert np.isnan(actual.velocities[0]).tolist() == [False, lifted]
+    assert actual.ground_unknown[0].startswith("A tyre is off the ground" if lifted else "")
+    size = math.sqrt(both**2 - ground**2)
+    assert alone.off_ground_share[0] == pytest.approx(NormalDist().cdf(-load / size), abs=1e-3)
+
+
+def test_spectrum_of_the_force_of_a_tyre(tractor: Tractor) -> None:
+    """It is that on the soil, which moves as well, and its integral is the level."""
+    place, speed, degrees = ("base:front_axle", "force_z"), 30.0 / 3.6, 140.0
+    deviation = deviation_of_front_tyre(tractor, degrees, speed)
+    for source in (tractor.table, tractor.model):
+        f, density = ground_spectrum(
+            source, tractor.mechanism, CLASS_C, place, math.radians(degrees), speed
+        )
+        assert math.sqrt(trapezoid(density, f)) == pytest.approx(deviation, rel=1e-3)
+    lookup = GroundTable(tractor.table, tractor.mechanism, CLASS_C, [place])
+    level = lookup.at(np.radians([degrees]), np.array([speed]))
+    assert math.sqrt(level.forces2[0, 0]) == pytest.approx(deviation, rel=1e-3)
 
 
 @pytest.mark.parametrize(("share", "known"), [(0.195, True), (0.205, False)])
@@ -498,6 +550,9 @@ def test_mechanisms_and_terrains_that_have_no_level(tractor: Tractor) -> None:
         assert words in REASONS[values.reason[0]]
         assert math.isnan(values.velocity[0]) == bool(words)
         assert values.forces2.shape == (1, 1)
+    unloaded = replace(tractor.table, forces=(), static_forces=np.empty(0))
+    values = GroundTable(unloaded, mechanism, CLASS_C).at(np.array([2.0]), np.array([8.0]))
+    assert "static loads of the mounts are not known" in REASONS[values.reason[0]]
 
 
 @pytest.mark.parametrize(("ratio", "known"), [(0.00155, True), (0.00152, False)])

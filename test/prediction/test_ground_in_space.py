@@ -19,8 +19,14 @@ from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.prediction.doubts import excitation_doubts, slack_mode
 from linkage_vibration.prediction.excitation import Excitation, Source
-from linkage_vibration.prediction.ground import GroundTable, Terrain, ground_spectrum
+from linkage_vibration.prediction.ground import (
+    GroundTable,
+    Terrain,
+    ground_spectrum,
+    vertical_mounts,
+)
 from linkage_vibration.prediction.levels import LevelTable
+from linkage_vibration.prediction.loads import BASE_DISPLACEMENT, FORCE, Load
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import Table
@@ -41,6 +47,7 @@ from test.support.hitch_in_space import (
 
 ALPHA3, TERRAIN = 2.2, Terrain(256e-6)  # ISO class C
 CHAIN_FORCE = ("check_chain", "force")
+TYRES = [("base:rear_axle", "force_z"), ("base:front_axle", "force_z")]
 
 
 @pytest.fixture(scope="module")
@@ -171,8 +178,9 @@ def test_levels_by_two_tracks(built: tuple[Mechanism, Table], speed: float) -> N
     kept = [0, 1, 2, 3 + lifted]
     off, allowed = np.abs(np.array(found) - rms[kept]), 2.0 * errors[kept] + 0.004 * rms[kept]
     assert (off < allowed).all()
+    moving, found[3] = [("E1", "y"), ("E1", "z"), CHAIN_FORCE, TYRES[lifted]], 2.0 * found[3]
     for source in (table, LinkageModel(mechanism)):
-        for place, level in zip([("E1", "y"), ("E1", "z"), CHAIN_FORCE], found, strict=False):
+        for place, level in zip(moving, found, strict=True):
             f, density = ground_spectrum(source, mechanism, TERRAIN, place, ALPHA3, speed)
             total = trapezoid(density * f, np.log(f))
             assert math.sqrt(total) == pytest.approx(level, rel=3e-3)
@@ -212,6 +220,39 @@ def test_a_chain_that_goes_slack_is_named(built: tuple[Mechanism, Table]) -> Non
     assert 0.12 < 1.0 - slack / tight < 0.21  # of a prototype
 
 
+@pytest.mark.parametrize(("share", "lifted"), [(0.195, False), (0.205, True)])
+def test_an_order_and_both_tracks_lift_a_tyre(
+    built: tuple[Mechanism, Table], share: float, lifted: bool
+) -> None:
+    """Squares of the force on the soil by an order, by heave and pitch, and by roll add up.
+
+    A rear axle with a load of 8 kN is lifted before the front one, which pivots.
+    """
+    (mechanism, table), load = built, 8e3
+    given = {"reference_force": (("base:rear_axle", load),)}
+    parts = tuple(replace(half, **given) for half in table.parts)
+    table = replace(table, parts=parts, **given)
+    speed, model = 10.0 / 3.6, LinkageModel(mechanism)
+    f, density = ground_spectrum(model, mechanism, TERRAIN, TYRES[0], ALPHA3, speed)
+    squares = float(trapezoid(density * f, np.log(f)))
+    mount = vertical_mounts(mechanism)[0]
+    line = np.array([speed / (2.0 * math.pi * 0.8)])
+    law = mount.stiffness[1] + 2j * math.pi * line * mount.damping[1]
+    moved = model.solve(ALPHA3).frf([("rear_axle", "z")], [("rear_axle", "z")]).frf(line)[:, 0, 0]
+    per_runout = float(abs(law * (1.0 - law * moved))[0]) / math.sqrt(2.0)
+    runout = math.sqrt((load / ndtri(share)) ** 2 - squares) / per_runout
+    wheel = Load(BASE_DISPLACEMENT, "base:rear_axle.z", runout, speed, 0.0, 0.0)
+    excitations = [
+        Excitation("tyre", Source.GROUND, line[0] / speed, wheel),
+        Excitation("a farm track", Source.GROUND, 1.0, None, terrain=TERRAIN),
+    ]
+    speeds = np.full((len(Source), 1), math.nan)
+    speeds[Source.GROUND.index] = speed
+    levels = LevelTable(Predictor(table), mechanism, excitations).at(np.array([ALPHA3]), speeds)
+    assert levels.off_ground_share[0] == pytest.approx(share, abs=2e-3)
+    assert np.isnan(levels.velocities[0]).tolist() == [False, lifted]
+
+
 def test_load_ratios_add_both_halves(built: tuple[Mechanism, Table]) -> None:
     """Those of a chain refer to its pretension, and those of pins add all components."""
     mechanism, table = built
@@ -240,3 +281,53 @@ def test_load_ratios_add_both_halves(built: tuple[Mechanism, Table]) -> None:
         square((place, each), alone) for each in components if (place, each) in table.forces
     )
     assert both > 1.02 * vertical
+
+
+@pytest.mark.parametrize(("hertz", "force"), [(1.1, 3e4), (9.0, 3e6)])
+def test_orders_across_the_plane(
+    built: tuple[Mechanism, Table], hertz: float, force: float
+) -> None:
+    """A force along y has the levels of the finite elements, and those along z add squares.
+
+    E1 is the left point of the response, chains refer to their pretension, and the rolling base
+    lifts its tyres.
+    """
+    mechanism, table = built
+    assert mechanism.lateral is not None
+    chains = tuple(replace(each, pretension=10.0) for each in mechanism.lateral.chains)
+    mechanism = replace(mechanism, lateral=replace(mechanism.lateral, chains=chains))
+    w, (a, _) = 2.0 * math.pi * hertz, assembled(ALPHA3, tractor=True)
+    stiffness, mass, damping = a.matrices
+    ends = a.matrix(["E1L", "E1R"])
+    sides = np.stack([force * (ends[i] + ends[i + 3]) / 2.0 for i in (1, 2)], axis=1)
+    moved = np.linalg.solve(stiffness - w * w * mass + 1j * w * damping, sides) / math.sqrt(2.0)
+    places = pose(ALPHA3)
+    hook = np.insert(places["P1"], 1, 0.2)
+    hook = hook + CHAIN_AT / 0.810 * (np.insert(places["E1"], 1, 0.4) - hook)
+    unit = (CHAIN_END - hook) / np.linalg.norm(CHAIN_END - hook)
+    hooked = a.matrix(["hookL", "endL"])
+    pulled = np.abs(CHAIN * unit @ (hooked[3:] - hooked[:3]) @ moved)
+    velocity = w * np.abs(ends[2] @ moved)
+    laws = np.array([[abs(AXLES[i][5] + 1j * w * DAMPING[i][2])] for i in (0, 1)])
+    pushed = laws * np.abs(a.matrix(["wheel01.0", "wheel11.0"])[[2, 5]] @ moved)  # of both wheels
+    loads = LinkageModel(mechanism).mount_loads(ALPHA3)
+    speeds = np.full((len(Source), 1), hertz)
+    across, upright = (
+        Excitation(f"shaft {at}", Source.PTO, 1.0, Load(FORCE, at, force, hertz, 0.0, 0.0))
+        for at in ("E1.y", "E1.z")
+    )
+    for excitations, size in (([across], [1, 0]), ([upright, across], [1, 1])):
+        levels = LevelTable(Predictor(table), mechanism, excitations)
+        found = levels.at(np.array([ALPHA3]), speeds)
+        assert found.velocities[0, -1] == pytest.approx(velocity[0], rel=2e-3)
+        total = math.hypot(*(velocity * size))
+        assert found.total_velocity[0] == pytest.approx(total, rel=5e-3)
+        assert levels.force_places[found.load_places[0, -1]] == "check_chain"
+        assert found.load_ratios[0, -1] == pytest.approx(pulled[0] / 10.0, rel=2e-3)
+        lifted = (np.hypot(*(pushed * size).T) / loads).max()
+        share = float(found.off_ground_share[0])
+        assert -1.0 / float(ndtri(share)) == pytest.approx(lifted, rel=5e-3)
+        np.testing.assert_array_equal(
+            levels.excites,
+            [[half != (e is across) for half in ~table.lateral_modes] for e in excitations],
+        )

@@ -4,6 +4,7 @@
 
 import math
 from pathlib import Path
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,12 @@ from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.prediction.resonance import described as with_derived
 from linkage_vibration.prediction.settings import Parameters
-from linkage_vibration.prediction.severity import ResonanceState, present_sentence
+from linkage_vibration.prediction.severity import (
+    DEFAULT_LIMITS,
+    ResonanceState,
+    WarningLimits,
+    present_sentence,
+)
 from linkage_vibration.readers.excitations import excitation_files, read_excitations
 from linkage_vibration.readers.loaded_model import load_model, read_loads
 from linkage_vibration.readers.mechanism import read_mechanism
@@ -77,7 +83,7 @@ def test_class_and_roughness_are_the_same_ground() -> None:
         ({"terrain": {"class": "C", "exponent": 2.0}}, "terrain.exponent: this key is not known"),
         (
             {"terrain": {"roughness": 256.0, "exponent": 2.0, "reference": 0.1}},
-            "terrain.roughness: 256 is not from 1e-09 to 1",
+            "terrain.roughness: 256 is above 1; give 1e-09 to 1",
         ),
         ({"terrain": {"profile": "a/road.csv"}}, "profile: a/road.csv is not beside this file"),
         ({"terrain": {"profile": r"a\road.csv"}}, r"road\.csv is not beside this file"),
@@ -86,7 +92,7 @@ def test_class_and_roughness_are_the_same_ground() -> None:
         ({"speed": "pto"}, "field.speed: wheels follow"),
         ({"band_hz": [5.0, 1.0]}, r"field.band_hz: \[5, 1\] does not ascend from above zero"),
         ({"orders": [1]}, "field.orders: this key is not known"),
-        ({"amplitude_stddev": 2.0}, "field.amplitude_stddev: 2 is not from 0 to 1"),
+        ({"amplitude_stddev": 2.0}, "field.amplitude_stddev: 2 is above 1; give 0 to 1"),
     ],
 )
 def test_invalid_descriptions(changes: dict[str, Any], words: str) -> None:
@@ -152,10 +158,14 @@ def test_the_total_is_that_of_orders_and_ground(predictor: Predictor) -> None:
 
 
 def assessed(
-    predictor: Predictor, excitations: tuple[Excitation, ...], speed: float, seconds: float = 3.0
+    predictor: Predictor,
+    excitations: tuple[Excitation, ...],
+    speed: float,
+    seconds: float = 3.0,
+    limits: WarningLimits = DEFAULT_LIMITS,
 ) -> MessageColumns:
     """Return the last message after some time at 50 Hz, with the shaft at rest."""
-    monitor = ResonanceMonitor(excitations, levels=levels_of(predictor, excitations))
+    monitor = ResonanceMonitor(excitations, limits, levels=levels_of(predictor, excitations))
     prediction = predictor.predict(ALPHA3)
     for i in range(1, round(50 * seconds) + 1):
         time = 20_000_000 * i
@@ -211,6 +221,25 @@ def test_a_tyre_in_the_air_is_a_warning(predictor: Predictor) -> None:
     if not math.isnan(actual.quiet_speed):
         after = assessed(predictor, rough, float(actual.quiet_speed))
         assert after.off_ground_share <= MAX_OFF_GROUND
+
+
+@pytest.mark.parametrize(("factor", "lifts"), [(0.995, False), (1.005, True)])
+def test_an_order_that_lifts_a_tyre_warns(predictor: Predictor, factor: float, lifts: bool) -> None:
+    """It does so from a ratio of 1 / 0.8416 on, also where pins are far below their limit."""
+    tyre = {"speed": "ground", "rolling_radius": 0.8, "orders": [1], "at_speed": 5.0}
+    tyre["at"] = "base:front_axle.z"
+
+    def of_runout(size: float) -> tuple[Excitation, ...]:
+        return excitations_from_mapping({"tyre": tyre | {"base_displacement": [size]}})
+
+    small = assessed(predictor, of_runout(1e-2), SPEED).off_ground_share
+    ratio = -1.0 / NormalDist().inv_cdf(float(small))
+    runout = of_runout(1e-2 * factor / (-NormalDist().inv_cdf(MAX_OFF_GROUND) * ratio))
+    actual = assessed(predictor, runout, SPEED, limits=WarningLimits(warning=10.0))
+    assert actual.load_ratio < 10.0
+    assert (actual.state == ResonanceState.WARNING) is lifts
+    text = present_sentence(actual, runout)
+    assert ("and they lift a tyre off the ground for 0.2 of the time." in text) is lifts
 
 
 def test_an_unknown_ground_is_not_clear(predictor: Predictor) -> None:

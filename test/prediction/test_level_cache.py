@@ -24,7 +24,7 @@ from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction import level_cache as cache_module
 from linkage_vibration.prediction import levels
-from linkage_vibration.prediction.ensemble import GroundMembers
+from linkage_vibration.prediction.ensemble import EnsembleResponses, GroundMembers
 from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
 from linkage_vibration.prediction.ground import GroundTable
 from linkage_vibration.prediction.level_cache import (
@@ -132,8 +132,8 @@ def test_levels_are_the_same_to_the_last_bit(
 
 def tabulate_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let whatever tabulates levels fail."""
-    parts = (levels, "_sampled"), (GroundTable, "_tabulated"), (GroundMembers, "_tabulated")
-    for owner, name in parts:
+    ground = (GroundTable, "_tabulated"), (GroundMembers, "_tabulated")
+    for owner, name in ((levels, "_sampled"), (EnsembleResponses, "_at_nodes"), *ground):
         monkeypatch.setattr(owner, name, lambda *_: refuse())
 
 

@@ -112,7 +112,9 @@ def squares_of(terrain: Terrain, mounts: Sequence[Mount]) -> GroundSquares:
         np.zeros((1, 2), dtype=complex),
     )
     lines = ground_lines(terrain)
-    return ground_squares(ground_transfer(heave, mounts, lines), [1], mounts, terrain, lines)
+    return ground_squares(
+        ground_transfer(heave, mounts, lines, [("E1", "z")]), [1], mounts, terrain, lines
+    )
 
 
 def rms_of(squares: GroundSquares, speed: float) -> float:
@@ -269,7 +271,7 @@ def test_description_of_the_track(tmp_path: Path) -> None:
     assert first.terrain is not None
     assert first.terrain.tracks(mounts_of((1.6, 1.2))) == [1.8, 1.8]
     for value in (-0.1, 10.1):
-        with pytest.raises(ExcitationError, match=r"field\.track: .* is not from 0 to 10, in m"):
+        with pytest.raises(ExcitationError, match=r"field\.track: .*; give 0 to 10 m"):
             excitations_from_mapping({"field": GROUND | {"track": value}})
     write_tracks(tmp_path / "road.csv", 4.0, 1.0)
     path = tmp_path / "mine.yaml"
