@@ -3,6 +3,7 @@
 """What a log contains besides its messages, so that rosbag2, Foxglove and rosbags open it."""
 
 from dataclasses import dataclass
+from functools import cache
 
 import yaml
 
@@ -51,6 +52,7 @@ class Attachment:
     data: bytes
 
 
+@cache
 def offered_qos_profiles(*, latched: bool = False) -> str:
     """Return the QoS of one reliable publisher, with the queue of the node, as rosbag2 stores it.
 

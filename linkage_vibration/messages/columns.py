@@ -82,6 +82,8 @@ def import_xarray() -> Any:
 
 def joined(parts: Sequence[MessageColumns]) -> MessageColumns:
     """Return messages one part after the other; a text that all messages share is equal in all."""
+    if len(parts) == 1:
+        return parts[0]
     names = vars(parts[0])
     columns = {name: [getattr(part, name) for part in parts] for name in names}
     return MessageColumns(

@@ -61,9 +61,9 @@ class ModelWithoutTable:
     implement: "Implement | None" = None  # in use, if it is not that of the mechanism file
     implements: "Implements | None" = None  # can be chosen by name
 
-    def with_predictor(self, predictor: Predictor) -> "LoadedModel":
-        """Return the mechanism with what looks up its table."""
-        return LoadedModel(**vars(self), predictor=predictor)
+    def with_predictor(self, predictor: Predictor, given_file: bytes = b"") -> "LoadedModel":
+        """Return the mechanism with what looks up its table, and the file of that."""
+        return LoadedModel(**vars(self), predictor=predictor, given_file=given_file)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +71,7 @@ class LoadedModel(ModelWithoutTable):
     """A mechanism and its table, which are always replaced together."""
 
     predictor: Predictor = field(kw_only=True)
+    given_file: bytes = field(default=b"", kw_only=True)  # of the table, if it was not built here
 
     @property
     def table(self) -> Table:
@@ -79,8 +80,8 @@ class LoadedModel(ModelWithoutTable):
 
     @cached_property
     def table_file(self) -> bytes:
-        """The table as a file; its compression takes some tenths of a second."""
-        return table_bytes(self.table)
+        """The table as a file; if it was built, its compression takes some tenths of a second."""
+        return self.given_file or table_bytes(self.table)
 
     @cached_property
     def model(self) -> LinkageModel:

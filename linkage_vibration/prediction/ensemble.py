@@ -30,7 +30,7 @@ from linkage_vibration.prediction.ground import (
     halves_of,
     mean_squares,
 )
-from linkage_vibration.prediction.level_cache import Arrays, Keep, computed
+from linkage_vibration.prediction.level_cache import Arrays, Keep, Kept, computed
 from linkage_vibration.prediction.loads import UnitLoad, soil_motion, weights_at
 from linkage_vibration.table.interpolation import interpolation_matrix, stroke_variable
 from linkage_vibration.table.table import Table
@@ -117,17 +117,16 @@ class EnsembleResponses:
         outputs: Sequence[Place],
         n_forces: int,
         table_responses: Callable[[IntArray, FloatArray], FloatArray] | None = None,
+        kept: Kept = lambda compute: compute(),
     ) -> None:
         self._table, self._n_forces = table, n_forces
         self._table_responses = table_responses
         self._variables = stroke_variable(table.ensemble_alpha3, table.toggles)
         self.n = len(table.ensemble_poles) - 1
         """Number of members beside the mechanism itself."""
-        rows = [*table.places, *table.forces]
-        nodes = self._at_nodes([rows.index(place) for place in outputs], loads)
+        nodes = [*kept(lambda: self._at_nodes(outputs, loads)).values()]
         self._shapes = [node.shape[2:] for node in nodes]
-        values = np.concatenate([node.reshape(*node.shape[:2], -1) for node in nodes], axis=2)
-        self._values = values.astype(np.float32)
+        self._values = np.concatenate([node.reshape(*node.shape[:2], -1) for node in nodes], axis=2)
         self._nominal = self._modes(self._values[:, 0])
 
     def at(self, alpha3: FloatArray) -> _Modes:
@@ -193,23 +192,28 @@ class EnsembleResponses:
             np.moveaxis(references.astype(np.float32), 0, -1),
         )
 
-    def _at_nodes(self, outputs: list[int], loads: Sequence[UnitLoad]) -> list[FloatArray]:
+    def _at_nodes(self, places: Sequence[Place], loads: Sequence[UnitLoad]) -> Arrays:
         """Return the parts of `_Modes` at the nodes, (n_nodes, n_members, ...), as real numbers.
 
         They are logarithms of poles, outputs, inputs, what other modes add, and forces at rest.
         """
+        every = [*self._table.places, *self._table.forces]
+        outputs = [every.index(place) for place in places]
         table, n = self._table, len(self._table.places)
-        every = table.ensemble_poles, table.ensemble_shapes, table.ensemble_far
-        poles, rows, far = (np.moveaxis(each, 1, 0) for each in every)
+        modal = table.ensemble_poles, table.ensemble_shapes, table.ensemble_far
+        poles, rows, far = (np.moveaxis(each, 1, 0) for each in modal)
         angles = table.ensemble_alpha3.tolist()
         weights = np.array([self._weights(loads, angle) for angle in angles])
         inputs = np.einsum("jeqmp,jmpk->jmqek", weights, rows[:, :, :n], optimize=True)
         both = [np.log(poles), rows[:, :, outputs].swapaxes(2, 3), inputs]
-        return [
-            *(np.stack([each.real, each.imag], axis=2) for each in both),
-            np.einsum("jeqmp,jmop->jmqeo", weights, far[:, :, outputs], optimize=True),
-            np.moveaxis(table.ensemble_static, 1, 0),
-        ]
+        parts = [np.stack([each.real, each.imag], axis=2) for each in both]
+        parts.append(np.einsum("jeqmp,jmop->jmqeo", weights, far[:, :, outputs], optimize=True))
+        parts.append(np.moveaxis(table.ensemble_static, 1, 0))
+        names = "poles", "outputs", "inputs", "far", "static"
+        return {
+            name: np.ascontiguousarray(part, np.float32)
+            for name, part in zip(names, parts, strict=True)
+        }
 
     def _weights(self, loads: Sequence[UnitLoad], alpha3: float) -> FloatArray:
         """Return the weights of loads at an angle, (n_loads, 2, n_members, n_places)."""

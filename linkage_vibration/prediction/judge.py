@@ -75,6 +75,7 @@ class InputJudge:
         self._began: int | None = None  # ns, when the first message arrived
         self._speeds: dict[Source, SpeedWatch] = {}
         self._judged: dict[Source | None, int] = {}  # ns; None: the readings
+        self._nothing_due = range(0)  # ns
         self._found: dict[str, _Found] = {}  # by kind
         self._last, self._taken = 0.0, False  # s; whether readings wait for their judgement
 
@@ -91,11 +92,12 @@ class InputJudge:
         columns = received, stamps, angles, velocities, known, senders
         for arrived, stamp, angle, velocity, in_table, sender in zip(*columns, strict=False):
             now = self._at(arrived)
-            if self._is_due(None, arrived):
-                self._judge_readings(now)
-            for source in self._speeds:
-                if self._is_due(source, arrived):
-                    self._judge_speed(source, now)
+            if arrived not in self._nothing_due:
+                if self._is_due(None, arrived):
+                    self._judge_readings(now)
+                for source in self._speeds:
+                    if self._is_due(source, arrived):
+                        self._judge_speed(source, now)
             self._taken = True
             self._stands |= self._standing.stands(arrived, stamp)
             values = stamp, arrived, angle, velocity
@@ -147,10 +149,12 @@ class InputJudge:
 
     def _is_due(self, what: Source | None, now: int) -> bool:
         """Return whether a second has passed since an input was judged, or the clock went back."""
-        due = not 0 <= now - self._judged.setdefault(what, now) < _SECOND
-        if due:
+        since = now - self._judged.setdefault(what, now)
+        if not 0 < since < _SECOND:
             self._judged[what] = now
-        return due
+            times = self._judged.values()
+            self._nothing_due = range(max(times), min(times) + _SECOND)
+        return not 0 <= since < _SECOND
 
     def _judge_readings(self, now: float) -> None:
         if self._taken:  # a gap has a sentence of its own

@@ -29,9 +29,11 @@ Arrays = dict[str, Any]
 """Arrays by their names; each is contiguous."""
 Keep = Callable[[str, Callable[[], Arrays]], Arrays]
 """Returns the arrays of a part, which has a name, that a function computes."""
+Kept = Callable[[Callable[[], Arrays]], Arrays]
+"""The same for a part whose name is known."""
 
-MOST_FILES = 16
-"""Four tables, and three files of each with excitations, which have up to 50 MB."""
+MOST_FILES = 20
+"""Four tables, and four files of each with excitations, which have up to 50 MB."""
 
 _ROOMS = "mechanics", "table", "prediction"  # whose code computes the numbers
 
@@ -128,7 +130,7 @@ def _read(path: Path) -> Arrays | None:
     with suppress(Exception):
         refuse_pipe(path)
         with np.load(path, allow_pickle=False) as archive:
-            if archive.zip.testzip() is None and str(archive["name"]) == path.name:
+            if str(archive["name"]) == path.name:
                 return {name: archive[name] for name in archive.files if name != "name"}
     return None
 

@@ -10,7 +10,7 @@ product of matrices belongs to one angle.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -34,7 +34,7 @@ from linkage_vibration.prediction.ground import (
     lateral_mounts,
     off_ground_share,
 )
-from linkage_vibration.prediction.level_cache import Arrays, Keep, computed, level_cache
+from linkage_vibration.prediction.level_cache import Arrays, Keep, Kept, computed, level_cache
 from linkage_vibration.prediction.loads import (
     ExcitationError,
     UnitLoad,
@@ -79,7 +79,9 @@ _FIRST_CELLS, _MOST_CELLS = 32, 512  # of a piece of the table
 _NARROWEST = 1e-9  # rad; narrower cells are not divided
 _GROUND = Source.GROUND.index
 _REASONS = np.array(REASONS)
-_CHUNK = 16  # angles that are evaluated together, so that their terms stay in the cache
+_UNITS = np.array([1.0, 1j])
+# Angles that are evaluated together, so that their terms stay in the cache; those of all members
+_CHUNK, _MEMBERS_CHUNK = 16, 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,7 +117,7 @@ class _Layout:
     def order(self, values: FloatArray) -> tuple[IntArray, IntArray]:
         """Return the rows of the matrices of `_Terms`, and the places of its values here.
 
-        Values are (n, n_values); a row of which all are zero is left out.
+        The matrices come last. Values are (n, n_values); a row of which all are zero is left out.
         """
         parts = self.split(np.arange(self.n_values)[:, np.newaxis])
         poles, above, rest, *others = (part[..., 0] for part in parts)
@@ -123,7 +125,7 @@ class _Layout:
         nonzero = np.asarray(values.any(axis=0))
         used = np.flatnonzero(nonzero[rows].any(axis=(1, 2)))
         matrices = rows[used].transpose(2, 0, 1)
-        return used, np.concatenate([part.ravel() for part in (poles, matrices, *others)])
+        return used, np.concatenate([part.ravel() for part in (poles, *others, matrices)])
 
 
 class _Terms(NamedTuple):
@@ -155,14 +157,9 @@ class _Half:
     """
 
     def __init__(
-        self,
-        table: Table,
-        loads: list[UnitLoad],
-        which: IntArray,
-        outputs: dict[int, Place],
-        kept: Arrays,
+        self, table: Table, which: IntArray, outputs: dict[int, Place], kept: Arrays
     ) -> None:
-        self.table, self._loads, self._which = table, loads, which
+        self.table, self._which = table, which
         self.excitations, self._own = self.of(np.arange(len(which)))
         self.outputs, self._places = np.array([*outputs]), [*outputs.values()]
         self.cells, self.order = (kept["starts"], kept["cubics"]), kept["order"]
@@ -173,12 +170,12 @@ class _Half:
         which = self._which[excitations]
         return np.flatnonzero(which >= 0), which[which >= 0]
 
-    def add_members(self, n_outputs: int, n_forces: int) -> None:
-        """Compute what `member_squares` needs, for the first of all outputs."""
+    def add_members(self, loads: list[UnitLoad], n_outputs: int, n_forces: int, kept: Kept) -> None:
+        """Compute what `member_squares` needs of loads, for the first of all outputs."""
         places = [x for i, x in zip(self.outputs, self._places, strict=True) if i < n_outputs]
         self._nodes = self.terms(self.table.ensemble_alpha3)
         self.members = EnsembleResponses(
-            self.table, self._loads, places, n_forces, self._table_responses
+            self.table, loads, places, n_forces, self._table_responses, kept
         )
 
     def member_squares(self, angles: FloatArray, omega: FloatArray) -> tuple[Reals, Reals]:
@@ -195,22 +192,20 @@ class _Half:
         starts, cubics = self.cells
         which = np.maximum(starts.searchsorted(angles, side="right") - 1, 0)
         layout, n = self.layout, len(angles)
-        values, apart = np.empty((n, cubics.shape[2])), (angles - starts[which])[:, np.newaxis]
-        ends = [0, *(np.flatnonzero(which[1:] != which[:-1]) + 1).tolist(), n]
-        for few in map(slice, ends, ends[1:]):  # A crank stays in a cell for some readings.
-            rows, cubic, x = values[few], cubics[which[few.start]], apart[few]
-            np.multiply(cubic[0], x, out=rows)
-            for power in (1, 2):
-                rows += cubic[power]
-                rows *= x
-            rows += cubic[3]
-        poles, static = 3 * layout.n_terms, values.shape[1] - layout.n_inputs - layout.n_forces
-        return _Terms(
-            values[:, :poles].reshape(n, 3, -1),
-            values[:, poles:static].reshape(n, layout.n_inputs, -1, layout.n_outputs),
-            values[:, static : static + layout.n_inputs],
-            values[:, static + layout.n_inputs :],
-        )
+        x = angles - starts[which]
+        powers = np.stack([x * x * x, x * x, x, np.ones(n)], axis=1)[:, np.newaxis]
+        ends = np.cumsum([3 * layout.n_terms, layout.n_inputs, layout.n_forces])
+        numbers = (powers @ cubics[which, :, : ends[-1]])[:, 0]
+        poles, static, reference, _ = np.split(numbers, ends, 1)
+        # A product for each input is so small that BLAS uses one thread.
+        blocks = cubics[:, :, ends[-1] :].reshape(len(cubics), 4, layout.n_inputs, -1)
+        matrices = np.empty((n, layout.n_inputs, 1, blocks.shape[3]))
+        cells = [0, *(np.flatnonzero(which[1:] != which[:-1]) + 1).tolist(), n]
+        for few in map(slice, cells, cells[1:]):  # A crank stays in a cell for some readings.
+            block = blocks[which[few.start]].swapaxes(0, 1)
+            np.matmul(powers[few, np.newaxis], block, out=matrices[few])
+        shape = n, layout.n_inputs, -1, layout.n_outputs
+        return _Terms(poles.reshape(n, 3, -1), matrices.reshape(shape), static, reference)
 
     def squares(self, terms: _Terms, w: Reals, inputs: IntArray) -> FloatArray:
         """Return squares of `_responses`, (..., n_excitations, n_outputs)."""
@@ -226,17 +221,16 @@ class _Half:
         """
         w, t = w[..., np.newaxis], self.layout.n_terms
         k, damping, c = (terms.poles[..., i, np.newaxis, :] for i in range(3))
-        real, imaginary = k - w * w, damping + w * c
-        square = real * real + imaginary * imaginary
-        real, imaginary = real / square, imaginary / square
-        factors = np.zeros((*real.shape[:-1], 2, 3 * t + 3))
-        factors[..., 0, :t] = factors[..., 1, t : 2 * t] = real
-        factors[..., 0, t : 2 * t] = imaginary
-        factors[..., 1, :t] = -imaginary
-        factors[..., 2 * t : 3 * t] = w[..., np.newaxis] * factors[..., t : 2 * t]
-        factors[..., 0, 3 * t] = factors[..., 1, 3 * t + 1] = 1.0
-        factors[..., 1, 3 * t + 2] = w[..., 0]
-        return np.asarray(factors.take(self._rows, axis=-1) @ terms.matrices.take(inputs, axis=-3))
+        factors = np.empty((*np.broadcast_shapes(w.shape, k.shape)[:-1], 3 * t + 3), complex)
+        first = factors[..., :t]
+        first.real, first.imag = k - w * w, damping + w * c
+        with np.errstate(invalid="ignore"):  # NaN where the table is not accurate
+            np.reciprocal(first, out=first)
+        np.multiply(first, 1j, out=factors[..., t : 2 * t])
+        np.multiply(first, 1j * w, out=factors[..., 2 * t : 3 * t])
+        factors[..., 3 * t : 3 * t + 2], factors[..., 3 * t + 2 :] = _UNITS, 1j * w
+        parts = factors.take(self._rows, axis=-1)[..., np.newaxis].view(float).swapaxes(-1, -2)
+        return np.asarray(parts @ terms.matrices.take(inputs, axis=-3))
 
     def _table_responses(self, nodes: IntArray, omega: FloatArray) -> FloatArray:
         """Return `_responses` at nodes of the ensemble, (n,), (n, 2, n_excitations, n_outputs).
@@ -296,11 +290,12 @@ class LevelTable:
         """Chains that the ground loads, those of known pretension first."""
         terrain = excitations[self._terrain].terrain
         self._halves: list[_Half] = []
+        of_halves = [loads for loads in inputs if loads]
         if table.places:
             excited = bool(terrain and lateral_mounts(mechanism)) or bool(across.any())
             self._outputs = self._listed(table, excited)
-            for half, its in zip(table.halves, filter(None, inputs), strict=False):
-                self._add_half(half, its, across, keep)
+            for half, own in zip(table.halves, of_halves, strict=False):
+                self._add_half(half, own, across, keep)
             outputs = self._outputs[: len(self._outputs) - self._n_tyres]
             if terrain is not None:
                 self._ground = GroundTable(table, mechanism, terrain, outputs[1:], keep=keep)
@@ -311,8 +306,9 @@ class LevelTable:
         self._ground_members: GroundMembers | None = None
         alike = [each.table.ensemble_coordinates for each in self._halves]
         if self._loaded and len(table.ensemble_alpha3) and np.array_equal(alike[0], alike[-1]):
-            for each in self._halves:
-                each.add_members(len(outputs), self._n_pins)
+            names = "modes", "lateral_modes"
+            for each, own, name in zip(self._halves, of_halves, names, strict=False):
+                each.add_members(own, len(outputs), self._n_pins, partial(keep, name))
             self.n_members = each.members.n
             amplitudes, frequencies = load_factors(excitations, self.n_members)
             amplitudes = unit_sizes(amplitudes.T, frequencies.T, self._powers)
@@ -323,7 +319,10 @@ class LevelTable:
                 )
 
     def _add_half(self, half: Table, loads: list[UnitLoad], across: BoolArray, keep: Keep) -> None:
-        """Add the next half of the table, and the loads that excite it."""
+        """Add the next half of the table, and the loads that excite it.
+
+        The loads are not kept, as another process cannot receive their functions.
+        """
         lateral, before = bool(self._halves), sum(each.layout.n_inputs for each in self._halves)
         which = np.where(across == lateral, self._inputs - before, -1)
         rows = {*half.places, *half.forces}
@@ -333,7 +332,7 @@ class LevelTable:
             "lateral" if lateral else "cells",
             lambda: _sampled(half, loads, [*known.values()], n_forces),
         )
-        self._halves.append(_Half(half, loads, which, known, kept))
+        self._halves.append(_Half(half, which, known, kept))
 
     def _listed(self, table: Table, excited: bool) -> list[Place]:
         """Return the response point, then forces: at pins, cylinders and chains, then of tyres.
@@ -474,8 +473,8 @@ class LevelTable:
         width = _unknown(0, len(self._inputs))[0].shape[1]
         quantities = np.full((len(alpha3), self.n_members, width), math.nan)
         inside = np.flatnonzero(np.isfinite(angles))
-        for start in range(0, len(inside) if self.n_members else 0, _CHUNK):
-            rows = inside[start : start + _CHUNK]
+        for start in range(0, len(inside) if self.n_members else 0, _MEMBERS_CHUNK):
+            rows = inside[start : start + _MEMBERS_CHUNK]
             quantities[rows] = self._of_members(angles[rows], speeds[:, rows], width)
         return quantities
 

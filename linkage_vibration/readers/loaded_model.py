@@ -52,7 +52,7 @@ def load_model(
         table = load_table(table_path)
         if described.implement is None or table.model_hash == mechanism.model_hash:
             refuse_other(table, table_path, mechanism, quote(str(path)))
-            return described.with_predictor(Predictor(table))
+            return described.with_predictor(Predictor(table), table_path.read_bytes())
         why = "its implement is not that of the table"
 
     def built() -> Table:

@@ -24,7 +24,7 @@ from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction import level_cache as cache_module
 from linkage_vibration.prediction import levels
-from linkage_vibration.prediction.ensemble import GroundMembers
+from linkage_vibration.prediction.ensemble import EnsembleResponses, GroundMembers
 from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
 from linkage_vibration.prediction.ground import GroundTable
 from linkage_vibration.prediction.level_cache import (
@@ -117,14 +117,14 @@ def test_levels_are_the_same_to_the_last_bit(
 ) -> None:
     """Levels, factors and quiet speeds are those without files, at the first start and the second.
 
-    The first start writes three files, and the second one tabulates nothing.
+    The first start writes four files, and the second one tabulates nothing.
     """
     expected = results(LevelTable(Predictor(shipped[0]), *shipped[1:]))
     assert not folder.exists()
     first = kept_levels(Predictor(shipped[0]), *shipped[1:])
     first.prepare()
     names = [path.name.partition("-")[0] for path in folder.iterdir()]
-    assert sorted(names) == ["cells", "ground", "members"]
+    assert sorted(names) == ["cells", "ground", "members", "modes"]
     assert results(first) == expected
     tabulate_nothing(monkeypatch)
     assert results(kept_levels(Predictor(shipped[0]), *shipped[1:])) == expected
@@ -132,8 +132,8 @@ def test_levels_are_the_same_to_the_last_bit(
 
 def tabulate_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let whatever tabulates levels fail."""
-    parts = (levels, "_sampled"), (GroundTable, "_tabulated"), (GroundMembers, "_tabulated")
-    for owner, name in parts:
+    ground = (GroundTable, "_tabulated"), (GroundMembers, "_tabulated")
+    for owner, name in ((levels, "_sampled"), (EnsembleResponses, "_at_nodes"), *ground):
         monkeypatch.setattr(owner, name, lambda *_: refuse())
 
 
