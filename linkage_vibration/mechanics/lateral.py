@@ -23,9 +23,8 @@ from scipy.linalg import block_diag
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.mechanics.bodies.beam import Beam, beam_matrices
 from linkage_vibration.mechanics.bodies.matrices import component_of
-from linkage_vibration.mechanics.compatibility import InterfaceMap, Joining, SpringRow
+from linkage_vibration.mechanics.compatibility import InterfaceMap, SpringRow
 from linkage_vibration.mechanics.components import CENTRE_OF_GRAVITY, Component, FrfComponent
-from linkage_vibration.mechanics.coupling import CoupledSystem
 from linkage_vibration.mechanics.description import (
     GROUND,
     Chain,
@@ -301,9 +300,7 @@ class LateralForces(Forces):
         first = len(self.mechanism.springs)
         return 0.5 if first <= row < first + len(self.interface.chains) else 1.0
 
-    def at_rest(
-        self, configuration: Configuration, joining: Joining, coupled: CoupledSystem | None = None
-    ) -> FloatArray:
+    def at_rest(self, configuration: Configuration, *_: object) -> FloatArray:
         """Return the pretension of chains, NaN if not known, and 0 elsewhere, (..., n_places), N.
 
         What the weight exerts on both sides alike belongs to the vertical half.

@@ -75,11 +75,13 @@ class _Modes:
     n_overdamped: int  # modes that do not oscillate, up to the limit of the table
 
 
-def with_uncertainty(table: Table, sampler: Sampler, progress: Callable[[float], object]) -> Table:
+def with_uncertainty(
+    table: Table, sampler: Sampler, drawn: dict[int, Mechanism], progress: Callable[[float], object]
+) -> Table:
     """Return a table with its deviations by uncertain numbers of its mechanism, and an ensemble.
 
-    It has no ensemble without FRFs, or if too many angles would be needed. ``progress`` is called
-    with the finished fraction of the members. Links known by FRFs alone are refused.
+    It has no ensemble without FRFs, or if too many angles would be needed. Mechanisms that are
+    drawn are kept for the other half; ``progress`` is called with the finished fraction.
     """
     mechanism = sampler.model.mechanism
     uncertainty = mechanism.uncertainty
@@ -93,25 +95,27 @@ def with_uncertainty(table: Table, sampler: Sampler, progress: Callable[[float],
     known: dict[int, tuple[LinkageModel, dict[float, _Modes]]] = {}
     for n_nodes in _N_NODES:
         n = max(len(uncertainty.numbers), N_PAIRS)
-        solver, drawn = _Solver(table, sampler, n_nodes, 1 + 2 * n), list[FloatArray]()
+        solver, rows = _Solver(table, sampler, n_nodes, 1 + 2 * n), list[FloatArray]()
         solver.keep(0, *solver.solve(solver.own, 0))
         pairs = islice(member_pairs(len(uncertainty.numbers)), n + n // _FEW_LOST)
         for k, row in enumerate(pairs, 1):
-            if len(drawn) == n or (solver.rough and n_nodes != _N_NODES[-1]):
+            if len(rows) == n or (solver.rough and n_nodes != _N_NODES[-1]):
                 break
             try:
                 values = uncertainty.draw(np.array([row, -row])).tolist()
                 for at, each in zip((k, -k), values, strict=True):
+                    if at not in drawn:
+                        drawn[at] = uncertainty.described(each)
                     if at not in known:
-                        known[at] = solver.model(uncertainty.described(each)), {}
-                members = 1 + len(drawn), 1 + n + len(drawn)
+                        known[at] = solver.model(drawn[at]), {}
+                members = 1 + len(rows), 1 + n + len(rows)
                 both = [solver.solve(known[x], i) for x, i in zip((k, -k), members, strict=True)]
             except LinkageVibrationError:  # numbers that are not possible
                 continue
             for i, each in zip(members, both, strict=True):
                 solver.keep(i, *each)
-            drawn.append(row)
-            progress(len(drawn) / n)
+            rows.append(row)
+            progress(len(rows) / n)
         stddev = solver.deviations()
         if not solver.rough and not _MOST_ROUGH < np.isnan(stddev).mean() < 1.0:
             break
@@ -120,7 +124,7 @@ def with_uncertainty(table: Table, sampler: Sampler, progress: Callable[[float],
         return table
     arrays: dict[str, Any] = {f"ensemble_{k}": each for k, each in solver.arrays.items()}
     coordinates = np.zeros((n, len(uncertainty.numbers)))
-    coordinates[: len(drawn)] = drawn
+    coordinates[: len(rows)] = rows
     return replace(table, ensemble_alpha3=solver.nodes, ensemble_coordinates=coordinates, **arrays)
 
 
@@ -313,11 +317,13 @@ class _Solver:
     def _solved(self, model: LinkageModel, angles: FloatArray) -> list[_Modes]:
         """Return the modes of a member at angles, rad."""
         stack, solved = model.stack(angles), []
-        static = np.empty((len(angles), 0))
-        if model.force_places:
-            static = model.forces.at_rest(stack.configuration, stack.joining, stack.coupled)
-        each = zip(stack.rows, stack.powers(self._places), static, strict=True)
-        for solution, powers, at_rest in each:
+        where = stack.configuration, stack.joining
+        rows = model.output_rows(self._places, *where)
+        static, n_places = np.empty((len(angles), 0)), len(self._table.places)
+        if self._table.forces:
+            static = model.forces.at_rest(*where, stack.coupled, rows[..., n_places:, :])
+        every = rows @ stack.modes.shapes[..., np.newaxis, :, :]
+        for solution, powers, at_rest in zip(stack.rows, every, static, strict=True):
             poles, turn, damped = _oscillating(solution, self._highest)
             near = powers[..., : len(turn)] @ turn
             rows = near[0] + poles * near[1] + poles**2 * near[2]
@@ -327,7 +333,7 @@ class _Solver:
                 poles,
                 np.asarray(solution.modes.shapes[:, : len(turn)] @ turn),
                 rows,
-                rest / solution.modes.omega**2 @ rest[: len(self._table.places)].T,
+                rest / solution.modes.omega**2 @ rest[:n_places].T,
                 at_rest,
                 int(((k.real <= damped.decay**2 / 4.0) & slow).sum()),
             )

@@ -26,7 +26,7 @@ from linkage_vibration.table.reduced import EVERY, Modal, ReducedModels, frf_pai
 from linkage_vibration.table.tabulation.accuracy import CELL_SHARE, MARGIN, Accuracy, Bounds
 from linkage_vibration.table.tabulation.cell_making import CELL_ROUNDING, Cell, make_cells
 from linkage_vibration.table.tabulation.frf_errors import frf_norm, frf_norms, worst_shares
-from linkage_vibration.table.tabulation.refinement import MOST, dense, more_points
+from linkage_vibration.table.tabulation.refinement import GRID, MOST, dense, more_points
 from linkage_vibration.table.tabulation.sampling import Rounding, Sampler
 from linkage_vibration.table.tabulation.subspaces import (
     N_CHECK,
@@ -41,7 +41,7 @@ from linkage_vibration.table.tabulation.subspaces import (
 _NARROW = 64  # A step below this part of a piece is not halved to distinguish poles.
 _LONG = 0.01  # In pieces above this share of the stroke, each identified mode exists everywhere.
 _END = 1.0 / 200.0  # In this share of the band, at its end, far poles are least accurate.
-_FAR_ANGLES = 33  # The error by far poles is evaluated at so many angles of a piece.
+_FAR_ANGLES = 33  # The error by far poles is evaluated at so many angles, more towards the ends.
 _BETWEEN = 24  # If poles need more points to be followed, the piece is halved.
 _NEARLY_REAL = 1e-3  # A pole with a smaller share of imaginary part is nearly real.
 _EPS = 4.0 * float(np.finfo(float).eps)  # Eigenvalues are rounded by this share of the matrix.
@@ -225,8 +225,7 @@ def _far_error(
     omega = check_lines(band, free=models.free)
     off = _near_lines(models, omega) + models.far.basis(omega) @ models.weights
     off -= [sample.totals for sample in samples]
-    even = np.linspace(piece.variables[0], piece.variables[-1], _FAR_ANGLES)
-    at = np.union1d(even, piece.variables)
+    at = dense(piece.variables[0], piece.variables[-1], _FAR_ANGLES)
     between = piece.modal(stroke_angle(at, piece.toggles))
     off = np.tensordot(interpolation_matrix(piece.variables, at), off, 1)
     lines = omega[:, np.newaxis] / (2.0 * math.pi)
@@ -324,7 +323,7 @@ def compare(
     Far poles cause the relative errors ``far_error`` of FRFs and forces, (2,); ``rounding`` is that
     of values.
     """
-    all_over = stroke_angle(dense(fine.variables[0], fine.variables[-1])[::2], fine.toggles)
+    all_over = stroke_angle(dense(fine.variables[0], fine.variables[-1], GRID), fine.toggles)
     there = oscillating_rows(fine.drive(all_over).frequencies)
     errors = _pole_errors(coarse.drive(all_over).frequencies, there, response)
     if _worst(errors) > accuracy.frequency:
