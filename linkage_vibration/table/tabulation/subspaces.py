@@ -26,6 +26,7 @@ _LOW = 0.1  # Displacements of modes below this share of the reach are not enlar
 _SLOWEST = 1e-3  # A mechanism mode is given this frequency, rad/s.
 _POOR = 1e4  # Coordinates with a larger condition number are poor.
 _SERIES = 1e-17  # A series ends where its terms are smaller.
+_FLAT = 1e-5  # Beside poles below this share of the others, rounding spoils a series.
 _LEAVES = 0.5  # A state that continues a subspace has a smaller share outside it.
 
 N_FAR = 5
@@ -215,11 +216,12 @@ class _Motion:
             left = np.asarray(np.linalg.solve(inertia, back.T @ above))
         shapes = sum(row @ power for row, power in zip(self.rows, powers, strict=False)) @ back
         whole = Subspace(basis, left, inertia, stiffness, shapes if viscous else shapes + 0j)
-        lines = check_lines(response.band, free=free)
-        if near is None or free or self._is_diagonal or not len(others):
-            totals = self._totals(lines, self._moved(lines))
+        lines, lowest = check_lines(response.band, free=free), np.abs(others).min(initial=math.inf)
+        if near is None or self._is_diagonal or np.abs(poles).min() < _FLAT * lowest:
+            moved = self._moved(lines)
         else:
-            totals = self._totals(lines, self._moved_beside(*near, lines, np.abs(others).min()))
+            moved = self._moved_beside(*near, lines, float(lowest))
+        totals = self._totals(lines, moved)
         return PoleSample(alpha3, viscous, free, poles, others, turn @ t @ back, whole, totals)
 
     @property
