@@ -21,7 +21,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.optimize import linear_sum_assignment
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray, rows_of
 from linkage_vibration.mechanics.description import Cylinder, Mechanism, coarser
 from linkage_vibration.mechanics.model import LinkageModel, Place, Solution
 from linkage_vibration.mechanics.modes import (
@@ -146,12 +146,12 @@ class _Solver:
         self._places: list[Place] = [*table.places, *table.forces]
         self._limit = reach(table.band)
         few = _nodes(table, 3).tolist()
-        exact = [_oscillating(sampler.solution(angle))[0] for angle in few]
+        exact = [_oscillating(sampler.solution(angle).damped)[0] for angle in few]
         for self._mesh in _COARSER:
             self._highest = math.inf if self._mesh[0] == _ALL else _DAMPED * self._limit
             model = self.model(sampler.model.mechanism)
-            stack = model.stack(np.array(few))
-            coarse = [_oscillating(each, self._highest)[0] for each in stack.rows]
+            damped = _damped(model.stack(np.array(few)), self._highest)
+            coarse = [_oscillating(each)[0] for each in damped]
             if all(_agree(*both, self._limit) for both in zip(coarse, exact, strict=True)):
                 break
         self._mass = model.system.mass
@@ -323,17 +323,18 @@ class _Solver:
         if self._table.forces:
             static = model.forces.at_rest(*where, stack.coupled, rows[..., n_places:, :])
         every = rows @ stack.modes.shapes[..., np.newaxis, :, :]
-        for solution, powers, at_rest in zip(stack.rows, every, static, strict=True):
-            poles, turn, damped = _oscillating(solution, self._highest)
+        each = stack.modes.omega, stack.modes.shapes, _damped(stack, self._highest), every, static
+        for omega, shapes, damped, powers, at_rest in zip(*each, strict=True):
+            poles, turn = _oscillating(damped)
             near = powers[..., : len(turn)] @ turn
             rows = near[0] + poles * near[1] + poles**2 * near[2]
             rest, k = powers[0].real, damped.stiffness
             slow = (k.real > MECHANISM**2) & (k.real < self._limit**2)
             modes = _Modes(
                 poles,
-                np.asarray(solution.modes.shapes[:, : len(turn)] @ turn),
+                np.asarray(shapes[:, : len(turn)] @ turn),
                 rows,
-                rest / solution.modes.omega**2 @ rest[:n_places].T,
+                rest / omega**2 @ rest[:n_places].T,
                 at_rest,
                 int(((k.real <= damped.decay**2 / 4.0) & slow).sum()),
             )
@@ -355,23 +356,25 @@ def _nodes(table: Table, n: int) -> FloatArray:
     return nodes
 
 
-def _oscillating(
-    solution: Solution, highest: float = math.inf
-) -> tuple[ComplexArray, ComplexArray, DampedModes]:
-    """Return the oscillating poles, ascending, (k,), rad/s, their shapes, and all damped modes.
+def _damped(stack: Solution, highest: float) -> list[DampedModes]:
+    """Return the damped modes at each angle of a stack by undamped ones up to rad/s."""
+    omega = stack.modes.omega
+    n = int((omega <= highest).sum(axis=1).max())
+    return rows_of(damp_modes(stack.coupled, omega[:, :n], stack.vectors[..., :n]))
 
-    They are those by the n undamped modes up to the highest frequency, rad/s. The products of the
-    shapes by these modes, (n, k), are the residues of 1 / (s - pole).
+
+def _oscillating(damped: DampedModes) -> tuple[ComplexArray, ComplexArray]:
+    """Return the oscillating poles, ascending, (k,), rad/s, and their shapes, (n, k).
+
+    Products of the shapes, by the undamped modes, are the residues of 1 / (s - pole).
     """
-    omega = solution.modes.omega[solution.modes.omega <= highest]
-    damped = damp_modes(solution.coupled, omega, solution.vectors[:, : len(omega)])
     if damped.poles is not None:
-        return damped.oscillating, damped.oscillating_shapes, damped
+        return damped.oscillating, damped.oscillating_shapes
     root = np.sqrt(damped.stiffness - damped.decay**2 / 4.0)
     poles = np.asarray(1j * root - damped.decay / 2.0)
     turn = np.eye(len(root)) if damped.shapes is None else damped.shapes[0]
     upper = oscillating_indices(poles)
-    return poles[upper], np.asarray(turn[:, upper] / np.sqrt(2j * root[upper])), damped
+    return poles[upper], np.asarray(turn[:, upper] / np.sqrt(2j * root[upper]))
 
 
 def _logarithms(poles: ComplexArray) -> FloatArray:
