@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compares builds with those of another checkout: ``python -m benchmark.builds --against PATH``.
 
-Both build the tables of the paper's linkage and of the tractor in turn, each in a new process with
-one thread of BLAS. Printed are processor times, and the largest differences of the tables.
+Each checkout builds the tables of its own descriptions of the paper's linkage and of the tractor.
+The tractor in space is built here alone, with and without its lateral half. All are built in turn,
+each in a new process with one thread of BLAS. Differences of the tables are printed.
 """
 
 import argparse
@@ -14,12 +15,16 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+import yaml
 
+from benchmark.report import machine, publish, table
 from linkage_vibration.mechanics.arrays import ComplexArray
 from linkage_vibration.table.table import Table, TableError, load_table
 
 HERE = Path(__file__).parent.parent
-NAMES = "three_point_linkage", "three_point_linkage_on_tractor"
+GOALS = {"three_point_linkage": 1.0, "three_point_linkage_on_tractor": 0.5}
+SPACE = "three_point_linkage_in_space"
+SPACE_GOAL = 1.8
 BUILD = """
 import sys, time
 import linkage_vibration as lv
@@ -33,32 +38,79 @@ lv.save_table(table, sys.argv[2])
 
 
 def main() -> None:
-    """Build in turn, and print figures and differences."""
+    """Build in turn, and publish times and sizes."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--against", type=Path, required=True, help="another checkout")
     parser.add_argument("--rounds", type=int, default=5)
     options = parser.parse_args()
-    checkouts = {"this": HERE, "other": options.against.resolve()}
-    with tempfile.TemporaryDirectory() as folder:
-        for name in NAMES:
-            seconds: dict[str, list[float]] = {key: [] for key in checkouts}
-            files = {key: Path(folder) / f"{name}_{key}.npz" for key in checkouts}
-            for _ in range(options.rounds):
-                for key, checkout in checkouts.items():
-                    seconds[key].append(_built(checkout, name, files[key]))
-            for key, times in seconds.items():
-                spread = f"{min(times):.2f} to {max(times):.2f}"
-                print(f"{name}, {key}: {np.median(times):.2f} s of processor time ({spread})")
-            print(f"  ratio {np.median(seconds['this']) / np.median(seconds['other']):.2f}")
+    there = options.against.resolve()
+    command = ["git", "-C", str(there), "log", "-1", "--format=%h of %cs"]
+    other = subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        tasks = {
+            (each, where): (where, where / "config" / f"{each}.yaml")
+            for each in GOALS
+            for where in (HERE, there)
+        }
+        tasks[SPACE, HERE] = HERE, HERE / "config" / f"{SPACE}.yaml"
+        tasks["vertical", HERE] = HERE, _vertical(folder)
+        files = {key: folder / f"{i}.npz" for i, key in enumerate(tasks)}
+        seconds = {key: list[float]() for key in tasks}
+        for _ in range(options.rounds):
+            for key, task in tasks.items():
+                seconds[key].append(_built(*task, files[key]))
+        sizes = [files[key].stat().st_size / 1e6 for key in ((SPACE, HERE), ("vertical", HERE))]
+        for each in GOALS:
+            print(each)
             try:
-                _print_differences(*(load_table(file) for file in files.values()))
+                _print_differences(*(load_table(files[each, where]) for where in (HERE, there)))
             except TableError as error:  # The other checkout wrote another format.
                 print(f"  not compared: {error}")
+    rows = [
+        _row(f"{each}.yaml, s", f"commit {other}", seconds[each, HERE], seconds[each, there], goal)
+        for each, goal in GOALS.items()
+    ]
+    pair = seconds[SPACE, HERE], seconds["vertical", HERE]
+    rows += [_row(f"{SPACE}.yaml, s", "without `lateral`", *pair, SPACE_GOAL)]
+    both, alone = sizes
+    rows += [_row(f"{SPACE}.yaml, MB", "without `lateral`", [both], [alone], SPACE_GOAL)]
+    publish(
+        "builds",
+        "What a table costs to build",
+        [
+            "This page compares the processor times of builds with those of an older version, and "
+            "time and size of a table of both halves with those of the vertical half alone, which "
+            f"has fewer uncertain numbers and so fewer members. They are medians of "
+            f"{options.rounds} turns, with the least and the largest. A goal is the largest ratio "
+            "that was asked for.",
+            table(["table", "compared with", "it", "the other", "ratio", "goal"], rows),
+        ],
+        machine(),
+    )
 
 
-def _built(checkout: Path, name: str, file: Path) -> float:
+def _vertical(folder: Path) -> Path:
+    """Write the description of the tractor in space without its lateral half."""
+    mapping = yaml.safe_load((HERE / "config" / f"{SPACE}.yaml").read_text())
+    del mapping["lateral"]
+    for kind in ("relative", "absolute"):
+        for path in [p for p in mapping["uncertainty"][kind] if p.startswith("lateral.")]:
+            del mapping["uncertainty"][kind][path]
+    (folder / "vertical.yaml").write_text(yaml.safe_dump(mapping, sort_keys=False))
+    return folder / "vertical.yaml"
+
+
+def _row(name: str, against: str, ours: list[float], others: list[float], goal: float) -> list[str]:
+    """Return a row of the page: medians, their ratio and its goal."""
+    cells = [f"{np.median(x):.2f} ({min(x):.2f} to {max(x):.2f})" for x in (ours, others)]
+    ratio = np.median(ours) / np.median(others)
+    return [name, against, *cells, f"{ratio:.2f}", f"{goal:.1f}"]
+
+
+def _built(checkout: Path, mechanism: Path, file: Path) -> float:
     """Build a table with a checkout, save it, and return the processor time, s."""
-    command = [sys.executable, "-c", BUILD, str(HERE / "config" / f"{name}.yaml"), str(file)]
+    command = [sys.executable, "-c", BUILD, str(mechanism), str(file)]
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
     done = subprocess.run(command, cwd=checkout, env=environment, check=True, capture_output=True)
     return float(done.stdout)

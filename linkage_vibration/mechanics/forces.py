@@ -247,17 +247,22 @@ class Forces:
         )
 
     def at_rest(
-        self, configuration: Configuration, joining: Joining, coupled: CoupledSystem | None = None
+        self,
+        configuration: Configuration,
+        joining: Joining,
+        coupled: CoupledSystem | None = None,
+        rows: NDArray[Any] | None = None,
     ) -> FloatArray:
         """Return the forces at `places` under the weight, (..., n_places), N.
 
         They are NaN where nothing carries the weight, and negative of tyres that carry some. The
-        system that is coupled there is given if it is known.
+        coupled system and the rows of the places are given if they are known.
         """
         moved, falling = self.moved_by_weight(configuration, joining, coupled)
-        rows = self.rows(self.places, configuration, joining).real
-        forces = rows[..., 0, :, :] @ moved[..., np.newaxis]
-        return np.asarray((forces - rows[..., 2, :, :] @ falling[..., np.newaxis])[..., 0])
+        rows = self.rows(self.places, configuration, joining) if rows is None else rows
+        forces = rows[..., 0, :, :].real @ moved[..., np.newaxis]
+        inertia = rows[..., 2, :, :].real @ falling[..., np.newaxis]
+        return np.asarray((forces - inertia)[..., 0])
 
     def moved_by_weight(
         self, configuration: Configuration, joining: Joining, coupled: CoupledSystem | None = None

@@ -18,14 +18,13 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.mechanics.bodies.beam import Beam, beam_matrices
 from linkage_vibration.mechanics.bodies.matrices import component_of
-from linkage_vibration.mechanics.compatibility import InterfaceMap, Joining, SpringRow
+from linkage_vibration.mechanics.compatibility import InterfaceMap, SpringRow
 from linkage_vibration.mechanics.components import CENTRE_OF_GRAVITY, Component, FrfComponent
-from linkage_vibration.mechanics.coupling import CoupledSystem
+from linkage_vibration.mechanics.coupling import uncoupled_system
 from linkage_vibration.mechanics.description import (
     GROUND,
     Chain,
@@ -91,14 +90,9 @@ def _link(link: Link, mechanism: Mechanism, *, reduced: bool) -> Component:
         turned = mechanism.rotations(link.name) | held
         bodies.insert(0, beam_matrices(beam, points, rotations=turned, masses=masses))
     parts = [component_of(link, mechanism, b, b.dofs, reduced=reduced) for b in bodies]
-    dofs = tuple(dof for part in parts for dof in part.dofs)
-    inner = np.concatenate([np.arange(len(part.mass)) >= len(part.dofs) for part in parts])
-    order = np.argsort(inner, kind="stable")
-    mass, stiffness, damping = (
-        block_diag(*matrices)[np.ix_(order, order)]
-        for matrices in zip(*((p.mass, p.stiffness, p.damping) for p in parts), strict=True)
-    )
-    return Component(link.name, dofs, mass, stiffness, damping, parts[0].loss_factor, None)
+    dofs, both = tuple(dof for part in parts for dof in part.dofs), uncoupled_system(parts)
+    matrices = both.mass, both.stiffness, both.damping
+    return Component(link.name, dofs, *matrices, parts[0].loss_factor, None)
 
 
 class LateralMap(InterfaceMap):
@@ -304,9 +298,7 @@ class LateralForces(Forces):
         first = len(self.mechanism.springs)
         return 0.5 if first <= row < first + len(self.interface.chains) else 1.0
 
-    def at_rest(
-        self, configuration: Configuration, joining: Joining, coupled: CoupledSystem | None = None
-    ) -> FloatArray:
+    def at_rest(self, configuration: Configuration, *_: object) -> FloatArray:
         """Return the pretension of chains, NaN if not known, and 0 elsewhere, (..., n_places), N.
 
         What the weight exerts on both sides alike belongs to the vertical half.

@@ -135,14 +135,14 @@ def solve_modes(system: CoupledSystem) -> tuple[Modes, FloatArray]:
 
 
 def damp_modes(system: CoupledSystem, omega: FloatArray, vectors: FloatArray) -> DampedModes:
-    """Find the damped modes of a system from undamped ones, (k,) and (m, k).
+    """Find the damped modes of a system from undamped ones, (..., k) and (..., m, k).
 
     Viscous damping that is not proportional makes complex modes by the symmetric first-order form,
     structural by K (1 + i eta); both together are refused if they couple the modes.
     """
     viscous, loss = modal_damping(system, vectors)
-    if not any(np.count_nonzero(each - np.diag(np.diag(each))) for each in (viscous, loss)):
-        return DampedModes(omega**2 + 1j * np.diag(loss), np.diag(viscous).copy(), None, None)
+    if not any(_beside_diagonal(each).any() for each in (viscous, loss)):
+        return DampedModes(omega**2 + 1j * _diagonal(loss), _diagonal(viscous), None, None)
     if not loss.any():
         return _viscous_modes(omega, viscous)
     if not viscous.any():
@@ -151,15 +151,25 @@ def damp_modes(system: CoupledSystem, omega: FloatArray, vectors: FloatArray) ->
 
 
 def modal_damping(system: CoupledSystem, vectors: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return viscous damping and loss on undamped modes, (k, k); diagonal if they couple none."""
-    matrices = system.damping, system.loss
-    none = np.zeros((vectors.shape[1],) * 2)
-    parts = [vectors.T @ each @ vectors if each.any() else none for each in matrices]
+    """Return viscous damping and loss on undamped modes, (..., k, k); diagonal if uncoupled."""
+    across, matrices = vectors.swapaxes(-1, -2), (system.damping, system.loss)
+    none = np.zeros((*across.shape[:-1], across.shape[-2]))
+    parts = [across @ each @ vectors if each.any() else none for each in matrices]
     both = zip(parts, matrices, strict=True)
     if all(_is_diagonal(modal, matrix, vectors) for modal, matrix in both):
-        parts = [np.diag(np.diag(modal)) for modal in parts]
+        parts = [modal - _beside_diagonal(modal) for modal in parts]
     viscous, loss = parts
     return viscous, loss
+
+
+def _diagonal(matrices: FloatArray) -> FloatArray:
+    """Return the diagonals of matrices, (..., k)."""
+    return np.diagonal(matrices, axis1=-2, axis2=-1).copy()
+
+
+def _beside_diagonal(matrices: FloatArray) -> FloatArray:
+    """Return matrices with zeros on their diagonals."""
+    return np.where(np.eye(matrices.shape[-1], dtype=bool), 0.0, matrices)
 
 
 def mixed_damping() -> ModesError:
@@ -173,17 +183,19 @@ def _is_diagonal(modal: FloatArray, matrix: FloatArray, vectors: FloatArray) -> 
     """Return whether off-diagonal terms are small against the diagonal ones that they couple."""
     if not modal.any():
         return True
-    diagonal = np.abs(np.diag(modal))
-    scale = np.sqrt(np.outer(diagonal, diagonal))
-    off = np.abs(modal - np.diag(np.diag(modal)))
-    limit = _DIAGONAL * (scale + diagonal.max(initial=0.0) * 1e-9)
+    diagonal = np.abs(_diagonal(modal))
+    scale = np.sqrt(diagonal[..., np.newaxis] * diagonal[..., np.newaxis, :])
+    off, largest = np.abs(_beside_diagonal(modal)), diagonal.max(axis=-1)
+    limit = _DIAGONAL * (scale + largest[..., np.newaxis, np.newaxis] * 1e-9)
     if (off <= limit).all():
         return True
     # A mechanism mode may have no damping; then all its terms are rounding.
     size = np.abs(vectors)
-    rounding = len(modal) * np.finfo(float).eps * (size.T @ np.abs(matrix) @ size)
-    undamped = diagonal <= np.diag(rounding)
-    limit = np.where(undamped | undamped[:, np.newaxis], np.maximum(limit, rounding), limit)
+    rounding = size.swapaxes(-1, -2) @ np.abs(matrix) @ size
+    rounding *= modal.shape[-1] * np.finfo(float).eps
+    undamped = (diagonal <= _diagonal(rounding))[..., np.newaxis]
+    coupled = undamped | undamped.swapaxes(-1, -2)
+    limit = np.where(coupled, np.maximum(limit, rounding), limit)
     return bool((off <= limit).all())
 
 
@@ -192,22 +204,23 @@ def _viscous_modes(omega: FloatArray, viscous: FloatArray) -> DampedModes:
 
     With this scaling, rounding of the highest modes does not affect the shapes of the lowest.
     """
-    n = len(omega)
-    omega = np.maximum(omega, _SLOWEST)
-    matrix = np.zeros((2 * n, 2 * n))
-    matrix[:n, n:] = np.diag(omega)
-    matrix[n:, :n], matrix[n:, n:] = -matrix[:n, n:], -viscous
+    n, omega = omega.shape[-1], np.maximum(omega, _SLOWEST)
+    matrix = np.zeros((*omega.shape[:-1], 2 * n, 2 * n))
+    matrix[..., :n, n:] = omega[..., np.newaxis] * np.eye(n)
+    matrix[..., n:, :n], matrix[..., n:, n:] = -matrix[..., :n, n:], -viscous
     poles, vectors = (np.asarray(each, dtype=np.complex128) for each in np.linalg.eig(matrix))
-    shapes = vectors[n:] / poles
+    shapes = vectors[..., n:, :] / poles[..., np.newaxis, :]
     poles = _refined(poles, shapes, omega, viscous)
     # x^T [[D, I], [I, 0]] x with x = (psi, lambda psi), by which the residues are scaled.
-    scale = (shapes * (viscous @ shapes)).sum(axis=0) + 2.0 * poles * (shapes**2).sum(axis=0)
-    shapes = shapes / np.sqrt(scale.astype(complex))
-    first, second = paired(poles)
-    order = np.argsort(np.abs(poles[first] * poles[second]), kind="stable")
-    first, second = first[order], second[order]
-    both, pairs = np.array([poles[first], poles[second]]), [shapes[:, first], shapes[:, second]]
-    return DampedModes(both.prod(axis=0).real + 0j, -both.sum(axis=0).real, np.array(pairs), both)
+    scale = (shapes * (viscous @ shapes)).sum(axis=-2) + 2.0 * poles * (shapes**2).sum(axis=-2)
+    shapes = shapes / np.sqrt(scale.astype(complex))[..., np.newaxis, :]
+    pairs = np.array([paired(row) for row in poles.reshape(-1, 2 * n)])
+    pairs = pairs.reshape(*omega.shape[:-1], 2, n)
+    product = np.take_along_axis(poles[..., np.newaxis, :], pairs, -1).prod(axis=-2, keepdims=True)
+    pairs = np.take_along_axis(pairs, np.argsort(np.abs(product), kind="stable"), -1)
+    both = np.take_along_axis(poles[..., np.newaxis, :], pairs, -1)
+    shapes = np.take_along_axis(shapes[..., np.newaxis, :, :], pairs[..., np.newaxis, :], -1)
+    return DampedModes(both.prod(axis=-2).real + 0j, -both.sum(axis=-2).real, shapes, both)
 
 
 def _refined(
@@ -218,10 +231,11 @@ def _refined(
     `eig` rounds every pole by as much as the largest, which is 1e-9 of a small damping ratio. The
     root s of psi^T (s^2 + s D + W^2) psi has an error that is the square of the error of psi.
     """
-    damped = (shapes * (viscous @ shapes)).sum(axis=0)
-    size = (shapes**2).sum(axis=0)
+    damped = (shapes * (viscous @ shapes)).sum(axis=-2)
+    size = (shapes**2).sum(axis=-2)
     slope = damped + 2.0 * poles * size
-    value = poles * (poles * size + damped) + (omega[:, np.newaxis] ** 2 * shapes**2).sum(axis=0)
+    value = (omega[..., np.newaxis] ** 2 * shapes**2).sum(axis=-2)
+    value += poles * (poles * size + damped)
     with np.errstate(divide="ignore", invalid="ignore"):  # a slope of zero, as below
         step = value / slope
         # Where two poles meet, the slope is zero, and Newton's method does not converge.
@@ -232,11 +246,12 @@ def _refined(
 def _structural_modes(omega: FloatArray, loss: FloatArray) -> DampedModes:
     """Solve (W^2 + i L) psi = k psi as 1/k y = (I + i W^-1 L W^-1)^-1 W^-2 y, psi = W^-1 y."""
     w = np.maximum(omega, _SLOWEST)
-    flexibility = np.linalg.inv(np.eye(len(w)) + 1j * loss / np.outer(w, w))
-    values, vectors = np.linalg.eig(flexibility / w**2)
-    shapes = vectors / w[:, np.newaxis]
-    shapes = shapes / np.sqrt((shapes**2).sum(axis=0))
+    column, row = w[..., np.newaxis], w[..., np.newaxis, :]
+    flexibility = np.linalg.inv(np.eye(w.shape[-1]) + 1j * loss / (column * row))
+    values, vectors = np.linalg.eig(flexibility / row**2)
+    shapes = np.asarray(vectors / column, dtype=np.complex128)
+    shapes = shapes / np.sqrt((shapes**2).sum(axis=-2, keepdims=True))
     order = np.argsort(-np.abs(values), kind="stable")
-    return DampedModes(
-        1.0 / (values[order] + 0j), np.zeros(len(w)), shapes[np.newaxis][:, :, order], None
-    )
+    shapes = np.take_along_axis(shapes, order[..., np.newaxis, :], -1)[..., np.newaxis, :, :]
+    stiffness = 1.0 / (np.take_along_axis(values, order, -1) + 0j)
+    return DampedModes(stiffness, np.zeros(w.shape), shapes, None)

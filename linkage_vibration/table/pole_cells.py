@@ -91,6 +91,18 @@ def nearest(poles: ComplexArray, other: ComplexArray) -> dict[int, int]:
     return dict(zip(pairs[0].tolist(), pairs[1].tolist(), strict=True))
 
 
+def nearest_rows(poles: ComplexArray, other: ComplexArray) -> IntArray:
+    """Return what `nearest` returns of each row of poles, both (n, k), as indices there, (n, k)."""
+    if not poles.size:
+        return np.zeros(poles.shape, dtype=np.intp)
+    there: IntArray = np.abs(poles[:, :, np.newaxis] - other[:, np.newaxis]).argmin(axis=2)
+    # Where two poles have the same nearest one, their sum of squares decides.
+    shared = (np.sort(there, axis=1) != np.arange(poles.shape[1])).any(axis=1)
+    for row in np.flatnonzero(shared).tolist():
+        there[row] = list(nearest(poles[row], other[row]).values())
+    return there
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class PoleFinder:
     """Finds values and slopes in cells that have no cubics."""

@@ -40,6 +40,7 @@ U, W, THETA = range(3)
 """Order of the coordinates of a node."""
 
 _POWERS = hilbert(4)  # integrals of s^i s^j from 0 to 1
+_ALONG, _BENDING = (np.ix_(each, each) for each in ([U, 3 + U], [W, THETA, 3 + W, 3 + THETA]))
 _COORDINATE = {"x": U, "z": W, "theta": THETA}
 _ACROSS = {"y": W, "chi": THETA}
 _SAME_PLACE = 1e-9  # Places that are nearer, as a share of the beam's length, are one place.
@@ -276,11 +277,9 @@ def element_matrices(
     """Return mass and stiffness of one element, (6, 6), SI: u, w, theta of both nodes."""
     youngs, density, area = material.youngs_modulus, material.density, section.area
     mass, stiffness = np.zeros((2, 6, 6))
-    along = np.ix_([U, 3 + U], [U, 3 + U])
-    mass[along] = density * area * length / 6.0 * np.array([[2.0, 1.0], [1.0, 2.0]])
-    stiffness[along] = youngs * area / length * np.array([[1.0, -1.0], [-1.0, 1.0]])
-    across = np.ix_([W, THETA, 3 + W, 3 + THETA], [W, THETA, 3 + W, 3 + THETA])
-    mass[across], stiffness[across] = _bending_element(
+    mass[_ALONG] = density * area * length / 6.0 * np.array([[2.0, 1.0], [1.0, 2.0]])
+    stiffness[_ALONG] = youngs * area / length * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    mass[_BENDING], stiffness[_BENDING] = _bending_element(
         length,
         youngs * section.second_moment,
         section.shear_coefficient * material.shear_modulus * area,

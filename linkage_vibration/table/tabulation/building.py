@@ -11,6 +11,7 @@ from scipy.optimize import linear_sum_assignment
 
 from linkage_vibration.errors import check_type
 from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.response import peak_search_band
 from linkage_vibration.support.progress import table_bar
@@ -75,11 +76,11 @@ def build_table(
         with table_bar(model.mechanism.name) as shown:
             return build_table(model, tolerance, points, shown)
     first, *others = model.halves
-    share = 1.0 / (1 + len(others))
-    table = _half(first, tolerance, points, lambda done: progress(share * done))
+    share, drawn = 1.0 / (1 + len(others)), dict[int, Mechanism]()
+    table = _half(first, tolerance, points, drawn, lambda done: progress(share * done))
     for other in others:
-        lateral = _half(other, tolerance, points, lambda done: progress(share + share * done))
-        table = both_halves(table, lateral)
+        rest = _half(other, tolerance, points, drawn, lambda done: progress(share + share * done))
+        table = both_halves(table, rest)
     return table
 
 
@@ -87,6 +88,7 @@ def _half(
     model: LinkageModel,
     tolerance: float,
     points: Sequence[str] | None,
+    drawn: dict[int, Mechanism],
     progress: Callable[[float], object],
 ) -> Table:
     share = _SHARE if model.mechanism.uncertainty else 1.0
@@ -97,7 +99,9 @@ def _half(
     )
     table = _table(sampler, sorted(pieces, key=lambda each: float(each.piece.alpha3[0])))
     table = with_mode_names(_with_static_forces(table, sampler), sampler)
-    return with_uncertainty(table, sampler, lambda done: progress(share + (1.0 - share) * done))
+    return with_uncertainty(
+        table, sampler, drawn, lambda done: progress(share + (1.0 - share) * done)
+    )
 
 
 def _with_static_forces(table: Table, sampler: Sampler) -> Table:
@@ -105,11 +109,9 @@ def _with_static_forces(table: Table, sampler: Sampler) -> Table:
     if not table.forces:
         return table
     model = sampler.model
-    solutions = [sampler.solution(angle) for angle in table.alpha3.tolist()]
-    forces = [
-        model.forces.at_rest(each.configuration, each.joining, each.coupled) for each in solutions
-    ]
-    return replace(table, static_forces=np.array(forces))
+    configuration = model.kinematics.stack(table.alpha3)
+    joining = model.interface.join(configuration)
+    return replace(table, static_forces=model.forces.at_rest(configuration, joining))
 
 
 def _table(sampler: Sampler, pieces: Sequence[RefinedPiece]) -> Table:

@@ -6,7 +6,6 @@ A cell is halved until its cubics give the values in its middle. No cubic follow
 meet, so the smallest cells there have none, and a lookup in them finds the poles itself.
 """
 
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -14,8 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
-from linkage_vibration.table.pole_cells import PolePiece, nearest, values_of
+from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray
+from linkage_vibration.table.pole_cells import (
+    PolePiece,
+    nearest,
+    nearest_rows,
+    oscillating,
+    values_of,
+)
 from linkage_vibration.table.table import TableError
 
 CELL_ROUNDING = 1e-12
@@ -54,7 +59,7 @@ class Cell:
 def make_cells(piece: PolePiece, error: float) -> list[Cell]:
     """Divide a piece into cells, ascending, whose values have at most a relative error."""
 
-    def angles(places: list[int]) -> FloatArray:
+    def angles(places: FloatArray | list[int]) -> FloatArray:
         """Return the angles of places in units, rad."""
         return np.interp(np.array(places) / _UNITS, np.arange(len(piece.angles)), piece.angles)
 
@@ -66,64 +71,85 @@ def make_cells(piece: PolePiece, error: float) -> list[Cell]:
         fresh = sorted({place for row in rows for place in row} - evaluated.keys())
         evaluated.update(zip(fresh, zip(*piece.evaluate(angles(fresh)), strict=True), strict=True))
         smallest = len(waiting) > _MOST or waiting[0][1] - waiting[0][0] == _SMALLEST
-        halves = []
-        for row in rows:
-            start, end = angles([row[0], row[3]]).tolist()
-            poles, peaks = zip(*(evaluated[x] for x in row), strict=True)
-            cell = _cell(start, end, poles, np.array(peaks), error)
+        poles = [[evaluated[place][0] for place in row] for row in rows]
+        peaks = np.array([[evaluated[place][1] for place in row] for row in rows])
+        waiting = []
+        for row, cell in zip(
+            rows, _cells(angles(np.array(rows)), poles, peaks, error), strict=True
+        ):
             _check_crossings(cell, piece, error)
             if smallest or (cell.values is not None and cell.peak is not None):
                 done.append(cell)
             else:
-                halves += [(row[0], row[4]), (row[4], row[3])]
-        waiting = halves
+                waiting += [(row[0], row[4]), (row[4], row[3])]
     return sorted(done, key=lambda cell: cell.start)
 
 
-def _cell(
-    start: float, end: float, poles: Sequence[ComplexArray], peaks: FloatArray, error: float
-) -> Cell:
-    """Return a cell with its cubics, if they agree with the poles and the peak in the middle."""
-    nodes, middle = poles[:4], poles[4]
-    cell = Cell(start, end, nodes[0], nodes[3], nearest(nodes[0], nodes[3]))
-    coefficients = _COEFFICIENTS @ peaks[:4]
+def _cells(
+    angles: FloatArray, poles: Sequence[Sequence[ComplexArray]], peaks: FloatArray, error: float
+) -> list[Cell]:
+    """Return cells with their cubics, where they agree with the poles and the peak in the middle.
+
+    Angles, (n, 5), poles and peaks, (n, 5, 2), are those at the nodes and in the middle of each.
+    """
+    cells = [
+        Cell(start, end, each[0], each[3], {})
+        for (start, end), each in zip(angles[:, [0, 3]].tolist(), poles, strict=True)
+    ]
     # The peak may be at 0 Hz, so a small part of the highest frequency of poles is its scale.
-    scale = np.maximum(peaks[4], [_LOW * np.abs(middle).max(initial=0.0), 0.0])
-    if (np.abs(_AT_MIDDLE @ peaks[:4] - peaks[4]) <= error * scale).all():
-        cell.peak = coefficients
-    if len({len(each) for each in poles}) > 1:
-        return cell
-    path, order = [nodes[0]], cell.follows
-    for node in nodes[1:]:
-        expected = np.array(_AHEAD[len(path)]) @ np.array(path)
-        order = nearest(expected, node)
-        path.append(node[[order[j] for j in range(len(node))]])
-    cell.follows = order
-    coefficients = np.tensordot(_COEFFICIENTS, values_of(np.array(path)), (1, 1)).swapaxes(0, 1)
-    if _agree(0.5, coefficients, middle, error):
-        cell.values, cell.crossings = coefficients, _crossings(np.array(path).imag)
-    return cell
+    highest = [np.abs(middle).max(initial=0.0) for *_, middle in poles]
+    limit = error * np.maximum(peaks[:, 4], np.multiply.outer(highest, [_LOW, 0.0]))
+    off = np.abs(_AT_MIDDLE @ peaks[:, :4] - peaks[:, 4])
+    for i in np.flatnonzero((off <= limit).all(axis=1)).tolist():
+        cells[i].peak = _COEFFICIENTS @ peaks[i, :4]
+    alike: dict[
+        int, list[int]
+    ] = {}  # cells by the number of their poles, if it is the same all over
+    for i, each in enumerate(poles):
+        if len({len(x) for x in each}) > 1:
+            cells[i].follows = nearest(each[0], each[3])
+        else:
+            alike.setdefault(len(each[0]), []).append(i)
+    for which in alike.values():
+        at = np.array([poles[i] for i in which])
+        path, order = at[:, :1], np.zeros((0, 0), dtype=np.intp)
+        for node in 1, 2, 3:
+            expected = np.tensordot(_AHEAD[node], path, (0, 1))
+            order = nearest_rows(expected, at[:, node])
+            found = np.take_along_axis(at[:, node], order, 1)
+            path = np.concatenate([path, found[:, np.newaxis]], axis=1)
+        cubics = _COEFFICIENTS @ values_of(path)
+        agree = _agree(0.5, cubics, at[:, 4], error)
+        for i, follows, cubic, fits, row in zip(
+            which, order, cubics.swapaxes(0, 1), agree, path, strict=True
+        ):
+            cells[i].follows = dict(enumerate(follows.tolist()))
+            if fits:
+                cells[i].values, cells[i].crossings = cubic, _crossings(row.imag)
+    return cells
 
 
 def _check_crossings(cell: Cell, piece: PolePiece, error: float) -> None:
     """Remove the cubics of a cell with poles that do not cross where the cubics do."""
     for share in cell.crossings:
-        poles, _ = piece.evaluate(np.array([cell.start + share * (cell.end - cell.start)]))
-        if cell.values is not None and not _agree(share, cell.values, poles[0], error):
+        there = piece.drive(np.array([cell.start + share * (cell.end - cell.start)])).frequencies
+        poles = oscillating(there[0])[np.newaxis]
+        if cell.values is not None and not (
+            poles.shape[1] == cell.values.shape[2]
+            and _agree(share, cell.values[:, np.newaxis], poles, error).all()
+        ):
             cell.values = None
 
 
-def _agree(share: float, cubics: FloatArray, poles: ComplexArray, error: float) -> bool:
-    """Return whether cubics give the frequencies and ratios of poles at a share of their cell."""
-    values = np.tensordot(np.vander([share], 4)[0], cubics, (0, 1))
-    if values.shape[1] != len(poles):
-        return False
+def _agree(share: float, cubics: FloatArray, poles: ComplexArray, error: float) -> BoolArray:
+    """Return whether cubics, (2, n, 4, k), give the values of poles, (n, k), at a share."""
+    values = np.vander([share], 4)[0] @ cubics
     imaginary = np.sqrt(np.maximum(1.0 - values[1] ** 2, 0.0))
-    there = nearest(2.0 * math.pi * values[0] * (-values[1] + 1j * imaginary), poles)
-    exact = values_of(poles[[there[j] for j in range(len(poles))]])
-    off, limit = np.abs(values - exact), error * exact
+    there = nearest_rows(2.0 * math.pi * values[0] * (-values[1] + 1j * imaginary), poles)
+    exact = values_of(np.take_along_axis(poles, there, 1))
+    limit = error * exact
     limit[1] += CELL_ROUNDING
-    return bool((off <= limit).all())
+    return np.asarray((np.abs(values - exact) <= limit).all(axis=(0, 2)))
 
 
 def _crossings(path: FloatArray) -> list[float]:
@@ -131,13 +157,13 @@ def _crossings(path: FloatArray) -> list[float]:
 
     Poles that veer within a short step seem to cross too, and only there do they not.
     """
+    first, second = np.triu_indices(path.shape[1], 1)
+    apart = path[:, first] - path[:, second]
     shares = list[float]()
-    for i, j in itertools.combinations(range(path.shape[1]), 2):
-        apart = path[:, i] - path[:, j]
-        if apart.min() < 0.0 < apart.max():
-            roots = np.roots(_COEFFICIENTS @ apart)
-            real = roots.real[np.abs(roots.imag) < _SAME]
-            shares += real[(real > 0.0) & (real < 1.0)].tolist()
+    for each in apart[:, (apart.min(axis=0) < 0.0) & (apart.max(axis=0) > 0.0)].T:
+        roots = np.roots(_COEFFICIENTS @ each)
+        real = roots.real[np.abs(roots.imag) < _SAME]
+        shares += real[(real > 0.0) & (real < 1.0)].tolist()
     return shares
 
 

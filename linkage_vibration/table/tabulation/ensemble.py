@@ -21,7 +21,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.optimize import linear_sum_assignment
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray, rows_of
 from linkage_vibration.mechanics.description import Cylinder, Mechanism, coarser
 from linkage_vibration.mechanics.model import LinkageModel, Place, Solution
 from linkage_vibration.mechanics.modes import (
@@ -75,11 +75,13 @@ class _Modes:
     n_overdamped: int  # modes that do not oscillate, up to the limit of the table
 
 
-def with_uncertainty(table: Table, sampler: Sampler, progress: Callable[[float], object]) -> Table:
+def with_uncertainty(
+    table: Table, sampler: Sampler, drawn: dict[int, Mechanism], progress: Callable[[float], object]
+) -> Table:
     """Return a table with its deviations by uncertain numbers of its mechanism, and an ensemble.
 
-    It has no ensemble without FRFs, or if too many angles would be needed. ``progress`` is called
-    with the finished fraction of the members. Links known by FRFs alone are refused.
+    It has no ensemble without FRFs, or if too many angles would be needed. Mechanisms that are
+    drawn are kept for the other half; ``progress`` is called with the finished fraction.
     """
     mechanism = sampler.model.mechanism
     uncertainty = mechanism.uncertainty
@@ -93,25 +95,27 @@ def with_uncertainty(table: Table, sampler: Sampler, progress: Callable[[float],
     known: dict[int, tuple[LinkageModel, dict[float, _Modes]]] = {}
     for n_nodes in _N_NODES:
         n = max(len(uncertainty.numbers), N_PAIRS)
-        solver, drawn = _Solver(table, sampler, n_nodes, 1 + 2 * n), list[FloatArray]()
+        solver, rows = _Solver(table, sampler, n_nodes, 1 + 2 * n), list[FloatArray]()
         solver.keep(0, *solver.solve(solver.own, 0))
         pairs = islice(member_pairs(len(uncertainty.numbers)), n + n // _FEW_LOST)
         for k, row in enumerate(pairs, 1):
-            if len(drawn) == n or (solver.rough and n_nodes != _N_NODES[-1]):
+            if len(rows) == n or (solver.rough and n_nodes != _N_NODES[-1]):
                 break
             try:
                 values = uncertainty.draw(np.array([row, -row])).tolist()
                 for at, each in zip((k, -k), values, strict=True):
+                    if at not in drawn:
+                        drawn[at] = uncertainty.described(each)
                     if at not in known:
-                        known[at] = solver.model(uncertainty.described(each)), {}
-                members = 1 + len(drawn), 1 + n + len(drawn)
+                        known[at] = solver.model(drawn[at]), {}
+                members = 1 + len(rows), 1 + n + len(rows)
                 both = [solver.solve(known[x], i) for x, i in zip((k, -k), members, strict=True)]
             except LinkageVibrationError:  # numbers that are not possible
                 continue
             for i, each in zip(members, both, strict=True):
                 solver.keep(i, *each)
-            drawn.append(row)
-            progress(len(drawn) / n)
+            rows.append(row)
+            progress(len(rows) / n)
         stddev = solver.deviations()
         if not solver.rough and not _MOST_ROUGH < np.isnan(stddev).mean() < 1.0:
             break
@@ -120,7 +124,7 @@ def with_uncertainty(table: Table, sampler: Sampler, progress: Callable[[float],
         return table
     arrays: dict[str, Any] = {f"ensemble_{k}": each for k, each in solver.arrays.items()}
     coordinates = np.zeros((n, len(uncertainty.numbers)))
-    coordinates[: len(drawn)] = drawn
+    coordinates[: len(rows)] = rows
     return replace(table, ensemble_alpha3=solver.nodes, ensemble_coordinates=coordinates, **arrays)
 
 
@@ -142,12 +146,12 @@ class _Solver:
         self._places: list[Place] = [*table.places, *table.forces]
         self._limit = reach(table.band)
         few = _nodes(table, 3).tolist()
-        exact = [_oscillating(sampler.solution(angle))[0] for angle in few]
+        exact = [_oscillating(sampler.solution(angle).damped)[0] for angle in few]
         for self._mesh in _COARSER:
             self._highest = math.inf if self._mesh[0] == _ALL else _DAMPED * self._limit
             model = self.model(sampler.model.mechanism)
-            stack = model.stack(np.array(few))
-            coarse = [_oscillating(each, self._highest)[0] for each in stack.rows]
+            damped = _damped(model.stack(np.array(few)), self._highest)
+            coarse = [_oscillating(each)[0] for each in damped]
             if all(_agree(*both, self._limit) for both in zip(coarse, exact, strict=True)):
                 break
         self._mass = model.system.mass
@@ -313,21 +317,24 @@ class _Solver:
     def _solved(self, model: LinkageModel, angles: FloatArray) -> list[_Modes]:
         """Return the modes of a member at angles, rad."""
         stack, solved = model.stack(angles), []
-        static = np.empty((len(angles), 0))
-        if model.force_places:
-            static = model.forces.at_rest(stack.configuration, stack.joining, stack.coupled)
-        each = zip(stack.rows, stack.powers(self._places), static, strict=True)
-        for solution, powers, at_rest in each:
-            poles, turn, damped = _oscillating(solution, self._highest)
+        where = stack.configuration, stack.joining
+        rows = model.output_rows(self._places, *where)
+        static, n_places = np.empty((len(angles), 0)), len(self._table.places)
+        if self._table.forces:
+            static = model.forces.at_rest(*where, stack.coupled, rows[..., n_places:, :])
+        every = rows @ stack.modes.shapes[..., np.newaxis, :, :]
+        each = stack.modes.omega, stack.modes.shapes, _damped(stack, self._highest), every, static
+        for omega, shapes, damped, powers, at_rest in zip(*each, strict=True):
+            poles, turn = _oscillating(damped)
             near = powers[..., : len(turn)] @ turn
             rows = near[0] + poles * near[1] + poles**2 * near[2]
             rest, k = powers[0].real, damped.stiffness
             slow = (k.real > MECHANISM**2) & (k.real < self._limit**2)
             modes = _Modes(
                 poles,
-                np.asarray(solution.modes.shapes[:, : len(turn)] @ turn),
+                np.asarray(shapes[:, : len(turn)] @ turn),
                 rows,
-                rest / solution.modes.omega**2 @ rest[: len(self._table.places)].T,
+                rest / omega**2 @ rest[:n_places].T,
                 at_rest,
                 int(((k.real <= damped.decay**2 / 4.0) & slow).sum()),
             )
@@ -349,23 +356,25 @@ def _nodes(table: Table, n: int) -> FloatArray:
     return nodes
 
 
-def _oscillating(
-    solution: Solution, highest: float = math.inf
-) -> tuple[ComplexArray, ComplexArray, DampedModes]:
-    """Return the oscillating poles, ascending, (k,), rad/s, their shapes, and all damped modes.
+def _damped(stack: Solution, highest: float) -> list[DampedModes]:
+    """Return the damped modes at each angle of a stack by undamped ones up to rad/s."""
+    omega = stack.modes.omega
+    n = int((omega <= highest).sum(axis=1).max())
+    return rows_of(damp_modes(stack.coupled, omega[:, :n], stack.vectors[..., :n]))
 
-    They are those by the n undamped modes up to the highest frequency, rad/s. The products of the
-    shapes by these modes, (n, k), are the residues of 1 / (s - pole).
+
+def _oscillating(damped: DampedModes) -> tuple[ComplexArray, ComplexArray]:
+    """Return the oscillating poles, ascending, (k,), rad/s, and their shapes, (n, k).
+
+    Products of the shapes, by the undamped modes, are the residues of 1 / (s - pole).
     """
-    omega = solution.modes.omega[solution.modes.omega <= highest]
-    damped = damp_modes(solution.coupled, omega, solution.vectors[:, : len(omega)])
     if damped.poles is not None:
-        return damped.oscillating, damped.oscillating_shapes, damped
+        return damped.oscillating, damped.oscillating_shapes
     root = np.sqrt(damped.stiffness - damped.decay**2 / 4.0)
     poles = np.asarray(1j * root - damped.decay / 2.0)
     turn = np.eye(len(root)) if damped.shapes is None else damped.shapes[0]
     upper = oscillating_indices(poles)
-    return poles[upper], np.asarray(turn[:, upper] / np.sqrt(2j * root[upper])), damped
+    return poles[upper], np.asarray(turn[:, upper] / np.sqrt(2j * root[upper]))
 
 
 def _logarithms(poles: ComplexArray) -> FloatArray:

@@ -34,12 +34,6 @@ def frf_norms(
     return off, np.linalg.norm(weights * right, axis=0)
 
 
-def frf_norm(exact: PoleResidue, band: tuple[float, float]) -> FloatArray:
-    """Return the L2 norms of FRFs over a band, (n_rows, n_inputs)."""
-    lines, weights = frf_lines(exact, band)
-    return np.asarray(np.linalg.norm(weights * exact.frf(lines), axis=0))
-
-
 def worst_shares(off: FloatArray, size: FloatArray) -> FloatArray:
     """Return the largest ratios of norms of errors to those of FRFs, (2,), from (n_rows, n_inputs).
 

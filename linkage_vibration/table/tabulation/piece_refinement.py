@@ -25,8 +25,8 @@ from linkage_vibration.table.pole_cells import PolePiece, oscillating, oscillati
 from linkage_vibration.table.reduced import EVERY, Modal, ReducedModels, frf_pairs, shortened
 from linkage_vibration.table.tabulation.accuracy import CELL_SHARE, MARGIN, Accuracy, Bounds
 from linkage_vibration.table.tabulation.cell_making import CELL_ROUNDING, Cell, make_cells
-from linkage_vibration.table.tabulation.frf_errors import frf_norm, frf_norms, worst_shares
-from linkage_vibration.table.tabulation.refinement import MOST, dense, more_points
+from linkage_vibration.table.tabulation.frf_errors import frf_norms, worst_shares
+from linkage_vibration.table.tabulation.refinement import GRID, MOST, dense, more_points
 from linkage_vibration.table.tabulation.sampling import Rounding, Sampler
 from linkage_vibration.table.tabulation.subspaces import (
     N_CHECK,
@@ -41,7 +41,6 @@ from linkage_vibration.table.tabulation.subspaces import (
 _NARROW = 64  # A step below this part of a piece is not halved to distinguish poles.
 _LONG = 0.01  # In pieces above this share of the stroke, each identified mode exists everywhere.
 _END = 1.0 / 200.0  # In this share of the band, at its end, far poles are least accurate.
-_FAR_ANGLES = 33  # The error by far poles is evaluated at so many angles of a piece.
 _BETWEEN = 24  # If poles need more points to be followed, the piece is halved.
 _NEARLY_REAL = 1e-3  # A pole with a smaller share of imaginary part is nearly real.
 _EPS = 4.0 * float(np.finfo(float).eps)  # Eigenvalues are rounded by this share of the matrix.
@@ -145,11 +144,10 @@ def refine(sampler: Sampler, fitted: list[float], accuracy: Accuracy) -> Refined
             values = rounding(fine, response) + sampler.rounding(finer).values
             alpha3 = sampler.angle(finer[0])
             sampler.refuse_rounding(Rounding(values), alpha3, accuracy, 1.0 / 2.0)
-            far_error = np.zeros(2)  # A table of identified modes has no FRFs.
-            if not sampler.measured:
-                far_error = MARGIN * _far_error(samples, fine, response.band)
-                far_error += sampler.rounding(finer).frf
-            compared = compare(coarse, fine, response, accuracy, far_error, values)
+            # A table of identified modes has no FRFs.
+            exact = [] if sampler.measured else samples
+            rounded = Rounding(values, sampler.rounding(finer).frf if exact else 0.0)
+            compared = compare(coarse, fine, response, accuracy, exact, rounded)
             if compared is not None:
                 return RefinedPiece(finer, fine, *compared)
         fitted = finer
@@ -214,20 +212,19 @@ def _near_lines(models: ReducedModels, omega: FloatArray) -> ComplexArray:
     return np.asarray(frf[:, :, outputs, inputs])
 
 
-def _far_error(
-    samples: Sequence[PoleSample], piece: PolePiece, band: tuple[float, float]
+def _far_norms(
+    samples: Sequence[PoleSample], piece: PolePiece, band: tuple[float, float], alpha3: FloatArray
 ) -> FloatArray:
-    """Return the `worst_shares` of errors in a band (Hz), which far poles cause in the piece.
+    """Return norms of errors in a band (Hz) that far poles cause at angles, (n, 2, n_rows, n_in).
 
-    They are known at the points, and interpolated between them as the weights of the far poles are.
+    There are two estimates. Errors are known at the points, and interpolated between them as the
+    weights of the far poles are.
     """
     models = piece.models
     omega = check_lines(band, free=models.free)
     off = _near_lines(models, omega) + models.far.basis(omega) @ models.weights
     off -= [sample.totals for sample in samples]
-    even = np.linspace(piece.variables[0], piece.variables[-1], _FAR_ANGLES)
-    at = np.union1d(even, piece.variables)
-    between = piece.modal(stroke_angle(at, piece.toggles))
+    at = stroke_variable(alpha3, piece.toggles)
     off = np.tensordot(interpolation_matrix(piece.variables, at), off, 1)
     lines = omega[:, np.newaxis] / (2.0 * math.pi)
     order, weights = np.argsort(omega), np.empty_like(lines)
@@ -237,14 +234,11 @@ def _far_error(
     width, checked = float(np.ptp(lines)), np.zeros_like(lines)
     checked[N_FIT:-1] = math.sqrt(width / (N_CHECK - 1))
     checked[-1] = math.sqrt(_END * width)
-    pairs, worst = frf_pairs(models.shapes.shape[1], models.n_inputs), np.zeros(2)
-    for row, error in enumerate(off):
-        size = frf_norm(between.frf(row, EVERY, EVERY), peak_search_band(band, free=models.free))
-        for each in (weights, checked):
-            norms = np.zeros_like(size)
-            norms[pairs] = np.linalg.norm(each * error, axis=0)
-            worst = np.maximum(worst, worst_shares(norms, size))
-    return worst
+    norms = np.zeros((len(at), 2, models.shapes.shape[1], models.n_inputs))
+    outputs, inputs = frf_pairs(*norms.shape[2:])
+    for i, each in enumerate((weights, checked)):
+        norms[:, i, outputs, inputs] = np.linalg.norm(each * off, axis=1)
+    return norms
 
 
 def rounding(piece: PolePiece, response: Response) -> float:
@@ -316,21 +310,20 @@ def compare(
     fine: PolePiece,
     response: Response,
     accuracy: Accuracy,
-    far_error: FloatArray,
-    rounding: float,
+    samples: Sequence[PoleSample],
+    rounding: Rounding,
 ) -> tuple[Bounds, list[Cell]] | None:
     """Return by how much fewer points change a piece, and its cells; None if it is too much.
 
-    Far poles cause the relative errors ``far_error`` of FRFs and forces, (2,); ``rounding`` is that
-    of values.
+    The samples at its points, if there are any, show the errors of FRFs that far poles cause.
     """
-    all_over = stroke_angle(dense(fine.variables[0], fine.variables[-1])[::2], fine.toggles)
+    all_over = stroke_angle(dense(fine.variables[0], fine.variables[-1], GRID), fine.toggles)
     there = oscillating_rows(fine.drive(all_over).frequencies)
     errors = _pole_errors(coarse.drive(all_over).frequencies, there, response)
     if _worst(errors) > accuracy.frequency:
         return None  # before cells are made, which takes longer
     # Smaller cells would follow rounding, and their slopes even more.
-    cell_error = max(accuracy.cell, min(rounding, CELL_SHARE * accuracy.frequency))
+    cell_error = max(accuracy.cell, min(rounding.values, CELL_SHARE * accuracy.frequency))
     cells = make_cells(fine, cell_error)
     angles = np.array([[cell.start, (cell.start + cell.end) / 2.0] for cell in cells]).ravel()
     before, after = coarse.drive(angles), fine.drive(angles)
@@ -338,16 +331,22 @@ def compare(
     off = [_worst([each]) for each in _pole_errors(before.frequencies, there, response)]
     values = max(*off, _worst(errors))
     compared_band = peak_search_band(response.band, free=after.models.free)
-    peak, frf = _peak_error(before, after, response.peak_band), far_error
+    peak = _peak_error(before, after, response.peak_band)
     # Fewer points leave the largest errors between them.
     between = stroke_angle((coarse.variables[1:] + coarse.variables[:-1]) / 2.0, coarse.toggles)
     rows = np.searchsorted(angles[:-1], between).tolist()
-    rows = [] if after.models.free else sorted({int(np.argmax(off)), *rows})
-    pairs = [each.modal(angles[rows]) for each in (coarse, fine)] if rows else []
-    for row in range(len(rows)):
+    rows = sorted({0, len(angles) - 1, int(np.argmax(off)), *rows})
+    pairs = [each.modal(angles[rows]) for each in (coarse, fine)]
+    far = _far_norms(samples, fine, response.band, angles[rows]) if samples else [()] * len(rows)
+    frf, far_error = np.zeros((2, 2))
+    for row, by_far in enumerate(far):
         approximate, exact = (each.frf(row, EVERY, EVERY) for each in pairs)
-        norms = frf_norms(approximate, exact, compared_band)
-        frf = np.maximum(frf, far_error + worst_shares(*norms))
+        norms, size = frf_norms(approximate, exact, compared_band)
+        if not after.models.free:
+            frf = np.maximum(frf, worst_shares(norms, size))
+        for each in by_far:
+            far_error = np.maximum(far_error, worst_shares(each, size))
+    frf = frf + MARGIN * far_error + rounding.frf
     slope = max(
         np.abs(there - here)[0].max(initial=0.0) / step
         for (here, there), step in zip(pairwise(errors), np.diff(all_over), strict=True)
@@ -356,12 +355,12 @@ def compare(
     # Polynomials through points that rounding moves have other slopes.
     matrix = interpolation_matrix(fine.variables, stroke_variable(all_over, fine.toggles))
     steps = np.abs(np.diff(matrix, axis=0)).sum(axis=1)
-    slope += _SLOPE_ROUNDING * rounding * float((steps / np.diff(all_over)).max())
+    slope += _SLOPE_ROUNDING * rounding.values * float((steps / np.diff(all_over)).max())
     widths = [cell.end - cell.start for cell in cells if cell.values is not None]
     slope += _CELL_SLOPE * cell_error / min(widths, default=math.inf)
     # The error of a cubic in its middle is a little more than half of its largest.
-    rest = 2.0 * cell_error + rounding
-    both, force = (frf + rounding).tolist()
+    rest = 2.0 * cell_error + rounding.values
+    both, force = (frf + rounding.values).tolist()
     bounds = Bounds(values + rest, peak + rest, both, force, float(slope))
     return (bounds, cells) if bounds.meet(accuracy) else None
 

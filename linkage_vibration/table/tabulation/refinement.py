@@ -19,8 +19,8 @@ _FIRST = 2 * _BATCH  # A piece begins with so many points.
 MOST = 48
 """Points of a piece; if a polynomial needs more, halving the piece needs fewer."""
 
-GRID = 401
-"""Places over a piece at which its polynomials are evaluated: eight to each of its 48 points."""
+GRID = 201
+"""Places over a piece at which its polynomials are evaluated: four to each of its 48 points."""
 
 _EQUALLY_GOOD = math.log(3.0)  # A solved point is used if its product is a third of Leja's.
 
@@ -81,9 +81,9 @@ def halves(solved: Iterable[float], low: float, high: float) -> list[list[float]
     return [first_points(solved, low, middle), first_points(solved, middle, high)]
 
 
-def dense(low: float, high: float) -> FloatArray:
-    """Return stroke variables over a piece, (401,), denser towards its ends."""
-    turn = np.linspace(0.0, math.pi, GRID)
+def dense(low: float, high: float, count: int) -> FloatArray:
+    """Return stroke variables over a piece, (count,), denser towards its ends."""
+    turn = np.linspace(0.0, math.pi, count)
     grid = low + (high - low) * np.sin(turn / 2.0) ** 2
     grid[-1] = high
     return grid

@@ -25,6 +25,8 @@ _WIDER = 2.5  # Poles up to so many times the reach may continue those of a tabl
 _LOW = 0.1  # Displacements of modes below this share of the reach are not enlarged.
 _SLOWEST = 1e-3  # A mechanism mode is given this frequency, rad/s.
 _POOR = 1e4  # Coordinates with a larger condition number are poor.
+_SERIES = 1e-17  # A series ends where its terms are smaller.
+_FLAT = 1e-5  # Beside poles below this share of the others, rounding spoils a series.
 _LEAVES = 0.5  # A state that continues a subspace has a smaller share outside it.
 
 N_FAR = 5
@@ -191,20 +193,21 @@ class _Motion:
             q, v, others = self._viscous(limit, response)
             states = np.vstack([self.turned @ q, self.turned @ v / scale])
             inertia = q.T @ self.viscous @ q + q.T @ v + v.T @ q
-            parts = (q.T @ self.viscous + v.T) @ self.turned.T, scale * q.T @ self.turned.T
-            above = np.hstack(parts)
+            rows = q.T @ self.viscous + v.T, q.T
+            above = np.hstack([rows[0] @ self.turned.T, scale * rows[1] @ self.turned.T])
             # Unlike -inertia t, this has an error that is the square of the error of the subspace,
             # so that rounding of the highest poles does not affect the lowest.
             stiffness = np.asarray((q.T * self.omega**2) @ q - v.T @ v)
             t = np.asarray(-np.linalg.solve(inertia, stiffness))
             poles = np.linalg.eigvals(t).astype(complex)
             powers = q, v, v @ t
+            near = np.vstack([q, v]), np.linalg.solve(inertia, np.hstack(rows)), t
         else:
             t, q, poles, others = _structural(self.omega, self.loss, limit)
             states, above = self.turned @ q, q.T @ self.turned.T
             inertia = q.T @ q
             stiffness = inertia @ t
-            powers = q, 0.0 * q, -q @ t
+            powers, near = (q, 0.0 * q, -q @ t), None
         basis, turn = np.linalg.qr(states)  # a basis that is well-conditioned
         back = np.linalg.inv(turn)
         inertia, stiffness = back.T @ inertia @ back, back.T @ stiffness @ back
@@ -213,7 +216,12 @@ class _Motion:
             left = np.asarray(np.linalg.solve(inertia, back.T @ above))
         shapes = sum(row @ power for row, power in zip(self.rows, powers, strict=False)) @ back
         whole = Subspace(basis, left, inertia, stiffness, shapes if viscous else shapes + 0j)
-        totals = self._totals(check_lines(response.band, free=free))
+        lines, lowest = check_lines(response.band, free=free), np.abs(others).min(initial=math.inf)
+        if near is None or self._is_diagonal or np.abs(poles).min() < _FLAT * lowest:
+            moved = self._moved(lines)
+        else:
+            moved = self._moved_beside(*near, lines, float(lowest))
+        totals = self._totals(lines, moved)
         return PoleSample(alpha3, viscous, free, poles, others, turn @ t @ back, whole, totals)
 
     @property
@@ -234,21 +242,43 @@ class _Motion:
         both = np.hstack([chosen, none]), np.hstack([none, chosen])
         return *both, others[others.imag >= 0.0]
 
-    def _totals(self, lines: FloatArray) -> ComplexArray:
+    def _totals(self, lines: FloatArray, moved: ComplexArray) -> ComplexArray:
         """Return the FRFs with every mode at some lines, rad/s, (n_lines, n_pairs)."""
         outputs, inputs = frf_pairs(self.rows.shape[1], self.n_inputs)
+        s = 1j * lines[:, np.newaxis, np.newaxis]
+        frf = sum(s**i * (row @ moved) for i, row in enumerate(self.rows))
+        return np.asarray(frf)[:, outputs, inputs]
+
+    def _moved(self, lines: FloatArray) -> ComplexArray:
+        """Return the motion of the modes by the inputs at lines, rad/s, (n_lines, n, n_inputs)."""
         squared, w = self.omega**2, lines[:, np.newaxis]
         into = self.rows[0, : self.n_inputs].T
         if self._is_diagonal:
             dynamic = squared + 1j * np.diag(self.loss) - w**2 + 1j * w * np.diag(self.viscous)
-            moved = into / dynamic[..., np.newaxis]
-        else:
-            dynamic = 1j * (self.loss + w[:, np.newaxis] * self.viscous)
-            np.einsum("kii->ki", dynamic)[:] += squared - w**2
-            moved = solve_stack(dynamic, into.astype(complex))
-        s = 1j * w[..., np.newaxis]
-        frf = sum(s**i * (row @ moved) for i, row in enumerate(self.rows))
-        return np.asarray(frf)[:, outputs, inputs]
+            return np.asarray(into / dynamic[..., np.newaxis])
+        dynamic = 1j * (self.loss + w[:, np.newaxis] * self.viscous)
+        np.einsum("kii->ki", dynamic)[:] += squared - w**2
+        return solve_stack(dynamic, into.astype(complex))
+
+    def _moved_beside(
+        self, states: Numbers, left: Numbers, t: Numbers, lines: FloatArray, lowest: float
+    ) -> ComplexArray:
+        """Return what `_moved` returns, from the poles of a subspace and a series for the others.
+
+        The series is one of powers of s over the lowest of the other poles, rad/s.
+        """
+        n, s = len(self.omega), 1j * lines[:, np.newaxis, np.newaxis]
+        into = self.rows[0, : self.n_inputs].T
+        near = left[:, n:] @ into
+        moved = states[:n] @ np.linalg.solve(s * np.eye(len(t)) - t, near + 0.0 * s)
+        state, terms, steps = np.vstack([0.0 * into, into]) - states @ near, [], s[:, 0] / lowest
+        for _ in range(math.ceil(math.log(_SERIES) / math.log(abs(steps).max()))):
+            first, second = state[:n], state[n:]
+            before = (second + self.viscous @ first) / self.omega[:, np.newaxis] ** 2
+            state = np.vstack([-lowest * before, lowest * first])
+            state -= states @ (left @ state)  # or rounding would grow by the lowest poles
+            terms.append(state[:n] / lowest)
+        return np.asarray(moved - np.tensordot(steps ** np.arange(len(terms)), np.array(terms), 1))
 
 
 def _viscous(

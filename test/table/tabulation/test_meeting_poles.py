@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.table.pole_cells import nearest
+from linkage_vibration.table.pole_cells import nearest, nearest_rows
 from linkage_vibration.table.tabulation import build_table
 from test.support.crossing import (
     AT,
@@ -42,6 +42,14 @@ def test_table_at_the_meeting() -> None:
         poles = 2.0 * math.pi * frequencies * np.exp(1j * np.arccos(-ratios))
         apart = min(np.abs(poles - other).max() for other in (exact, exact[::-1]))
         assert apart <= limit * np.abs(exact).min()
+
+
+def test_rows_of_nearest_poles() -> None:
+    """Poles cross in the first row; in the second, both are nearest to the same, and 17 < 25."""
+    here = np.array([[0.0, 1.0], [0.0, 1.0]]) + 0j
+    there = np.array([[1.1, 0.1], [0.9, 5.0]]) + 0j
+    assert nearest_rows(here, there).tolist() == [[1, 0], [0, 1]]
+    assert nearest_rows(here[:, :0], there[:, :0]).shape == (2, 0)
 
 
 @pytest.mark.parametrize("meeting", [meeting_off_axis, meeting_on_axis])
