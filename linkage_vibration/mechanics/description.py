@@ -343,6 +343,7 @@ class Lateral:
     # second moment of area, m4, and shear coefficient across the plane, of links with `general`
     sections: tuple[tuple[str | float, ...], ...]
     response: Response
+    weight: bool  # whether forces at rest under the weight stiffen it
 
 
 @dataclass(frozen=True, slots=True)

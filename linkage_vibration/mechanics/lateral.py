@@ -14,18 +14,18 @@ also hold the rotation out of the plane.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from scipy.linalg import block_diag
 
-from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
-from linkage_vibration.mechanics.bodies.beam import Beam, beam_matrices
+from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, symmetric
+from linkage_vibration.mechanics.bodies.beam import Beam, W, beam_matrices
 from linkage_vibration.mechanics.bodies.matrices import component_of
 from linkage_vibration.mechanics.compatibility import InterfaceMap, Joining, SpringRow
 from linkage_vibration.mechanics.components import CENTRE_OF_GRAVITY, Component, FrfComponent
-from linkage_vibration.mechanics.coupling import CoupledSystem
+from linkage_vibration.mechanics.coupling import CoupledSystem, coordinates
 from linkage_vibration.mechanics.description import (
     GROUND,
     Chain,
@@ -40,8 +40,16 @@ from linkage_vibration.mechanics.description import (
 from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.mechanics.forces import SOIL, Forces
 from linkage_vibration.mechanics.kinematics import Configuration
+from linkage_vibration.mechanics.weight import Load, Weight
 
 _SAME_PLACE = 1e-9  # m
+
+
+@dataclass(frozen=True, eq=False)
+class LateralLink(Component):
+    """A pair of links, or one in the middle, with what a tension between its points adds."""
+
+    tightened: FloatArray  # (n_points - 1, n, n), 1/m: the stiffness per tension of both
 
 
 def bearing(link: Link, mechanism: Mechanism) -> str | None:
@@ -98,7 +106,19 @@ def _link(link: Link, mechanism: Mechanism, *, reduced: bool) -> Component:
         block_diag(*matrices)[np.ix_(order, order)]
         for matrices in zip(*((p.mass, p.stiffness, p.damping) for p in parts), strict=True)
     )
-    return Component(link.name, dofs, mass, stiffness, damping, parts[0].loss_factor, None)
+    # The slopes of elements, of which each link has as many in both directions.
+    drawings = [part.drawing for part in parts if part.drawing is not None]
+    nodes = drawings[0].places[:, 0]
+    roots = np.sqrt(np.diff(nodes))[:, np.newaxis]
+    slopes = [np.diff(each.displacement[:, W], axis=0) / roots for each in drawings]
+    ends = [link.stretch * x for _, (x, _) in link.points]
+    at = np.searchsorted(ends[1:-1], (nodes[1:] + nodes[:-1]) / 2.0)
+    pieces = [[each[at == i] for each in slopes] for i in range(len(ends) - 1)]
+    tight = [block_diag(*(each.T @ each for each in piece)) for piece in pieces]
+    tightened = np.array(tight)[:, order[:, np.newaxis], order]
+    return LateralLink(
+        link.name, dofs, mass, stiffness, damping, parts[0].loss_factor, None, tightened
+    )
 
 
 class LateralMap(InterfaceMap):
@@ -111,6 +131,8 @@ class LateralMap(InterfaceMap):
     ) -> None:
         super().__init__(mechanism, components)
         assert mechanism.lateral is not None
+        self._parts = [part for part in components if isinstance(part, Component)]
+        self._rows = coordinates(self._parts)
         self._lateral = mechanism.lateral
         mounts = (
             zip(mechanism.base.mounts, self._lateral.axles, strict=True) if mechanism.base else ()
@@ -123,6 +145,59 @@ class LateralMap(InterfaceMap):
         points = {link.name: bearing(link, mechanism) for link in mechanism.links}
         self._bearings = {name: point for name, point in points.items() if point}
         self._rigid_shaft = self._lateral.rockshaft == math.inf
+        self._weight = Weight(mechanism, self._y, self._bearings)
+
+    def join(self, configuration: Configuration) -> Joining:
+        """Return what joins the components in a configuration, with the stiffness by the weight."""
+        joining = super().join(configuration)
+        if not self._lateral.weight:
+            return joining
+        return replace(joining, weight=self._stiffness_at_rest(configuration))
+
+    def _stiffness_at_rest(self, configuration: Configuration) -> FloatArray:
+        """Return the stiffness that forces at rest give all coordinates, (..., n, n).
+
+        A tension straightens its line. A force F at r from the centre of a body does the work
+        F (t x (t x r)) / 2 when the body turns by t.
+        """
+        (loads, tensions), n = self._weight.at(configuration), sum(map(len, self._rows.values()))
+        total = np.zeros((*configuration.angles.shape[:-1], n, n))
+        for part, rows in zip(self._parts, self._rows.values(), strict=True):
+            if isinstance(part, LateralLink):
+                own = np.tensordot(tensions[part.name], part.tightened, 1)
+                total[..., rows[:, np.newaxis], rows] = own
+        for spring in self._mechanism.springs:
+            if spring.name in tensions:
+                ends = list(zip(spring.bodies, spring.points, strict=True))
+                start, end = (self._place(*each, configuration) for each in ends)
+                moved, moved_end = (self.displacement(*each, configuration) for each in ends)
+                seen = np.linalg.norm((end - start)[..., ::2], axis=-1)  # as tensions are
+                axis = (end - start) / np.linalg.norm(end - start, axis=-1, keepdims=True)
+                apart = moved_end - moved
+                apart = apart - axis[..., np.newaxis] * (axis[..., np.newaxis, :] @ apart)
+                string = (tensions[spring.name] / seen)[..., np.newaxis, np.newaxis]
+                total[..., : len(self), : len(self)] += string * (apart.swapaxes(-1, -2) @ apart)
+        for load in loads:
+            carrier = GROUND if load.body in self._bearings else load.body
+            if (carrier, CENTRE_OF_GRAVITY) in self._places:
+                at = np.array(self._places[carrier, CENTRE_OF_GRAVITY][1:])
+                total[..., at[:, np.newaxis], at] += self._turned_force(load, configuration)
+        return total
+
+    def _turned_force(self, load: Load, configuration: Configuration) -> FloatArray:
+        """Return the stiffness of a force against roll and yaw of what carries it, (..., 2, 2).
+
+        A link in a bearing turns with the base; its tension has what turns its axis.
+        """
+        start, y, held = self._centres.get(load.body), load.y, np.eye(3)
+        if start is None:
+            pin, axis = self._bearings[load.body], self.axes(load.body, configuration)[..., 0]
+            start, y = self._mechanism.local_points(load.body)[pin], y - self._y.get(pin, 0.0)
+            held = axis[..., :, np.newaxis] * axis[..., np.newaxis, :]
+        arm = configuration.place(load.body, load.place) - configuration.place(load.body, start)
+        both = _in_space(arm, y)[..., :, np.newaxis] * load.force[..., np.newaxis, :]
+        along = np.trace(both, axis1=-2, axis2=-1)[..., np.newaxis, np.newaxis]
+        return np.asarray(along * held - symmetric(both))[..., ::2, ::2]
 
     @property
     def n_mounts(self) -> int:

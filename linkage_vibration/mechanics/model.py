@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import eigh
 
 from linkage_vibration.errors import LinkageVibrationError, check_type
 from linkage_vibration.mechanics.arrays import (
@@ -37,7 +38,7 @@ from linkage_vibration.mechanics.forces import SOIL, Forces, is_force, magnitude
 from linkage_vibration.mechanics.identification import IdentifiedModes, identify
 from linkage_vibration.mechanics.kinematics import Configuration, Kinematics
 from linkage_vibration.mechanics.lateral import LateralForces, LateralMap, lateral_components
-from linkage_vibration.mechanics.modes import DampedModes, Modes, damp_modes, solve_modes
+from linkage_vibration.mechanics.modes import MECHANISM, DampedModes, Modes, damp_modes, solve_modes
 from linkage_vibration.mechanics.regularisation import MeasuredFrfs, noise_gain, receptances
 from linkage_vibration.mechanics.response import (
     Peak,
@@ -308,8 +309,31 @@ class LinkageModel:
     def _solved(self, configuration: Configuration) -> "Solution":
         joining = self.interface.join(configuration)
         coupled = couple(self.system, joining)
-        modes, vectors = solve_modes(coupled)
+        try:
+            modes, vectors = solve_modes(coupled)
+        except np.linalg.LinAlgError:
+            self._refuse_toppling(configuration, joining, coupled)
+            raise
+        if modes.mechanism.any():  # a negative stiffness gives 0 Hz, too
+            self._refuse_toppling(configuration, joining, coupled)
         return Solution(self, configuration, joining, coupled, modes, vectors)
+
+    def _refuse_toppling(
+        self, configuration: Configuration, joining: Joining, coupled: CoupledSystem
+    ) -> None:
+        """Refuse a lateral half that the weight topples, as a mode has a negative stiffness."""
+        if joining.weight is None:
+            return
+        both = (x.reshape(-1, *x.shape[-2:]) for x in (coupled.stiffness, coupled.mass))
+        parts = zip(*both, strict=True)
+        lowest = [eigh(*each, eigvals_only=True, subset_by_index=[0, 0])[0] for each in parts]
+        topples = np.array(lowest) < -(MECHANISM**2)
+        for alpha3 in np.ravel(configuration.alpha3)[topples][:1]:
+            raise ModelError(
+                f"{self.mechanism.name} topples sideways under its weight at alpha3 = "
+                f"{math.degrees(alpha3):.4g} deg; check masses, y of points, chains, and the "
+                "track, stiffness and contact of axles, or write `weight: ignored` under `lateral`."
+            )
 
     def coupled_frf(
         self,
@@ -327,7 +351,7 @@ class LinkageModel:
         frequencies : ndarray, (n_freq,)
             Hz; where a component is known by FRFs, above 0 and among its frequencies. Where all
             have matrices, the assembly is solved at lines where LM-FBS loses digits: at and near
-            0 Hz, and at an undamped resonance of a component.
+            0 Hz, and at an undamped resonance of a component; and wherever the weight stiffens it.
         outputs, inputs : sequence of (point, direction)
             Along the global axes; "E1.z" is ("E1", "z").
 
@@ -352,7 +376,8 @@ class LinkageModel:
             self._check_noise(blocks, rows, right, compliance)
             return couple_frfs(receptances(blocks), rows, left, right, compliance, lines)
         frf = np.empty((len(lines), len(left), len(right)), dtype=complex)
-        moving = lines != 0.0
+        # Forces at rest change the components with the angle, so they have no FRFs of their own.
+        moving = (lines != 0.0) & (joining.weight is None)
         blocks, rows, compliance = self._blocks(joining, lines[moving])
         parts = receptances(blocks)
         frf[moving], error = couple_frfs_with_error(parts, rows, left, right, compliance)
