@@ -293,4 +293,4 @@ def test_commands(table: Table, tmp_path: Path, capsys: pytest.CaptureFixture[st
     labels = words.replace("\n", " ").strip().split(", ")
     assert labels == [table.mode_label(mode) for mode in range(12)]
     sway = table.mode_names.index("implement sway")
-    assert float(row.splitlines()[1].split()[1 + sway]) == pytest.approx(5.05, abs=0.02)
+    assert float(row.splitlines()[1].split()[1 + sway]) == pytest.approx(5.11, abs=0.02)
