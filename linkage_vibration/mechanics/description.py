@@ -447,8 +447,8 @@ class Mechanism:
         ----------
         values : mapping of str to float
             Paths are keys joined by dots, as in ``rigid_bodies.implement.mass``. Positions in lists
-            are counted from 0, and paths joined by commas share one number. Other numbers stay, such
-            as inertias if a mass changes.
+            are counted from 0, and paths joined by commas share one number. Others stay, such as
+            inertias if a mass changes.
 
         Raises
         ------

