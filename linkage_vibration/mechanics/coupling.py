@@ -59,21 +59,17 @@ class CoupledSystem:
 
 def uncoupled_system(components: Sequence[Component]) -> UncoupledSystem:
     """Put components side by side, every interface DoF before every inner coordinate."""
-    rows = coordinates(components)
-    n = sum(map(len, rows.values()))
-    matrices = np.zeros((4, n, n))
-    for c, at in zip(components, rows.values(), strict=True):
+    is_inner = np.concatenate([np.arange(len(c.mass)) >= len(c.dofs) for c in components])
+    places = np.argsort(is_inner, kind="stable")
+    rows = np.split(np.argsort(places), np.cumsum([len(c.mass) for c in components])[:-1])
+    matrices = np.zeros((4, len(places), len(places)))
+    for c, at in zip(components, rows, strict=True):
         parts = c.mass, c.stiffness, c.damping, c.loss_factor * c.stiffness
         matrices[:, at[:, np.newaxis], at] = parts
-    return UncoupledSystem(tuple(components), sum(len(c.dofs) for c in components), rows, *matrices)
-
-
-def coordinates(components: Sequence[Component]) -> dict[str, IntArray]:
-    """Return the indices of the coordinates of each component: all DoFs, then inner ones."""
-    is_inner = np.concatenate([np.arange(len(c.mass)) >= len(c.dofs) for c in components])
-    places = np.argsort(np.argsort(is_inner, kind="stable"))
-    rows = np.split(places, np.cumsum([len(c.mass) for c in components])[:-1])
-    return dict(zip([c.name for c in components], rows, strict=True))
+    names = [c.name for c in components]
+    return UncoupledSystem(
+        tuple(components), int((~is_inner).sum()), dict(zip(names, rows, strict=True)), *matrices
+    )
 
 
 def couple(system: UncoupledSystem, joining: Joining) -> CoupledSystem:

@@ -10,7 +10,6 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import eigh
 
 from linkage_vibration.errors import LinkageVibrationError, check_type
 from linkage_vibration.mechanics.arrays import (
@@ -309,31 +308,17 @@ class LinkageModel:
     def _solved(self, configuration: Configuration) -> "Solution":
         joining = self.interface.join(configuration)
         coupled = couple(self.system, joining)
-        try:
-            modes, vectors = solve_modes(coupled)
-        except np.linalg.LinAlgError:
-            self._refuse_toppling(configuration, joining, coupled)
-            raise
-        if modes.mechanism.any():  # a negative stiffness gives 0 Hz, too
-            self._refuse_toppling(configuration, joining, coupled)
+        if joining.weight is not None:
+            try:
+                np.linalg.cholesky(coupled.stiffness + MECHANISM**2 * coupled.mass)
+            except np.linalg.LinAlgError:
+                name, angle = self.mechanism.name, math.degrees(np.ravel(configuration.alpha3)[0])
+                problem = f"At {angle:.4g} deg {name} topples sideways under its weight; check "
+                problem += "masses, y of points, chains, and the track, stiffness and contact of "
+                hint = "axles, or write `weight: ignored` under `lateral`"
+                raise ModelError(f"{problem}{hint}.") from None
+        modes, vectors = solve_modes(coupled)
         return Solution(self, configuration, joining, coupled, modes, vectors)
-
-    def _refuse_toppling(
-        self, configuration: Configuration, joining: Joining, coupled: CoupledSystem
-    ) -> None:
-        """Refuse a lateral half that the weight topples, as a mode has a negative stiffness."""
-        if joining.weight is None:
-            return
-        both = (x.reshape(-1, *x.shape[-2:]) for x in (coupled.stiffness, coupled.mass))
-        parts = zip(*both, strict=True)
-        lowest = [eigh(*each, eigvals_only=True, subset_by_index=[0, 0])[0] for each in parts]
-        topples = np.array(lowest) < -(MECHANISM**2)
-        for alpha3 in np.ravel(configuration.alpha3)[topples][:1]:
-            raise ModelError(
-                f"{self.mechanism.name} topples sideways under its weight at alpha3 = "
-                f"{math.degrees(alpha3):.4g} deg; check masses, y of points, chains, and the "
-                "track, stiffness and contact of axles, or write `weight: ignored` under `lateral`."
-            )
 
     def coupled_frf(
         self,

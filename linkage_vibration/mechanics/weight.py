@@ -27,14 +27,8 @@ from linkage_vibration.mechanics.springs import spring_line
 _REPEATED = 1e-9  # Constraints with a smaller share of the largest singular value repeat others.
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Load:
-    """A force of both sides on a body at rest, (..., 3), N, at a place of the left one."""
-
-    body: str
-    place: Point  # x and z, m, in the axes of the body
-    y: float  # m
-    force: FloatArray
+Load = tuple[str, Point, float, FloatArray]
+"""A body, x, z and y on it of the left place, m, and the force of both sides there, (..., 3), N."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +38,7 @@ class Weight:
     mechanism: Mechanism
     y: Mapping[str, float]
     bearings: Collection[str]
+    contacts: Mapping[str, float]  # m, heights at which the soil carries the mounts
 
     @cached_property
     def _plane(self) -> Forces:
@@ -67,8 +62,8 @@ class Weight:
         for alpha3 in np.extract(unknown, configuration.alpha3)[:1]:
             raise CouplingError(
                 f"Nothing carries the weight of {mechanism.name} at {math.degrees(alpha3):g} deg, "
-                "which stiffens its lateral half; hold its crank, for example with `clamped` or a "
-                "spring at its joint, or write `weight: ignored` under `lateral`."
+                "which stiffens its lateral half; hold its crank with `clamped` or a spring at its "
+                "joint, give mounts stiffness along z, or write `weight: ignored` under `lateral`."
             )
         elastic, stretch = moved @ plane.system.stiffness, joining.elongation
         pull = joining.stiffness * _times(stretch, moved)
@@ -81,8 +76,8 @@ class Weight:
         def act(bodies: Sequence[str], points: Sequence[str], *force: FloatArray) -> None:
             """Let a force act on the first body, and its reaction on the second one."""
             for body, point, sign in zip(bodies, points, (1.0, -1.0), strict=True):
-                own, y = sign * np.stack(force, axis=-1), self.y.get(point, 0.0)
-                loads.append(Load(body, mechanism.local_points(body)[point], y, own))
+                own, place = sign * np.stack(force, axis=-1), mechanism.local_points(body)[point]
+                loads.append((body, place, self.y.get(point, 0.0), own))
                 sideways[body, point] = sideways[body, point] + own[..., 1]
 
         for i, spring in enumerate(mechanism.springs):
@@ -103,18 +98,10 @@ class Weight:
             aside = [sideways[link.name, point] for point, _ in link.points]
             shares = along[link.name] + link.slope * np.stack(aside, axis=-1)
             tensions[link.name] = -np.cumsum(shares, axis=-1)[..., :-1] / link.stretch
-        return loads + self._by_mounts(pull), tensions
-
-    def _by_mounts(self, pull: FloatArray) -> list[Load]:
-        """Return the loads of the soil on the base, at the height of the contact."""
-        base, lateral, loads = self.mechanism.base, self.mechanism.lateral, []
-        for i, (mount, axis) in enumerate(mount_springs(base), len(self.mechanism.springs)):
-            assert base is not None
-            assert lateral is not None
-            contact = lateral.axles[base.mounts.index(mount)].contact
-            force = -pull[..., i, np.newaxis] * np.eye(3)[2 * axis]
-            loads.append(Load(GROUND, (mount.at[0], contact), 0.0, force))
-        return loads
+        for i, (mount, axis) in enumerate(mount_springs(mechanism.base), len(mechanism.springs)):
+            place = (mount.at[0], self.contacts[mount.name])
+            loads.append((GROUND, place, 0.0, -pull[..., i, np.newaxis] * np.eye(3)[2 * axis]))
+        return loads, tensions
 
     def _across(
         self, along: Mapping[str, FloatArray], sideways: Mapping[tuple[str, str], FloatArray]
@@ -126,20 +113,13 @@ class Weight:
         """
         # The first row is empty, as there may be no pairs of links.
         rows, right = [[0.0] * len(self.mechanism.joints)], [sideways["", ""]]
-        for link in self.mechanism.links:
-            if link.count == 1:
-                continue
+        for link in (each for each in self.mechanism.links if each.count > 1):
             for axis in range(1 if link.name in self.bearings else 2):
                 arms = {point: x**axis for point, (x, _) in link.points}
-                rows.append(
-                    [
-                        arms.get(point, 0.0) * ((first == link.name) - (second == link.name))
-                        for point, first, second in self.mechanism.joints
-                    ]
-                )
+                joints = [(arms.get(point, 0.0), a, b) for point, a, b in self.mechanism.joints]
+                rows.append([x * ((a == link.name) - (b == link.name)) for x, a, b in joints])
                 turned = along[link.name] @ [axis * self.y.get(point, 0.0) for point in arms]
-                moments = [arms[point] * sideways[link.name, point] for point in arms]
-                right.append(turned - sum(moments))
+                right.append(turned - sum(x * sideways[link.name, p] for p, x in arms.items()))
         return np.stack(right, axis=-1) @ np.linalg.pinv(rows, rcond=_REPEATED).T
 
 
