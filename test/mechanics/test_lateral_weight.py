@@ -175,7 +175,7 @@ def test_rigid_hitches(chain: float, tractor: bool) -> None:
         np.testing.assert_allclose(found, exact, rtol=5e-5)
         mapping["lateral"]["weight"] = "ignored"
         off = hertz(lateral(mapping, alpha3))[: len(exact)] / exact - 1.0
-        assert off[0] == -1.0 if not chain and not tractor else np.abs(off).max() > 5e-3
+        assert off[0] < -0.99 if not chain and not tractor else np.abs(off).max() > 5e-3
         mapping["lateral"]["weight"] = "carried"
 
 
