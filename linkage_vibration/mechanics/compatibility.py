@@ -50,6 +50,8 @@ class Joining:
     elongation: FloatArray
     stiffness: FloatArray  # (n_springs,): of the springs and mounts, SI
     damping: FloatArray  # (n_springs,)
+    # Stiffness of all coordinates by forces at rest; None if these are left out
+    weight: FloatArray | None = None
 
 
 def row_space(compatibility: FloatArray, labels: Sequence[str]) -> tuple[FloatArray, FloatArray]:
@@ -109,7 +111,7 @@ class InterfaceMap:
                 held[self._places[second, point][:2]] = True
         for link in self._mechanism.links:
             if link.clamped is not None:
-                held[self._at(link.name, link.clamped, "theta")] = True
+                held[self.at(link.name, link.clamped, "theta")] = True
         return held
 
     def displacement(self, body: str, point: str, configuration: Configuration) -> FloatArray:
@@ -195,8 +197,9 @@ class InterfaceMap:
         row = np.zeros(len(self))
         if body != GROUND or body in self._centres:
             at = CENTRE_OF_GRAVITY if body in self._centres else point
-            row[self._at(body, at, "theta")] = 1.0
+            row[self.at(body, at, "theta")] = 1.0
         return row
 
-    def _at(self, body: str, point: str, direction: str) -> int:
+    def at(self, body: str, point: str, direction: str) -> int:
+        """Return the position of a DoF of a body in u."""
         return self._index[body, InterfaceDof(point, direction)]

@@ -37,6 +37,8 @@ class Component:
     damping: FloatArray  # (n, n)
     loss_factor: float  # structural damping: the stiffness is K (1 + i eta)
     drawing: Drawing | None  # None where the shape of the body is unknown
+    # (n_points - 1, n, n), 1/m: in the lateral half, stiffness per tension between points
+    tightened: FloatArray | None = None
 
     def translation(self, along: FloatArray, turn: FloatArray) -> FloatArray:
         """Return the coordinates, (..., n), if a body moves by (2,) along the global axes, m.

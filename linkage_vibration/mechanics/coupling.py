@@ -73,7 +73,7 @@ def uncoupled_system(components: Sequence[Component]) -> UncoupledSystem:
 
 
 def couple(system: UncoupledSystem, joining: Joining) -> CoupledSystem:
-    """Assemble on the null space of B: M = L^T M L, K = L^T (K + G^T k G) L with B L = 0.
+    """Assemble on the null space of B: M = L^T M L, K = L^T (K + W + G^T k G) L, B L = 0.
 
     Constraints that repeat others have no effect.
     """
@@ -83,9 +83,12 @@ def couple(system: UncoupledSystem, joining: Joining) -> CoupledSystem:
         stretch.swapaxes(-1, -2) @ (weights[..., np.newaxis] * stretch)
         for weights in (joining.stiffness, joining.damping)
     )
+    stiffness = system.stiffness
+    if joining.weight is not None:
+        stiffness = stiffness + joining.weight
     return CoupledSystem(
         _congruent(system, system.mass, basis, none),
-        _congruent(system, system.stiffness, basis, springs),
+        _congruent(system, stiffness, basis, springs),
         _congruent(system, system.damping, basis, dampers),
         _congruent(system, system.loss, basis, none),
         basis,
@@ -131,16 +134,16 @@ def assembled_frf(
 def _congruent(
     system: UncoupledSystem, matrix: FloatArray, basis: FloatArray, springs: FloatArray
 ) -> FloatArray:
-    """Return L^T A L of a matrix A, (n, n), symmetric to the last bit.
+    """Return L^T A L of a matrix A, (..., n, n), symmetric to the last bit.
 
     `springs`, (m, m), are added on the coordinates of the basis.
     """
     n, m, across = system.n_interface, basis.shape[-1], basis.swapaxes(-1, -2)
-    size = len(matrix) - n + m
+    size = matrix.shape[-1] - n + m
     result = np.zeros((*basis.shape[:-2], size, size))
     if matrix.any():
-        result[..., :m, m:] = side = across @ matrix[:n, n:]
-        result[..., m:, :m], result[..., m:, m:] = side.swapaxes(-1, -2), matrix[n:, n:]
-        springs = across @ matrix[:n, :n] @ basis + springs
+        result[..., :m, m:] = side = across @ matrix[..., :n, n:]
+        result[..., m:, :m], result[..., m:, m:] = side.swapaxes(-1, -2), matrix[..., n:, n:]
+        springs = across @ matrix[..., :n, :n] @ basis + springs
     result[..., :m, :m] = symmetric(springs)
     return result

@@ -343,6 +343,7 @@ class Lateral:
     # second moment of area, m4, and shear coefficient across the plane, of links with `general`
     sections: tuple[tuple[str | float, ...], ...]
     response: Response
+    weight: bool  # whether forces at rest under the weight stiffen it
 
 
 @dataclass(frozen=True, slots=True)
@@ -446,7 +447,8 @@ class Mechanism:
         ----------
         values : mapping of str to float
             Paths are keys joined by dots, as in ``rigid_bodies.implement.mass``. Positions in lists
-            are counted from 0, and paths joined by commas share one number.
+            are counted from 0, and paths joined by commas share one number. Others stay, such as
+            inertias if a mass changes.
 
         Raises
         ------

@@ -219,6 +219,8 @@ class Forces:
         for i, weights in enumerate((joining.stiffness, joining.damping)):
             pulled = stretch[..., at].swapaxes(-1, -2) * weights[..., np.newaxis, :]
             rows[..., i, :, : system.n_interface] += pulled @ stretch
+        if joining.weight is not None:
+            rows[..., 0, :, :] += joining.weight[..., at, :]
         return rows
 
     @cached_property

@@ -18,11 +18,12 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import block_diag
 
-from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
-from linkage_vibration.mechanics.bodies.beam import Beam, beam_matrices
+from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, symmetric
+from linkage_vibration.mechanics.bodies.beam import Beam, W, beam_matrices
 from linkage_vibration.mechanics.bodies.matrices import component_of
-from linkage_vibration.mechanics.compatibility import InterfaceMap, SpringRow
+from linkage_vibration.mechanics.compatibility import InterfaceMap, Joining, SpringRow
 from linkage_vibration.mechanics.components import CENTRE_OF_GRAVITY, Component, FrfComponent
 from linkage_vibration.mechanics.coupling import uncoupled_system
 from linkage_vibration.mechanics.description import (
@@ -39,6 +40,7 @@ from linkage_vibration.mechanics.description import (
 from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.mechanics.forces import SOIL, Forces, tyre_place
 from linkage_vibration.mechanics.kinematics import Configuration
+from linkage_vibration.mechanics.weight import Weight
 
 _SAME_PLACE = 1e-9  # m
 
@@ -91,8 +93,20 @@ def _link(link: Link, mechanism: Mechanism, *, reduced: bool) -> Component:
         bodies.insert(0, beam_matrices(beam, points, rotations=turned, masses=masses))
     parts = [component_of(link, mechanism, b, b.dofs, reduced=reduced) for b in bodies]
     dofs, both = tuple(dof for part in parts for dof in part.dofs), uncoupled_system(parts)
+    inner = np.concatenate([np.arange(len(part.mass)) >= len(part.dofs) for part in parts])
+    order = np.argsort(inner, kind="stable")
+    # The slopes of elements, of which each link has as many in both directions.
+    drawings = [part.drawing for part in parts if part.drawing is not None]
+    nodes = drawings[0].places[:, 0]
+    roots = np.sqrt(np.diff(nodes))[:, np.newaxis]
+    slopes = [np.diff(each.displacement[:, W], axis=0) / roots for each in drawings]
+    ends = [link.stretch * x for _, (x, _) in link.points]
+    at = np.searchsorted(ends[1:-1], (nodes[1:] + nodes[:-1]) / 2.0)
+    pieces = [[each[at == i] for each in slopes] for i in range(len(ends) - 1)]
+    tight = [block_diag(*(each.T @ each for each in piece)) for piece in pieces]
+    tightened = np.array(tight)[:, order[:, np.newaxis], order]
     matrices = both.mass, both.stiffness, both.damping
-    return Component(link.name, dofs, *matrices, parts[0].loss_factor, None)
+    return Component(link.name, dofs, *matrices, parts[0].loss_factor, None, tightened)
 
 
 class LateralMap(InterfaceMap):
@@ -105,6 +119,7 @@ class LateralMap(InterfaceMap):
     ) -> None:
         super().__init__(mechanism, components)
         assert mechanism.lateral is not None
+        self._system = uncoupled_system([c for c in components if isinstance(c, Component)])
         self._lateral = mechanism.lateral
         mounts = (
             zip(mechanism.base.mounts, self._lateral.axles, strict=True) if mechanism.base else ()
@@ -117,6 +132,60 @@ class LateralMap(InterfaceMap):
         points = {link.name: bearing(link, mechanism) for link in mechanism.links}
         self._bearings = {name: point for name, point in points.items() if point}
         self._rigid_shaft = self._lateral.rockshaft == math.inf
+        contacts = dict(zip(wheels, (axle.contact for axle in self._lateral.axles), strict=True))
+        self._weight = Weight(mechanism, self._y, self._bearings, contacts)
+
+    def join(self, configuration: Configuration) -> Joining:
+        """Return what joins the components in a configuration, with the stiffness by the weight."""
+        joining = super().join(configuration)
+        if not self._lateral.weight:
+            return joining
+        return replace(joining, weight=self._stiffness_at_rest(configuration))
+
+    def _stiffness_at_rest(self, configuration: Configuration) -> FloatArray:
+        """Return the stiffness that forces at rest give all coordinates, (..., n, n).
+
+        A tension straightens its line. A force F at r from the centre of a body does the work
+        F (t x (t x r)) / 2 when the body turns by t.
+        """
+        loads, tensions = self._weight.at(configuration)
+        total = np.zeros((*configuration.angles.shape[:-1], *self._system.mass.shape))
+        for part in self._system.components:
+            if part.tightened is not None:
+                at = self._system.rows[part.name]
+                own = np.tensordot(tensions[part.name], part.tightened, 1)
+                total[..., at[:, np.newaxis], at] = own
+        for spring in self._mechanism.springs:
+            if spring.name in tensions:
+                away, apart = self._line(spring, configuration)
+                length, seen = (np.linalg.norm(x, axis=-1) for x in (away, away[..., ::2]))
+                axis = (away / length[..., np.newaxis])[..., np.newaxis]
+                apart = apart - axis * (axis.swapaxes(-1, -2) @ apart)
+                string = (tensions[spring.name] / seen)[..., np.newaxis, np.newaxis]
+                total[..., : len(self), : len(self)] += string * (apart.swapaxes(-1, -2) @ apart)
+        for load in loads:
+            carrier = GROUND if load[0] in self._bearings else load[0]
+            if (carrier, CENTRE_OF_GRAVITY) in self._places:
+                at = np.array(self._places[carrier, CENTRE_OF_GRAVITY][1:])
+                total[..., at[:, np.newaxis], at] += self._turned_force(*load, configuration)
+        return total
+
+    def _turned_force(
+        self, body: str, place: Point, y: float, force: FloatArray, configuration: Configuration
+    ) -> FloatArray:
+        """Return the stiffness of a load against roll and yaw of what carries it, (..., 2, 2).
+
+        A link in a bearing turns with the base; its tension has what turns its axis.
+        """
+        start, held = self._centres.get(body), np.eye(3)
+        if start is None:
+            pin, axis = self._bearings[body], self.axes(body, configuration)[..., 0]
+            start, y = self._mechanism.local_points(body)[pin], y - self._y.get(pin, 0.0)
+            held = axis[..., :, np.newaxis] * axis[..., np.newaxis, :]
+        arm = _in_space(configuration.place(body, place) - configuration.place(body, start), y)
+        both = arm[..., :, np.newaxis] * force[..., np.newaxis, :]
+        along = np.trace(both, axis1=-2, axis2=-1)[..., np.newaxis, np.newaxis]
+        return np.asarray(along * held - symmetric(both))[..., ::2, ::2]
 
     @property
     def n_mounts(self) -> int:
@@ -240,11 +309,7 @@ class LateralMap(InterfaceMap):
         if isinstance(spring.stiffness, Cylinder):
             return rows
         if len(spring.points) == 2:
-            ends = [
-                (self._place(*each, configuration), self.displacement(*each, configuration))
-                for each in zip(spring.bodies, spring.points, strict=True)
-            ]
-            return _stretch(f"springs.{spring.name}", *ends)
+            return _stretch(f"springs.{spring.name}", *self._line(spring, configuration))
         for body, sign in zip(spring.bodies, (-1.0, 1.0), strict=True):
             at = self._index.get((body, InterfaceDof(spring.points[0], "theta")))
             if at is not None and self._bearings.get(body) != spring.points[0]:
@@ -259,16 +324,18 @@ class LateralMap(InterfaceMap):
         place = configuration.place(link.name, (chain.at, 0.0))
         moved = self.displacement(link.name, chain_point(chain, link), configuration)
         end = np.array([x, z])
-        return _stretch(
-            f"lateral.chains.{chain.name}",
-            (_in_space(place, aside), moved),
-            (_in_space(end, y), self._carried(GROUND, end, y, configuration)),
-        )
+        away = _in_space(end, y) - _in_space(place, aside)
+        apart = self._carried(GROUND, end, y, configuration) - moved
+        return _stretch(f"lateral.chains.{chain.name}", away, apart)
 
-    def _place(self, body: str, point: str, configuration: Configuration) -> FloatArray:
-        """Return the global x, y and z of a point, (..., 3), m."""
-        local = self._mechanism.local_points(body)[point]
-        return _in_space(configuration.place(body, local), self._y.get(point, 0.0))
+    def _line(self, spring: Spring, configuration: Configuration) -> tuple[FloatArray, FloatArray]:
+        """Return the way to the second end of a spring, (..., 3), and its change, (..., 3, n)."""
+        places, moved = [], []
+        for body, point in zip(spring.bodies, spring.points, strict=True):
+            place = configuration.place(body, self._mechanism.local_points(body)[point])
+            places.append(_in_space(place, self._y.get(point, 0.0)))
+            moved.append(self.displacement(body, point, configuration))
+        return places[1] - places[0], moved[1] - moved[0]
 
 
 class LateralForces(Forces):
@@ -284,14 +351,12 @@ class LateralForces(Forces):
     @cached_property
     def springs(self) -> list[tuple[str, str]]:
         """The name and direction of the force of each row of `Joining`; "" if it has no force."""
-        own = [
-            (
-                "" if isinstance(each.stiffness, Cylinder) or len(each.points) == 1 else each.name,
-                "force",
-            )
+        lines = [
+            len(each.points) == 2 and not isinstance(each.stiffness, Cylinder)
             for each in self.mechanism.springs
         ]
-        return own + self.interface.held_by
+        own = zip(self.mechanism.springs, lines, strict=True)
+        return [(each.name * line, "force") for each, line in own] + self.interface.held_by
 
     def tension_share(self, row: int, configuration: Configuration) -> float:
         """Return the force at the place of a row of `Joining`, per force that the row exerts."""
@@ -316,12 +381,9 @@ def _in_space(place: FloatArray, y: float) -> FloatArray:
     return np.insert(place, 1, y, axis=-1)
 
 
-def _stretch(name: str, *ends: tuple[FloatArray, FloatArray]) -> FloatArray:
-    """Return the elongation of a line between two ends: places, (..., 3), and (..., 3, n) rows."""
-    (start, moved), (end, moved_end) = ends
-    away, apart = end - start, moved_end - moved
+def _stretch(name: str, away: FloatArray, apart: FloatArray) -> FloatArray:
+    """Return the elongation, (..., n), of a line, (..., 3), that changes by (..., 3, n) per u."""
     length = np.linalg.norm(away, axis=-1, keepdims=True)
     if (length < _SAME_PLACE).any():
         raise MechanismError(name, "its two ends meet, so it has no direction; correct its ends.")
-    unit = away / length
-    return np.asarray((unit[..., np.newaxis, :] @ apart)[..., 0, :])
+    return np.asarray(((away / length)[..., np.newaxis, :] @ apart)[..., 0, :])

@@ -54,6 +54,7 @@ def with_lateral(
         held=held,
         sections=tuple((name, *each.values()) for name, each in across.items()),
         response=response,
+        weight=keys.choice("weight", ["carried", "ignored"], default="carried") == "carried",
     )
     return replace(mechanism, links=links, lateral=lateral)
 

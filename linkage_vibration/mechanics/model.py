@@ -37,7 +37,7 @@ from linkage_vibration.mechanics.forces import Forces, is_force, magnitudes, ref
 from linkage_vibration.mechanics.identification import IdentifiedModes, identify
 from linkage_vibration.mechanics.kinematics import Configuration, Kinematics
 from linkage_vibration.mechanics.lateral import LateralForces, LateralMap, lateral_components
-from linkage_vibration.mechanics.modes import DampedModes, Modes, damp_modes, solve_modes
+from linkage_vibration.mechanics.modes import MECHANISM, DampedModes, Modes, damp_modes, solve_modes
 from linkage_vibration.mechanics.regularisation import MeasuredFrfs, noise_gain, receptances
 from linkage_vibration.mechanics.response import (
     Peak,
@@ -310,6 +310,15 @@ class LinkageModel:
     def _solved(self, configuration: Configuration) -> "Solution":
         joining = self.interface.join(configuration)
         coupled = couple(self.system, joining)
+        if joining.weight is not None:
+            try:
+                np.linalg.cholesky(coupled.stiffness + MECHANISM**2 * coupled.mass)
+            except np.linalg.LinAlgError:
+                name, angle = self.mechanism.name, math.degrees(np.ravel(configuration.alpha3)[0])
+                problem = f"At {angle:.4g} deg {name} topples sideways under its weight; check "
+                problem += "masses, y of points, chains, and the track, stiffness and contact of "
+                hint = "axles, or write `weight: ignored` under `lateral`"
+                raise ModelError(f"{problem}{hint}.") from None
         modes, vectors = solve_modes(coupled)
         return Solution(self, configuration, joining, coupled, modes, vectors)
 
@@ -329,7 +338,7 @@ class LinkageModel:
         frequencies : ndarray, (n_freq,)
             Hz; where a component is known by FRFs, above 0 and among its frequencies. Where all
             have matrices, the assembly is solved at lines where LM-FBS loses digits: at and near
-            0 Hz, and at an undamped resonance of a component.
+            0 Hz, and at an undamped resonance of a component; and wherever the weight stiffens it.
         outputs, inputs : sequence of (point, direction)
             Along the global axes; "E1.z" is ("E1", "z").
 
@@ -354,7 +363,8 @@ class LinkageModel:
             self._check_noise(blocks, rows, right, compliance)
             return couple_frfs(receptances(blocks), rows, left, right, compliance, lines)
         frf = np.empty((len(lines), len(left), len(right)), dtype=complex)
-        moving = lines != 0.0
+        # Forces at rest change the components with the angle, so they have no FRFs of their own.
+        moving = (lines != 0.0) & (joining.weight is None)
         blocks, rows, compliance = self._blocks(joining, lines[moving])
         parts = receptances(blocks)
         frf[moving], error = couple_frfs_with_error(parts, rows, left, right, compliance)

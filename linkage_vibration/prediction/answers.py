@@ -307,8 +307,8 @@ def with_implement(
 ) -> tuple[Mechanism, str]:
     """Return a mechanism and its YAML with other properties of a rigid body.
 
-    The properties are checked as those of a file. The comments of the YAML are dropped, as they may
-    describe the old properties. Links from files are not read again.
+    They are checked as those of a file; inertias in roll and yaw change as the mass does. The
+    comments of the YAML are dropped, as they may describe the old properties.
     """
     name = rigid_body_name(mechanism, implement.rigid_body)
     centre = list(implement.centre_of_gravity)
@@ -324,6 +324,11 @@ def with_implement(
     # The mapping is copied, as a YAML alias may refer to the same numbers elsewhere.
     bodies = mapping["rigid_bodies"]
     mapping["rigid_bodies"] = {**bodies, name: {**bodies[name], **numbers}}
+    lateral = mapping.get("lateral", {})
+    if name in lateral.get("inertia", {}):  # A heavier implement is ASSUMED to be as wide.
+        share, inertias = implement.mass / bodies[name]["mass"], lateral["inertia"]
+        turned = {axis: share * number for axis, number in inertias[name].items()}
+        mapping["lateral"] = {**lateral, "inertia": {**inertias, name: turned}}
     if centre and "uncertainty" in mapping:
         mapping["uncertainty"] = _uncertain_centre(mapping["uncertainty"], name)
     what = f"the implement {implement.name}" if implement.name else "another implement"

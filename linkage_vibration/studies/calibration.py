@@ -341,7 +341,7 @@ def _fit(
     steps[: len(unknowns.parameters)] = _STEP
 
     def residuals(x: FloatArray, near: Kinematics | None = None) -> FloatArray:
-        mechanism = mechanism_from_mapping(with_numbers(exact, unknowns.numbers(x)))
+        mechanism = mechanism_from_mapping(with_numbers(exact, unknowns.numbers(x)), drawn=True)
         misfits = _misfits(calibration, mechanism, near) / scatter
         return np.concatenate([misfits, unknowns.whitening @ unknowns.changes(x)])
 

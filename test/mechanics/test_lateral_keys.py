@@ -113,6 +113,7 @@ def test_a_general_section_needs_its_other_second_moment(mapping: Any) -> None:
         (change("lateral", "held", to=["plough"]), "lateral.held", "rigid_bodies"),
         (change("lateral", "held", to=["implement"]), "lateral.inertia.implement", "not known"),
         (change("lateral", "response", "direction", to="theta"), "response.direction", "x, y, z"),
+        (change("lateral", "weight", to="left out"), "lateral.weight", "carried, ignored"),
         (change("lateral", "float", to={}), "lateral.float", "not known"),
         (change("response", "direction", to="y"), "response.direction", "x, z"),
     ],

@@ -192,6 +192,22 @@ def test_implement(served: LoadedModel, tmp_path: Path) -> None:
     assert unmoved.model_hash == served.mechanism.model_hash
 
 
+def test_an_implement_in_space() -> None:
+    """Inertias in roll and yaw change as the mass does; impossible ones are refused by name."""
+    path = config_file("three_point_linkage_in_space.yaml")
+    known, text = read_mechanism(path), path.read_text()
+    mechanism, changed = with_implement(known, text, Implement("", 1200.0, 300.0, ()))
+    assert known.lateral is not None
+    assert mechanism.lateral is not None
+    assert dict(known.lateral.inertia)["implement"] == (550.0, 650.0)
+    assert dict(mechanism.lateral.inertia)["implement"] == (825.0, 975.0)
+    assert dict(mechanism.lateral.inertia)["ground"] == dict(known.lateral.inertia)["ground"]
+    assert yaml.safe_load(changed)["lateral"]["inertia"]["implement"] == {"roll": 825, "yaw": 975}
+    with_implement(known, text, Implement("", 1200.0, 1790.0, ()))
+    with pytest.raises(MechanismError, match=r"lateral\.inertia\.implement\..* exceeds the sum"):
+        with_implement(known, text, Implement("", 1200.0, 1810.0, ()))
+
+
 def test_rebuilt(served: LoadedModel, tmp_path: Path) -> None:
     """The table of a heavier implement is as accurate as the old one, for the same places."""
     heavy, _ = with_implement(

@@ -57,6 +57,7 @@ def mapping() -> Any:
     mapping = yaml.safe_load(config_file("three_point_linkage_in_space.yaml").read_text())
     del mapping["uncertainty"]
     mapping["springs"]["lift_cylinders"] = {"joint": "P3", "stiffness": CYLINDERS}
+    mapping["lateral"]["weight"] = "ignored"  # as in the finite elements
     return mapping
 
 

@@ -3,11 +3,13 @@
 """The starter files of the four categories."""
 
 import math
+import re
 
 import numpy as np
 import pytest
 import yaml
 
+from linkage_vibration.mechanics.mode_names import kinetic_energy, name_modes
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.prediction.doubts import excitation_doubts, linkage_doubts
@@ -61,6 +63,28 @@ def test_a_starter_has_plausible_frequencies(category: int) -> None:
     deviations = prediction.frequency_stddevs[:, heave] / prediction.natural_frequencies[:, heave]
     assert (deviations > 0.1).all()
     assert (deviations < 0.2).all()
+
+
+@pytest.mark.parametrize("category", [1, 2, 3, 4])
+def test_a_starter_has_a_lateral_half_as_a_comment(category: int) -> None:
+    """Without the #, tractor and implement have their sideways modes, of 0.7 to 8 Hz.
+
+    The tractor sways slower than sqrt(k / m) of the tyres across, as it also rolls.
+    """
+    text = config_file(f"starters/category_{category}.yaml").read_text()
+    plain, commented = text.split("# lateral:\n")
+    lateral = re.sub("(?m)^# ", "", commented)
+    content = yaml.safe_load(f"{plain}lateral:\n{lateral}")
+    del content["uncertainty"]
+    solution = LinkageModel(mechanism_from_mapping(content), half="lateral").solve(2.2)
+    frequencies = solution.natural_frequencies[:5]
+    names = dict(zip(name_modes(kinetic_energy(solution)), frequencies, strict=False))
+    of = [f"{body} {way}" for body in ("tractor", "implement") for way in ("sway", "roll")]
+    assert set(names) == {*of, "tractor yaw"}
+    assert 0.7 < frequencies[0] < frequencies[-1] < 8.0
+    k = sum(axle["stiffness"] for axle in content["lateral"]["axles"].values())
+    mass = content["base"]["mass"] + content["rigid_bodies"]["implement"]["mass"]
+    assert names["tractor sway"] < math.sqrt(k / mass) / (2.0 * math.pi)
 
 
 def test_a_lever_of_32_mm_is_not_accepted_without_a_word() -> None:

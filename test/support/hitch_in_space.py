@@ -133,6 +133,10 @@ class Assembly:
     rows: dict[str, dict[int, FloatArray]] = field(default_factory=dict)
     size: int = 0
     parts: list[tuple[list[str], FloatArray, FloatArray, FloatArray]] = field(default_factory=list)
+    # Vectors, axes, length and stiffness of elements; centres of bodies, and what they carry.
+    elements: list[tuple[list[str], FloatArray, float, FloatArray]] = field(default_factory=list)
+    centres: dict[str, FloatArray] = field(default_factory=dict)
+    carried: dict[str, tuple[str, FloatArray]] = field(default_factory=dict)
 
     def free(self, name: str, axes: FloatArray) -> None:
         """Let a vector move along axes, (3, k)."""
@@ -196,7 +200,8 @@ def assembled(
         if body not in bodies:
             a.rows[name] = {}
             return
-        centre = np.insert(bodies[body][0], 1, 0.0)
+        a.centres[body] = centre = np.insert(bodies[body][0], 1, 0.0)
+        a.carried[name] = body, place - centre
         a.like(name, (f"{body} u", np.eye(3)), (f"{body} r", _cross(place - centre)))
 
     def spring(names: list[str], row: FloatArray, time: float = 0.0) -> None:
@@ -263,6 +268,7 @@ def assembled(
         for i, (begin, end) in enumerate(pairwise(nodes)):
             k, m = element(end - begin, SECTIONS[name])
             parts = [*names[i], *names[i + 1]]
+            a.elements.append((parts, turned, end - begin, k))
             k, m = turned.T @ k @ turned, turned.T @ m @ turned
             a.parts.append((parts, k, m, RAYLEIGH[0] * m + RAYLEIGH[1] * k))
     if tractor:
@@ -289,6 +295,43 @@ def assembled(
     return a, beside
 
 
+def add_weight(a: Assembly, rest: Assembly) -> None:
+    """Add the stiffness by the weight, whose forces are those in an assembly of equal parts.
+
+    Elements under tension have the geometric stiffness of cubic beams. A force F on a body at r
+    does the work F (t x (t x r)) / 2 when the body turns by t. Only bodies that joints load alone.
+    """
+    k, m = rest.matrices[:2]
+    up = np.zeros(rest.size)
+    for name, columns in rest.rows.items():
+        if not name.endswith(" r") and len(columns) == 3:
+            for at, column in columns.items():
+                up[at] = column[2]
+    moved = np.linalg.solve(k + 1e-9 * m, -9.80665 * (m @ up))
+    forces: dict[str, FloatArray] = {}
+    for names, turned, length, stiffness in rest.elements:
+        push = stiffness @ (turned @ rest.matrix(names) @ moved)
+        for i in (0, 2):
+            ends = (turned.T @ push)[3 * i : 3 * i + 3]
+            forces[names[i]] = forces.get(names[i], 0.0) + ends
+        bending = np.zeros((12, 12))
+        for shift, turn, s in ((2, 4, -length), (1, 5, length)):
+            own = [shift, turn, shift + 6, turn + 6]
+            bending[np.ix_(own, own)] = [
+                [36.0, 3.0 * s, -36.0, 3.0 * s],
+                [3.0 * s, 4.0 * s * s, -3.0 * s, -s * s],
+                [-36.0, -3.0 * s, 36.0, -3.0 * s],
+                [3.0 * s, -s * s, -3.0 * s, 4.0 * s * s],
+            ]
+        geometric = turned.T @ (push[6] / (30.0 * length) * bending) @ turned
+        a.parts.append((names, geometric, 0.0 * geometric, 0.0 * geometric))
+    for name, (body, arm) in rest.carried.items():
+        force = -forces.get(name, np.zeros(3))
+        both = np.outer(force, arm)
+        turning = force @ arm * np.eye(3) - (both + both.T) / 2.0
+        a.parts.append(([f"{body} r"], turning, 0.0 * turning, 0.0 * turning))
+
+
 def modes(a: Assembly) -> tuple[FloatArray, FloatArray]:
     """Return the lowest natural frequencies, Hz, and mass-normalised shapes, ascending."""
     stiffness, mass = a.matrices[:2]
@@ -298,9 +341,11 @@ def modes(a: Assembly) -> tuple[FloatArray, FloatArray]:
     return np.sqrt(squares) / (2.0 * math.pi), shapes[:, ::-1] * np.sqrt(shift + squares)
 
 
-def hitch(alpha3: float, **given: Any) -> tuple[FloatArray, FloatArray]:
+def hitch(alpha3: float, *, weight: bool = False, **given: Any) -> tuple[FloatArray, FloatArray]:
     """Return the natural frequencies of the lateral and of the vertical half, Hz, up to 400 Hz."""
     a, beside = assembled(alpha3, **given)
+    if weight:
+        add_weight(a, assembled(alpha3, **given | {"chain": 0.0})[0])
     hertz, shapes = modes(a)
     moved = (a.matrix(beside) @ shapes).reshape(2, len(beside) // 2, 3, -1)
     mirrored = moved[1] * np.array([1.0, -1.0, 1.0])[:, np.newaxis]
