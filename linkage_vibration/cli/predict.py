@@ -9,7 +9,12 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from linkage_vibration.cli.arguments import add_mechanism_and_angles, read_settings, read_table
+from linkage_vibration.cli.arguments import (
+    add_implement_mass,
+    add_mechanism_and_angles,
+    read_settings,
+    read_variants,
+)
 
 if TYPE_CHECKING:
     from linkage_vibration.prediction.predictor import Predictor, Shares
@@ -19,6 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add = parser.add_argument
     add_mechanism_and_angles(parser, "nine over the stroke")
+    add_implement_mass(parser)
     text = "also print the standard deviations, and the share of each of their causes"
     add("--shares", action="store_true", help=text)
     text = "standard deviation of the angle in degrees, for --shares (default: %(default)s)"
@@ -35,18 +41,21 @@ def run(options: argparse.Namespace) -> int:
     from linkage_vibration.support.atomic_files import OutputError, check_output, write_text
     from linkage_vibration.table.table import load_table
 
-    source: Path | None = options.mechanism
+    source, masses = options.mechanism, options.implement_mass
     check_output(options.csv, ".csv", list(filter(None, [source])))
-    if source is not None and source.suffix == ".npz":
-        predictor = Predictor(load_table(source))
+    if len(masses) > 1 and (options.csv or options.shares):
+        raise OutputError("--csv and --shares are those of one mass; give --implement-mass one.")
+    if source is not None and source.suffix == ".npz" and not masses:
+        predictors = [Predictor(load_table(source))]
     else:
-        predictor = read_table(read_settings(options)).predictor
+        predictors = [each.predictor for each in read_variants(read_settings(options), masses)]
+    predictor = predictors[0]
     nine = np.linspace(*predictor.table.alpha3_range, 9)
     degrees = options.angles_deg or np.degrees(nine).tolist()
     if predictor.table.lateral:
         labels = map(predictor.table.mode_label, range(predictor.table.n_modes))
         print(textwrap.fill(", ".join(labels), 100))
-    good = _print(predictor, degrees, options)
+    good = _print(predictors, degrees, options)
     reason = predictor.table.unknown_deviations
     if options.csv:
         many = predictor.predict(np.radians(degrees), math.radians(options.angle_stddev_deg))
@@ -57,27 +66,31 @@ def run(options: argparse.Namespace) -> int:
     return 0 if good else 1
 
 
-def _print(predictor: "Predictor", degrees: list[float], options: argparse.Namespace) -> bool:
-    """Print the predictions of a table; return whether all have numbers."""
+def _print(
+    predictors: "list[Predictor]", degrees: list[float], options: argparse.Namespace
+) -> bool:
+    """Print the predictions of tables, one for each mass; return whether all have numbers."""
+    import numpy as np
+
     from linkage_vibration.prediction.predictor import Status, fault
 
-    modes = "".join(f"{f'mode {k + 1} [Hz]':>13}" for k in range(predictor.table.n_modes))
-    print(f"{'alpha3 [deg]':>12}{modes}{'peak [Hz]':>13}{'peak [m/N]':>13}")
+    predictor, masses = predictors[0], [f"{mass:.5g}" for mass in options.implement_mass]
+    several, modes = len(predictors) > 1, range(predictor.table.n_modes)
+    heads = [f"mode {k + 1} [Hz]" for k in modes] + ["peak [Hz]", "peak [m/N]"]
+    heads, width = [*heads, *["mass [kg]"] * several], 20 if several else 13
+    print(f"{'alpha3 [deg]':>12}" + "".join(f"{head:>{width}}" for head in heads))
     good = True
     for angle in degrees:
-        prediction = predictor.predict(math.radians(angle))
+        each = [of.predict(math.radians(angle)) for of in predictors]
+        worst = int(np.argmax([of.frf_peak_magnitude for of in each]))  # the first NaN, if any
+        prediction = each[worst]
         good = good and prediction.status.has_numbers
         missing = "overdamped" if prediction.status.has_numbers else "nan"
-        frequencies = [
-            f"{missing:>13}" if math.isnan(frequency) else f"{frequency:13.4f}"
-            for frequency in prediction.natural_frequencies
-        ]
-        print(
-            f"{angle:12.3f}"
-            + "".join(frequencies)
-            + f"{prediction.frf_peak_frequency:13.4f}{prediction.frf_peak_magnitude:13.4e}"
-            + ("" if prediction.status is Status.OK else f"  {prediction.status.name}")
-        )
+        cells = [_span([of.natural_frequencies[k] for of in each], missing) for k in modes]
+        cells += [f"{prediction.frf_peak_frequency:.4f}", f"{prediction.frf_peak_magnitude:.4e}"]
+        row = "".join(f"{cell:>{width}}" for cell in [*cells, *masses[worst:][:several]])
+        status = "" if prediction.status is Status.OK else f"  {prediction.status.name}"
+        print(f"{angle:12.3f}{row}{status}")
         if problem := fault(prediction, predictor.table.alpha3_range):
             print(f"  The {problem}.".replace("?.", "?"))
         if options.shares:
@@ -86,6 +99,15 @@ def _print(predictor: "Predictor", degrees: list[float], options: argparse.Names
     if reason := predictor.table.unknown_deviations:
         print(reason)
     return good
+
+
+def _span(values: list[float], missing: str) -> str:
+    """Return a number, or the smallest and the largest one of several masses."""
+    if any(map(math.isnan, values)):
+        return missing
+    if len(values) == 1:
+        return f"{values[0]:.4f}"
+    return f"{min(values):.4g} to {max(values):.4g}"
 
 
 def _deviation(text: str) -> float:

@@ -162,7 +162,7 @@ class LevelTable:
         excitations: Sequence[Excitation],
         keep: Keep = computed,
     ) -> None:
-        self._predictor, table = predictor, predictor.table
+        self.predictor, table = predictor, predictor.table
         self.unknown_factors = table.unknown_factors
         inputs, which = _unit_loads(table, mechanism, excitations)
         halves = [{direction == "y" for _, direction in inputs[i].places} for i in which]
@@ -272,7 +272,7 @@ class LevelTable:
     @property
     def alpha3_range(self) -> tuple[float, float]:
         """First and last angle of the table, rad."""
-        return self._predictor.table.alpha3_range
+        return self.predictor.table.alpha3_range
 
     @property
     def arrays(self) -> tuple[FloatArray, FloatArray, int, IntArray]:
