@@ -70,7 +70,7 @@ def run(options: argparse.Namespace) -> int:
     permitted = dict(zip(Source, pairs, strict=True))
     ends = question.crank_angles or levels.alpha3_range
     crossings = find_crossings(every, excitations, ends, permitted, limit)
-    print(crossing_text(*crossing_table(crossings, permitted, ends)))
+    print(crossing_text(*crossing_table(crossings, permitted, ends, every[0].unknown_factors)))
     if doubt := load_ratio_doubt(advice.message.load_ratios[NOW], "now"):
         print(doubt)
     if options.csv:

@@ -48,7 +48,7 @@ def run(options: argparse.Namespace) -> int:
     figure, sentences = draw_mechanism(every, excitations, limit, ends)
     speeds = drawn_speeds(excitations)
     crossings = find_crossings(every, excitations, ends, speeds, limit)
-    title, rows, left = crossing_table(crossings, speeds, ends)
+    title, rows, left = crossing_table(crossings, speeds, ends, every[0].unknown_factors)
     print(*sentences, crossing_text(title, rows, left), sep="\n")
     content = png_bytes(figure)
     if output.suffix.lower() == ".html":

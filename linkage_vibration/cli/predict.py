@@ -43,8 +43,8 @@ def run(options: argparse.Namespace) -> int:
 
     source, masses = options.mechanism, options.implement_mass
     check_output(options.csv, ".csv", list(filter(None, [source])))
-    if len(masses) > 1 and (options.csv or options.shares):
-        raise OutputError("--csv and --shares are those of one mass; give --implement-mass one.")
+    if options.csv and len(masses) > 1:
+        raise OutputError("--csv has the predictions of one mass; give --implement-mass one.")
     if source is not None and source.suffix == ".npz" and not masses:
         predictors = [Predictor(load_table(source))]
     else:
@@ -55,7 +55,16 @@ def run(options: argparse.Namespace) -> int:
     if predictor.table.lateral:
         labels = map(predictor.table.mode_label, range(predictor.table.n_modes))
         print(textwrap.fill(", ".join(labels), 100))
-    good = _print(predictors, degrees, options)
+    good, peaks = True, np.empty((0, len(degrees)))
+    for i, each in enumerate(predictors):
+        if len(masses) > 1:
+            print(f"With {masses[i]:.5g} kg:")
+        good = _print(each, degrees, options) and good
+        peaks = np.vstack([peaks, each.predict(np.radians(degrees)).frf_peak_magnitude])
+    if len(masses) > 1 and np.isfinite(peaks).any():
+        i, j = divmod(int(np.nanargmax(peaks)), len(degrees))
+        where = f"at {degrees[j]:.5g} deg with {masses[i]:.5g} kg"
+        print(f"The largest peak of these masses is {peaks[i, j]:.4e} m/N, {where}.")
     reason = predictor.table.unknown_deviations
     if options.csv:
         many = predictor.predict(np.radians(degrees), math.radians(options.angle_stddev_deg))
@@ -66,31 +75,27 @@ def run(options: argparse.Namespace) -> int:
     return 0 if good else 1
 
 
-def _print(
-    predictors: "list[Predictor]", degrees: list[float], options: argparse.Namespace
-) -> bool:
-    """Print the predictions of tables, one for each mass; return whether all have numbers."""
-    import numpy as np
-
+def _print(predictor: "Predictor", degrees: list[float], options: argparse.Namespace) -> bool:
+    """Print the predictions of a table; return whether all have numbers."""
     from linkage_vibration.prediction.predictor import Status, fault
 
-    predictor, masses = predictors[0], [f"{mass:.5g}" for mass in options.implement_mass]
-    several, modes = len(predictors) > 1, range(predictor.table.n_modes)
-    heads = [f"mode {k + 1} [Hz]" for k in modes] + ["peak [Hz]", "peak [m/N]"]
-    heads, width = [*heads, *["mass [kg]"] * several], 20 if several else 13
-    print(f"{'alpha3 [deg]':>12}" + "".join(f"{head:>{width}}" for head in heads))
+    modes = "".join(f"{f'mode {k + 1} [Hz]':>13}" for k in range(predictor.table.n_modes))
+    print(f"{'alpha3 [deg]':>12}{modes}{'peak [Hz]':>13}{'peak [m/N]':>13}")
     good = True
     for angle in degrees:
-        each = [of.predict(math.radians(angle)) for of in predictors]
-        worst = int(np.argmax([of.frf_peak_magnitude for of in each]))  # the first NaN, if any
-        prediction = each[worst]
+        prediction = predictor.predict(math.radians(angle))
         good = good and prediction.status.has_numbers
         missing = "overdamped" if prediction.status.has_numbers else "nan"
-        cells = [_span([of.natural_frequencies[k] for of in each], missing) for k in modes]
-        cells += [f"{prediction.frf_peak_frequency:.4f}", f"{prediction.frf_peak_magnitude:.4e}"]
-        row = "".join(f"{cell:>{width}}" for cell in [*cells, *masses[worst:][:several]])
-        status = "" if prediction.status is Status.OK else f"  {prediction.status.name}"
-        print(f"{angle:12.3f}{row}{status}")
+        frequencies = [
+            f"{missing:>13}" if math.isnan(frequency) else f"{frequency:13.4f}"
+            for frequency in prediction.natural_frequencies
+        ]
+        print(
+            f"{angle:12.3f}"
+            + "".join(frequencies)
+            + f"{prediction.frf_peak_frequency:13.4f}{prediction.frf_peak_magnitude:13.4e}"
+            + ("" if prediction.status is Status.OK else f"  {prediction.status.name}")
+        )
         if problem := fault(prediction, predictor.table.alpha3_range):
             print(f"  The {problem}.".replace("?.", "?"))
         if options.shares:
@@ -99,15 +104,6 @@ def _print(
     if reason := predictor.table.unknown_deviations:
         print(reason)
     return good
-
-
-def _span(values: list[float], missing: str) -> str:
-    """Return a number, or the smallest and the largest one of several masses."""
-    if any(map(math.isnan, values)):
-        return missing
-    if len(values) == 1:
-        return f"{values[0]:.4f}"
-    return f"{min(values):.4g} to {max(values):.4g}"
 
 
 def _deviation(text: str) -> float:

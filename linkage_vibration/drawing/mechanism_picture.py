@@ -58,11 +58,8 @@ def draw_mechanism(
     first, *panels = (row.subplots() for row in rows)
     angles, table = np.linspace(*ends, _ANGLES), every[0].predictor.table
     predictions = [predict_many(of.predictor, angles, np.zeros(_ANGLES)) for of in every]
-    for of in predictions[1:]:
-        draw_bands(first, np.degrees(angles), of.natural_frequencies, of.frequency_stddevs)
-    draw_modes(first, table.mode_names, predictions[0], table.lateral_modes)
+    draw_modes(first, table.mode_names, predictions, table.lateral_modes)
     frequencies = np.concatenate([of.natural_frequencies for of in predictions])
-    frequency_axis(first, frequencies)
     maps = [_load_ratios(source, levels, excitations, ends) for source in sources]
     top = max(limit, *(float(np.nanmax(each, initial=0.0)) for each in maps), 0.0)
     sentences = []
@@ -76,18 +73,23 @@ def draw_mechanism(
 
 
 def draw_modes(
-    ax: "Axes", names: Sequence[str], predictions: MessageColumns, lateral: BoolArray | None = None
+    ax: "Axes",
+    names: Sequence[str],
+    every: Sequence[MessageColumns],
+    lateral: BoolArray | None = None,
 ) -> None:
     """Draw each natural frequency with its standard deviation over the crank angle.
 
-    Modes that are lateral, (n_modes,), are dashed.
+    Predictions are those with each mass of the implement. Modes that are lateral, (n_modes,), are
+    dashed.
     """
-    angles, frequencies = np.degrees(predictions.crank_angle), predictions.natural_frequencies
-    draw_bands(ax, angles, frequencies, predictions.frequency_stddevs, lateral)
-    frequency_axis(ax, frequencies)
-    name_modes(ax, frequencies[-1], names, fontsize=10)
+    angles, stddevs = np.degrees(every[0].crank_angle), [of.frequency_stddevs for of in every]
+    for of in every:
+        draw_bands(ax, angles, of.natural_frequencies, of.frequency_stddevs, lateral)
+    frequency_axis(ax, np.concatenate([of.natural_frequencies for of in every]))
+    name_modes(ax, every[0].natural_frequencies[-1], names, fontsize=10)
     ax.set(xlabel="crank angle α₃ [deg]", xlim=(angles[0], angles[-1]))
-    unknown = " (no band: not known)" if np.isnan(predictions.frequency_stddevs).any() else ""
+    unknown = " (no band: not known)" if np.isnan(stddevs).any() else ""
     title = f"Natural frequencies over the stroke, with one standard deviation{unknown}"
     if lateral is not None and lateral.any():
         title += "; dashed: sway, roll and yaw"

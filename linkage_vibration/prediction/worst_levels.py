@@ -33,13 +33,10 @@ class WorstLevels:
         first: Any = np.take_along_axis(reasons, (reasons != "").argmax(axis=0)[np.newaxis], 0)[0]
         return MessageColumns(**worst, ground_unknown=first)
 
-    def member_totals(
-        self, alpha3: FloatArray, speeds: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
+    def member_totals(self, alpha3: FloatArray, speeds: FloatArray) -> tuple[FloatArray, ...]:
         """Return the largest totals of each member of the ensemble, as `LevelTable` does."""
         each = [levels.member_totals(alpha3, speeds) for levels in self.levels]
-        load, velocity = (np.max(values, axis=0) for values in zip(*each, strict=True))
-        return load, velocity
+        return tuple(np.max(values, axis=0) for values in zip(*each, strict=True))
 
     def masses(self, alpha3: FloatArray, speeds: FloatArray) -> list[str]:
         """Return the mass, kg, with which the total load ratio is largest at angles, (n,).

@@ -19,8 +19,12 @@ from linkage_vibration.studies.pose import aligned
 Speeds = Mapping[Source, tuple[float, float]]
 """The lowest and the highest speed of each source, rpm or m/s; the same twice for a fixed one."""
 
+Curve = tuple[FloatArray, FloatArray]
+"""Angles, rad, and speeds, (n,) each."""
+
 _ANGLES = 181  # of the heights, between which natural frequencies are nearly straight
 _ROWS = 10  # of a printed table
+_BEYOND = "beyond the band of the table, or the table is not accurate enough"
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,13 +62,10 @@ def find_crossings(
             if order.terrain or order.source not in speeds:
                 continue
             for mode in np.flatnonzero(levels.excites[i]).tolist():
-                needed = frequencies[:, mode] / order.ratio
-                alpha3, speed = _permitted(angles, needed, speeds[order.source])
-                if len(alpha3):
-                    at, load, factor, why = _worst(levels, order, i, alpha3, speed)
-                    place = float(alpha3[at]), order.source, float(speed[at])
+                curve = _permitted(angles, frequencies[:, mode] / order.ratio, speeds[order.source])
+                if len(curve[0]):
                     label = predictor.table.mode_label(mode)
-                    found.append(Crossing(order.name, label, *place, load, factor, why, mass))
+                    found.append(_worst(levels, order, i, label, curve, mass))
 
     def rank(crossing: Crossing) -> tuple[bool, bool, float]:
         load = -1.0 if math.isnan(crossing.load_ratio) else crossing.load_ratio
@@ -76,9 +77,7 @@ def find_crossings(
     return list(first.values())
 
 
-def _permitted(
-    angles: FloatArray, speeds: FloatArray, ends: tuple[float, float]
-) -> tuple[FloatArray, FloatArray]:
+def _permitted(angles: FloatArray, speeds: FloatArray, ends: tuple[float, float]) -> Curve:
     """Return the angles and speeds of a curve, (n,), between two speeds, and those at its ends."""
     inside = (ends[0] <= speeds) & (speeds <= ends[1])
     at, of = [angles[inside]], [speeds[inside]]
@@ -91,30 +90,32 @@ def _permitted(
 
 
 def _worst(
-    levels: LevelTable, order: Excitation, i: int, alpha3: FloatArray, speed: FloatArray
-) -> tuple[int, float, float, str]:
-    """Return where the order i loads most, its load and factor there, and why some are unknown."""
+    levels: LevelTable, order: Excitation, i: int, mode: str, curve: Curve, mass: str
+) -> Crossing:
+    """Return the point of a curve at which the order i loads most."""
+    (alpha3, speed), source, why = curve, order.source, ""
     every = np.full((len(Source), len(speed)), math.nan)
-    every[order.source.index] = speed
-    results, why = levels.at(alpha3, every), ""
+    every[source.index] = speed
+    results = levels.at(alpha3, every)
     loads = results.load_ratios[:, i].astype(float)
-    if (lost := np.isnan(loads)).any():
-        why = "no amplitude is given"
-        if order.load is not None:
-            beyond = np.isnan(results.velocities[:, i]).any()
-            why = "beyond the band of the table, or the table is not accurate enough"
-            why = why if beyond else "there is no static force to compare with"
-    at = int(np.where(lost, -1.0, loads).argmax())
-    factors = levels.factor_rows(alpha3[[at]], every[:, [at]], math.nan)[0]
-    return at, float(loads[at]), float(factors[len(levels.excites) + i]), why
+    if np.isnan(loads).any():
+        beyond = np.isnan(results.velocities[:, i]).any()
+        why = _BEYOND if beyond else "there is no static force to compare with"
+        why = "no amplitude is given" if order.load is None else why
+    at = [int(np.nan_to_num(loads, nan=-1.0).argmax())]
+    factors = levels.factor_rows(alpha3[at], every[:, at], math.nan)[0]
+    numbers = float(loads[at[0]]), float(factors[len(levels.excites) + i])
+    return Crossing(
+        order.name, mode, float(alpha3[at[0]]), source, float(speed[at[0]]), *numbers, why, mass
+    )
 
 
 def crossing_table(
-    crossings: Sequence[Crossing], speeds: Speeds, ends: tuple[float, float]
+    crossings: Sequence[Crossing], speeds: Speeds, ends: tuple[float, float], why: str
 ) -> tuple[str, list[list[str]], str]:
-    """Return the title of a table of crossings, its rows with the head, and what is left out.
+    """Return the title of a table of crossings, its rows with the head, and what is not in it.
 
-    Speeds and ends are those of `find_crossings`.
+    Speeds and ends are those of `find_crossings`; ``why`` says why a factor is not known.
     """
     where = "from {:.4g} to {:.4g} deg".format(*np.degrees(ends))
     for source, pair in speeds.items():
@@ -124,29 +125,26 @@ def crossing_table(
     if not crossings:
         return f"No order meets a natural frequency {where}.", [], ""
     head = ["order", "mode", "angle [deg]", "speed", "load ratio", "factor", "mass [kg]", "unknown"]
-    rows = [head, *(_cells(each) for each in crossings[:_ROWS])]
+    rows = [head, *map(_cells, crossings[:_ROWS])]
     used = [k for k, (_, *cells) in enumerate(zip(*rows, strict=True)) if any(cells)]
-    left, text = crossings[_ROWS:], ""
-    if left:
-        largest = np.fmax.reduce([0.0, *(each.load_ratio for each in left)])
-        text = f"Of {len(left)} more, the largest known load ratio is {largest:.2g}"
-        unknown = sum(bool(each.unknown) for each in left)
-        text += f"; those of {unknown} are not or not fully known." if unknown else "."
+    rest, left = crossings[_ROWS:], list[str]()
+    if rest:
+        largest = np.fmax.reduce([0.0, *(each.load_ratio for each in rest)])
+        left = [f"Of {len(rest)} more, the largest known load ratio is {largest:.2g}."]
+        if unknown := sum(bool(each.unknown) for each in rest):
+            left.append(f"Those of {unknown} are not or not fully known.")
+    if any(math.isnan(each.factor) > math.isnan(each.load_ratio) for each in crossings):
+        left.append(f"A factor is not known where {why}.")
     title = f"Where orders meet natural frequencies and load most, {where}:"
-    return title, [[row[k] for k in used] for row in rows], text
+    return title, [[row[k] for k in used] for row in rows], " ".join(left)
 
 
-def _cells(crossing: Crossing) -> list[str]:
+def _cells(of: Crossing) -> list[str]:
     """Return the cells of a crossing in a table."""
-    load, factor = (
-        "not known" if math.isnan(value) else f"{value:.2g}"
-        for value in (crossing.load_ratio, crossing.factor)
-    )
-    speed = speed_words(crossing.source, crossing.source.si * crossing.speed)
-    some = "" if math.isnan(crossing.load_ratio) else "at some heights: "
-    why = some * bool(crossing.unknown) + crossing.unknown
-    angle = f"{math.degrees(crossing.crank_angle):.4g}"
-    return [crossing.order, crossing.mode, angle, speed, load, factor, crossing.mass, why]
+    words = ["not known" if math.isnan(n) else f"{n:.2g}" for n in (of.load_ratio, of.factor)]
+    place = f"{math.degrees(of.crank_angle):.4g}", speed_words(of.source, of.source.si * of.speed)
+    some = bool(of.unknown) and not math.isnan(of.load_ratio)
+    return [of.order, of.mode, *place, *words, of.mass, "at some heights: " * some + of.unknown]
 
 
 def crossing_text(title: str, rows: Sequence[Sequence[str]], left: str) -> str:

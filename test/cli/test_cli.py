@@ -310,20 +310,18 @@ def test_plot(tmp_path: Path, capsys: Any) -> None:
 
 
 def test_masses_of_the_implement(tmp_path: Path, capsys: Any) -> None:
-    """Frequencies span those of the model with both masses; a lighter one vibrates more."""
+    """Frequencies are those of the model with each mass; the worst load and peak have a mass."""
     assert main(["predict", "120", "--implement-mass", "900:1500:600"]) == 0
     printed = capsys.readouterr()
-    row = printed.out.splitlines()[1].split()
-    ends = [
-        LinkageModel(read_mechanism().with_values({"rigid_bodies.implement.mass": mass}))
-        .solve(math.radians(120.0))
-        .natural_frequencies[:6]
-        for mass in (1500.0, 900.0)
-    ]
-    assert [row[1 + 3 * k : 4 + 3 * k] for k in range(6)] == [
-        [f"{low:.4g}", "to", f"{high:.4g}"] for low, high in zip(*ends, strict=True)
-    ]
-    assert row[-1] == "900"
+    first, _, light, second, _, heavy, worst = printed.out.splitlines()
+    assert (first, second) == ("With 900 kg:", "With 1500 kg:")
+    for mass, row in (900.0, light), (1500.0, heavy):
+        changed = read_mechanism().with_values({"rigid_bodies.implement.mass": mass})
+        modes = LinkageModel(changed).solve(math.radians(120.0)).natural_frequencies[:6]
+        assert [float(word) for word in row.split()[1:7]] == pytest.approx(modes, rel=1e-4)
+    peak = max(light.split()[-1], heavy.split()[-1], key=float)
+    assert peak == light.split()[-1]
+    assert worst == f"The largest peak of these masses is {peak} m/N, at 120 deg with 900 kg."
     assert "The implement has 900, 1500 kg" in printed.err
     picture = str(tmp_path / "linkage.png")
     assert main(["plot", "--implement-mass", "900:1500:600", "-o", picture]) == 0
@@ -333,8 +331,8 @@ def test_masses_of_the_implement(tmp_path: Path, capsys: Any) -> None:
     assert main(["advise", "165", "30", "--implement-mass", "900:1500:600"]) == 0
     head, now, *_ = capsys.readouterr().out.splitlines()
     assert (head.split()[-2:], now.split()[-1]) == (["mass", "[kg]"], "900")
-    assert main(["predict", "--implement-mass", "900:1500", "--shares"]) == 1
-    assert "--csv and --shares are those of one mass" in capsys.readouterr().err
+    assert main(["predict", "--implement-mass", "900:1500", "--csv", str(tmp_path / "x.csv")]) == 1
+    assert "--csv has the predictions of one mass" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("mass", ["300:300", "abc", "300:x", "300:900:-3", "1:2:3:4"])

@@ -22,6 +22,7 @@ from test.support.served import shipped
 
 TINES = {"speed": "pto", "ratio": 0.45, "orders": [2], "at": "E1.x", "at_speed": 1000.0}
 STROKE = math.radians(90.0), math.radians(180.0)
+WHY = "no number is uncertain"
 HEAVE = "mode 4 (implement heave)"
 
 
@@ -114,12 +115,14 @@ def test_flat_order_of_the_rows() -> None:
     names = [each.order for each in rows]
     assert names == ["shaft 1.03", "shaft 1.01", "gear 1", "shaft 1.02", "shaft 1"]
     assert [each.unknown for each in rows] == ["", "", "no amplitude is given", "", ""]
-    title, [head, *cells], left = crossing_table(rows, {Source.PTO: (300.0, 900.0)}, (1.0, 2.0))
+    title, [head, *cells], left = crossing_table(
+        rows, {Source.PTO: (300.0, 900.0)}, (1.0, 2.0), WHY
+    )
     assert title.endswith("from 57.3 to 114.6 deg, PTO 300 rpm to 900 rpm:")
     assert head == ["order", "mode", "angle [deg]", "speed", "load ratio", "factor", "unknown"]
     assert cells[0] == ["shaft 1.03", "mode 0", "57.3", "583 rpm", "0.9", "2", ""]
     assert cells[2][4:] == ["not known", "2", "no amplitude is given"]
-    assert not left
+    assert not left  # The factor of a load that is not known is not explained.
 
 
 @pytest.mark.parametrize(
@@ -137,14 +140,18 @@ def test_flat_reasons(velocity: float, words: str) -> None:
 def test_flat_ten_rows(n: int, rest: str) -> None:
     """Eleven rows with the head are shown; of what is left, the largest load is stated."""
     rows = found([Levels([0.5 - k / 100 for k in range(n)])], n)
-    _, cells, left = crossing_table(rows, {}, (1.0, 2.0))
+    _, cells, left = crossing_table(rows, {}, (1.0, 2.0), WHY)
     assert len(cells) == 11
     assert left.startswith(rest)
     if rest:
         assert left == "Of 2 more, the largest known load ratio is 0.4."
         rows[-1] = replace(rows[-1], unknown="no amplitude is given")
-        _, _, left = crossing_table(rows, {}, (1.0, 2.0))
-        assert left.endswith("is 0.4; those of 1 are not or not fully known.")
+        _, _, left = crossing_table(rows, {}, (1.0, 2.0), WHY)
+        assert left.endswith("is 0.4. Those of 1 are not or not fully known.")
+        rows[0] = replace(rows[0], factor=math.nan)
+        _, [_, first, *_], left = crossing_table(rows, {}, (1.0, 2.0), WHY)
+        assert first[5] == "not known"
+        assert left.endswith("A factor is not known where no number is uncertain.")
 
 
 def test_flat_masses() -> None:
@@ -161,7 +168,7 @@ def test_flat_masses() -> None:
 def test_nothing_is_crossed() -> None:
     """It is said, with the heights and speeds; a speed that is not known has no crossing."""
     speeds = {Source.ENGINE: (math.nan, math.nan), Source.GROUND: (10.0, 10.0)}
-    title, rows, left = crossing_table([], speeds, (1.0, 2.0))
+    title, rows, left = crossing_table([], speeds, (1.0, 2.0), WHY)
     assert title == (
         "No order meets a natural frequency from 57.3 to 114.6 deg, engine speed not known, "
         "ground 36 km/h."
