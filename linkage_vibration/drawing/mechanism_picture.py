@@ -151,7 +151,8 @@ def _draw_loads(
     ax.set_title(f"{part} by the {name} alone{unknown}", loc="left")
     if not np.isfinite(ratios).any():
         ax.set(xlim=(low, high), ylim=(degrees[0], degrees[-1]))
-        return f"The load ratio by the {name} is not known: no amplitude, no force at rest, or a tyre in the air."
+        why = "no amplitude, no force at rest, or a tyre in the air"
+        return f"The load ratio by the {name} is not known: {why}."
     style: dict[str, Any] = {"cmap": "cividis", "vmin": 0.0, "vmax": top, "shading": "nearest"}
     drawn = ax.pcolormesh(speeds, degrees, ratios, **style)
     assert ax.figure is not None
