@@ -92,7 +92,7 @@ def _permitted(angles: FloatArray, speeds: FloatArray, ends: tuple[float, float]
 def _worst(
     levels: LevelTable, order: Excitation, i: int, mode: str, curve: Curve, mass: str
 ) -> Crossing:
-    """Return the point of a curve at which the order i loads most."""
+    """Return the point of a curve at which the order i loads most; the first if none is known."""
     (alpha3, speed), source, why = curve, order.source, ""
     every = np.full((len(Source), len(speed)), math.nan)
     every[source.index] = speed
