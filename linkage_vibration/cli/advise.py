@@ -4,10 +4,16 @@
 
 import argparse
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from linkage_vibration.cli.arguments import add_mechanism, read_levels, read_settings
+from linkage_vibration.cli.arguments import (
+    add_implement_mass,
+    add_mechanism,
+    read_levels,
+    read_settings,
+)
 
 if TYPE_CHECKING:
     from linkage_vibration.prediction.advice import Advice
@@ -27,6 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         text = f"present {name} speed in rpm, which stays as it is (default: not known)"
         add(f"--{name}-rpm", type=float, default=math.nan, help=text)
     add_mechanism(parser)
+    add_implement_mass(parser)
     add("--excitations", type=Path, help="YAML file (default: the shipped excitations)")
     add("--csv", type=Path, help="CSV file of the map to write")
 
@@ -37,13 +44,16 @@ def run(options: argparse.Namespace) -> int:
 
     from linkage_vibration.prediction.advice import NOW, Question, advise
     from linkage_vibration.prediction.doubts import load_ratio_doubt
-    from linkage_vibration.prediction.excitation import KMH
+    from linkage_vibration.prediction.excitation import KMH, Source
+    from linkage_vibration.prediction.worst_levels import WorstLevels
+    from linkage_vibration.studies.crossings import crossing_table, crossing_text, find_crossings
     from linkage_vibration.support.atomic_files import OutputError, check_output, write_text
 
     files = filter(None, (options.mechanism, options.excitations))
     check_output(options.csv, ".csv", list(files))
     settings = read_settings(options, excitation_file=options.excitations)
-    _, excitations, levels = read_levels(settings)
+    _, excitations, every = read_levels(settings, options.implement_mass)
+    levels, limit = WorstLevels(every), settings.warning_limits().warning
     angles, speeds = options.angles_deg, options.speeds_kmh
     question = Question(
         math.radians(options.angle_deg),
@@ -51,8 +61,16 @@ def run(options: argparse.Namespace) -> int:
         angles and (math.radians(angles[0]), math.radians(angles[1])),
         speeds and (speeds[0] / KMH, speeds[1] / KMH),
     )
-    advice = advise(levels, excitations, question, limit=settings.warning_limits().warning)
-    print(_described(advice))
+    advice = advise(levels, excitations, question, limit=limit)
+    at = np.tile(question.speeds[:, np.newaxis], len(_PLACES))
+    at[Source.GROUND.index] = advice.message.ground_speeds
+    print(_described(advice, levels.masses(advice.message.crank_angles, at)))
+    pairs = [(speed, speed) for speed in question.speeds.tolist()]
+    pairs[Source.GROUND.index] = question.ground_speeds or pairs[Source.GROUND.index]
+    permitted = dict(zip(Source, pairs, strict=True))
+    ends = question.crank_angles or levels.alpha3_range
+    crossings = find_crossings(every, excitations, ends, permitted, limit)
+    print(crossing_text(*crossing_table(crossings, permitted, ends, every[0].unknown_factors)))
     if doubt := load_ratio_doubt(advice.message.load_ratios[NOW], "now"):
         print(doubt)
     if options.csv:
@@ -61,8 +79,11 @@ def run(options: argparse.Namespace) -> int:
     return 1 if math.isnan(advice.message.load_ratios[NOW]) else 0
 
 
-def _described(advice: "Advice") -> str:
-    """Return advice as lines of text: a row for each quieter place, and what is refused."""
+def _described(advice: "Advice", masses: Sequence[str]) -> str:
+    """Return advice as lines of text: a row for each quieter place, and what is refused.
+
+    Masses of the implement are those with which the places are loaded most, empty if there is one.
+    """
     import numpy as np
 
     from linkage_vibration.prediction.advice import NOW, is_quieter
@@ -73,14 +94,15 @@ def _described(advice: "Advice") -> str:
     levels = [of.load_ratios, of.load_ratio_factors, 1e3 * of.velocities, of.velocity_factors]
     columns = [np.degrees(of.crank_angles), KMH * of.ground_speeds, *levels]
     rows = np.transpose([*columns, 100.0 * of.probabilities]).tolist()
-    lines = [" " * 16 + "".join(f"{name:>{len(name) + 2}}" for name in head)]
+    titles = [*head, "mass [kg]"] if any(masses) else head
+    lines = [" " * 16 + "".join(f"{name:>{len(name) + 2}}" for name in titles)]
     unknown, quieter = bool(np.isnan(of.load_ratios[NOW])), is_quieter(of)
     for place, name in enumerate(_PLACES):
         if place == NOW or unknown or quieter[place]:
-            row = [*rows[place][:-1], *rows[place][-1:][:place]]
-            cells = ("unknown" if math.isnan(v) else f"{v:.4g}" for v in row)
-            cells = (f"{v:>{len(title) + 2}}" for title, v in zip(head, cells, strict=False))
-            lines.append(f"{name:16}" + "".join(cells))
+            cells = ["unknown" if math.isnan(v) else f"{v:.4g}" for v in rows[place]]
+            cells[-1:] = [cells[-1] if place != NOW else "", masses[place]]
+            cells = [f"{v:>{len(title) + 2}}" for title, v in zip(titles, cells, strict=False)]
+            lines.append(f"{name:16}{''.join(cells)}".rstrip())
         else:
             why = "nothing permitted has a smaller load that is known"
             if of.load_ratios[place] < of.load_ratios[NOW]:

@@ -8,6 +8,7 @@ import re
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -63,10 +64,33 @@ def add_mechanism_and_angles(parser: argparse.ArgumentParser, without: str) -> N
     add("words", nargs="*", type=_word, action=Split, metavar="MECHANISM|ANGLE", help=text)
 
 
+def add_implement_mass(parser: argparse.ArgumentParser) -> None:
+    """Declare the mass of the implement, or a range of it."""
+    text = "predict as if the implement had this mass; of a range, as FIRST:LAST (five masses) or "
+    text += "FIRST:LAST:STEP, the worst is shown (default: the mass of the mechanism)"
+    add = parser.add_argument
+    add("--implement-mass", type=_masses, default=[], metavar="KG", help=text)
+
+
+def _masses(text: str) -> list[float]:
+    """Return the masses of a range, kg, also its last one, or one mass."""
+    first, *others = text.split(":")
+    if len(others) == 1:
+        with suppress(ValueError):
+            text += f":{(float(others[0]) - float(first)) / 4.0!r}"
+    masses, last = _numbers(text, "mass"), float(others[0] if others else first)
+    return masses if math.isclose(masses[-1], last) else [*masses, last]
+
+
 def _word(text: str) -> Path | list[float]:
     """Return the angles of FIRST:LAST:STEP, or one angle; a word like none of both is a path."""
     if not re.match(r"-?\.?\d", text) or text.endswith((".yaml", ".yml", ".npz")):
         return Path(text)
+    return _numbers(text, "angle")
+
+
+def _numbers(text: str, what: str) -> list[float]:
+    """Return the numbers of FIRST:LAST:STEP, or one number; an error says what they are."""
     try:
         first, *more = (float(part) for part in text.split(":"))
     except ValueError:
@@ -74,11 +98,11 @@ def _word(text: str) -> Path | list[float]:
     if not more:
         return [first]
     if len(more) != 2 or not more[1] * (more[0] - first) >= 0.0 < abs(more[1]):
-        raise argparse.ArgumentTypeError(f"{text!r} is no angle and no FIRST:LAST:STEP.")
+        raise argparse.ArgumentTypeError(f"{text!r} is no {what} and no FIRST:LAST:STEP.")
     count = (more[0] - first) / more[1] * (1.0 + 1e-9)
     if not count < _MOST_ANGLES:
         raise argparse.ArgumentTypeError(
-            f"{text!r} has over {_MOST_ANGLES} angles; widen the step."
+            f"{text!r} has over {_MOST_ANGLES} numbers; widen the step."
         )
     return [first + i * more[1] for i in range(int(count) + 1)]
 
@@ -161,16 +185,45 @@ def read_table(settings: "Parameters") -> "LoadedModel":
     return load_model(settings, warn, keep=kept_table)
 
 
-def read_levels(settings: "Parameters") -> "tuple[LoadedModel, Sequence[Excitation], LevelTable]":
-    """Return what `read_table` does, with the excitations that parameters name and their levels."""
+def read_variants(settings: "Parameters", masses: Sequence[float]) -> "list[LoadedModel]":
+    """Return the mechanism and its table with each mass of the implement, kg, or as described."""
+    from linkage_vibration.mechanics.model import LinkageModel
+    from linkage_vibration.prediction.answers import ModelWithoutTable
+    from linkage_vibration.prediction.doubts import linkage_doubts
+    from linkage_vibration.prediction.level_cache import kept_table
+    from linkage_vibration.prediction.predictor import Predictor
+    from linkage_vibration.readers.loaded_model import only_rigid_body, read_described
+    from linkage_vibration.table.tabulation import build_table
+
+    if not masses:
+        return [read_table(settings)]
+    described, variants = read_described(settings).mechanism, []
+    name = only_rigid_body(described, settings.mechanism_path()).name
+    words = ", ".join(f"{mass:.5g}" for mass in masses)
+    warn(f"The implement has {words} kg, with the centre of gravity and the inertia of the file.")
+    for mass in masses:
+        mechanism = described.with_values({f"rigid_bodies.{name}.mass": mass})
+        model = LinkageModel(mechanism)
+        for doubt in linkage_doubts(model):
+            warn(f"{mass:.5g} kg: {doubt}")
+        table = kept_table(mechanism, partial(build_table, model))
+        variants.append(ModelWithoutTable(mechanism, "").with_predictor(Predictor(table)))
+    return variants
+
+
+def read_levels(
+    settings: "Parameters", masses: Sequence[float] = ()
+) -> "tuple[list[LoadedModel], Sequence[Excitation], list[LevelTable]]":
+    """Return what `read_variants` does, with the excitations of parameters and their levels."""
     from linkage_vibration.prediction.doubts import excitation_doubts
-    from linkage_vibration.prediction.levels import kept_levels
+    from linkage_vibration.prediction.levels import LevelTable, kept_levels
     from linkage_vibration.readers.loaded_model import read_loads
 
-    served = read_table(settings)
-    excitations = read_loads(settings, served, warn)
-    levels = kept_levels(served.predictor, served.mechanism, excitations)
-    for doubt in excitation_doubts(excitations, levels):
+    served = read_variants(settings, masses)
+    excitations = read_loads(settings, served[0], warn)
+    make = LevelTable if len(served) > 1 else kept_levels  # The cache has no room for many.
+    levels = [make(each.predictor, each.mechanism, excitations) for each in served]
+    for doubt in excitation_doubts(excitations, levels[0]):
         warn(f"{settings.excitation_path()}: {doubt}")
     return served, excitations, levels
 

@@ -5,25 +5,32 @@
 import argparse
 from pathlib import Path
 
-from linkage_vibration.cli.arguments import add_mechanism_and_angles, read_levels, read_settings
+from linkage_vibration.cli.arguments import (
+    add_implement_mass,
+    add_mechanism_and_angles,
+    read_levels,
+    read_settings,
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add = parser.add_argument
     add_mechanism_and_angles(parser, "the stroke; else from the least to the largest one")
+    add_implement_mass(parser)
     add("--excitations", type=Path, help="YAML file (default: the shipped excitations)")
     text = "PNG picture or HTML page to write (default: MECHANISM with .png, in this folder)"
     add("-o", "--output", type=Path, help=text)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Draw the picture or the page, and print where loads are largest; return the exit code."""
+    """Draw the picture or the page, and print loads and crossings; return the exit code."""
     import numpy as np
 
-    from linkage_vibration.drawing.mechanism_picture import draw_mechanism
+    from linkage_vibration.drawing.mechanism_picture import draw_mechanism, drawn_speeds
     from linkage_vibration.drawing.plots import png_bytes, require_matplotlib
-    from linkage_vibration.review.html import picture_tag, plain_html
+    from linkage_vibration.review.html import picture_tag, plain_html, table_tag
+    from linkage_vibration.studies.crossings import crossing_table, crossing_text, find_crossings
     from linkage_vibration.support.atomic_files import OutputError, check_outputs, write_bytes
 
     files, angles = (options.mechanism, options.excitations), np.radians(options.angles_deg)
@@ -35,15 +42,20 @@ def run(options: argparse.Namespace) -> int:
     if len({*angles.tolist()}) == 1:
         raise OutputError("A plot of one crank angle has no width; give two, or leave it out.")
     require_matplotlib()
-    served, excitations, levels = read_levels(settings)
+    served, excitations, every = read_levels(settings, options.implement_mass)
     limit = settings.warning_limits().warning
-    ends = (angles.min(), angles.max()) if len(angles) else levels.alpha3_range
-    figure, sentences = draw_mechanism(served.predictor, levels, excitations, limit, ends)
-    print("\n".join(sentences))
+    ends = (angles.min(), angles.max()) if len(angles) else every[0].alpha3_range
+    figure, sentences = draw_mechanism(every, excitations, limit, ends)
+    speeds = drawn_speeds(excitations)
+    crossings = find_crossings(every, excitations, ends, speeds, limit)
+    title, rows, left = crossing_table(crossings, speeds, ends, every[0].unknown_factors)
+    print(*sentences, crossing_text(title, rows, left), sep="\n")
     content = png_bytes(figure)
     if output.suffix.lower() == ".html":
-        picture = picture_tag(content, " ".join(sentences))
-        content = plain_html(served.mechanism.name, sentences, picture).encode()
+        main = table_tag("crossings", rows[0], rows[1:]) if rows else ""
+        main += picture_tag(content, " ".join(sentences))
+        texts = [*sentences, *filter(None, [left, title])]
+        content = plain_html(served[0].mechanism.name, texts, main).encode()
     write_bytes(output, content, OutputError)
     print(f"Written: {output}")
     return 0

@@ -9,7 +9,12 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from linkage_vibration.cli.arguments import add_mechanism_and_angles, read_settings, read_table
+from linkage_vibration.cli.arguments import (
+    add_implement_mass,
+    add_mechanism_and_angles,
+    read_settings,
+    read_variants,
+)
 
 if TYPE_CHECKING:
     from linkage_vibration.prediction.predictor import Predictor, Shares
@@ -19,6 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add = parser.add_argument
     add_mechanism_and_angles(parser, "nine over the stroke")
+    add_implement_mass(parser)
     text = "also print the standard deviations, and the share of each of their causes"
     add("--shares", action="store_true", help=text)
     text = "standard deviation of the angle in degrees, for --shares (default: %(default)s)"
@@ -35,18 +41,30 @@ def run(options: argparse.Namespace) -> int:
     from linkage_vibration.support.atomic_files import OutputError, check_output, write_text
     from linkage_vibration.table.table import load_table
 
-    source: Path | None = options.mechanism
+    source, masses = options.mechanism, options.implement_mass
     check_output(options.csv, ".csv", list(filter(None, [source])))
-    if source is not None and source.suffix == ".npz":
-        predictor = Predictor(load_table(source))
+    if options.csv and len(masses) > 1:
+        raise OutputError("--csv has the predictions of one mass; give --implement-mass one.")
+    if source is not None and source.suffix == ".npz" and not masses:
+        predictors = [Predictor(load_table(source))]
     else:
-        predictor = read_table(read_settings(options)).predictor
+        predictors = [each.predictor for each in read_variants(read_settings(options), masses)]
+    predictor = predictors[0]
     nine = np.linspace(*predictor.table.alpha3_range, 9)
     degrees = options.angles_deg or np.degrees(nine).tolist()
     if predictor.table.lateral:
         labels = map(predictor.table.mode_label, range(predictor.table.n_modes))
         print(textwrap.fill(", ".join(labels), 100))
-    good = _print(predictor, degrees, options)
+    good, peaks = True, np.empty((0, len(degrees)))
+    for i, each in enumerate(predictors):
+        if len(masses) > 1:
+            print(f"With {masses[i]:.5g} kg:")
+        good = _print(each, degrees, options) and good
+        peaks = np.vstack([peaks, each.predict(np.radians(degrees)).frf_peak_magnitude])
+    if len(masses) > 1 and np.isfinite(peaks).any():
+        i, j = divmod(int(np.nanargmax(peaks)), len(degrees))
+        where = f"at {degrees[j]:.5g} deg with {masses[i]:.5g} kg"
+        print(f"The largest peak of these masses is {peaks[i, j]:.4e} m/N, {where}.")
     reason = predictor.table.unknown_deviations
     if options.csv:
         many = predictor.predict(np.radians(degrees), math.radians(options.angle_stddev_deg))

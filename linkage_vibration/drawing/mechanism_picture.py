@@ -14,7 +14,8 @@ from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.levels import LevelTable
-from linkage_vibration.prediction.predictor import Predictor, predict_many
+from linkage_vibration.prediction.predictor import predict_many
+from linkage_vibration.prediction.worst_levels import WorstLevels
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,55 +30,66 @@ SPEEDS = {  # what is drawn of each source: its name, the lowest and the highest
 _ANGLES, _MAP = 181, (91, 161)  # angles of a curve; angles and speeds of a map
 
 
+def drawn_speeds(excitations: Sequence[Excitation]) -> dict[Source, tuple[float, float]]:
+    """Return the lowest and the highest speed, rpm or m/s, of each source of excitations."""
+    used = {each.source for each in excitations}
+    drawn = SPEEDS.items()
+    return {of: (low * unit, high * unit) for of, (_, low, high, unit) in drawn if of in used}
+
+
 def draw_mechanism(
-    predictor: Predictor,
-    levels: LevelTable,
+    every: Sequence[LevelTable],
     excitations: Sequence[Excitation],
     limit: float,
     ends: tuple[float, float],
 ) -> tuple["Figure", list[str]]:
     """Draw modes, orders and load ratios; return the figure, and a sentence for each source.
 
+    Of several levels, with other masses of the implement, all modes and the worst loads are drawn.
     ``limit`` is the load ratio of a warning, ``ends`` are the crank angles to draw between, rad.
     """
     from matplotlib.figure import Figure
 
-    sources = [source for source in SPEEDS if any(each.source is source for each in excitations)]
+    sources, levels = [*drawn_speeds(excitations)], WorstLevels(every)
     n_panels = 1 + 2 * len(sources)
     # One panel below the other, so that the texts are legible on a phone.
     figure = Figure(figsize=(6.0, 3.4 * n_panels), dpi=110, layout="constrained")
     rows = figure.subfigures(n_panels, squeeze=False)[:, 0]  # Each has a layout of its own.
     first, *panels = (row.subplots() for row in rows)
-    angles = np.linspace(*ends, _ANGLES)
-    predictions = predict_many(predictor, angles, np.zeros(_ANGLES))
-    table = predictor.table
+    angles, table = np.linspace(*ends, _ANGLES), every[0].predictor.table
+    predictions = [predict_many(of.predictor, angles, np.zeros(_ANGLES)) for of in every]
     draw_modes(first, table.mode_names, predictions, table.lateral_modes)
+    frequencies = np.concatenate([of.natural_frequencies for of in predictions])
     maps = [_load_ratios(source, levels, excitations, ends) for source in sources]
     top = max(limit, *(float(np.nanmax(each, initial=0.0)) for each in maps), 0.0)
     sentences = []
     for i, source in enumerate(sources):
         orders = [each for each in excitations if each.source is source and not each.terrain]
-        _draw_orders(panels[2 * i], source, orders, predictions, table.lateral_modes)
+        _draw_orders(panels[2 * i], source, orders, frequencies, table.lateral_modes)
         silent = [each.name for each in orders if not each.load]
-        sentences.append(
-            _draw_loads(panels[2 * i + 1], source, maps[i], silent, (limit, top), ends)
-        )
+        panel = panels[2 * i + 1]
+        sentences.append(_draw_loads(panel, source, maps[i], silent, (limit, top), ends, levels))
     return figure, sentences
 
 
 def draw_modes(
-    ax: "Axes", names: Sequence[str], predictions: MessageColumns, lateral: BoolArray | None = None
+    ax: "Axes",
+    names: Sequence[str],
+    every: Sequence[MessageColumns],
+    lateral: BoolArray | None = None,
 ) -> None:
     """Draw each natural frequency with its standard deviation over the crank angle.
 
-    Modes that are lateral, (n_modes,), are dashed.
+    Predictions are those with each mass of the implement. Modes that are lateral, (n_modes,), are
+    dashed.
     """
-    angles, frequencies = np.degrees(predictions.crank_angle), predictions.natural_frequencies
-    draw_bands(ax, angles, frequencies, predictions.frequency_stddevs, lateral)
-    frequency_axis(ax, frequencies)
-    name_modes(ax, frequencies[-1], names, fontsize=10)
+    angles, stddevs = np.degrees(every[0].crank_angle), [of.frequency_stddevs for of in every]
+    for of in every:
+        draw_bands(ax, angles, of.natural_frequencies, of.frequency_stddevs, lateral)
+    frequency_axis(ax, np.concatenate([of.natural_frequencies for of in every]))
+    name_modes(ax, every[0].natural_frequencies[-1], names, fontsize=10)
     ax.set(xlabel="crank angle α₃ [deg]", xlim=(angles[0], angles[-1]))
-    unknown = " (no band: not known)" if np.isnan(predictions.frequency_stddevs).any() else ""
+    unknown = " (no band: not known)" if np.isnan(stddevs).any() else ""
     title = f"Natural frequencies over the stroke, with one standard deviation{unknown}"
     if lateral is not None and lateral.any():
         title += "; dashed: sway, roll and yaw"
@@ -89,15 +101,14 @@ def _draw_orders(
     ax: "Axes",
     source: Source,
     orders: Sequence[Excitation],
-    predictions: MessageColumns,
+    frequencies: FloatArray,
     lateral: BoolArray,
 ) -> None:
     """Draw a Campbell plot: the orders over their speed, and the range of each mode.
 
-    Those of lateral modes, (n_modes,), are hatched.
+    Frequencies are (n, n_modes), Hz. Those of lateral modes, (n_modes,), are hatched.
     """
     label, low, high, unit = SPEEDS[source]
-    frequencies = predictions.natural_frequencies
     colours = palette.mode_colours(frequencies.shape[1])
     for values, colour, aside in zip(frequencies.T, colours, lateral.tolist(), strict=True):
         if np.isfinite(values).any():
@@ -125,12 +136,13 @@ def _draw_loads(
     silent: Sequence[str],
     scale: tuple[float, float],
     ends: tuple[float, float],
+    levels: WorstLevels,
 ) -> str:
     """Draw the load ratio by one source over height and speed; return where it is largest.
 
     The scale is the limit and the largest value of the colour bar, which all sources share.
     """
-    (label, low, high, _), (limit, top) = SPEEDS[source], scale
+    (label, low, high, unit), (limit, top) = SPEEDS[source], scale
     angles, speeds = np.linspace(*ends, _MAP[0]), np.linspace(low, high, _MAP[1])
     degrees, name = np.degrees(angles), label.split(" speed")[0]
     ax.set(xlabel=label, ylabel="crank angle α₃ [deg]", facecolor=palette.GAP_SHADE)
@@ -139,7 +151,8 @@ def _draw_loads(
     ax.set_title(f"{part} by the {name} alone{unknown}", loc="left")
     if not np.isfinite(ratios).any():
         ax.set(xlim=(low, high), ylim=(degrees[0], degrees[-1]))
-        return f"The load ratio by the {name} is not known: no amplitude, or no force at rest."
+        why = "no amplitude, no force at rest, or a tyre in the air"
+        return f"The load ratio by the {name} is not known: {why}."
     style: dict[str, Any] = {"cmap": "cividis", "vmin": 0.0, "vmax": top, "shading": "nearest"}
     drawn = ax.pcolormesh(speeds, degrees, ratios, **style)
     assert ax.figure is not None
@@ -151,6 +164,10 @@ def _draw_loads(
         f"In the map, the {name} alone loads a pin or cylinder by up to {ratios[i, j]:.2g} of its "
         f"force at rest, at {degrees[i]:.0f} deg and {speeds[j]:.0f} {unit_name}"
     )
+    at = np.full((len(Source), 1), math.nan)
+    at[source.index] = unit * speeds[j]
+    [mass] = levels.masses(angles[[i]], at)
+    text += f", with an implement of {mass} kg" if mass else ""
     if silent:
         text += f" (without {', '.join(silent)}, which have no amplitude)"
     above = np.isfinite(ratios) & (ratios > limit)
@@ -166,7 +183,10 @@ def _draw_loads(
 
 
 def _load_ratios(
-    source: Source, levels: LevelTable, excitations: Sequence[Excitation], ends: tuple[float, float]
+    source: Source,
+    levels: WorstLevels,
+    excitations: Sequence[Excitation],
+    ends: tuple[float, float],
 ) -> FloatArray:
     """Return the load ratios by one source, (n_angles, n_speeds), NaN where a part is not known."""
     _, low, high, unit = SPEEDS[source]

@@ -61,7 +61,12 @@ from linkage_vibration.prediction.provenance import attachments, implement_facts
 from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor
 from linkage_vibration.prediction.settings import DECLARED, NODE_NAME, Parameters, with_values
 from linkage_vibration.readers.excitations import excitation_files
-from linkage_vibration.readers.loaded_model import load_model, read_described, read_loads
+from linkage_vibration.readers.loaded_model import (
+    load_model,
+    only_rigid_body,
+    read_described,
+    read_loads,
+)
 from linkage_vibration.readers.sensors import SensorReader, live_sensors, sensor_files
 from linkage_vibration.support.atomic_files import check_outputs, replacement
 from linkage_vibration.support.progress import shown_bar
@@ -484,14 +489,9 @@ def _loaded_model(settings: Parameters, what_if: WhatIf) -> LoadedModel:
     """Return the mechanism and its table, which is built for another implement."""
     if what_if == _AS_DESCRIBED:
         return load_model(settings)
-    path, described = settings.mechanism_path(), read_described(settings)
+    described = read_described(settings)
     mechanism = described.mechanism
-    if len(mechanism.rigid_bodies) != 1:
-        raise ReplayError(
-            f"{path} has {len(mechanism.rigid_bodies)} rigid bodies; another mass or inertia can "
-            "be given only for a mechanism with exactly one rigid body."
-        )
-    [body] = mechanism.rigid_bodies
+    body = only_rigid_body(mechanism, settings.mechanism_path())
     mass = body.mass if what_if.mass is None else what_if.mass
     inertia = body.inertia if what_if.inertia is None else what_if.inertia
     implement = Implement(body.name, mass, inertia, ())

@@ -22,6 +22,7 @@ from linkage_vibration.prediction.excitation import KMH, Excitation, Source
 from linkage_vibration.prediction.levels import LevelTable, spreads
 from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.prediction.severity import ratio_words
+from linkage_vibration.prediction.worst_levels import WorstLevels
 from linkage_vibration.table.interpolation import angles_in_table
 
 NOW, HEIGHT, SPEED, BOTH = message_constants(ADVICE).values()
@@ -81,7 +82,7 @@ class Advice:
 
 
 def advise(
-    levels: LevelTable,
+    levels: LevelTable | WorstLevels,
     excitations: Sequence[Excitation],
     question: Question,
     shape: tuple[int, int] = _SHAPE,
@@ -153,7 +154,7 @@ def _places(columns: MessageColumns) -> NDArray[np.void]:
 
 
 def _axes(
-    levels: LevelTable, question: Question, shape: tuple[int, int]
+    levels: LevelTable | WorstLevels, question: Question, shape: tuple[int, int]
 ) -> tuple[FloatArray, FloatArray]:
     """Return the permitted angles, rad, and ground speeds, m/s, each with the present one last."""
     present = abs(float(question.speeds[_GROUND]))  # negative in reverse
@@ -207,7 +208,7 @@ def _steps(
 
 
 def _reasons(
-    levels: LevelTable,
+    levels: LevelTable | WorstLevels,
     excitations: Sequence[Excitation],
     results: MessageColumns,
     alpha3: FloatArray,

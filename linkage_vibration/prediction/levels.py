@@ -262,7 +262,7 @@ class LevelTable:
         excitations: Sequence[Excitation],
         keep: Keep = computed,
     ) -> None:
-        self._predictor, table = predictor, predictor.table
+        self.predictor, table = predictor, predictor.table
         self.unknown_factors = table.unknown_factors
         inputs, which = _unit_loads(table, mechanism, excitations)
         loads = [excitation.load for excitation in excitations]
@@ -381,7 +381,7 @@ class LevelTable:
     @property
     def alpha3_range(self) -> tuple[float, float]:
         """First and last angle of the table, rad."""
-        return self._predictor.table.alpha3_range
+        return self.predictor.table.alpha3_range
 
     @property
     def arrays(self) -> tuple[FloatArray, FloatArray, int, IntArray]:

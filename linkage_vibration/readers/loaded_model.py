@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from shlex import quote
 
-from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.mechanics.description import Mechanism, RigidBody
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.messages.fields import message_fields
 from linkage_vibration.messages.topics import TABLE_INFO
@@ -88,6 +88,16 @@ def read_described(settings: Parameters) -> ModelWithoutTable:
     implement = implements.find(settings.implement)
     changed = with_implement(mechanism, text, implement)
     return ModelWithoutTable(*changed, implement, implements)
+
+
+def only_rigid_body(mechanism: Mechanism, path: Path) -> RigidBody:
+    """Return the implement, whose mass or inertia may be another one than in a file."""
+    if len(mechanism.rigid_bodies) != 1:
+        raise ParameterError(
+            f"{path} has {len(mechanism.rigid_bodies)} rigid bodies; another mass or inertia can "
+            "be given only for a mechanism with exactly one rigid body."
+        )
+    return mechanism.rigid_bodies[0]
 
 
 def read_loads(

@@ -82,7 +82,7 @@ def plot(source: Table | MessageColumns | Log, picture: str | Path | None = None
             names = [""] * source.natural_frequencies.shape[1]  # they are drawn as their numbers
             lateral = None
         rows = source.rows(np.argsort(source.crank_angle))
-        draw_modes(figure.subplots(), names, rows, lateral)
+        draw_modes(figure.subplots(), names, [rows], lateral)
     if picture is not None:
         write_png(figure, Path(picture))
     return figure

@@ -36,7 +36,7 @@ def angle_rows(mechanism: Mechanism, kinematics: Kinematics, angles: Sequence[fl
         x, z = pin_places(mechanism, configuration)[point]
         numbers = [f"{angle:.2f}" for angle in (round(math.degrees(alpha3), 2) + 0.0, *degrees)]
         rows.append([*numbers, *(f"{round(float(place), 3) + 0.0:.3f}" for place in (x, z))])
-    return _aligned(rows)
+    return aligned(rows)
 
 
 def cylinder_rows(model: LinkageModel, angles: Sequence[float]) -> str:
@@ -58,7 +58,7 @@ def cylinder_rows(model: LinkageModel, angles: Sequence[float]) -> str:
             bar = oil_pressure(spring.stiffness, tension) / 1e5
             numbers = f"{length:.4f}", f"{1e3 * lever:.1f}", f"{-tension / 1e3:.2f}", f"{bar:.1f}"
             rows.append([f"{math.degrees(alpha3):.2f}", *numbers])
-        tables.append(f"{spring.name}, one of {spring.stiffness.count}:\n{_aligned(rows)}")
+        tables.append(f"{spring.name}, one of {spring.stiffness.count}:\n{aligned(rows)}")
     hint = "describe the spring that holds the crank by a `cylinder` with its bore"
     unknown = f"The lever and the oil pressure of lift cylinders are not known; {hint}."
     return "\n\n".join(tables) or unknown
@@ -74,7 +74,7 @@ def axle_rows(model: LinkageModel, angles: Sequence[float]) -> str:
     for alpha3 in angles:
         loads = [f"{load / GRAVITY:.0f}" for load in model.mount_loads(alpha3)]
         rows.append([f"{math.degrees(alpha3):.2f}", *loads])
-    return f"Static loads, as a weighbridge shows them:\n{_aligned(rows)}"
+    return f"Static loads, as a weighbridge shows them:\n{aligned(rows)}"
 
 
 def force_rows(model: LinkageModel, angles: Sequence[float]) -> str:
@@ -84,16 +84,16 @@ def force_rows(model: LinkageModel, angles: Sequence[float]) -> str:
         rows.append([f"{math.degrees(alpha3):.2f}"])
         if model.force_places:
             rows[-1] += [f"{force:.2f}" for force in model.static_forces(alpha3) / 1e3]
-    text = _aligned(rows)
+    text = aligned(rows)
     if any("nan" in row for row in rows):
         hint = "give the crank `clamped`, a spring, or a cylinder with a lever"
         text += f"\nNothing holds the linkage against its weight where forces are nan; {hint}."
     return text
 
 
-def _aligned(rows: Sequence[Sequence[str]]) -> str:
-    """Return rows of cells in columns that are as wide as their heads."""
-    widths = [max(len(head) + 2, 12) for head in rows[0]]
+def aligned(rows: Sequence[Sequence[str]]) -> str:
+    """Return rows of cells in columns that are as wide as their cells, and at least 12."""
+    widths = [max(12, *(len(cell) + 2 for cell in column)) for column in zip(*rows, strict=True)]
     return "\n".join(
         "".join(f"{cell:>{width}}" for cell, width in zip(row, widths, strict=True)) for row in rows
     )

@@ -120,16 +120,14 @@ def test_baseline(files: Path, capsys: Any) -> None:
 def test_examples_of_the_documentation(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:
-    """The examples for GitHub and GitLab are YAML, and their checks of the shipped drive pass."""
+    """The workflow of GitHub is YAML, and its check of the shipped drive passes."""
     blocks = [yaml.safe_load(b.text) for b in blocks_of(PAGE) if b.language == "yaml"]
     [limits] = [block for block in blocks if "load_ratio" in block]
     [github] = [block for block in blocks if "jobs" in block]
-    [gitlab] = [block for block in blocks if "check" in block]
     [job] = github["jobs"].values()
     lines = [step["run"] for step in job["steps"] if "run" in step]
-    assert lines == gitlab["check"]["script"]
     reports = {step["with"]["report_paths"] for step in job["steps"] if "report_paths" in str(step)}
-    assert reports == {gitlab["check"]["artifacts"]["reports"]["junit"]}
+    assert len(reports) == 1
     (tmp_path / "bags").mkdir()
     shutil.copy(DRIVE, tmp_path / "bags" / "headland.mcap")
     (tmp_path / "limits.yaml").write_text(yaml.safe_dump(limits))

@@ -21,6 +21,7 @@ import linkage_vibration.cli
 from linkage_vibration.cli.build import _description
 from linkage_vibration.cli.main import ROUTES, SUBCOMMANDS, argument_parser, main
 from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import DEFAULT_MECHANISM, DEFAULT_TABLE, config_file
@@ -158,7 +159,7 @@ def test_ranges_that_are_refused(angles: str, capsys: Any) -> None:
     assert f"'{angles}' is no angle and no FIRST:LAST:STEP." in capsys.readouterr().err
     with pytest.raises(SystemExit):
         main(["predict", "90:180:1e-4"])
-    assert "has over 100000 angles" in capsys.readouterr().err
+    assert "has over 100000 numbers" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -280,7 +281,7 @@ def test_plot(tmp_path: Path, capsys: Any) -> None:
     """The PTO loads most where its tines meet the implement's heave; without loads it says so."""
     picture = tmp_path / "linkage.png"
     assert main(["plot", "-o", str(picture)]) == 0
-    engine, pto, ground, _ = capsys.readouterr().out.splitlines()
+    engine, pto, ground, _, title, head, *rows, left, _ = capsys.readouterr().out.splitlines()
     assert picture.read_bytes().startswith(b"\x89PNG")
     match = re.search(r"up to (\S+) of its force at rest, at (\d+) deg and (\d+) rpm", pto)
     assert match is not None
@@ -290,6 +291,12 @@ def test_plot(tmp_path: Path, capsys: Any) -> None:
     assert "Above the limit of 0.33 are speeds" in pto
     assert "which is not above the limit of 0.33." in engine
     assert "km/h" in ground
+    assert title.endswith("PTO 200 rpm to 1100 rpm, ground 2 km/h to 50 km/h:")
+    loads = [float(row.split()[-2]) for row in rows]
+    assert head.split()[-3:] == ["load", "ratio", "factor"]
+    assert len(loads) == 10
+    assert loads == sorted(loads, reverse=True)
+    assert left.startswith("Of 7 more, the largest known load ratio is 0.00")
     alone = tmp_path / "engine.yaml"
     alone.write_text("engine: {speed: engine, orders: [3]}\n")
     assert main(["plot", "--excitations", str(alone), "-o", str(picture)]) == 0
@@ -300,6 +307,44 @@ def test_plot(tmp_path: Path, capsys: Any) -> None:
     )
     assert main(["plot", "--excitations", str(alone), "-o", str(picture)]) == 0
     assert "(without engine 3, which have no amplitude)" in capsys.readouterr().out
+
+
+def test_masses_of_the_implement(tmp_path: Path, capsys: Any) -> None:
+    """Frequencies are those of the model with each mass; the worst load and peak have a mass."""
+    assert main(["predict", "120", "--implement-mass", "900:1500:600"]) == 0
+    printed = capsys.readouterr()
+    first, _, light, second, _, heavy, worst = printed.out.splitlines()
+    assert (first, second) == ("With 900 kg:", "With 1500 kg:")
+    for mass, row in (900.0, light), (1500.0, heavy):
+        changed = read_mechanism().with_values({"rigid_bodies.implement.mass": mass})
+        modes = LinkageModel(changed).solve(math.radians(120.0)).natural_frequencies[:6]
+        assert [float(word) for word in row.split()[1:7]] == pytest.approx(modes, rel=1e-4)
+    peak = max(light.split()[-1], heavy.split()[-1], key=float)
+    assert peak == light.split()[-1]
+    assert worst == f"The largest peak of these masses is {peak} m/N, at 120 deg with 900 kg."
+    assert "The implement has 900, 1500 kg" in printed.err
+    picture = str(tmp_path / "linkage.png")
+    assert main(["plot", "--implement-mass", "900:1500:600", "-o", picture]) == 0
+    out = capsys.readouterr().out
+    assert out.count("with an implement of 900 kg") == 3
+    assert "factor   mass [kg]" in out
+    assert main(["advise", "165", "30", "--implement-mass", "900:1500:600"]) == 0
+    head, now, *_ = capsys.readouterr().out.splitlines()
+    assert (head.split()[-2:], now.split()[-1]) == (["mass", "[kg]"], "900")
+    assert main(["predict", "--implement-mass", "900:1500", "--csv", str(tmp_path / "x.csv")]) == 1
+    assert "--csv has the predictions of one mass" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("mass", ["300:300", "abc", "300:x", "300:900:-3", "1:2:3:4"])
+def test_masses_that_are_refused(mass: str, capsys: Any) -> None:
+    """A range needs two different ends, and a step from the first to the last."""
+    with pytest.raises(SystemExit):
+        main(["predict", "--implement-mass", mass])
+    assert "is no mass and no FIRST:LAST:STEP." in capsys.readouterr().err
+    options = argument_parser().parse_args(["plot", "--implement-mass", "300:1500"])
+    assert options.implement_mass == [300.0, 600.0, 900.0, 1200.0, 1500.0]
+    options = argument_parser().parse_args(["plot", "--implement-mass", "700"])
+    assert options.implement_mass == [700.0]
 
 
 def test_plot_as_a_page(tmp_path: Path, capsys: Any) -> None:

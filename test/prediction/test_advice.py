@@ -26,6 +26,7 @@ from linkage_vibration.prediction.advice import (
 from linkage_vibration.prediction.excitation import excitations_from_mapping
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.severity import WarningLimits
+from linkage_vibration.prediction.worst_levels import WorstLevels
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.support.resources import config_file
 from test.support.served import shipped
@@ -60,15 +61,16 @@ class Levels:
 
     alpha3_range = 1.5, 3.0
 
-    def __init__(self, n_members: int = 64) -> None:
-        self.members = MEMBERS[:n_members]
+    def __init__(self, n_members: int = 64, shift: float = 0.0, soil: float = 1.6) -> None:
+        self.members = [(a + shift, b) for a, b in MEMBERS[:n_members]]
+        self.shift, self.soil = shift, soil
 
     def at_all_pairs(self, alpha3: Any, speeds: Any) -> MessageColumns:
         """Return what `LevelTable.at_all_pairs` returns."""
         alpha3, speeds = np.repeat(alpha3, speeds.shape[1]), np.tile(speeds, len(alpha3))
         inside = (alpha3 >= 1.5) & (alpha3 <= 3.0)
         v = speeds[GROUND]
-        total = np.array([load(a, b) for a, b in zip(alpha3, v, strict=True)])
+        total = np.array([load(a, b, self.shift) for a, b in zip(alpha3, v, strict=True)])
         total[~inside | (alpha3 > 2.9)] = math.nan
         tyre = np.where(v > 20.0, math.nan, 1.0)
         shaft = np.where(np.isnan(speeds[PTO]), math.nan, 1.0)
@@ -76,7 +78,7 @@ class Levels:
             total_load_ratio=total.astype(np.float32),
             total_velocity=(2.0 * total).astype(np.float32),
             velocities=np.column_stack([shaft, tyre]),
-            ground_unknown=np.where((alpha3 < 1.6) & inside, SOIL, ""),
+            ground_unknown=np.where((alpha3 < self.soil) & inside, SOIL, ""),
         )
 
     def member_totals(self, alpha3: Any, speeds: Any) -> Any:
@@ -188,6 +190,41 @@ def test_a_question_has_a_speed_of_each_source() -> None:
         with pytest.raises(AdviceError, match="give one of each: engine, pto, ground"):
             advise(levels, EXCITATIONS, Question(2.0, speeds))
     assert ask().message.sentence
+
+
+def test_the_worst_of_two_masses() -> None:
+    """Choices and probabilities are by the larger load; what one mass lacks is not known."""
+    every: Any = [Levels(), Levels(shift=0.4, soil=2.25)]
+    speeds = np.array([1800.0, 540.0, 8.0])
+    message = advise(WorstLevels(every), EXCITATIONS, Question(2.7, speeds)).message
+
+    def worst(angle: float, shift: float = 0.0, steepness: float = 1.0) -> float:
+        return max(load(angle, 8.0, shift + more, steepness) for more in (0.0, 0.4))
+
+    best = min((a for a in np.linspace(1.5, 3.0, 91) if 2.25 <= a <= 2.9), key=worst)
+    assert message.crank_angles[HEIGHT] == pytest.approx(best)
+    assert message.load_ratios[HEIGHT] == pytest.approx(worst(best), rel=1e-6)
+    assert message.load_ratios[NOW] == pytest.approx(worst(2.7), rel=1e-6)
+    quieter = sum(worst(best, *each) < worst(2.7, *each) for each in MEMBERS)
+    assert message.probabilities[HEIGHT] == pytest.approx((quieter + 0.5) / 65.0)
+    lost = advise(WorstLevels(every), EXCITATIONS, Question(2.2, speeds)).message
+    assert math.isnan(lost.load_ratios[NOW])
+    assert lost.sentence.startswith("How strongly it is loaded now is not known: a tool is in")
+
+
+def test_the_mass_that_loads_most() -> None:
+    """It is named at each place; not where a load is not known, and not if there is one only."""
+    loads = {300.0: [0.1, 0.4, 0.4], 1500.0: [0.2, math.nan, 0.3]}
+    every: Any = [
+        SimpleNamespace(
+            at=lambda *_, row=row: MessageColumns(total_load_ratio=np.array(row)),
+            mechanism=SimpleNamespace(rigid_bodies=[SimpleNamespace(mass=mass)]),
+        )
+        for mass, row in loads.items()
+    ]
+    angles, speeds = np.zeros(3), np.zeros((3, 3))
+    assert WorstLevels(every).masses(angles, speeds) == ["1500", "", "300"]
+    assert WorstLevels(every[:1]).masses(angles, speeds) == ["", "", ""]
 
 
 def test_what_is_not_known_is_not_advised() -> None:

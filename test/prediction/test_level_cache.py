@@ -100,7 +100,7 @@ def all_bytes(of: MessageColumns) -> bytes:
 
 def results(of: LevelTable) -> list[bytes]:
     """Return the bytes of levels with their factors, and of what a monitor reports."""
-    predictor, limit = of._predictor, 0.33
+    predictor, limit = of.predictor, 0.33
     angles, at = np.linspace(*of.alpha3_range, 33), speeds(7.0, 33)
     monitor = ResonanceMonitor(EXCITATIONS, levels=of)
     for source, speed in zip(Source, at[:, 0], strict=True):

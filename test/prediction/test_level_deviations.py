@@ -217,7 +217,7 @@ def test_without_uncertainty_nothing_is_stated() -> None:
 def test_factors_are_held_for_a_second() -> None:
     """They are computed again after 1 s of stamps, if the state changes, or if stamps jump back."""
     levels = level_table()
-    predictor = levels._predictor
+    predictor = levels.predictor
     stamps = [0, 999_999_999, 1_000_000_000, 1_999_999_999, 500_000_000, 600_000_000, 700_000_000]
     angles = np.radians([100.0, 120.0, 140.0, 160.0, 170.0, 110.0, 130.0])
     monitor = ResonanceMonitor(excitations(), levels=levels)

@@ -134,7 +134,7 @@ def shaken(force: float, limits: WarningLimits = WarningLimits()) -> ResonanceMo
 def assessed(monitor: ResonanceMonitor, alpha3: float, speed: float, seconds: float) -> Any:
     """Return the resonance after so many seconds at an angle and a PTO speed."""
     assert monitor.rules.levels is not None
-    predictor = monitor.rules.levels._predictor
+    predictor = monitor.rules.levels.predictor
     monitor.set_fixed(Source.PTO, speed)
     for k in range(round(10.0 * seconds) + 1):
         resonance = monitor.assess(predictor.predict(alpha3), 0.0, k * SECOND // 10)
@@ -176,7 +176,7 @@ def later(monitor: ResonanceMonitor, alpha3: float, speed: float) -> Any:
     """Return the resonance 0.1 s after those of `assessed` over 2 s."""
     assert monitor.rules.levels is not None
     monitor.set_fixed(Source.PTO, speed)
-    predictor = monitor.rules.levels._predictor
+    predictor = monitor.rules.levels.predictor
     return described(monitor.assess(predictor.predict(alpha3), 0.0, 21 * SECOND // 10))
 
 
