@@ -118,7 +118,7 @@ def test_frfs_of_both_halves(served: LoadedModel) -> None:
         for exact, error in ((True, 1e-9), (False, 2e-3)):
             answer = answer_frf(served, alpha3, places, [drive], lines, exact=exact)
             size = np.abs(expected).max()
-            np.testing.assert_allclose(answer.frf, expected, rtol=error, atol=error * size / 2.0)
+            np.testing.assert_allclose(answer.values, expected, rtol=error, atol=error * size / 2.0)
     for outputs, inputs, why in (
         (["E1.y"], ["E1.y", "E1.z"], "give one kind at a time"),
         (["E1.y"], ["E1.z"], "nothing moves along y"),
@@ -135,7 +135,7 @@ def test_shapes_of_both_halves(served: LoadedModel) -> None:
     at = modes.places.index(("E1", "y"))
     answer = answer_frf(served, 2.3, ["E1.y"], ["E1.y"], np.array([0.0]), exact=True)
     squares = (modes.shapes[:, at] / (2.0 * math.pi * modes.natural_frequencies)) ** 2
-    assert answer.frf[0, 0, 0] == pytest.approx(squares.sum(), rel=0.01)
+    assert answer.values[0, 0, 0] == pytest.approx(squares.sum(), rel=0.01)
     assert modes.positions[at] == 0.4  # the lower hitch point is 0.40 m left of the middle
     heave = int(np.abs(modes.shapes[:, at + 1]).argmax())
     assert modes.shapes[heave, at] == 0.0

@@ -14,7 +14,7 @@ from linkage_vibration.errors import LinkageVibrationError, check_type
 from linkage_vibration.mechanics.arrays import FloatArray, real_numbers
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.messages.columns import import_xarray
+from linkage_vibration.support.conversions import import_xarray
 from linkage_vibration.support.parallel import Map, gathered
 
 UNITS = {

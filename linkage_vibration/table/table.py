@@ -28,7 +28,7 @@ from linkage_vibration.mechanics.arrays import (
     real_numbers,
 )
 from linkage_vibration.mechanics.description import Mechanism, ReferenceForce
-from linkage_vibration.mechanics.forces import SOIL, magnitudes, reference
+from linkage_vibration.mechanics.forces import SOIL, is_force, magnitudes, reference
 from linkage_vibration.mechanics.kinematics import unit_question
 from linkage_vibration.mechanics.model import Place, excite_lateral, pairs
 from linkage_vibration.mechanics.response import PoleResidue
@@ -462,7 +462,9 @@ class Table:
                 raise TableError(f"{problem}. {hint}.")
         o = [rows.index(place) for place in outputs]
         i = [self.places.index(place) for place in inputs]
-        return self._pole_pieces[self._piece(alpha3)].modal(np.array([alpha3])).frf(0, o, i)
+        frf = self._pole_pieces[self._piece(alpha3)].modal(np.array([alpha3])).frf(0, o, i)
+        error = np.array([self.force_error if is_force(out) else self.frf_error for out in outputs])
+        return replace(frf, outputs=tuple(outputs), inputs=tuple(inputs), error=error)
 
     @cached_property
     def force_places(self) -> tuple[str, ...]:

@@ -240,7 +240,7 @@ def test_reduced_stacked_and_by_frfs(on: str, request: pytest.FixtureRequest) ->
         np.testing.assert_allclose(row[:9], model.solve(alpha3).modes.omega[:9], rtol=1e-9)
     places, lines = ["E1.y", "E1.z", "V1.x", "V1.y"], np.array([0.7, 2.0, 30.0])
     modal = model.solve(2.0).frf(places, places).frf(lines)
-    coupled = model.coupled_frf(2.0, lines, places, places)
+    coupled = model.coupled_frf(2.0, lines, places, places).values
     np.testing.assert_allclose(coupled, modal, rtol=1e-6, atol=1e-7 * np.abs(modal).max())
 
 
