@@ -76,15 +76,17 @@ __all__ = [
 # fmt: on
 
 
-def __getattr__(name: str) -> object:
-    """Import a name of the public API when it is first used."""
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from linkage_vibration.support.version import check_versions
+if not TYPE_CHECKING:  # For a type checker it would stand for any name.
 
-    check_versions()
-    globals()[name] = value = getattr(import_module(_HOMES[name]), name)
-    return value
+    def __getattr__(name: str) -> object:
+        """Import a name of the public API when it is first used."""
+        if name not in _HOMES:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        from linkage_vibration.support.version import check_versions
+
+        check_versions()
+        globals()[name] = value = getattr(import_module(_HOMES[name]), name)
+        return value
 
 
 def __dir__() -> list[str]:

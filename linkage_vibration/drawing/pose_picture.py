@@ -124,8 +124,8 @@ def _moved(shape: ModeShape, vertical: LinkageModel) -> Moved:
         points[point]["xyz".index(along)] = value
     rest = _at_rest(vertical, solution.configuration.alpha3)
     drawn = [points[point] for name in rest for point in mechanism.local_points(name)]
-    longest = max(*map(np.linalg.norm, drawn), largest({name: curves[name] for name in rest}))
-    scale = _SHARE * size(rest) / float(longest)
+    longest = max(float(np.linalg.norm(drawn, axis=1).max()), largest({n: curves[n] for n in rest}))
+    scale = _SHARE * size(rest) / longest
     curves = {name: scale * curve for name, curve in curves.items()}
     mirrored = np.array([-1.0, 1.0, -1.0] if lateral else [1.0, -1.0, 1.0])
     return Moved(curves, {name: scale * each for name, each in points.items()}, mirrored, scale)

@@ -79,5 +79,5 @@ def transmissibility(
     tyres = [(f"{SOIL}{springs[i - first][0].name}", f"force_{soil[1]}") for i in which]
     own = np.array([[float(output == tyre) for tyre in tyres] for output in outputs])
     rest, rate = response.residual - own @ k, response.residual_rate - own @ c
-    known = {"outputs": tuple(outputs), "inputs": (soil,), "error": np.zeros(1)}
-    return replace(response, residual=rest, residual_rate=rate, **known)
+    response = replace(response, residual=rest, residual_rate=rate, error=np.zeros(1))
+    return replace(response, outputs=tuple(outputs), inputs=(soil,))

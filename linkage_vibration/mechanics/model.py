@@ -17,6 +17,7 @@ from linkage_vibration.mechanics.arrays import (
     ComplexArray,
     FloatArray,
     IntArray,
+    Reals,
     real_numbers,
     rows_of,
     side_by_side,
@@ -300,7 +301,7 @@ class LinkageModel:
         """
         return self._solved(self.kinematics.at(alpha3))
 
-    def stack(self, angles: FloatArray) -> "Solution":
+    def stack(self, angles: Reals) -> "Solution":
         """Solve the assembly at input angles, (k,), rad, as one solution with an axis before.
 
         `Solution.rows` returns those at each angle. The errors are those of `solve`.
@@ -316,7 +317,7 @@ class LinkageModel:
     def coupled_frf(
         self,
         alpha3: float,
-        frequencies: Sequence[float] | FloatArray,
+        frequencies: Reals,
         outputs: Sequence[Place | str],
         inputs: Sequence[Place | str],
     ) -> Frf:

@@ -3,7 +3,7 @@
 """Frequency response functions as pole-residue sums, and their peaks."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -16,6 +16,7 @@ from linkage_vibration.mechanics.arrays import (
     ComplexArray,
     FloatArray,
     IntArray,
+    Reals,
     real_equations,
     real_numbers,
 )
@@ -98,7 +99,7 @@ class PoleResidue:
     inputs: tuple[tuple[str, str], ...] = ()
     error: FloatArray = field(default_factory=lambda: np.full(1, math.nan))
 
-    def at(self, frequencies: Sequence[float] | FloatArray) -> Frf:
+    def at(self, frequencies: Reals) -> Frf:
         """Return the values of `frf` with their places, for pictures and datasets.
 
         Raises
@@ -113,7 +114,7 @@ class PoleResidue:
         error = np.broadcast_to(self.error, len(self.outputs))
         return Frf(lines, self.outputs, self.inputs, values, error)
 
-    def frf(self, frequencies: Sequence[float] | FloatArray) -> ComplexArray:
+    def frf(self, frequencies: Reals) -> ComplexArray:
         """Return the receptance at frequencies in Hz, (n_freq,), as (n_freq, n_out, n_in) in m/N.
 
         It is infinite on an undamped pole, such as 0 Hz of a mechanism.
