@@ -73,15 +73,11 @@ def draw_modes(
     Modes that are lateral, (n_modes,), are dashed.
     """
     angles, frequencies = np.degrees(predictions.crank_angle), predictions.natural_frequencies
-    draw_bands(ax, angles, frequencies, predictions.frequency_stddevs, lateral)
+    words = draw_bands(ax, angles, frequencies, predictions.frequency_stddevs, lateral)
     frequency_axis(ax, frequencies)
     name_modes(ax, frequencies[-1], names, fontsize=10)
     ax.set(xlabel="crank angle α₃ [deg]", xlim=(angles[0], angles[-1]))
-    unknown = " (no band: not known)" if np.isnan(predictions.frequency_stddevs).any() else ""
-    title = f"Natural frequencies over the stroke, with one standard deviation{unknown}"
-    if lateral is not None and lateral.any():
-        title += "; dashed: sway, roll and yaw"
-    ax.set_title(title, loc="left")
+    ax.set_title(f"Natural frequencies over the stroke, {words}", loc="left")
     tidy(ax)
 
 

@@ -5,7 +5,6 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,7 +18,7 @@ from linkage_vibration.drawing.geometry import (
     scene,
     size,
 )
-from linkage_vibration.drawing.plots import plain, require_matplotlib, tidy, write_png
+from linkage_vibration.drawing.plots import plain, tidy
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import GROUND
 from linkage_vibration.mechanics.mode_names import kinetic_energy, name_modes
@@ -41,12 +40,6 @@ class Moved:
     points: dict[str, FloatArray]  # (3,), along x, y and z, on the left
     mirrored: FloatArray  # (3,), factors of those on the right
     scale: float  # m per 1/sqrt(kg)
-
-
-def draw_pose(model: LinkageModel, alpha3: float, picture: Path) -> None:
-    """Draw a linkage at a crank angle (rad) into a PNG file, which is replaced if it exists."""
-    require_matplotlib()
-    write_png(pose_figure(model, alpha3), picture, bbox_inches="tight")
 
 
 def pose_figure(model: LinkageModel, alpha3: float) -> "Figure":
@@ -99,9 +92,10 @@ def _panels(model: LinkageModel, alpha3: float, count: int) -> tuple["Figure", l
     columns = 1 if wide else min(count, 2)
     rows = -(-count // columns)
     length, height = np.ptp(np.vstack(list(_at_rest(model, alpha3).values())), axis=0)
-    high = 6.0 if wide else 2.0 + 7.0 * max(0.3, float(height / max(length, height)))
+    high = 5.0 if wide else 2.0 + 7.0 * max(0.3, float(height / max(length, height)))
     inches = (13.0 if wide else 8.0) * columns, high * rows
-    figure = Figure(figsize=inches, dpi=120, layout="constrained")
+    figure = Figure(figsize=inches, dpi=120)
+    figure.set_layout_engine("constrained", h_pad=0.12)
     return figure, list(figure.subfigures(rows, columns, squeeze=False).flat)[:count]
 
 

@@ -27,6 +27,8 @@ def draw_sweep(ax: "Axes", sweep: Any) -> None:
     axes = [name for name in frequencies.dims if name != "mode"]
     if not axes:
         raise PlotError("The dataset has one solution, so there is no axis; `sel` fewer numbers.")
+    if len(modes) > (most := len(set(palette.mode_colours(99)))):
+        raise PlotError(f"{len(modes)} modes cannot be told apart; `sel` at most {most} of them.")
     along = max(axes, key=lambda name: int(frequencies.sizes[name]))
     others = [name for name in axes if name != along]
     rows = frequencies.transpose(*others, along, "mode").values.reshape(

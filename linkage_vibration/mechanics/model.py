@@ -704,31 +704,6 @@ class Solution:
         alpha3 = self.configuration.alpha3
         return xarray.Dataset(columns, {"alpha3": alpha3, "mode": modes, "place": places})
 
-    def link_shapes(self, mode: int) -> dict[str, tuple[FloatArray, FloatArray]]:
-        """Return where each body is drawn and how a mass-normalised mode moves it.
-
-        Returns
-        -------
-        dict of str to (places, displacement)
-            Each (n_points, 2) along the global x and z axes, in m and 1/sqrt(kg); beams point by
-            point, other bodies by their named points in order.
-        """
-        shapes, interface = {}, self.model.interface
-        for component in self.model.system.components:
-            body, points = component.name, self.model.mechanism.local_points(component.name)
-            local = np.array(list(points.values()))
-            if component.drawing is not None:
-                local = component.drawing.places
-                shape = self.modes.shapes[self.model.system.rows[body], mode]
-                moved = (component.drawing.displacement @ shape)[:, :2]
-                moved = moved @ self.configuration.turn(body).T
-            else:
-                u, move = self.modes.shapes[: len(interface), mode], interface.displacement
-                moved = np.array([move(body, p, self.configuration) @ u for p in points])
-            places = [self.configuration.place(body, (x, z)) for x, z in local.tolist()]
-            shapes[body] = np.array(places), moved
-        return shapes
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModeShape:

@@ -81,7 +81,7 @@ def plot(source: _Drawable, picture: str | Path | None = None) -> "Figure":
     'x, forward [m]'
     """
     if not is_sweep(source):
-        hint = "give one of these, or a dataset of `sweep`"
+        hint = "give one of these, such as `frf.at(frequencies)`, or a dataset of `sweep`"
         check_type(source, hint, *get_args(_Drawable))
     require_matplotlib()
     figure = _drawn(source)
@@ -164,12 +164,11 @@ def _draw_modes(ax: "Axes", log: Log) -> FloatArray:
     """Draw each mode as a band of its standard deviation; return where they end, Hz, (n_modes,)."""
     frequencies = np.column_stack([_broken(log, values) for values in log.natural_frequencies.T])
     lateral = log.table.lateral_modes if log.table else None
-    draw_bands(ax, log.times, frequencies, log.frequency_stddevs, lateral)
+    words = draw_bands(ax, log.times, frequencies, log.frequency_stddevs, lateral)
     ends = np.array([[np.nan, *each[np.isfinite(each)]][-1] for each in frequencies.T])
     frequency_axis(ax, ends)
     ax.yaxis.label.set_fontsize(13)
-    title = "Where the linkage resonates (coloured, with one standard deviation)"
-    ax.set_title(title, loc="left", fontsize=13)
+    ax.set_title(f"Where the linkage resonates (coloured, {words})", loc="left", fontsize=13)
     return ends
 
 

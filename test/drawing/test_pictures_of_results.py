@@ -152,3 +152,9 @@ def test_sweeps_are_drawn_over_their_longest_axis(model: lv.LinkageModel) -> Non
     np.testing.assert_array_equal(ax.lines[0].get_xdata(), masses)
     with pytest.raises(lv.LinkageVibrationError, match=r"has one solution, so there is no axis"):
         lv.plot(sweep.isel({MASS: 0, "alpha3": 0}))
+    stack = model.stack([2.0, 2.2]).to_xarray()
+    assert len(lv.plot(stack.isel(mode=slice(8))).axes[0].texts) == 8
+    with pytest.raises(
+        lv.LinkageVibrationError, match=r"^9 modes cannot be told apart; `sel` at m"
+    ):
+        lv.plot(stack.isel(mode=slice(9)))

@@ -37,6 +37,7 @@ def test_an_frf_has_places_units_and_values(solution: lv.Solution) -> None:
     assert frf.outputs == (("E1", "z"), ("lower_link:E1", "force_x"))
     assert frf.inputs == (("E1", "z"), ("V1", "x"))
     assert frf.units == [["m/N", "m/N"], ["N/N", "N/N"]]
+    assert repr(frf) == "Frf(E1.z, lower_link:E1.force_x per E1.z, V1.x at 120 frequencies)"
     soil = lv.transmissibility(solution, OUTPUTS, "base:rear_axle.z").at([0.0, 5.0])
     assert (soil.units, soil.inputs) == ([["m/m"], ["N/m"]], (("base:rear_axle", "z"),))
     section = solution.frf(["lower_link:V1.moment"], ["E1.z"]).at([1.0])
