@@ -96,13 +96,14 @@ def _panels(model: LinkageModel, alpha3: float, count: int) -> tuple["Figure", l
     inches = (13.0 if wide else 8.0) * columns, high * rows
     figure = Figure(figsize=inches, dpi=120)
     figure.set_layout_engine("constrained", h_pad=0.12)
-    return figure, list(figure.subfigures(rows, columns, squeeze=False).flat)[:count]
+    upper, _ = figure.subfigures(2, height_ratios=[inches[1] - 0.5, 0.5])
+    return figure, list(upper.subfigures(rows, columns, squeeze=False).flat)[:count]
 
 
 def _with_legend(figure: "Figure") -> "Figure":
     """Return a figure with the names of the bodies below all of its parts."""
     handles = figure.axes[0].get_legend_handles_labels()
-    figure.legend(*handles, loc="outside lower center", ncols=5, frameon=False)
+    figure.subfigs[-1].legend(*handles, loc="center", ncol=5, frameon=False)
     return figure
 
 

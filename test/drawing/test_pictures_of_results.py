@@ -55,7 +55,7 @@ def test_a_mechanism_in_the_middle_of_its_stroke(model: lv.LinkageModel, tmp_pat
     np.testing.assert_allclose(crank[[0, -1]], ends)
     assert not drawn(ax, "--")
     assert {"P1", "P2", "P3", "V1", "V2", "E1", "E2"} == {*names(ax)}
-    [legend] = figure.legends
+    [legend] = figure.subfigs[-1].legends
     assert legend.get_texts()[0].get_text() == "lower link"
 
 
