@@ -96,7 +96,8 @@ def _panels(model: LinkageModel, alpha3: float, count: int) -> tuple["Figure", l
     inches = (13.0 if wide else 8.0) * columns, high * rows
     figure = Figure(figsize=inches, dpi=120)
     figure.set_layout_engine("constrained", h_pad=0.12)
-    upper, _ = figure.subfigures(2, height_ratios=[inches[1] - 0.5, 0.5])
+    ratios = [inches[1] - 0.5, 0.5]  # The names of the bodies are below.
+    upper = figure.subfigures(2, 1, squeeze=False, height_ratios=ratios)[0, 0]
     return figure, list(upper.subfigures(rows, columns, squeeze=False).flat)[:count]
 
 
