@@ -12,9 +12,15 @@ TYPE_CHECKING = False  # That of typing would take most of the time of this impo
 if TYPE_CHECKING:
     from linkage_vibration.errors import LinkageVibrationError
     from linkage_vibration.mechanics.description import Mechanism
+    from linkage_vibration.mechanics.frf import Frf
     from linkage_vibration.mechanics.ground_motion import transmissibility
     from linkage_vibration.mechanics.kinematics import Configuration, Kinematics, Toggle
-    from linkage_vibration.mechanics.model import IdentifiedSolution, LinkageModel, Solution
+    from linkage_vibration.mechanics.model import (
+        IdentifiedSolution,
+        LinkageModel,
+        ModeShape,
+        Solution,
+    )
     from linkage_vibration.mechanics.response import Peak, PoleResidue
     from linkage_vibration.messages.columns import MessageColumns
     from linkage_vibration.playback.replay import Replayed, WhatIf, replay
@@ -35,9 +41,10 @@ if TYPE_CHECKING:
 _MODULES = {
     "errors": ["LinkageVibrationError"],
     "mechanics.description": ["Mechanism"],
+    "mechanics.frf": ["Frf"],
     "mechanics.ground_motion": ["transmissibility"],
     "mechanics.kinematics": ["Configuration", "Kinematics", "Toggle"],
-    "mechanics.model": ["IdentifiedSolution", "LinkageModel", "Solution"],
+    "mechanics.model": ["IdentifiedSolution", "LinkageModel", "ModeShape", "Solution"],
     "mechanics.response": ["Peak", "PoleResidue"],
     "messages.columns": ["MessageColumns"],
     "playback.replay": ["Replayed", "WhatIf", "replay"],
@@ -59,25 +66,27 @@ _HOMES = {name: f"{__name__}.{module}" for module, names in _MODULES.items() for
 
 # fmt: off
 __all__ = [
-    "Configuration", "Failure", "IdentifiedSolution", "Kinematics", "Limits", "LinkageModel",
-    "LinkageVibrationError", "Log", "Mechanism", "MessageColumns", "Parameters", "Peak",
-    "PoleResidue", "Prediction", "Predictor", "Replayed", "Report", "Solution", "Status", "Table",
-    "Toggle", "WhatIf", "build_table", "check_bag", "load_table", "plot", "read_log",
-    "read_mechanism", "read_parameters", "replay", "save_table", "summaries",
+    "Configuration", "Failure", "Frf", "IdentifiedSolution", "Kinematics", "Limits",
+    "LinkageModel", "LinkageVibrationError", "Log", "Mechanism", "MessageColumns", "ModeShape",
+    "Parameters", "Peak", "PoleResidue", "Prediction", "Predictor", "Replayed", "Report",
+    "Solution", "Status", "Table", "Toggle", "WhatIf", "build_table", "check_bag", "load_table",
+    "plot", "read_log", "read_mechanism", "read_parameters", "replay", "save_table", "summaries",
     "sweep", "transmissibility",
 ]
 # fmt: on
 
 
-def __getattr__(name: str) -> object:
-    """Import a name of the public API when it is first used."""
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from linkage_vibration.support.version import check_versions
+if not TYPE_CHECKING:  # For a type checker it would stand for any name.
 
-    check_versions()
-    globals()[name] = value = getattr(import_module(_HOMES[name]), name)
-    return value
+    def __getattr__(name: str) -> object:
+        """Import a name of the public API when it is first used."""
+        if name not in _HOMES:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        from linkage_vibration.support.version import check_versions
+
+        check_versions()
+        globals()[name] = value = getattr(import_module(_HOMES[name]), name)
+        return value
 
 
 def __dir__() -> list[str]:

@@ -23,8 +23,17 @@ FUNCTIONS = ["build_table", "check_bag", "load_table", "read_log", "read_mechani
 FUNCTIONS += ["plot", "read_parameters", "replay", "save_table", "summaries", "sweep"]
 FUNCTIONS += ["transmissibility"]
 CLASSES = ["Limits", "LinkageModel", "LinkageVibrationError", "Parameters", "Predictor", "WhatIf"]
-RETURNED = ["Failure", "IdentifiedSolution", "Log", "Mechanism", "Peak", "PoleResidue"]
-RETURNED += ["Prediction", "Replayed", "Report", "MessageColumns", "Solution", "Status", "Table"]
+RETURNED = ["Failure", "Frf", "IdentifiedSolution", "Log", "Mechanism", "ModeShape", "Peak"]
+RETURNED += [
+    "PoleResidue",
+    "Prediction",
+    "Replayed",
+    "Report",
+    "MessageColumns",
+    "Solution",
+    "Status",
+    "Table",
+]
 RETURNED += ["Configuration", "Kinematics", "Toggle"]
 
 
@@ -44,7 +53,7 @@ def test_every_name_is_there_and_documented(name: str) -> None:
 def test_an_unknown_name_is_reported() -> None:
     """A name that the package does not have raises the usual error."""
     with pytest.raises(AttributeError, match="has no attribute 'predictor'"):
-        lv.predictor  # noqa: B018
+        lv.predictor  # type: ignore[attr-defined]  # noqa: B018
 
 
 def test_type_checkers_see_the_same_names() -> None:
@@ -145,7 +154,7 @@ def test_wrong_types_end_in_a_sentence() -> None:
     mechanism = lv.read_mechanism()
     model = lv.LinkageModel(mechanism)
     calls: list[tuple[Callable[[Any], object], Any, str]] = [
-        (lv.plot, model.solve(2.0), "Solution is given in place of Table or .* or Log; give a tab"),
+        (lv.plot, model, "LinkageModel is given in place of Mechanism or .* or Log; give one of"),
         (lv.build_table, mechanism, "Mechanism is given in place of LinkageModel; make one"),
         (lv.Predictor, model, "LinkageModel is given in place of Table; use `build_table`"),
         (lv.LinkageModel, "a.yaml", "str is given in place of Mechanism; read the file"),

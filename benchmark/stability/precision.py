@@ -113,11 +113,11 @@ def _single_precision() -> dict[str, FloatArray]:
             plain_lm_fbs([block.astype(complex) for block in single], b, rows)
         ),
         "ours, the crank's FRFs from a file in single": error(
-            with_frfs_from_file(model.mechanism, at, _LINES, single[at]).coupled_frf(
-                ALPHA3, _LINES, PLACES, PLACES
-            )
+            with_frfs_from_file(model.mechanism, at, _LINES, single[at])
+            .coupled_frf(ALPHA3, _LINES, PLACES, PLACES)
+            .values
         ),
-        "ours, from matrices": error(model.coupled_frf(ALPHA3, _LINES, PLACES, PLACES)),
+        "ours, from matrices": error(model.coupled_frf(ALPHA3, _LINES, PLACES, PLACES).values),
     }
 
 

@@ -40,8 +40,10 @@ def run(options: argparse.Namespace) -> int:
     if kinematics.toggles is not None:
         print("Toggles: " + ", and ".join(map(str, kinematics.toggles)) + ".")
     if options.output:
-        from linkage_vibration.drawing.pose_picture import draw_pose
+        from linkage_vibration.drawing.plots import require_matplotlib, write_png
+        from linkage_vibration.drawing.pose_picture import pose_figure
 
-        draw_pose(model, angles[0], options.output)
+        require_matplotlib()
+        write_png(pose_figure(model, angles[0]), options.output)
         print(f"\nWritten: {options.output} at alpha3 = {math.degrees(angles[0]):.2f} deg")
     return 0

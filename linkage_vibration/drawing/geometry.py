@@ -70,22 +70,21 @@ def curves(model: LinkageModel, configuration: Configuration) -> Curves:
 
 def mode_curves(solution: Solution, mode: int) -> Curves:
     """Return the displacements of the points of `curves` in a mass-normalised mode, 1/sqrt(kg)."""
-    model, shape = solution.model, solution.modes.shapes[:, mode]
-    shapes = {name: moved for name, (_, moved) in solution.link_shapes(mode).items()}
-    for component in model.components:
-        if isinstance(component, Component) and component.drawing is not None:
-            name, moved = component.name, shapes[component.name]
-            points = model.mechanism.local_points(name)
+    model, shape, shapes = solution.model, solution.modes.shapes[:, mode], dict[str, FloatArray]()
+    rigid, u = {body.name for body in model.mechanism.rigid}, shape[: len(model.interface)]
+    for component in model.system.components:
+        name, points = component.name, model.mechanism.local_points(component.name)
+        rows = {p: model.interface.displacement(name, p, solution.configuration) for p in points}
+        moved, own = np.array([row @ u for row in rows.values()]), shape[model.system.rows[name]]
+        if component.drawing is not None:
+            along = (component.drawing.displacement @ own)[:, :2]
+            moved = along @ solution.configuration.turn(name).T
             for node, point in _beside(component.drawing.places, points):
-                rows = model.interface.displacement(name, point, solution.configuration)
-                aside = rows @ shape[: rows.shape[1]]
-                moved = np.insert(moved, node + 1, [aside, moved[node]], axis=0)
-            shapes[name] = moved
-    for rigid in model.mechanism.rigid:
-        # The first two coordinates of a rigid body are its centre's displacements in global axes.
-        centre = shape[model.system.rows[rigid.name]][:2]
-        corners = shapes[rigid.name]
-        shapes[rigid.name] = np.vstack([corners, centre, corners[:1]])
+                moved = np.insert(moved, node + 1, [rows[point] @ u, moved[node]], axis=0)
+        elif name in rigid:
+            # The first two coordinates of a rigid body are its centre's displacements.
+            moved = np.vstack([moved, own[:2], moved[:1]])
+        shapes[name] = moved
     return shapes
 
 

@@ -83,17 +83,24 @@ def draw_modes(
     Predictions are those with each mass of the implement. Modes that are lateral, (n_modes,), are
     dashed.
     """
-    angles, stddevs = np.degrees(every[0].crank_angle), [of.frequency_stddevs for of in every]
-    for of in every:
-        draw_bands(ax, angles, of.natural_frequencies, of.frequency_stddevs, lateral)
+    angles, words = (
+        np.degrees(every[0].crank_angle),
+        [
+            draw_bands(
+                ax,
+                np.degrees(of.crank_angle),
+                of.natural_frequencies,
+                of.frequency_stddevs,
+                lateral,
+            )
+            for of in every
+        ],
+    )
     frequency_axis(ax, np.concatenate([of.natural_frequencies for of in every]))
     name_modes(ax, every[0].natural_frequencies[-1], names, fontsize=10)
     ax.set(xlabel="crank angle α₃ [deg]", xlim=(angles[0], angles[-1]))
-    unknown = " (no band: not known)" if np.isnan(stddevs).any() else ""
-    title = f"Natural frequencies over the stroke, with one standard deviation{unknown}"
-    if lateral is not None and lateral.any():
-        title += "; dashed: sway, roll and yaw"
-    ax.set_title(title, loc="left")
+    longest = max(words, key=len)  # says so if a deviation is not known with one of the masses
+    ax.set_title(f"Natural frequencies over the stroke, {longest}", loc="left")
     tidy(ax)
 
 

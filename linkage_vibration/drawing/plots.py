@@ -38,22 +38,19 @@ def require_matplotlib() -> None:
         ) from None
 
 
-def write_png(figure: "Figure", picture: Path, **style: Any) -> None:
+def write_png(figure: "Figure", picture: Path) -> None:
     """Write a figure to a PNG file, which is replaced if it exists."""
-    write_bytes(picture, png_bytes(figure, **style), PlotError)
+    write_bytes(picture, png_bytes(figure), PlotError)
 
 
-def png_bytes(figure: "Figure", **style: Any) -> bytes:
+def png_bytes(figure: "Figure") -> bytes:
     """Return a figure as the content of a PNG file."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     png = io.BytesIO()
     _find_fonts(figure)
-    if style:
-        figure.savefig(png, format="png", **style)
-    else:
-        canvas: Any = FigureCanvasAgg(figure)
-        canvas.print_png(png)  # savefig draws a figure with a layout twice
+    canvas: Any = FigureCanvasAgg(figure)
+    canvas.print_png(png)  # savefig draws a figure with a layout twice
     return png.getvalue()
 
 
@@ -94,10 +91,10 @@ def draw_bands(
     frequencies: FloatArray,
     stddevs: FloatArray,
     lateral: BoolArray | None = None,
-) -> None:
+) -> str:
     """Draw each mode, (n, n_modes), Hz, over x as a line with a band of one standard deviation.
 
-    The lines of modes that are lateral, (n_modes,), are dashed.
+    Modes that are lateral, (n_modes,), are dashed. The end of a title that says so is returned.
     """
     for mode, colour in enumerate(palette.mode_colours(frequencies.shape[1])):
         values, deviation = frequencies[:, mode], np.nan_to_num(stddevs[:, mode])
@@ -105,6 +102,9 @@ def draw_bands(
         ax.fill_between(x, low, values + deviation, color=colour, alpha=0.3, linewidth=0)
         style = "--" if lateral is not None and lateral[mode] else "-"
         ax.plot(x, values, style, color=colour, linewidth=1.7)
+    unknown = " (no band: not known)" if np.isnan(stddevs).any() else ""
+    dashed = "; dashed: sway, roll and yaw" if lateral is not None and lateral.any() else ""
+    return f"with one standard deviation{unknown}{dashed}"
 
 
 def frequency_axis(ax: "Axes", frequencies: FloatArray) -> None:

@@ -16,6 +16,7 @@ BoolArray = NDArray[np.bool_]
 ComplexArray = NDArray[np.complex128]
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
+Reals = Sequence[float] | FloatArray  # what `real_numbers` takes
 T = TypeVar("T", bound=Any)
 
 

@@ -484,6 +484,14 @@ class Mechanism:
         """Return the points of a body in its own axes, or of the ground in the global axes, m."""
         return self._points[body]
 
+    @property
+    def moving_points(self) -> tuple[str, ...]:
+        """Names of the points that can vibrate: of the bodies, and of the base if there is one."""
+        held = () if self.base else self.local_points(GROUND)
+        names = [body.name for body in self.bodies] + ([GROUND] if self.base else [])
+        points = dict.fromkeys(point for name in names for point in self.local_points(name))
+        return tuple(point for point in points if point not in held)
+
     def owners(self, point: str) -> tuple[str, ...]:
         """Return the bodies that have a point, the ground first."""
         return tuple(name for name, points in self._points.items() if point in points)

@@ -79,4 +79,5 @@ def transmissibility(
     tyres = [tyre_place(springs[i - first][0].name) if axis else None for i in which]
     own = np.array([[float(output == tyre) for tyre in tyres] for output in outputs])
     rest, rate = response.residual - own @ k, response.residual_rate - own @ c
-    return replace(response, residual=rest, residual_rate=rate)
+    response = replace(response, residual=rest, residual_rate=rate, error=np.zeros(1))
+    return replace(response, outputs=tuple(outputs), inputs=(soil,))

@@ -21,7 +21,7 @@ import numpy as np
 from scipy.linalg import solve_banded
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.arrays import FloatArray, real_number, real_numbers
+from linkage_vibration.mechanics.arrays import FloatArray, Reals, real_number, real_numbers
 from linkage_vibration.mechanics.closure import NEAR, Pins, cannot_close, closed_angles, pose_notice
 from linkage_vibration.mechanics.description import GROUND, Mechanism, MechanismError, Point
 
@@ -310,7 +310,7 @@ class Kinematics:
         alpha3 = real_number(alpha3, "alpha3", hint)
         return self._configuration(alpha3, *self._closed_at(alpha3))
 
-    def stack(self, angles: FloatArray) -> Configuration:
+    def stack(self, angles: Reals) -> Configuration:
         """Return the configurations at input angles, (k,), rad, as one with an axis before.
 
         The first one at which the linkage cannot close is refused, as `at` refuses it.

@@ -17,6 +17,7 @@ from linkage_vibration.mechanics.arrays import (
     ComplexArray,
     FloatArray,
     IntArray,
+    Reals,
     real_numbers,
     rows_of,
     side_by_side,
@@ -34,6 +35,7 @@ from linkage_vibration.mechanics.coupling import (
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.fbs import couple_frfs, couple_frfs_with_error, held_frf
 from linkage_vibration.mechanics.forces import Forces, is_force, magnitudes, reference, tyre_place
+from linkage_vibration.mechanics.frf import Frf
 from linkage_vibration.mechanics.identification import IdentifiedModes, identify
 from linkage_vibration.mechanics.kinematics import Configuration, Kinematics
 from linkage_vibration.mechanics.lateral import LateralForces, LateralMap, lateral_components
@@ -47,6 +49,7 @@ from linkage_vibration.mechanics.response import (
     oscillators,
     pole_residue,
 )
+from linkage_vibration.support.conversions import import_xarray
 
 _STILL = 1e-6  # A DoF is held if it moves by less than this share of the largest response.
 _NOISE = 0.5  # Coupled FRFs with a larger share of noise, root mean square over lines, are refused.
@@ -300,7 +303,7 @@ class LinkageModel:
         """
         return self._solved(self.kinematics.at(alpha3))
 
-    def stack(self, angles: FloatArray) -> "Solution":
+    def stack(self, angles: Reals) -> "Solution":
         """Solve the assembly at input angles, (k,), rad, as one solution with an axis before.
 
         `Solution.rows` returns those at each angle. The errors are those of `solve`.
@@ -325,10 +328,10 @@ class LinkageModel:
     def coupled_frf(
         self,
         alpha3: float,
-        frequencies: FloatArray,
+        frequencies: Reals,
         outputs: Sequence[Place | str],
         inputs: Sequence[Place | str],
-    ) -> ComplexArray:
+    ) -> Frf:
         """Couple the components by their FRFs (LM-FBS), whether they have matrices or FRFs.
 
         Parameters
@@ -342,11 +345,6 @@ class LinkageModel:
         outputs, inputs : sequence of (point, direction)
             Along the global axes; "E1.z" is ("E1", "z").
 
-        Returns
-        -------
-        complex ndarray, (n_freq, n_out, n_in)
-            m/N.
-
         Raises
         ------
         CouplingError
@@ -357,11 +355,16 @@ class LinkageModel:
         configuration = self.kinematics.at(alpha3)
         lines = real_numbers(frequencies, "frequencies")
         joining = self.interface.join(configuration)
-        left, right = self.rows(outputs, configuration), self.rows(inputs, configuration)
+        places = tuple(pairs(outputs)), tuple(pairs(inputs))
+        left, right = (self.rows(each, configuration) for each in places)
         if self._measured:
             blocks, rows, compliance = self._blocks(joining, lines)
             self._check_noise(blocks, rows, right, compliance)
-            return couple_frfs(receptances(blocks), rows, left, right, compliance, lines)
+            frf = couple_frfs(receptances(blocks), rows, left, right, compliance, lines)
+            gain = noise_gain(blocks, rows, left, right, compliance)
+            with np.errstate(invalid="ignore"):  # of a place that does not move
+                share = _size(gain * frf) / _size(frf)
+            return Frf(lines, *places, frf, share * max(c.noise for c in self._measured))
         frf = np.empty((len(lines), len(left), len(right)), dtype=complex)
         # Forces at rest change the components with the angle, so they have no FRFs of their own.
         moving = (lines != 0.0) & (joining.weight is None)
@@ -372,7 +375,7 @@ class LinkageModel:
         poor[moving] = ~(error <= _ROUNDING * np.abs(frf[moving]).max(axis=(1, 2), initial=0.0))
         if poor.any():
             frf[poor] = assembled_frf(couple(self.system, joining), lines[poor], left, right)
-        return frf
+        return Frf(lines, *places, frf, np.zeros(len(left)))
 
     @cached_property
     def measured_frequencies(self) -> FloatArray | None:
@@ -430,7 +433,8 @@ class LinkageModel:
         shapes = np.zeros((len(every), len(identified.poles)))
         shapes[moving] = identified.shapes
         poles, *stddev = map(np.array, zip(*assembly.modes, strict=True))
-        return IdentifiedSolution(configuration, IdentifiedModes(poles, shapes), *stddev)
+        place = response.point, response.direction
+        return IdentifiedSolution(configuration, place, IdentifiedModes(poles, shapes), *stddev)
 
     def _check_noise(
         self,
@@ -485,6 +489,8 @@ class IdentifiedSolution:
     ----------
     configuration : Configuration
         Where the bodies are.
+    response : (point, direction)
+        The response point.
     identified : IdentifiedModes
         Modes in the response band, ascending; the rows of their shapes are the response, then all
         interface DoFs in their components' own axes.
@@ -493,6 +499,7 @@ class IdentifiedSolution:
     """
 
     configuration: Configuration
+    response: Place
     identified: IdentifiedModes
     frequency_stddev: FloatArray
     damping_ratio_stddev: FloatArray
@@ -517,7 +524,8 @@ class IdentifiedSolution:
     def drive_point(self) -> PoleResidue:
         """Receptance of the response point, of the identified modes."""
         modes = self.identified
-        return oscillators(modes.omega, modes.damping_ratios, modes.shapes[0] ** 2)
+        frf = oscillators(modes.omega, modes.damping_ratios, modes.shapes[0] ** 2)
+        return replace(frf, outputs=(self.response,), inputs=(self.response,))
 
     def peak(self, band: tuple[float, float]) -> Peak:
         """Return the peak of the receptance of the identified modes within a band (Hz)."""
@@ -645,14 +653,15 @@ class Solution:
             Hz. With a band, `FarPoles` replace the modes above it, which is faster for many lines
             and valid within the band only; without, the sum has every mode.
         """
+        outputs, inputs = pairs(outputs), pairs(inputs)
         rows = self.model.rows(inputs, self.configuration)  # refuses forces
         into = rows @ self.modes.shapes[: rows.shape[1]]
-        frf = pole_residue(self.damped, self.powers(outputs), into)
-        if band is None:
-            return frf
-        real_numbers(band, "band")
-        kept = in_reach(frf.stiffness, band, frf.decay)
-        return frf.condensed(kept, far_poles(frf.stiffness[~kept], frf.decay[~kept], band))
+        frf, error = pole_residue(self.damped, self.powers(outputs), into), 0.0
+        if band is not None:
+            real_numbers(band, "band")
+            kept, error = in_reach(frf.stiffness, band, frf.decay), math.nan
+            frf = frf.condensed(kept, far_poles(frf.stiffness[~kept], frf.decay[~kept], band))
+        return replace(frf, outputs=tuple(outputs), inputs=tuple(inputs), error=np.array([error]))
 
     @cached_property
     def drive_point(self) -> PoleResidue:
@@ -665,30 +674,68 @@ class Solution:
         """Return the peak of the drive-point receptance within a band (Hz)."""
         return self.drive_point.peak(band)
 
-    def link_shapes(self, mode: int) -> dict[str, tuple[FloatArray, FloatArray]]:
-        """Return where each body is drawn and how a mass-normalised mode moves it.
+    def shape(self, mode: int) -> "ModeShape":
+        """Return an undamped mode, counted from 0, whose shape `linkage_vibration.plot` draws.
 
-        Returns
-        -------
-        dict of str to (places, displacement)
-            Each (n_points, 2) along the global x and z axes, in m and 1/sqrt(kg); beams point by
-            point, other bodies by their named points in order.
+        Raises
+        ------
+        ModelError
+            If there is no such mode, or the solution is a stack.
         """
-        shapes, interface = {}, self.model.interface
-        for component in self.model.system.components:
-            body, points = component.name, self.model.mechanism.local_points(component.name)
-            local = np.array(list(points.values()))
-            if component.drawing is not None:
-                local = component.drawing.places
-                shape = self.modes.shapes[self.model.system.rows[body], mode]
-                moved = (component.drawing.displacement @ shape)[:, :2]
-                moved = moved @ self.configuration.turn(body).T
-            else:
-                u, move = self.modes.shapes[: len(interface), mode], interface.displacement
-                moved = np.array([move(body, p, self.configuration) @ u for p in points])
-            places = [self.configuration.place(body, (x, z)) for x, z in local.tolist()]
-            shapes[body] = np.array(places), moved
-        return shapes
+        check_type(mode, "count the modes from 0", int, np.integer)
+        if self.vectors.ndim == 3:
+            raise ModelError("A stack of solutions has no single shape; take one of its `rows`.")
+        if not 0 <= mode < len(self.modes.omega):
+            valid = f"0 to {len(self.modes.omega) - 1}"
+            raise ModelError(f"The solution has no mode {mode}; count from 0, {valid}.")
+        return ModeShape(self, int(mode))
+
+    def to_xarray(self) -> Any:
+        """Return frequencies, damping ratios and mode shapes over mode as an `xarray.Dataset`.
+
+        ``shapes`` are those of `mode_shapes` at all points, 1/sqrt(kg), with arbitrary signs;
+        ``mode`` is counted from 1. A stack has the dimension ``alpha3``. It needs the extra
+        `xarray`.
+
+        Raises
+        ------
+        LinkageVibrationError
+            If xarray is not installed.
+        """
+        xarray = import_xarray()
+        if self.vectors.ndim == 3:
+            return xarray.concat([each.to_xarray() for each in self.rows], "alpha3")
+        points, directions = self.model.mechanism.moving_points, self.model.interface.directions
+        places = [f"{point}.{direction}" for point in points for direction in directions]
+        columns = {
+            "natural_frequencies": ("mode", self.natural_frequencies, {"units": "Hz"}),
+            "damping_ratios": ("mode", self.damping_ratios, {"units": "1"}),
+            "shapes": (("place", "mode"), self.mode_shapes(places), {"units": "1/sqrt(kg)"}),
+        }
+        modes = np.arange(1, 1 + len(self.natural_frequencies))
+        alpha3 = self.configuration.alpha3
+        return xarray.Dataset(columns, {"alpha3": alpha3, "mode": modes, "place": places})
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModeShape:
+    """The shape of an undamped mode of a solution.
+
+    Attributes
+    ----------
+    solution : Solution
+        The linkage at an angle.
+    mode : int
+        The index of the mode, counted from 0.
+    """
+
+    solution: Solution
+    mode: int
+
+
+def _size(frf: NDArray[Any]) -> FloatArray:
+    """Return the norms of FRFs, (n_freq, n_out, n_in), over lines and inputs, (n_out,)."""
+    return np.asarray(np.linalg.norm(frf, axis=(0, 2)))
 
 
 def _component_frf(

@@ -16,9 +16,11 @@ from linkage_vibration.mechanics.arrays import (
     ComplexArray,
     FloatArray,
     IntArray,
+    Reals,
     real_equations,
     real_numbers,
 )
+from linkage_vibration.mechanics.frf import Frf
 from linkage_vibration.mechanics.modes import MECHANISM, DampedModes
 
 _REACH = 1.3  # Modes up to this multiple of the upper end of a band keep their own poles.
@@ -83,6 +85,8 @@ class PoleResidue:
         has every mode.
     residual_rate : complex ndarray
         The same, times s: that of forces of which inputs have rates.
+    outputs, inputs, error
+        As those of the `Frf` that `at` returns; none of a sum that was not made between places.
     """
 
     stiffness: ComplexArray
@@ -91,8 +95,26 @@ class PoleResidue:
     rates: ComplexArray
     residual: ComplexArray
     residual_rate: ComplexArray = field(default_factory=lambda: np.zeros((1, 1), dtype=complex))
+    outputs: tuple[tuple[str, str], ...] = ()
+    inputs: tuple[tuple[str, str], ...] = ()
+    error: FloatArray = field(default_factory=lambda: np.full(1, math.nan))
 
-    def frf(self, frequencies: FloatArray) -> ComplexArray:
+    def at(self, frequencies: Reals) -> Frf:
+        """Return the values of `frf` with their places, for pictures and datasets.
+
+        Raises
+        ------
+        ResponseError
+            If the sum was not made between places.
+        """
+        if not (self.outputs and self.inputs):
+            hint = "use `frf`, or what a solution or a table returns"
+            raise ResponseError(f"These sums of modes do not know their places; {hint}.")
+        lines, values = real_numbers(frequencies, "frequencies"), self.frf(frequencies)
+        error = np.broadcast_to(self.error, len(self.outputs))
+        return Frf(lines, self.outputs, self.inputs, values, error)
+
+    def frf(self, frequencies: Reals) -> ComplexArray:
         """Return the receptance at frequencies in Hz, (n_freq,), as (n_freq, n_out, n_in) in m/N.
 
         It is infinite on an undamped pole, such as 0 Hz of a mechanism.

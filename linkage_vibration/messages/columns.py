@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.messages.definitions import OWN_PACKAGE
 from linkage_vibration.messages.fields import message_fields
+from linkage_vibration.support.conversions import import_xarray
 
 _TYPES = "VibrationPrediction", "Resonance"  # of which columns have units
 
@@ -68,16 +68,6 @@ class MessageColumns(SimpleNamespace):
         data = xarray.Dataset(columns, attrs=texts).set_coords({"crank_angle"} & columns.keys())
         modes = np.arange(1, data.sizes.get("mode", 0) + 1)
         return data.assign_coords(mode=modes) if len(modes) else data
-
-
-def import_xarray() -> Any:
-    """Return the module xarray; an error says how to install it."""
-    try:
-        import xarray
-    except ImportError:
-        hint = "install it with `pip install linkage_vibration[xarray]`"
-        raise LinkageVibrationError(f"xarray is not installed; {hint}.") from None
-    return xarray
 
 
 def joined(parts: Sequence[MessageColumns]) -> MessageColumns:

@@ -14,9 +14,10 @@ import numpy as np
 import yaml
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
-from linkage_vibration.mechanics.description import GROUND, Mechanism, MechanismError
+from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.mechanics.description import Mechanism, MechanismError
 from linkage_vibration.mechanics.forces import is_force
+from linkage_vibration.mechanics.frf import Frf
 from linkage_vibration.mechanics.ground_motion import soil_places, transmissibility
 from linkage_vibration.mechanics.kinematics import KinematicsError
 from linkage_vibration.mechanics.model import LinkageModel, Place, excite_lateral
@@ -90,16 +91,6 @@ class LoadedModel(ModelWithoutTable):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FrfAnswer:
-    """Receptances at one angle between places."""
-
-    outputs: Places
-    inputs: Places
-    frequencies: FloatArray  # (n_freq,), Hz
-    frf: ComplexArray  # (n_freq, n_out, n_in), m/N
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class GroundAnswer:
     """Vibration of places by the ground at one angle and speed; NaN where it is not known."""
 
@@ -159,7 +150,7 @@ def answer_frf(
     frequencies: FloatArray,
     *,
     exact: bool,
-) -> FrfAnswer:
+) -> Frf:
     """Return receptances at an angle (rad) from the table, or from the model if ``exact`` is true.
 
     Places are such as "E1.z", outputs also forces such as "lower_link:E1.force_x"; without any, it
@@ -196,16 +187,14 @@ def answer_frf(
         )
     if exact:
         with _asked_angle(served, alpha3):
-            frf = _solved_frf(served, alpha3, places, frequencies)
-        return FrfAnswer(*places, frequencies, frf)
+            return _solved_frf(served, alpha3, places, frequencies)
     angle = served.predictor.angle_in_table(alpha3)
-    frf = table.frf(alpha3 if angle is None else angle, *places).frf(frequencies)
-    return FrfAnswer(*places, frequencies, frf)
+    return table.frf(alpha3 if angle is None else angle, *places).at(frequencies)
 
 
 def _solved_frf(
     served: LoadedModel, alpha3: float, places: tuple[Places, Places], frequencies: FloatArray
-) -> ComplexArray:
+) -> Frf:
     """Return receptances, or responses to motions of the soil, of the model."""
     outputs, inputs = places
     soil = set(soil_places(served.mechanism)).difference(_moving_places(served.mechanism))
@@ -217,7 +206,8 @@ def _solved_frf(
             else solution.frf(outputs, [into])
             for into in inputs
         ]
-        return np.concatenate([column.frf(frequencies) for column in columns], axis=2)
+        values = np.concatenate([column.frf(frequencies) for column in columns], axis=2)
+        return Frf(frequencies, outputs, inputs, values, np.zeros(len(outputs)))
     if soil.intersection(inputs):
         raise ServingError(
             "inputs has a motion of the soil, which needs the matrices of every link, but one is "
@@ -447,10 +437,7 @@ def rigid_body_name(mechanism: Mechanism, asked: str) -> str:
 def _moving_places(mechanism: Mechanism) -> Places:
     """Return every point that can vibrate, along x and z, and along y in the lateral half."""
     directions = "xyz" if mechanism.lateral else "xz"
-    held = () if mechanism.base else mechanism.local_points(GROUND)
-    names = [body.name for body in mechanism.bodies] + ([GROUND] if mechanism.base else [])
-    points = dict.fromkeys(p for name in names for p in mechanism.local_points(name))
-    return tuple((p, direction) for p in points if p not in held for direction in directions)
+    return tuple((p, direction) for p in mechanism.moving_points for direction in directions)
 
 
 def _places(where: str, names: Sequence[str], valid: Sequence[Place], exact: bool) -> Places:

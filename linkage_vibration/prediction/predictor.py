@@ -11,7 +11,7 @@ from typing import overload
 import numpy as np
 
 from linkage_vibration.errors import LinkageVibrationError, check_type
-from linkage_vibration.mechanics.arrays import FloatArray, real_number, real_numbers
+from linkage_vibration.mechanics.arrays import FloatArray, Reals, real_number, real_numbers
 from linkage_vibration.mechanics.kinematics import unit_question
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.table.interpolation import angles_in_table
@@ -186,10 +186,10 @@ class Predictor:
     def predict(self, alpha3: float, stddev: float = 0.0) -> Prediction: ...
 
     @overload
-    def predict(self, alpha3: FloatArray, stddev: float | FloatArray = 0.0) -> MessageColumns: ...
+    def predict(self, alpha3: Reals, stddev: float | Reals = 0.0) -> MessageColumns: ...
 
     def predict(
-        self, alpha3: float | FloatArray, stddev: float | FloatArray = 0.0
+        self, alpha3: float | Reals, stddev: float | Reals = 0.0
     ) -> Prediction | MessageColumns:
         """Predict at an angle or at many; every float has a prediction, possibly without numbers.
 

@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Draws a log as a PNG picture: frequencies over time, and below them the load ratio."""
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
 from linkage_vibration.drawing import palette
+from linkage_vibration.drawing.frf_picture import draw_frf
 from linkage_vibration.drawing.intervals import gap_starts
 from linkage_vibration.drawing.mechanism_picture import draw_modes
 from linkage_vibration.drawing.plots import (
@@ -20,8 +20,13 @@ from linkage_vibration.drawing.plots import (
     tidy,
     write_png,
 )
+from linkage_vibration.drawing.pose_picture import lowest_modes, pose_figure, shapes_figure
+from linkage_vibration.drawing.sweep_picture import draw_sweep, is_sweep
 from linkage_vibration.errors import check_type
-from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, runs
+from linkage_vibration.mechanics.arrays import FloatArray, runs
+from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.mechanics.frf import Frf
+from linkage_vibration.mechanics.model import LinkageModel, ModeShape, Solution
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.predictor import Predictor, Status
 from linkage_vibration.prediction.severity import WarningLimits
@@ -34,6 +39,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+_Drawable = Mechanism | Solution | ModeShape | Frf | Table | MessageColumns | Log
 _FAINT = 0.02  # An order whose load ratio stays below this share of the limit is drawn in grey.
 _LEAST_LOAD = 0.1  # A smaller share of the limit is drawn as a smaller width.
 _FAINT_COLOUR = "#bdbdbd"
@@ -43,14 +49,16 @@ _ANGLES = 181  # of a curve over the stroke
 _LEAST_APART = 0.045  # of the height: names of modes are at least so far apart
 
 
-def plot(source: Table | MessageColumns | Log, picture: str | Path | None = None) -> "Figure":
-    """Draw natural frequencies: those of a table or of predictions over the angle, or a log.
+def plot(source: _Drawable, picture: str | Path | None = None) -> "Figure":
+    """Draw whatever has a picture.
 
     Parameters
     ----------
-    source : Table, MessageColumns or Log
-        Predictions are those of `Predictor.predict` at many angles. A log is drawn over time, with
-        its excitations and the load ratio.
+    source : Mechanism, Solution, ModeShape, Frf, Table, MessageColumns, Log or xarray.Dataset
+        A mechanism is drawn in the middle of its stroke, a solution in the shapes of its lowest
+        modes, and what `Solution.shape` returns in one shape. Of a table, of predictions at many
+        angles and of a dataset of `sweep`, natural frequencies are drawn; a log is drawn over time,
+        with its excitations and the load ratio.
     picture : str or Path, optional
         A PNG file to write.
 
@@ -62,29 +70,53 @@ def plot(source: Table | MessageColumns | Log, picture: str | Path | None = None
     Raises
     ------
     PlotError
-        If Matplotlib is missing, or the file cannot be written.
-    """
-    hint = "give a table, predictions at many angles, or what `read_log` returns"
-    check_type(source, hint, Table, MessageColumns, Log)
-    require_matplotlib()
-    from matplotlib.figure import Figure
+        If Matplotlib is missing, the file cannot be written, or there is too much to draw.
 
-    if isinstance(source, Log):
-        figure = Figure(figsize=(10.0, 7.6), dpi=150, layout="constrained")
-        draw_log(figure, source)
-    else:
-        figure = Figure(figsize=(9.0, 4.5), dpi=110, layout="constrained")
-        if isinstance(source, Table):
-            names: Sequence[str] = source.mode_names
-            lateral: BoolArray | None = source.lateral_modes
-            source = Predictor(source).predict(np.linspace(*source.alpha3_range, _ANGLES))
-        else:
-            names = [""] * source.natural_frequencies.shape[1]  # they are drawn as their numbers
-            lateral = None
-        rows = source.rows(np.argsort(source.crank_angle))
-        draw_modes(figure.subplots(), names, [rows], lateral)
+    Examples
+    --------
+    >>> import linkage_vibration as lv
+    >>> solution = lv.LinkageModel(lv.read_mechanism()).solve(2.3)
+    >>> figure = lv.plot(solution.shape(2))
+    >>> figure.axes[0].get_xlabel()
+    'x, forward [m]'
+    """
+    if not is_sweep(source):
+        hint = "give one of these, such as `frf.at(frequencies)`, or a dataset of `sweep`"
+        check_type(source, hint, *get_args(_Drawable))
+    require_matplotlib()
+    figure = _drawn(source)
     if picture is not None:
         write_png(figure, Path(picture))
+    return figure
+
+
+def _drawn(source: Any) -> "Figure":
+    """Return the figure of what has one."""
+    from matplotlib.figure import Figure
+
+    match source:
+        case Mechanism():
+            return pose_figure(LinkageModel(source), sum(source.stroke) / 2.0)
+        case ModeShape():
+            return shapes_figure([source])
+        case Solution():
+            return shapes_figure([source.shape(mode) for mode in lowest_modes(source)])
+        case Log():
+            figure = Figure(figsize=(10.0, 7.6), dpi=150, layout="constrained")
+            draw_log(figure, source)
+            return figure
+    figure = Figure(figsize=(9.0, 4.5), dpi=110, layout="constrained")
+    match source:
+        case Frf():
+            draw_frf(figure, source)
+        case Table():
+            predictions = Predictor(source).predict(np.linspace(*source.alpha3_range, _ANGLES))
+            draw_modes(figure.subplots(), source.mode_names, [predictions], source.lateral_modes)
+        case MessageColumns():
+            names = [""] * source.natural_frequencies.shape[1]  # they are drawn as their numbers
+            draw_modes(figure.subplots(), names, [source.rows(np.argsort(source.crank_angle))])
+        case _:
+            draw_sweep(figure.subplots(), source)
     return figure
 
 
@@ -132,12 +164,11 @@ def _draw_modes(ax: "Axes", log: Log) -> FloatArray:
     """Draw each mode as a band of its standard deviation; return where they end, Hz, (n_modes,)."""
     frequencies = np.column_stack([_broken(log, values) for values in log.natural_frequencies.T])
     lateral = log.table.lateral_modes if log.table else None
-    draw_bands(ax, log.times, frequencies, log.frequency_stddevs, lateral)
+    words = draw_bands(ax, log.times, frequencies, log.frequency_stddevs, lateral)
     ends = np.array([[np.nan, *each[np.isfinite(each)]][-1] for each in frequencies.T])
     frequency_axis(ax, ends)
     ax.yaxis.label.set_fontsize(13)
-    title = "Where the linkage resonates (coloured, with one standard deviation)"
-    ax.set_title(title, loc="left", fontsize=13)
+    ax.set_title(f"Where the linkage resonates (coloured, {words})", loc="left", fontsize=13)
     return ends
 
 

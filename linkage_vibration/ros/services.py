@@ -171,7 +171,8 @@ class Services:
     async def _get_frf(self, request: srv.GetFrf.Request, response: srv.GetFrf.Response) -> None:
         asked = request.crank_angle, request.outputs, request.inputs, np.array(request.frequencies)
         answer = await self._answered(response, answers.answer_frf, *asked, exact=request.exact)
-        response.real, response.imaginary = _numbers(answer.frf.real), _numbers(answer.frf.imag)
+        values = answer.values
+        response.real, response.imaginary = _numbers(values.real), _numbers(values.imag)
 
     async def _get_ground_levels(self, request: srv.GetGroundLevels.Request, response: Any) -> None:
         asked = self._excitations, request.crank_angle, abs(request.ground_speed), request.outputs

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from linkage_vibration.errors import LinkageVibrationError, check_type
-from linkage_vibration.mechanics.arrays import FloatArray, real_numbers
+from linkage_vibration.mechanics.arrays import FloatArray, Reals, real_numbers
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.messages.columns import import_xarray
+from linkage_vibration.support.conversions import import_xarray
 from linkage_vibration.support.parallel import Map, gathered
 
 UNITS = {
@@ -27,11 +27,7 @@ _Row = tuple[FloatArray, FloatArray, float, float]  # one of each quantity of UN
 
 
 def sweep(
-    mechanism: Mechanism,
-    values: Mapping[str, Sequence[float]],
-    angles: Sequence[float] | FloatArray,
-    *,
-    map: Map = map,
+    mechanism: Mechanism, values: Mapping[str, Reals], angles: Reals, *, map: Map = map
 ) -> Any:
     """Solve every combination of values of numbers at some angles.
 

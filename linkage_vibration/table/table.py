@@ -24,11 +24,12 @@ from linkage_vibration.mechanics.arrays import (
     BoolArray,
     ComplexArray,
     FloatArray,
+    Reals,
     real_number,
     real_numbers,
 )
 from linkage_vibration.mechanics.description import Mechanism, ReferenceForce
-from linkage_vibration.mechanics.forces import SOIL, magnitudes, reference
+from linkage_vibration.mechanics.forces import SOIL, is_force, magnitudes, reference
 from linkage_vibration.mechanics.kinematics import unit_question
 from linkage_vibration.mechanics.model import Place, excite_lateral, pairs
 from linkage_vibration.mechanics.response import PoleResidue
@@ -266,7 +267,7 @@ class Table:
         """Whether links are known by FRFs, so that modes have standard deviations."""
         return self.frequency_stddev.size > 0
 
-    def deviations(self, alpha3: FloatArray) -> FloatArray:
+    def deviations(self, alpha3: Reals) -> FloatArray:
         """Return the standard deviations by noise at angles, (2, n, n_modes), Hz and 1.
 
         They are interpolated linearly. The table must be of measured links.
@@ -326,7 +327,7 @@ class Table:
         share = place - i
         return [a + (b - a) * share for a, b in zip(rows[i], rows[i + 1], strict=True)]
 
-    def evaluate_parameter_deviations(self, alpha3: FloatArray) -> FloatArray:
+    def evaluate_parameter_deviations(self, alpha3: Reals) -> FloatArray:
         """Return the same at many angles, (n, 2 n_modes), equal to the last bit."""
         alpha3 = real_numbers(alpha3, "alpha3")
         if not self.uncertain:
@@ -363,7 +364,7 @@ class Table:
         starts, errors = self._errors
         return values[:-2], values[-2], values[-1], errors[bisect_right(starts, alpha3) - 1]
 
-    def evaluate(self, alpha3: FloatArray) -> FloatArray:
+    def evaluate(self, alpha3: Reals) -> FloatArray:
         """Evaluate the values of a prediction at many angles, (n,), rad, within the range.
 
         Returns
@@ -425,7 +426,7 @@ class Table:
         """
         return self.cells.slopes(real_number(alpha3, "alpha3"))[: 2 * self.n_modes]
 
-    def evaluate_slopes(self, alpha3: FloatArray) -> FloatArray:
+    def evaluate_slopes(self, alpha3: Reals) -> FloatArray:
         """Return the same at many angles, (n, 2 n_modes), equal to the last bit."""
         return self.cells.many_slopes(self._refuse_outside(alpha3))[:, : 2 * self.n_modes]
 
@@ -462,7 +463,9 @@ class Table:
                 raise TableError(f"{problem}. {hint}.")
         o = [rows.index(place) for place in outputs]
         i = [self.places.index(place) for place in inputs]
-        return self._pole_pieces[self._piece(alpha3)].modal(np.array([alpha3])).frf(0, o, i)
+        frf = self._pole_pieces[self._piece(alpha3)].modal(np.array([alpha3])).frf(0, o, i)
+        error = np.array([self.force_error if is_force(out) else self.frf_error for out in outputs])
+        return replace(frf, outputs=tuple(outputs), inputs=tuple(inputs), error=error)
 
     @cached_property
     def force_places(self) -> tuple[str, ...]:

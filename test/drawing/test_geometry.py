@@ -53,6 +53,11 @@ def test_mode_is_the_solutions(model: LinkageModel) -> None:
     shown = moved["implement"][:2].ravel()  # E1 and E2
     asked = [(point, direction) for point in ("E1", "E2") for direction in "xz"]
     np.testing.assert_allclose(shown, solution.participation(asked)[:, 1], rtol=1e-12)
+    np.testing.assert_allclose(moved["lower_link"][0], 0.0, atol=1e-9)  # the pin on the ground
+    lower, rod = places["lower_link"], places["lift_rod"]  # which share the pin V1
+    [v1] = np.flatnonzero(np.linalg.norm(lower - rod[-1], axis=1) < 1e-12)
+    pin = solution.participation(["V1.x", "V1.z"])[:, 1]
+    np.testing.assert_allclose([moved["lower_link"][v1], moved["lift_rod"][-1]], [pin, pin], 1e-7)
     at, by = places["implement"], moved["implement"]
     for i in range(3):
         for j in range(i):

@@ -11,7 +11,7 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.font_manager import fontManager
 
-from linkage_vibration.drawing.plots import frequency_axis, png_bytes
+from linkage_vibration.drawing.plots import draw_bands, frequency_axis, png_bytes
 
 OTHER = chr(0x2ADD)  # STIXGeneral, which matplotlib brings, has this sign, and DejaVu Sans has not
 JAPANESE = "耕うん"
@@ -56,3 +56,15 @@ def test_character_without_a_font(
     title_font(f"Load {JAPANESE}")
     start = f"No installed font has {''.join(sorted(JAPANESE))};"
     assert capsys.readouterr().err.startswith(start)
+
+
+@pytest.mark.parametrize("unknown", [False, True])
+@pytest.mark.parametrize("lateral", [None, [False], [True]])
+def test_titles_say_what_is_drawn(unknown: bool, lateral: list[bool] | None) -> None:
+    """A band that is not known, and modes that are dashed, are named where there are any."""
+    ax, x = Figure().subplots(), np.arange(2.0)
+    stddevs = np.full((2, 1), np.nan if unknown else 0.1)
+    which = None if lateral is None else np.array(lateral)
+    words = draw_bands(ax, x, np.ones((2, 1)), stddevs, which)
+    assert ("no band: not known" in words) == unknown
+    assert ("dashed" in words) == (lateral == [True]) == (ax.lines[0].get_linestyle() == "--")

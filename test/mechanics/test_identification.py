@@ -77,7 +77,7 @@ def test_linkage_from_coupled_frfs(model: LinkageModel, alpha3_deg: float) -> No
     Modes 4 and 5 lie above the lines, as near as 206 Hz.
     """
     alpha3 = math.radians(alpha3_deg)
-    frf = model.coupled_frf(alpha3, LINES, PLACES, PLACES[:1])
+    frf = model.coupled_frf(alpha3, LINES, PLACES, PLACES[:1]).values
     solution = model.solve(alpha3)
     inside = solution.natural_frequencies < BAND[1]
     assert inside.sum() == 3
@@ -97,7 +97,7 @@ def test_linkage_from_coupled_frfs(model: LinkageModel, alpha3_deg: float) -> No
 def test_cancelling_pairs_are_no_modes(printed: Mechanism, alpha3_deg: float) -> None:
     """Poles that a zero cancels to 1e-9, and that recur from order to order, are not reported."""
     model, alpha3 = LinkageModel(printed), math.radians(alpha3_deg)
-    actual = identify(LINES, model.coupled_frf(alpha3, LINES, PLACES, PLACES[:1]), BAND)
+    actual = identify(LINES, model.coupled_frf(alpha3, LINES, PLACES, PLACES[:1]).values, BAND)
     expected = model.solve(alpha3).modes.omega[:3]
     assert len(actual.omega) == 3
     np.testing.assert_allclose(actual.omega, expected, rtol=1e-8)
@@ -111,7 +111,7 @@ def test_linkage_with_noise(model: LinkageModel, alpha3_deg: float) -> None:
     the smallest of mode 3 at 90 deg: within 15 %.
     """
     alpha3 = math.radians(alpha3_deg)
-    frf = model.coupled_frf(alpha3, LINES, PLACES, PLACES[:1])
+    frf = model.coupled_frf(alpha3, LINES, PLACES, PLACES[:1]).values
     solution = model.solve(alpha3)
     for seed in range(4):
         check(
@@ -129,7 +129,7 @@ def test_linkage_with_noise(model: LinkageModel, alpha3_deg: float) -> None:
 def test_narrow_bands(model: LinkageModel) -> None:
     """A band about one mode shows that mode; one between two modes is refused with an error."""
     alpha3 = math.radians(140.0)
-    frf = model.coupled_frf(alpha3, LINES, PLACES, PLACES[:1])
+    frf = model.coupled_frf(alpha3, LINES, PLACES, PLACES[:1]).values
     solution = model.solve(alpha3)
     for mode, band in enumerate([(0.0, 20.0), (60.0, 120.0), (130.0, 200.0)]):
         check(
@@ -152,7 +152,7 @@ def test_links_damped_each_in_its_way(mechanism: Mechanism) -> None:
     pairs = zip(mechanism.links, rules, strict=True)
     links = tuple(replace(link, damping=rule) for link, rule in pairs)
     model, alpha3 = LinkageModel(replace(mechanism, links=links)), math.radians(140.0)
-    modes = identify(LINES, model.coupled_frf(alpha3, LINES, PLACES, PLACES[:1]), BAND)
+    modes = identify(LINES, model.coupled_frf(alpha3, LINES, PLACES, PLACES[:1]).values, BAND)
     solution = model.solve(alpha3)
     system = solution.coupled
     inverse = -np.linalg.solve(system.stiffness, np.hstack([system.damping, system.mass]))
@@ -167,7 +167,7 @@ def test_loss_factor(mechanism: Mechanism) -> None:
     """Structural damping eta shows as zeta = eta / 2."""
     model = LinkageModel(replace(mechanism, damping=LossFactor(0.02)))
     alpha3 = math.radians(140.0)
-    modes = identify(LINES, model.coupled_frf(alpha3, LINES, PLACES, PLACES[:1]), BAND)
+    modes = identify(LINES, model.coupled_frf(alpha3, LINES, PLACES, PLACES[:1]).values, BAND)
     solution = model.solve(alpha3)
     check(
         modes,
@@ -294,7 +294,7 @@ def test_modes_that_noise_hides_are_reported() -> None:
 )
 def test_lines_short_of_the_band(model: LinkageModel, lines: FloatArray, words: str) -> None:
     """Lines up to 150 Hz hide mode 3 at 166 Hz, those from 5 Hz on mode 1; both are refused."""
-    frf = model.coupled_frf(math.radians(140.0), lines, PLACES, PLACES[:1])
+    frf = model.coupled_frf(math.radians(140.0), lines, PLACES, PLACES[:1]).values
     with pytest.raises(IdentificationError, match=words):
         identify(lines, frf, BAND)
 

@@ -236,7 +236,7 @@ def test_reduced_stacked_and_by_forces() -> None:
     sway = y - away @ [x, z] / 0.4  # E1 is 0.4 m aside: it yaws by -x / 0.4, and rolls by z / 0.4
     square = -((2.0 * math.pi * 1.3) ** 2)
     assert -(2.0 * lower + upper) == pytest.approx(IMPLEMENT[0] * square * sway, rel=1e-6)
-    exact = model.coupled_frf(2.3, line, ["E1.y"], ["V1.y"])[0, 0, 0]
+    exact = model.coupled_frf(2.3, line, ["E1.y"], ["V1.y"]).values[0, 0, 0]
     assert exact == pytest.approx(y, rel=1e-6)
 
 

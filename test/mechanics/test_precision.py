@@ -49,7 +49,7 @@ def test_frfs_in_single_precision(model: LinkageModel) -> None:
     assert abs(plain[0] / exact[0] - 1.0) > 0.2
     at = [component.name for component in model.components].index("input_crank")
     for ours in (model, with_frfs_from_file(model.mechanism, at, lines, single[at])):
-        receptances = ours.coupled_frf(ALPHA3, lines, DRIVE, DRIVE)[:, 0, 0]
+        receptances = ours.coupled_frf(ALPHA3, lines, DRIVE, DRIVE).values[:, 0, 0]
         np.testing.assert_allclose(receptances, exact, rtol=1e-6)
 
 

@@ -55,9 +55,11 @@ def test_table_and_model_agree(served: LoadedModel, alpha3: float) -> None:
     exact = answer_frf(served, alpha3, exact=True, **asked)
     np.testing.assert_array_equal(answer.frequencies, np.linspace(0.0, 200.0, 401))
     np.testing.assert_array_equal(
-        answer.frf, served.table.frf(alpha3, answer.outputs, answer.inputs).frf(answer.frequencies)
+        answer.values,
+        served.table.frf(alpha3, answer.outputs, answer.inputs).frf(answer.frequencies),
     )
-    apart = np.linalg.norm(answer.frf - exact.frf, axis=0) / np.linalg.norm(exact.frf, axis=0)
+    size = np.linalg.norm(exact.values, axis=0)
+    apart = np.linalg.norm(answer.values - exact.values, axis=0) / size
     assert apart.max() < 1e-4
 
 
@@ -69,8 +71,8 @@ def test_motion_of_the_base_is_an_input(mechanism_file: Path) -> None:
     served = ModelWithoutTable(tractor, path.read_text()).with_predictor(Predictor(table))
     line, inputs = np.array([0.0]), ["base.z", "base:front_axle.z", "front_axle.z"]
     answer = answer_frf(served, 2.0, ["rear_axle.z"], inputs, line, exact=True)
-    np.testing.assert_allclose(answer.frf[0, 0, :2], [1.0, 0.0], atol=1e-6)
-    assert answer.frf[0, 0, 2].real == pytest.approx(0.0, abs=1e-9)
+    np.testing.assert_allclose(answer.values[0, 0, :2], [1.0, 0.0], atol=1e-6)
+    assert answer.values[0, 0, 2].real == pytest.approx(0.0, abs=1e-9)
     mechanism = read_mechanism(mechanism_file)
     table = load_table(config_file("tables/three_point_linkage.npz"))
     clamped = ModelWithoutTable(mechanism, mechanism_file.read_text()).with_predictor(
@@ -89,7 +91,7 @@ def test_forces_are_outputs(served: LoadedModel, exact: bool) -> None:
     """
     pins = ["lower_link:E1.force_z", "upper_link:E2.force_z"]
     answer = answer_frf(served, 2.0, pins, ["E1.z"], np.array([0.0]), exact=exact)
-    lower, upper = answer.frf[0, :, 0]
+    lower, upper = answer.values[0, :, 0]
     assert 2.0 * lower + upper == pytest.approx(1.0, abs=1e-4)
     with pytest.raises(ServingError, match=r"inputs\[0\] is 'lower_link:E1.force_z'; name one of"):
         answer_frf(served, 2.0, ["E1.z"], pins[:1], np.array([0.0]), exact=exact)
@@ -98,7 +100,8 @@ def test_forces_are_outputs(served: LoadedModel, exact: bool) -> None:
 def test_sections_are_outputs_of_the_model(served: LoadedModel) -> None:
     """A pin carries no moment; the table has no sections, and the error names the remedy."""
     sections = ["upper_link:E2.moment", "upper_link:E2.axial"]
-    moment, axial = answer_frf(served, 2.0, sections, ["E2.x"], np.array([0.0]), exact=True).frf[0]
+    answer = answer_frf(served, 2.0, sections, ["E2.x"], np.array([0.0]), exact=True)
+    moment, axial = answer.values[0]
     assert abs(moment[0]) < 1e-6 * abs(axial[0])
     with pytest.raises(ServingError, match="or set exact to use the model"):
         answer_frf(served, 2.0, sections, ["E1.z"], np.array([0.0]), exact=False)
@@ -113,7 +116,7 @@ def test_shapes_make_the_frf(served: LoadedModel) -> None:
     line = modes.natural_frequencies[:1]
     answer = answer_frf(served, 2.3, [], [], line, exact=True)
     assert answer.outputs == answer.inputs == (("E1", "z"),)
-    assert answer.frf[0, 0, 0] == pytest.approx(single, rel=0.01)
+    assert answer.values[0, 0, 0] == pytest.approx(single, rel=0.01)
     place = served.model.kinematics.at(2.3).place("implement", (0.0, 0.0))
     np.testing.assert_allclose(modes.positions[[at - 1, at]], place, rtol=1e-12)
 
@@ -162,9 +165,9 @@ def test_frf_of_a_crank_that_turns_all_the_way() -> None:
     here = answer_frf(turning, math.radians(10.0), exact=False, **DRIVE)
     for degrees in (370.0, -350.0, 3610.0):
         answer = answer_frf(turning, math.radians(degrees), exact=False, **DRIVE)
-        np.testing.assert_allclose(answer.frf, here.frf, rtol=1e-9)
-    ours = answer_frf(turning, math.radians(370.0), exact=False, **DRIVE).frf
-    exact = answer_frf(turning, math.radians(370.0), exact=True, **DRIVE).frf
+        np.testing.assert_allclose(answer.values, here.values, rtol=1e-9)
+    ours = answer_frf(turning, math.radians(370.0), exact=False, **DRIVE).values
+    exact = answer_frf(turning, math.radians(370.0), exact=True, **DRIVE).values
     assert np.linalg.norm(ours - exact) < 2.0 * table.frf_error * np.linalg.norm(exact)
     with pytest.raises(TableError, match="outside the table"):
         answer_frf(turning, 1e7, exact=False, **DRIVE)
@@ -173,7 +176,7 @@ def test_frf_of_a_crank_that_turns_all_the_way() -> None:
 def test_exact_beyond_the_band(served: LoadedModel) -> None:
     """The model answers outside the table."""
     answer = answer_frf(served, 2.0, [], [], np.array([250.0]), exact=True)
-    assert np.isfinite(answer.frf).all()
+    assert np.isfinite(answer.values).all()
 
 
 def test_implement(served: LoadedModel, tmp_path: Path) -> None:

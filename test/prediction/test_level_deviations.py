@@ -99,7 +99,7 @@ def sampled() -> FloatArray:
     for row, model in zip(values, drawn_models(), strict=True):
         # By the FRFs of the components, and by the modes of the assembly.
         drive = [("E1", "z")]
-        receptance = model.coupled_frf(ALPHA3, LINES, drive, drive)[:, 0, 0]
+        receptance = model.coupled_frf(ALPHA3, LINES, drive, drive).values[:, 0, 0]
         forces = [place for place in model.forces.places if not place[0].startswith("base:")]
         frf = np.abs(model.solve(ALPHA3).frf(forces, drive).frf(LINES)[:, :, 0]) ** 2
         names = [each for each, _ in forces]

@@ -143,7 +143,7 @@ def test_reciprocity(linkage: Linkage, frequency: float) -> None:
     frf = solution.frf(places, places).frf(line)[0]
     assert (np.abs(frf - frf.T) <= frf_rounding(solution, places, frequency)).all()
     try:
-        coupled = model.coupled_frf(linkage.alpha3, line, places, places)[0]
+        coupled = model.coupled_frf(linkage.alpha3, line, places, places).values[0]
     except FbsError:  # as it promises where rounding leaves more than that of the largest
         return
     shapes = solution.modes.shapes[: len(model.interface)]

@@ -130,7 +130,7 @@ def test_all_three_kinds_in_one_linkage(mapping: Any, model: LinkageModel, tmp_p
     replace_body(mapping, "lift_rod", kind="frfs", path="rod.npz")
     mixed = LinkageModel(read_mechanism(write(tmp_path, mapping)))
     for alpha3 in np.radians([90.0, 140.0, 180.0]):
-        receptances = mixed.coupled_frf(alpha3, FREQUENCIES, PLACES, PLACES)
+        receptances = mixed.coupled_frf(alpha3, FREQUENCIES, PLACES, PLACES).values
         exact = judge.solve(alpha3).frf(PLACES, PLACES).frf(FREQUENCIES)
         np.testing.assert_allclose(receptances, exact, rtol=0, atol=1e-8 * np.abs(exact).max())
         assert np.linalg.norm(receptances - exact) < 1e-8 * np.linalg.norm(exact)
@@ -164,7 +164,7 @@ def test_both_couplings_agree_with_any_damping(rule: str, name: str) -> None:
     point = model.mechanism.response.point
     places = [(point, "z"), (point, "x")]
     for alpha3 in np.linspace(*model.mechanism.stroke, 3):
-        coupled = model.coupled_frf(alpha3, FREQUENCIES, places, places)
+        coupled = model.coupled_frf(alpha3, FREQUENCIES, places, places).values
         modal = model.solve(alpha3).frf(places, places).frf(FREQUENCIES)
         assert np.linalg.norm(coupled - modal) < 1e-8 * np.linalg.norm(modal)
 
@@ -232,14 +232,19 @@ def test_a_table_from_frfs(mapping: Any, model: LinkageModel, tmp_path: Path) ->
 
 
 def save_noisy_frfs(
-    path: Path, model: LinkageModel, link: str, share: float, frequencies: NDArray[np.float64]
+    path: Path,
+    model: LinkageModel,
+    link: str,
+    share: float,
+    frequencies: NDArray[np.float64],
+    seed: int = 0,
 ) -> None:
     """Save the FRFs of one of a link's equal parts with relative noise."""
     single = component(model, link)
     count = next(body.count for body in model.mechanism.links if body.name == link)
     n = len(single.dofs)
     frf = count * component_frf(single.mass, single.stiffness, single.damping, n, frequencies)
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(seed)
     noise = rng.standard_normal(frf.shape) + 1j * rng.standard_normal(frf.shape)
     frf = frf * (1.0 + share * noise / math.sqrt(2.0))
     dofs = np.array([str(dof) for dof in single.dofs])
@@ -266,6 +271,24 @@ def test_noisy_frfs_from_a_file(
     short = LinkageModel(read_mechanism(path))
     with pytest.raises(ModelError, match=rf"in the FRFs of links\.{link} becomes \d+ % in the"):
         short.coupled_frf(alpha3, np.linspace(0.1, 20.0, 200), PLACES[:1], PLACES[:1])
+
+
+def test_error_of_coupled_frfs_by_noise(mapping: Any, model: LinkageModel, tmp_path: Path) -> None:
+    """Of measurements with new noise each, deviations from the exact FRFs have the stated size."""
+    alpha3, lines = math.radians(140.0), FREQUENCIES[::4]
+    exact = model.solve(alpha3).frf(PLACES, PLACES).frf(lines)
+    replace_body(mapping, "lift_rod", kind="frfs", path="link.npz")
+    deviations, stated = [], []
+    for seed in range(8):
+        save_noisy_frfs(tmp_path / "link.npz", model, "lift_rod", 0.01, lines, seed)
+        mixed = LinkageModel(read_mechanism(write(tmp_path, mapping)))
+        frf = mixed.coupled_frf(alpha3, lines, PLACES, PLACES)
+        size = np.linalg.norm(exact, axis=(0, 2))
+        deviations.append(np.linalg.norm(frf.values - exact, axis=(0, 2)) / size)
+        stated.append(frf.error)
+    ratio = np.sqrt(np.mean(np.square(deviations), axis=0)) / np.mean(stated, axis=0)
+    assert (ratio > 0.6).all(), ratio
+    assert (ratio < 1.7).all(), ratio
 
 
 def test_frfs_of_a_sensor_with_a_wrong_gain(

@@ -8,17 +8,13 @@ const linkage = data.linkage && (() => {
   const L = data.linkage, { angles, places, shapes, joints, centres, ground } = L;
   const count = L.lengths.reduce((a, b) => a + b, 0), size = L.size;
   let left = Infinity, right = -Infinity, low = Infinity, high = -Infinity;
-  const base = L.bodies.indexOf("ground"), skipped = L.lengths.slice(0, Math.max(base, 0)).reduce((a, b) => a + b, 0);
   for (const points of [places, ground]) {
     for (let i = 0; i < points.length; i += 2) {
-      // The base is cut off, so that the linkage is large enough to name its pins.
-      const p = i / 2 % count - skipped;
-      if (points === places && base >= 0 && p >= 0 && p < L.lengths[base]) continue;
       left = Math.min(left, points[i]); right = Math.max(right, points[i]);
       low = Math.min(low, points[i + 1]); high = Math.max(high, points[i + 1]);
     }
   }
-  const edge = 1.3 * SWING * size, box = byId("linkage"), width = .009 * size;
+  const edge = .12 * size, box = byId("linkage"), width = .009 * size;
   box.setAttribute("viewBox", [left - edge, -high - edge, right - left + 2 * edge, high - low + 2 * edge].join(" "));
   const layer = (attributes) => { const g = svg("g", { fill: "none", "stroke-linecap": "round", "stroke-linejoin": "round", ...attributes }); box.append(g); return g; };
   const still = layer({ stroke: "#b5b5b5", "stroke-width": width });
@@ -73,10 +69,17 @@ const linkage = data.linkage && (() => {
     const at = names.map((_, k) => k < nJoints
       ? [0, 1].map(c => mix(joints, i, s, 2 * nJoints, 2 * k + c)) : [0, 1].map(c => ground[2 * (k - nJoints) + c]));
     const middle = [0, 1].map(c => at.reduce((sum, place) => sum + place[c], 0) / at.length);
-    names.forEach((text, k) => {  // Names are outside the middle of all pins.
-      const away = [0, 1].map(c => at[k][c] - middle[c]), far = .06 * size / (Math.hypot(...away) || 1);
-      text.setAttribute("x", at[k][0] + far * away[0]);
-      text.setAttribute("y", -at[k][1] - far * away[1]);
+    const near = (a, b) => Math.abs(a[0] - b[0]) < .09 * size && Math.abs(a[1] - b[1]) < .05 * size;
+    const written = [];
+    names.forEach((text, k) => {
+      // A name is outside the middle of all pins, or turned about its pin until it is beside all others.
+      const away = Math.atan2(at[k][1] - middle[1], at[k][0] - middle[0]);
+      const places = [0, .8, -.8, 1.6, -1.6, 2.4, -2.4, Math.PI].map(turn =>
+        [at[k][0] + .06 * size * Math.cos(away + turn), at[k][1] + .06 * size * Math.sin(away + turn)]);
+      const place = places.find(each => !written.some(other => near(each, other))) || places[0];
+      written.push(place);
+      text.setAttribute("x", place[0]);
+      text.setAttribute("y", -place[1]);
     });
     put(centreMarks, centres, nCentres);
   }
