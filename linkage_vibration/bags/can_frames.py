@@ -93,11 +93,6 @@ class FrameType:
     key: Callable[[Layout[FramePlaces], bytes], int]
     columns: Callable[[Layout[FramePlaces], Bytes], FrameColumns]
 
-    @property
-    def has_header(self) -> bool:
-        """Whether the messages begin with a header."""
-        return self.fields[0] == "header"
-
 
 FRAME_TYPES = {
     CAN_FRAME: FrameType(

@@ -154,17 +154,11 @@ def _in_order(frames: NDArray[Any]) -> NDArray[Any]:
 
 
 def _connection(number: int, name: str, count: int) -> "Connection":
-    from rosbags.interfaces import (
-        Connection,
-        ConnectionExtRosbag2,
-        MessageDefinition,
-        MessageDefinitionFormat,
-    )
+    import rosbags.interfaces as ros
 
-    definition = MessageDefinition(MessageDefinitionFormat.MSG, DEFINITION)
-    topic = "/" + re.sub(r"\W", "_", name)
-    ext = ConnectionExtRosbag2("cdr", [])
-    return Connection(number, topic, CAN_FRAME, definition, "", count, ext, None)
+    definition = ros.MessageDefinition(ros.MessageDefinitionFormat.MSG, DEFINITION)
+    about = CAN_FRAME, definition, "", count, ros.ConnectionExtRosbag2("cdr", []), None
+    return ros.Connection(number, "/" + re.sub(r"\W", "_", name), *about)
 
 
 def _table(

@@ -68,7 +68,7 @@ class CanReader(NumberReader):
 
     def __init__(self, signal: CanSignal, type_name: str = CAN_FRAME) -> None:
         self._frames = FRAME_TYPES[type_name]
-        self.has_header = self._frames.has_header
+        self.has_header = self._frames.fields[0] == "header"
         self._signal, self.what = signal, f"CAN signal {signal.name}"
         page = " whose multiplexer selects it" if signal.selectors else ""
         self.remedy = (

@@ -70,26 +70,19 @@ class McapBag:
         return [self._connection(channel) for channel in self.summary.channels.values()]
 
     def _connection(self, channel: Channel) -> "Connection":
-        from rosbags.interfaces import (
-            Connection,
-            ConnectionExtRosbag1,
-            ConnectionExtRosbag2,
-            MessageDefinition,
-            MessageDefinitionFormat,
-        )
+        import rosbags.interfaces as ros
 
         schema = self.summary.schemas.get(channel.schema_id, Schema(0, b"", "no type", ""))
         encodings = channel.message_encoding, schema.encoding
-        ext: Any = ConnectionExtRosbag2("cdr", [])
+        name = encodings[encodings[0] in ("cdr", "ros1")] if encodings not in _ROS2 else "cdr"
+        ext: Any = ros.ConnectionExtRosbag2(name, [])
         if encodings == _ROS1:
-            ext = ConnectionExtRosbag1(None, None)
-        elif encodings not in _ROS2:
-            ext = ConnectionExtRosbag2(encodings[encodings[0] in ("cdr", "ros1")], [])
+            ext = ros.ConnectionExtRosbag1(None, None)
         kind = "IDL" if schema.encoding.endswith("idl") else "MSG"
         text = schema.data.decode(errors="replace")
-        definition = MessageDefinition(MessageDefinitionFormat[kind], text)
+        definition = ros.MessageDefinition(ros.MessageDefinitionFormat[kind], text)
         about = definition, "", self.counts[channel.id], ext, None
-        return Connection(channel.id, channel.topic, schema.name, *about)
+        return ros.Connection(channel.id, channel.topic, schema.name, *about)
 
 
 def read_mcap(path: Path, stack: ExitStack) -> McapBag:

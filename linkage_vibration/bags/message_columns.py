@@ -26,6 +26,7 @@ Columns: TypeAlias = dict[str, Column]
 LOG_TIME = "log_time"  # a column of every topic, ns
 PLACE = "place"  # a column of every topic: the number of messages that are read before each
 
+_MOST_STATED = 2**22  # messages; a damaged log may state any number
 _TEXT = "string"
 _CODES = {**NUMBERS, "bool": "u1"}
 
@@ -46,7 +47,8 @@ def read_columns(
             if defined is None:
                 raise BagError(f"{path} does not define the type of {name}; record it as .mcap.")
             fields = list(_flat(path, defined[2], type_name))
-            tables.append(_Table(type_name, fields, unused))
+            count = sum(topic.count for topic in bags.topics if topic.name == name)
+            tables.append(_Table(type_name, fields, unused, min(count, _MOST_STATED)))
         for block in bags.blocks(names, as_written):
             for i, table in enumerate(tables):
                 rows = np.flatnonzero(block.topics == i)
@@ -97,45 +99,48 @@ def _flat(path: Path, schema: Schema, type_name: str, prefix: str = "") -> Itera
 
 
 class _Table:
-    """The columns of a topic, as parts of messages with the same layout."""
+    """The columns of a topic, which grow from the number of messages that the log states.
 
-    def __init__(self, type_name: str, fields: list[SchemaField], unused: Collection[str]) -> None:
+    Columns of thousands of small pieces would fragment the memory.
+    """
+
+    def __init__(
+        self, type_name: str, fields: list[SchemaField], unused: Collection[str], stated: int
+    ) -> None:
         self._fields = fields
         self._layouts = Layouts(type_name, self._places)
-        self._parts: dict[str, list[Column]] = {
-            field.name: [
-                np.empty(
-                    0 if field.length is None else (0, 0),
-                    object if field.type == _TEXT else _CODES[field.type],
-                )
-            ]
+        self._stated, self._count = stated, 0
+        self._columns: Columns = {
+            field.name: np.empty(
+                0 if field.length is None else (0, 0),
+                object if field.type == _TEXT else _CODES[field.type],
+            )
             for field in [*fields, *(SchemaField(name, "int64") for name in (LOG_TIME, PLACE))]
             if field.name not in unused
         }
 
     def columns(self) -> Columns:
-        """Return the columns in the order of the messages; the parts are gone then."""
-        columns = {name: _stacked(self._parts.pop(name)) for name in list(self._parts)}
-        places = columns[PLACE]
-        if (np.diff(places) > 0).all():
-            return columns
-        order = np.argsort(places)
-        return {name: column[order] for name, column in columns.items()}
+        """Return the columns, as far as they are filled."""
+        return {name: column[: self._count] for name, column in self._columns.items()}
 
     def add(self, block: Block, rows: Integers, before: int) -> None:
         """Add messages of a block, before which so many messages of any topic were read."""
         for layout, alike, messages in self._layouts.groups(block, rows):
+            at: slice | Integers = slice(self._count, self._count + len(rows))
+            if len(alike) < len(rows):
+                at = self._count + np.searchsorted(rows, alike)
             for field, (begin, count) in zip(self._fields, layout.places, strict=True):
-                if field.name not in self._parts:
+                if field.name not in self._columns:
                     continue
                 if field.type == _TEXT:
                     values = _decoded(messages[:, begin : begin + count])
                 else:
                     values = layout.column(messages, begin, _CODES[field.type], count)
                     values = values[:, 0] if field.length is None else values
-                self._parts[field.name].append(values)
-            self._parts[LOG_TIME].append(block.log_times[alike])
-            self._parts[PLACE].append(before + alike)
+                self._put(field.name, at, values, self._count + len(rows))
+            self._put(LOG_TIME, at, block.log_times[alike], self._count + len(rows))
+            self._put(PLACE, at, before + alike, self._count + len(rows))
+        self._count += len(rows)
 
     def _places(self, message: CdrMessage) -> list[tuple[int, int]]:
         """Return the first byte of each field of a message, and the number of its elements."""
@@ -149,16 +154,25 @@ class _Table:
             places.append((message.skip(count * size), count))
         return places
 
+    def _put(self, name: str, at: slice | Integers, values: Column, needed: int) -> None:
+        """Store values in a column of at least so many messages."""
+        column, width = self._columns[name], values.shape[1:]
+        if len(column) < needed or column.shape[1:] < width:
+            length = self._stated if needed <= self._stated else 2 * needed
+            larger = np.empty((length, *max(column.shape[1:], width)), column.dtype)
+            _fill(larger, slice(0, len(column)), column)
+            self._columns[name] = column = larger
+        _fill(column, at, values)
 
-def _stacked(parts: list[Column]) -> Column:
-    """Join the parts of a column, with NaN (0 in a column of integers) after shorter lists."""
-    width, fill = max(part.shape[1:] for part in parts), np.nan if parts[0].dtype.kind == "f" else 0
-    if width:
-        parts = [
-            np.pad(part, ((0, 0), (0, width[0] - part.shape[1])), constant_values=fill)
-            for part in parts
-        ]
-    return np.concatenate(parts)
+
+def _fill(column: Column, at: slice | Integers, values: Column) -> None:
+    """Store values in a column, with NaN (0 in a column of integers) after shorter lists."""
+    if values.ndim == 1:
+        column[at] = values
+    else:
+        width = values.shape[1]
+        column[at, :width] = values
+        column[at, width:] = np.nan if column.dtype.kind == "f" else 0
 
 
 def _decoded(text: Bytes) -> Column:

@@ -343,7 +343,10 @@ class Recorder:
             if time.monotonic() < self._next_try:
                 return False
             self._next_try = time.monotonic() + RETRY_PERIOD
-            if not self._disk_has_room():
+            free = 0
+            with contextlib.suppress(OSError):
+                free = shutil.disk_usage(self._folder).free
+            if free <= self._empty_size() + _ROOM_TO_RESUME:
                 return False
         try:
             self._begin_file()
@@ -354,13 +357,6 @@ class Recorder:
             return False
         self._failed = False
         return True
-
-    def _disk_has_room(self) -> bool:
-        try:
-            free = shutil.disk_usage(self._folder).free
-        except OSError:
-            return False
-        return free > self._empty_size() + _ROOM_TO_RESUME
 
     def _make_room(self, logs: Sequence[_Found]) -> float:
         """Return the greatest size of the next file; delete old files if `delete_oldest` is set.
