@@ -3,6 +3,7 @@
 """Draw a mechanism over its stroke: modes, orders, and the load ratio over height and speed."""
 
 import argparse
+from html import escape
 from pathlib import Path
 
 from linkage_vibration.cli.arguments import (
@@ -53,9 +54,8 @@ def run(options: argparse.Namespace) -> int:
     content = png_bytes(figure)
     if output.suffix.lower() == ".html":
         main = table_tag("crossings", rows[0], rows[1:]) if rows else ""
-        main += picture_tag(content, " ".join(sentences))
-        texts = [*sentences, *filter(None, [left, title])]
-        content = plain_html(served[0].mechanism.name, texts, main).encode()
+        main += f"<p>{escape(left)}</p>\n" + picture_tag(content, " ".join(sentences))
+        content = plain_html(served[0].mechanism.name, [*sentences, title], main).encode()
     write_bytes(output, content, OutputError)
     print(f"Written: {output}")
     return 0

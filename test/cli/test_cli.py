@@ -355,6 +355,8 @@ def test_plot_as_a_page(tmp_path: Path, capsys: Any) -> None:
     assert main(["plot", "--excitations", str(alone), "-o", str(page)]) == 0
     text, sentence = page.read_text(), capsys.readouterr().out.splitlines()[0]
     assert f"<p>{sentence}</p>" in text
+    assert "<td>engine 3</td><td>mode 5 (implement pitch)</td>" in text
+    assert "<td>not known</td><td>no amplitude is given</td>" in text
     assert "three_point_linkage_on_tractor</h1>" in text
     match = re.search(r'src="data:image/png;base64,([^"]+)"', text)
     assert match is not None
