@@ -517,6 +517,7 @@ def test_mass_that_is_too_large(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.nightly(alone="both replays tabulate the ground anew")
 def test_threads_change_no_byte(tmp_path: Path) -> None:
     """A replay from Python has the same bytes with one and with four threads of BLAS."""
     code = (

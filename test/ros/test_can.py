@@ -45,8 +45,8 @@ def test_frames_over_dds(with_can: dict[str, str], tmp_path: Path, position: flo
     So it is with a fixed hitch position on a bus without one. Each missing value is logged once.
     """
     fixed = position >= 0.0
-    recorded = [f for f in recorded_frames() if f.time < EPOCH + 2 * SECOND]
-    bus = write_candump(tmp_path / "bus.log", recorded if fixed else drive(2))
+    recorded = [f for f in recorded_frames() if f.time < EPOCH + 3 * SECOND]
+    bus = write_candump(tmp_path / "bus.log", recorded if fixed else drive(4))
     chosen = {**CAN, "hitch_position": position}
     given = {**chosen, "record": True, "log_directory": tmp_path}
     node = start_node(tmp_path / "node.txt", with_can, **given)
