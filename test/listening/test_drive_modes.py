@@ -102,8 +102,14 @@ def test_order_in_a_part_of_a_stretch(
 SOIL = {"field": {"speed": "ground", "terrain": {"class": "B"}, "raised": False}}
 
 
-@pytest.mark.parametrize("excitations", [(), excitations_from_mapping(SOIL)])
-@pytest.mark.parametrize(("speed", "doubted"), [(1.0, True), (-1.0, True), (0.05, False)])
+@pytest.mark.parametrize(
+    ("excitations", "speed", "doubted"),
+    [
+        ((), 1.0, True),
+        (excitations_from_mapping(SOIL), -1.0, True),
+        (excitations_from_mapping(SOIL), 0.05, False),
+    ],
+)
 def test_lines_of_wheels_that_roll(
     arguments: tuple[Table, Mechanism],
     drive: Drive,
