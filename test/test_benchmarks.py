@@ -49,6 +49,7 @@ def points() -> list[Point]:
     return run(scene, settings, with_peers=False)
 
 
+@pytest.mark.nightly(short="test_benchmark_is_imported")
 def test_errors_fall_with_the_settings(points: list[Point]) -> None:
     """More modes, elements or points of a table bring every answer nearer to the reference."""
     families: dict[tuple[str, str], list[Point]] = {}
@@ -63,6 +64,7 @@ def test_errors_fall_with_the_settings(points: list[Point]) -> None:
         assert all(0.0 < p.cost.low <= p.cost.median <= p.cost.high for p in line)
 
 
+@pytest.mark.nightly(short="test_benchmark_is_imported")
 def test_the_reference_is_met(points: list[Point]) -> None:
     """The sparse assembly with the reference's mesh agrees with the reference's dense modes."""
     own = [p for p in points if (p.family, p.setting) == (assembled.FAMILY, "8 elements")]
@@ -70,12 +72,14 @@ def test_the_reference_is_met(points: list[Point]) -> None:
     assert all(p.error < 1e-8 for p in own)
 
 
+@pytest.mark.nightly(short="test_benchmark_is_imported")
 def test_a_missing_answer_says_why(points: list[Point]) -> None:
     """LM-FBS has no natural frequencies, and the chart says so."""
     missing = [p for p in points if math.isnan(p.error) and p.missing]
     assert (CONFIGURATION, coupled.BATCHED) in {(p.part, p.family) for p in missing}
 
 
+@pytest.mark.nightly(short="test_benchmark_is_imported")
 def test_results_are_written(points: list[Point], tmp_path: Path) -> None:
     """Every point is a row of the CSV; the page has a table a part; the picture is a PNG."""
     text = as_csv(points)
@@ -89,6 +93,7 @@ def test_results_are_written(points: list[Point], tmp_path: Path) -> None:
         assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.nightly(short="test_benchmark_is_imported")
 def test_ways_of_the_paper_job_agree() -> None:
     """The fast way of the paper's job agrees with the unreduced one, and LM-FBS with itself."""
     whole = paper_job.paper_job()
@@ -101,6 +106,7 @@ def test_ways_of_the_paper_job_agree() -> None:
         np.testing.assert_allclose(plain, batched, rtol=1e-6, atol=1e-7 * np.abs(batched).max())
 
 
+@pytest.mark.nightly(short="test_benchmark_is_imported")
 def test_a_train_of_any_size_grows() -> None:
     """The train used for growth closes, and LM-FBS and modes agree on it."""
     job = paper_job.job_of_train(3)

@@ -60,10 +60,10 @@ NOT_RUN = {
     "sed": "releases are made by hand",
     "twine": "releases are made by hand",
 }
-# Pages with commands that take longer than everything else together.
+# Pages whose commands take long. Those of the last three are run by test/cli, test/export and
+# test/ros/test_services.py, too.
 SLOW = {"docs/measure_your_hitch.md", "docs/reproduction.md", "docs/table.md"}
-
-
+SLOW |= {"docs/review.md", "docs/export.md", "docs/services.md"}
 # Pages whose commands print what the blocks of text below them show.
 PRINTED = {"docs/measure_your_hitch.md", "docs/reproduction.md"}
 

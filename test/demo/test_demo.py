@@ -119,6 +119,7 @@ def test_every_joint_state_is_answered_and_logged(tmp_path: Path) -> None:
     assert len(decoded) == 480
 
 
+@pytest.mark.nightly(short="test_every_joint_state_is_answered_and_logged")
 @pytest.mark.skipif(not SHARED_BAG.is_file(), reason=f"{SHARED_BAG} is not there")
 def test_foreign_recording(tmp_path: Path) -> None:
     """A ROS 1 bag at 1 kHz with jitter is played, answered and logged without loss.

@@ -46,7 +46,7 @@ from test.support.c_code import (
 from test.support.crossing import AT, GAP, RATIO, crossing_crank, meeting_off_axis
 from test.support.programs import require
 
-ANGLES = 100_000
+ANGLES = 20_000
 
 
 def four_bar() -> Table:
@@ -124,7 +124,7 @@ def assert_same_bits(actual: Any, expected: Any) -> None:
 
 @pytest.mark.parametrize("compiler", COMPILERS)
 def test_same_bits_as_python(table: Table, compiler: str, tmp_path: Path) -> None:
-    """At 100 000 angles every number equals that of the node, also beside borders and in turns."""
+    """At 20,000 angles every number equals that of the node, also beside borders and in turns."""
     export = export_of(table)
     angles = angles_to_test(export.constants, ANGLES)
     stddevs = stddevs_for(angles)
@@ -164,6 +164,14 @@ def equal_numbers(export: Export, folder: Path, compiler: str, *flags: str, **mo
     return float(np.mean((actual == node) | np.isnan(node)))
 
 
+@pytest.mark.parametrize(
+    "table",
+    [
+        "measured",
+        *(pytest.param(each, marks=pytest.mark.nightly) for each in TABLES if each != "measured"),
+    ],
+    indirect=True,
+)
 def test_sanitizers(table: Table, tmp_path: Path) -> None:
     """With the sanitizers of gcc, which find no fault, every number equals that of the node."""
     assert equal_numbers(export_of(table), tmp_path, require("gcc"), *SANITIZERS) == 1.0

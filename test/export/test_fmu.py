@@ -6,13 +6,12 @@ import copy
 import ctypes
 import subprocess
 import zipfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from scipy.optimize import brentq
 
 pytest.importorskip("fmpy.build", reason="FMPy is missing or too old; later ones need NumPy 2")
 
@@ -319,89 +318,6 @@ def replace_variable(variable: ModelVariable, name: str, start: str | None = Non
     changed = copy.copy(variable)
     changed.name, changed.start = name, start
     return changed
-
-
-def _next_event(
-    models: Sequence[Any], couple: Callable[[float], None], span: Sequence[float]
-) -> float:
-    """Return the time of the first event of any model in a span, by bisection, or its end."""
-
-    def signs(time: float) -> list[bool]:
-        couple(time)
-        return [indicators(model, 1)[0] > 0.0 for model in models]
-
-    low, high = span
-    now = signs(low)
-    if signs(high) == now:
-        return high
-    while high - low > 1e-9:
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if signs(middle) == now else (low, middle)
-    couple(high)
-    return high
-
-
-def test_container_of_two_fmus(tmp_path: Path) -> None:
-    """Two tables with two names in one simulation: the events of both are found where they are.
-
-    The first crank turns out of its table at pi, and the second one follows a natural frequency of
-    the first, out of its own table.
-    """
-    models, statuses = [], []
-    for name, source in (("tractor", DEFAULT_TABLE), ("paper", PAPER_TABLE)):
-        path = make(tmp_path / f"{name}.fmu", str(config_file(source)), "--name", name)
-        description = fmpy.read_model_description(str(path))
-        folder = fmpy.extract(str(path), str(tmp_path / name))
-        models.append(FMU2Model(guid=description.guid, unzipDirectory=folder, modelIdentifier=name))
-        statuses.append(references(path, "status"))
-    first, second = models
-    heave = references(tmp_path / "tractor.fmu", "natural_frequencies[4]")
-    predictor = Predictor(load_table(config_file(DEFAULT_TABLE)))
-    high = load_table(config_file(PAPER_TABLE)).alpha3_range[1]
-    begin, end = (predictor.predict(a).natural_frequencies[3] for a in (2.8, 3.1))
-
-    def couple(time: float) -> None:
-        first.setReal([1], [2.8 + 0.1 * time])
-        [frequency] = first.getReal(heave)
-        if np.isfinite(frequency):
-            share = (frequency - begin) / (end - begin)
-            second.setReal([1], [high + 0.2 * (share - 0.5)])
-
-    def status() -> list[int]:
-        return [model.getInteger(each)[0] for model, each in zip(models, statuses, strict=True)]
-
-    for model in models:
-        model.instantiate()
-        model.setupExperiment()
-        model.enterInitializationMode()
-    couple(0.0)
-    for model in models:
-        model.exitInitializationMode()
-        model.newDiscreteStates()
-        model.enterContinuousTimeMode()
-    events, time = [], 0.0
-    for k in range(1, 101):
-        while time < 0.05 * k:
-            time = _next_event(models, couple, (time, 0.05 * k))
-            before = status()
-            for model in models:
-                model.enterEventMode()
-                model.newDiscreteStates()
-                model.enterContinuousTimeMode()
-            after = status()
-            events += [(time, *after)] * (after != before)
-    crossing = brentq(
-        lambda t: predictor.predict(2.8 + 0.1 * t).natural_frequencies[3] - 0.5 * (begin + end),
-        0.0,
-        3.0,
-    )
-    assert events[-2:] == [
-        (pytest.approx(crossing, abs=1e-6), 0, 1),
-        (pytest.approx(10.0 * (np.pi - 2.8), abs=1e-6), 1, 1),
-    ]
-    for model in models:
-        model.terminate()
-        model.freeInstance()
 
 
 def test_states_are_kept(fmu: Path, instance: Callable[..., Any]) -> None:

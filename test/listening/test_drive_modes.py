@@ -102,8 +102,14 @@ def test_order_in_a_part_of_a_stretch(
 SOIL = {"field": {"speed": "ground", "terrain": {"class": "B"}, "raised": False}}
 
 
-@pytest.mark.parametrize("excitations", [(), excitations_from_mapping(SOIL)])
-@pytest.mark.parametrize(("speed", "doubted"), [(1.0, True), (-1.0, True), (0.05, False)])
+@pytest.mark.parametrize(
+    ("excitations", "speed", "doubted"),
+    [
+        ((), 1.0, True),
+        (excitations_from_mapping(SOIL), -1.0, True),
+        (excitations_from_mapping(SOIL), 0.05, False),
+    ],
+)
 def test_lines_of_wheels_that_roll(
     arguments: tuple[Table, Mechanism],
     drive: Drive,
@@ -156,9 +162,10 @@ def test_deviation_does_not_select(stddev: float) -> None:
     assert _best(actual, 1, np.array([5.1, 9.0]), shapes) is None
 
 
-def test_an_hour_without_excitation(arguments: tuple[Table, Mechanism]) -> None:
+@pytest.mark.parametrize("seconds", [600.0, pytest.param(3600.0, marks=pytest.mark.nightly)])
+def test_time_without_excitation(arguments: tuple[Table, Mechanism], seconds: float) -> None:
     """The noise of the sensors alone shows no mode in an hour at two heights."""
-    drive = simulate(5, Scene(road=0.0, seconds=3600.0))
+    drive = simulate(5, Scene(road=0.0, seconds=seconds))
     speeds = {Source(name): values for name, values in drive.speeds.items()}
     modes = listen_modes(*arguments, drive.times, drive.signals, SENSORS, drive.crank_angle, speeds)
     assert [each for each in modes if not each.doubt] == []

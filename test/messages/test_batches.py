@@ -56,9 +56,9 @@ def test_same_bytes(rows: list[tuple[float, float, int, int]], frame: str) -> No
 
 
 def test_same_bytes_at_many_angles() -> None:
-    """A hundred thousand angles across every cell of the table do so, too."""
+    """Twenty thousand angles across every cell of the table do so, too."""
     rng = np.random.default_rng(1)
-    angles = rng.uniform(LOW - 0.01, HIGH + 0.01, 100_000).tolist()
+    angles = rng.uniform(LOW - 0.01, HIGH + 0.01, 20_000).tolist()
     assert_same(SHIPPED, [(angle, 1e-3, 1, 2) for angle in angles], "base_link")
 
 

@@ -517,6 +517,7 @@ def test_mass_that_is_too_large(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.nightly(alone="both replays tabulate the ground anew")
 def test_threads_change_no_byte(tmp_path: Path) -> None:
     """A replay from Python has the same bytes with one and with four threads of BLAS."""
     code = (
@@ -686,12 +687,12 @@ print(done.predictions, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 10
 
 
 def test_memory_does_not_grow_with_the_bag(tmp_path: Path) -> None:
-    """A bag of more than 50 MB needs no more memory than one of 5 MB."""
+    """A bag of more than 25 MB needs no more memory than one of 5 MB."""
     from linkage_vibration.bags.log_writer import ChunkLog, Messages
 
     totals = []
     rng = np.random.default_rng(1)
-    for blocks in (10, 100):
+    for blocks in (10, 50):
         bag = tmp_path / f"{blocks}.mcap"
         example = np.frombuffer(STORE.serialize_cdr(swing(2)[1][3], JOINT_STATE), np.uint8)
         at = example.tobytes().index(np.float64(2.35 + 0.8 * np.sin(1 / 50)).tobytes())
@@ -707,7 +708,7 @@ def test_memory_does_not_grow_with_the_bag(tmp_path: Path) -> None:
         predictions, peak = map(int, subprocess.check_output(words).split())
         assert predictions == blocks * 5000
         totals.append(peak)
-    assert len(example) * 100 * 5000 > 50e6
+    assert len(example) * 50 * 5000 > 25e6
     assert totals[1] < totals[0] + 20
 
 

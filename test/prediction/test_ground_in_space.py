@@ -140,7 +140,7 @@ def simulated(
     return responses[:, round(lead / step) :], forces
 
 
-@pytest.mark.parametrize("speed", [2.5, 20.0 / 3.6])
+@pytest.mark.parametrize("speed", [2.5, pytest.param(20.0 / 3.6, marks=pytest.mark.nightly)])
 def test_levels_by_two_tracks(built: tuple[Mechanism, Table], speed: float) -> None:
     """Both directions of E1, a chain and the tyre that is off the ground most have these levels.
 

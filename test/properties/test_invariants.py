@@ -28,7 +28,7 @@ from .linkages import ANGLE, DRIVE_POINT, LEAST_BEND, SHORTEST, Linkage, beyond,
 
 FloatArray = NDArray[np.float64]
 
-FEW, MANY = 40, 10_000
+FEW, MANY = 15, 10_000
 EPS = float(np.finfo(float).eps)
 FBS_ROUNDING = 1e-6  # of the assembly's largest receptance: `couple_frfs` refuses more
 DRIVE: list[Place] = [(DRIVE_POINT, "x"), (DRIVE_POINT, "z")]

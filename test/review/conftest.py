@@ -13,12 +13,11 @@ import yaml
 from linkage_vibration.bags.log_writer import LogWriter
 from linkage_vibration.bags.writing import Attachment, Topic, offered_qos_profiles
 from linkage_vibration.messages.definitions import message_definition, type_hash
-from linkage_vibration.messages.encoding import encode_message
-from linkage_vibration.messages.topics import ASSESSED, PREDICTION
+from linkage_vibration.messages.encoding import encode_columns
 from linkage_vibration.prediction.excitation import Source, excitations_from_mapping
 from linkage_vibration.prediction.levels import LevelTable
-from linkage_vibration.prediction.predictor import Predictor
-from linkage_vibration.prediction.resonance import ResonanceMonitor
+from linkage_vibration.prediction.predictor import Predictor, predict_many
+from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor
 from linkage_vibration.prediction.severity import WarningLimits
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import PAPER_MECHANISM, PAPER_TABLE, config_file
@@ -80,28 +79,32 @@ def write_log() -> WriteLog:
             "parameters.yaml": PARAMETERS,
         }
         attachments = [Attachment(name, "application/yaml", data) for name, data in files.items()]
-        predictions, *assessed = list(TOPICS)[:4]
-        speeds_left = list(zip(*engine_and_pto_speed(), strict=True)) if speeds else []
+        stamps = [START + round(1e9 * time) for time in times]
+        reports, written = list[ReportedSpeed](), list[tuple[int, str, int, bytes]]()
+        for at, *values in zip(*engine_and_pto_speed(), strict=True) if speeds else ():
+            before = next((row for row, time in enumerate(times) if at <= time), None)
+            for source, speed in zip((Source.ENGINE, Source.PTO), values, strict=True):
+                if before is not None:
+                    received = START + round(1e9 * at)
+                    reports.append(ReportedSpeed(before, source, float(speed), received))
+                    data = b"\0\1\0\0" + struct.pack("<d", speed)
+                    written.append((2 * before, f"/{source.value}_speed", received, data))
+        deviations = np.full(len(stamps), 0.005)
+        columns = [predict_many(predictor, np.asarray(alpha3, float), deviations)]
+        if speeds:
+            unknown = np.full(len(stamps), np.nan)
+            given = unknown, np.array(stamps), reports, 0.0 * deviations
+            columns += 3 * [monitor.assess_many(columns[0], *given)]
+        sec, nanosec = np.divmod(stamps, 10**9)
+        for (name, kind), answers in zip(TOPICS.items(), columns, strict=False):
+            for rows, encoded in encode_columns(kind, answers, sec, nanosec, ""):
+                for row, data in zip(rows.tolist(), encoded, strict=True):
+                    written.append((2 * row + 1, name, stamps[row], data.tobytes()))
+        written.sort(key=lambda each: each[0])
         path.unlink(missing_ok=True)
         with LogWriter(path, topics, attachments if provenance else ()) as log:
-            for time_, angle in zip(times, alpha3, strict=True):
-                stamp = START + round(1e9 * time_)
-                while speeds_left and speeds_left[0][0] <= time_:
-                    at, engine, pto = speeds_left.pop(0)
-                    received = START + round(1e9 * at)
-                    for source, speed in ((Source.ENGINE, engine), (Source.PTO, pto)):
-                        monitor.set_speed(source, float(speed), received)
-                        data = b"\0\1\0\0" + struct.pack("<d", speed)
-                        log.write(f"/{source.value}_speed", data, received, received)
-                prediction = predictor.predict(float(angle), 0.005)
-                header = (*divmod(stamp, 10**9), "")
-                log.write(
-                    predictions, encode_message(PREDICTION, prediction, *header), stamp, stamp
-                )
-                if speeds:
-                    resonance = monitor.assess(prediction, np.nan, stamp)
-                    for name, kind in zip(assessed, ASSESSED, strict=True):
-                        log.write(name, encode_message(kind, resonance, *header), stamp, stamp)
+            for _, name, time, data in written:
+                log.write(name, data, time, time)
         return path
 
     return write

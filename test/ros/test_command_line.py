@@ -22,6 +22,7 @@ from linkage_vibration.support.missing_library import missing_library
 from linkage_vibration.support.resources import config_file
 from test.support.ros_process import until
 
+QOS = "qos_overrides./joint_states.subscription"
 DRIVE = config_file("drives/hitch_duty_cycle.mcap")
 
 
@@ -81,6 +82,8 @@ def test_refusals_end_the_process(start: Callable[..., Any]) -> None:
         (["-p", "table_file:=/none.npz"], "/none.npz: cannot be read"),
         (["-r", "~/prediction:=/joint_states"], "is that of both an input and the output"),
         (["-p", "log_directory:=/none"], "log_directory must be a folder to which the node"),
+        (["-p", f"{QOS}.depth:=0"], "depth must be 1 to 1000, not 0"),
+        (["-p", f"{QOS}.reliability:=best"], "must be reliable or best_effort, not"),
     ],
 )
 def test_refusals(

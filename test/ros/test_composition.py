@@ -29,7 +29,10 @@ if __name__ == "__main__":  # the process that builds a table imports this file
 """
 
 
-@pytest.fixture(params=["SingleThreadedExecutor", "MultiThreadedExecutor"])
+SINGLE = pytest.param("SingleThreadedExecutor", marks=pytest.mark.nightly)
+
+
+@pytest.fixture(params=["MultiThreadedExecutor", SINGLE])
 def composed(
     request: pytest.FixtureRequest, environment: dict[str, str], tmp_path: Path
 ) -> Iterator[tuple[RunningNode, str]]:

@@ -185,18 +185,3 @@ def test_messages_of_ros2_control(begin: Callable[..., RunningNode], domain: int
         executor.shutdown()
         tractor.destroy_node()
     assert node.stop() == 0
-
-
-def test_types_that_cannot_be_read(begin: Callable[..., RunningNode]) -> None:
-    """A wrong path, and a type that is not installed, end the node with one sentence."""
-    for parameters, words in (
-        ({"hitch_field": "position", "input": "ros2_isobus"}, "did you mean position_percent? its"),
-        (
-            {"engine_type": "other_msgs/msg/Engine"},
-            "engine_type: the type other_msgs/msg/Engine is",
-        ),
-    ):
-        node = begin(**parameters)
-        assert node.process.wait(120.0) == 1
-        assert words in node.printed
-        assert "Traceback" not in node.printed

@@ -367,7 +367,7 @@ while True:
 """
 
 
-@pytest.mark.parametrize("count", [2, pytest.param(30, marks=pytest.mark.nightly)])
+@pytest.mark.parametrize("count", [1, pytest.param(30, marks=pytest.mark.nightly)])
 def test_transitions_while_peers_come_and_go(
     start: Callable[..., Any], environment: dict[str, str], manager: Any, count: int
 ) -> None:

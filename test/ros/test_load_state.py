@@ -194,34 +194,6 @@ def test_the_load_is_unknown_before_the_first_reading(
     assert node.stop() == 0
 
 
-def test_a_simulated_time_that_stands_still_is_unknown(
-    start: Callable[..., RunningNode], meet: Callable[[str], Peer]
-) -> None:
-    """Though readings arrive, one message a second is unknown, until the time goes on."""
-    speeds = {"engine_speed": 1500.0, "pto_speed": 0.0, "ground_speed": 0.0}
-    node, peer = start(name="timed", use_sim_time=True, **speeds), meet("timed")
-    states, ticks = list[Any](), [time.time_ns()]
-    peer.node.create_subscription(LoadState, "timed/load_state", states.append, 100)
-
-    def step(advance: int = 20_000_000) -> None:
-        ticks.append(ticks[-1] + advance)
-        peer.tick(ticks[-1])
-        peer.second, peer.stamp = ticks[-1] // 10**9, ticks[-1] % 10**9
-        peer.publish()
-        peer.pause(0.02)
-
-    until(lambda: states and states[-1].state == CLEAR, "a load that is known", step)
-    for _ in range(2):
-        states.clear()
-        until(lambda: any(s.state == UNKNOWN for s in states), "not known", lambda: step(0))
-    unknown = next(state for state in states if state.state == UNKNOWN)
-    assert unknown.unknown_sources == CRANK
-    assert math.isnan(unknown.total_load_ratio)
-    states.clear()
-    until(lambda: states and states[-1].state == CLEAR, "a load that is known", step)
-    assert node.stop() == 0
-
-
 def test_the_pto_is_slowed(tractor: Tractor, environment: dict[str, str]) -> None:
     """The example asks for less while nothing is known, and for the quiet speed in a warning."""
     load = float(tractor.wait(CLEAR).total_load_ratio)
@@ -247,40 +219,24 @@ def test_the_pto_is_slowed(tractor: Tractor, environment: dict[str, str]) -> Non
         process.wait()
 
 
-@pytest.mark.parametrize(("valid", "status"), [(True, 0), (False, 2)])
-def test_our_own_measurements(
-    start: Callable[..., RunningNode], domain: int, valid: bool, status: int
-) -> None:
+def test_our_own_measurements(start: Callable[..., RunningNode], domain: int) -> None:
     """A measurement is used at its stamp, in SI units; one that is not valid has no number."""
-    name = f"measured_{valid}".lower()
-    node = start(name=name, input="measurement", pto_input="measurement")
-    node.wait_for("Predicting for")
-    predictions: list[Any] = []
-    with own_context(domain) as context:
-        with_peer(context, name, valid, predictions)
-    assert predictions[-1].status == status
-    assert (predictions[-1].header.stamp.sec, predictions[-1].header.frame_id) == (5, "hitch")
-    assert predictions[-1].crank_angle == (2.0 if valid else pytest.approx(math.nan, nan_ok=True))
+    node = start(name="measured", input="measurement", pto_input="measurement")
+    with peer_of("measured", domain, 98, reads=False) as peer:
+        publisher = peer.node.create_publisher(Measurement, "measured_hitch_angle", SENSOR)
+        for valid, status in ((True, 0), (False, 2)):
+            message = Measurement(value=2.0, valid=valid)
+            message.header.stamp.sec, message.header.frame_id = 5 + status, "hitch"
+
+            def publish(message: Any = message) -> None:
+                publisher.publish(message)
+                peer.pause(0.05)
+
+            own = lambda at=5 + status: [p for p in peer.predictions if p.header.stamp.sec == at]  # noqa: E731
+            until(own, "a prediction", publish)
+            assert (own()[0].status, own()[0].header.frame_id) == (status, "hitch")
+            assert own()[0].crank_angle == (2.0 if valid else pytest.approx(math.nan, nan_ok=True))
     assert node.stop() == 0
-
-
-def with_peer(context: Any, name: str, valid: bool, predictions: list[Any]) -> None:
-    """Publish measurements until a prediction arrives."""
-    peer = rclpy.create_node("measuring", context=context)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(peer)
-    peer.create_subscription(VibrationPrediction, f"{name}/prediction", predictions.append, 10)
-    publisher = peer.create_publisher(Measurement, "measured_hitch_angle", SENSOR)
-    message = Measurement(value=2.0, valid=valid)
-    message.header.stamp.sec, message.header.frame_id = 5, "hitch"
-
-    def publish() -> None:
-        publisher.publish(message)
-        executor.spin_once(0.05)
-
-    until(lambda: predictions, "a prediction", publish)
-    executor.shutdown()
-    peer.destroy_node()
 
 
 def test_inputs_from_three_places(environment: dict[str, str], domain: int, tmp_path: Path) -> None:

@@ -49,19 +49,6 @@ def done(peer: Peer, future: Any) -> Any:
     return future.result()
 
 
-def test_qos_that_changes_nothing_is_refused(start: Callable[..., Any]) -> None:
-    """A misspelt topic and an invalid value end the start, with what is right."""
-    for name, value, words in (
-        ("joint_state.subscription.depth", 3, "did you mean qos_overrides./joint_states.subscri"),
-        ("/joint_states.subscription.depth", 0, "depth must be 1 to 1000, not 0"),
-        ("/joint_states.subscription.reliability", "best", "must be reliable or best_effort, not"),
-    ):
-        wrong = start("-p", f"qos_overrides.{name}:={value}", name="wrong")
-        assert wrong.process.wait(120.0) == 1
-        assert words in wrong.printed
-        assert "Traceback" not in wrong.printed
-
-
 def test_own_parameters_are_loaded_again(peer: Peer, tmp_path: Path) -> None:
     """A dump as `ros2 param dump` writes it is accepted by rclpy's `ros2 param load`.
 

@@ -9,22 +9,17 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
 import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosbags.rosbag2 import Reader
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from linkage_vibration.prediction.predictor import Predictor, Status
-from linkage_vibration.ros.node import main
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import load_table
-from linkage_vibration_interfaces.msg import VibrationPrediction
 from test.support.messages import read_messages
 from test.support.ros_process import JOINT, slowness, until
 
@@ -72,55 +67,6 @@ def test_bytes_that_are_not_a_joint_state(peer: Any, node: Any) -> None:
     node.wait_for("is not valid CDR")
 
 
-def test_subscriber_of_another_qos_is_reported(peer: Any, node: Any) -> None:
-    """A subscriber that asks for transient-local predictions gets none; the node says why."""
-    qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    subscription = peer.node.create_subscription(
-        VibrationPrediction, "linkage_vibration/prediction", print, qos
-    )
-    node.wait_for(
-        "a QoS that does not match this node's, so nothing passes (Volatile publisher and transient"
-    )
-    peer.node.destroy_subscription(subscription)
-
-
-def test_ten_thousand_joints(peer: Any, predictor: Predictor) -> None:
-    """The joint is found among ten thousand joints."""
-    names = [f"joint_{i}" for i in range(10_000)]
-    names[7_777] = JOINT
-    assert same(peer.ask(names, [2.5] * 10_000), predictor.predict(2.5))
-
-
-def test_topic_bytes_are_exact(peer: Any) -> None:
-    """DDS carries what a strict decoder reads, padded to four bytes (RTPS)."""
-    peer.raw.clear()
-    peer.ask([JOINT], [2.2], frame_id="frame")
-    store = typestore()
-    name = "linkage_vibration_interfaces/msg/VibrationPrediction"
-    message: Any = store.deserialize_cdr(peer.raw[-1], name)
-    assert message.header.frame_id == "frame"
-    exact = bytes(store.serialize_cdr(message, name))
-    assert peer.raw[-1][: len(exact)] == exact
-    assert peer.raw[-1][len(exact) :] in (b"", b"\0", b"\0\0", b"\0\0\0")
-
-
-def typestore() -> Any:
-    """Return rosbags' types with ours among them."""
-    from linkage_vibration.messages.definitions import message_definition
-
-    name = "linkage_vibration_interfaces/msg/VibrationPrediction"
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    types = get_types_from_msg(message_definition(name), name)
-    store.register({key: value for key, value in types.items() if key == name})
-    return store
-
-
-def test_console_script_is_installed() -> None:
-    """`ros2 run` and a shell find the executable of the package."""
-    [script] = entry_points(group="console_scripts", name="linkage_vibration_node")
-    assert script.load() is main
-
-
 def test_humble_is_refused(environment: dict[str, str], tmp_path: Path) -> None:
     """On a ROS 2 before Jazzy, whose rclpy lacks modules, one sentence says what to use."""
     hidden = "import sys; sys.modules['rclpy.service_introspection'] = None"
@@ -138,24 +84,22 @@ def test_humble_is_refused(environment: dict[str, str], tmp_path: Path) -> None:
     assert "source a ROS 2 installation (Jazzy or later)" in line
 
 
-@pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_signals_end_it_cleanly(start: Callable[..., Any], by: signal.Signals) -> None:
-    """After Ctrl-C, SIGTERM or SIGHUP, even five times, the exit code is 0 without a complaint."""
-    ended = start(name=f"ended_{by.name.lower()}")
+def test_signals_end_it_cleanly(start: Callable[..., Any]) -> None:
+    """After Ctrl-C, even five times, the exit code is 0 without a complaint."""
+    ended = start(name="ended")
     ended.wait_for("Predicting for joint")
     for _ in range(5):
-        ended.process.send_signal(by)
+        ended.process.send_signal(signal.SIGINT)
         until(lambda: not ended.has_waiting_signals(), "the handling of the signal")
-    assert ended.stop(by) == 0
+    assert ended.stop() == 0
     assert [line.split()[0] for line in ended.printed.splitlines()] == ["[INFO]", "[INFO]"]
     assert "predictions made" in ended.printed
 
 
 def test_signals_at_any_moment(start: Callable[..., Any]) -> None:
     """A signal also ends the node at once and cleanly while it imports or loads the table."""
-    moments = ("", signal.SIGINT), ("numpy", signal.SIGTERM), ("rclpy", signal.SIGHUP)
-    later = ("scipy", signal.SIGINT), ("fastrtps", signal.SIGINT)
-    for i, (library, by) in enumerate((*moments, *later)):
+    moments = ("", signal.SIGINT), ("rclpy", signal.SIGHUP), ("fastrtps", signal.SIGTERM)
+    for i, (library, by) in enumerate(moments):
         early = start(name=f"early_{i}")
         early.wait_for_signal_handlers()
         until(lambda early=early, library=library: early.has_loaded(library), library)
@@ -169,16 +113,15 @@ def test_signals_at_any_moment(start: Callable[..., Any]) -> None:
 
 def test_signals_amid_traffic(start: Callable[..., Any], meet: Callable[[str], Any]) -> None:
     """A callback that is about to publish keeps its context when a signal comes."""
-    for i, by in enumerate((signal.SIGINT, signal.SIGTERM, signal.SIGHUP)):
-        busy = start(name=f"busy_{i}")
-        peer = meet(f"busy_{i}")
-        for count in range(400):
-            peer.publish()
-            peer.executor.spin_once(0.0005)
-            if count == 300:
-                busy.process.send_signal(by)
-        assert busy.stop(by) == 0
-        assert {line.split()[0] for line in busy.printed.splitlines()} <= {"[INFO]"}, busy.printed
+    busy = start(name="busy")
+    peer = meet("busy")
+    for count in range(400):
+        peer.publish()
+        peer.executor.spin_once(0.0005)
+        if count == 300:
+            busy.process.send_signal(signal.SIGTERM)
+    assert busy.stop(signal.SIGTERM) == 0
+    assert {line.split()[0] for line in busy.printed.splitlines()} <= {"[INFO]"}, busy.printed
 
 
 def test_signal_ends_a_table_under_way(start: Callable[..., Any]) -> None:
@@ -200,9 +143,9 @@ def test_log_holds_what_was_published(
     recorder = start(name="recorder", record=True, log_directory=tmp_path)
     peer = meet("recorder")
     warmed_up = peer.stamp
-    for i in range(200):
+    for i in range(50):
         peer.publish(["other"], [0.0])
-        peer.ask(["wheel", JOINT], [1.0, 1.6 + 0.007 * i], velocity=[0.0, 0.7])
+        peer.ask(["wheel", JOINT], [1.0, 1.6 + 0.028 * i], velocity=[0.0, 0.7])
     assert recorder.stop() == 0
     [path] = tmp_path.glob("linkage_vibration_*.mcap")
 

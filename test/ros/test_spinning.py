@@ -18,7 +18,6 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.action import ActionClient
 
 from linkage_vibration.ros.lifecycle import LinkageVibrationNode
-from linkage_vibration.ros.node import STOP_SIGNALS
 from linkage_vibration_interfaces.action import SetImplement
 from linkage_vibration_interfaces.srv import GetTable, PredictVibration
 from test.support.ros_process import Peer, slowness, until
@@ -89,22 +88,6 @@ def test_answers_during_a_goal(start: Callable[..., Any], meet: Callable[..., Pe
     steps = [b - a for a, b in pairwise(diagnostics)]
     assert len(steps) >= 2
     assert max(steps) < 1.0 + SOON * slowness()
-
-
-@pytest.mark.parametrize("by", STOP_SIGNALS)
-def test_signals_end_an_idle_node(
-    start: Callable[..., Any], meet: Callable[..., Peer], by: signal.Signals
-) -> None:
-    """A node without any reading, which nothing else wakes, ends by each signal, cleanly."""
-    node = start(name=f"ending_{by}")
-    node.wait_for("Predicting for")
-    time.sleep(1.0)
-    began = time.monotonic()
-    assert node.stop(by) == 0
-    lasted = time.monotonic() - began
-    print(f"\n{by.name}: {lasted:.2f} s at {slowness():.1f}")
-    assert lasted < SOON * slowness()
-    assert "messages received" in node.printed
 
 
 def test_goal_has_a_result_when_the_node_ends(

@@ -3,11 +3,13 @@
 """A node on a ROS distribution, which has no packages for the libraries of bags."""
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from std_srvs.srv import Trigger
 
 from linkage_vibration.prediction.predictor import Status
+from test.ros.test_implements import small_linkage
 from test.support.ros_process import JOINT
 
 BARE_NODE = """
@@ -28,13 +30,17 @@ if __name__ == "__main__":
 """
 
 
-def test_predicts_without_mcap(start: Callable[..., Any], meet: Callable[[str], Any]) -> None:
+def test_predicts_without_mcap(
+    start: Callable[..., Any], meet: Callable[[str], Any], tmp_path: Path, mechanism_file: Path
+) -> None:
     """It starts, predicts and takes another implement; one sentence says what it cannot do."""
     sentence = (
         "No log can be recorded and no bag be read: Python cannot import mcap (No module named "
         "'mcap'); run `pip install mcap`."
     )
-    node = start(name="bare", program=("-c", BARE_NODE))
+    small = tmp_path / "small.yaml"
+    small.write_text(small_linkage(mechanism_file))
+    node = start(name="bare", program=("-c", BARE_NODE), mechanism_file=small)
     peer = meet("bare")
     assert peer.ask([JOINT], [2.0]).status == Status.OK
     client = peer.node.create_client(Trigger, "bare/start_recording")

@@ -62,7 +62,7 @@ def measured(tractor: LinkageModel, friction: float, seed: int) -> list[Measured
     return measure_modes(np.arange(len(signals)) / RATE, signals + np.array([0.0, 9.81]))
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.nightly)])
 def test_friction_makes_no_targets(tractor: LinkageModel, seed: int) -> None:
     """One mode is between 80 and 125 Hz, which 250 N m split; without friction it is reported."""
     exact = tractor.solve(math.radians(135.0)).natural_frequencies
@@ -77,7 +77,9 @@ def test_friction_makes_no_targets(tractor: LinkageModel, seed: int) -> None:
     assert len(linear) >= 4
 
 
-@pytest.mark.parametrize("seed", [3, 4, 5, 6])
+@pytest.mark.parametrize(
+    "seed", [3, *(pytest.param(seed, marks=pytest.mark.nightly) for seed in (4, 5, 6))]
+)
 def test_a_linear_hitch_keeps_its_modes(tractor: LinkageModel, seed: int) -> None:
     """No mode of a linear hitch with noise is called not linear."""
     modes = measured(tractor, 0.0, seed)

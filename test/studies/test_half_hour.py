@@ -95,9 +95,8 @@ def test_what_chance_makes(away: list[float], expected: bool) -> None:
     assert is_chance(away) == expected
 
 
-@pytest.mark.parametrize(
-    "seed", [1, *(pytest.param(seed, marks=pytest.mark.nightly) for seed in (2, 3, 4))]
-)
+@pytest.mark.nightly(alone="test_measurement.py shows it for two numbers")
+@pytest.mark.parametrize("seed", [1, 2, 3, 4])
 def test_half_an_hour(
     tmp_path: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch, seed: int
 ) -> None:

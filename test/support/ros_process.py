@@ -392,8 +392,10 @@ def peer_of(
             if reads:
                 peer.spin(client.service_is_ready, f"the services of {name}")
                 until(lambda: peer.predictions, "a prediction", publish)
-                # Predictions come in the order of the joint states, so no other follows this one.
+                # Predictions come in the order of the joint states, so that none follows that of
+                # the last one, which a busy node may answer after an earlier try.
                 peer.ask()
+                peer.pause(5.0, lambda: peer.predictions[-1].header.stamp.nanosec == peer.stamp)
             peer.predictions.clear()
             peer.raw.clear()
             yield peer

@@ -27,9 +27,8 @@ def test_no_line_without_a_missing_program() -> None:
     assert missing_programs(["Skipped: pyuff is not installed"]) == ""
 
 
-@pytest.mark.parametrize("workers", ["0", "2"])
 def test_line_at_the_end_of_a_run(
-    pytester: pytest.Pytester, workers: str, monkeypatch: pytest.MonkeyPatch
+    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The line counts tests and fixtures that skip, also where workers run them."""
     root = Path(__file__).parents[2]
@@ -55,7 +54,7 @@ def test_line_at_the_end_of_a_run(
         def test_other():
             pytest.skip("no reason")
     """)
-    run = pytester.runpytest_subprocess("-n", workers)
+    run = pytester.runpytest_subprocess("-n", "1")
     run.assert_outcomes(skipped=5)
     [line] = [each for each in run.outlines if each.startswith("More tests")]
     assert line == (

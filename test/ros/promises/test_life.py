@@ -112,9 +112,7 @@ def test_signals(begin: Callable[..., Promised], tmp_path: Path, by: signal.Sign
 
 
 REFUSED = {
-    "-p recrod:=true": "Parameter recrod is unknown; did you mean record?",
     "-p sign:=3": "Parameter sign must be 1 or -1, not 3",
-    "-p table_file:=/none.npz": "/none.npz: cannot be read",
     "-p qos_overrides./joint_state.subscription.depth:=3": "did you mean qos_overrides./joint_stat",
 }
 
