@@ -16,10 +16,13 @@ from scipy.signal import lfilter
 from linkage_vibration.cli.main import main
 from linkage_vibration.drawing.geometry import curves, left_curves
 from linkage_vibration.drawing.pose_picture import draw_pose
+from linkage_vibration.export.constants import ExportError
 from linkage_vibration.export.exported import export_of
+from linkage_vibration.listening.amplitudes import predicted_levels, unit_responses
 from linkage_vibration.listening.drive_modes import model_shapes, search_modes
 from linkage_vibration.listening.model_check import drive_targets
 from linkage_vibration.listening.output_only import finish
+from linkage_vibration.listening.sensor_response import SensorResponse
 from linkage_vibration.mechanics.model import LinkageModel, ModelError
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.prediction.answers import (
@@ -30,6 +33,7 @@ from linkage_vibration.prediction.answers import (
 )
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.levels import LevelTable
+from linkage_vibration.prediction.loads import FORCE, Load
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.resonance import ResonanceMonitor, ResonanceState
 from linkage_vibration.readers.mechanism import read_mechanism
@@ -294,3 +298,24 @@ def test_commands(table: Table, tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert labels == [table.mode_label(mode) for mode in range(12)]
     sway = table.mode_names.index("implement sway")
     assert float(row.splitlines()[1].split()[1 + sway]) == pytest.approx(5.05, abs=0.02)
+
+
+def test_what_leaves_orders_across_the_plane_out(table: Table) -> None:
+    """An export refuses them, and no level that they add to is predicted at a sensor."""
+    mechanism = replace(read_mechanism(IN_SPACE), uncertainty=None)
+    upright, across = (
+        Excitation(at, Source.PTO, 1.0, Load(FORCE, at, 300.0, 1.0, 0.0, 0.0))
+        for at in ("E1.z", "E1.y")
+    )
+    with pytest.raises(ExportError, match=r"excitation E1\.y acts across the plane"):
+        export_of(table, mechanism, [upright, across])
+    sensor: Any = SimpleNamespace(at="E1", accelerates=True, name="mast")
+    for excitations, known in (([upright], True), ([upright, across], False)):
+        transfer = SensorResponse(table, mechanism, excitations, sensor)
+        zeros = np.zeros((1, len(excitations)))
+        orders: Any = SimpleNamespace(
+            frequencies=zeros + 5.0, speeds=zeros + 5.0, squares=zeros, noise=zeros, detected=zeros
+        )
+        units = unit_responses(transfer, orders, np.array([2.0]))
+        levels, _ = predicted_levels(transfer, excitations, orders, units, [Source.PTO])
+        assert np.isfinite(levels).tolist() == [known]

@@ -97,7 +97,7 @@ class _Modes(NamedTuple):
             a, c = a + b * w2, c * w
             factors = np.stack([a * real + c * imaginary, c * real - a * imaginary], axis=-3)
             rows = factors.reshape(*factors.shape[:-3], -1, n_shapes) @ self.outputs
-        responses = rows.reshape(*factors.shape[:-1], -1)
+        responses = rows.reshape(*factors.shape[:-1], self.outputs.shape[-1])
         far[..., 1, :, :] *= w[..., :1]
         responses += far
         return np.asarray(responses)

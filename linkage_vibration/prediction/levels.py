@@ -38,7 +38,6 @@ from linkage_vibration.prediction.level_cache import Arrays, Keep, Kept, compute
 from linkage_vibration.prediction.loads import (
     ExcitationError,
     UnitLoad,
-    force_at,
     load_input,
     load_powers,
     unit_sizes,
@@ -291,12 +290,11 @@ class LevelTable:
         """Chains that the ground loads, those of known pretension first."""
         terrain = excitations[self._terrain].terrain
         self._halves: list[_Half] = []
-        of_halves = list[list[UnitLoad]]()
         if table.places:
             excited = bool(terrain and lateral_mounts(mechanism)) or bool(across.any())
             self._outputs = self._listed(table, excited)
-            for half in table.halves[: 1 + across.any()]:
-                of_halves.append(self._add_half(half, inputs, across, keep))
+            for half, its in zip(table.halves, filter(None, inputs), strict=False):
+                self._add_half(half, its, across, keep)
             outputs = self._outputs[: len(self._outputs) - self._n_tyres]
             if terrain is not None:
                 self._ground = GroundTable(table, mechanism, terrain, outputs[1:], keep=keep)
@@ -308,8 +306,8 @@ class LevelTable:
         alike = [each.table.ensemble_coordinates for each in self._halves]
         if self._loaded and len(table.ensemble_alpha3) and np.array_equal(alike[0], alike[-1]):
             names = "modes", "lateral_modes"
-            for each, own, name in zip(self._halves, of_halves, names, strict=False):
-                each.add_members(own, len(outputs), self._n_pins, partial(keep, name))
+            for each, its, name in zip(self._halves, filter(None, inputs), names, strict=False):
+                each.add_members(its, len(outputs), self._n_pins, partial(keep, name))
             self.n_members = each.members.n
             amplitudes, frequencies = load_factors(excitations, self.n_members)
             amplitudes = unit_sizes(amplitudes.T, frequencies.T, self._powers)
@@ -319,26 +317,18 @@ class LevelTable:
                     table, mechanism, terrain, outputs, self._ground.lines, keep
                 )
 
-    def _add_half(
-        self, half: Table, loads: list[UnitLoad], across: BoolArray, keep: Keep
-    ) -> list[UnitLoad]:
-        """Add the next half of the table, and return those of the loads that excite it.
-
-        They are not kept, as another process cannot receive their functions.
-        """
-        lateral = len(self._halves) > 0
-        own = sorted({*self._inputs[across == lateral].tolist()})
-        which = np.where(across == lateral, self._inputs - (own[0] if own else 0), -1)
-        its = [loads[i] for i in own] or [force_at(self._outputs[0])]
+    def _add_half(self, half: Table, loads: list[UnitLoad], across: BoolArray, keep: Keep) -> None:
+        """Add the next half of the table, and the loads that excite it."""
+        lateral, before = bool(self._halves), sum(each.layout.n_inputs for each in self._halves)
+        which = np.where(across == lateral, self._inputs - before, -1)
         rows = {*half.places, *half.forces}
         known = {i: place for i, place in enumerate(self._outputs) if place in rows}
         n_forces = 0 if lateral else self._n_pins + self._n_tyres
         kept = keep(
             "lateral" if lateral else "cells",
-            lambda: _sampled(half, its, [*known.values()], n_forces),
+            lambda: _sampled(half, loads, [*known.values()], n_forces),
         )
         self._halves.append(_Half(half, which, known, kept))
-        return its
 
     def _listed(self, table: Table, excited: bool) -> list[Place]:
         """Return the response point, then forces: at pins, cylinders and chains, then of tyres.
@@ -672,10 +662,10 @@ def first_largest(values: Reals, largest: Reals) -> IntArray:
 
 def _unit_loads(
     table: Table, mechanism: Mechanism, excitations: Sequence[Excitation]
-) -> tuple[list[UnitLoad], list[int]]:
-    """Return the different unit loads of excitations, and the index of the load of each.
+) -> tuple[list[list[UnitLoad]], list[int]]:
+    """Return the different unit loads in each half, and of each excitation the index among all.
 
-    Those of the lateral half are last.
+    The vertical half has one at least, as static forces are known there.
     """
     inputs: dict[tuple[bool, str, str], UnitLoad] = {}
     keys = []
@@ -690,8 +680,11 @@ def _unit_loads(
         keys.append((load.across, load.kind.key, load.place) if load else (False, "", ""))
         if keys[-1] not in inputs:
             inputs[keys[-1]] = load_input(load, excitation.name, table, mechanism)
+    if all(across for across, *_ in keys):
+        inputs[False, "", ""] = load_input(None, "", table, mechanism)
     order = sorted(inputs, key=lambda key: key[0])
-    return [inputs[key] for key in order], [order.index(key) for key in keys]
+    halves = [[inputs[key] for key in order if key[0] == half] for half in (False, True)]
+    return halves, [order.index(key) for key in keys]
 
 
 def unknown_levels(n_excitations: int, n: int) -> MessageColumns:

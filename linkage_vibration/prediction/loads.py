@@ -106,7 +106,7 @@ def load_input(load: Load | None, name: str, table: Table, mechanism: Mechanism)
     """
     response = mechanism.response
     if load is None:
-        return force_at((response.point, response.direction))
+        return _force_at((response.point, response.direction))
     unit_load = load.kind.unit_load(load.place, mechanism, f"excitation {name}")
     missing = sorted({place[0] for place in unit_load.places if place not in table.frf_places})
     if missing:
@@ -126,11 +126,10 @@ def _force(name: str, mechanism: Mechanism, where: str) -> UnitLoad:
             f"{where}: the mechanism {mechanism.name} has no place {name}; give a point and "
             f"a direction, such as {mechanism.response.point}.z; y needs the key `lateral`."
         )
-    return force_at((point, direction))
+    return _force_at((point, direction))
 
 
-def force_at(place: Place) -> UnitLoad:
-    """Return a force of 1 N at a place."""
+def _force_at(place: Place) -> UnitLoad:
     weights = np.ones(1), np.zeros(1)
     return UnitLoad((place,), lambda alpha3: weights)
 

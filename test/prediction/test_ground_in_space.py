@@ -17,6 +17,7 @@ from scipy.special import ndtri
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
+from linkage_vibration.mechanics.paths import number_at, with_numbers
 from linkage_vibration.prediction.doubts import excitation_doubts, slack_mode
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.ground import (
@@ -331,3 +332,25 @@ def test_orders_across_the_plane(
             levels.excites,
             [[half != (e is across) for half in ~table.lateral_modes] for e in excitations],
         )
+
+
+def test_factors_of_an_order_across_the_plane(mapping: Any) -> None:
+    """They are those of models in which one number is larger or smaller by its deviation."""
+    paths = "lateral.chains.check_chain.stiffness", "lateral.axles.rear_axle.stiffness"
+    hertz, place, squares = np.array([1.3, 3.2, 9.0]), [("E1", "z")], np.zeros(3)
+    for path in paths:
+        logs = []
+        for factor in (math.exp(0.2), math.exp(-0.2)):
+            changed = with_numbers(mapping, [(path, number_at(mapping, path) * factor)])
+            model = LinkageModel(mechanism_from_mapping(changed), half="lateral")
+            frf = model.solve(ALPHA3).frf(place, [("E1", "y")]).frf(hertz)
+            logs.append(np.log(np.abs(frf[:, 0, 0])))
+        squares += ((logs[0] - logs[1]) / 2.0) ** 2
+    mechanism = mechanism_from_mapping(
+        mapping | {"uncertainty": {"relative": dict.fromkeys(paths, 0.2)}}
+    )
+    table = build_table(LinkageModel(mechanism), 1e-4, ["E1"])
+    side = Excitation("side", Source.PTO, 1.0, Load(FORCE, "E1.y", 300.0, 1.0, 0.0, 0.0))
+    levels, angles = LevelTable(Predictor(table), mechanism, [side]), np.full(3, ALPHA3)
+    factors = levels.factor_rows(angles, np.tile(hertz, (len(Source), 1)), 1.0)[:, 0]
+    np.testing.assert_allclose(np.log(factors), np.sqrt(squares), rtol=0.05)
