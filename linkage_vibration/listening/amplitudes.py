@@ -104,8 +104,8 @@ def predicted_levels(
             if transfer.sensor.accelerates:
                 amplitude = amplitude / (2.0 * math.pi * orders.frequencies[:, i])
         squares[:, i] = np.where(speed == 0.0, 0.0, amplitude**2 / 2.0)
-    levels = np.sqrt(squares.sum(axis=1)) if any_known and not across else math.nan
-    return np.broadcast_to(levels, len(squares)), squares
+    unknown = math.nan if across or not any_known else 0.0
+    return np.sqrt(squares.sum(axis=1)) + unknown, squares
 
 
 def measure_orders(

@@ -186,21 +186,10 @@ def _ground(keys: CheckedMapping, name: str, read_profile: ReadProfile) -> Excit
     treaded = not {"lugs", "rolling_radius"}.isdisjoint(keys)
     radius, what = _radius(keys) if treaded else math.nan, _description(keys, name)
     pitch = 2.0 * math.pi * radius / keys.integer("lugs") if treaded else None
-    terrain = Terrain(
-        roughness=roughness,
-        exponent=exponent,
-        reference=reference,
-        band=band,
-        lug_pitch=pitch,
-        raised=keys.flag("raised"),
-        relative_stddev=_stddev(keys, "amplitude_stddev", spread),
-        spectrum=spectrum,
-        difference=difference,
-        track=track,
-    )
-    return Excitation(
-        name, Source.GROUND, math.nan, None, 0.0, True, terrain, radius, description=what
-    )
+    law, raised = (roughness, exponent, reference), keys.flag("raised")
+    spread = _stddev(keys, "amplitude_stddev", spread)
+    terrain = Terrain(*law, band, pitch, raised, spread, spectrum, difference, track)
+    return Excitation(name, Source.GROUND, math.nan, None, 0.0, True, terrain, radius, what)
 
 
 def _radius(keys: CheckedMapping) -> float:

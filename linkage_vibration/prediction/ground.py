@@ -218,10 +218,9 @@ class GroundLevels:
         """Return the levels with the largest share of the time that a tyre is off the ground, 1."""
         off = np.where(share > MAX_OFF_GROUND, _OFF, np.where(np.isnan(share), _STATIC, 0))
         reason = np.where(self.reason > 0, self.reason, off).astype(np.int8)
-        every = self.velocity, self.acceleration, self.forces2
-        velocity, acceleration, forces2 = (np.where(reason > 0, math.nan, x) for x in every)
-        known = velocity, acceleration, forces2, self.tyres2, self.loads
-        return GroundLevels(*known, share, reason)
+        names = "velocity", "acceleration", "forces2"
+        known = {name: np.where(reason > 0, math.nan, getattr(self, name)) for name in names}
+        return replace(self, off_ground_share=share, reason=reason, **known)
 
 
 def off_ground_share(loads: Reals, forces2: Reals) -> FloatArray:

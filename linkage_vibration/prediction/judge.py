@@ -152,8 +152,9 @@ class InputJudge:
         since = now - self._judged.setdefault(what, now)
         if not 0 < since < _SECOND:
             self._judged[what] = now
-            times = self._judged.values()
-            self._nothing_due = range(max(times), min(times) + _SECOND)
+            if None in self._judged:  # before the first reading, one is always looked at
+                times = self._judged.values()
+                self._nothing_due = range(max(times), min(times) + _SECOND)
         return not 0 <= since < _SECOND
 
     def _judge_readings(self, now: float) -> None:

@@ -152,16 +152,25 @@ class _Forcing(NamedTuple):
 class _Half:
     """Responses of the vertical or the lateral half to its excitations, over the stroke.
 
-    `which`, (n_excitations,), are indices of loads, -1 in the other half. The places, with the
-    indices of these among all outputs, respond here.
+    `which`, (n_excitations,), are indices of loads, -1 in the other half. Those of all outputs that
+    the table knows respond here; it has n_forces reference forces.
     """
 
     def __init__(
-        self, table: Table, which: IntArray, outputs: dict[int, Place], kept: Arrays
+        self,
+        table: Table,
+        loads: list[UnitLoad],
+        which: IntArray,
+        outputs: Sequence[Place],
+        n_forces: int,
+        keep: Kept,
     ) -> None:
         self.table, self._which = table, which
         self.excitations, self._own = self.of(np.arange(len(which)))
-        self.outputs, self._places = np.array([*outputs]), [*outputs.values()]
+        rows = {*table.places, *table.forces}
+        self.outputs = np.array([i for i, place in enumerate(outputs) if place in rows])
+        self._places = [outputs[i] for i in self.outputs]
+        kept = keep(lambda: _sampled(table, loads, self._places, n_forces))
         self.cells, self.order = (kept["starts"], kept["cubics"]), kept["order"]
         self.layout, self._rows = _Layout(*kept["layout"].tolist()), kept["rows"]
 
@@ -170,12 +179,12 @@ class _Half:
         which = self._which[excitations]
         return np.flatnonzero(which >= 0), which[which >= 0]
 
-    def add_members(self, loads: list[UnitLoad], n_outputs: int, n_forces: int, kept: Kept) -> None:
-        """Compute what `member_squares` needs of loads, for the first of all outputs."""
-        places = [x for i, x in zip(self.outputs, self._places, strict=True) if i < n_outputs]
+    def add_members(self, loads: list[UnitLoad], n_outputs: int, n_forces: int, keep: Kept) -> None:
+        """Compute what `member_squares` needs, for the loads and the first of all outputs."""
+        places = self._places[: int(self.outputs.searchsorted(n_outputs))]
         self._nodes = self.terms(self.table.ensemble_alpha3)
         self.members = EnsembleResponses(
-            self.table, loads, places, n_forces, self._table_responses, kept
+            self.table, loads, places, n_forces, self._table_responses, keep
         )
 
     def member_squares(self, angles: FloatArray, omega: FloatArray) -> tuple[Reals, Reals]:
@@ -264,13 +273,13 @@ class LevelTable:
     ) -> None:
         self.predictor, table = predictor, predictor.table
         self.unknown_factors = table.unknown_factors
-        inputs, which = _unit_loads(table, mechanism, excitations)
+        inputs, numbers = _unit_loads(table, mechanism, excitations)
         loads = [excitation.load for excitation in excitations]
         across = np.array([load is not None and load.across for load in loads])
         self.excites = across[:, np.newaxis] == table.lateral_modes
         """Which modes each excitation can excite, (n_excitations, n_modes): those of its half."""
         self.states_uncertainty = table.uncertain or table.measured
-        self._top, self._inputs = 2.0 * math.pi * table.band[1], np.array(which)
+        self._top, self._inputs = 2.0 * math.pi * table.band[1], np.array(numbers)
         self._sources = np.array([excitation.source.index for excitation in excitations])
 
         self._omega = np.array([2.0 * math.pi * excitation.ratio for excitation in excitations])
@@ -290,12 +299,23 @@ class LevelTable:
         """Chains that the ground loads, those of known pretension first."""
         terrain = excitations[self._terrain].terrain
         self._halves: list[_Half] = []
+<<<<<<< HEAD
         of_halves = [loads for loads in inputs if loads]
         if table.places:
             excited = bool(terrain and lateral_mounts(mechanism)) or bool(across.any())
             self._outputs = self._listed(table, excited)
             for half, own in zip(table.halves, of_halves, strict=False):
                 self._add_half(half, own, across, keep)
+=======
+        if table.places:
+            excited = bool(terrain and lateral_mounts(mechanism)) or bool(across.any())
+            self._outputs = self._listed(table, excited)
+            for i, (half, its) in enumerate(zip(table.halves, filter(None, inputs), strict=False)):
+                which = np.where(across == i, self._inputs - i * len(inputs[0]), -1)
+                n_forces = 0 if i else self._n_pins + self._n_tyres
+                kept = partial(keep, ("cells", "lateral")[i])
+                self._halves.append(_Half(half, its, which, self._outputs, n_forces, kept))
+>>>>>>> w48
             outputs = self._outputs[: len(self._outputs) - self._n_tyres]
             if terrain is not None:
                 self._ground = GroundTable(table, mechanism, terrain, outputs[1:], keep=keep)
@@ -307,8 +327,8 @@ class LevelTable:
         alike = [each.table.ensemble_coordinates for each in self._halves]
         if self._loaded and len(table.ensemble_alpha3) and np.array_equal(alike[0], alike[-1]):
             names = "modes", "lateral_modes"
-            for each, own, name in zip(self._halves, of_halves, names, strict=False):
-                each.add_members(own, len(outputs), self._n_pins, partial(keep, name))
+            for each, its, name in zip(self._halves, inputs, names, strict=False):
+                each.add_members(its, len(outputs), self._n_pins, partial(keep, name))
             self.n_members = each.members.n
             amplitudes, frequencies = load_factors(excitations, self.n_members)
             amplitudes = unit_sizes(amplitudes.T, frequencies.T, self._powers)
@@ -318,6 +338,7 @@ class LevelTable:
                     table, mechanism, terrain, outputs, self._ground.lines, keep
                 )
 
+<<<<<<< HEAD
     def _add_half(self, half: Table, loads: list[UnitLoad], across: BoolArray, keep: Keep) -> None:
         """Add the next half of the table, and the loads that excite it.
 
@@ -334,6 +355,8 @@ class LevelTable:
         )
         self._halves.append(_Half(half, which, known, kept))
 
+=======
+>>>>>>> w48
     def _listed(self, table: Table, excited: bool) -> list[Place]:
         """Return the response point, then forces: at pins, cylinders and chains, then of tyres.
 
@@ -783,7 +806,8 @@ def _sampled(table: Table, inputs: list[UnitLoad], outputs: list[Place], n_force
         ends = waiting.pop()
         samples = _Samples(table, inputs, outputs, n_forces, ends)
         at, values, lost = samples.refined()
-        # Where modes nearly coincide, cells are divided further, by themselves.
+        # Where modes nearly coincide, cells are divided further, by themselves. They do not do so
+        # over more than half of a piece; dividing that would go on for hours.
         half, kept = (ends[1] - ends[0]) / 2.0, np.ones(len(lost), np.bool_)
         for first, last in runs(lost):
             if _NARROWEST < at[last] - at[first] <= half:

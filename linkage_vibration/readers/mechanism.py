@@ -107,8 +107,7 @@ _FILES = {"matrices": _matrices, "frfs": _frfs}
 """What reads the body of a link from a file, by the ``kind`` of the file."""
 
 
-# libyaml, without which PyYAML may be built, is several times as fast.
-class _StrictLoader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
+class _StrictLoader(yaml.SafeLoader):
     """Loads plain data of bounded size; a repeated key, which YAML drops silently, is an error."""
 
     def construct_document(self, node: Any) -> Any:
@@ -131,8 +130,7 @@ class _StrictLoader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ign
                 number = f"{before.value}.{key.value}"
                 hint = f"a comma ends a number; write {number} with a decimal point"
                 raise yaml.constructor.ConstructorError(None, None, hint, key.start_mark)
-        mapping: dict[Hashable, Any] = super().construct_mapping(node, deep)
-        return mapping
+        return super().construct_mapping(node, deep)
 
 
 def _whole_number(loader: _StrictLoader, node: Any) -> int:

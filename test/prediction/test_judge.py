@@ -193,6 +193,22 @@ def test_stamps_of_speeds(age: float, words: str) -> None:
     )
 
 
+def test_readings_have_seconds_of_their_own() -> None:
+    """A second of readings begins with the first, also half a second after the first speed."""
+    judge = InputJudge("the crank angle", RANGE)
+    for k in range(150):
+        if not k % 5:
+            judge.speed(Source.ENGINE, START + k * STEP, 1800.0, "/engine_speed")
+        if k >= 25:
+            angle = math.nan if k < 75 else 2.0
+            judge.readings([START + k * STEP], [START + k * STEP], [angle], [math.nan], [True])
+    [fault] = judge.faults()
+    assert fault.sentence == (
+        "No reading of the crank angle is a number; check the sensor (first after 0 s, in 1 of 3 "
+        "seconds)."
+    )
+
+
 def test_sound_speeds() -> None:
     """Speeds that are possible have no fault."""
     assert speeds(Source.ENGINE, lambda k: 800.0 + 10.0 * k) == []
