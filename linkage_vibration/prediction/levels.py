@@ -299,14 +299,6 @@ class LevelTable:
         """Chains that the ground loads, those of known pretension first."""
         terrain = excitations[self._terrain].terrain
         self._halves: list[_Half] = []
-<<<<<<< HEAD
-        of_halves = [loads for loads in inputs if loads]
-        if table.places:
-            excited = bool(terrain and lateral_mounts(mechanism)) or bool(across.any())
-            self._outputs = self._listed(table, excited)
-            for half, own in zip(table.halves, of_halves, strict=False):
-                self._add_half(half, own, across, keep)
-=======
         if table.places:
             excited = bool(terrain and lateral_mounts(mechanism)) or bool(across.any())
             self._outputs = self._listed(table, excited)
@@ -315,7 +307,6 @@ class LevelTable:
                 n_forces = 0 if i else self._n_pins + self._n_tyres
                 kept = partial(keep, ("cells", "lateral")[i])
                 self._halves.append(_Half(half, its, which, self._outputs, n_forces, kept))
->>>>>>> w48
             outputs = self._outputs[: len(self._outputs) - self._n_tyres]
             if terrain is not None:
                 self._ground = GroundTable(table, mechanism, terrain, outputs[1:], keep=keep)
@@ -338,25 +329,6 @@ class LevelTable:
                     table, mechanism, terrain, outputs, self._ground.lines, keep
                 )
 
-<<<<<<< HEAD
-    def _add_half(self, half: Table, loads: list[UnitLoad], across: BoolArray, keep: Keep) -> None:
-        """Add the next half of the table, and the loads that excite it.
-
-        The loads are not kept, as another process cannot receive their functions.
-        """
-        lateral, before = bool(self._halves), sum(each.layout.n_inputs for each in self._halves)
-        which = np.where(across == lateral, self._inputs - before, -1)
-        rows = {*half.places, *half.forces}
-        known = {i: place for i, place in enumerate(self._outputs) if place in rows}
-        n_forces = 0 if lateral else self._n_pins + self._n_tyres
-        kept = keep(
-            "lateral" if lateral else "cells",
-            lambda: _sampled(half, loads, [*known.values()], n_forces),
-        )
-        self._halves.append(_Half(half, which, known, kept))
-
-=======
->>>>>>> w48
     def _listed(self, table: Table, excited: bool) -> list[Place]:
         """Return the response point, then forces: at pins, cylinders and chains, then of tyres.
 
