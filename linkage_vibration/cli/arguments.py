@@ -8,7 +8,6 @@ import re
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -187,28 +186,10 @@ def read_table(settings: "Parameters") -> "LoadedModel":
 
 def read_variants(settings: "Parameters", masses: Sequence[float]) -> "list[LoadedModel]":
     """Return the mechanism and its table with each mass of the implement, kg, or as described."""
-    from linkage_vibration.mechanics.model import LinkageModel
-    from linkage_vibration.prediction.answers import ModelWithoutTable
-    from linkage_vibration.prediction.doubts import linkage_doubts
     from linkage_vibration.prediction.level_cache import kept_table
-    from linkage_vibration.prediction.predictor import Predictor
-    from linkage_vibration.readers.loaded_model import only_rigid_body, read_described
-    from linkage_vibration.table.tabulation import build_table
+    from linkage_vibration.readers.loaded_model import load_variants
 
-    if not masses:
-        return [read_table(settings)]
-    described, variants = read_described(settings).mechanism, []
-    name = only_rigid_body(described, settings.mechanism_path()).name
-    words = ", ".join(f"{mass:.5g}" for mass in masses)
-    warn(f"The implement has {words} kg, with the centre of gravity and the inertia of the file.")
-    for mass in masses:
-        mechanism = described.with_values({f"rigid_bodies.{name}.mass": mass})
-        model = LinkageModel(mechanism)
-        for doubt in linkage_doubts(model):
-            warn(f"{mass:.5g} kg: {doubt}")
-        table = kept_table(mechanism, partial(build_table, model))
-        variants.append(ModelWithoutTable(mechanism, "").with_predictor(Predictor(table)))
-    return variants
+    return load_variants(settings, masses, warn, kept_table) if masses else [read_table(settings)]
 
 
 def read_levels(

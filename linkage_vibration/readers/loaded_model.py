@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads the mechanism and the table that the parameters name, and builds a missing table."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from shlex import quote
 
@@ -56,17 +57,46 @@ def load_model(
         why = "its implement is not that of the table"
 
     def built() -> Table:
-        from linkage_vibration.table.tabulation import build_table
-
         if report:
             saved = (
                 f"`{command(f'build {quote(str(path))}')}` saves a table, which then loads at once"
             )
             saved = "it is kept for the next time" if keep else saved
             report(f"Building the table of {path}, as {why}; {saved}.")
-        return build_table(LinkageModel(mechanism), progress=progress)
+        return _built(LinkageModel(mechanism), progress)
 
     return described.with_predictor(Predictor(keep(mechanism, built) if keep else built()))
+
+
+def load_variants(
+    settings: Parameters,
+    masses: Sequence[float],
+    report: Callable[[str], object],
+    keep: Callable[[Mechanism, Callable[[], Table]], Table],
+) -> list[LoadedModel]:
+    """Return a mechanism and its table with each mass of its implement, kg.
+
+    `report` is called with each doubt, and `keep` may know a table built before.
+    """
+    described, variants = read_described(settings).mechanism, []
+    name = only_rigid_body(described, settings.mechanism_path()).name
+    words = ", ".join(f"{mass:.5g}" for mass in masses)
+    report(f"The implement has {words} kg, with the centre of gravity and the inertia of the file.")
+    for mass in masses:
+        mechanism = described.with_values({f"rigid_bodies.{name}.mass": mass})
+        model = LinkageModel(mechanism)
+        for doubt in linkage_doubts(model):
+            report(f"{mass:.5g} kg: {doubt}")
+        predictor = Predictor(keep(mechanism, partial(_built, model)))
+        variants.append(ModelWithoutTable(mechanism, "").with_predictor(predictor))
+    return variants
+
+
+def _built(model: LinkageModel, progress: Callable[[float], object] | None = None) -> Table:
+    """Return the table of a model; few commands need what builds it."""
+    from linkage_vibration.table.tabulation import build_table
+
+    return build_table(model, progress=progress)
 
 
 def read_described(settings: Parameters) -> ModelWithoutTable:

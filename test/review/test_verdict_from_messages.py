@@ -173,7 +173,7 @@ def check_answers(messages: list[Message], log: Log) -> None:
 def prepare_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let all drives share what follows from their model and from the types of their messages."""
     kept: tuple[tuple[Any, str, Callable[..., str]], ...] = (
-        (streams, "_store", lambda connections: connections[0].msgtype),
+        (streams, "_store", lambda connections: connections[0].msgtype if connections else ""),
         (logs, "_read_model", lambda _, table_id: table_id),
         (logs, "topic_types", lambda _: ""),
         (bag_checks, "topic_types", lambda _: ""),
