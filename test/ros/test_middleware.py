@@ -18,7 +18,7 @@ from sensor_msgs.msg import JointState
 
 from linkage_vibration.prediction.inputs.sources import MAX_BYTES
 from linkage_vibration.prediction.predictor import Status
-from test.support.ros_process import JOINT, SENSOR, Peer, RunningNode
+from test.support.ros_process import JOINT, SENSOR, Peer, RunningNode, until
 
 MIDDLE = "/middle/prediction.publisher"
 OVERRIDES = {
@@ -97,6 +97,7 @@ def test_large_messages_are_refused(peer: Peer, node: RunningNode) -> None:
     large = serialize_message(JointState(name=names, position=array("d", [2.0] * count)))
     before = resident(node)
     publisher = peer.node.create_publisher(JointState, "joint_states", SENSOR)
+    until(publisher.get_subscription_count, "a subscription to the joint states")
     for sent in range(60):
         publisher.publish(large.replace(b"joint_00000", b"joint_%05d" % (7 * sent)))
         peer.executor.spin_once(0.02)
