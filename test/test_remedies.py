@@ -663,7 +663,8 @@ def test_remedy(tmp_path: Path, name: str) -> None:
 
 # Where no content of a file leads, or another test applies the remedy, by a part of the line.
 ELSEWHERE = {
-    can_logs: ["needs asammdf", "StopIteration", "raise ValueError("],  # one bad line
+    # One bad line; test_joined_blf.
+    can_logs: ["needs asammdf", "StopIteration", "raise ValueError(", "holds another log"],
     component_files: ["cannot be opened: {error.strerror}", "more than {MAX_BYTES"],
     frf_files: ["has no numbers that can be read", "lines instead of"],
 }

@@ -213,6 +213,9 @@ def _rows(file: BinaryIO, suffix: str, lines: "_Lines") -> Iterator[_Row]:
         start, size = _blf_head(file)
         if size and file.seek(min(size, 2**40) - 1) and not file.read(1):
             lines.bad, lines.fault = 1, "the end of the file is missing"
+        elif size and file.read(4) == b"LOGG":  # only where `.gz` has hidden it before
+            hint = "unpack it with `gunzip`, and replay what comes out"
+            raise CanLogError(f"holds another log from byte {size} of its content on; {hint}.")
         file.seek(0)
         reader = can.BLFReader(file)
         # Older versions of python-can read the date in the time zone of this machine.

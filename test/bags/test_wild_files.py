@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Files as people have them are read wholly, or refused with the right reason and a remedy."""
 
+import gzip
 import re
 import shutil
 import sqlite3
@@ -225,7 +226,11 @@ def test_joined_blf(tmp_path: Path) -> None:
         with open_bags([path]) as bags:
             assert (bags.bad_lines, bags.fault == "the end of the file is missing") == (bad, bad)
     path = tmp_path / "the joined.blf"
-    path.write_bytes(b"".join(contents))
+    packed = tmp_path / "the joined.blf.gz"
+    packed.write_bytes(gzip.compress(b"".join(contents)))
+    words = f"another log from byte {len(contents[0])} of its content on; unpack it"
+    [unpack] = refused(packed, words)
+    subprocess.run([unpack, packed], check=True)
     run(refused(path, f"another file begins at byte {len(contents[0])};"), tmp_path)
     for k, name in enumerate(("first", "second")):
         part = tmp_path / f"{name}.blf"
