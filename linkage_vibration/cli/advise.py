@@ -100,7 +100,8 @@ def _described(advice: "Advice", masses: Sequence[str]) -> str:
     for place, name in enumerate(_PLACES):
         if place == NOW or unknown or quieter[place]:
             cells = ["unknown" if math.isnan(v) else f"{v:.4g}" for v in rows[place]]
-            cells[-1:] = [cells[-1] if place != NOW else "", masses[place]]
+            mass = "" if math.isnan(of.load_ratios[place]) else masses[place]
+            cells[-1:] = [cells[-1] if place != NOW else "", mass]
             cells = [f"{v:>{len(title) + 2}}" for title, v in zip(titles, cells, strict=False)]
             lines.append(f"{name:16}{''.join(cells)}".rstrip())
         else:

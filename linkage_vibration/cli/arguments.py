@@ -204,8 +204,10 @@ def read_levels(
     excitations = read_loads(settings, served[0], warn)
     make = LevelTable if len(served) > 1 else kept_levels  # The cache has no room for many.
     levels = [make(each.predictor, each.mechanism, excitations) for each in served]
-    for doubt in excitation_doubts(excitations, levels[0]):
-        warn(f"{settings.excitation_path()}: {doubt}")
+    for i, each in enumerate(levels):
+        which = f" with {masses[i]:.5g} kg" if len(masses) > 1 else ""
+        for doubt in excitation_doubts(excitations, each):
+            warn(f"{settings.excitation_path()}{which}: {doubt}")
     return served, excitations, levels
 
 

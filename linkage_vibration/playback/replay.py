@@ -44,12 +44,7 @@ from linkage_vibration.playback.remapping import (
 )
 from linkage_vibration.prediction.advice import Adviser
 from linkage_vibration.prediction.agreement import StandingClock, crank_agreement
-from linkage_vibration.prediction.answers import (
-    Implement,
-    LoadedModel,
-    ModelWithoutTable,
-    with_implement,
-)
+from linkage_vibration.prediction.answers import LoadedModel, ModelWithoutTable
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs.presets import HITCH
 from linkage_vibration.prediction.inputs.sources import CrankInput
@@ -63,9 +58,9 @@ from linkage_vibration.prediction.settings import DECLARED, NODE_NAME, Parameter
 from linkage_vibration.readers.excitations import excitation_files
 from linkage_vibration.readers.loaded_model import (
     load_model,
-    only_rigid_body,
     read_described,
     read_loads,
+    with_other_body,
 )
 from linkage_vibration.readers.sensors import SensorReader, live_sensors, sensor_files
 from linkage_vibration.support.atomic_files import check_outputs, replacement
@@ -489,13 +484,8 @@ def _loaded_model(settings: Parameters, what_if: WhatIf) -> LoadedModel:
     """Return the mechanism and its table, which is built for another implement."""
     if what_if == _AS_DESCRIBED:
         return load_model(settings)
-    described = read_described(settings)
-    mechanism = described.mechanism
-    body = only_rigid_body(mechanism, settings.mechanism_path())
-    mass = body.mass if what_if.mass is None else what_if.mass
-    inertia = body.inertia if what_if.inertia is None else what_if.inertia
-    implement = Implement(body.name, mass, inertia, ())
-    changed, text = with_implement(mechanism, described.mechanism_text, implement)
+    described, path = read_described(settings), settings.mechanism_path()
+    changed, text = with_other_body(described, path, mass=what_if.mass, inertia=what_if.inertia)
     from linkage_vibration.table.tabulation import build_table
 
     table = build_table(LinkageModel(changed))

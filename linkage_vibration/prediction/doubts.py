@@ -116,11 +116,16 @@ def excitation_doubts(excitations: Sequence[Excitation], levels: "LevelTable") -
 def _slack_chains(levels: "LevelTable") -> Iterator[str]:
     """Yield a sentence for each chain that three times its force by the ground makes slack.
 
-    One of unknown pretension is named with what it needs.
+    One of unknown pretension is named with what it needs, and one whose force is not known, too.
     """
     angles = np.linspace(*levels.alpha3_range, 9)
-    # Without a ground, no force of a chain is known here.
-    for chain, rms in zip(levels.chains, levels.chain_forces(angles, _WORKING), strict=False):
+    every = levels.chain_forces(angles, _WORKING)
+    every = every if len(every) else np.full((len(levels.chains), len(angles)), math.nan)
+    for chain, rms in zip(levels.chains, every, strict=True):
+        if np.isnan(rms).all():
+            why = "its force by the ground is not"
+            yield f"Whether {chain.name} goes slack is not known, as {why}."
+            continue
         needed = 3.0 * np.fmax.reduce(rms, initial=0.0)
         alpha3 = angles[np.argmax(np.nan_to_num(rms))]
         ground = f"three times the rms of its force by the ground at 10 km/h, {needed:.3g} N at "

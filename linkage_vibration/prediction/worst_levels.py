@@ -36,7 +36,8 @@ class WorstLevels:
     def member_totals(self, alpha3: FloatArray, speeds: FloatArray) -> tuple[FloatArray, ...]:
         """Return the largest totals of each member of the ensemble, as `LevelTable` does."""
         each = [levels.member_totals(alpha3, speeds) for levels in self.levels]
-        return tuple(np.max(values, axis=0) for values in zip(*each, strict=True))
+        n = min(len(totals) for totals, _ in each)
+        return tuple(np.max([value[:n] for value in of], axis=0) for of in zip(*each, strict=True))
 
     def masses(self, alpha3: FloatArray, speeds: FloatArray) -> list[str]:
         """Return the mass, kg, with which the total load ratio is largest at angles, (n,).

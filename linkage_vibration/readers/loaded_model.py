@@ -8,11 +8,12 @@ from functools import partial
 from pathlib import Path
 from shlex import quote
 
-from linkage_vibration.mechanics.description import Mechanism, RigidBody
+from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.messages.fields import message_fields
 from linkage_vibration.messages.topics import TABLE_INFO
 from linkage_vibration.prediction.answers import (
+    Implement,
     Implements,
     LoadedModel,
     ModelWithoutTable,
@@ -78,17 +79,16 @@ def load_variants(
 
     `report` is called with each doubt, and `keep` may know a table built before.
     """
-    described, variants = read_described(settings).mechanism, []
-    name = only_rigid_body(described, settings.mechanism_path()).name
+    described, variants = read_described(settings), list[LoadedModel]()
     words = ", ".join(f"{mass:.5g}" for mass in masses)
     report(f"The implement has {words} kg, with the centre of gravity and the inertia of the file.")
     for mass in masses:
-        mechanism = described.with_values({f"rigid_bodies.{name}.mass": mass})
+        mechanism, text = with_other_body(described, settings.mechanism_path(), mass=mass)
         model = LinkageModel(mechanism)
         for doubt in linkage_doubts(model):
             report(f"{mass:.5g} kg: {doubt}")
         predictor = Predictor(keep(mechanism, partial(_built, model)))
-        variants.append(ModelWithoutTable(mechanism, "").with_predictor(predictor))
+        variants.append(ModelWithoutTable(mechanism, text).with_predictor(predictor))
     return variants
 
 
@@ -120,14 +120,27 @@ def read_described(settings: Parameters) -> ModelWithoutTable:
     return ModelWithoutTable(*changed, implement, implements)
 
 
-def only_rigid_body(mechanism: Mechanism, path: Path) -> RigidBody:
-    """Return the implement, whose mass or inertia may be another one than in a file."""
+def with_other_body(
+    described: ModelWithoutTable,
+    path: Path,
+    *,
+    mass: float | None = None,
+    inertia: float | None = None,
+) -> tuple[Mechanism, str]:
+    """Return a mechanism and its YAML with another mass or inertia of its only rigid body."""
+    mechanism = described.mechanism
     if len(mechanism.rigid_bodies) != 1:
         raise ParameterError(
             f"{path} has {len(mechanism.rigid_bodies)} rigid bodies; another mass or inertia can "
             "be given only for a mechanism with exactly one rigid body."
         )
-    return mechanism.rigid_bodies[0]
+    [body] = mechanism.rigid_bodies
+    mass, inertia = (
+        present if given is None else given
+        for given, present in ((mass, body.mass), (inertia, body.inertia))
+    )
+    implement = Implement(body.name, mass, inertia, ())
+    return with_implement(mechanism, described.mechanism_text, implement)
 
 
 def read_loads(

@@ -215,6 +215,12 @@ def test_a_chain_that_goes_slack_is_named(built: tuple[Mechanism, Table]) -> Non
         assert ("the implement sway is at about" in text) == named
     unknown = " ".join(excitation_doubts(*reversed(levels_of(built, None))))
     assert "check_chain has no `pretension`, so it is not known" in unknown
+    side = [Excitation("side", Source.PTO, 1.0, Load(FORCE, "E1.y", 300.0, 1.0, 0.0, 0.0))]
+    without_ground = " ".join(
+        excitation_doubts(side, LevelTable(Predictor(table), mechanism, side))
+    )
+    assert "Whether check_chain goes slack is not known" in without_ground
+    assert "goes slack is not known" not in text
     chain = levels.chains[0]
     tight, slack = slack_mode(mechanism, chain, ALPHA3)
     exact = hitch(ALPHA3, tractor=True)[0][4], hitch(ALPHA3, tractor=True, chain=CHAIN / 2.0)[0][4]

@@ -19,7 +19,7 @@ from linkage_vibration.prediction.answers import (
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.readers.implements import read_implements
-from linkage_vibration.readers.loaded_model import load_model, read_described
+from linkage_vibration.readers.loaded_model import load_model, read_described, with_other_body
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import load_table
@@ -162,3 +162,16 @@ def test_a_named_implement_replaces_that_of_the_file(tmp_path: Path) -> None:
     assert second.mechanism.rigid_bodies[1].mass == 1200.0
     assert second.implement is not None
     assert second.implement.name == "other"
+
+
+def test_another_mass_is_that_of_an_implement() -> None:
+    """Roll and yaw change as a mass does that a command gives; without one, all stays."""
+    path = config_file("three_point_linkage_in_space.yaml")
+    described = read_described(Parameters(mechanism_file=str(path)))
+    for mass, inertias in ((1200.0, (825.0, 975.0)), (None, (550.0, 650.0))):
+        changed, text = with_other_body(described, path, mass=mass)
+        assert changed.lateral is not None
+        assert dict(changed.lateral.inertia)["implement"] == inertias
+        assert changed.rigid_bodies[0].mass == (mass or 800.0)
+        assert changed.rigid_bodies[0].inertia == described.mechanism.rigid_bodies[0].inertia
+        assert yaml.safe_load(text)["lateral"]["inertia"]["implement"]["roll"] == inertias[0]
