@@ -288,3 +288,7 @@ def main() -> None:
             for part, item in zip(rows, compared(name, at, built, loads), strict=True):
                 part.extend(item)
     publish("advice", "How sure advice is", [*page(rows, lost)], machine())
+
+
+if __name__ == "__main__":
+    main()

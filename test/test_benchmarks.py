@@ -136,10 +136,11 @@ def test_benchmark_is_imported(name: str) -> None:
 
 
 def test_every_step_is_a_benchmark() -> None:
-    """Each step of ``make bench`` is a module or a package that can be run."""
+    """Each step of ``make bench`` is a module or a package that does something if it is run."""
     for step in STEPS:
         path = ROOT.joinpath("benchmark", *step.split("."))
-        assert path.with_suffix(".py").is_file() or (path / "__main__.py").is_file(), step
+        run = path / "__main__.py" if path.is_dir() else path.with_suffix(".py")
+        assert '\nif __name__ == "__main__":\n' in run.read_text(encoding="utf-8"), step
 
 
 @pytest.mark.nightly(alone="it installs what only benchmarks need")

@@ -88,6 +88,10 @@ def excitation_doubts(excitations: Sequence[Excitation], levels: "LevelTable") -
             "has no track, so both wheels of an axle follow the same heights, and levels are up to"
         )
         yield f"{name} {text} 1.4 times too high; give each axle of the base its `track`, in m."
+    for low, high in np.degrees(levels.gaps).tolist():
+        text = "where they change too fast to be tabulated, as they do if two modes coincide"
+        hint = "a mass or a length that differs by a percent separates them"
+        yield f"Levels are not known at alpha3 = {low:.6g} to {high:.6g} deg, {text}; {hint}."
     loads = [bool(each.load or each.terrain) for each in excitations]
     yield from _slack_chains(levels)
     rows = [i for i, loaded in enumerate(loads) if loaded and not own[i]]

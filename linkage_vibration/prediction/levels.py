@@ -77,6 +77,7 @@ _SAME_SQUARE = 1.0 - 1e-6  # of the square of a load ratio; a smaller difference
 _SILENT = 1e-30  # A smaller level has no logarithm.
 _FIRST_CELLS, _MOST_CELLS = 32, 512  # of a piece of the table
 _NARROWEST = 1e-9  # rad; narrower cells are not divided
+_MOST_DIVIDED = 32  # ranges that are divided further, each of which takes about a second
 _GROUND = Source.GROUND.index
 _REASONS = np.array(REASONS)
 _UNITS = np.array([1.0, 1j])
@@ -357,6 +358,17 @@ class LevelTable:
             _ = self._ground.values
         if self._ground_members is not None:
             _ = self._ground_members.logs
+
+    @property
+    def gaps(self) -> list[tuple[float, float]]:
+        """Ranges of angles, rad, where no level is known, as it changes too fast to be tabulated."""
+        found = []
+        for half in self._halves:
+            starts, cubics = half.cells
+            ends = np.append(starts, half.table.alpha3_range[1]).tolist()
+            lost = runs(np.isnan(cubics[:, 0, 0]))
+            found += [(ends[a], ends[b]) for a, b in lost if ends[b] - ends[a] > _NARROWEST]
+        return found
 
     @property
     def lacks_track(self) -> bool:
@@ -774,15 +786,17 @@ def _sampled(table: Table, inputs: list[UnitLoad], outputs: list[Place], n_force
     Beside the outputs, the cubics have n_forces reference forces.
     """
     pieces, waiting = [], list(pairwise(table.alpha3[table.pieces].tolist()))
+    left = _MOST_DIVIDED
     while waiting:
-        ends = waiting.pop()
+        ends = waiting.pop(0)
         samples = _Samples(table, inputs, outputs, n_forces, ends)
         at, values, lost = samples.refined()
         # Where modes nearly coincide, cells are divided further, by themselves. They do not do so
-        # over more than half of a piece; dividing that would go on for hours.
+        # over more than half of a piece, nor at many places; dividing that would go on for hours.
         half, kept = (ends[1] - ends[0]) / 2.0, np.ones(len(lost), np.bool_)
         for first, last in runs(lost):
-            if _NARROWEST < at[last] - at[first] <= half:
+            if left and _NARROWEST < at[last] - at[first] <= half:
+                left -= 1
                 waiting.append((float(at[first]), float(at[last])))
                 kept[first:last] = False
         pieces.append((at, values, lost, kept, samples.layout))

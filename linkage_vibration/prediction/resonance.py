@@ -33,6 +33,7 @@ from linkage_vibration.prediction.severity import (
     Unknown,
     WarningLimits,
     WarningTimer,
+    is_kept,
     states,
 )
 
@@ -251,16 +252,16 @@ class ResonanceRules:
         known = ~np.isnan(ratio)
         # Without a source, the total is a part of it: it may exceed the limit, too.
         known[-1] &= (unknown == 0) | exceeds[-1]
-        warns = timer.follow(exceeds, known, time, self.limits.dwell) & known
+        warns = timer.follow(exceeds, known, time, self.limits.dwell)
         # The ground is near no mode, so only a load ratio says something about it.
         near = pairs.apart < np.where(beyond, self.limits.near, math.inf)
-        assessable = np.where(self._rolling, known[:-1], near)
+        assessable = np.where(self._rolling, known[:-1], near) | warns[:-1]
         state, severity = states(ratio[:-1], pairs.apart, assessable, warns[:-1], self.limits)
         highest = np.maximum.reduce(state)
         worst = np.where(state == highest, severity, -1.0).argmax(axis=0)
         columns = self._columns(predictions, pairs, levels, worst, highest == UNKNOWN)
         of_total = np.where(warns[-1], WARNING, np.where(ratio[-1] > self.limits.note, NOTE, CLEAR))
-        whole = np.where(highest > UNKNOWN, np.maximum(highest, of_total), UNKNOWN)
+        whole = np.where((highest > UNKNOWN) | warns[-1], np.maximum(highest, of_total), UNKNOWN)
         columns.state = np.where((whole == CLEAR) & (unknown != 0), UNKNOWN, whole)
         columns.states = state.T
         columns.unknown_sources = unknown
@@ -616,7 +617,8 @@ class ResonanceMonitor:
         Sources, (n,), are those of the most severe excitations. An answer is used again for a
         second, while it ends the warning and has not been passed.
         """
-        quiet, warned = np.full((2, len(columns)), math.nan), columns.state == WARNING
+        quiet = np.full((2, len(columns)), math.nan)
+        warned = (columns.state == WARNING) & ~is_kept(columns)
         for source in np.unique(sources[warned]).tolist():
             rows = np.flatnonzero(warned & (sources == source))
             while len(rows):

@@ -30,6 +30,7 @@ _TIPS = (
     "A tyre carries no static load, so that the tractor tips over; check the masses and the "
     "centres of gravity of tractor and implement."
 )
+_KEPT = f"The warning is kept for up to {GAP:g} s, as it is not known whether it is over."
 _ENDLESS = "No single change of speed or height within reach ends it."
 _NEVER = 2**62  # ns; a time that has not come
 BACK = 1.0  # s; the times of two publishers differ by less, and a clock jumps back by more
@@ -85,8 +86,9 @@ DEFAULT_LIMITS = WarningLimits()
 class WarningTimer:
     """Turns exceeded limits into warnings, which begin and end only after the dwell time.
 
-    A reading at which it is not known whether a limit is exceeded changes nothing. More than 3 s of
-    such readings or without one, and a clock that jumps back by a second, end a warning.
+    A reading at which it is not known whether a limit is exceeded changes nothing: a warning is
+    kept. More than 3 s of such readings or without one, and a clock that jumps back by a second,
+    end it.
     """
 
     def __init__(self, n: int) -> None:
@@ -118,6 +120,16 @@ class WarningTimer:
                         self._warns[i], self._since[i] = exceeds_now, _NEVER
             warns[:, row] = self._warns
         return warns
+
+
+def is_kept(of: MessageColumns) -> BoolArray:
+    """Return whether warnings are only kept, as it is not known whether they are over, () or (n,).
+
+    The messages have the fields of ``LoadState`` and ``Levels``.
+    """
+    above = (of.total_load_ratio > of.load_ratio_limit) | (of.off_ground_share > MAX_OFF_GROUND)
+    lost = ((of.states == WARNING) & np.isnan(of.load_ratios)).any(axis=-1)
+    return np.asarray((of.state == WARNING) & ~above & (lost | (of.unknown_sources != 0)))
 
 
 def states(
@@ -212,6 +224,15 @@ def present_sentence(resonance: MessageColumns, excitations: Sequence[Excitation
 
     The message is that of `described`, and the excitations are those that were monitored.
     """
+    kept = bool(is_kept(resonance))
+    warns = resonance.state == ResonanceState.WARNING and not kept
+    return f"{_KEPT} " * kept + _load_sentence(resonance, excitations, warns)
+
+
+def _load_sentence(
+    resonance: MessageColumns, excitations: Sequence[Excitation], warns: bool
+) -> str:
+    """Return what `present_sentence` says, but for a warning that is kept."""
     speeds = unknown_speeds(resonance.unknown_sources)
     unknown = f"{unknown_speed_words(speeds)} not known or not fresh" if speeds else ""
     working = at_work(resonance.unknown_sources, excitations)
@@ -230,7 +251,7 @@ def present_sentence(resonance: MessageColumns, excitations: Sequence[Excitation
         tail += f" Beyond the frequencies of the table, and so not known: {listing(beyond)}."
     unknown_load = math.isnan(resonance.total_load_ratio)
     airborne = resonance.off_ground_share > MAX_OFF_GROUND
-    if resonance.state == ResonanceState.WARNING and (airborne or not unknown_load):
+    if warns and (airborne or not unknown_load):
         return f"{_warning(resonance, excitations)}{tail}"
     if unknown_load:
         return f"No load is known{no_load_words(resonance, excitations)}.{tail}"

@@ -213,6 +213,11 @@ def _without_nonlinear(
             doubts[sure[i]] = f"not linear: {change or 'its decay is not exponential'}"
             part = f"it may be a part of the mode at {hertz[i] / (2.0 * math.pi):.4g} Hz"
             doubts |= {j: f"{part}, which is not linear" for j in near.tolist() if j not in doubts}
+    # What makes one mode not linear moves others, too: friction damps a mode and stiffens it by the
+    # same share in all of a decay, so that no part of it shows by how much.
+    for j in sure if doubts else []:
+        at = f"a mode at {modes[next(iter(doubts))].frequency:.4g} Hz"
+        doubts.setdefault(j, f"{at} is not linear, and what makes it so may move this one, too")
     return [replace(mode, doubt=doubts.get(i, mode.doubt)) for i, mode in enumerate(modes)]
 
 

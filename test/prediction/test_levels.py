@@ -12,9 +12,12 @@ import numpy as np
 import pytest
 import yaml
 
+from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.ground_motion import transmissibility
 from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.prediction import levels as levels_module
+from linkage_vibration.prediction.doubts import excitation_doubts
 from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
 from linkage_vibration.prediction.levels import LevelTable, first_largest
 from linkage_vibration.prediction.loads import ExcitationError
@@ -136,8 +139,13 @@ def test_pieces_with_different_numbers_of_poles() -> None:
     check_velocity(mechanism, table, [0.5 * (first + end), end - 1e-6, end, end + 1e-6, last])
 
 
-def test_modes_that_nearly_coincide() -> None:
-    """Levels are known where two modes veer within a thousandth of the stroke."""
+@pytest.mark.parametrize("divided", [True, False])
+def test_modes_that_nearly_coincide(divided: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Levels are known where two modes veer within a thousandth of the stroke.
+
+    Where such a range may not be divided any more, a doubt names it, and levels beside it hold.
+    """
+    monkeypatch.setattr("linkage_vibration.prediction.levels._MOST_DIVIDED", 32 * divided)
     file = "starters/category_4.yaml"
     mapping = yaml.safe_load(config_file(file).read_text(encoding="utf-8"))
     body = mapping["rigid_bodies"]["implement"]
@@ -145,6 +153,35 @@ def test_modes_that_nearly_coincide() -> None:
     mechanism = with_implement(file, body["mass"] * mass, body["inertia"] * mass)
     table = build_table(LinkageModel(mechanism))
     check_velocity(mechanism, table, np.linspace(*table.alpha3_range, 5)[1:-1].tolist())
+    orders = excitations_from_mapping({"rotor": ORDERS["rotor"]})
+    levels = LevelTable(Predictor(table), mechanism, orders)
+    doubts = [each for each in excitation_doubts(orders, levels) if "Levels" in each]
+    assert len(doubts) == len(levels.gaps) == (not divided)
+    for low, high in levels.gaps:
+        assert f"{math.degrees(low):.6g} to {math.degrees(high):.6g} deg" in doubts[0]
+        at = np.array([low - 1e-6, (low + high) / 2.0, high + 1e-6])
+        rpm = np.array([[math.nan] * 3, [540.0] * 3, [math.nan] * 3])
+        known = np.isfinite(levels.at(at, rpm).total_velocity)
+        assert known.tolist() == [True, False, high < table.alpha3_range[1] - 1e-6]
+
+
+def test_places_that_are_divided_are_few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where half of all cells are not accurate at any size, 32 ranges are divided."""
+    table = load_table(config_file("tables/three_point_linkage_on_tractor.npz"))
+    mechanism = read_mechanism(config_file("three_point_linkage_on_tractor.yaml"))
+    ends = []
+
+    def refined(samples: levels_module._Samples) -> tuple[FloatArray, FloatArray, Any]:
+        at, values = samples._along(8)
+        ends.append(samples._ends)
+        return at, values, np.arange(8) % 2 == 0
+
+    monkeypatch.setattr(levels_module._Samples, "refined", refined)
+    orders = excitations_from_mapping({"rotor": ORDERS["rotor"]})
+    levels = LevelTable(Predictor(table), mechanism, orders)
+    assert len(ends) == len(table.pieces) - 1 + 32
+    lost = sum(high - low for low, high in levels.gaps)
+    assert 0.0 < lost < 0.5 * (table.alpha3_range[1] - table.alpha3_range[0])
 
 
 @pytest.mark.nightly(short="test_pieces_with_different_numbers_of_poles")

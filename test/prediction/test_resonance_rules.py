@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from linkage_vibration.prediction.excitation import Source, excitations_from_mapping
+from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor, predict_many
 from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor, described
@@ -56,7 +56,7 @@ class Rules:
         if time - self.seen[k] > 3.0:
             self.warns[k], self.since[k], self.seen[k] = False, math.inf, time
         if not known:
-            return False
+            return self.warns[k]
         self.seen[k] = time
         if exceeds == self.warns[k]:
             self.since[k] = math.inf
@@ -78,10 +78,12 @@ class Rules:
             exceeds = loads[k] > WARNING_RATIO and each.warns
             warns = self._follow(k, exceeds, not math.isnan(loads[k]), seconds)
             modes = [i for i, natural in enumerate(row["f"]) if not math.isnan(natural)]
+            frequency = each.ratio * speeds.get(each.source, math.nan)
             if each.source not in speeds or not modes:
-                states.append(UNKNOWN)
+                states.append(WARNING if warns else UNKNOWN)
+                kept = 2, False, -math.inf, -k, (-1, frequency, *[math.nan] * 3)
+                ranked += [kept] * warns
                 continue
-            frequency = each.ratio * speeds[each.source]
             mode = min(modes, key=lambda i: abs(frequency - row["f"][i]) / row["f"][i])
             natural = row["f"][mode]
             probability = self._probability(each, frequency, row, mode)
@@ -99,7 +101,7 @@ class Rules:
         total = WARNING if self._follow(-1, high, known, seconds) else CLEAR
         total = NOTE if total == CLEAR and loads[-1] > NOTE_RATIO else total
         if not ranked:
-            return states, UNKNOWN, None
+            return states, WARNING if total == WARNING else UNKNOWN, None
         best = max(ranked)
         ranks = {0: CLEAR, 1: NOTE, 2: WARNING}
         overall = ranks[max(best[0], {CLEAR: 0, NOTE: 1, WARNING: 2}[total])]
@@ -180,12 +182,12 @@ def test_every_number_follows_the_rules(with_levels: bool) -> None:
         assert (actual.excitation, actual.mode) == (ORDERS[place].name, mode), k
         margin = frequency - natural
         closing = -rate if margin > 0.0 else rate
-        crossing = abs(margin) / closing if closing > 0.0 else math.inf
+        crossing = abs(margin) / closing if closing > 0.0 else 0.0 * closing + math.inf
         expected = [frequency, natural, margin, margin / natural, closing, crossing]
         names = ["excitation_frequency", "natural_frequency", "margin", "relative_margin"]
         names += ["approach_rate", "time_to_crossing"]
         numbers = [getattr(actual, name) for name in names]
-        assert numbers == pytest.approx(expected, rel=1e-9, abs=1e-12), k
+        assert numbers == pytest.approx(expected, rel=1e-9, abs=1e-12, nan_ok=True), k
         assert actual.probability == pytest.approx(probability, abs=1e-12, nan_ok=True), k
         assert actual.approach == (closing > 0.0) - (closing < 0.0)
     assert seen == {CLEAR, UNKNOWN, NOTE} | ({WARNING} if with_levels else set())
@@ -271,3 +273,64 @@ def test_what_ends_a_warning_ends_it_in_each_message() -> None:
                 assert load.total_load_ratio[0] <= limit
                 stated += 1
     assert stated > 100
+
+
+@pytest.fixture(scope="module")
+def field() -> tuple[tuple[Excitation, ...], LevelTable]:
+    """Return a field of class D and its levels."""
+    keys = {"terrain": {"class": "D"}, "raised": True, "lugs": 20, "rolling_radius": 0.8}
+    excitations = excitations_from_mapping({"field": {"speed": "ground", **keys}})
+    mechanism = read_mechanism(config_file(DEFAULT_MECHANISM))
+    predictor = Predictor(load_table(config_file(DEFAULT_TABLE)))
+    return excitations, LevelTable(predictor, mechanism, excitations)
+
+
+FAST, LUGS, CALM, OUTSIDE = (5.0, 138.0), (3.0, 138.0), (1.0, 105.0), (5.0, 250.0)  # m/s, deg
+
+
+@pytest.mark.parametrize(
+    ("then", "readings", "state", "why"),
+    [
+        (LUGS, 1, WARNING, "half of the frequency of the lugs"),
+        (LUGS, 30, WARNING, "half of the frequency of the lugs"),
+        (LUGS, 31, UNKNOWN, "half of the frequency of the lugs"),
+        ((math.nan, 138.0), 30, WARNING, "ground speed is not known"),
+        ((math.nan, 138.0), 31, UNKNOWN, "ground speed is not known"),
+        (OUTSIDE, 30, WARNING, "outside the table"),
+        (OUTSIDE, 31, UNKNOWN, "outside the table"),
+        (CALM, 10, WARNING, "exerts 0.1"),  # it is known to be over, for less than a second
+        (CALM, 11, NOTE, "All loads are 0.1"),
+        (FAST, 31, WARNING, "exerts 0.4"),
+    ],
+)
+def test_a_warning_is_kept_until_it_is_over_or_unknown_for_3_s(
+    field: tuple[tuple[Excitation, ...], LevelTable],
+    then: tuple[float, float],
+    readings: int,
+    state: int,
+    why: str,
+) -> None:
+    """On a field of class D it is kept where the level becomes unknown, read one by one or at once.
+
+    It begins with the reading before, so that it would last for 0.1 s without this rule.
+    """
+    (excitations, levels), drive = field, [FAST] * 11 + [then] * readings
+    predictor = levels.predictor
+    times, still = np.arange(len(drive)) * SECOND // 10, np.zeros(len(drive))
+    one, block = (ResonanceMonitor(excitations, levels=levels) for _ in range(2))
+    rows = predict_many(predictor, np.radians([angle for _, angle in drive]), still)
+    speeds = [
+        ReportedSpeed(k, Source.GROUND, v, t)
+        for k, ((v, _), t) in enumerate(zip(drive, times.tolist(), strict=True))
+    ]
+    states = block.assess_many(rows, still, times, speeds, still).state.tolist()
+    for (speed, angle), time in zip(drive, times.tolist(), strict=True):
+        one.set_speed(Source.GROUND, speed, time)
+        last = one.assess(predictor.predict(math.radians(angle)), 0.0, time)
+        assert last.state == states.pop(0)
+    assert last.state == state
+    sentence = present_sentence(described(last), excitations)
+    assert why in sentence
+    kept = state == WARNING and then not in (CALM, FAST)
+    assert sentence.startswith("The warning is kept for up to 3 s") is kept
+    assert math.isnan(last.quiet_speed) or not kept

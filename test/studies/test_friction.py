@@ -64,16 +64,24 @@ def measured(tractor: LinkageModel, friction: float, seed: int) -> list[Measured
 
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.nightly)])
 def test_friction_makes_no_targets(tractor: LinkageModel, seed: int) -> None:
-    """One mode is between 80 and 125 Hz, which 250 N m split; without friction it is reported."""
+    """250 N m split one mode into many and move the heave, and none is reported.
+
+    The heave is 1.4 % or more too high in all of the decay, far beyond its deviation. Without
+    friction, both are reported.
+    """
     exact = tractor.solve(math.radians(135.0)).natural_frequencies
-    [one] = exact[(exact > 80.0) & (exact < 125.0)]
-    modes = [mode for mode in measured(tractor, 250.0, seed) if 80.0 < mode.frequency < 125.0]
-    assert len(modes) > 3
+    [one], heave = exact[(exact > 80.0) & (exact < 125.0)], exact[3]
+    modes = measured(tractor, 250.0, seed)
+    assert len([mode for mode in modes if 80.0 < mode.frequency < 125.0]) > 3
     assert [mode for mode in modes if not mode.doubt] == []
     assert any(mode.doubt.startswith("not linear") for mode in modes)
+    [moved] = [mode for mode in modes if abs(mode.frequency / heave - 1.0) < 0.03]
+    assert moved.frequency > 1.01 * heave + 3.0 * moved.frequency_stddev
+    assert "may move this one" in moved.doubt
     linear = [mode for mode in measured(tractor, 0.0, seed) if not mode.doubt]
     assert not [mode for mode in linear if "linear" in mode.doubt]
-    assert [m.frequency for m in linear if m.frequency > 80.0][:1] == pytest.approx([one], rel=1e-3)
+    for at in (one, heave):
+        assert min(abs(mode.frequency / at - 1.0) for mode in linear) < 1e-3
     assert len(linear) >= 4
 
 
