@@ -361,7 +361,7 @@ class LevelTable:
 
     @property
     def gaps(self) -> list[tuple[float, float]]:
-        """Ranges of angles, rad, where no level is known, as it changes too fast to be tabulated."""
+        """Ranges of angles, rad, in which levels are not known, as they change too fast there."""
         found = []
         for half in self._halves:
             starts, cubics = half.cells
