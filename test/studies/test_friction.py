@@ -66,8 +66,8 @@ def measured(tractor: LinkageModel, friction: float, seed: int) -> list[Measured
 def test_friction_makes_no_targets(tractor: LinkageModel, seed: int) -> None:
     """250 N m split one mode into many and move the heave, and none is reported.
 
-    The heave is 1.4 % or more too high in all of the decay, far beyond its deviation. Without
-    friction, both are reported.
+    The heave is more than 1 % and five deviations too high, in all of the decay. Without friction,
+    both are reported.
     """
     exact = tractor.solve(math.radians(135.0)).natural_frequencies
     [one], heave = exact[(exact > 80.0) & (exact < 125.0)], exact[3]
@@ -76,7 +76,7 @@ def test_friction_makes_no_targets(tractor: LinkageModel, seed: int) -> None:
     assert [mode for mode in modes if not mode.doubt] == []
     assert any(mode.doubt.startswith("not linear") for mode in modes)
     [moved] = [mode for mode in modes if abs(mode.frequency / heave - 1.0) < 0.03]
-    assert moved.frequency > 1.01 * heave + 3.0 * moved.frequency_stddev
+    assert moved.frequency > heave + max(0.01 * heave, 5.0 * moved.frequency_stddev)
     assert "may move this one" in moved.doubt
     linear = [mode for mode in measured(tractor, 0.0, seed) if not mode.doubt]
     assert not [mode for mode in linear if "linear" in mode.doubt]
