@@ -86,9 +86,8 @@ DEFAULT_LIMITS = WarningLimits()
 class WarningTimer:
     """Turns exceeded limits into warnings, which begin and end only after the dwell time.
 
-    A reading at which it is not known whether a limit is exceeded changes nothing: a warning is
-    kept. More than 3 s of such readings or without one, and a clock that jumps back by a second,
-    end it.
+    A reading at which it is not known whether a limit is exceeded changes nothing. More than 3 s of
+    such readings or without one, and a clock that jumps back by a second, end a warning.
     """
 
     def __init__(self, n: int) -> None:
