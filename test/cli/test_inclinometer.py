@@ -134,4 +134,4 @@ def test_what_is_refused(
 
 def test_defaults_are_those_of_the_node() -> None:
     """Without a file of parameters, the readings are those of the default input."""
-    assert Parameters().input == "joint_states"
+    assert Parameters().hitch_input == "joint_states"
