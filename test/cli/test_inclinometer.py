@@ -72,7 +72,7 @@ def test_from_a_bag_to_parameters(
     """With the printed parameters, the node's angles of new readings deviate as they state."""
     bag, params = bag_of(tmp_path / "bag.mcap", kind), tmp_path / "given.yaml"
     chosen = "percent" if kind == "percent" else "joint_states"
-    params.write_text(f"/**: {{ros__parameters: {{input: {chosen}}}}}")
+    params.write_text(f"/**: {{ros__parameters: {{hitch_input: {chosen}}}}}")
     ratios = []
     for seed in range(4):
         output = tmp_path / f"found_{seed}.yaml"

@@ -170,7 +170,6 @@ def test_what_is_written_is_read_again(tmp_path: Path) -> None:
         ("/**: {ros__parameters: {recrod: true}}", r"recrod is unknown; did you mean record\?"),
         ("/**: {ros__parameters: {input: can}}", r"input is unknown; did you mean hitch_input\?"),
         ("/**: {ros__parameters: {sign: -1}}", r"sign is unknown; did you mean hitch_sign\?"),
-        ("/**: {ros__parameters: {hitch_scale: 2.0}}", r"did you mean scale\?"),
         ("/**: {ros__parameters: {pto_scal: 2.0}}", r"did you mean pto_scale\?"),
         ("/**: {ros__parameters: {qqq: 1}}", "qqq is unknown; .* --help` lists what is valid"),
         ("other_node: {ros__parameters: {}}", "has no parameters for the node"),
