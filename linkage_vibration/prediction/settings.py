@@ -230,8 +230,8 @@ class Parameters:
         "a position and an angle in turn, all ascending or all descending angles",
         HitchCurve,
     ).means(
-        "Pairs of a hitch position and the crank angle there (rad), one pair after the other, for "
-        "positions in percent, in m, or in any other unit. A monotone curve connects them."
+        "Hitch positions in percent, m or any other unit, each followed by the crank angle there "
+        "(rad). A monotone curve connects them."
     )
     hitch_position: float = _finite(-1.0, "hitch_unit").means(
         "Fixed hitch position, for tractors that report none. If negative, it is read as "

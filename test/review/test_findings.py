@@ -79,7 +79,7 @@ def test_only_angles_outside(write_log: Any, tmp_path: Path, inside: int) -> Non
     angles = np.radians([343.8] * 50)
     angles[:inside] = 2.0
     log = read_log(write_log(tmp_path / "outside.mcap", np.arange(50) / 100.0, angles))
-    text = "A crank angle of 343.8 deg is outside 90 to 180 deg: check offset or sign."
+    text = "A crank angle of 343.8 deg is outside 90 to 180 deg: check hitch_offset or hitch_sign."
     assert first_sentence(log).startswith(text) == is_one_sentence(log) == (not inside)
 
 

@@ -156,7 +156,7 @@ def test_status_comes_before_loads_that_are_not_known() -> None:
     failures = check_bag(DRIVE, Limits(load_ratio=0.33), Parameters(hitch_offset=4.0)).failures
     causes = ["statuses", "input_faults", "known_share"]
     assert [*dict.fromkeys(each.limit for each in failures)] == causes
-    assert "are outside 90 to 180 deg: check offset or sign" in failures[-1].words
+    assert "are outside 90 to 180 deg: check hitch_offset or hitch_sign" in failures[-1].words
 
 
 def test_failures_name_the_load(log: Path) -> None:

@@ -292,7 +292,8 @@ def test_reasons_come_first(tmp_path: Path) -> None:
     assert "The crank angle was not within the table for 10.6 s" in str(report.failures[2])
     never = check_bag(DRIVE, Limits(load_ratio=1.0), Parameters(hitch_offset=4.0)).failures
     assert [*dict.fromkeys(failure.limit for failure in never)] == causes
-    assert "check offset or sign. What the drive did to the linkage is not known" in str(never[-1])
+    words = "check hitch_offset or hitch_sign. What the drive did to the linkage is not known"
+    assert words in str(never[-1])
     limits = Limits(load_ratio=1.0, statuses=None, input_faults=None)
     allowed = check_bag(DRIVE, limits, Parameters(hitch_offset=4.0))
     assert [failure.limit for failure in allowed.failures] == ["known_share"]
