@@ -426,6 +426,20 @@ def test_page_begins_with_the_answer(page: Any, jumping: Path) -> None:
     assert "1 times" in page.text("#provenance")
 
 
+def test_decimal_points_are_aligned(page: Any) -> None:
+    """The points of load ratios stand below one another, whatever digits deviations leave."""
+    page.evaluate("document.querySelector('#table-contributions').open = true")
+    ends, digits = page.evaluate(
+        "(cells => [cells.map(c => { const r = document.createRange(), text = c.firstChild;"
+        " r.setStart(text, 0); r.setEnd(text, text.data.indexOf('.'));"
+        " return r.getBoundingClientRect().right; }), cells.map(c => c.textContent.length)])"
+        "([...document.querySelectorAll('#table-contributions td.number:nth-child(2)')]"
+        ".filter(c => c.textContent.includes('.')))"
+    )
+    assert len({*digits}) > 1
+    assert np.ptp(ends) < 0.5  # pixel
+
+
 def test_cursor_of_a_chart_that_comes_into_sight(page: Any) -> None:
     """The cursor is at its time also in a chart that was out of sight when the view changed."""
     page.resize(1280, 400)
