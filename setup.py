@@ -105,6 +105,8 @@ setup(
     license="Apache-2.0",
     python_requires=">=3.10",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    # An editable install then puts this folder on the path, where type checkers find the package.
+    package_dir={"": "."},
     package_data={
         NAME: ["py.typed"],
         f"{NAME}.export": ["templates/*"],

@@ -299,6 +299,8 @@ def draw(computed: Sequence[Result]) -> None:
             i = cases.index(case)
             worst[i] = np.fmax(worst[i], share[:, j].max())
         colour = (*COLOURS, PEAK, INK)[j]
+        if np.isnan(worst).all():  # A legend names only what is drawn.
+            continue
         right.plot(worst, rows, marker, color=colour, markersize=5, label=name)
     left.set_yticks(range(len(cases), 0, -1), [str(case) for case in cases], fontsize=8)
     for i, tolerance in enumerate(TOLERANCES):
@@ -312,7 +314,7 @@ def draw(computed: Sequence[Result]) -> None:
     right.axvline(2.0, color=GREY, linewidth=0.8, linestyle="--")
     back = {"color": "white", "pad": 1.0}
     style = {"ha": "right", "color": GREY, "fontsize": 8, "bbox": back}
-    right.text(1.97, 0.4, "no angle may exceed this", **style)
+    right.text(1.97, 0.8, "no angle may exceed this", **style)
     right.set(xlim=(0.0, 2.1), ylim=(0.3, len(cases) + 0.7))
     right.set(xlabel="largest true error / reported error, for the worst tolerance")
     right.set_title("Are the reported errors bounds?", loc="left", color=INK)

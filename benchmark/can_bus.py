@@ -24,7 +24,7 @@ from test.support.interface_packages import built_package, environment_with
 from test.support.ros_process import start_node
 
 SECONDS = 10
-CAN = {"input": "can", "engine_input": "can", "pto_input": "can", "ground_input": "can"}
+CAN = {"hitch_input": "can", "engine_input": "can", "pto_input": "can", "ground_input": "can"}
 SECOND = 10**9
 
 

@@ -19,7 +19,10 @@ NAME = "linkage_vibration"
 # Arguments that replace parameters of params_file, with their types. Empty ones replace nothing.
 OVERRIDES = {
     "autostart": (bool, "Configure and activate at the start; else a lifecycle manager does it"),
-    "input": (str, "What publishes the crank angle: joint_states, percent, ros2_isobus or can"),
+    "hitch_input": (
+        str,
+        "What publishes the crank angle: joint_states, percent, ros2_isobus or can",
+    ),
     "joint_name": (str, "Joint whose position turns the input crank"),
     "record": (bool, "Whether to record in MCAP from the start"),
     "log_directory": (str, "Folder for the logs"),

@@ -133,7 +133,7 @@ def test_replay_test(replay_test: Any, tmp_path: Path) -> None:
     analysis = replay_test.Analysis()
     for offset in (0.0, 0.3):
         analysis.reader = tmp_path / f"{offset}.mcap"
-        replay(drive, analysis.reader, Parameters(offset=offset))
+        replay(drive, analysis.reader, Parameters(hitch_offset=offset))
         if not offset:
             analysis.test_predictions()
     with pytest.raises(AssertionError):

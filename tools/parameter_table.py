@@ -9,7 +9,7 @@ from linkage_vibration.prediction.inputs.presets import PRESETS, Preset
 from linkage_vibration.prediction.settings import Parameters, yaml_text
 
 USUAL = {
-    *("input", "engine_input", "pto_input", "ground_input", "joint_name", "calibration"),
+    *("hitch_input", "engine_input", "pto_input", "ground_input", "joint_name", "calibration"),
     *("hitch_position", "engine_speed", "pto_speed", "ground_speed", "mechanism_file"),
     *("table_file", "excitation_file", "implement_file", "implement", "sensor_file"),
     *("warning_load_ratio", "record", "log_directory"),
@@ -20,7 +20,8 @@ USUAL = {
 def parameter_table(*, usual: bool) -> str:
     """Return the parameters that most users set, or all others, as a Markdown table.
 
-    Parameters that differ only in the name of an input share a row, which calls this name INPUT.
+    Parameters that differ only in the name of an input share a row, which calls this name INPUT;
+    one that all inputs have is named once.
     """
     names: dict[str, list[str]] = {}
     rows = dict[str, str]()
@@ -38,8 +39,11 @@ def parameter_table(*, usual: bool) -> str:
         row = f"| {default} | {meaning} |"
         common = re.sub("hitch|engine|pto|PTO|ground", "INPUT", row)
         mark = "" if words["live"] else "*"
-        names.setdefault(common, []).append(f"`{parameter.name}`{mark}")
-        rows[common] = common if len(names[common]) > 1 else row
+        same = names.setdefault(common, [])
+        same.append(f"`{parameter.name}`{mark}")
+        rows[common] = common if len(same) > 1 else row
+        if len(same) == len(PRESETS):
+            same[:] = [f"`INPUT_{parameter.name.partition('_')[2]}`{mark}"]
     return "\n".join(
         [
             "| parameter | default | meaning |",

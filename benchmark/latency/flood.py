@@ -26,7 +26,7 @@ def main() -> None:
     requests = {
         "predict": (PredictVibration, PredictVibration.Request(crank_angles=[2.0] * 100)),
         "get_mode_shapes": (GetModeShapes, GetModeShapes.Request(crank_angle=2.0)),
-        "get_parameters": (GetParameters, GetParameters.Request(names=["sign"])),
+        "get_parameters": (GetParameters, GetParameters.Request(names=["hitch_sign"])),
     }
 
     def ask(client: Any, request: Any) -> None:

@@ -145,11 +145,11 @@ def _draw_own_table(axes: Axes, points: Sequence[Point], unit: float) -> None:
     place = (point.cost.median * unit, point.error)
     axes.plot(*place, "*", color=INK, markersize=18)
     axes.annotate(
-        f"this package: {1e6 * place[0]:.2g} \N{MICRO SIGN}s, error {place[1]:.0e}".replace(
+        f"this package:\n{1e6 * place[0]:.2g} \N{MICRO SIGN}s, error {place[1]:.0e}".replace(
             "e-0", "e-"
         ),
         place,
-        xytext=(-14, -28),
+        xytext=(-14, -34),
         textcoords="offset points",
         va="center",
         fontsize=13,

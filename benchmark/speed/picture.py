@@ -29,7 +29,7 @@ _FRFS_LINES: dict[str, _Line] = {
     coupled.AS_WRITTEN: ("LM-FBS,\neq. 19", GREEN, "o", -1, (-58, 2)),
     peers.PYFBS: ("pyFBS", RED, "d", -1, (-18, -16)),
     peers.SDYNPY_FRF: ("SDynPy by FRFs", PURPLE, ">", -1, (8, -14)),
-    assembled.FAMILY: ("unreduced, sparse", INK, "s", 3, (8, 4)),
+    assembled.FAMILY: ("unreduced, sparse", INK, "s", 3, (22, 4)),
 }
 _PANELS: dict[str, tuple[str, str, dict[str, _Line]]] = {
     CONFIGURATION: (

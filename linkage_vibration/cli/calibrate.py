@@ -88,7 +88,7 @@ def _calibrate_sensor(options: argparse.Namespace) -> int:
     inputs = [source, *options.files, *filter(None, [options.params_file])]
     check_output(options.output, ".yaml", inputs)
     mechanism = read_model(source).mechanism
-    unit = settings.hitch_unit or PRESETS[HITCH][settings.input].unit
+    unit = settings.hitch_unit or PRESETS[HITCH][settings.hitch_input].unit
     series = None
     if options.files:
         series = read_numbers(options.files, settings, remappings(options.remap))

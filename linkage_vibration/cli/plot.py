@@ -46,9 +46,10 @@ def run(options: argparse.Namespace) -> int:
     served, excitations, every = read_levels(settings, options.implement_mass)
     limit = settings.warning_limits().warning
     ends = (angles.min(), angles.max()) if len(angles) else every[0].alpha3_range
-    figure, sentences = draw_mechanism(every, excitations, limit, ends)
     speeds = drawn_speeds(excitations)
     crossings = find_crossings(every, excitations, ends, speeds, limit)
+    points = [(each.source, each.crank_angle, each.speed) for each in crossings]
+    figure, sentences = draw_mechanism(every, excitations, limit, ends, points)
     title, rows, left = crossing_table(crossings, speeds, ends, every[0].unknown_factors)
     print(*sentences, crossing_text(title, rows, left), sep="\n")
     content = png_bytes(figure)

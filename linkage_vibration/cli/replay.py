@@ -37,7 +37,7 @@ def run(options: argparse.Namespace) -> int:
 
     inputs = [*options.bags, *filter(None, [options.params_file])]
     check_output(options.output, ".mcap", inputs)
-    given = {name: getattr(options, name) for name in ("sign", "scale", "offset")}
+    given = {f"hitch_{name}": getattr(options, name) for name in ("sign", "scale", "offset")}
     given |= {"joint_name": options.joint, "table_file": options.table}
     given["sensor_file"] = options.sensors
     settings = read_settings(options, **given)

@@ -54,7 +54,7 @@ def run_demo(bag: Path | None, joint: str | None, output: Path) -> int:
         low, high = _swing(drive, followed)
         first, last = table.alpha3_range
         scale = (last - first - 2 * MARGIN) / (high - low)
-        parameters |= {"scale": scale, "offset": first + MARGIN - scale * low}
+        parameters |= {"hitch_scale": scale, "hitch_offset": first + MARGIN - scale * low}
     make_folder(output, DemoError)
     parameters["log_directory"] = str(output.resolve())
     _set_environment(output)

@@ -27,7 +27,13 @@ SPEEDS = {  # what is drawn of each source: its name, the lowest and the highest
     Source.GROUND: ("ground speed [km/h]", 2.0, 50.0, 1.0 / 3.6),
 }
 
-_ANGLES, _MAP = 181, (91, 161)  # angles of a curve; angles and speeds of a map
+Point = tuple[Source, float, float]
+"""A source with a crank angle, rad, and its speed, rpm or m/s."""
+
+Map = tuple[FloatArray, FloatArray, FloatArray]
+"""Crank angles, (n,), rad, speeds as drawn, (k,), and load ratios at them, (n, k)."""
+
+_ANGLES, _MAP = 181, (91, 161)  # angles of a curve; angles and speeds of a map at least
 
 
 def drawn_speeds(excitations: Sequence[Excitation]) -> dict[Source, tuple[float, float]]:
@@ -42,11 +48,13 @@ def draw_mechanism(
     excitations: Sequence[Excitation],
     limit: float,
     ends: tuple[float, float],
+    crossings: Sequence[Point],
 ) -> tuple["Figure", list[str]]:
     """Draw modes, orders and load ratios; return the figure, and a sentence for each source.
 
     Of several levels, with other masses of the implement, all modes and the worst loads are drawn.
     ``limit`` is the load ratio of a warning, ``ends`` are the crank angles to draw between, rad.
+    The maps contain the crossings of orders and modes, so that nothing listed exceeds them.
     """
     from matplotlib.figure import Figure
 
@@ -60,15 +68,15 @@ def draw_mechanism(
     predictions = [predict_many(of.predictor, angles, np.zeros(_ANGLES)) for of in every]
     draw_modes(first, table.mode_names, predictions, table.lateral_modes)
     frequencies = np.concatenate([of.natural_frequencies for of in predictions])
-    maps = [_load_ratios(source, levels, excitations, ends) for source in sources]
-    top = max(limit, *(float(np.nanmax(each, initial=0.0)) for each in maps), 0.0)
+    maps = [_load_map(source, levels, excitations, ends, crossings) for source in sources]
+    top = max(limit, *(float(np.nanmax(ratios, initial=0.0)) for *_, ratios in maps), 0.0)
     sentences = []
     for i, source in enumerate(sources):
         orders = [each for each in excitations if each.source is source and not each.terrain]
         _draw_orders(panels[2 * i], source, orders, frequencies, table.lateral_modes)
         silent = [each.name for each in orders if not each.load]
         panel = panels[2 * i + 1]
-        sentences.append(_draw_loads(panel, source, maps[i], silent, (limit, top), ends, levels))
+        sentences.append(_draw_loads(panel, source, maps[i], silent, (limit, top), levels))
     return figure, sentences
 
 
@@ -139,31 +147,29 @@ def _draw_orders(
 def _draw_loads(
     ax: "Axes",
     source: Source,
-    ratios: FloatArray,
+    drawn: Map,
     silent: Sequence[str],
     scale: tuple[float, float],
-    ends: tuple[float, float],
     levels: WorstLevels,
 ) -> str:
     """Draw the load ratio by one source over height and speed; return where it is largest.
 
     The scale is the limit and the largest value of the colour bar, which all sources share.
     """
-    (label, low, high, unit), (limit, top) = SPEEDS[source], scale
-    angles, speeds = np.linspace(*ends, _MAP[0]), np.linspace(low, high, _MAP[1])
+    (label, low, high, unit), (limit, top), (angles, speeds, ratios) = SPEEDS[source], scale, drawn
     degrees, name = np.degrees(angles), label.split(" speed")[0]
     ax.set(xlabel=label, ylabel="crank angle α₃ [deg]", facecolor=palette.GAP_SHADE)
+    ax.set(xlim=(low, high), ylim=(degrees[0], degrees[-1]))
     part = "A part of the load ratio" if silent else "Load ratio"
     unknown = " (grey: not known)" if np.isnan(ratios).any() else ""
     ax.set_title(f"{part} by the {name} alone{unknown}", loc="left")
     if not np.isfinite(ratios).any():
-        ax.set(xlim=(low, high), ylim=(degrees[0], degrees[-1]))
         why = "no amplitude, no force at rest, or a tyre in the air"
         return f"The load ratio by the {name} is not known: {why}."
     style: dict[str, Any] = {"cmap": "cividis", "vmin": 0.0, "vmax": top, "shading": "nearest"}
-    drawn = ax.pcolormesh(speeds, degrees, ratios, **style)
+    mesh = ax.pcolormesh(speeds, degrees, ratios, **style)
     assert ax.figure is not None
-    bar = ax.figure.colorbar(drawn, ax=ax, label=f"load ratio (red: limit {limit:g})")
+    bar = ax.figure.colorbar(mesh, ax=ax, label=f"load ratio (red: limit {limit:g})")
     bar.ax.axhline(limit, color=palette.ABOVE, linewidth=2.5)
     i, j = np.unravel_index(np.nanargmax(ratios), ratios.shape)
     unit_name = label.partition("[")[2][:-1]
@@ -189,15 +195,20 @@ def _draw_loads(
     )
 
 
-def _load_ratios(
+def _load_map(
     source: Source,
     levels: WorstLevels,
     excitations: Sequence[Excitation],
     ends: tuple[float, float],
-) -> FloatArray:
-    """Return the load ratios by one source, (n_angles, n_speeds), NaN where a part is not known."""
+    crossings: Sequence[Point],
+) -> Map:
+    """Return the load ratios by one source, NaN where a part is not known, and where they are."""
     _, low, high, unit = SPEEDS[source]
-    angles, speeds = np.linspace(*ends, _MAP[0]), unit * np.linspace(low, high, _MAP[1])
+    crossed = [(alpha3, speed / unit) for of, alpha3, speed in crossings if of is source]
+    at = np.array(crossed).reshape(-1, 2).T
+    angles = np.union1d(np.linspace(*ends, _MAP[0]), at[0])
+    shown = np.union1d(np.linspace(low, high, _MAP[1]), at[1])
+    speeds = unit * shown
     loaded = np.array([each.source is source and bool(each.load) for each in excitations])
     every = np.full((len(Source), len(speeds)), math.nan)
     every[source.index] = speeds
@@ -205,4 +216,4 @@ def _load_ratios(
     unknown = (results.ground_unknown != "") & (source is Source.GROUND)
     unknown |= np.isnan(results.velocities[:, loaded]).any(axis=1)
     ratios = np.where(unknown, math.nan, results.total_load_ratio.astype(float))
-    return np.asarray(ratios.reshape(len(angles), len(speeds)))
+    return angles, shown, np.asarray(ratios.reshape(len(angles), len(speeds)))

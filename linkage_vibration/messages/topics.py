@@ -4,7 +4,7 @@
 
 from dataclasses import dataclass
 
-from linkage_vibration.bags.writing import QUEUE_DEPTH, Topic, offered_qos_profiles
+from linkage_vibration.bags.writing import Topic, offered_qos_profiles
 from linkage_vibration.messages.definitions import OWN_PACKAGE, message_definition, type_hash
 
 PREDICTION = f"{OWN_PACKAGE}/msg/VibrationPrediction"
@@ -32,31 +32,21 @@ class NodeTopic:
 
     name: str  # ``~/`` stands for the name of the node
     type: str
-    qos: str
     meaning: str = ""  # a sentence for the manual
+    latched: bool = False  # later subscribers receive the last message
     logged: bool = True  # by the node
 
-    @property
-    def latched(self) -> bool:
-        """Whether later subscribers receive the last message."""
-        return self.qos == _LATCHED
-
-
-_OUTPUT_QOS = f"reliable, keep last {QUEUE_DEPTH}"
-_LATCHED = "reliable, transient local"
 
 OUTPUT_TOPICS = (
     NodeTopic(
         "~/prediction",
         PREDICTION,
-        _OUTPUT_QOS,
         "One prediction for each reading, or at `prediction_rate`, with the stamp and the frame of "
         "the reading.",
     ),
     NodeTopic(
         "~/resonance",
         RESONANCE,
-        _OUTPUT_QOS,
         "At `resonance_rate`, once a speed is known, for the most severe of five readings "
         "([windows](#windows)): the [excitation](excitation.md) that loads the linkage most, and "
         "the nearest natural frequency.",
@@ -64,42 +54,38 @@ OUTPUT_TOPICS = (
     NodeTopic(
         "~/levels",
         LEVELS,
-        _OUTPUT_QOS,
         "With each resonance: how strongly each excitation, and all together, load pins and "
         "cylinders and shake the response point.",
     ),
     NodeTopic(
         "~/load_state",
         LOAD_STATE,
-        _OUTPUT_QOS,
         "For controllers, with each resonance, and once a second while there is none "
         "([load state](#what-a-controller-subscribes-to)).",
     ),
     NodeTopic(
         "~/advice",
         ADVICE,
-        _LATCHED,
         "Once a second while the total load ratio exceeds its limit: at which height and ground "
         "speed it would be smaller ([advice](advice.md)). It commands nothing.",
+        latched=True,
     ),
     NodeTopic(
         "~/measured",
         MEASURED,
-        _OUTPUT_QOS,
         "Once a second for each sensor of `sensor_file`: the measured and the predicted vibration "
         "([while you drive](measure_your_hitch.md#while-you-drive)).",
     ),
     NodeTopic(
         "~/table_info",
         TABLE_INFO,
-        _LATCHED,
         "The table in use and its mechanism, as YAML; published again when the table changes.",
+        latched=True,
         logged=False,
     ),
     NodeTopic(
         "/diagnostics",
         "diagnostic_msgs/msg/DiagnosticArray",
-        "reliable, keep last 10",
         "At 1 Hz: what is wrong ([Diagnostics](#diagnostics)).",
         logged=False,
     ),

@@ -317,7 +317,7 @@ def _outside(window: _Window, expected: ReadingExpectation) -> list[Fault]:
     if not window.n_outside or window.n_outside + window.invalid < window.received:
         return []
     angles, offset = window.outside, expected.offset
-    side, advice = "outside", "check sign, scale and offset."
+    side, advice = "outside", "check hitch_sign, hitch_scale and hitch_offset."
     turned = [angle - offset for angle in angles]
     if max(map(abs, turned)) > math.pi and all(
         expected.contains(offset + math.radians(angle)) for angle in turned
@@ -328,7 +328,7 @@ def _outside(window: _Window, expected: ReadingExpectation) -> list[Fault]:
         )
         return [Fault(Level.ERROR, sentence, since=-math.inf)]
     if all(expected.contains(2.0 * offset - angle) for angle in angles):
-        advice = "but they are inside with the other sign; change the parameter sign."
+        advice = "but they are inside with the other sign; change the parameter hitch_sign."
     elif max(angles) < expected.first:
         side = "below"
     elif min(angles) > expected.last:

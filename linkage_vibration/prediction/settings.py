@@ -132,12 +132,6 @@ def _finite(default: float, unit: str) -> _Kind[float]:
     return _Kind(default, unit, "a finite number", math.isfinite)
 
 
-_SIGN = _Kind(1, "1", "1 or -1", (1, -1).__contains__)
-_SIGN_MEANING = "Sign of the input: its value is sign * scale * number + offset."
-_SCALE_MEANING = "Change of the value of the input per unit of the number."
-_OFFSET_MEANING = "Value of the input at the number 0."
-
-
 def _preset(name: str, quantity: str) -> str:
     """Return the field of the preset of an input."""
     listing = "; ".join(
@@ -150,8 +144,8 @@ def _preset(name: str, quantity: str) -> str:
     )
 
 
-def _place(name: str) -> dict[str, Any]:
-    """Return the fields that override the preset of an input, by their names."""
+def _input(name: str, quantity: str) -> dict[str, Any]:
+    """Return the fields that every input has, by their names."""
     ending = f"of the {_LABELS[name]} input. If it is empty, the preset decides."
     kind = "a type such as nav_msgs/msg/Odometry"
     path = "a path such as twist.twist.linear.x, position[boom] or data[0], or a CAN signal"
@@ -162,15 +156,11 @@ def _place(name: str) -> dict[str, Any]:
         "field": ("Path to the number in the messages", path, str.isprintable),
         "unit": ("Unit of the number", " or ".join(units), units.__contains__),
     }
-    return {
+    place = {
         f"{name}_{key}": _text(valid, check, live=True).means(f"{words} {ending}")
         for key, (words, valid, check) in checks.items()
     }
-
-
-def _timing(name: str) -> dict[str, Any]:
-    """Return the fields of the origin of an input's time and of its known delay."""
-    label = _LABELS[name]
+    label, unit = _LABELS[name], f"{name}_unit"
     origin = (
         f"Time of the {label} input: the stamp in the header, or the receipt, which is the log "
         "time of a bag. If it is empty, positions have the time of their header, and speeds that "
@@ -181,6 +171,15 @@ def _timing(name: str) -> dict[str, Any]:
     )
     time = _text(" or ".join(TIMES), TIMES.__contains__, live=True)
     return {
+        f"{name}_input": _preset(name, quantity),
+        **place,
+        f"{name}_sign": _Kind(1, "1", "1 or -1", (1, -1).__contains__).means(
+            "Sign of the input: its value is sign * scale * number + offset."
+        ),
+        f"{name}_scale": _scale(f"{unit} per unit of the number").means(
+            "Change of the value of the input per unit of the number."
+        ),
+        f"{name}_offset": _finite(0.0, unit).means("Value of the input at the number 0."),
         f"{name}_time": time.means(origin),
         f"{name}_delay": _ranged(0.0, 0.0, 10.0, "s").means(delay),
     }
@@ -194,22 +193,13 @@ def _speed(source: Source) -> dict[str, Any]:
         f"Fixed {speed}. If negative, it is read as `{name}_input` says. 0 declares that nothing "
         "on the tractor follows this speed."
     )
-    gain = f"{name}_unit per unit of the number"
-    return {
-        f"{name}_speed": _finite(-1.0, source.unit).means(fixed),
-        f"{name}_input": _preset(name, speed),
-        **_place(name),
-        f"{name}_sign": _SIGN.means(_SIGN_MEANING),
-        f"{name}_scale": _scale(gain).means(_SCALE_MEANING),
-        f"{name}_offset": _finite(0.0, f"{name}_unit").means(_OFFSET_MEANING),
-        **_timing(name),
-    }
+    return {f"{name}_speed": _finite(-1.0, source.unit).means(fixed), **_input(name, speed)}
 
 
 def _with_inputs(cls: type[Class]) -> type[Class]:
     """Add the parameters that all inputs have to a class, each group after a parameter of it."""
     speeds = {name: speed for source in Source for name, speed in _speed(source).items()}
-    groups = {"joint_name": _place(HITCH), "calibration": _timing(HITCH), "implement": speeds}
+    groups = {"autostart": _input(HITCH, "crank angle"), "implement": speeds}
     kinds: dict[str, type] = {}
     for name, kind in cls.__annotations__.items():
         kinds[name] = kind
@@ -231,26 +221,22 @@ class Parameters:
     autostart: bool = _switch(True).means(
         "Configure and activate the node at start, without a lifecycle manager."
     )
-    input: str = _preset(HITCH, "crank angle")
     joint_name: str = _Kind("hitch_rockshaft_joint", "", "the name of a joint", bool).means(
         "Name of the joint that turns the input crank, for the preset `joint_states`."
     )
-    sign: int = _SIGN.means(_SIGN_MEANING)
-    scale: float = _scale("hitch_unit per unit of the number").means(_SCALE_MEANING)
-    offset: float = _finite(0.0, "hitch_unit").means(_OFFSET_MEANING)
     calibration: tuple[float, ...] = _Kind(
         (0.0, 3.14159, 100.0, 1.5708),
         "hitch_unit, rad",
         "a position and an angle in turn, all ascending or all descending angles",
         HitchCurve,
     ).means(
-        "Pairs of a hitch position and the crank angle there (rad), one pair after the other, for "
-        "positions in percent, in m, or in any other unit. A monotone curve connects them."
+        "Hitch positions in percent, m or any other unit, each followed by the crank angle there "
+        "(rad). A monotone curve connects them."
     )
     hitch_position: float = _finite(-1.0, "hitch_unit").means(
-        "Fixed hitch position, for tractors that report none. If negative, it is read as `input` "
-        "says. Otherwise each message of the first speed that is not fixed gives a prediction, or "
-        "each message of the hitch input if `hitch_field` is set."
+        "Fixed hitch position, for tractors that report none. If negative, it is read as "
+        "`hitch_input` says. Otherwise each message of the first speed that is not fixed gives a "
+        "prediction, or each message of the hitch input if `hitch_field` is set."
     )
     angle_stddev: float = _ranged(0.0, 0.0, 1.0, "rad").means(
         "Standard deviation of the crank angle. With positions in percent, that of their steps of "
@@ -399,9 +385,8 @@ class Parameters:
                 )
 
     def _input(self, name: str, what: str) -> Any:
-        """Return a parameter of an input; some of the hitch have no prefix."""
-        bare = name == HITCH and what in ("input", "sign", "scale", "offset")
-        return getattr(self, what if bare else f"{name}_{what}")
+        """Return a parameter of an input."""
+        return getattr(self, f"{name}_{what}")
 
     def _chosen(self, name: str, what: str) -> str:
         """Return the text in a parameter of an input, or in its preset if that is empty."""
@@ -410,7 +395,7 @@ class Parameters:
 
     def _hitch_scale(self) -> HitchScale:
         unit, calibration = self._chosen(HITCH, "unit"), HitchCurve(self.calibration)
-        linear, fixed = (self.sign, self.scale, self.offset), math.nan
+        linear, fixed = (self.hitch_sign, self.hitch_scale, self.hitch_offset), math.nan
         if self.hitch_position >= 0.0:
             linear, fixed = (1, 1.0, 0.0), self.hitch_position
         return HitchScale(unit, *linear, calibration, self.angle_stddev, fixed)
@@ -461,9 +446,8 @@ def check_value(name: str, value: object) -> Any:
     """Return a value in the type of its parameter, or raise a `ParameterError` that names a fix."""
     parameter = DECLARED.get(name)
     if parameter is None:
-        of_hitch = name.removeprefix("hitch_")  # whose sign, scale and offset have no prefix
         similar = get_close_matches(name, [*DECLARED, *ROS_PARAMETERS], 1)
-        similar = [of_hitch] if of_hitch in DECLARED else similar
+        similar = [f"hitch_{name}"] if f"hitch_{name}" in DECLARED else similar
         listing = f"`{command('--help', 'linkage_vibration_node')}` lists what is valid."
         hint = f"did you mean {similar[0]}?" if similar else listing
         raise ParameterError(f"Parameter {name} is unknown; {hint}")

@@ -330,13 +330,14 @@ def _exceeded(drive: Drive) -> str:
     """Return what exceeded its limit in a drive, for how long, and with how many warnings."""
     warnings = episodes(drive)
     warned = sum(episode.duration for episode in warnings)
-    often = "one warning" if len(warnings) == 1 else f"{len(warnings)} warnings"
+    often = f"{len(warnings)} warnings of {warned:.1f} s together"
+    often = f"one warning of {warned:.1f} s" if len(warnings) == 1 else often
     spent = durations(drive)
     above = f"{spent.above:.1f} s in all"
     if spent.known_share < KNOWN:
         above = f"{spent.above:.1f} s of the {spent.above + spent.below:.1f} s that are known"
     which = drive.resonances.state == ResonanceState.WARNING
-    return f"{_excess(drive, which)} for {above}, with {often} of {warned:.1f} s"
+    return f"{_excess(drive, which)} for {above}, with {often}"
 
 
 def _excess(drive: Drive, rows: BoolArray) -> str:

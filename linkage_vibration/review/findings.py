@@ -69,7 +69,7 @@ def never_in_table(log: Log) -> str:
     low, high = np.degrees(log.table.alpha3_range)
     ends = list(dict.fromkeys(f"{angle:.1f}" for angle in (angles.min(), angles.max())))
     what = "A crank angle of {} deg is" if len(ends) == 1 else "Crank angles of {} deg are"
-    outside = f"outside {low:g} to {high:g} deg: check offset or sign."
+    outside = f"outside {low:g} to {high:g} deg: check hitch_offset or hitch_sign."
     return f"{what.format(' to '.join(ends))} {outside}"
 
 

@@ -335,9 +335,10 @@ def _readings(log: Log) -> Items:
         line = {"colour": colour, "column": name, "unit": "Hz", "digits": 4, **spread}
         line["predicted"] = "peak_magnitude"
         readings.append(reading(name, _mode_name(log, mode), **line))
+    digits = 2 if _has_spread(log) else 4  # as many as a mode has
     readings += [
         reading("peak", "FRF peak", column="peak_magnitude", unit="m/N", digits=3),
-        reading("peak_f", "FRF peak frequency", column="peak_frequency", unit="Hz", digits=4),
+        reading("peak_f", "FRF peak frequency", column="peak_frequency", unit="Hz", digits=digits),
     ]
     if log.resonances is None:
         return readings

@@ -19,7 +19,7 @@ from linkage_vibration.bags.streams import Bags, open_bags
 from linkage_vibration.bags.writing import QUEUE_DEPTH
 from linkage_vibration.drawing.live_line import LiveLine
 from linkage_vibration.playback.remapping import choose_topics
-from linkage_vibration.prediction.inputs.presets import HITCH, PLAIN_TYPES, PRESETS
+from linkage_vibration.prediction.inputs.presets import PLAIN_TYPES, PRESETS
 from linkage_vibration.prediction.settings import NODE_NAME, Parameters, with_values
 from linkage_vibration.ros.command_line import start_errors
 from linkage_vibration.ros.endpoints import message_class
@@ -94,7 +94,7 @@ def _settings(bags: Bags, remaps: Mapping[str, str]) -> Parameters:
         for key, preset in sorted(presets.items(), key=lambda each: each[1].topic not in remaps):
             in_bag = preset.type in types or (f"/{preset.topic}", preset.type) in topics
             if in_bag or preset.topic in remaps:
-                chosen.setdefault("input" if name == HITCH else f"{name}_input", key)
+                chosen.setdefault(f"{name}_input", key)
     return with_values(Parameters(), chosen)
 
 

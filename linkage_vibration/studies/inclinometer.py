@@ -181,7 +181,8 @@ def report(words: Sequence[str], readings: FloatArray, alpha3: FloatArray, line:
 def parameters(line: SensorFit, unit: str) -> str:
     """Return the YAML of the parameters that use a calibration of readings in a unit."""
     knots = [x for a, b in line.knots.tolist() for x in (float(f"{a:.15g}"), round(b, 9))]
-    values = {"sign": 1, "scale": 1.0, "offset": 0.0, "hitch_unit": unit, "calibration": knots}
+    values: dict[str, object] = {"hitch_sign": 1, "hitch_scale": 1.0, "hitch_offset": 0.0}
+    values |= {"hitch_unit": unit, "calibration": knots}
     values["angle_stddev"] = round(max(line.stddev, 1e-6), 6)
     content = {"/**": {"ros__parameters": values}}
     return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=math.inf)

@@ -278,7 +278,10 @@ def test_file_that_does_not_exist(tmp_path: Path, command: str) -> None:
 
 
 def test_plot(tmp_path: Path, capsys: Any) -> None:
-    """The PTO loads most where its tines meet the implement's heave; without loads it says so."""
+    """The PTO loads most where its tines meet the implement's heave, in list and map alike.
+
+    Without loads it says so.
+    """
     picture = tmp_path / "linkage.png"
     assert main(["plot", "-o", str(picture)]) == 0
     engine, pto, ground, _, title, head, *rows, left, _ = capsys.readouterr().out.splitlines()
@@ -295,6 +298,8 @@ def test_plot(tmp_path: Path, capsys: Any) -> None:
     loads = [float(row.split()[-2]) for row in rows]
     assert head.split()[-3:] == ["load", "ratio", "factor"]
     assert len(loads) == 10
+    assert float(match[1]) >= loads[0]
+    assert rows[0].split()[-5:-3] == [match[2], match[3]]
     assert loads == sorted(loads, reverse=True)
     assert left.startswith("Of 7 more, the largest known load ratio is 0.00")
     alone = tmp_path / "engine.yaml"

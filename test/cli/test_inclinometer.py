@@ -72,7 +72,7 @@ def test_from_a_bag_to_parameters(
     """With the printed parameters, the node's angles of new readings deviate as they state."""
     bag, params = bag_of(tmp_path / "bag.mcap", kind), tmp_path / "given.yaml"
     chosen = "percent" if kind == "percent" else "joint_states"
-    params.write_text(f"/**: {{ros__parameters: {{input: {chosen}}}}}")
+    params.write_text(f"/**: {{ros__parameters: {{hitch_input: {chosen}}}}}")
     ratios = []
     for seed in range(4):
         output = tmp_path / f"found_{seed}.yaml"
@@ -134,4 +134,4 @@ def test_what_is_refused(
 
 def test_defaults_are_those_of_the_node() -> None:
     """Without a file of parameters, the readings are those of the default input."""
-    assert Parameters().input == "joint_states"
+    assert Parameters().hitch_input == "joint_states"

@@ -44,7 +44,7 @@ CHOSEN = {
     "hitch_type": "farm_msgs/TractorState",
     "hitch_field": "lifts[1].angle",
     "hitch_unit": "deg",
-    "offset": 90.0,
+    "hitch_offset": 90.0,
     "engine_topic": "/state",
     "engine_type": "farm_msgs/TractorState",
     "engine_field": "engine",
@@ -172,7 +172,7 @@ def test_types_of_ros1(tmp_path: Path) -> None:
             data = store.serialize_ros1(first, "farm_msgs/msg/Old")
             writer.write(connection, START + k * 10**8, data)
     chosen = {"hitch_topic": "old", "hitch_type": "farm_msgs/Old", "hitch_unit": "deg"}
-    settings = with_values(Parameters(), {**chosen, "hitch_field": "angle", "offset": 90.0})
+    settings = with_values(Parameters(), {**chosen, "hitch_field": "angle", "hitch_offset": 90.0})
     assert replay([bag], log, settings).predictions == len(ANGLES)
     actual = [m for _, m in read_messages(log, PREDICTION)]
     np.testing.assert_allclose([m.crank_angle for m in actual], np.deg2rad(ANGLES) + np.pi / 2)

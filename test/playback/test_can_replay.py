@@ -27,7 +27,7 @@ from test.support.can_bus import (
 )
 
 pytest.importorskip("can", reason="logs of a CAN bus are read by python-can (extra can)")
-ON_CAN = Parameters(input="can", engine_input="can", pto_input="can", ground_input="can")
+ON_CAN = Parameters(hitch_input="can", engine_input="can", pto_input="can", ground_input="can")
 SECOND = 10**9
 
 
@@ -92,7 +92,7 @@ def test_frames_of_a_tractor_with_a_synthetic_hitch(tmp_path: Path) -> None:
     assert done.predictions == done.with_numbers == 400
     assert len(actual["/can0"]["id"]) == 400 + 2190 + 241
     relay = relayed(tmp_path / "relay.mcap", frames)
-    replay(relay, tmp_path / "relayed.mcap", Parameters(input="percent"))
+    replay(relay, tmp_path / "relayed.mcap", Parameters(hitch_input="percent"))
     topics = dict.fromkeys((PREDICTION_TOPIC, RESONANCE_TOPIC))
     types = {t: k for t, k in topic_types(tmp_path / "relayed.mcap").items() if t in topics}
     assert_same_answers(actual, read_columns(tmp_path / "relayed.mcap", types))

@@ -40,7 +40,7 @@ def measured(path: Path, stamps: list[int]) -> Path:
     return path
 
 
-SETTINGS = Parameters(input="measurement", engine_input="measurement", prediction_rate=0.0)
+SETTINGS = Parameters(hitch_input="measurement", engine_input="measurement", prediction_rate=0.0)
 
 
 def test_values_that_are_not_valid(tmp_path: Path) -> None:

@@ -173,7 +173,7 @@ def test_same_as_one_by_one(tmp_path: Path) -> None:
     entries.append(("/pto_speed", FLOAT64, START + 10**9, float64(540.0)))
     entries.sort(key=lambda entry: entry[2])
     bag, log = write_mcap(tmp_path / "bag.mcap", entries), tmp_path / "log.mcap"
-    settings = Parameters(sign=-1, scale=0.9, offset=4.6, angle_stddev=1e-3)
+    settings = Parameters(hitch_sign=-1, hitch_scale=0.9, hitch_offset=4.6, angle_stddev=1e-3)
     done = replay([bag], log, settings)
 
     predictor = Predictor(load_table(config_file(DEFAULT_TABLE)))
@@ -218,7 +218,7 @@ def test_motion_that_is_estimated(tmp_path: Path) -> None:
         )
         entries.append(("/hitch_position", FLOAT64, stamp, float64(percent)))
     bag, log = write_mcap(tmp_path / "bag.mcap", entries), tmp_path / "log.mcap"
-    settings = Parameters(input="percent", calibration=calibration, angle_stddev=1e-3)
+    settings = Parameters(hitch_input="percent", calibration=calibration, angle_stddev=1e-3)
     replay([bag], log, settings)
 
     predictor = Predictor(load_table(config_file(DEFAULT_TABLE)))
@@ -494,7 +494,7 @@ def test_hitch_percent(tmp_path: Path) -> None:
     ]
     bag, log = write_mcap(tmp_path / "bag.mcap", entries), tmp_path / "log.mcap"
     calibration = (0.0, 3.0, 40.0, 2.4, 100.0, 1.7)
-    settings = Parameters(input="percent", calibration=calibration)
+    settings = Parameters(hitch_input="percent", calibration=calibration)
     done = replay([bag], log, settings)
     predictor = Predictor(load_table(config_file(DEFAULT_TABLE)))
     expected = []
@@ -596,7 +596,7 @@ CASES: dict[str, tuple[list[Entry], Parameters, str]] = {
     ),
     "wrong type": (
         [("/hitch_position", JOINT_STATE, START, joint_state(START, [], []))],
-        Parameters(input="percent"),
+        Parameters(hitch_input="percent"),
         "Topic /hitch_position of .* holds sensor_msgs/msg/JointState, not std_msgs/msg/Float64",
     ),
     "nothing usable": (
@@ -712,10 +712,10 @@ def test_memory_does_not_grow_with_the_bag(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changed", "problem"),
     [
-        ({"sign": 5}, "sign must be 1 or -1, not 5"),
-        ({"scale": "a"}, "scale must be a finite number greater than 0, not 'a'"),
+        ({"hitch_sign": 5}, "sign must be 1 or -1, not 5"),
+        ({"hitch_scale": "a"}, "scale must be a finite number greater than 0, not 'a'"),
         ({"stale_after": math.nan}, "stale_after must be 0.01 to 3600, not nan"),
-        ({"input": "percent", "calibration": (1.0, 2.0, 3.0)}, "calibration"),
+        ({"hitch_input": "percent", "calibration": (1.0, 2.0, 3.0)}, "calibration"),
     ],
 )
 def test_parameters_are_checked_as_by_the_node(

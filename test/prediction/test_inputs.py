@@ -70,7 +70,9 @@ def test_position_is_found_by_name() -> None:
 
 def test_crank_angle_and_velocity() -> None:
     """Angle = sign * scale * position + offset, and the velocity is turned and scaled alike."""
-    settings = Parameters(joint_name="b", sign=-1, scale=0.5, offset=2.0, angle_stddev=0.01)
+    settings = Parameters(
+        joint_name="b", hitch_sign=-1, hitch_scale=0.5, hitch_offset=2.0, angle_stddev=0.01
+    )
     reading = settings.crank_input(JOINTS).read_one(state(["b"], [0.25], [4.0]), RECEIVED)
     assert reading == (Reading(1.875, -2.0, 0.01), 3, 4, "base", RECEIVED)
 
@@ -196,7 +198,7 @@ def test_units_of_the_hitch() -> None:
 def test_presets(name: str) -> None:
     """Every preset has a unit of its input, and the default one can be read."""
     for key, preset in PRESETS[name].items():
-        changes = {"input" if name == "hitch" else f"{name}_input": key}
+        changes = {f"{name}_input": key}
         chosen = with_values(Parameters(), changes)
         assert chosen.source(name).topic == preset.topic
         with_values(chosen, {f"{name}_unit": preset.unit})
@@ -229,8 +231,11 @@ def test_fixed_position() -> None:
     data = state(["b"], [2.0], [7.0])
     for changes, angle in (
         ({"hitch_position": 2.5}, 2.5),
-        ({"hitch_position": 90.0, "hitch_unit": "deg", "sign": -1, "scale": 3.0}, math.pi / 2.0),
-        ({"hitch_position": 100.0, "input": "percent"}, 1.5708),
+        (
+            {"hitch_position": 90.0, "hitch_unit": "deg", "hitch_sign": -1, "hitch_scale": 3.0},
+            math.pi / 2.0,
+        ),
+        ({"hitch_position": 100.0, "hitch_input": "percent"}, 1.5708),
     ):
         speed = {"engine_type": JOINT_STATE, "engine_field": "velocity[b]", "engine_topic": "a"}
         settings = with_values(Parameters(), speed | changes)
@@ -285,7 +290,10 @@ def test_origin_of_the_time() -> None:
         ({"hitch_unit": "rpm"}, "hitch_unit must be rad or deg or percent or m or any"),
         ({"hitch_unit": "m"}, "calibration reaches from 0 to 100 m"),
         ({"hitch_unit": "percent", "calibration": [0.0, 1.0, 0.5, 2.0]}, "from 0 to 0.5 %"),
-        ({"input": "can", "hitch_position": 100.1}, "hitch_position is 100.1, but calibration re"),
+        (
+            {"hitch_input": "can", "hitch_position": 100.1},
+            "hitch_position is 100.1, but calibration re",
+        ),
         ({"engine_input": "percent"}, "engine_input must be float64"),
         ({"pto_time": "header", "pto_delay": 1.0}, "pto_delay is subtracted from the time of rec"),
         ({"hitch_type": "Frame"}, "hitch_type must be a type such as nav_msgs/msg/Odometry"),

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import yaml
 
+from linkage_vibration.prediction.inputs.presets import PRESETS
 from linkage_vibration.prediction.parameter_files import parameters_yaml, read_parameters
 from linkage_vibration.prediction.periods import Periods
 from linkage_vibration.prediction.settings import ParameterError, Parameters, check_value
@@ -31,7 +32,12 @@ def test_the_manual_has_the_tables() -> None:
     text = (share_directory() / "docs/node.md").read_text()
     assert all(table in text for table in tables)
     rows = "".join(line.split("|")[1] for table in tables[1:] for line in table.splitlines()[2:])
-    assert sorted(re.findall(r"`(\w+)`", rows)) == sorted(each.name for each in fields(Parameters))
+    listed = [
+        name.replace("INPUT", of)
+        for name in re.findall(r"`(\w+)`", rows)
+        for of in (PRESETS if "INPUT" in name else [""])
+    ]
+    assert sorted(listed) == sorted(each.name for each in fields(Parameters))
 
 
 def test_parameter_file_has_every_parameter() -> None:
@@ -54,13 +60,13 @@ def test_whole_numbers_may_stand_for_doubles() -> None:
 
     `ros2 param load` of rclpy reads 1e-05, as YAML writes a double, as a text.
     """
-    assert check_value("scale", 2) == 2.0
-    assert isinstance(check_value("scale", 2), float)
+    assert check_value("hitch_scale", 2) == 2.0
+    assert isinstance(check_value("hitch_scale", 2), float)
     assert check_value("joint_name", 5) == "5"
-    assert check_value("offset", "1e-05") == 1e-5
+    assert check_value("hitch_offset", "1e-05") == 1e-5
     for name, value in (
-        ("scale", True),
-        ("sign", 1.0),
+        ("hitch_scale", True),
+        ("hitch_sign", 1.0),
         ("record", 1),
         ("joint_name", True),
         ("joint_name", 5.0),
@@ -72,12 +78,12 @@ def test_whole_numbers_may_stand_for_doubles() -> None:
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("scale", 0.0),
-        ("scale", "fast"),
-        ("offset", math.nan),
+        ("hitch_scale", 0.0),
+        ("hitch_scale", "fast"),
+        ("hitch_offset", math.nan),
         ("joint_name", ""),
-        ("sign", 0),
-        ("sign", True),
+        ("hitch_sign", 0),
+        ("hitch_sign", True),
     ],
 )
 def test_what_is_not_valid_is_refused_in_words(name: str, value: object) -> None:
@@ -145,7 +151,9 @@ def test_files_that_ship_stand_for_those_not_named() -> None:
 def test_what_is_written_is_read_again(tmp_path: Path) -> None:
     """A written file of parameters can be read back."""
     path = tmp_path / "params.yaml"
-    given = Parameters(sign=-1, scale=1e-3, calibration=(0.0, 3.0, 100.0, 1.5), near_margin=1e-10)
+    given = Parameters(
+        hitch_sign=-1, hitch_scale=1e-3, calibration=(0.0, 3.0, 100.0, 1.5), near_margin=1e-10
+    )
     for name in ("/linkage_vibration", "linkage_vibration", "/**"):
         path.write_text(parameters_yaml(given, name))
         assert read_parameters(path) == given
@@ -155,12 +163,13 @@ def test_what_is_written_is_read_again(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("/**: {ros__parameters: {sign: 2}}", "sign must be 1 or -1, not 2"),
+        ("/**: {ros__parameters: {hitch_sign: 2}}", "sign must be 1 or -1, not 2"),
         ("/**: {ros__parameters: {near_margin: 1.5}}", "near_margin must be 0 to 1, not 1.5"),
-        ("/**: {ros__parameters: {scale: far}}", "scale must be .* not 'far'"),
-        ("/**: {ros__parameters: {scale: 1" + 400 * "0" + "}}", "too large"),
+        ("/**: {ros__parameters: {hitch_scale: far}}", "scale must be .* not 'far'"),
+        ("/**: {ros__parameters: {hitch_scale: 1" + 400 * "0" + "}}", "too large"),
         ("/**: {ros__parameters: {recrod: true}}", r"recrod is unknown; did you mean record\?"),
-        ("/**: {ros__parameters: {hitch_scale: 2.0}}", r"did you mean scale\?"),
+        ("/**: {ros__parameters: {input: can}}", r"input is unknown; did you mean hitch_input\?"),
+        ("/**: {ros__parameters: {sign: -1}}", r"sign is unknown; did you mean hitch_sign\?"),
         ("/**: {ros__parameters: {pto_scal: 2.0}}", r"did you mean pto_scale\?"),
         ("/**: {ros__parameters: {qqq: 1}}", "qqq is unknown; .* --help` lists what is valid"),
         ("other_node: {ros__parameters: {}}", "has no parameters for the node"),

@@ -79,7 +79,7 @@ def test_only_angles_outside(write_log: Any, tmp_path: Path, inside: int) -> Non
     angles = np.radians([343.8] * 50)
     angles[:inside] = 2.0
     log = read_log(write_log(tmp_path / "outside.mcap", np.arange(50) / 100.0, angles))
-    text = "A crank angle of 343.8 deg is outside 90 to 180 deg: check offset or sign."
+    text = "A crank angle of 343.8 deg is outside 90 to 180 deg: check hitch_offset or hitch_sign."
     assert first_sentence(log).startswith(text) == is_one_sentence(log) == (not inside)
 
 
@@ -424,6 +424,20 @@ def test_page_begins_with_the_answer(page: Any, jumping: Path) -> None:
     assert page.evaluate("review.mode") == log.drive.resonances.mode[worst]
     assert page.evaluate("document.querySelector('#table-moments').open") is False
     assert "1 times" in page.text("#provenance")
+
+
+def test_decimal_points_are_aligned(page: Any) -> None:
+    """The points of load ratios stand below one another, whatever digits deviations leave."""
+    page.evaluate("document.querySelector('#table-contributions').open = true")
+    ends, digits = page.evaluate(
+        "(cells => [cells.map(c => { const r = document.createRange(), text = c.firstChild;"
+        " r.setStart(text, 0); r.setEnd(text, text.data.indexOf('.'));"
+        " return r.getBoundingClientRect().right; }), cells.map(c => c.textContent.length)])"
+        "([...document.querySelectorAll('#table-contributions td.number:nth-child(2)')]"
+        ".filter(c => c.textContent.includes('.')))"
+    )
+    assert len({*digits}) > 1
+    assert np.ptp(ends) < 0.5  # pixel
 
 
 def test_cursor_of_a_chart_that_comes_into_sight(page: Any) -> None:

@@ -31,7 +31,7 @@ DRIVE = config_file("drives/hitch_duty_cycle.mcap")
     [
         (["joint_name:=boom"], "joint_name:=boom"),
         (["--params-file", "x"], "--params-file"),
-        (["--ros-args", "-p", "sign:=1", "--", "--hlep"], "--hlep"),
+        (["--ros-args", "-p", "hitch_sign:=1", "--", "--hlep"], "--hlep"),
     ],
 )
 def test_unknown_arguments(arguments: list[str], unknown: str) -> None:
@@ -77,8 +77,8 @@ def test_refusals_end_the_process(start: Callable[..., Any]) -> None:
         (["-p", "use_simtime:=true"], "did you mean use_sim_time?"),
         (["-p", "use_sim_time:=1"], "Parameter use_sim_time must be true or false, not 1"),
         (["--log-level", "loud"], "does not use a valid severity level"),
-        (["-p", "sign:=3"], "Parameter sign must be 1 or -1, not 3"),
-        (["-p", "offset:=.nan"], "Parameter offset must be"),
+        (["-p", "hitch_sign:=3"], "Parameter hitch_sign must be 1 or -1, not 3"),
+        (["-p", "hitch_offset:=.nan"], "Parameter hitch_offset must be"),
         (["-p", "table_file:=/none.npz"], "/none.npz: cannot be read"),
         (["-r", "~/prediction:=/joint_states"], "is that of both an input and the output"),
         (["-p", "log_directory:=/none"], "log_directory must be a folder to which the node"),

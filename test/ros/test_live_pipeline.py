@@ -310,7 +310,7 @@ def test_an_angle_near_a_toggle_is_in_the_table(
     for _ in range(20):
         bench.now += 0.1
         bench.give(0.0)
-    assert ("check sign, scale and offset" in bench.faults()) == named
+    assert ("check hitch_sign, hitch_scale" in bench.faults()) == named
 
 
 def test_names_expire(bench: Bench) -> None:

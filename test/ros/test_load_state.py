@@ -221,7 +221,7 @@ def test_the_pto_is_slowed(tractor: Tractor, environment: dict[str, str]) -> Non
 
 def test_our_own_measurements(start: Callable[..., RunningNode], domain: int) -> None:
     """A measurement is used at its stamp, in SI units; one that is not valid has no number."""
-    node = start(name="measured", input="measurement", pto_input="measurement")
+    node = start(name="measured", hitch_input="measurement", pto_input="measurement")
     with peer_of("measured", domain, 98, reads=False) as peer:
         publisher = peer.node.create_publisher(Measurement, "measured_hitch_angle", SENSOR)
         for valid, status in ((True, 0), (False, 2)):

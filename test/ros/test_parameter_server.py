@@ -20,16 +20,16 @@ from linkage_vibration.ros.parameter_server import changed, declare_parameters, 
 @pytest.mark.parametrize(
     "text",
     [
-        "/**: {ros__parameters: {sign: -1, scale: 1e-3, offset: 2, joint_name: arm}}",
-        "/**: {ros__parameters: {joint_name: 1e3_arm, sign: -1}}",
-        "linkage_vibration: {ros__parameters: {calibration: [0, 3, 100, 1]}}",
-        "/linkage_vibration: {ros__parameters: {scale: 3.}}\n/**: {ros__parameters: {scale: 2.}}",
-        "/**: {ros__parameters: {scale: 2.}}\n/linkage_vibration: {ros__parameters: {scale: 3.}}",
-        "/*: {ros__parameters: {sign: -1}}\n/**/linkage_vibration: {ros__parameters: {scale: .5}}",
-        "/a/linkage_vibration: {ros__parameters: {sign: -1}}\n/**: {ros__parameters: {scale: 2.}}",
-        "/*/linkage_vibration: {ros__parameters: {sign: -1}}\n/**: {ros__parameters: {scale: 2e0}}",
-        "a: {linkage_vibration: {ros__parameters: {sign: -1}}}\n/**: {ros__parameters: {scale: 2}}",
-        "/**: {ros__parameters: {use_sim_time: false, qos_overrides: {a: 1}, offset: -.5E+1}}",
+        "/**: {ROS: {hitch_sign: -1, hitch_scale: 1e-3, hitch_offset: 2, joint_name: arm}}",
+        "/**: {ROS: {joint_name: 1e3_arm, hitch_sign: -1}}",
+        "linkage_vibration: {ROS: {calibration: [0, 3, 100, 1]}}",
+        "/linkage_vibration: {ROS: {hitch_scale: 3.}}\n/**: {ROS: {hitch_scale: 2.}}",
+        "/**: {ROS: {hitch_scale: 2.}}\n/linkage_vibration: {ROS: {hitch_scale: 3.}}",
+        "/*: {ROS: {hitch_sign: -1}}\n/**/linkage_vibration: {ROS: {hitch_scale: .5}}",
+        "/a/linkage_vibration: {ROS: {hitch_sign: -1}}\n/**: {ROS: {hitch_scale: 2.}}",
+        "/*/linkage_vibration: {ROS: {hitch_sign: -1}}\n/**: {ROS: {hitch_scale: 2e0}}",
+        "a: {linkage_vibration: {ROS: {hitch_sign: -1}}}\n/**: {ROS: {hitch_scale: 2}}",
+        "/**: {ROS: {use_sim_time: false, qos_overrides: {a: 1}, hitch_offset: -.5E+1}}",
     ],
 )
 def test_a_file_means_the_same_to_node_and_replay(
@@ -37,7 +37,7 @@ def test_a_file_means_the_same_to_node_and_replay(
 ) -> None:
     """Our reader gives the values that rclpy gives a node that is started with the file."""
     path = tmp_path / "params.yaml"
-    path.write_text(text)
+    path.write_text(text.replace("ROS", "ros__parameters"))
     context = Context()
     rclpy.init(args=["--ros-args", "--params-file", str(path)], context=context)
     node = Node(NODE_NAME, context=context, automatically_declare_parameters_from_overrides=True)
@@ -56,13 +56,13 @@ SECTIONS = ["a", "/a", "/ns/a", "ns/a", "/*/a", "/**/a", "/**", "/*", "/ns/*", "
 def test_sections_of_a_node(environment: dict[str, str], tmp_path: Path, opened: str) -> None:
     """A file has parameters for a node exactly if rclpy takes some from it."""
     path = tmp_path / "params.yaml"
-    path.write_text(f"{opened} ros__parameters: {{sign: -1}} " + "}" * opened.count("{"))
+    path.write_text(f"{opened} ros__parameters: {{hitch_sign: -1}} " + "}" * opened.count("{"))
     context = Context()
     rclpy.init(args=["--ros-args", "--params-file", str(path)], context=context)
     options: Any = {"automatically_declare_parameters_from_overrides": True}
     node = Node("a", namespace="ns", context=context, start_parameter_services=False, **options)
     try:
-        assert has_parameters(path, "/ns/a") == node.has_parameter("sign")
+        assert has_parameters(path, "/ns/a") == node.has_parameter("hitch_sign")
     finally:
         node.destroy_node()
         rclpy.shutdown(context=context)
@@ -88,7 +88,11 @@ def test_what_may_be_set() -> None:
     assert (both.log_directory, both.near_margin) == ("/tmp", 0.2)
     assert changed(settings, [Parameter("use_sim_time", value=True)], configured=True) == settings
     for name, value, words in (
-        ("sign", True, "sign must be 1 or -1, not True; write for example `sign: 1`"),
+        (
+            "hitch_sign",
+            True,
+            "hitch_sign must be 1 or -1, not True; write for example `hitch_sign: 1`",
+        ),
         ("autostart", False, "autostart is read at the start"),
         ("use_sim_time", 1, "use_sim_time must be true or false, not 1"),
         ("logdirectory", "/tmp", r"did you mean log_directory\?"),
@@ -106,10 +110,10 @@ def test_what_is_unchanged_is_not_set(environment: dict[str, str]) -> None:
         declare_parameters(node)
         dump = list(node.get_parameters_by_prefix("").values())
         assert new_values(node, dump) == []
-        asked = [Parameter("stale_after", value=2), Parameter("scale", value=1)]
-        asked += [Parameter("sign", value=True), Parameter("unknown", value=1)]
+        asked = [Parameter("stale_after", value=2), Parameter("hitch_scale", value=1)]
+        asked += [Parameter("hitch_sign", value=True), Parameter("unknown", value=1)]
         actual = {p.name: p.value for p in new_values(node, asked)}
-        assert actual == {"stale_after": 2.0, "sign": True, "unknown": 1}
+        assert actual == {"stale_after": 2.0, "hitch_sign": True, "unknown": 1}
         assert type(actual["stale_after"]) is float
     finally:
         node.destroy_node()

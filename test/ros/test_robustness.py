@@ -28,7 +28,7 @@ from linkage_vibration_interfaces.msg import LoadState, Resonance
 from test.support.messages import read_messages
 from test.support.ros_process import JOINT, SENSOR, until
 
-UNKNOWN_TYPE = ParameterMessage(name="sign", value=ParameterValue(type=77))
+UNKNOWN_TYPE = ParameterMessage(name="hitch_sign", value=ParameterValue(type=77))
 
 
 @pytest.fixture(scope="module")
@@ -176,14 +176,16 @@ def test_calibration_while_active(
     peer = meet("calibrated")
     hitch = peer.node.create_publisher(Float64, "hitch_position", SENSOR)
     for offset in (0.25, 1):
-        assert set_parameter(peer, "calibrated", "offset", offset).successful
+        assert set_parameter(peer, "calibrated", "hitch_offset", offset).successful
         assert peer.ask([JOINT], [1.7]).crank_angle == 1.7 + offset
     calibration = [0.0, 3.0, 50.0, 2.5, 100.0, 2.0]
     assert set_parameter(peer, "calibrated", "calibration", calibration).successful
     for _ in range(80):  # some are still queued when the node unsubscribes
         peer.publish([JOINT], [1.7])
-    assert set_parameter(peer, "calibrated", "offset", 0.0).successful  # it applies to percent too
-    assert set_parameter(peer, "calibrated", "input", "percent").successful
+    assert set_parameter(
+        peer, "calibrated", "hitch_offset", 0.0
+    ).successful  # it applies to percent too
+    assert set_parameter(peer, "calibrated", "hitch_input", "percent").successful
 
     def publish() -> None:
         hitch.publish(Float64(data=50.0))
@@ -198,7 +200,7 @@ def test_calibration_while_active(
         settings = yaml.safe_load(attached["parameters.yaml"])["/calibrated"]["ros__parameters"]
         positions = [message.position[0] for _, message in read_messages(path, "/joint_states")]
         angles = [m.crank_angle for _, m in read_messages(path, "/calibrated/prediction")]
-        if settings["input"] == "joint_states" and positions:
-            assert angles == [position + settings["offset"] for position in positions]
-            offsets.add(settings["offset"])
+        if settings["hitch_input"] == "joint_states" and positions:
+            assert angles == [position + settings["hitch_offset"] for position in positions]
+            offsets.add(settings["hitch_offset"])
     assert offsets == {0.0, 0.25, 1.0}

@@ -41,9 +41,9 @@ PREDICTION, RESONANCE, LOAD_STATE, ADVICE = (
     f"/linkage_vibration/{name}" for name in ("prediction", "resonance", "load_state", "advice")
 )
 SETTINGS = Parameters(
-    sign=-1,
-    scale=0.98,
-    offset=4.7,
+    hitch_sign=-1,
+    hitch_scale=0.98,
+    hitch_offset=4.7,
     angle_stddev=2e-3,
     stale_after=30.0,  # a busy machine may need a second for the readings between two speeds
     warning_load_ratio=0.005,
@@ -69,7 +69,7 @@ def test_live_and_offline(
     drive = config_file("drives/hitch_duty_cycle.mcap")
     offline = tmp_path / "offline.mcap"
     replay([drive], offline, SETTINGS)
-    names = ["sign", "scale", "offset", "angle_stddev", "stale_after"]
+    names = ["hitch_sign", "hitch_scale", "hitch_offset", "angle_stddev", "stale_after"]
     names += ["warning_load_ratio", "note_load_ratio", "ground_speed"]
     given = {name: getattr(SETTINGS, name) for name in names}
     given |= {"record": True, "log_directory": tmp_path}

@@ -104,7 +104,7 @@ def test_load_ratio_is_that_of_the_resonances(log: Path) -> None:
 
 def test_statuses_tell_the_first_moment() -> None:
     """Shifted beyond the table, the drive fails at the first angle outside."""
-    settings = Parameters(sign=-1, offset=4.95)
+    settings = Parameters(hitch_sign=-1, hitch_offset=4.95)
     [failure] = check_bag(DRIVE, Limits(), settings).failures
     position = np.array(
         [
@@ -153,10 +153,10 @@ def test_what_is_not_known_fails(log: Path) -> None:
 
 def test_status_comes_before_loads_that_are_not_known() -> None:
     """A drive outside the table has no load because of that, which the report says."""
-    failures = check_bag(DRIVE, Limits(load_ratio=0.33), Parameters(offset=4.0)).failures
+    failures = check_bag(DRIVE, Limits(load_ratio=0.33), Parameters(hitch_offset=4.0)).failures
     causes = ["statuses", "input_faults", "known_share"]
     assert [*dict.fromkeys(each.limit for each in failures)] == causes
-    assert "are outside 90 to 180 deg: check offset or sign" in failures[-1].words
+    assert "are outside 90 to 180 deg: check hitch_offset or hitch_sign" in failures[-1].words
 
 
 def test_failures_name_the_load(log: Path) -> None:
@@ -194,7 +194,7 @@ def test_missing_quantities(log: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize("same", [True, False])
 def test_baseline(log: Path, tmp_path: Path, same: bool) -> None:
     """A bag is equal to its own log, and a shifted angle differs from the first prediction on."""
-    settings = Parameters(offset=0.0 if same else -0.01)
+    settings = Parameters(hitch_offset=0.0 if same else -0.01)
     report = check_bag(DRIVE, Limits(baseline_tolerance=0.0), settings, baseline=log)
     assert report.passed == same
     assert report.checked == ("statuses", "input_faults", "baseline")

@@ -285,16 +285,17 @@ def test_place(log: Path) -> None:
 
 def test_reasons_come_first(tmp_path: Path) -> None:
     """A drive out of the table says so first, and one without speeds, why no load is known."""
-    shifted = Parameters(offset=0.3, ground_speed=0.0)
+    shifted = Parameters(hitch_offset=0.3, ground_speed=0.0)
     report = check_bag(DRIVE, Limits(load_ratio=1.0, warning_time=0.0), shifted)
     causes = ["statuses", "input_faults", "known_share"]
     assert [failure.limit for failure in report.failures] == causes
     assert "The crank angle was not within the table for 10.6 s" in str(report.failures[2])
-    never = check_bag(DRIVE, Limits(load_ratio=1.0), Parameters(offset=4.0)).failures
+    never = check_bag(DRIVE, Limits(load_ratio=1.0), Parameters(hitch_offset=4.0)).failures
     assert [*dict.fromkeys(failure.limit for failure in never)] == causes
-    assert "check offset or sign. What the drive did to the linkage is not known" in str(never[-1])
+    words = "check hitch_offset or hitch_sign. What the drive did to the linkage is not known"
+    assert words in str(never[-1])
     limits = Limits(load_ratio=1.0, statuses=None, input_faults=None)
-    allowed = check_bag(DRIVE, limits, Parameters(offset=4.0))
+    allowed = check_bag(DRIVE, limits, Parameters(hitch_offset=4.0))
     assert [failure.limit for failure in allowed.failures] == ["known_share"]
     silent = [
         message(k, UNKNOWN, math.nan, excitation="", unknown=14, states=(UNKNOWN,) * 4)

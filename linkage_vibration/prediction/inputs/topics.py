@@ -8,9 +8,8 @@ from linkage_vibration.prediction.inputs.presets import PRESETS
 INPUT_DEPTH = 200
 """How many messages of an input wait at most: a busy machine pauses the node for 0.1 s."""
 
-_INPUT_QOS = f"best effort, keep last {INPUT_DEPTH}"
 _PRESETS = [preset for presets in PRESETS.values() for preset in presets.values()]
 INPUT_TOPICS = tuple(
-    NodeTopic(preset.topic, preset.type, _INPUT_QOS)
+    NodeTopic(preset.topic, preset.type)
     for preset in {preset.topic: preset for preset in _PRESETS}.values()
 )

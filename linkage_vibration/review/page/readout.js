@@ -36,7 +36,7 @@ onCursor.push(() => {
   for (const item of data.readings) cells[item.id].textContent = readingText(item, cursor);
   byId("brief").textContent = [`${clock(time[cursor], 1e-2)} ${timeUnit}`, ...data.readings
     .filter(item => data.brief.includes(item.id))
-    .map(item => readingText({ ...item, digits: 4, spread: undefined }, cursor))].join(" \u00b7 ");
+    .map(item => readingText({ ...item, digits: 4 }, cursor).replace(/ ± \S+/, ""))].join(" \u00b7 ");
   for (const chart of charts) chart.showCursor();
   linkage?.show();
 });

@@ -17,11 +17,15 @@ function sortBy(body, column, head) {
   head.setAttribute("aria-sort", down ? "descending" : "ascending");
 }
 
-/** Align the columns that hold only numbers and times at their right ends. */
+/** Align the columns that hold only numbers and times at their decimal points. */
 function alignNumbers(heads, body) {
   heads.forEach((head, column) => {
     const own = [...body.rows].map(row => row.cells[column]);
-    if (own.some(cell => /^\d/.test(cell.textContent)) && own.every(cell => /^[\d.:+-]*$|^not known$|^doubted$/.test(cell.textContent))) for (const cell of [head, ...own]) cell.classList.add("number");
+    if (!own.some(cell => /^\d/.test(cell.textContent)) || !own.every(cell => /^[\d.:+-]*$|^not known$|^doubted$/.test(cell.textContent))) return;
+    const decimals = own.map(cell => cell.textContent.split(".")[1]?.length ?? 0), most = Math.max(...decimals);
+    for (const cell of [head, ...own]) cell.classList.add("number");
+    // Spaces as wide as the digits, and as the point, that a number lacks.
+    own.forEach((cell, i) => { if (/^\d/.test(cell.textContent)) cell.dataset.pad = "\u2007".repeat(most - decimals[i]) + "\u2008".repeat(most > 0 && decimals[i] === 0); });
   });
 }
 

@@ -80,7 +80,7 @@ def test_degrees(node: Promised) -> None:
 @promise("node.md#diagnostics")
 def test_wrong_sign(node: Promised) -> None:
     """A wrong sign, and readings that are all on one side of the table, are an ERROR."""
-    words = "inside with the other sign; change the parameter sign"
+    words = "inside with the other sign; change the parameter hitch_sign"
     shows(node, "input", ERROR, words, lambda t: t.read(-2.0))
     shows(node, "input", ERROR, "are below", lambda t: t.read(0.4))
 

@@ -112,7 +112,7 @@ def test_signals(begin: Callable[..., Promised], tmp_path: Path, by: signal.Sign
 
 
 REFUSED = {
-    "-p sign:=3": "Parameter sign must be 1 or -1, not 3",
+    "-p hitch_sign:=3": "Parameter hitch_sign must be 1 or -1, not 3",
     "-p qos_overrides./joint_state.subscription.depth:=3": "did you mean qos_overrides./joint_stat",
 }
 

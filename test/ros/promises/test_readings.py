@@ -36,16 +36,16 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 PAGE = (Path(__file__).parents[3] / "docs" / "node.md").read_text()
 OTHER_INPUT = "the readings are then not used"
 DEFAULTS = {
-    "input": "joint_states",
+    "hitch_input": "joint_states",
     "joint_name": JOINT,
     "hitch_topic": "",
     "hitch_type": "",
     "hitch_field": "",
     "hitch_unit": "",
     "hitch_position": -1.0,
-    "sign": 1,
-    "scale": 1.0,
-    "offset": 0.0,
+    "hitch_sign": 1,
+    "hitch_scale": 1.0,
+    "hitch_offset": 0.0,
     "calibration": [0.0, 3.14159, 100.0, 1.5708],
     "angle_stddev": 0.0,
     "prediction_rate": 0.0,
@@ -359,7 +359,7 @@ def test_prediction_rate(node: Promised) -> None:
 @promise("start_the_node.md#what-your-tractor-publishes")
 def test_sign_scale_and_offset(node: Promised, predictor: Predictor) -> None:
     """The value is sign * scale * number + offset."""
-    set_all(node, sign=-1, scale=2.0, offset=3.5)
+    set_all(node, hitch_sign=-1, hitch_scale=2.0, hitch_offset=3.5)
     message = node.peer.ask([JOINT], [0.6])
     assert numbers(message) == numbers(predictor.predict(-1 * 2.0 * 0.6 + 3.5))
 
@@ -367,7 +367,7 @@ def test_sign_scale_and_offset(node: Promised, predictor: Predictor) -> None:
 @promise("start_the_node.md#what-your-tractor-publishes", kilohertz=OTHER_INPUT)
 def test_percent(node: Promised, predictor: Predictor) -> None:
     """Positions in percent are looked up in the calibration; 102 % has no prediction."""
-    set_all(node, calibration=[0.0, 3.0, 50.0, 2.5, 100.0, 2.0], input="percent")
+    set_all(node, calibration=[0.0, 3.0, 50.0, 2.5, 100.0, 2.0], hitch_input="percent")
     hitch = foreign(node, Float64, "hitch_position")
     publish = lambda percent: hitch.publish(Float64(data=percent))  # noqa: E731
     answered(node, lambda: publish(50.0), lambda p: p.crank_angle == 2.5)
@@ -399,7 +399,7 @@ def test_other_message(node: Promised) -> None:
 @promise("start_the_node.md#what-your-tractor-publishes", kilohertz=OTHER_INPUT)
 def test_fixed_hitch(node: Promised) -> None:
     """With a fixed hitch position, each message of the first speed gives a prediction."""
-    set_all(node, calibration=[0.0, 3.0, 50.0, 2.5, 100.0, 2.0], input="percent")
+    set_all(node, calibration=[0.0, 3.0, 50.0, 2.5, 100.0, 2.0], hitch_input="percent")
     set_all(node, hitch_position=50.0)
     engine = foreign(node, Float64, "engine_speed")
     answered(node, lambda: engine.publish(Float64(data=1500.0)), lambda p: p.crank_angle == 2.5)
@@ -442,14 +442,14 @@ def test_live_parameter(node: Promised, predictor: Predictor) -> None:
 def test_invalid_value(node: Promised) -> None:
     """An invalid value is rejected with the valid ones, and nothing changes."""
     for name, value, words in (
-        ("sign", 3, "sign must be 1 or -1, not 3"),
+        ("hitch_sign", 3, "sign must be 1 or -1, not 3"),
         ("angle_stddev", -1.0, "angle_stddev must be"),
         ("compression", "off", "must be none or lz4 or zstd"),
         ("calibration", [0.0, 180.0, 100.0, 90.0], "give angles in rad"),
     ):
         refused = set_parameter(node, name, value)
         assert (refused.successful, words in refused.reason) == (False, True), refused.reason
-    [sign] = node.ask("get_parameters", GetParameters, names=["sign"]).values
+    [sign] = node.ask("get_parameters", GetParameters, names=["hitch_sign"]).values
     assert sign.integer_value == 1
 
 
