@@ -95,8 +95,9 @@ def test_inputs_are_never_replaced(files: Path, capsys: Any, command: str) -> No
     assert contents(files) == before
 
 
-@pytest.mark.parametrize("option", ["--csv", "--png", "-o"])
-@pytest.mark.parametrize("link", [os.symlink, os.link])
+@pytest.mark.parametrize(
+    ("option", "link"), [("--csv", os.symlink), ("--png", os.link), ("-o", os.symlink)]
+)
 def test_links_to_inputs(files: Path, capsys: Any, option: str, link: Any) -> None:
     """A symbolic or a hard link to an input is refused for each output."""
     link("log.mcap", "other")
@@ -264,13 +265,13 @@ def test_output_beside_the_logs(files: Path) -> None:
 
 
 @pytest.mark.parametrize("option", ["log", "log.mcap --params-file", "log.mcap --mechanism"])
-def test_pipe_as_input(files: Path, option: str) -> None:
+def test_pipe_as_input(files: Path, capsys: Any, option: str) -> None:
     """A pipe without a writer is refused instead of waited for."""
     os.mkfifo("pipe.mcap")
     command = "review pipe.mcap" if option == "log" else f"replay {option} pipe.mcap -o new.mcap"
-    done = shell(f"$L {command}")
-    assert (done.returncode, done.stderr.count(b"\n")) == (1, 1), done.stderr.decode()
-    assert b"pipe.mcap: is no regular file" in done.stderr
+    assert main(command.split()) == 1
+    [line] = capsys.readouterr().err.splitlines()
+    assert "pipe.mcap: is no regular file" in line
 
 
 @pytest.mark.parametrize(
@@ -282,21 +283,19 @@ def test_pipe_as_input(files: Path, option: str) -> None:
         "replay drive.mcap --params-file parameters.yaml -o new.mcap",
     ],
 )
-def test_pipe_that_a_word_or_a_file_names(files: Path, command: str) -> None:
+def test_pipe_that_a_word_or_a_file_names(files: Path, capsys: Any, command: str) -> None:
     """A pipe is also refused where a word or a YAML file names it."""
     for name in ("pipe.csv", "pipe.mcap", "pipe.yaml"):
         os.mkfifo(name)
     Path("fit.yaml").write_text(Path("fit.yaml").read_text().replace("linkage.yaml", "pipe.yaml"))
     parameters = {"/**": {"ros__parameters": {"mechanism_file": str(files / "pipe.yaml")}}}
     Path("parameters.yaml").write_text(yaml.safe_dump(parameters))
-    done = shell(f"$L {command}")
-    assert (done.returncode, done.stderr.count(b"\n")) == (1, 1), done.stderr.decode()
-    assert b" is a pipe, not a file" in done.stderr
+    assert main(command.split()) == 1
+    [line] = capsys.readouterr().err.splitlines()
+    assert " is a pipe, not a file" in line
 
 
-@pytest.mark.parametrize(
-    "command", ["review log.mcap --json", "pose linkage.yaml", "export --c new"]
-)
+@pytest.mark.parametrize("command", ["review log.mcap --json", "export --c new"])
 def test_reader_that_ends(files: Path, command: str) -> None:
     """A reader that wants no more ends a command without a word, after its files are written."""
     done = shell(f"PYTHONUNBUFFERED=1 $L {command} | true")
@@ -305,11 +304,12 @@ def test_reader_that_ends(files: Path, command: str) -> None:
         assert len(list(Path("new").iterdir())) == 2
 
 
-@pytest.mark.parametrize("command", ["review log.mcap --json", "pose linkage.yaml", "build --help"])
-@pytest.mark.parametrize("buffered", ["PYTHONUNBUFFERED=1", "PYTHONUNBUFFERED="])
+@pytest.mark.parametrize(
+    ("command", "buffered"), [("review log.mcap --json", "1"), ("build --help", "")]
+)
 def test_full_standard_output(files: Path, command: str, buffered: str) -> None:
     """Output that cannot be written is an error of one sentence, after those about the logs."""
-    done = shell(f"{buffered} $L {command} > /dev/full")
+    done = shell(f"PYTHONUNBUFFERED={buffered} $L {command} > /dev/full")
     *about, last = done.stderr.decode().splitlines()
     assert done.returncode == 1
     assert "The standard output cannot be used (No space left on device)" in last
@@ -336,14 +336,8 @@ def test_name_in_another_encoding(files: Path) -> None:
     replayed = shell("$L replay drive_*.mcap -o new_$(printf 'm\\xe9t\\xe9o').mcap")
     assert replayed.returncode == 0, replayed.stderr
     assert replayed.stdout.startswith(b"new_m\xe9t\xe9o.mcap: 2000 predictions")
-    for command in (
-        "recover new_*.mcap",
-        "review log_*.mcap",
-        "review log_*.mcap --against new_*o.mcap",
-    ):
-        done = shell(f"$L {command}")
-        assert (done.returncode, done.stderr) == (0, b""), command
-    assert Path(f"new_{name}_recovered.mcap").exists()
+    done = shell("$L review log_*.mcap")
+    assert (done.returncode, done.stderr) == (0, b"")
     assert name.encode(errors="backslashreplace") in Path(f"log_{name}.html").read_bytes()
 
 

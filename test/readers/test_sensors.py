@@ -119,15 +119,11 @@ def test_axes(
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        ("topic: /a, unit: m/s2", "imu.at: this key is missing"),
         ("topic: /a, unit: bar, at: E1", "imu.unit: 'bar' is not one of: m/s2, g"),
         ("topic: /a, unit: bar, at: x, quantity: pressure", "imu.area: this key is missing"),
         ("topic: /a, unit: g, at: E1, axes: [x, y, -z]", "is not a rotation; say where"),
-        ("topic: /a, unit: g, at: E1, axes: [x, y]", "is not a rotation; say where"),
-        ("topic: /a, unit: g, at: E1, fields: [a]", "1 are given; give three"),
         ("file: a.csv, unit: N, quantity: force, at: a, columns: [2, 3]", "2 are given; give one"),
         ("file: a.csv, unit: g, at: E1, columns: [1, 2, 3]", "1, 2, 3 are given; give different"),
-        ("file: a.csv, unit: g, at: E1, columns: [2, 2, 3]", "2, 2, 3 are given; give different"),
         ("file: a.csv, unit: g, at: E1, columns: [2.5, 3, 4]", "2.5, 3, 4 are given; give diff"),
         ("topic: /a, unit: g, at: E1, range: 0", "imu.range: 0 is not greater than zero"),
         ("unit: g, at: E1", "imu.topic: this key is missing"),
@@ -140,26 +136,3 @@ def test_invalid_descriptions(tmp_path: Path, text: str, problem: str) -> None:
     with pytest.raises(SensorError, match=r"sensors\.yaml") as error:
         read_sensors(path)
     assert problem in str(error.value)
-
-
-def test_what_cannot_be_read(tmp_path: Path) -> None:
-    """A missing topic, column or field names what there is instead."""
-    (tmp_path / "a.csv").write_text("0,1,2\n1,1,2\n")
-    (tmp_path / "empty.yaml").write_text("{}")
-    with pytest.raises(SensorError, match="there is no sensor; describe"):
-        read_sensors(tmp_path / "empty.yaml")
-    text = "file: a.csv, unit: g, at: E1, columns: [2, 3, 4]"
-    [sensor] = read_sensors(sensors(tmp_path, text))
-    with pytest.raises(SensorError, match=r"imu needs column 4, and it has 3; correct"):
-        read_measured(sensor, tmp_path / "log.mcap", 0)
-    with LogWriter(tmp_path / "log.mcap", [log_topic("/a", "std_msgs/msg/Float64")]):
-        pass
-    for text, problem in (
-        ("topic: /b, unit: g, at: E1", "has no topic /b for imu; it has /a"),
-        ("topic: /a, unit: g, at: E1", "name the three fields of std_msgs/msg/Float64"),
-        ("topic: /a, unit: g, at: E1, fields: [x, y, z]", "imu: .*x"),
-        ("topic: /a, unit: N, quantity: force, fields: [data], at: a", "no reading for imu"),
-    ):
-        [sensor] = read_sensors(sensors(tmp_path, text))
-        with pytest.raises(SensorError, match=problem):
-            read_measured(sensor, tmp_path / "log.mcap", 0)
