@@ -31,7 +31,7 @@ from linkage_vibration.mechanics.modes import (
     oscillating_indices,
 )
 from linkage_vibration.mechanics.response import reach
-from linkage_vibration.mechanics.uncertainty import rotation
+from linkage_vibration.mechanics.uncertainty import draw_of, rotation
 from linkage_vibration.table.interpolation import (
     interpolation_matrix,
     stroke_angle,
@@ -93,11 +93,12 @@ def with_uncertainty(
             "are known by FRFs alone; remove this section."
         )
     known: dict[int, tuple[LinkageModel, dict[float, _Modes]]] = {}
+    draws = draw_of(uncertainty)
+    n = max(int(draws.max()) + 1, N_PAIRS)
     for n_nodes in _N_NODES:
-        n = max(len(uncertainty.numbers), N_PAIRS)
         solver, rows = _Solver(table, sampler, n_nodes, 1 + 2 * n), list[FloatArray]()
         solver.keep(0, *solver.solve(solver.own, 0))
-        pairs = islice(member_pairs(len(uncertainty.numbers)), n + n // _FEW_LOST)
+        pairs = islice(member_pairs(draws), n + n // _FEW_LOST)
         for k, row in enumerate(pairs, 1):
             if len(rows) == n or (solver.rough and n_nodes != _N_NODES[-1]):
                 break
@@ -128,13 +129,14 @@ def with_uncertainty(
     return replace(table, ensemble_alpha3=solver.nodes, ensemble_coordinates=coordinates, **arrays)
 
 
-def member_pairs(n: int) -> Iterator[FloatArray]:
+def member_pairs(draws: IntArray) -> Iterator[FloatArray]:
     """Yield draws of n numbers, in standard deviations, (n,), which members have with both signs.
 
-    The first max(n, N_PAIRS) and their opposites have the variance 1 and no correlations.
+    They follow independent ones, (n,), as `uncertainty.draw_of` says: as many pairs as there are of
+    these, at least N_PAIRS, have the variance 1 and no correlations.
     """
     for seed in count(_SEED):
-        yield from rotation(n, seed)
+        yield from rotation(int(draws.max()) + 1, seed)[:, draws]
 
 
 class _Solver:
