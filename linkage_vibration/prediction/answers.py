@@ -240,7 +240,7 @@ def answer_ground(
     table, mechanism = served.table, served.mechanism
     drive = mechanism.response
     every = [table, *([table.lateral] if table.lateral and lateral_mounts(mechanism) else [])]
-    both = [place for each in every if each.places for place in (*each.places, *each.forces)]
+    both = [place for each in every if each.places for place in each.frf_outputs]
     valid = tuple(dict.fromkeys(both))
     places = _places("outputs", outputs, valid, True) or ((drive.point, drive.direction),)
     lines, rows, reasons, densities = ground_lines(terrain), [], [], []

@@ -10,7 +10,7 @@ numbers are NaN. Deviations do not follow modes: they are those of the poles of 
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import count, islice
 from typing import Any
@@ -145,7 +145,7 @@ class _Solver:
     def __init__(self, table: Table, sampler: Sampler, n_nodes: int, n_members: int) -> None:
         self._table, self._kinematics = table, sampler.model.kinematics
         self._half = sampler.model.half
-        self._places: list[Place] = [*table.places, *table.forces]
+        self._places: Sequence[Place] = table.member_outputs
         self._limit = reach(table.band)
         few = _nodes(table, 3).tolist()
         exact = [_oscillating(sampler.solution(angle).damped)[0] for angle in few]
@@ -321,9 +321,10 @@ class _Solver:
         stack, solved = model.stack(angles), []
         where = stack.configuration, stack.joining
         rows = model.output_rows(self._places, *where)
-        static, n_places = np.empty((len(angles), 0)), len(self._table.places)
-        if self._table.forces:
-            static = model.forces.at_rest(*where, stack.coupled, rows[..., n_places:, :])
+        n_places, n_forces = len(self._table.places), len(self._table.forces)
+        static = np.empty((len(angles), 0))
+        if n_forces:
+            static = model.forces.at_rest(*where, stack.coupled, rows[..., -n_forces:, :])
         every = rows @ stack.modes.shapes[..., np.newaxis, :, :]
         each = stack.modes.omega, stack.modes.shapes, _damped(stack, self._highest), every, static
         for omega, shapes, damped, powers, at_rest in zip(*each, strict=True):
