@@ -238,8 +238,12 @@ class Table:
 
     @property
     def member_outputs(self) -> tuple[Place, ...]:
-        """Those that members of the ensemble have: of other outputs, the response in the plane."""
-        return (*self.places, *self.outputs[:1], *self.forces)
+        """Those that members of the ensemble have.
+
+        In the lateral half, they are what levels sum: the response in the plane, and no tyres.
+        """
+        loads = [force for force in self.forces if force[0] in self.load_places]
+        return (*self.places, *self.outputs[:1], *(loads if self.outputs else self.forces))
 
     @cached_property
     def lateral_modes(self) -> BoolArray:
