@@ -43,8 +43,7 @@ from linkage_vibration.table.tabulation.sampling import Sampler
 _ALL = 10**6
 _COARSER = (4, 2), (8, 4), (_ALL, _ALL)  # elements and modes of links that are tried for members
 _DAMPED = 2.0  # Coarse members leave out undamped modes above so many times the band's reach.
-# Angles at which members are solved; the modes of the lateral half change little with the height.
-_N_NODES = {"vertical": (8, 15, 29), "lateral": (6, 8, 15, 29)}
+_N_NODES = 8, 15, 29  # angles at which members are solved
 _SAME = 1.0 - 1e-6  # of a gap between modes; a smaller difference is rounding
 _BETWEEN = 0.5  # Between them, a pole may be off by this share of its decay.
 _MOST_ROUGH = 0.05  # of members and of deviations may be off by more; they are not known then.
@@ -96,13 +95,12 @@ def with_uncertainty(
     known: dict[int, tuple[LinkageModel, dict[float, _Modes]]] = {}
     draws = draw_of(uncertainty)
     n = max(int(draws.max()) + 1, N_PAIRS)
-    n_of_nodes = _N_NODES[sampler.model.half]
-    for n_nodes in n_of_nodes:
+    for n_nodes in _N_NODES:
         solver, rows = _Solver(table, sampler, n_nodes, 1 + 2 * n), list[FloatArray]()
         solver.keep(0, *solver.solve(solver.own, 0))
         pairs = islice(member_pairs(draws), n + n // _FEW_LOST)
         for k, row in enumerate(pairs, 1):
-            if len(rows) == n or (solver.rough and n_nodes != n_of_nodes[-1]):
+            if len(rows) == n or (solver.rough and n_nodes != _N_NODES[-1]):
                 break
             try:
                 values = uncertainty.draw(np.array([row, -row])).tolist()
