@@ -28,6 +28,7 @@ import linkage_vibration.readers.component_files as component_files
 import linkage_vibration.readers.frf_faults as frf_faults
 import linkage_vibration.readers.frfs as frf_files
 import linkage_vibration.readers.implements as implement_files
+import linkage_vibration.readers.loaded_model as loaded_model
 import linkage_vibration.readers.matrices as matrix_files
 import linkage_vibration.readers.mechanism as mechanism_files
 import linkage_vibration.readers.profiles as profile_files
@@ -42,6 +43,7 @@ from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.reduction import craig_bampton
 from linkage_vibration.messages.topics import log_topic
+from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.readers.targets import ModelMode
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import load_table
@@ -475,6 +477,19 @@ for _bad, _words in (
 ):
     add(f"implements: {_words}", _words, read_implements, _bad,
         {"x": PLOUGH | {"rigid_body": "implement"}})  # fmt: skip
+
+
+def another_implement(_: Path, numbers: dict[str, float]) -> object:
+    """Replace the implement of the hitch in space by another one."""
+    path = config_file("three_point_linkage_in_space.yaml")
+    described = loaded_model.read_described(Parameters(mechanism_file=str(path)))
+    return loaded_model.with_other_body(described, path, **numbers)
+
+
+for _bad, _good in ((200.0, 313.0), (4000.0, 3749.0)):  # 650 - 550 to 650 + 550 kg m2, for 800 kg
+    add(f"implements: {_bad} kg m2", "pitch cannot be .*; give one of 312.5 to 3750 with it",
+        another_implement, {"mass": 2500.0, "inertia": _bad}, {"mass": 2500.0, "inertia": _good}
+        )  # fmt: skip
 
 
 # Listening.

@@ -309,18 +309,18 @@ def model_shapes(table: Table, alpha3: float, places: Sequence[Place]) -> Comple
 
 def _half_shapes(table: Table, alpha3: float, places: Sequence[Place]) -> ComplexArray:
     """Return the same of one half, which does not move at places that its table does not have."""
-    moved = [i for i, place in enumerate(places) if place in table.places]
+    moved = [i for i, place in enumerate(places) if place in table.frf_outputs]
     known, shapes = [places[i] for i in moved], np.zeros((len(places), table.n_modes), complex)
     if not known:
         return shapes
-    terms = table.frf(alpha3, known, known)
+    terms = table.frf(alpha3, known, table.places)
     hertz = np.sqrt(np.abs(terms.stiffness)) / (2.0 * math.pi)
     for mode, each in enumerate(table.evaluate(np.array([alpha3]))[0, : table.n_modes].tolist()):
         k = int(np.abs(hertz - each).argmin())
         s = -terms.decay[k] / 2.0 + 2j * math.pi * hertz[k]
         residues = terms.residues[:, :, k] + s * terms.rates[:, :, k]
-        best = int(np.abs(np.diag(residues)).argmax())
-        shapes[moved, mode] = residues[:, best] / (residues[best, best] or 1.0)  # 0: it is at rest
+        shape = residues[:, np.linalg.norm(residues, axis=0).argmax()]
+        shapes[moved, mode] = shape / (shape[np.abs(shape).argmax()] or 1.0)  # 0: it is at rest
     return shapes
 
 

@@ -48,8 +48,9 @@ def explanations(
     if mechanism.uncertainty is None or not known or not sure:
         return ()
     effects, heights = NumberEffects(table), np.array([mode.alpha3 for mode in sure])
-    changes = effects.at(heights)[range(len(sure)), [mode.mode for mode in sure]]
-    rates = effects.of_numbers(mechanism, changes)
+    which = np.array([mode.mode for mode in sure])
+    changes = effects.at(heights)[range(len(sure)), which]
+    rates = effects.of_numbers(mechanism, changes, which)
     weights = 1.0 / np.array([mode.deviation for mode in sure])
     apart = weights * np.log([mode.frequency / mode.predicted for mode in sure])
     weighted = np.array([*rates.values()]) * weights  # (n_numbers, n_sure)

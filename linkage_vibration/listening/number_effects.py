@@ -6,8 +6,9 @@ import math
 
 import numpy as np
 
-from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.mechanics.arrays import FloatArray, IntArray
 from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.mechanics.uncertainty import across, draw_of
 from linkage_vibration.table.interpolation import interpolation_matrix, stroke_variable
 from linkage_vibration.table.table import Table
 
@@ -38,14 +39,23 @@ class NumberEffects:
             parts.append(np.einsum("an,dnk->adk", weights, values))
         return self._table.listed(parts).swapaxes(1, 2)
 
-    def of_numbers(self, mechanism: Mechanism, changes: FloatArray) -> dict[str, FloatArray]:
-        """Return changes, (..., n_directions), by one standard deviation of each number alone."""
+    def of_numbers(
+        self, mechanism: Mechanism, changes: FloatArray, modes: IntArray
+    ) -> dict[str, FloatArray]:
+        """Return changes of modes, (n, n_directions), by one deviation of each number alone, (n,).
+
+        Numbers that act across the plane, and those whose draws they follow, change modes of one
+        half alone.
+        """
         uncertainty = mechanism.uncertainty
         assert uncertainty is not None
         n = len(uncertainty.numbers)
         known = np.maximum(np.count_nonzero(changes, axis=-1, keepdims=True), 1)
         root = np.linalg.cholesky(np.array(uncertainty.correlation).reshape(n, n))
         each = changes / np.sqrt(known) @ self._coordinates @ np.linalg.inv(root)
+        lateral, draws = across(uncertainty), draw_of(uncertainty)
+        followed = np.isin(draws, draws[lateral]) & ~lateral
+        each[np.where(self._table.lateral_modes[modes, np.newaxis], followed, lateral)] = 0.0
         paths = [number.path for number in uncertainty.numbers]
         return dict(zip(paths, np.moveaxis(each, -1, 0), strict=True))
 

@@ -33,8 +33,7 @@ class SensorResponse:
         else:
             forces = [row for row in table.forces if row[0] == point in table.load_places]
             self._outputs = [row for row in forces if part in ("", row[1])]
-        rows = (*table.places, *table.forces)
-        if not self._outputs or not set(self._outputs) <= set(rows):
+        if not self._outputs or not set(self._outputs) <= set(table.frf_outputs):
             places = sorted({place for place, _ in table.places})
             known = places if sensor.accelerates else table.load_places
             raise SignalError(

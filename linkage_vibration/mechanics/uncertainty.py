@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, IntArray
 from linkage_vibration.mechanics.description import (
     Mechanism,
     MechanismError,
@@ -34,7 +34,40 @@ _COUNTS = ("count", "elements", "modes")
 _STEP = 1e-4  # Differences are over this share of a standard deviation,
 _LEAST_STEP = 1e-6  # and at least this share of the number, below which they are rounding.
 _ROWS = 32  # of a rotation, at least
+_WEAK = 0.01  # A number hardly changes a mode if its deviation is up to this share of it.
 _SINGULAR = 1e-9  # The correlations contradict one another below this eigenvalue.
+
+
+def across(uncertainty: Uncertainty) -> BoolArray:
+    """Return which numbers act across the plane alone, (n,): no mode of the vertical half on them.
+
+    Distances from the middle also change lengths of links.
+    """
+    paths = [split_paths(number.path) for number in uncertainty.numbers]
+    return np.array([all(map(_is_across, each)) for each in paths], dtype=bool)
+
+
+def _is_across(path: str) -> bool:
+    own = path.startswith("lateral.") and not path.startswith("lateral.y.")
+    return own or path.endswith(".track")
+
+
+def draw_of(uncertainty: Uncertainty) -> IntArray:
+    """Return which independent draw each number follows, (n,), from 0.
+
+    More numbers than the least rows of a `rotation` need more members. So those that act across
+    the plane follow the draws of those of the vertical half that are known best, and hardly act.
+    """
+    numbers, n = uncertainty.numbers, len(uncertainty.numbers)
+    alone = np.count_nonzero(np.array(uncertainty.correlation).reshape(n, n), axis=1) == 1
+    share = np.array([each.deviation / (abs(each.value) or each.deviation) for each in numbers])
+    best, lateral = np.argsort(share, kind="stable"), across(uncertainty)
+    leaders = best[(alone & ~lateral & (share <= _WEAK))[best]]
+    followers = best[::-1][(alone & lateral)[best[::-1]]][: max(n - _ROWS, 0)]
+    draws = np.arange(n)
+    for follower, leader in zip(followers, leaders, strict=False):
+        draws[follower] = leader
+    return np.unique(draws, return_inverse=True)[1]
 
 
 def rotation(n: int, seed: int) -> FloatArray:

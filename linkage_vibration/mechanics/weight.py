@@ -55,21 +55,8 @@ class Weight:
         They are (..., n_points - 1) between the points of each link, and (...,) of each spring
         between two points, by its name. A `CouplingError` says that nothing carries the weight.
         """
-        plane, mechanism = self._plane, self.mechanism
-        joining = plane.interface.join(configuration)
-        moved, falling = plane.moved_by_weight(configuration, joining)
-        unknown = np.isnan(moved).any(axis=-1)
-        for alpha3 in np.extract(unknown, configuration.alpha3)[:1]:
-            raise CouplingError(
-                f"Nothing carries the weight of {mechanism.name} at {math.degrees(alpha3):g} deg, "
-                "which stiffens its lateral half; hold its crank with `clamped` or a spring at its "
-                "joint, give mounts stiffness along z, or write `weight: ignored` under `lateral`."
-            )
-        elastic, stretch = moved @ plane.system.stiffness, joining.elongation
-        pull = joining.stiffness * _times(stretch, moved)
-        by_pins = elastic - falling @ plane.system.mass + _times(stretch.swapaxes(-1, -2), pull)
-        into = np.linalg.pinv(joining.compatibility.swapaxes(-1, -2), rcond=_REPEATED)
-        pins, loads, tensions = _times(np.asarray(into), by_pins), list[Load](), {}
+        mechanism, loads, tensions = self.mechanism, list[Load](), dict[str, FloatArray]()
+        along, pull, pins = self._in_the_plane(configuration)
         still = np.zeros(configuration.angles.shape[:-1])
         sideways: defaultdict[tuple[str, str], FloatArray] = defaultdict(lambda: still)
 
@@ -87,10 +74,6 @@ class Weight:
                 start, end = (self.y.get(point, 0.0) for point in spring.points)
                 force = (unit[..., 0], (end - start) / length, unit[..., 1])
                 act(spring.bodies, spring.points, *(tension * each for each in force))
-        along = {
-            link.name: elastic[..., [plane.interface.at(link.name, p, "x") for p, _ in link.points]]
-            for link in mechanism.links
-        }
         across = self._across(along, sideways)
         for i, (point, *bodies) in enumerate(mechanism.joints):
             act(bodies, (point, point), pins[..., 2 * i], across[..., i], pins[..., 2 * i + 1])
@@ -102,6 +85,31 @@ class Weight:
             place = (mount.at[0], self.contacts[mount.name])
             loads.append((GROUND, place, 0.0, -pull[..., i, np.newaxis] * np.eye(3)[2 * axis]))
         return loads, tensions
+
+    def _in_the_plane(
+        self, configuration: Configuration
+    ) -> tuple[dict[str, FloatArray], FloatArray, FloatArray]:
+        """Return the forces at rest along each link at its points, of springs, and of pins, N."""
+        plane = self._plane
+        joining = plane.interface.join(configuration)
+        moved, falling = plane.moved_by_weight(configuration, joining)
+        unknown = np.isnan(moved).any(axis=-1)
+        for alpha3 in np.extract(unknown, configuration.alpha3)[:1]:
+            raise CouplingError(
+                f"Nothing carries the weight of {self.mechanism.name} at {math.degrees(alpha3):g} "
+                "deg, which stiffens its lateral half; hold its crank with `clamped` or a spring "
+                "at its joint, give mounts stiffness along z, or write `weight: ignored` under "
+                "`lateral`."
+            )
+        elastic, stretch = moved @ plane.system.stiffness, joining.elongation
+        pull = joining.stiffness * _times(stretch, moved)
+        by_pins = elastic - falling @ plane.system.mass + _times(stretch.swapaxes(-1, -2), pull)
+        into = np.linalg.pinv(joining.compatibility.swapaxes(-1, -2), rcond=_REPEATED)
+        along = {
+            link.name: elastic[..., [plane.interface.at(link.name, p, "x") for p, _ in link.points]]
+            for link in self.mechanism.links
+        }
+        return along, pull, _times(np.asarray(into), by_pins)
 
     def _across(
         self, along: Mapping[str, FloatArray], sideways: Mapping[tuple[str, str], FloatArray]

@@ -240,7 +240,7 @@ def answer_ground(
     table, mechanism = served.table, served.mechanism
     drive = mechanism.response
     every = [table, *([table.lateral] if table.lateral and lateral_mounts(mechanism) else [])]
-    both = [place for each in every if each.places for place in (*each.places, *each.forces)]
+    both = [place for each in every if each.places for place in each.frf_outputs]
     valid = tuple(dict.fromkeys(both))
     places = _places("outputs", outputs, valid, True) or ((drive.point, drive.direction),)
     lines, rows, reasons, densities = ground_lines(terrain), [], [], []
@@ -324,7 +324,19 @@ def with_implement(
     what = f"the implement {implement.name}" if implement.name else "another implement"
     text = f"# With {what} instead of that of the original file.\n"
     text += yaml.safe_dump(mapping, sort_keys=False, default_flow_style=None, width=100)
-    return again_from_mapping(mapping, mechanism), text
+    try:
+        return again_from_mapping(mapping, mechanism), text
+    except MechanismError as error:
+        if not error.path.startswith(f"lateral.inertia.{name}."):
+            raise
+        low, high = abs(turned["roll"] - turned["yaw"]), turned["roll"] + turned["yaw"]
+        raise ServingError(
+            f"With {implement.mass:g} kg, {name} would have {turned['roll']:.4g} and "
+            f"{turned['yaw']:.4g} kg m2 in roll and yaw, as these change as the mass does, so its "
+            f"inertia in pitch cannot be {implement.inertia:g}; give one of {low:.4g} to "
+            f"{high:.4g} with it (`replay` takes `--implement-inertia`), or describe this "
+            "implement in another mechanism file."
+        ) from None
 
 
 def replaced(served: LoadedModel, wanted: Implement | str) -> ModelWithoutTable:

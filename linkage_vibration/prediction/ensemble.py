@@ -197,8 +197,7 @@ class EnsembleResponses:
 
         They are logarithms of poles, outputs, inputs, what other modes add, and forces at rest.
         """
-        every = [*self._table.places, *self._table.forces]
-        outputs = [every.index(place) for place in places]
+        outputs = [self._table.member_outputs.index(place) for place in places]
         table, n = self._table, len(self._table.places)
         modal = table.ensemble_poles, table.ensemble_shapes, table.ensemble_far
         poles, rows, far = (np.moveaxis(each, 1, 0) for each in modal)

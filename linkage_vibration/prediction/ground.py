@@ -266,7 +266,7 @@ class Half:
     def knows(self, place: Place) -> bool:
         """Return whether a place responds in this half."""
         if isinstance(self.source, Table):
-            return place in self.source.places or place in self.source.forces
+            return place in self.source.frf_outputs
         directions = self.source.interface.directions
         return place[1] in directions or place in self.source.forces.places
 
@@ -472,8 +472,7 @@ class GroundTable:
         tables = [each.source for each in self._halves if isinstance(each.source, Table)]
         needed = [*self._halves[0].inputs], [*moved, *self._halves[-1].inputs, *tyres[-1]]
         if terrain.band[1] > table.band[1] or not all(
-            set(places) <= {*each.places, *each.forces}
-            for places, each in zip(needed, tables, strict=False)
+            set(places) <= {*each.frf_outputs} for places, each in zip(needed, tables, strict=False)
         ):
             self.refusal = _FRFS
         elif not set(tyres[0]) <= set(table.forces):

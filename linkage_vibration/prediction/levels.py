@@ -168,8 +168,8 @@ class _Half:
     ) -> None:
         self.table, self._which = table, which
         self.excitations, self._own = self.of(np.arange(len(which)))
-        rows = {*table.places, *table.forces}
-        self.outputs = np.array([i for i, place in enumerate(outputs) if place in rows])
+        own = [i for i, place in enumerate(outputs) if place in table.frf_outputs]
+        self.outputs = np.array(own)
         self._places = [outputs[i] for i in self.outputs]
         kept = keep(lambda: _sampled(table, loads, self._places, n_forces))
         self.cells, self.order = (kept["starts"], kept["cubics"]), kept["order"]

@@ -93,10 +93,11 @@ class Table:
     toggles, band, peak_band : tuple of float
         Where the linkage locks, rad, or None; where FRFs are valid, and the part of it in which
         the highest peak is sought, Hz.
-    places : tuple of (point, direction)
-        Between which FRFs are available, the response point first; empty if there are none.
+    places, outputs : tuple of (point, direction)
+        Between which FRFs are available, the response point first; empty if there are none. Places
+        of the lateral half that move, but where no load acts, are outputs alone.
     reduced : tuple of ReducedModels, (n_pieces,)
-        Reduced models at the points of each piece, with all `places`, which the forces follow.
+        Reduced models at the points of each piece, with the rows of all `frf_outputs`.
     cell_starts, cell_cubics : ndarray, (n_cells,) and (n_cells, 4, 2 n_modes + 2)
         The `Cells`.
     cell_poles : complex ndarray, (n_direct, 2, n_branches)
@@ -120,9 +121,9 @@ class Table:
         The draws of the first half of these others, in standard deviations; those of the second
         half are the opposites.
     ensemble_poles, ensemble_shapes : complex64 ndarray
-        (n_members, n_nodes, k), rad/s, and (n_members, n_nodes, n_places + n_forces, k): products
-        of the shapes are the residues of 1 / (s - pole); those of the conjugate poles follow.
-    ensemble_far : float32 ndarray, (n_members, n_nodes, n_places + n_forces, n_places)
+        (n_members, n_nodes, k), rad/s, and (n_members, n_nodes, n_rows, k) at `member_outputs`:
+        products are the residues of 1 / (s - pole); those of the conjugate poles follow.
+    ensemble_far : float32 ndarray, (n_members, n_nodes, n_rows, n_places)
         What all other modes add at 0 Hz.
     ensemble_static : float32 ndarray, (n_members, n_nodes, n_forces)
         The forces under the weight, as `static_forces`.
@@ -157,6 +158,7 @@ class Table:
     band: tuple[float, float]
     peak_band: tuple[float, float]
     places: tuple[Place, ...] = ()
+    outputs: tuple[Place, ...] = ()
     forces: tuple[Place, ...] = ()
     static_forces: FloatArray = _array("N")
     reference_force: ReferenceForce | None = None
@@ -228,6 +230,20 @@ class Table:
         """The places between which it has FRFs: `places`, and those of the lateral half along y."""
         across = self.lateral.places if self.lateral else ()
         return (*self.places, *(place for place in across if place[1] == "y"))
+
+    @property
+    def frf_outputs(self) -> tuple[Place, ...]:
+        """All that FRFs of this half give: places, other outputs, and forces."""
+        return (*self.places, *self.outputs, *self.forces)
+
+    @property
+    def member_outputs(self) -> tuple[Place, ...]:
+        """Those that members of the ensemble have.
+
+        In the lateral half, they are what levels sum: the response in the plane, and no tyres.
+        """
+        loads = [force for force in self.forces if force[0] in self.load_places]
+        return (*self.places, *self.outputs[:1], *(loads if self.outputs else self.forces))
 
     @cached_property
     def lateral_modes(self) -> BoolArray:
@@ -454,7 +470,7 @@ class Table:
         outputs, inputs = pairs(outputs), pairs(inputs)
         if self.parts:
             return self.parts[excite_lateral(outputs, inputs)].frf(alpha3, outputs, inputs)
-        rows = (*self.places, *self.forces)
+        rows = self.frf_outputs
         for place, valid in (*((o, rows) for o in outputs), *((i, self.places) for i in inputs)):
             if place not in valid:
                 names = ", ".join(" ".join(names) for names in valid) or "none"
@@ -571,6 +587,8 @@ class Table:
         """Return what the file has beside arrays: every other field, without NaN, for JSON."""
         facts = {name: getattr(self.vertical, name) for name in _FACTS}
         facts |= {"reduced": len(self.reduced)}
+        if not self.outputs:
+            del facts["outputs"]  # as in tables without a lateral half
         facts |= {name: None for name in _MAYBE if math.isnan(facts[name])}
         if self.lateral is not None:
             facts["lateral"] = self.lateral._metadata()
@@ -665,7 +683,7 @@ def refuse_other(table: Table, path: Path, mechanism: Mechanism, source: str = "
 
 def _table(metadata: dict[str, Any], arrays: dict[str, Any]) -> Table:
     """Return the table whose metadata and arrays a file has."""
-    facts = {name: _tuples(metadata[name]) for name in _FACTS}
+    facts = {name: _tuples({"outputs": (), **metadata}[name]) for name in _FACTS}
     facts |= {name: math.nan for name in _MAYBE if facts[name] is None}
     reduced = []
     if "lateral" in metadata:
@@ -675,7 +693,7 @@ def _table(metadata: dict[str, Any], arrays: dict[str, Any]) -> Table:
         return both_halves(_table(metadata, arrays), _table(lateral, own))
     for i in range(metadata["reduced"]):
         parts = {k: arrays.pop(f"reduced_{i}_{k}", np.empty(0)) for k in MODEL_ARRAYS}
-        n_inputs = parts["shapes"].shape[1] - len(facts["forces"])
+        n_inputs = parts["shapes"].shape[1] - len(facts["outputs"]) - len(facts["forces"])
         reduced.append(ReducedModels(**parts, n_inputs=n_inputs, free=facts["free_modes"] > 0))
     return Table(**arrays, **facts, reduced=tuple(reduced))
 

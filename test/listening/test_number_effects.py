@@ -23,6 +23,7 @@ def test_effects_are_those_of_the_model() -> None:
     table = load_table(config_file(f"tables/{NAME}.npz"))
     mechanism = read_mechanism(config_file(f"{NAME}.yaml"))
     effects, model = NumberEffects(table), LinkageModel(mechanism)
+    modes = np.arange(table.n_modes)
     heights = np.random.default_rng(7).uniform(*table.alpha3_range, 8).tolist()
     changes = effects.at(np.array(heights))
     np.testing.assert_allclose(
@@ -31,5 +32,5 @@ def test_effects_are_those_of_the_model() -> None:
         rtol=0.03,
     )
     for here, exact in zip(changes, first_order(model, heights, 4), strict=True):
-        numbers = np.array([*effects.of_numbers(mechanism, here).values()])
+        numbers = np.array([*effects.of_numbers(mechanism, here, modes).values()])
         np.testing.assert_allclose(numbers[:, :4], exact, 0.04, 2e-3)

@@ -205,14 +205,21 @@ def test_pendulum_on_parallel_links() -> None:
     )
 
 
-@pytest.mark.parametrize("alpha3_deg", [90.0, 180.0])
-def test_elastic_hitch_by_finite_elements_in_space(alpha3_deg: float) -> None:
-    """With both sides explicit, modes agree to 3e-5, of which the weight changes some by 3 %."""
+@pytest.mark.parametrize("tractor", [False, True])
+@pytest.mark.parametrize("alpha3_deg", [90.0, 135.0, 180.0])
+def test_elastic_hitch_by_finite_elements_in_space(alpha3_deg: float, tractor: bool) -> None:
+    """With both sides explicit, modes agree to 1e-5 below 10 Hz, and to 5e-5 up to 190 Hz.
+
+    The weight changes some by 2 to 3 %.
+    """
     alpha3 = math.radians(alpha3_deg)
-    mapping = described(tractor=False)
-    exact = hitch(alpha3, tractor=False, weight=True)[0]
-    n = int((exact < 190.0).sum())
-    np.testing.assert_allclose(hertz(lateral(mapping, alpha3))[:n], exact[:n], rtol=3e-5)
+    mapping = described(tractor=tractor)
+    exact = hitch(alpha3, tractor=tractor, weight=True)[0]
+    n, low = int((exact < 190.0).sum()), int((exact < 10.0).sum())
+    found = hertz(lateral(mapping, alpha3))
+    assert low == (5 if tractor else 2)
+    np.testing.assert_allclose(found[:low], exact[:low], rtol=1e-5)
+    np.testing.assert_allclose(found[:n], exact[:n], rtol=5e-5)
     mapping["lateral"]["weight"] = "ignored"
     assert np.abs(hertz(lateral(mapping, alpha3))[:2] / exact[:2] - 1.0).max() > 0.02
 

@@ -295,12 +295,26 @@ def assembled(
     return a, beside
 
 
+def _turning(force: FloatArray, arm: FloatArray, along: FloatArray) -> FloatArray:
+    """Return the stiffness, (3, 3), of a force on a body at an arm; `along` is 1 for all axes.
+
+    It does the work F (t x (t x r)) / 2 = (F t) (t r) / 2 - (F r) (t t) / 2 as the body turns by t.
+    """
+    both = np.outer(force, arm)
+    return np.asarray(force @ arm * along - (both + both.T) / 2.0)
+
+
 def add_weight(a: Assembly, rest: Assembly) -> None:
     """Add the stiffness by the weight, whose forces are those in an assembly of equal parts.
 
-    Elements under tension have the geometric stiffness of cubic beams. A force F on a body at r
-    does the work F (t x (t x r)) / 2 when the body turns by t. Only bodies that joints load alone.
+    Elements under tension have the geometric stiffness of cubic beams. The tractor also turns the
+    cranks about their axes, which these elements leave out, and stands on the soil.
     """
+
+    def carry(body: str, *load: FloatArray) -> None:
+        k = _turning(*load)
+        a.parts.append(([f"{body} r"], k, 0.0 * k, 0.0 * k))
+
     k, m = rest.matrices[:2]
     up = np.zeros(rest.size)
     for name, columns in rest.rows.items():
@@ -308,12 +322,15 @@ def add_weight(a: Assembly, rest: Assembly) -> None:
             for at, column in columns.items():
                 up[at] = column[2]
     moved = np.linalg.solve(k + 1e-9 * m, -9.80665 * (m @ up))
-    forces: dict[str, FloatArray] = {}
+    forces, reached = dict[str, FloatArray](), {"crankL": 0.0, "crankR": 0.0}
     for names, turned, length, stiffness in rest.elements:
         push = stiffness @ (turned @ rest.matrix(names) @ moved)
         for i in (0, 2):
             ends = (turned.T @ push)[3 * i : 3 * i + 3]
             forces[names[i]] = forces.get(names[i], 0.0) + ends
+            if (crank := names[1][:6]) in reached and "tractor" in rest.centres:
+                axis, reached[crank] = turned[0, :3], reached[crank] + i / 2 * length
+                carry("tractor", ends, reached[crank] * axis, np.outer(axis, axis))
         bending = np.zeros((12, 12))
         for shift, turn, s in ((2, 4, -length), (1, 5, length)):
             own = [shift, turn, shift + 6, turn + 6]
@@ -326,10 +343,10 @@ def add_weight(a: Assembly, rest: Assembly) -> None:
         geometric = turned.T @ (push[6] / (30.0 * length) * bending) @ turned
         a.parts.append((names, geometric, 0.0 * geometric, 0.0 * geometric))
     for name, (body, arm) in rest.carried.items():
-        force = -forces.get(name, np.zeros(3))
-        both = np.outer(force, arm)
-        turning = force @ arm * np.eye(3) - (both + both.T) / 2.0
-        a.parts.append(([f"{body} r"], turning, 0.0 * turning, 0.0 * turning))
+        carry(body, -forces.get(name, np.zeros(3)), arm, np.eye(3))
+    for i, (x, *_, stiffness, contact) in enumerate(AXLES if "tractor" in rest.centres else ()):
+        push = -stiffness * np.array([0.0, 0.0, (rest.matrix([f"wheel{i}1.0"]) @ moved)[2]])
+        carry("tractor", push, np.array([x, 0.0, contact]) - rest.centres["tractor"], np.eye(3))
 
 
 def modes(a: Assembly) -> tuple[FloatArray, FloatArray]:

@@ -12,7 +12,7 @@ from scipy.optimize import linear_sum_assignment
 from linkage_vibration.errors import check_type
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import Mechanism
-from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.mechanics.model import LinkageModel, Place
 from linkage_vibration.mechanics.response import peak_search_band
 from linkage_vibration.support.progress import table_bar
 from linkage_vibration.support.version import VERSION
@@ -77,9 +77,11 @@ def build_table(
             return build_table(model, tolerance, points, shown)
     first, *others = model.halves
     share, drawn = 1.0 / (1 + len(others)), dict[int, Mechanism]()
-    table = _half(first, tolerance, points, drawn, lambda done: progress(share * done))
+    seen = model.mechanism.response.point, model.mechanism.response.direction
+    given = tolerance, points, seen, drawn
+    table = _half(first, *given, lambda done: progress(share * done))
     for other in others:
-        rest = _half(other, tolerance, points, drawn, lambda done: progress(share + share * done))
+        rest = _half(other, *given, lambda done: progress(share + share * done))
         table = both_halves(table, rest)
     return table
 
@@ -88,11 +90,12 @@ def _half(
     model: LinkageModel,
     tolerance: float,
     points: Sequence[str] | None,
+    seen: Place,
     drawn: dict[int, Mechanism],
     progress: Callable[[float], object],
 ) -> Table:
     share = _SHARE if model.mechanism.uncertainty else 1.0
-    sampler = Sampler(model, points, lambda finished: progress(share * finished))
+    sampler = Sampler(model, points, lambda finished: progress(share * finished), seen)
     accuracy, waiting = Accuracy(tolerance), [first_points([], *sampler.ends)]
     pieces = refine_pieces(
         sampler, waiting, lambda fitted: refine(sampler, fitted, accuracy), accuracy
@@ -134,6 +137,7 @@ def _table(sampler: Sampler, pieces: Sequence[RefinedPiece]) -> Table:
         band=sampler.response.band,
         peak_band=peak_search_band(sampler.response.peak_band, free=sampler.free_modes > 0),
         places=() if without else sampler.pole_places,
+        outputs=() if without else sampler.outputs,
         forces=sampler.forces,
         reference_force=sampler.response.reference_force,
         reduced=tuple(each.piece.models for each in pieces),

@@ -10,7 +10,7 @@ numbers are NaN. Deviations do not follow modes: they are those of the poles of 
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import count, islice
 from typing import Any
@@ -31,7 +31,7 @@ from linkage_vibration.mechanics.modes import (
     oscillating_indices,
 )
 from linkage_vibration.mechanics.response import reach
-from linkage_vibration.mechanics.uncertainty import rotation
+from linkage_vibration.mechanics.uncertainty import draw_of, rotation
 from linkage_vibration.table.interpolation import (
     interpolation_matrix,
     stroke_angle,
@@ -93,11 +93,12 @@ def with_uncertainty(
             "are known by FRFs alone; remove this section."
         )
     known: dict[int, tuple[LinkageModel, dict[float, _Modes]]] = {}
+    draws = draw_of(uncertainty)
+    n = max(int(draws.max()) + 1, N_PAIRS)
     for n_nodes in _N_NODES:
-        n = max(len(uncertainty.numbers), N_PAIRS)
         solver, rows = _Solver(table, sampler, n_nodes, 1 + 2 * n), list[FloatArray]()
         solver.keep(0, *solver.solve(solver.own, 0))
-        pairs = islice(member_pairs(len(uncertainty.numbers)), n + n // _FEW_LOST)
+        pairs = islice(member_pairs(draws), n + n // _FEW_LOST)
         for k, row in enumerate(pairs, 1):
             if len(rows) == n or (solver.rough and n_nodes != _N_NODES[-1]):
                 break
@@ -128,13 +129,14 @@ def with_uncertainty(
     return replace(table, ensemble_alpha3=solver.nodes, ensemble_coordinates=coordinates, **arrays)
 
 
-def member_pairs(n: int) -> Iterator[FloatArray]:
+def member_pairs(draws: IntArray) -> Iterator[FloatArray]:
     """Yield draws of n numbers, in standard deviations, (n,), which members have with both signs.
 
-    The first max(n, N_PAIRS) and their opposites have the variance 1 and no correlations.
+    They follow independent ones, (n,), as `uncertainty.draw_of` says: as many pairs as there are of
+    these, at least N_PAIRS, have the variance 1 and no correlations.
     """
     for seed in count(_SEED):
-        yield from rotation(n, seed)
+        yield from rotation(int(draws.max()) + 1, seed)[:, draws]
 
 
 class _Solver:
@@ -143,7 +145,7 @@ class _Solver:
     def __init__(self, table: Table, sampler: Sampler, n_nodes: int, n_members: int) -> None:
         self._table, self._kinematics = table, sampler.model.kinematics
         self._half = sampler.model.half
-        self._places: list[Place] = [*table.places, *table.forces]
+        self._places: Sequence[Place] = table.member_outputs
         self._limit = reach(table.band)
         few = _nodes(table, 3).tolist()
         exact = [_oscillating(sampler.solution(angle).damped)[0] for angle in few]
@@ -319,9 +321,10 @@ class _Solver:
         stack, solved = model.stack(angles), []
         where = stack.configuration, stack.joining
         rows = model.output_rows(self._places, *where)
-        static, n_places = np.empty((len(angles), 0)), len(self._table.places)
-        if self._table.forces:
-            static = model.forces.at_rest(*where, stack.coupled, rows[..., n_places:, :])
+        n_places, n_forces = len(self._table.places), len(self._table.forces)
+        static = np.empty((len(angles), 0))
+        if n_forces:
+            static = model.forces.at_rest(*where, stack.coupled, rows[..., -n_forces:, :])
         every = rows @ stack.modes.shapes[..., np.newaxis, :, :]
         each = stack.modes.omega, stack.modes.shapes, _damped(stack, self._highest), every, static
         for omega, shapes, damped, powers, at_rest in zip(*each, strict=True):

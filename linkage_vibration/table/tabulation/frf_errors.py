@@ -34,15 +34,17 @@ def frf_norms(
     return off, np.linalg.norm(weights * right, axis=0)
 
 
-def worst_shares(off: FloatArray, size: FloatArray) -> FloatArray:
+def worst_shares(off: FloatArray, size: FloatArray, n_outputs: int = 0) -> FloatArray:
     """Return the largest ratios of norms of errors to those of FRFs, (2,), from (n_rows, n_inputs).
 
-    The first is that between the inputs, whose rows come first; the second that of forces to the
-    largest force that the same input causes.
+    The first is that of motions: between the inputs, whose rows come first, and of other outputs.
+    The second is that of forces to the largest force that the same input causes.
     """
-    n, drives = size.shape[1], np.sqrt(np.diag(size))
+    drives, n = np.sqrt(np.diag(size)), size.shape[1] + n_outputs
     # A response that is only rounding has no relative error.
-    moved = np.maximum(size[:n], SILENT_SHARE * np.outer(drives, drives))
+    silent = np.tile(drives * drives.max(initial=0.0), (n, 1))
+    silent[: len(drives)] = np.outer(drives, drives)
+    moved = np.maximum(size[:n], SILENT_SHARE * silent)
     forces = np.tile(size[n:].max(axis=0, initial=0.0), (len(size) - n, 1))
     parts = (off[:n], moved), (off[n:], forces)
     return np.array([(o[s > 0.0] / s[s > 0.0]).max(initial=0.0) for o, s in parts])

@@ -147,7 +147,9 @@ def refine(sampler: Sampler, fitted: list[float], accuracy: Accuracy) -> Refined
             # A table of identified modes has no FRFs.
             exact = [] if sampler.measured else samples
             rounded = Rounding(values, sampler.rounding(finer).frf if exact else 0.0)
-            compared = compare(coarse, fine, response, accuracy, exact, rounded)
+            compared = compare(
+                coarse, fine, response, accuracy, exact, rounded, len(sampler.outputs)
+            )
             if compared is not None:
                 return RefinedPiece(finer, fine, *compared)
         fitted = finer
@@ -171,7 +173,7 @@ def _near_models(
         weights=np.zeros((len(spaces), 1, 0)),
         far_stiffness=np.empty(0, complex),
         far_decay=np.empty(0),
-        n_inputs=len(spaces[0].shapes) - len(sampler.forces),
+        n_inputs=len(spaces[0].shapes) - len(sampler.rows),
         free=any(sample.free for sample in samples),
     )
 
@@ -312,10 +314,12 @@ def compare(
     accuracy: Accuracy,
     samples: Sequence[PoleSample],
     rounding: Rounding,
+    n_outputs: int,
 ) -> tuple[Bounds, list[Cell]] | None:
     """Return by how much fewer points change a piece, and its cells; None if it is too much.
 
-    The samples at its points, if there are any, show the errors of FRFs that far poles cause.
+    The samples at its points, if there are any, show the errors of FRFs that far poles cause. So
+    many motions, before the forces, are outputs alone.
     """
     all_over = stroke_angle(dense(fine.variables[0], fine.variables[-1], GRID), fine.toggles)
     there = oscillating_rows(fine.drive(all_over).frequencies)
@@ -343,9 +347,9 @@ def compare(
         approximate, exact = (each.frf(row, EVERY, EVERY) for each in pairs)
         norms, size = frf_norms(approximate, exact, compared_band)
         if not after.models.free:
-            frf = np.maximum(frf, worst_shares(norms, size))
+            frf = np.maximum(frf, worst_shares(norms, size, n_outputs))
         for each in by_far:
-            far_error = np.maximum(far_error, worst_shares(each, size))
+            far_error = np.maximum(far_error, worst_shares(each, size, n_outputs))
     frf = frf + MARGIN * far_error + rounding.frf
     slope = max(
         np.abs(there - here)[0].max(initial=0.0) / step

@@ -45,17 +45,25 @@ class Rounding:
 
 
 class Sampler:
-    """Solves a model at stroke variables (`interpolation.stroke_variable`), each once."""
+    """Solves a model at stroke variables (`interpolation.stroke_variable`), each once.
+
+    The place that is `seen` is the first of those where it moves without loads.
+    """
 
     def __init__(
-        self, model: LinkageModel, points: Sequence[str] | None, progress: Callable[[float], object]
+        self,
+        model: LinkageModel,
+        points: Sequence[str] | None,
+        progress: Callable[[float], object],
+        seen: Place | None = None,
     ) -> None:
         self.model = model
         # The names and the deviations of modes use the same solutions; each takes up to megabytes.
         self.solution = lru_cache(_REMEMBERED)(model.solve)
         self.response = model.mechanism.response
         self.measured = model.measured_frequencies is not None
-        self.places = () if self.measured else _places(model, points)
+        self.places, moved = ((), ()) if self.measured else _places(model, points)
+        self.outputs = tuple(sorted(moved, key=lambda place: place != seen))
         toggles = model.kinematics.toggles
         self.toggles = None if toggles is None else (toggles[0].alpha3, toggles[1].alpha3)
         self._poles: dict[float, PoleSample] = {}
@@ -73,6 +81,11 @@ class Sampler:
         if self.measured or self.solution(self.angle(self.ends[0])).modes.mechanism.any():
             return ()
         return self.model.forces.places if self.model.force_places else ()
+
+    @property
+    def rows(self) -> tuple[Place, ...]:
+        """Places and forces that are outputs alone."""
+        return (*self.outputs, *self.forces)
 
     @property
     def pole_places(self) -> tuple[Place, ...]:
@@ -117,7 +130,7 @@ class Sampler:
         """Return the poles at an angle, rad, by the matrices of links."""
         solution = self._checked_solution(alpha3)
         try:
-            sample = sample_poles(solution, self._mass_root, self.pole_places, self.forces)
+            sample = sample_poles(solution, self._mass_root, self.pole_places, self.rows)
         except ModesError as error:
             raise TableError(f"At alpha3 = {math.degrees(alpha3):.3f} deg: {error}") from None
         self._note_rounding(solution, values_of(oscillating(sample.poles))[1])
@@ -228,12 +241,17 @@ class Sampler:
             raise TableError(f"{problem}; choose another point.")
 
 
-def _places(model: LinkageModel, points: Sequence[str] | None) -> tuple[Place, ...]:
-    """Return the places between which the table has FRFs: points, each in every direction."""
+def _places(
+    model: LinkageModel, points: Sequence[str] | None
+) -> tuple[tuple[Place, ...], tuple[Place, ...]]:
+    """Return the places between which the table has FRFs, and others that are outputs alone.
+
+    They are points, each in every direction. Loads excite the lateral half along y, and soil at z.
+    """
     mechanism = model.mechanism
+    mounts = () if mechanism.base is None else mechanism.base.mounts
     if points is None:
         moving = {p for body in mechanism.bodies for p in mechanism.local_points(body.name)}
-        mounts = () if mechanism.base is None else mechanism.base.mounts
         held = set(mechanism.local_points(GROUND)).difference(mount.name for mount in mounts)
         names = sorted((moving | {mount.name for mount in mounts}).difference(held))
         points = names if len(names) <= _MANY else [mechanism.response.point]
@@ -242,7 +260,12 @@ def _places(model: LinkageModel, points: Sequence[str] | None) -> tuple[Place, .
             raise TableError(f"{mechanism.name} has no point {point} for FRFs; check the name.")
     directions = model.interface.directions
     every = [(point, direction) for point in points for direction in directions]
-    if model.half == "lateral":  # What is in the middle moves along y alone.
-        moves = model.rows(every, model.kinematics.at(model.mechanism.stroke[0]))
-        every = [every[i] for i in np.flatnonzero(moves.any(axis=1)).tolist()]
-    return tuple(every)
+    if model.half == "vertical":
+        return tuple(every), ()
+    # What is in the middle moves along y alone.
+    moves = model.rows(every, model.kinematics.at(mechanism.stroke[0]))
+    every = [every[i] for i in np.flatnonzero(moves.any(axis=1)).tolist()]
+    drive = mechanism.response.point, mechanism.response.direction
+    loaded = {drive, *((mount.name, "z") for mount in mounts)}
+    places = [place for place in every if place[1] == "y" or place in loaded]
+    return tuple(places), tuple(place for place in every if place not in places)
