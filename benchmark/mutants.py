@@ -3,7 +3,7 @@
 """Which share of single changes of the package its tests notice.
 
 The changes are drawn anew by a seed, in each room in proportion to its code. For each, the tests
-that import its module run in a copy of the checkout.
+that import its module run in a copy of the checkout, and then the other ones of its room.
 """
 
 import argparse
@@ -118,8 +118,8 @@ def drawn(count: int, seed: int) -> dict[str, list[Mutant]]:
     return chosen
 
 
-def tests_of(module: Path) -> list[str]:
-    """Return the files of tests that import a module, or else those of its room, at most four.
+def tests_of(module: Path) -> tuple[list[str], list[str]]:
+    """Return at most four files of tests that import a module, and the other ones of its room.
 
     The ones with its name come first, and then those of its room. Only the node's start nodes.
     """
@@ -129,11 +129,14 @@ def tests_of(module: Path) -> list[str]:
     wanted = re.compile(rf"{parent}\.{stem}\b|from {parent} import (\([^)]*|.*)\b{stem}\b")
     files = [path for path in (ROOT / "test").rglob("test_*.py") if is_room(path, module)]
     found = [path for path in files if wanted.search(path.read_text())]
-    found = found or [path for path in files if room in path.parents]
-    if not (ROOT / module).is_file() or not found:
-        raise SystemExit(f"{module} or its tests in {room} do not exist.")
     found.sort(key=lambda path: (name not in path.stem, room not in path.parents, path))
-    return [path.relative_to(ROOT).as_posix() for path in found[:MOST]]
+    others = sorted(path for path in files if room in path.parents and path not in found[:MOST])
+    if not (ROOT / module).is_file() or not found + others:
+        raise SystemExit(f"{module} or its tests in {room} do not exist.")
+    first, second = (
+        [path.relative_to(ROOT).as_posix() for path in paths] for paths in (found[:MOST], others)
+    )
+    return first, second
 
 
 def is_room(path: Path, module: Path) -> bool:
@@ -160,7 +163,10 @@ def notices(checkout: Path, mutant: Mutant) -> bool:
     file = checkout / mutant.path
     text = file.read_bytes()
     file.write_bytes(mutant.change(text))
-    failed = run(checkout, tests_of(mutant.path))
+    failed: str | None = ""
+    for tests in tests_of(mutant.path):
+        if failed == "" and tests:
+            failed = run(checkout, tests)
     file.write_bytes(text)
     if failed and run(checkout, [failed]) != "":
         raise SystemExit(f"{failed} fails without a change, too; correct it first.")
@@ -194,7 +200,7 @@ def main() -> None:
         [
             "On this page you find which share of single changes of the package its tests notice. "
             f"The seed {given.seed} drew {count} changes, for which no test was added before. The "
-            f"tests that import the changed modules found {noticed}, or {100.0 * share:.0f} % "
+            f"tests of the changed modules and their rooms found {noticed}, or {100.0 * share:.0f} % "
             f"(standard error {100.0 * error:.0f} %).",
             table(
                 ["room", "changes", "found"],

@@ -38,7 +38,7 @@ def test_each_operator_and_number_is_changed_alone() -> None:
 def test_what_is_named_exists() -> None:
     """A module without a file, or without tests, ends the study; the nearest tests come first."""
     verdict = Path("linkage_vibration/prediction/verdict.py")
-    assert mutants.tests_of(verdict)[0] == "test/prediction/test_verdict.py"
+    assert mutants.tests_of(verdict)[0][0] == "test/prediction/test_verdict.py"
     for module in ("linkage_vibration/prediction/none.py", "linkage_vibration/none/verdict.py"):
         with pytest.raises(SystemExit, match=r"none.* do not exist"):
             mutants.tests_of(Path(module))

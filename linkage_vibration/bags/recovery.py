@@ -136,7 +136,7 @@ def recovery_text(recovery: Recovery) -> str:
         lines.append("Damaged places of the old file:")
         lines += [f"  {damage}" for damage in recovery.damages[:_DAMAGES_SHOWN]]
         if (more := len(recovery.damages) - _DAMAGES_SHOWN) > 0:
-            lines.append(f"  and {more} others")
+            lines.append(f"  and {more} more")
     else:
         lines.append("The old file is complete and undamaged.")
     return "\n".join(lines)

@@ -24,7 +24,13 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
 from linkage_vibration.bags.log_writer import LogWriter
-from linkage_vibration.bags.recovery import RECOVERY_METADATA, RecoveryError, recover, recovery_text
+from linkage_vibration.bags.recovery import (
+    RECOVERY_METADATA,
+    Recovery,
+    RecoveryError,
+    recover,
+    recovery_text,
+)
 from linkage_vibration.bags.writing import COMPRESSIONS, Attachment, Topic, offered_qos_profiles
 from linkage_vibration.cli.main import main
 from linkage_vibration.messages.definitions import message_definition, type_hash
@@ -249,6 +255,13 @@ def test_lost_messages_are_counted(tmp_path: Path) -> None:
             ]
         assert record["messages_known_lost"] == str(2 * PER_CHUNK)
         assert record["source"] == "spoilt.mcap"
+
+
+@pytest.mark.parametrize(("count", "last"), [(20, "  at byte 19"), (21, "  and 1 more")])
+def test_the_first_twenty_damages_are_listed(count: int, last: str) -> None:
+    """The text lists twenty damaged places, and counts the others if there are any."""
+    damages = tuple(f"at byte {k}" for k in range(count))
+    assert recovery_text(Recovery(Path("a.mcap"), {}, {}, damages)).splitlines()[-1] == last
 
 
 def test_recovered_log_opens_everywhere(tmp_path: Path) -> None:

@@ -134,6 +134,7 @@ def test_sentence() -> None:
     modes._modes = (replace(MODE, predicted_stddev=0.0425),)  # 1.96 deviations
     assert modes.sentence() == ""
     modes._modes = (MODE, replace(MODE, mode=2, frequency=9.9, doubt="an order"))
+    assert modes.compared == 1
     assert modes.sentence() == (
         "The implement heave at 143.2 deg is 8.0 % lower than predicted, 7.360 +- 0.010 Hz: "
         f"not consistent, 2.8 standard deviations. Is it {first} or {second}?"

@@ -76,7 +76,10 @@ class Bench:
         listener = SimpleNamespace(
             subscribe=self._subscribe, lost=Counter, unmatched=lambda: self.mismatches
         )
-        throttle = SimpleNamespace(warn=lambda *_: None, report=lambda *_: None)
+        self.warned = list[str]()
+        throttle = SimpleNamespace(
+            warn=lambda key, _: self.warned.append(key), report=lambda *_: None
+        )
         self.topics = live_topics(Parameters(), lambda name: f"/{name}")
         predictor = Predictor(load_table(config_file(table)))
         self.monitor = ResonanceMonitor(
@@ -363,6 +366,16 @@ def test_joint_states_without_names(bench: Bench) -> None:
     assert "has 0 names but 1 elements in position, so the one of hitch" in bench.faults()
 
 
+def test_a_joint_that_never_comes_is_logged(bench: Bench) -> None:
+    """A warning in the log names it after 5 s of messages without it, and none before."""
+    for warned in (False, True):
+        for _ in range(24):
+            bench.now += 0.1
+            bench.give(0.0, joint="other")
+            bench.faults()
+        assert ("missing" in bench.warned) is warned
+
+
 def test_readings_that_are_left_out_are_no_fault_of_the_sensor(bench: Bench) -> None:
     """A sensor at 100 Hz of which the node leaves out most has no fault itself."""
     for _ in range(5):
@@ -386,6 +399,14 @@ def test_readings_that_are_left_out_are_no_fault_of_the_sensor(bench: Bench) -> 
     assert "The readings come at 50.0 Hz instead of 100.0 Hz" in faults
 
 
+def test_speeds_may_arrive_one_after_the_other(bench: Bench) -> None:
+    """One that has not arrived so soon after the start is no warning."""
+    bench.put_speed(0.0)
+    bench.spin()
+    bench.faults()
+    assert bench.path.speed_faults[-1].level is Level.STALE
+
+
 def test_speeds_that_did_not_arrive(bench: Bench) -> None:
     """Until a speed that an excitation needs has arrived, `speeds` is not OK."""
     for pause, level in ((0.1, Level.STALE), (2.0, Level.STALE)):
@@ -395,6 +416,10 @@ def test_speeds_that_did_not_arrive(bench: Bench) -> None:
         assert fault.level is level
         words = "The engine speed on /engine_speed, PTO speed on /pto_speed, ground speed on /grou"
         assert fault.sentence.startswith(words)
+    bench.put_speed(0.0, topic="/engine_speed")
+    bench.spin()
+    bench.faults()
+    assert bench.path.speed_faults[-1].level is Level.WARN  # as one speed has arrived
     values = dict.fromkeys(("engine_speed", "ground_speed"), 0.0)
     bench.path.apply(with_values(Parameters(), values), bench.topics)
     bench.faults()
