@@ -223,15 +223,7 @@ def present_sentence(resonance: MessageColumns, excitations: Sequence[Excitation
 
     The message is that of `described`, and the excitations are those that were monitored.
     """
-    kept = bool(is_kept(resonance))
-    warns = resonance.state == ResonanceState.WARNING and not kept
-    return f"{_KEPT} " * kept + _load_sentence(resonance, excitations, warns)
-
-
-def _load_sentence(
-    resonance: MessageColumns, excitations: Sequence[Excitation], warns: bool
-) -> str:
-    """Return what `present_sentence` says, but for a warning that is kept."""
+    begin = f"{_KEPT} " * bool(is_kept(resonance))
     speeds = unknown_speeds(resonance.unknown_sources)
     unknown = f"{unknown_speed_words(speeds)} not known or not fresh" if speeds else ""
     working = at_work(resonance.unknown_sources, excitations)
@@ -240,7 +232,7 @@ def _load_sentence(
         lost = "all orders are beyond the frequencies of the table"
         if resonance.unknown_sources & Unknown.CRANK_ANGLE:
             lost = "the crank angle is invalid, outside of the table or doubted"
-        return f"No load is known, as {lost if working else unknown}."
+        return f"{begin}No load is known, as {lost if working else unknown}."
     tail = f" {unknown[0].upper()}{unknown[1:]}." if unknown else ""
     if resonance.ground_unknown and Source.GROUND not in speeds:
         tail += f" {unknown_ground(resonance.ground_unknown)}"
@@ -250,13 +242,14 @@ def _load_sentence(
         tail += f" Beyond the frequencies of the table, and so not known: {listing(beyond)}."
     unknown_load = math.isnan(resonance.total_load_ratio)
     airborne = resonance.off_ground_share > MAX_OFF_GROUND
+    warns = resonance.state == ResonanceState.WARNING and not begin
     if warns and (airborne or not unknown_load):
         return f"{_warning(resonance, excitations)}{tail}"
     if unknown_load:
-        return f"No load is known{no_load_words(resonance, excitations)}.{tail}"
+        return f"{begin}No load is known{no_load_words(resonance, excitations)}.{tail}"
     qualifier = "known " if resonance.unknown_sources or beyond else ""
     total = ratio_words(resonance.total_load_ratio)
-    return f"All {qualifier}loads are {total} of the static forces.{tail}"
+    return f"{begin}All {qualifier}loads are {total} of the static forces.{tail}"
 
 
 def _warning(resonance: MessageColumns, excitations: Sequence[Excitation]) -> str:

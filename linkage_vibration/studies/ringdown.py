@@ -192,33 +192,28 @@ def _without_nonlinear(
     """Return modes with a doubt where their decays are not those of a linear hitch.
 
     An oscillation whose frequency or damping depends on its amplitude appears as several modes that
-    can replace each other, or as one that changes.
+    can replace each other, or as one that changes. The strongest one is named.
     """
     sure = np.array([i for i, mode in enumerate(modes) if not mode.doubt], dtype=int)
     often = np.array([2 * mode.decays > len(decays) for mode in modes], dtype=bool)
     energy, alone = energies(decays, poles[sure], rate)
-    hertz, doubts = np.abs(poles[sure]), dict[int, str]()
+    hertz = np.abs(poles[sure])
     alike = alone < _ALIKE * energy
     beside = np.abs(np.log(hertz / hertz[:, np.newaxis])) < math.log(_BESIDE)
     for i in np.argsort(-energy).tolist():
-        if sure[i] in doubts:
-            continue
         line = np.arange(len(sure)) == i
         for _ in range(len(sure) * alike[i]):
             line = line | beside[line & alike].any(axis=0)
-        near = sure[line & (sure != sure[i])]
         order = [sure[i], *np.setdiff1d(np.flatnonzero(often), sure[line])]
         change = _change(decays, poles[order], rate)
         if alike[i] or change:
+            # Friction damps other modes, too, and stiffens them by the same share in all of their
+            # decay, so that nothing shows by how much.
+            at = f"the mode at {modes[sure[i]].frequency:.4g} Hz"
+            doubts = dict.fromkeys(sure.tolist(), f"{at} is not linear, which may move this one")
             doubts[sure[i]] = f"not linear: {change or 'its decay is not exponential'}"
-            part = f"it may be a part of the mode at {hertz[i] / (2.0 * math.pi):.4g} Hz"
-            doubts |= {j: f"{part}, which is not linear" for j in near.tolist() if j not in doubts}
-    # What makes one mode not linear moves others, too: friction damps a mode and stiffens it by the
-    # same share in all of a decay, so that no part of it shows by how much.
-    for j in sure if doubts else []:
-        at = f"a mode at {modes[next(iter(doubts))].frequency:.4g} Hz"
-        doubts.setdefault(j, f"{at} is not linear, and what makes it so may move this one, too")
-    return [replace(mode, doubt=doubts.get(i, mode.doubt)) for i, mode in enumerate(modes)]
+            return [replace(mode, doubt=doubts.get(j, mode.doubt)) for j, mode in enumerate(modes)]
+    return modes
 
 
 def _change(decays: Decays, poles: ComplexArray, rate: float) -> str:
