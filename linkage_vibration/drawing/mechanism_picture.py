@@ -28,7 +28,7 @@ SPEEDS = {  # what is drawn of each source: its name, the lowest and the highest
 }
 
 Point = tuple[Source, float, float]
-"""A source with a crank angle, rad, and its speed, rpm or m/s."""
+"""A crossing: a source, a crank angle, rad, and a speed, rpm or m/s. The maps contain them all."""
 
 Map = tuple[FloatArray, FloatArray, FloatArray, BoolArray]
 """Crank angles, (n,), rad, speeds as drawn, (k,), and load ratios, (n, k), with what is known."""
@@ -54,7 +54,6 @@ def draw_mechanism(
 
     Of several levels, with other masses of the implement, all modes and the worst loads are drawn.
     ``limit`` is the load ratio of a warning, ``ends`` are the crank angles to draw between, rad.
-    The maps contain the crossings of orders and modes, so that nothing listed exceeds them.
     """
     from matplotlib.figure import Figure
 
