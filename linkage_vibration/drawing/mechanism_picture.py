@@ -28,10 +28,10 @@ SPEEDS = {  # what is drawn of each source: its name, the lowest and the highest
 }
 
 Point = tuple[Source, float, float]
-"""A source with a crank angle, rad, and its speed, rpm or m/s."""
+"""A crossing: a source, a crank angle, rad, and a speed, rpm or m/s. The maps contain them all."""
 
-Map = tuple[FloatArray, FloatArray, FloatArray]
-"""Crank angles, (n,), rad, speeds as drawn, (k,), and load ratios at them, (n, k)."""
+Map = tuple[FloatArray, FloatArray, FloatArray, BoolArray]
+"""Crank angles, (n,), rad, speeds as drawn, (k,), and load ratios, (n, k), with what is known."""
 
 _ANGLES, _MAP = 181, (91, 161)  # angles of a curve; angles and speeds of a map at least
 
@@ -54,7 +54,6 @@ def draw_mechanism(
 
     Of several levels, with other masses of the implement, all modes and the worst loads are drawn.
     ``limit`` is the load ratio of a warning, ``ends`` are the crank angles to draw between, rad.
-    The maps contain the crossings of orders and modes, so that nothing listed exceeds them.
     """
     from matplotlib.figure import Figure
 
@@ -69,7 +68,7 @@ def draw_mechanism(
     draw_modes(first, table.mode_names, predictions, table.lateral_modes)
     frequencies = np.concatenate([of.natural_frequencies for of in predictions])
     maps = [_load_map(source, levels, excitations, ends, crossings) for source in sources]
-    top = max(limit, *(float(np.nanmax(ratios, initial=0.0)) for *_, ratios in maps), 0.0)
+    top = max(limit, *(float(np.nanmax(ratios, initial=0.0)) for _, _, ratios, _ in maps), 0.0)
     sentences = []
     for i, source in enumerate(sources):
         orders = [each for each in excitations if each.source is source and not each.terrain]
@@ -156,18 +155,19 @@ def _draw_loads(
 
     The scale is the limit and the largest value of the colour bar, which all sources share.
     """
-    (label, low, high, unit), (limit, top), (angles, speeds, ratios) = SPEEDS[source], scale, drawn
+    (label, low, high, unit), (limit, top) = SPEEDS[source], scale
+    angles, speeds, ratios, known = drawn
     degrees, name = np.degrees(angles), label.split(" speed")[0]
     ax.set(xlabel=label, ylabel="crank angle α₃ [deg]", facecolor=palette.GAP_SHADE)
     ax.set(xlim=(low, high), ylim=(degrees[0], degrees[-1]))
     part = "A part of the load ratio" if silent else "Load ratio"
-    unknown = " (grey: not known)" if np.isnan(ratios).any() else ""
+    unknown = "" if known.all() else " (grey: not known)"
     ax.set_title(f"{part} by the {name} alone{unknown}", loc="left")
     if not np.isfinite(ratios).any():
         why = "no amplitude, no force at rest, or a tyre in the air"
         return f"The load ratio by the {name} is not known: {why}."
     style: dict[str, Any] = {"cmap": "cividis", "vmin": 0.0, "vmax": top, "shading": "nearest"}
-    mesh = ax.pcolormesh(speeds, degrees, ratios, **style)
+    mesh = ax.pcolormesh(speeds, degrees, np.where(known, ratios, math.nan), **style)
     assert ax.figure is not None
     bar = ax.figure.colorbar(mesh, ax=ax, label=f"load ratio (red: limit {limit:g})")
     bar.ax.axhline(limit, color=palette.ABOVE, linewidth=2.5)
@@ -183,15 +183,17 @@ def _draw_loads(
     text += f", with an implement of {mass} kg" if mass else ""
     if silent:
         text += f" (without {', '.join(silent)}, which have no amplitude)"
+    text += "" if known[i, j] else " (without what is not known there)"
+    rest = "" if known.all() else " Where the map is grey, the load ratio is not fully known."
     above = np.isfinite(ratios) & (ratios > limit)
     if not above.any():
-        return f"{text}, which is not above the limit of {limit:g}."
+        return f"{text}, which is not above the limit of {limit:g}.{rest}"
     ax.contour(speeds, degrees, ratios, [limit], colors=palette.ABOVE, linewidths=2.0)
     avoided = degrees[above.any(axis=1)], speeds[above.any(axis=0)]
     (first, last), (slow, fast) = ((values[0], values[-1]) for values in avoided)
     return (
         f"{text}. Above the limit of {limit:g} are speeds from {slow:.0f} to {fast:.0f} "
-        f"{unit_name} between {first:.0f} and {last:.0f} deg; the map shows where."
+        f"{unit_name} between {first:.0f} and {last:.0f} deg; the map shows where.{rest}"
     )
 
 
@@ -202,7 +204,7 @@ def _load_map(
     ends: tuple[float, float],
     crossings: Sequence[Point],
 ) -> Map:
-    """Return the load ratios by one source, NaN where a part is not known, and where they are."""
+    """Return the load ratios by one source, of what is known, and where they are."""
     _, low, high, unit = SPEEDS[source]
     crossed = [(alpha3, speed / unit) for of, alpha3, speed in crossings if of is source]
     at = np.array(crossed).reshape(-1, 2).T
@@ -215,5 +217,6 @@ def _load_map(
     results = levels.at_all_pairs(angles, every)
     unknown = (results.ground_unknown != "") & (source is Source.GROUND)
     unknown |= np.isnan(results.velocities[:, loaded]).any(axis=1)
-    ratios = np.where(unknown, math.nan, results.total_load_ratio.astype(float))
-    return angles, shown, np.asarray(ratios.reshape(len(angles), len(speeds)))
+    ratios, shape = results.total_load_ratio.astype(float), (len(angles), len(speeds))
+    known = ~unknown & np.isfinite(ratios)
+    return angles, shown, ratios.reshape(shape), known.reshape(shape)

@@ -317,6 +317,17 @@ def test_plot(tmp_path: Path, capsys: Any) -> None:
     )
     assert main(["plot", "--excitations", str(alone), "-o", str(picture)]) == 0
     assert "(without engine 3, which have no amplitude)" in capsys.readouterr().out
+    # Above 1000 rpm, order 12 is beyond the table, and order 3 meets the implement's pitch.
+    alone.write_text(
+        "slow: {speed: engine, orders: [3], force: [900.0], at: E1.z, at_speed: 2000.0}\n"
+        "fast: {speed: engine, orders: [12], force: [9.0], at: E1.z, at_speed: 2000.0}\n"
+    )
+    assert main(["plot", "--excitations", str(alone), "-o", str(picture)]) == 0
+    engine, _, _, _, first, *_ = capsys.readouterr().out.splitlines()
+    assert first.split()[:2] == ["slow", "3"]
+    assert f"up to {first.split()[-2]} of its force at rest" in engine
+    assert "(without what is not known there)" in engine
+    assert engine.endswith("Where the map is grey, the load ratio is not fully known.")
 
 
 def test_masses_of_the_implement(tmp_path: Path, capsys: Any) -> None:

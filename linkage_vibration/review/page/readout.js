@@ -30,13 +30,18 @@ function readingText(item, i) {
   return `${text} ${item.unit ?? ""}`.trim();
 }
 
+/** The same without the uncertainty. */
+function briefText(item, i) {
+  return readingText({ ...item, digits: 4 }, i).replace(/ ± \S+/, "");
+}
+
 onCursor.push(() => {
   cells.time.textContent = `${clock(time[cursor], 1e-4)} ${timeUnit}`;
   cells.stamp.textContent = stamp(cursor);
   for (const item of data.readings) cells[item.id].textContent = readingText(item, cursor);
   byId("brief").textContent = [`${clock(time[cursor], 1e-2)} ${timeUnit}`, ...data.readings
     .filter(item => data.brief.includes(item.id))
-    .map(item => readingText({ ...item, digits: 4 }, cursor).replace(/ ± \S+/, ""))].join(" \u00b7 ");
+    .map(item => briefText(item, cursor))].join(" \u00b7 ");
   for (const chart of charts) chart.showCursor();
   linkage?.show();
 });
