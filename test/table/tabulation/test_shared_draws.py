@@ -99,7 +99,8 @@ def test_members_of_the_lateral_half_are_known(table: Table) -> None:
 def test_effects_belong_to_one_of_both(table: Table) -> None:
     """The number that changes a mode most is that of whole models, to a tenth of all changes.
 
-    One of 36 pairs is missing in the lateral half: two deviations times two of them are a ninth. P2 follows the contact of an axle: it changes vertical modes alone.
+    One of 36 pairs is missing in the lateral half. P2 follows the contact of an axle, and changes
+    vertical modes alone.
     """
     mechanism = read_mechanism(config_file("three_point_linkage_in_space.yaml"))
     assert mechanism.uncertainty is not None
