@@ -199,8 +199,8 @@ def main() -> None:
         "Changes that tests notice",
         [
             "On this page you find which share of single changes of the package its tests notice. "
-            f"The seed {given.seed} drew {count} changes, for which no test was added before. The "
-            f"tests of the changed modules and their rooms found {noticed}, or {100.0 * share:.0f} % "
+            f"The seed {given.seed} drew {count} changes, for which no test was added before. "
+            f"The tests of their modules and rooms found {noticed}, or {100.0 * share:.0f} % "
             f"(standard error {100.0 * error:.0f} %).",
             table(
                 ["room", "changes", "found"],

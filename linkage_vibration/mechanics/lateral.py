@@ -21,7 +21,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, symmetric
-from linkage_vibration.mechanics.bodies.beam import Beam, W, beam_matrices
+from linkage_vibration.mechanics.bodies.beam import THETA, Beam, W, beam_matrices
 from linkage_vibration.mechanics.bodies.matrices import component_of
 from linkage_vibration.mechanics.compatibility import InterfaceMap, Joining, SpringRow
 from linkage_vibration.mechanics.components import CENTRE_OF_GRAVITY, Component, FrfComponent
@@ -95,18 +95,30 @@ def _link(link: Link, mechanism: Mechanism, *, reduced: bool) -> Component:
     dofs, both = tuple(dof for part in parts for dof in part.dofs), uncoupled_system(parts)
     inner = np.concatenate([np.arange(len(part.mass)) >= len(part.dofs) for part in parts])
     order = np.argsort(inner, kind="stable")
-    # The slopes of elements, of which each link has as many in both directions.
+    # Of each element, in both directions, what the square of its slope adds up to along it.
     drawings = [part.drawing for part in parts if part.drawing is not None]
     nodes = drawings[0].places[:, 0]
-    roots = np.sqrt(np.diff(nodes))[:, np.newaxis]
-    slopes = [np.diff(each.displacement[:, W], axis=0) / roots for each in drawings]
+    slopes = [_slopes(each.displacement, np.diff(nodes)[:, np.newaxis]) for each in drawings]
     ends = [link.stretch * x for _, (x, _) in link.points]
     at = np.searchsorted(ends[1:-1], (nodes[1:] + nodes[:-1]) / 2.0)
-    pieces = [[each[at == i] for each in slopes] for i in range(len(ends) - 1)]
+    pieces = [[np.concatenate(each[:, at == i]) for each in slopes] for i in range(len(ends) - 1)]
     tight = [block_diag(*(each.T @ each for each in piece)) for piece in pieces]
     tightened = np.array(tight)[:, order[:, np.newaxis], order]
     matrices = both.mass, both.stiffness, both.damping
     return Component(link.name, dofs, *matrices, parts[0].loss_factor, None, tightened)
+
+
+def _slopes(displacement: FloatArray, lengths: FloatArray) -> FloatArray:
+    """Return factors of the slopes of elements, (3, n_elements, n), whose squares add up.
+
+    The slope of a cubic is c0 + c1 P1 + c2 P2 in Legendre polynomials, the mean of whose square is
+    c0^2 + c1^2 / 3 + c2^2 / 5; displacements of nodes are (n_nodes, 3, n).
+    """
+    w, theta = displacement[:, W], displacement[:, THETA]
+    mean, bent = np.diff(w, axis=0) / lengths, np.diff(theta, axis=0) / 2.0
+    rest = theta[:-1] + bent - mean
+    parts = [mean, bent / math.sqrt(3.0), rest / math.sqrt(5.0)]
+    return np.asarray(np.sqrt(lengths) * parts)
 
 
 class LateralMap(InterfaceMap):

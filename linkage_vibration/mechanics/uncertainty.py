@@ -39,9 +39,9 @@ _SINGULAR = 1e-9  # The correlations contradict one another below this eigenvalu
 
 
 def across(uncertainty: Uncertainty) -> BoolArray:
-    """Return which numbers act across the plane alone, (n,): no mode of the vertical half on them.
+    """Return on which numbers no mode of the vertical half depends, (n,).
 
-    Distances from the middle also change lengths of links.
+    Distances from the middle are none of them, as they change the lengths of links.
     """
     paths = [split_paths(number.path) for number in uncertainty.numbers]
     return np.array([all(map(_is_across, each)) for each in paths], dtype=bool)

@@ -468,8 +468,10 @@ class GroundTable:
         """Why no level of it is ever known, of `REASONS`, or 0."""
         if self.refusal:
             return
-        moved = [place for place in self._outputs if not is_force(place)]
         tables = [each.source for each in self._halves if isinstance(each.source, Table)]
+        # A point in the middle, of which a table of the lateral half knows y, moves along y alone.
+        known = {point for point, _ in tables[-1].frf_outputs}
+        moved = [x for x in self._outputs if not is_force(x) and x[0] not in known]
         needed = [*self._halves[0].inputs], [*moved, *self._halves[-1].inputs, *tyres[-1]]
         if terrain.band[1] > table.band[1] or not all(
             set(places) <= {*each.frf_outputs} for places, each in zip(needed, tables, strict=False)

@@ -65,7 +65,7 @@ def mapping() -> Any:
 def built(mapping: Any) -> tuple[Mechanism, Table]:
     """Return the mechanism and its table."""
     mechanism = mechanism_from_mapping(mapping)
-    points = ["E1", "rear_axle", "front_axle"]
+    points = ["E1", "E2", "rear_axle", "front_axle"]
     return mechanism, build_table(LinkageModel(mechanism), 1e-4, points)
 
 
@@ -186,6 +186,16 @@ def test_levels_by_two_tracks(built: tuple[Mechanism, Table], speed: float) -> N
             f, density = ground_spectrum(source, mechanism, TERRAIN, place, ALPHA3, speed)
             total = trapezoid(density * f, np.log(f))
             assert math.sqrt(total) == pytest.approx(level, rel=3e-3)
+
+
+def test_a_point_in_the_middle(built: tuple[Mechanism, Table]) -> None:
+    """The mast is in the middle, so that its height has the level of the vertical half."""
+    mechanism, table = built
+    at, place = (np.array([ALPHA3]), np.array([3.0])), ("E2", "z")
+    found = GroundTable(table, mechanism, TERRAIN, point=place).at(*at).velocity[0]
+    half = replace(mechanism, lateral=None)
+    f, density = ground_spectrum(LinkageModel(half), half, TERRAIN, place, ALPHA3, 3.0)
+    assert found == pytest.approx(math.sqrt(trapezoid(density * f, np.log(f))), rel=3e-3)
 
 
 def levels_of(built: tuple[Mechanism, Table], pretension: float | None) -> tuple[Any, Any]:

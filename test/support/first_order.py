@@ -23,7 +23,8 @@ def first_order(model: LinkageModel, angles: Sequence[float], n_modes: int) -> N
         for steps in (-_STEP, _STEP):
             values[i] = number.moved(steps)
             side = coarser(uncertainty.described(values), 10, 6)
-            moved = LinkageModel(side, kinematics=model.kinematics.nearby(side))
+            near = model.kinematics.nearby(side)
+            moved = LinkageModel(side, kinematics=near, half=model.half)
             hertz = [moved.solve(angle).natural_frequencies[:n_modes] for angle in angles]
             logs.append(np.log(hertz))
         changes.append((logs[1] - logs[0]) / (2.0 * _STEP))

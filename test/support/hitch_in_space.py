@@ -133,8 +133,10 @@ class Assembly:
     rows: dict[str, dict[int, FloatArray]] = field(default_factory=dict)
     size: int = 0
     parts: list[tuple[list[str], FloatArray, FloatArray, FloatArray]] = field(default_factory=list)
-    # Vectors, axes, length and stiffness of elements; centres of bodies, and what they carry.
-    elements: list[tuple[list[str], FloatArray, float, FloatArray]] = field(default_factory=list)
+    # Vectors, axes, length, stiffness and mass of elements; centres of bodies, and what they carry.
+    elements: list[tuple[list[str], FloatArray, float, FloatArray, FloatArray]] = field(
+        default_factory=list
+    )
     centres: dict[str, FloatArray] = field(default_factory=dict)
     carried: dict[str, tuple[str, FloatArray]] = field(default_factory=dict)
 
@@ -268,7 +270,7 @@ def assembled(
         for i, (begin, end) in enumerate(pairwise(nodes)):
             k, m = element(end - begin, SECTIONS[name])
             parts = [*names[i], *names[i + 1]]
-            a.elements.append((parts, turned, end - begin, k))
+            a.elements.append((parts, turned, end - begin, k, m))
             k, m = turned.T @ k @ turned, turned.T @ m @ turned
             a.parts.append((parts, k, m, RAYLEIGH[0] * m + RAYLEIGH[1] * k))
     if tractor:
@@ -323,11 +325,14 @@ def add_weight(a: Assembly, rest: Assembly) -> None:
                 up[at] = column[2]
     moved = np.linalg.solve(k + 1e-9 * m, -9.80665 * (m @ up))
     forces, reached = dict[str, FloatArray](), {"crankL": 0.0, "crankR": 0.0}
-    for names, turned, length, stiffness in rest.elements:
+    falls = np.tile([0.0, 0.0, -9.80665, 0.0, 0.0, 0.0], 2)
+    for names, turned, length, stiffness, mass in rest.elements:
         push = stiffness @ (turned @ rest.matrix(names) @ moved)
+        both = np.array([push, push - mass @ turned @ falls]) @ turned
         for i in (0, 2):
-            ends = (turned.T @ push)[3 * i : 3 * i + 3]
-            forces[names[i]] = forces.get(names[i], 0.0) + ends
+            # The first is with the weight of the element, which its end also carries aside.
+            ends, pulled = both[:, 3 * i : 3 * i + 3]
+            forces[names[i]] = forces.get(names[i], 0.0) + pulled
             if (crank := names[1][:6]) in reached and "tractor" in rest.centres:
                 axis, reached[crank] = turned[0, :3], reached[crank] + i / 2 * length
                 carry("tractor", ends, reached[crank] * axis, np.outer(axis, axis))
@@ -344,8 +349,8 @@ def add_weight(a: Assembly, rest: Assembly) -> None:
         a.parts.append((names, geometric, 0.0 * geometric, 0.0 * geometric))
     for name, (body, arm) in rest.carried.items():
         carry(body, -forces.get(name, np.zeros(3)), arm, np.eye(3))
-    for i, (x, *_, stiffness, contact) in enumerate(AXLES if "tractor" in rest.centres else ()):
-        push = -stiffness * np.array([0.0, 0.0, (rest.matrix([f"wheel{i}1.0"]) @ moved)[2]])
+    for i, (x, *_, k_z, contact) in enumerate(AXLES if "tractor" in rest.centres else ()):
+        push = -k_z * np.eye(3)[2] * (rest.matrix([f"wheel{i}1.0"]) @ moved)[2]
         carry("tractor", push, np.array([x, 0.0, contact]) - rest.centres["tractor"], np.eye(3))
 
 

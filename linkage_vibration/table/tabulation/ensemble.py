@@ -170,7 +170,8 @@ class _Solver:
             np.diff(np.log(np.abs(x.poles[: n_kept + 1]))).min(initial=math.inf) for x in solved
         ]
         self._base = first_widest(np.array(gaps))
-        self._start = solved[self._base].shapes[:, :n_kept]
+        # Shapes that members are followed from: those of the mechanism itself by nodes.
+        self._own_shapes = {self._base: solved[self._base].shapes[:, :n_kept]}
         self._rough, base = list[int](), sampler.model.mechanism.base
         n_rows, n_mounts = len(self._places), len(base.mounts) if base else 0
 
@@ -261,11 +262,13 @@ class _Solver:
             if here.n_overdamped == self._n_overdamped[node]:  # or else ranks are of other modes
                 self._ranked[member, node] = _logarithms(here.poles[self._ranks[node]])
         shapes: dict[int, ComplexArray] = {}
-        for node in (*range(self._base, len(self.nodes)), *range(self._base - 1, -1, -1)):
-            before, here = node + 1 if node < self._base else node - 1, solved[node]
-            if node != self._base and before not in shapes:
-                continue
-            order, signs = self._continued(shapes.get(before, self._start), here.shapes)
+        outwards = *range(self._base, len(self.nodes)), *range(self._base - 1, -1, -1)
+        for node in (*outwards, *outwards[::-1]):
+            here, order = solved[node], np.empty(0, np.int64)
+            beside = shapes.get(node - 1), shapes.get(node + 1), self._own_shapes.get(node)
+            for before in beside if node not in shapes else ():
+                if before is not None and not len(order):
+                    order, signs = self._continued(before, here.shapes)
             if not len(order):
                 continue
             shapes[node], rows = here.shapes[:, order] * signs, here.rows[:, order] * signs
@@ -273,6 +276,8 @@ class _Solver:
             poles[node], numbers["shapes"][node] = here.poles[order], rows
             numbers["far"][node] = here.flexibility + 2.0 * near.sum(axis=2)
             numbers["static"][node] = here.static
+        if member == 0:
+            self._own_shapes = shapes
         self._check(member, check.poles, poles)
         numbers["poles"][:] = poles
 
