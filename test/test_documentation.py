@@ -386,11 +386,8 @@ def test_the_tests_that_are_named_exist() -> None:
 
 
 def test_the_site_can_be_built(tmp_path: Path) -> None:
-    """Sphinx builds the site without a warning: every link leads to a page."""
+    """Sphinx reads the site without a warning: every link leads to a page or a name of the API."""
     pytest.importorskip("sphinx", reason="the extra docs is not installed")
-    command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-c", "docs", "."]
+    command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "dummy"]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    run([*command, tmp_path], ROOT, environment)
-    assert (tmp_path / "docs" / "commands" / "replay.html").is_file()
-    text = (tmp_path / "docs" / "api.html").read_text()
-    assert 'id="linkage_vibration.read_mechanism"' in text
+    run([*command, "-c", "docs", ".", tmp_path], ROOT, environment)

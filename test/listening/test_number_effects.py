@@ -23,7 +23,7 @@ def test_effects_are_those_of_the_model() -> None:
     table = load_table(config_file(f"tables/{NAME}.npz"))
     mechanism = read_mechanism(config_file(f"{NAME}.yaml"))
     effects, model = NumberEffects(table), LinkageModel(mechanism)
-    heights = np.random.default_rng(7).uniform(*table.alpha3_range, 8).tolist()
+    heights = np.random.default_rng(7).uniform(*table.alpha3_range, 3).tolist()
     changes = effects.at(np.array(heights))
     np.testing.assert_allclose(
         np.sqrt((changes**2).sum(axis=2)),

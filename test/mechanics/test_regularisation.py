@@ -199,6 +199,7 @@ def test_gain_of_raw_frfs(model: LinkageModel) -> None:
     assert gain[1].max() > 1e4
 
 
+@pytest.mark.nightly(short="test_gain_of_raw_frfs")
 def test_gain_of_regularised_frfs(model: LinkageModel) -> None:
     """Below 1 where the raw gain is thousands, and the spread of 60 couplings within 35 %."""
     case = bench(model, "lift_rod", np.linspace(0.5, 60.0, 120))

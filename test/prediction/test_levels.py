@@ -136,6 +136,7 @@ def test_pieces_with_different_numbers_of_poles() -> None:
     check_velocity(mechanism, table, [0.5 * (first + end), end - 1e-6, end, end + 1e-6, last])
 
 
+@pytest.mark.nightly(short="test_pieces_with_different_numbers_of_poles")
 def test_modes_that_nearly_coincide() -> None:
     """Levels are known where two modes veer within a thousandth of the stroke."""
     file = "starters/category_4.yaml"

@@ -124,6 +124,7 @@ def test_fault_lasts_as_long_as_its_cause(watch: Callable[..., Watched], tmp_pat
     node.wait_for(OK, "Recording to")
 
 
+@pytest.mark.nightly(short="test_fault_lasts_as_long_as_its_cause")
 def test_stopping_ends_a_fault(watch: Callable[..., Watched], tmp_path: Path) -> None:
     """While the folder is lost, a stop ends the fault, a start that fails begins one again."""
     folder = tmp_path / "logs"

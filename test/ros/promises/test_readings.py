@@ -488,6 +488,8 @@ def test_fixed_speed(node: Promised) -> None:
     received = node.listen("load_state", LoadState)
     node.peer.spin(lambda: received, "a load state")
     assert "engine" not in unknown_speeds(received[-1])
+    node.tractor.speed(engine=1500.0)
+    node.node.wait_for("is not used, as engine_speed is fixed at 1234.")
 
 
 @promise("node.md#parameters")
