@@ -30,7 +30,7 @@ from linkage_vibration.bags.message_types import ISOBUS_FRAME
 from linkage_vibration.bags.reading import BagError
 from linkage_vibration.bags.scalar_reader import CdrError, SkippedMessages
 from linkage_vibration.bags.streams import open_bags
-from test.support.can_bus import EPOCH, BusFrame, identifier, recorded_frames, write_candump
+from test.support.can_bus import EPOCH, BusFrame, identifier, write_candump
 
 can = pytest.importorskip("can", reason="logs are written with python-can (extra can)")
 
@@ -220,14 +220,6 @@ def test_text_of_candump(tmp_path: Path) -> None:
         (extended, 4, "4142432700000000"),
         (extended, 0, 16 * "0"),
     ]
-
-
-def test_recorded_tractor(tmp_path: Path) -> None:
-    """The frames of a real tractor come out of a log as they went in."""
-    frames = recorded_frames()
-    actual = frames_of(write_candump(tmp_path / "tractor.log", frames))
-    ordered = sorted(frames, key=lambda frame: frame.time)
-    assert [(time, frame) for time, _, frame in actual] == expected(ordered)
 
 
 LINE = "(1700000000.000100) can0 0CFE45F0#7D\n"
