@@ -26,8 +26,12 @@ suffix := $(if $(AMENT_PREFIX_PATH),,$(filter-out -jazzy,-$(ROS_DISTRO)))$(addpr
 venv := .venv$(suffix)
 # The matrices are small, so BLAS threads cost more time in waiting for each other than they save.
 export OPENBLAS_NUM_THREADS ?= 1
+# Hundreds of processes start, and without compiled files each of them compiles all that it imports.
+unexport PYTHONDONTWRITEBYTECODE
 # Many tests wait for other processes, so two run at a time.
 in_two := -n 2 --dist loadfile
+# Pages are built with the newest versions alone.
+older := bags,plots,test
 in_venv = @. $(venv)/bin/activate &&
 # Tests of processes measure times, which a busy machine exceeds. A fault fails again.
 once_more = { test $$? = 1 && echo "The tests that failed run once more:" && \
@@ -80,7 +84,7 @@ bench:
 	@. build/bench$(suffix)/bin/activate && python -m benchmark $(ONLY)
 
 setup:
-	@PYTHON="$(PYTHON)" VERSIONS="$(VERSIONS)" sh tools/setup.sh $(venv)
+	@PYTHON="$(PYTHON)" VERSIONS="$(VERSIONS)" sh tools/setup.sh $(venv) $(if $(VERSIONS),$(older))
 
 clean:
 	rm -rf .venv .venv-* build install log *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache

@@ -50,7 +50,10 @@ def test_every_example_is_run_and_listed() -> None:
     assert all(f"]({name})" in text for name in (REPLAY_TEST, *NODES, NOTEBOOK, *EXPECTED))
 
 
-@pytest.mark.parametrize("name", EXPECTED)
+LONG = pytest.param("simulated_drive.py", marks=pytest.mark.nightly)
+
+
+@pytest.mark.parametrize("name", [*sorted(EXPECTED.keys() - {*LONG.values}), LONG])
 def test_example(name: str, tmp_path: Path) -> None:
     """An example runs from any folder, prints its answer and leaves only the files it names."""
     command = [sys.executable, EXAMPLES / name]

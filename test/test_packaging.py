@@ -15,11 +15,9 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from rclpy.serialization import deserialize_message, serialize_message
 
 import linkage_vibration
 from linkage_vibration_interfaces.msg import VibrationPrediction
-from linkage_vibration_interfaces.srv import PredictVibration
 
 ROOT = Path(__file__).resolve().parents[1]
 INTERFACES = ROOT / "linkage_vibration_interfaces"
@@ -84,20 +82,6 @@ def test_ros_finds_the_package() -> None:
     launch_files = {path.name for path in (share / "launch").iterdir()}
     assert launch_files == {path.name for path in (ROOT / "launch").iterdir()}
     assert os.access(prefix / "lib" / "linkage_vibration" / "linkage_vibration_node", os.X_OK)
-
-
-def test_prediction_survives_the_wire() -> None:
-    """A prediction goes through the compiled type support and comes back unchanged."""
-    sent = VibrationPrediction(
-        crank_angle=2.1,
-        status=VibrationPrediction.STATUS_OUT_OF_RANGE,
-        natural_frequencies=[10.0, 20.0, 30.0],
-        table_id="table",
-    )
-    sent.header.stamp.sec = 7
-    response = PredictVibration.Response(success=False, message="why", predictions=[sent, sent])
-    again = deserialize_message(serialize_message(response), PredictVibration.Response)
-    assert again == response
 
 
 def test_status_constants_keep_their_values() -> None:

@@ -148,7 +148,7 @@ Poles below 10 Hz are fitted together with those above: {_low(model)}
 Tests: `test/mechanics/test_regularisation.py::test_noise_in_a_link`,
 `::test_truncating_the_interface_flexibility_is_no_cure`, `::test_gain_of_raw_frfs` (Monte Carlo),
 `::test_gain_of_regularised_frfs`, `::test_lines_that_show_no_flexibility`,
-`::test_faults_are_refused`, `test/readers/test_frfs.py::test_invalid_uff`,
+`::test_faults_are_refused`, `test/test_remedies.py::test_remedy`,
 `test/mechanics/test_identification.py::test_lines_short_of_the_band`,
 `::test_lines_too_coarse_for_light_damping`, `::test_modes_below_ten_hertz`,
 `::test_modes_that_noise_hides_are_reported`.

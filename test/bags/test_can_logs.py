@@ -30,7 +30,7 @@ from linkage_vibration.bags.message_types import ISOBUS_FRAME
 from linkage_vibration.bags.reading import BagError
 from linkage_vibration.bags.scalar_reader import CdrError, SkippedMessages
 from linkage_vibration.bags.streams import open_bags
-from test.support.can_bus import EPOCH, BusFrame, identifier, recorded_frames, write_candump
+from test.support.can_bus import EPOCH, BusFrame, identifier, write_candump
 
 can = pytest.importorskip("can", reason="logs are written with python-can (extra can)")
 
@@ -146,7 +146,7 @@ def test_date_of_blf_is_utc(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
         tzset()
 
 
-KINDS = ["bus.log", "bus.txt", "bus.asc", "bus.blf", "bus.log.gz", "bus.asc.gz", "bus.blf.gz"]
+KINDS = ["bus.log", "bus.txt", "bus.asc", "bus.blf.gz"]
 
 
 @pytest.mark.parametrize("name", KINDS)
@@ -222,56 +222,21 @@ def test_text_of_candump(tmp_path: Path) -> None:
     ]
 
 
-def test_recorded_tractor(tmp_path: Path) -> None:
-    """The frames of a real tractor come out of a log as they went in."""
-    frames = recorded_frames()
-    actual = frames_of(write_candump(tmp_path / "tractor.log", frames))
-    ordered = sorted(frames, key=lambda frame: frame.time)
-    assert [(time, frame) for time, _, frame in actual] == expected(ordered)
-
-
 LINE = "(1700000000.000100) can0 0CFE45F0#7D\n"
 FAULTS = {
     "empty": ("", r"is empty, as its recording ended before"),
     "no frames": ("\n\n", r"has no frames"),
-    "other text": (
-        "[INFO] [1700000000.1] [node]: hello\n",
-        r"has 1 lines that cannot be read: line 1 is .*or record with `candump -l`",
-    ),
-    "one word": ("hello\n", r"cannot be read: line 1 is 'hello'"),
-    "as many bad lines as good ones": (
-        LINE + "(1700000000.1) can0 0CFE45F0#7Z\n" + 2 * "(1700000000.1) can0 0CFE45F0#7\n",
-        r"has 3 lines that cannot be read: line 2 is .*7Z.*correct or",
-    ),
     "too late": (
         LINE.replace("1700000000", "2147483648"),
         r"its time is before 1970 or after 2038",
     ),
-    "much too late": (
-        LINE.replace("1700000000", "9" * 20),
-        r"its time is before 1970 or after 2038",
-    ),
-    "endless": (LINE.replace("1700000000.000100", "inf"), r"cannot be read: line 1 is"),
     "too early": (LINE.replace("1700000000", "-1"), r"its time is before 1970 or after 2038"),
     "console": (
         " (1700000000.000100)  can0  RX - -  0CFE45F0   [1]  7D\n",
         r"cannot be read: line 1 is .*candump -l",
     ),
-    "console without times": ("  can0  123   [1]  7D\n", r"cannot be read: line 1 is "),
     "one long line": ("x" * 10**6, r"cannot be read: line 1 is"),
     "a long line between others": (LINE + "x" * 10**4 + "\n" + LINE, r"cannot be read: line 2 is"),
-    "clock set back": (
-        LINE + LINE.replace("1700000000", "1699999998"),
-        r"goes back in time by 2.000 s at frame 2.*split the log there",
-    ),
-    "differences": (
-        "".join(f"(000.0{10 + k * 7 % 5}000) can0 123#11\n" for k in range(20)),
-        r"has differences of times instead of times; record it with `candump -l`",
-    ),
-    "many channels": (
-        "".join(LINE.replace("can0", f"can{k}") for k in range(65)),
-        r"more than 64 channels",
-    ),
 }
 
 
@@ -295,17 +260,6 @@ def test_byte_order_mark(tmp_path: Path) -> None:
     path = tmp_path / "bus.asc"
     path.write_text("\ufeff" + header + frame, encoding="utf-8")
     assert [time for time, _, _ in frames_of(path)] == [11 * 10**9]
-
-
-def test_faults_of_asc(tmp_path: Path) -> None:
-    """Damaged lines are named if they are more than the others."""
-    frame, path = "   1.000000 1  0CFE45F0x       Rx   d 1 7D\n", tmp_path / "bus.asc"
-    path.write_text("internal events logged\n" + frame + 2 * frame.replace("7D", "7Z"))
-    with pytest.raises(BagError, match=r"bus.asc has 2 lines .* line 3 is .*7Z.* delete them"):
-        frames_of(path)
-    path.write_text(frame.replace(".", ","))
-    with pytest.raises(BagError, match=r"bus.asc has no frames that can be read.*decimal commas"):
-        frames_of(path)
 
 
 def read_bad(path: Path) -> tuple[list[tuple[int, int, str]], int, str]:
@@ -528,10 +482,10 @@ def test_relative_times(tmp_path: Path) -> None:
         frames_of(asc)
 
 
-@pytest.mark.parametrize("kind", [".log", ".asc", ".blf", ".log.gz", ".blf.gz"])
+@pytest.mark.parametrize("kind", [".log", ".asc", ".blf", ".blf.gz"])
 def test_truncated_logs(tmp_path: Path, kind: str) -> None:
     """A log that was cut off has the frames before the cut, or gives an error."""
-    frames = drive(60)
+    frames = drive(30)
     path = write(tmp_path / f"bus{kind.removesuffix('.gz')}", frames)
     whole = path.read_bytes()
     if kind.endswith(".gz"):
@@ -540,8 +494,8 @@ def test_truncated_logs(tmp_path: Path, kind: str) -> None:
     complete = frames_of(path)
     read = 0
     for size in [
-        *range(0, len(whole), max(1, len(whole) // 150)),
-        *range(len(whole) - 60, len(whole)),
+        *range(0, len(whole), max(1, len(whole) // 30)),
+        *range(len(whole) - 20, len(whole)),
     ]:
         path.write_bytes(whole[:size])
         try:
@@ -563,7 +517,7 @@ def test_truncated_logs(tmp_path: Path, kind: str) -> None:
     assert read or kind.endswith(".gz")
 
 
-@pytest.mark.parametrize("kind", [".log", ".txt", ".asc", ".blf", ".log.gz", ".asc.gz", ".blf.gz"])
+@pytest.mark.parametrize("kind", [".log", ".asc", ".blf", ".log.gz"])
 def test_garbage(tmp_path: Path, kind: str) -> None:
     """Random bytes, and logs with changed bytes, give an error of this package or frames."""
     rng = random.Random(7)

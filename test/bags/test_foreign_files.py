@@ -57,31 +57,6 @@ def test_profile_that_is_missing(tmp_path: Path) -> None:
     assert message.data == 1.5
 
 
-@pytest.mark.parametrize("profile", ["", "ros2", "ros1"])
-@pytest.mark.parametrize(("message", "schema"), [("json", "jsonschema"), ("protobuf", "protobuf")])
-def test_messages_that_are_not_of_ros_2(
-    tmp_path: Path, profile: str, message: str, schema: str
-) -> None:
-    """The error names the topic and its encoding."""
-    path = write(tmp_path / "a.mcap", profile, {"/speed": (message, schema, b"{}")})
-    with pytest.raises(BagError, match=f"no messages of ROS: /speed holds {message} mess"):
-        topic_types(path)
-
-
-def test_definition_in_a_foreign_language(tmp_path: Path) -> None:
-    """The error names the topic and the encoding of its type."""
-    path = write(tmp_path / "a.mcap", "ros2", {"/speed": ("cdr", "protobuf", b"{}")})
-    with pytest.raises(BagError, match="no messages of ROS: /speed holds protobuf mess"):
-        read_columns(path, {"/speed": FLOAT})
-
-
-def test_unknown_type_beside_a_known_one(tmp_path: Path) -> None:
-    """A topic whose type is not defined does not prevent reading another topic."""
-    topics = {"/a": ("cdr", "ros2msg", b"unknown_msgs/Thing thing\n")}
-    path = write(tmp_path / "a.mcap", "ros2", topics | {"/b": ("cdr", "ros2msg", b"float64 data")})
-    np.testing.assert_array_equal(read_columns(path, {"/b": FLOAT})["/b"]["data"], [1.5])
-
-
 def test_header_of_before_2011(tmp_path: Path) -> None:
     """The joint states of old ROS 1 bags, whose header had another package, are read."""
     store = get_typestore(Stores.ROS1_NOETIC)
@@ -183,10 +158,3 @@ def test_pipe_in_the_folder_of_a_bag(tmp_path: Path) -> None:
     os.mkfifo(file)
     with pytest.raises(BagError, match=rf"cannot be opened: {file.name} is a pipe, not a file"):
         topic_types(path)
-
-
-def test_lost_beginning(tmp_path: Path) -> None:
-    """A log without its beginning is refused with the command that saves it."""
-    (tmp_path / "log.mcap").write_bytes(b"0123456789")
-    with pytest.raises(BagError, match=r"does not begin like a \.mcap file; .* `.* recover .*`"):
-        topic_types(tmp_path / "log.mcap")

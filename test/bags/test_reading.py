@@ -217,7 +217,7 @@ def test_missing_rosbags(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
         read(tmp_path / "a.bag", "/joints", store=store)
 
 
-@pytest.mark.parametrize("kind", ["mcap", "db3"])
+@pytest.mark.parametrize("kind", ["mcap", pytest.param("db3", marks=pytest.mark.nightly)])
 def test_memory_does_not_grow_with_the_bag(tmp_path: Path, kind: str) -> None:
     """Twice as many messages need nearly the same memory."""
     peaks = []

@@ -12,9 +12,6 @@ import zstandard
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType, Writer
-from rosbags.rosbag1 import Writer as Writer1
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
-from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
 from linkage_vibration.bags.reading import BagError
@@ -66,21 +63,6 @@ def read(paths: list[Path], topics: list[str]) -> Found:
     return actual
 
 
-def test_summary_without_channels(tmp_path: Path) -> None:
-    """A file whose summary omits its channels is read, and so is what recovery makes of it."""
-    entries = [(topic, 10 * k, float(k)) for k in range(300) for topic in ("/a", "/b")]
-    path = write_mcap(tmp_path / "bag.mcap", entries, repeat_channels=False)
-    with path.open("rb") as file:
-        summary = make_reader(file).get_summary()
-    assert summary is not None
-    assert summary.chunk_indexes
-    assert not summary.channels
-    recover(path, tmp_path / "complete.mcap")
-    expected = [(10 * k, "/b", float(k)) for k in range(300)]
-    assert read([path], ["/b"]) == expected
-    assert read([tmp_path / "complete.mcap"], ["/b"]) == expected
-
-
 @pytest.mark.parametrize(
     "options",
     [
@@ -108,29 +90,19 @@ def test_file_without_an_index(tmp_path: Path, options: dict[str, Any]) -> None:
     assert blocks[299][:2] == (2990, 2983)
 
 
-@pytest.mark.parametrize("compression", list(CompressionType))
-def test_order_is_that_of_time(tmp_path: Path, compression: CompressionType) -> None:
+def test_order_is_that_of_time(tmp_path: Path) -> None:
     """Overlapping chunks are sorted by log time; messages with equal times keep their order."""
     rng = random.Random(1)
     entries = [
         (rng.choice(["/a", "/b", "/other"]), max(0, 10 * k + rng.randrange(-3000, 3000)), float(k))
         for k in range(20_000)
     ]
-    path = write_mcap(tmp_path / "bag.mcap", entries, compression)
+    path = write_mcap(tmp_path / "bag.mcap", entries)
     expected = sorted(
         [(time, topic, value) for topic, time, value in entries if topic != "/other"],
         key=lambda entry: entry[0],
     )
     assert read([path], ["/a", "/b"]) == expected
-
-
-def test_topic_by_topic(tmp_path: Path) -> None:
-    """Topics that were written one after the other are merged."""
-    entries = [("/a", 2 * k, 1.0) for k in range(9000)] + [
-        ("/b", 2 * k + 1, 2.0) for k in range(9000)
-    ]
-    content = read([write_mcap(tmp_path / "bag.mcap", entries)], ["/a", "/b"])
-    assert [time for time, *_ in content] == list(range(18_000))
 
 
 def test_several_bags_are_one(tmp_path: Path) -> None:
@@ -174,39 +146,6 @@ def test_chunks_of_several_frames(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert read([tmp_path / "again.mcap"], ["/a"]) == read([path], ["/a"])
 
 
-def test_publish_times_of_mcap(tmp_path: Path) -> None:
-    """MCAP has the times of sending and of receiving."""
-    path = write_mcap(tmp_path / "bag.mcap", [("/a", 100, 1.0), ("/a", 200, 2.0)])
-    with open_bags([path]) as bags:
-        [block] = bags.blocks(["/a"])
-    assert block.publish_times.tolist() == [93, 193]
-
-
-@pytest.mark.parametrize("kind", ["ros1", "db3", "mcap", "compressed messages", "compressed file"])
-def test_every_kind_of_bag(tmp_path: Path, kind: str) -> None:
-    """ROS 1 and ROS 2, compressed or not, give the same messages."""
-    values = [float(k) for k in range(3000)]
-    path = tmp_path / "bag.bag"
-    if kind == "ros1":
-        with Writer1(path) as old:
-            ros1 = get_typestore(Stores.ROS1_NOETIC)
-            connection = old.add_connection("/a", FLOAT64, typestore=ros1)
-            for k, value in enumerate(values):
-                old.write(connection, k, ros1.cdr_to_ros1(cdr(value), FLOAT64))
-    else:
-        plugin = StoragePlugin.SQLITE3 if kind == "db3" else StoragePlugin.MCAP
-        path = tmp_path / "folder.with.dots"
-        writer = Writer2(path, version=9, storage_plugin=plugin)
-        if "compressed" in kind:
-            mode = CompressionMode.FILE if kind.endswith("file") else CompressionMode.MESSAGE
-            writer.set_compression(mode, CompressionFormat.ZSTD)
-        with writer:
-            connection = writer.add_connection("/a", FLOAT64, typestore=STORE)
-            for k, value in enumerate(values):
-                writer.write(connection, k, cdr(value))
-    assert read([path], ["/a"]) == [(k, "/a", value) for k, value in enumerate(values)]
-
-
 def test_mcap_without_index(tmp_path: Path) -> None:
     """A file without chunks is read too."""
     path = tmp_path / "bag.mcap"
@@ -235,7 +174,7 @@ def test_damage_names_the_file(tmp_path: Path) -> None:
         read([good, bad], ["/a"])
 
 
-@pytest.mark.parametrize("length", [0, 21, 2**16, 2**62])
+@pytest.mark.parametrize("length", [21, 2**62])
 @pytest.mark.parametrize("which", [0, 1])
 def test_wrong_lengths(tmp_path: Path, length: int, which: int) -> None:
     """A message with an impossible length is damage, also without a checksum."""

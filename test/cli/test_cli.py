@@ -331,7 +331,7 @@ def test_plot(tmp_path: Path, capsys: Any) -> None:
 
 
 def test_masses_of_the_implement(tmp_path: Path, capsys: Any) -> None:
-    """Frequencies are those of the model with each mass; the worst load and peak have a mass."""
+    """Frequencies are those of the model with each mass, and the largest peak has a mass."""
     assert main(["predict", "120", "--implement-mass", "900:1500:600"]) == 0
     printed = capsys.readouterr()
     first, _, light, second, _, heavy, worst = printed.out.splitlines()
@@ -344,6 +344,13 @@ def test_masses_of_the_implement(tmp_path: Path, capsys: Any) -> None:
     assert peak == light.split()[-1]
     assert worst == f"The largest peak of these masses is {peak} m/N, at 120 deg with 900 kg."
     assert "The implement has 900, 1500 kg" in printed.err
+    assert main(["predict", "--implement-mass", "900:1500", "--csv", str(tmp_path / "x.csv")]) == 1
+    assert "--csv has the predictions of one mass" in capsys.readouterr().err
+
+
+@pytest.mark.nightly(short="test_masses_of_the_implement")
+def test_worst_of_several_masses(tmp_path: Path, capsys: Any) -> None:
+    """A plot and advice name the mass that loads most."""
     picture = str(tmp_path / "linkage.png")
     assert main(["plot", "--implement-mass", "900:1500:600", "-o", picture]) == 0
     out = capsys.readouterr().out
@@ -352,8 +359,6 @@ def test_masses_of_the_implement(tmp_path: Path, capsys: Any) -> None:
     assert main(["advise", "165", "30", "--implement-mass", "900:1500:600"]) == 0
     head, now, *_ = capsys.readouterr().out.splitlines()
     assert (head.split()[-2:], now.split()[-1]) == (["mass", "[kg]"], "900")
-    assert main(["predict", "--implement-mass", "900:1500", "--csv", str(tmp_path / "x.csv")]) == 1
-    assert "--csv has the predictions of one mass" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("mass", ["300:300", "300:x", "300:900:-3"])

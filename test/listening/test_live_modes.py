@@ -52,6 +52,7 @@ def messages(drive: Drive) -> list[MessageColumns]:
     return [message for message in actual if message is not None]
 
 
+@pytest.mark.nightly(short="test_modes_need_a_minute_at_one_height")
 def test_heave_of_a_heavier_implement(monkeypatch: pytest.MonkeyPatch) -> None:
     """The heave of a drive is within three deviations of the truth, and below the prediction.
 

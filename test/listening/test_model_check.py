@@ -72,6 +72,7 @@ def test_sentences() -> None:
     assert doubted == "The heave at 143.2 deg, 7.600 Hz, is doubtful: engine 1 was near."
 
 
+@pytest.mark.nightly(short="test_targets")
 def test_targets_of_a_drive_calibrate(tmp_path: Path) -> None:
     """Targets of a drive with 20 % more mass bring the heave nearer to the truth everywhere.
 

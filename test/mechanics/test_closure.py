@@ -22,7 +22,7 @@ from test.mechanics.test_kinematics import circles, four_bar
 from test.properties.linkages import Linkage, linkages
 
 FloatArray = NDArray[np.float64]
-LONG = {"max_examples": 30, "deadline": None}
+LONG = {"max_examples": 12, "deadline": None}
 GUESS = st.lists(st.floats(-180.0, 180.0), min_size=4, max_size=4)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from linkage_vibration.mechanics.model import LinkageModel
@@ -48,7 +48,6 @@ def assert_same(
         assert encoded[i].tobytes() == single
 
 
-@settings(max_examples=100)
 @given(st.lists(ROWS, min_size=1, max_size=20), st.text(max_size=12))
 def test_same_bytes(rows: list[tuple[float, float, int, int]], frame: str) -> None:
     """Any angle, in the range or outside, gives the bytes that the node publishes."""
@@ -68,6 +67,7 @@ def turning() -> Predictor:
     return Predictor(build_table(LinkageModel(read_mechanism(config_file("four_bar.yaml"))), 1e-3))
 
 
+@pytest.mark.nightly(short="test_same_bytes")
 def test_same_bytes_of_a_crank_that_turns(turning: Predictor) -> None:
     """Angles of other turns give predictions, too."""
     low, high = turning.table.alpha3_range
@@ -122,7 +122,6 @@ def assert_same_resonances(
     return resonances.state.tolist()
 
 
-@settings(max_examples=100)
 @given(
     st.lists(st.lists(st.one_of(SPEEDS, READINGS), max_size=12), min_size=1, max_size=3),
     st.sampled_from([(0.1, 0.02, 1.0), (0.3, 0.3, 0.5), (1e300, 0.0, 1e300), (0.1, 0.02, 1e-9)]),

@@ -63,6 +63,7 @@ def flat(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
     return outcome(road(), FLAT, tmp_path_factory.mktemp("flat"))
 
 
+@pytest.mark.nightly(short="test_no_warning_is_shorter_than_the_dwell_time")
 def test_healthy_machine(tmp_path: Path) -> None:
     """The default excitations are in warning for less than a tenth of the time on the road."""
     healthy = outcome(road(), "healthy", tmp_path)
@@ -88,6 +89,7 @@ def test_no_warning_is_shorter_than_the_dwell_time(flat: Outcome) -> None:
     assert (flat.drive.resonances.total_load_ratio > flat.limit)[~flat.warns].any()
 
 
+@pytest.mark.nightly(short="test_no_warning_is_shorter_than_the_dwell_time")
 def test_each_warning_names_what_ends_it(flat: Outcome, tmp_path: Path) -> None:
     """At the speed, or the angle, that a warning names, it ends after the dwell time."""
     assert flat.named() == 1.0
@@ -144,7 +146,14 @@ def test_limits_that_are_asked_are_met_or_not(flat: Outcome) -> None:
     assert "100.0 %, not met" in missed
 
 
-@pytest.mark.parametrize("name", ["engine 3", "tines 2", "tyre_lugs 1"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param("engine 3", marks=pytest.mark.nightly),
+        "tines 2",
+        pytest.param("tyre_lugs 1", marks=pytest.mark.nightly),
+    ],
+)
 def test_integration_reaches_the_steady_forces(name: str) -> None:
     """At rest, the integrated forces are those of the assembly, without modes, at one frequency."""
     [first] = [e for e in read_excitations(config_file(DEFAULT_EXCITATIONS)) if e.name == name]

@@ -39,7 +39,6 @@ from linkage_vibration.prediction.ground import (
     power_law,
     profile_spectrum,
 )
-from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
@@ -418,33 +417,6 @@ def test_share_off_the_ground_refuses_levels_above_a_fifth(tractor: Tractor) -> 
         assert REASONS[actual.reason[0]].startswith(reason)
         assert math.isnan(actual.velocity[0]) == bool(reason)
         assert np.isnan(actual.forces2).all() == bool(reason)
-
-
-@pytest.mark.parametrize(("share", "lifted"), [(0.198, False), (0.202, True)])
-def test_orders_and_ground_lift_a_tyre_together(
-    tractor: Tractor, share: float, lifted: bool
-) -> None:
-    """Squares of the forces on the soil add up, also those by a tyre that is out of round alone."""
-    degrees, speed, one = 140.0, 30.0 / 3.6, np.array([1.0])
-    load = static_loads(tractor.mechanism, tractor.model, degrees)[1]
-    ground = deviation_of_front_tyre(tractor, degrees, speed)
-    both = load / -NormalDist().inv_cdf(share)
-    runout = math.sqrt(2.0 * (both**2 - ground**2))
-    runout /= abs(front_tyre(tractor, degrees, speed, one * speed / (2.0 * math.pi * 0.8))[0, 0])
-    tyre = {"speed": "ground", "rolling_radius": 0.8, "orders": [1], "at_speed": 5.0}
-    tyre |= {"at": "base:front_axle.z", "base_displacement": [runout]}
-    field = {"speed": "ground", "terrain": {"class": "C"}, "raised": True, "track": 0.0}
-    excitations = excitations_from_mapping({"tyre": tyre, "field": field})
-    alpha3, speeds = one * math.radians(degrees), np.array([[math.nan], [math.nan], [speed]])
-    actual, alone = (
-        LevelTable(Predictor(tractor.table), tractor.mechanism, each).at(alpha3, speeds)
-        for each in (excitations, excitations[:1])
-    )
-    assert actual.off_ground_share[0] == pytest.approx(share, abs=1e-3)
-    assert np.isnan(actual.velocities[0]).tolist() == [False, lifted]
-    assert actual.ground_unknown[0].startswith("A tyre is off the ground" if lifted else "")
-    size = math.sqrt(both**2 - ground**2)
-    assert alone.off_ground_share[0] == pytest.approx(NormalDist().cdf(-load / size), abs=1e-3)
 
 
 def test_spectrum_of_the_force_of_a_tyre(tractor: Tractor) -> None:

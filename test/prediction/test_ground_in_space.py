@@ -208,6 +208,7 @@ def levels_of(built: tuple[Mechanism, Table], pretension: float | None) -> tuple
     return LevelTable(Predictor(table), mechanism, excitations), excitations
 
 
+@pytest.mark.nightly(short="test_levels_by_two_tracks")
 def test_a_chain_that_goes_slack_is_named(built: tuple[Mechanism, Table]) -> None:
     """At 10 km/h, it is one whose pretension is below what spectra demand at one of nine angles.
 

@@ -2,22 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Excitations and natural frequencies: margins, approach, warnings and stale speeds."""
 
-import csv
 import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from linkage_vibration.messages.encoding import encode_message
-from linkage_vibration.messages.topics import RESONANCE
-from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
-from linkage_vibration.prediction.predictor import Prediction, Predictor, predict_many
+from linkage_vibration.prediction.excitation import Excitation, Source
+from linkage_vibration.prediction.predictor import Prediction, Predictor
 from linkage_vibration.prediction.resonance import (
-    ReportedSpeed,
     ResonanceMonitor,
     ResonanceState,
     described,
@@ -58,24 +52,6 @@ def assessed(watch: ResonanceMonitor, *args: Any, **options: float) -> Any:
 def rpm(frequency: float) -> float:
     """Return the engine speed whose first order has a frequency in Hz."""
     return 60.0 * frequency
-
-
-@given(st.floats(100.0, 12_000.0), st.floats(1.6, 3.1))
-def test_nearest_of_all_pairs(predictor: Predictor, speed: float, alpha3: float) -> None:
-    """The resonance is the pair of order and mode with the least relative margin."""
-    orders = [0.5, 1.0, 2.0, 3.0]
-    watch = ResonanceMonitor([Excitation(f"e {o}", Source.ENGINE, o / 60.0) for o in orders])
-    watch.set_speed(Source.ENGINE, speed, 0)
-    prediction = predictor.predict(alpha3)
-    resonance = assessed(watch, prediction, 0.0, 0)
-    margins = [
-        (o / 60.0 * speed - f) / f for o in orders for f in prediction.natural_frequencies.tolist()
-    ]
-    assert resonance.relative_margin == pytest.approx(min(margins, key=abs), rel=1e-9, abs=1e-12)
-    assert resonance.margin == pytest.approx(
-        resonance.excitation_frequency - resonance.natural_frequency
-    )
-    assert (resonance.state is NOTE) == (abs(resonance.relative_margin) < 0.1)  # no load is known
 
 
 def ramp(watch: ResonanceMonitor, first: float, rate: float, seconds: float) -> int:
@@ -262,72 +238,3 @@ def test_a_speed_is_fresh_up_to_its_limit(prediction: Prediction) -> None:
         watch.set_speed(Source.ENGINE, 2000.0, 10**12)
         resonance = assessed(watch, prediction, 0.0, 10**12 + age)
         assert (resonance.state != ResonanceState.UNKNOWN) == fresh
-
-
-def test_long_series_are_assessed_as_short_ones(predictor: Predictor) -> None:
-    """Speeds that are reported among 1200 predictions count from where they were reported."""
-    n, (whole_watch, watch) = 1200, (monitor(), monitor())
-    angles, times = np.linspace(1.7, 2.9, n), np.arange(n) * 10**7
-    reports = {i: 60.0 * (6.0 + math.sin(0.01 * i)) for i in range(0, n, 7)}
-    speeds = [ReportedSpeed(i, Source.ENGINE, v, int(times[i])) for i, v in reports.items()]
-    predictions = predict_many(predictor, angles, np.zeros(n))
-    whole = whole_watch.assess_many(predictions, np.full(n, 0.12), times, speeds, np.zeros(n))
-    for i, angle in enumerate(angles.tolist()):
-        if i in reports:
-            watch.set_speed(Source.ENGINE, reports[i], int(times[i]))
-        resonance = assessed(watch, predictor.predict(angle), 0.12, int(times[i]))
-        for name in ("state", "excitation_frequency", "approach_rate"):
-            np.testing.assert_array_equal(getattr(whole, name)[i], getattr(resonance, name))
-    assert len(set(whole.state.tolist())) > 1
-
-
-def test_same_calls_give_the_same_answers(predictor: Predictor) -> None:
-    """The monitor has no clock and no randomness, so a replay gives the live results."""
-
-    def played() -> list[Any]:
-        watch, answers = monitor(), []
-        for i in range(300):
-            time = i * SECOND // 50
-            if i % 5 == 0:
-                watch.set_speed(Source.ENGINE, 4000.0 + 700.0 * math.sin(0.03 * i), time)
-            resonance = assessed(watch, predictor.predict(1.6 + 0.005 * i), 0.25, time)
-            answers.append(encode_message(RESONANCE, resonance, i, 0, ""))
-        return answers
-
-    assert played() == played()
-
-
-@pytest.mark.skipif(not BUS.exists(), reason=f"{BUS.name} is not there")
-def test_real_engine_speeds(predictor: Predictor) -> None:
-    """The recorded engine speeds of a tractor (J1939, PGN 61444) cross the resonances."""
-    watch = ResonanceMonitor(
-        excitations_from_mapping({"engine": {"speed": "engine", "orders": [0.5, 1, 2, 3, 6]}})
-    )
-    speeds, states, crossings, sign = [], [], 0, 0.0
-    prediction = predictor.predict(math.radians(150.0))
-    with BUS.open(newline="") as file:
-        for row in csv.DictReader(file):
-            if row["pgn"] != "61444":
-                continue
-            data = bytes.fromhex(row["data"])
-            raw = int.from_bytes(data[3:5], "little")  # bytes 4 and 5, 0.125 rpm a bit
-            time = round(float(row["time"]) * 1e6)
-            # From 0xFB00 on the bus says that there is no number.
-            speed = 0.125 * raw if raw < 0xFB00 else math.nan
-            watch.set_speed(Source.ENGINE, speed, time)
-            resonance = assessed(watch, prediction, 0.0, time)
-            speeds.append(speed)
-            states.append(resonance.state)
-            if resonance.state is NOTE:
-                crossings += resonance.margin * sign < 0.0
-                sign = resonance.margin
-                assert resonance.excitation_frequency == pytest.approx(
-                    float(resonance.excitation.split()[1]) * speed / 60.0
-                )
-    running = [speed for speed in speeds if speed > 0.0]
-    assert len(speeds) > 1000
-    assert 1000.0 < max(running) < 3000.0  # and it is started and stopped on the way
-    assert {ResonanceState.CLEAR, NOTE} <= set(states)
-    assert crossings > 0
-    for speed, state in zip(speeds, states, strict=True):
-        assert (state is ResonanceState.UNKNOWN) == math.isnan(speed)

@@ -132,9 +132,8 @@ def times(speed: float, minutes: float) -> tuple[float, int, FloatArray]:
 @pytest.mark.parametrize(
     ("tracks", "speed", "exponent"),
     [
-        ((1.6, 1.6), 1.5, 2.0),
-        ((1.6, 1.6), 8.0, 2.0),
-        ((0.0, 1.6), 1.5, 2.0),
+        *(pytest.param((1.6, 1.6), speed, 2.0, marks=pytest.mark.nightly) for speed in (1.5, 8.0)),
+        pytest.param((0.0, 1.6), 1.5, 2.0, marks=pytest.mark.nightly),
         ((1.2, 1.8), 3.0, 2.6),
     ],
 )
@@ -211,6 +210,7 @@ def shipped() -> tuple[Mechanism, Table]:
     return read_mechanism(config_file(DEFAULT_MECHANISM)), load_table(config_file(DEFAULT_TABLE))
 
 
+@pytest.mark.nightly(short="test_level_of_the_tractor_is_that_of_its_spectrum")
 def test_tractor_is_shaken_as_in_a_simulation_in_time(shipped: tuple[Mechanism, Table]) -> None:
     """All modal coordinates are integrated over four minutes; one track would be 9 errors off."""
     simulation = pytest.importorskip("benchmark.ground", reason="it needs exudyn")

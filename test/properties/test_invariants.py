@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What holds for every linkage, whatever its lengths, masses, sections and angle.
 
-Each property is tried on some tens of random linkages at every run, and on ten thousand by
+Each property is tried on a few random linkages at every run, and on ten thousand by
 ``pytest -m nightly test/properties``.
 
 Tolerances follow from the rounding of double precision: see `rounding`.
@@ -28,7 +28,7 @@ from .linkages import ANGLE, DRIVE_POINT, LEAST_BEND, SHORTEST, Linkage, beyond,
 
 FloatArray = NDArray[np.float64]
 
-FEW, MANY = 15, 10_000
+FEW, MANY = 6, 10_000
 EPS = float(np.finfo(float).eps)
 FBS_ROUNDING = 1e-6  # of the assembly's largest receptance: `couple_frfs` refuses more
 DRIVE: list[Place] = [(DRIVE_POINT, "x"), (DRIVE_POINT, "z")]

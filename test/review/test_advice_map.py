@@ -26,13 +26,20 @@ def road(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the log of a drive on an even road, on which the runout of the tyres is resonant."""
     folder = tmp_path_factory.mktemp("road")
     write_road(folder / "road.mcap")
-    log, even = folder / "log.mcap", folder / "even.yaml"
-    orders = yaml.safe_load(config_file(DEFAULT_EXCITATIONS).read_text())
-    del orders["ground"]
-    even.write_text(yaml.safe_dump(orders))
-    limits = {"warning_load_ratio": 0.15, "note_load_ratio": 0.05}
-    replay(folder / "road.mcap", log, Parameters(**limits, excitation_file=str(even)))
+    log, limits = folder / "log.mcap", {"warning_load_ratio": 0.15, "note_load_ratio": 0.05}
+    replay(folder / "road.mcap", log, Parameters(**limits, excitation_file=even(folder)))
     return log
+
+
+def even(folder: Path) -> str:
+    """Return the path of the default excitations without the ground."""
+    path, orders = (
+        folder / "even.yaml",
+        yaml.safe_load(config_file(DEFAULT_EXCITATIONS).read_text()),
+    )
+    del orders["ground"]
+    path.write_text(yaml.safe_dump(orders))
+    return str(path)
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +84,7 @@ def test_places_that_are_not_known_interrupt_the_drive(tmp_path: Path) -> None:
     """An infinite angle and a speed that is NaN are no places, and the page is written."""
     bag, log, page = (tmp_path / name for name in ("bag.mcap", "log.mcap", "page.html"))
     write_road(bag, infinite=range(200, 240), unknown=range(300, 340))
-    replay(bag, log, Parameters(resonance_rate=0.0))
+    replay(bag, log, Parameters(resonance_rate=0.0, excitation_file=even(tmp_path)))
     assert main(["review", str(log), "-o", str(page)]) == 0
     assert page.exists()
     shown = advice_map(read_log(log))

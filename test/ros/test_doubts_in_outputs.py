@@ -50,8 +50,10 @@ def tips_alone() -> dict[str, Any]:
     return content
 
 
-@pytest.mark.parametrize("alone", [False, True])
-@pytest.mark.parametrize("output", ["build", "pose", "advise", "node"])
+@pytest.mark.parametrize(
+    ("output", "alone"),
+    [("build", False), ("pose", False), ("pose", True), ("advise", False), ("node", False)],
+)
 def test_each_doubt_stands_in_each_output(
     tmp_path: Path,
     start: Callable[..., Any],

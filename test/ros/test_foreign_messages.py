@@ -76,6 +76,7 @@ def messages(log: Path, *topics: str) -> list[tuple[str, int, bytes]]:
         return [(channel.topic, message.log_time, message.data) for _, channel, message in actual]
 
 
+@pytest.mark.nightly(short="test_messages_of_ros2_control")
 def test_isobus_over_dds_and_in_a_bag(
     begin: Callable[..., RunningNode], domain: int, tmp_path: Path
 ) -> None:

@@ -25,7 +25,6 @@ from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
-from linkage_vibration.support.resources import config_file
 from test.support.ros_process import JOINT, LIMIT, SENSOR, own_context, response, until
 
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
@@ -162,30 +161,6 @@ def test_many_lifecycles_leave_nothing_behind(
     assert entities(node) == before
 
 
-def test_failed_configuration_can_be_repeated(managed: Callable[..., Any]) -> None:
-    """The reason is reported, nothing remains of the attempt, and it succeeds once corrected."""
-    node = managed("-p", "mechanism_file:=/none.yaml")
-    before = entities(node)
-    assert node.trigger_configure() is FAILURE
-    assert "/none.yaml: cannot be opened" in node.problem
-    assert entities(node) == before
-    [result] = node.set_parameters([Parameter("mechanism_file", value="")])
-    assert result.successful
-    assert node.trigger_configure() is SUCCESS
-    assert node.problem == ""
-    [result] = node.set_parameters([Parameter("mechanism_file", value="/none.yaml")])
-    assert "is read when the node is configured" in result.reason
-
-
-def test_table_of_another_mechanism_is_refused(managed: Callable[..., Any]) -> None:
-    """The shipped table does not belong to the as-printed linkage."""
-    mechanism = config_file("three_point_linkage_as_printed.yaml")
-    table = config_file("tables/three_point_linkage.npz")
-    node = managed("-p", f"mechanism_file:={mechanism}", "-p", f"table_file:={table}")
-    assert node.trigger_configure() is FAILURE
-    assert "was built from another mechanism" in node.problem
-
-
 def test_name_that_is_too_long_is_refused(managed: Callable[..., Any]) -> None:
     """ROS 2 limits the length of a topic with its namespace; the node says so."""
     node = managed("-p", f"hitch_topic:={'a' * 247}")
@@ -255,30 +230,6 @@ def test_without_autostart_the_node_says_what_it_waits_for(
     assert run(arguments, lambda: True) == 0
     [line] = [line for line in capfd.readouterr().err.splitlines() if "Waiting for" in line]
     assert "`ros2 lifecycle set /waits configure`" in line
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "words"),
-    [
-        ("near_margin", 1.5, "near_margin"),
-        ("stale_after", float("nan"), "stale_after"),
-        ("engine_speed", float("inf"), "engine_speed"),
-    ],
-)
-def test_parameters_are_checked_before_they_are_set(
-    managed: Callable[..., Any], name: str, value: Any, words: str
-) -> None:
-    """An invalid value changes nothing; a valid one applies at once, also if it is an integer."""
-    node = managed()
-    assert node.trigger_configure() is SUCCESS
-    before = node.get_parameter(name).value
-    [result] = node.set_parameters([Parameter(name, value=value)])
-    assert not result.successful
-    assert words in result.reason
-    assert node.get_parameter(name).value == before
-    [result] = node.set_parameters([Parameter("engine_speed", value=1800)])
-    assert result.successful
-    assert node.get_parameter("engine_speed").value == 1800.0
 
 
 @pytest.mark.parametrize(

@@ -165,20 +165,6 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Bench:
     return Bench(monkeypatch)
 
 
-@pytest.mark.parametrize(("wait", "left_out"), [(0.04, 0), (0.06, 9)])
-def test_newer_readings_are_preferred(bench: Bench, wait: float, left_out: int) -> None:
-    """Once a reading has waited for too long, only the newest one is answered and recorded."""
-    for i in range(10):
-        bench.put(wait - 0.001 * i)
-    bench.spin()
-    assert bench.statistics.received == 10
-    assert bench.statistics.dropped == ({"/joint_states": left_out} if left_out else {})
-    assert bench.statistics.predicted == len(bench.recorded) == 10 - left_out
-    assert bench.statistics.wait == pytest.approx(wait)
-    newest = round(1e9 * (START + bench.now - wait + 0.009))
-    assert bench.times[-1] == pytest.approx(newest, abs=500)
-
-
 def test_speeds_follow_the_same_rule(bench: Bench) -> None:
     """The newest reading is answered with the newest speeds, and in the order of arrival."""
     for i in range(5):
@@ -205,15 +191,6 @@ def test_times_in_the_log_do_not_go_back(bench: Bench) -> None:
     assert bench.times[2] == round(1e9 * (START + bench.now))
 
 
-@pytest.mark.parametrize("wait", [1.5, 0.5])
-def test_a_slow_sensor_is_answered(bench: Bench, wait: float) -> None:
-    """Nothing newer waits if the readings come once in 2 s."""
-    for _ in range(3):
-        bench.now += 2.0
-        bench.give(wait)
-    assert (bench.statistics.predicted, bench.statistics.dropped) == (3, {})
-
-
 @pytest.mark.parametrize(("wait", "named"), [(0.04, True), (0.06, False)])
 def test_a_busy_machine_is_no_fault_of_the_sensor(bench: Bench, wait: float, named: bool) -> None:
     """The rate of readings is not judged in a second in which the node leaves some out."""
@@ -232,15 +209,6 @@ def test_a_backlog_is_no_fault_of_clocks(bench: Bench, wait: float, age: float) 
     """Only a reading that was old when it arrived has a clock that is wrong."""
     bench.give(wait, age)
     assert ("synchronise" in bench.faults()) == (age > 0.0)
-
-
-def test_gaps_are_counted(bench: Bench) -> None:
-    """Numbers that are missing between messages are counted for their topic."""
-    bench.give(0.0)
-    bench.numbers["/joint_states"] += 3
-    bench.now += 0.1
-    bench.give(0.0)
-    assert bench.statistics.lost == {"/joint_states": 3}
 
 
 @pytest.mark.parametrize(("readings", "messages"), [(1, 1), (6, 1), (11, 2), (26, 3)])

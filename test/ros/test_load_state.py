@@ -19,7 +19,7 @@ from std_msgs.msg import Float64
 
 from linkage_vibration.bags.can_logs import DEFINITION
 from linkage_vibration.support.resources import config_file, share_directory
-from linkage_vibration_interfaces.msg import LoadState, Measurement, VibrationPrediction
+from linkage_vibration_interfaces.msg import LoadState, VibrationPrediction
 from test.support.can_bus import identifier
 from test.support.interface_packages import built_package, environment_with
 from test.support.ros_process import (
@@ -219,26 +219,7 @@ def test_the_pto_is_slowed(tractor: Tractor, environment: dict[str, str]) -> Non
         process.wait()
 
 
-def test_our_own_measurements(start: Callable[..., RunningNode], domain: int) -> None:
-    """A measurement is used at its stamp, in SI units; one that is not valid has no number."""
-    node = start(name="measured", hitch_input="measurement", pto_input="measurement")
-    with peer_of("measured", domain, 98, reads=False) as peer:
-        publisher = peer.node.create_publisher(Measurement, "measured_hitch_angle", SENSOR)
-        for valid, status in ((True, 0), (False, 2)):
-            message = Measurement(value=2.0, valid=valid)
-            message.header.stamp.sec, message.header.frame_id = 5 + status, "hitch"
-
-            def publish(message: Any = message) -> None:
-                publisher.publish(message)
-                peer.pause(0.05)
-
-            own = lambda at=5 + status: [p for p in peer.predictions if p.header.stamp.sec == at]  # noqa: E731
-            until(own, "a prediction", publish)
-            assert (own()[0].status, own()[0].header.frame_id) == (status, "hitch")
-            assert own()[0].crank_angle == (2.0 if valid else pytest.approx(math.nan, nan_ok=True))
-    assert node.stop() == 0
-
-
+@pytest.mark.nightly(short="test_every_transition")
 def test_inputs_from_three_places(environment: dict[str, str], domain: int, tmp_path: Path) -> None:
     """With the shipped file, an angle in degrees, an engine and a PTO on the bus are known."""
     pytest.importorskip("can", reason="frames of a CAN bus need python-can (extra can)")

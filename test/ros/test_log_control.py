@@ -124,6 +124,7 @@ def test_fault_lasts_as_long_as_its_cause(watch: Callable[..., Watched], tmp_pat
     node.wait_for(OK, "Recording to")
 
 
+@pytest.mark.nightly(short="test_fault_lasts_as_long_as_its_cause")
 def test_stopping_ends_a_fault(watch: Callable[..., Watched], tmp_path: Path) -> None:
     """While the folder is lost, a stop ends the fault, a start that fails begins one again."""
     folder = tmp_path / "logs"
@@ -173,6 +174,7 @@ def test_full_folder_does_not_keep_the_node_from_predicting(
     node.wait_for(OK, "Recording to")
 
 
+@pytest.mark.nightly(short="test_full_folder_does_not_keep_the_node_from_predicting")
 def test_deleted_logs_are_reported(watch: Callable[..., Watched], tmp_path: Path) -> None:
     """Logs that a clock has dated four days later go first; each is logged, and all are counted."""
     late = time.time() + 4 * 86_400

@@ -94,6 +94,7 @@ def test_what_may_be_set() -> None:
             "hitch_sign must be 1 or -1, not True; write for example `hitch_sign: 1`",
         ),
         ("autostart", False, "autostart is read at the start"),
+        ("qos_overrides./a.publisher.depth", 3, "publisher.depth is read at the start"),
         ("use_sim_time", 1, "use_sim_time must be true or false, not 1"),
         ("logdirectory", "/tmp", r"did you mean log_directory\?"),
     ):

@@ -271,6 +271,7 @@ def test_modes_of_sensors(
     assert len(recorded) > 90
 
 
+@pytest.mark.nightly(short="test_live_and_offline")
 def test_rates_of_a_control_stack(
     start: Callable[..., Any], meet: Callable[..., Any], tmp_path: Path
 ) -> None:

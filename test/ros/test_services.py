@@ -4,8 +4,6 @@
 
 import math
 import multiprocessing
-import re
-import signal
 import subprocess
 import sys
 import threading
@@ -40,7 +38,7 @@ from linkage_vibration_interfaces.srv import (
     GetTable,
     PredictVibration,
 )
-from test.support.ros_process import LIMIT, has_loaded, own_context, until
+from test.support.ros_process import LIMIT, own_context, until
 from test.support.served import shipped
 
 NODE = "serving"
@@ -219,33 +217,6 @@ def serving_node(
         stderr=subprocess.STDOUT,
         text=True,
     )
-
-
-def test_signal_while_building(start: Callable[..., Any], meet: Callable[[str], Any]) -> None:
-    """A signal during a rebuild ends the node without an error, and the building process."""
-    node, peer = start(name="ended"), meet("ended")
-    client: Any = ActionClient(peer.node, SetImplement, "ended/set_implement")
-    peer.spin(client.server_is_ready, "the action")
-    client.send_goal_async(SetImplement.Goal(mass=1600.0, inertia=400.0))
-    # Another child, which frees resources, may start before the one that builds.
-    until(
-        lambda: any(has_loaded(child, "scipy") for child in every_child(node.process.pid)),
-        "the work of the building process",
-        lambda: peer.pause(0.05),
-    )
-    building = every_child(node.process.pid)
-    assert node.stop(signal.SIGTERM) == 0
-    assert not {"Traceback", "Exception"} & set(re.findall(r"\w+", node.printed))
-    until(
-        lambda: not any(Path(f"/proc/{child}").exists() for child in building),
-        "the end of the building process",
-    )
-
-
-def every_child(pid: int) -> list[int]:
-    """Return the children of every thread of a process."""
-    lists = Path(f"/proc/{pid}/task").glob("*/children")
-    return [int(child) for file in lists for child in file.read_text().split()]
 
 
 def test_close_while_building(bench: Bench) -> None:

@@ -8,6 +8,7 @@ import time
 from array import array
 from collections.abc import Callable
 from itertools import pairwise
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -93,7 +94,10 @@ def test_answers_during_a_goal(start: Callable[..., Any], meet: Callable[..., Pe
 def test_goal_has_a_result_when_the_node_ends(
     start: Callable[..., Any], meet: Callable[..., Peer]
 ) -> None:
-    """A client whose goal is running when SIGTERM arrives learns that its table is not in use."""
+    """A client whose goal is running when SIGTERM arrives learns that its table is not in use.
+
+    The process that builds the table ends, too.
+    """
     node = start(name="leaving")
     peer = meet("leaving")
     feedback = list[object]()
@@ -113,13 +117,23 @@ def test_goal_has_a_result_when_the_node_ends(
     read_until(sent.done, "the answer to a goal")
     future = sent.result().get_result_async()
     read_until(lambda: feedback, "feedback")
+    building = every_child(node.process.pid)
     node.process.send_signal(signal.SIGTERM)
     read_until(future.done, "the result of a goal")
-    ended = future.result()
-    assert ended.status == ABORTED
-    assert "The table is unchanged" in ended.result.message
+    result = future.result()
+    assert result.status == ABORTED
+    assert "The table is unchanged" in result.result.message
     assert node.stop() == 0
     assert set(re.findall(r"\[(\w+)\] \[", node.printed)) == {"INFO"}, node.printed
+    assert building
+    ended = lambda: not any(Path(f"/proc/{child}").exists() for child in building)  # noqa: E731
+    until(ended, "the end of the building process")
+
+
+def every_child(pid: int) -> list[int]:
+    """Return the children of every thread of a process."""
+    lists = Path(f"/proc/{pid}/task").glob("*/children")
+    return [int(child) for file in lists for child in file.read_text().split()]
 
 
 BLOCKED = """
@@ -140,7 +154,9 @@ sys.exit(main())
 """
 
 
-@pytest.mark.parametrize(("seconds", "code"), [(0.5, 0), (3600.0, 1)])
+@pytest.mark.parametrize(
+    ("seconds", "code"), [pytest.param(0.5, 0, marks=pytest.mark.nightly), (3600.0, 1)]
+)
 def test_end_that_is_blocked(start: Callable[..., Any], seconds: float, code: int) -> None:
     """After the limit of its end, here 3 s, the process says where it is blocked, and ends."""
     program = "-c", BLOCKED.format(seconds=seconds)

@@ -85,9 +85,8 @@ def test_friction_makes_no_targets(tractor: LinkageModel, seed: int) -> None:
     assert len(linear) >= 4
 
 
-@pytest.mark.parametrize(
-    "seed", [3, *(pytest.param(seed, marks=pytest.mark.nightly) for seed in (4, 5, 6))]
-)
+@pytest.mark.nightly(short="test_friction_makes_no_targets")
+@pytest.mark.parametrize("seed", [3, 4, 5, 6])
 def test_a_linear_hitch_keeps_its_modes(tractor: LinkageModel, seed: int) -> None:
     """No mode of a linear hitch with noise is called not linear."""
     modes = measured(tractor, 0.0, seed)

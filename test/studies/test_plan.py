@@ -103,7 +103,11 @@ SCENES: dict[str, Callable[[Mechanism], Scene]] = {
 }
 
 
-@pytest.fixture(scope="module", params=SCENES)
+USUAL = "up to 40 Hz", "whole stroke", "on the tractor"
+NIGHTLY = [pytest.param(name, marks=pytest.mark.nightly) for name in SCENES if name not in USUAL]
+
+
+@pytest.fixture(scope="module", params=[*USUAL, *NIGHTLY])
 def job(request: pytest.FixtureRequest, mechanism: Mechanism) -> Job:
     """Return the plan and the finer model of each scene."""
     chosen = plan(SCENES[request.param](mechanism))

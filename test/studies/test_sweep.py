@@ -94,7 +94,7 @@ def test_a_mechanism_in_space_with_uncertainties(tmp_path: Path) -> None:
     assert light.model_hash == lv.read_mechanism(file).model_hash
 
 
-@pytest.fixture(params=["processes", "Dask"])
+@pytest.fixture(params=["processes", pytest.param("Dask", marks=pytest.mark.nightly)])
 def cluster(request: pytest.FixtureRequest) -> Iterator[Any]:
     """Return the `map` of a pool, and that of a client of a cluster on this computer."""
     if request.param == "processes":

@@ -27,7 +27,7 @@ def shipped(name: str) -> tuple[LinkageModel, Table]:
     return LinkageModel(mechanism), load_table(config_file(f"tables/{name}.npz"), mechanism)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [pytest.param(NAMES[0], marks=pytest.mark.nightly), NAMES[1]])
 def test_forces_are_those_of_the_model(name: str) -> None:
     """Between cells, forces agree within the error that the table reports."""
     model, table = shipped(name)

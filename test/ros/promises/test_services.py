@@ -386,10 +386,7 @@ def test_second_goal(node: Promised) -> None:
     ("fields", "words"),
     [
         ({"mass": -1.0, "inertia": 1.0}, "rigid_bodies.implement.mass: -1 is not greater"),
-        ({"mass": math.nan, "inertia": 1.0}, "rigid_bodies.implement.mass: nan is not a finite"),
-        ({"mass": 9.0, "inertia": 9.0, "centre_of_gravity": array("d", [1.0])}, "has 1 numbers"),
         ({"mass": 1e10, "inertia": 1e9}, "beside it the links lose their digits"),
-        ({"mass": 9.0, "inertia": 9.0, "rigid_body": "q"}, "no rigid body 'q'; name one"),
         ({"name": "drill"}, "There is no implement 'drill'"),
         ({"name": "plough", "mass": 9.0}, "name has its own properties; leave all other fields"),
     ],

@@ -20,7 +20,7 @@ from linkage_vibration.table.tabulation import build_table, sampling
 from linkage_vibration.table.tabulation.refinement import first_points
 
 
-@pytest.mark.parametrize("which", ["mechanism", "printed"])
+@pytest.mark.parametrize("which", ["mechanism", pytest.param("printed", marks=pytest.mark.nightly)])
 def test_what_was_asked_for(which: str, request: pytest.FixtureRequest) -> None:
     """Frequencies within 1e-6, peak within 1e-4, at most 45 solutions and 600 kB, both geometries.
 

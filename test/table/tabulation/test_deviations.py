@@ -119,13 +119,13 @@ def sampled_deviations(model: LinkageModel, angle: float, draws: FloatArray) -> 
 @pytest.mark.parametrize(
     ("gap", "share", "dashpot"),
     [
-        (0.1, 0.1, None),
+        pytest.param(0.1, 0.1, None, marks=pytest.mark.nightly),
         (0.5, 0.4, None),
-        (0.5, 0.02, None),
-        (2.0, 0.1, None),
-        (1.0, 0.02, 30.0),
+        pytest.param(0.5, 0.02, None, marks=pytest.mark.nightly),
+        pytest.param(2.0, 0.1, None, marks=pytest.mark.nightly),
+        pytest.param(1.0, 0.02, 30.0, marks=pytest.mark.nightly),
         (1.0, 0.1, 100.0),
-        (2.0, 0.2, 300.0),
+        pytest.param(2.0, 0.2, 300.0, marks=pytest.mark.nightly),
     ],
 )
 def test_near_a_veering_they_hold_or_are_unknown(

@@ -47,6 +47,7 @@ def test_maxima_that_come_and_go(tolerance: float) -> None:
     assert np.abs(magnitude).max() <= 100.0 * tolerance
 
 
+@pytest.mark.nightly(alone="test/table/test_on_tractor.py shows it of the shipped table")
 def test_peak_in_a_part_of_the_band() -> None:
     """It is the highest of dense lines there, also at an end, and FRFs hold in the whole band."""
     mechanism = read_mechanism(config_file("four_bar.yaml"))
