@@ -399,7 +399,7 @@ def main() -> None:
             "the mechanism alone. A load ratio of the integration is the root mean square over "
             f"{WINDOW:g} s. A warning is needless if half the limit is not reached within a "
             "second. The last column is the share of the warned time in which a message names a "
-            "speed or an angle that ends the warning.",
+            "speed or an angle that ends the warning, which one that is only kept does not.",
             episodes_table(results),
             "These are the largest load ratios of the healthy machine on the ground of the file:",
             loads_table(results["healthy"]),
