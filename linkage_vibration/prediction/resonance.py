@@ -618,7 +618,9 @@ class ResonanceMonitor:
         second, while it ends the warning and has not been passed.
         """
         quiet = np.full((2, len(columns)), math.nan)
-        warned = (columns.state == WARNING) & ~is_kept(columns)
+        warned = columns.state == WARNING
+        if warned.any():
+            warned &= ~is_kept(columns)
         for source in np.unique(sources[warned]).tolist():
             rows = np.flatnonzero(warned & (sources == source))
             while len(rows):
