@@ -43,7 +43,7 @@ from linkage_vibration.table.tabulation.sampling import Sampler
 _ALL = 10**6
 _COARSER = (4, 2), (8, 4), (_ALL, _ALL)  # elements and modes of links that are tried for members
 _DAMPED = 2.0  # Coarse members leave out undamped modes above so many times the band's reach.
-_N_NODES = 8, 15, 29  # angles at which members are solved
+_N_NODES = 8, 15, 29, 57  # angles at which members are solved
 _SAME = 1.0 - 1e-6  # of a gap between modes; a smaller difference is rounding
 _BETWEEN = 0.5  # Between them, a pole may be off by this share of its decay.
 _MOST_ROUGH = 0.05  # of members and of deviations may be off by more; they are not known then.

@@ -7,7 +7,13 @@ import math
 import numpy as np
 import pytest
 
+from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.support.resources import config_file
+from linkage_vibration.table.tabulation import build_table
 from linkage_vibration.table.tabulation.ensemble import first_widest
+
+LONG = [pytest.param(category, marks=pytest.mark.nightly) for category in (1, 2, 4)]
 
 
 @pytest.mark.parametrize(("wider", "first"), [(9e-7, 1), (1.1e-6, 3)])
@@ -18,3 +24,12 @@ def test_the_last_bit_does_not_choose_where_modes_are_followed_from(
     assert first_widest(np.array([0.1, 0.4, 0.2, 0.4 * (1.0 + wider), 0.4])) == first
     assert first_widest(np.array([0.0, 0.0])) == 0
     assert first_widest(np.array([0.1, math.inf, math.inf])) == 1  # with a single mode
+
+
+@pytest.mark.parametrize("category", [*LONG, 3])
+def test_members_of_starters_are_known(category: int) -> None:
+    """At most one of 20 models with other numbers cannot be followed, so that factors are known."""
+    mechanism = read_mechanism(config_file(f"starters/category_{category}.yaml"))
+    poles = build_table(LinkageModel(mechanism)).ensemble_poles
+    assert len(poles) == 67
+    assert np.isnan(poles).any(axis=(1, 2)).mean() <= 0.05
