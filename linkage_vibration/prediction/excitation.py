@@ -35,6 +35,8 @@ class Source(enum.Enum):
     PTO = "pto"  # rpm
     GROUND = "ground"  # m/s
 
+    __hash__ = object.__hash__  # The one of Enum takes several times as long.
+
     @property
     def index(self) -> int:
         """Index of the speed among those of all sources."""
