@@ -166,8 +166,7 @@ class _Half:
         keep: Kept,
     ) -> None:
         self.table, self._which = table, which
-        self.excitations = np.flatnonzero(which >= 0)
-        self._own = which[self.excitations]
+        self.excitations, self._own = np.flatnonzero(which >= 0), which[which >= 0]
         rows = {*table.places, *table.forces}
         self.outputs = np.array([i for i, place in enumerate(outputs) if place in rows])
         self._places = [outputs[i] for i in self.outputs]

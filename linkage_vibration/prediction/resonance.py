@@ -305,11 +305,11 @@ class ResonanceRules:
         natural, slope, zeta, stddev = np.where(
             mode < 0, math.nan, [getattr(predictions, name)[rows, mode] for name in names]
         )
+        probability = np.full(len(rows), math.nan)
         if self.levels is not None and self.levels.states_uncertainty:
             stddevs = frequency * self._stddevs.take(worst), stddev
-            probability = half_power_probability(frequency, stddevs[0], natural, stddevs[1], zeta)
-        else:
-            probability = np.full(len(rows), math.nan)
+            of_all = half_power_probability(frequency, stddevs[0], natural, stddevs[1], zeta)
+            probability[~stale] = of_all[~stale]
         load_ratio = np.where(stale, math.nan, levels.load_ratios[rows, worst])
         return MessageColumns(
             excitation=self._names.take(np.where(stale, len(self._names) - 1, worst)),
@@ -336,8 +336,10 @@ class ResonanceRules:
         rate, error = self._ratios[:, 0].take(worst) * np.array(rates).reshape(-1, 2).T
         rate -= slope * columns.crank_velocity
         nears = columns.excitation_frequency > columns.natural_frequency
-        columns.approach_rate = np.where(nears, -rate, rate)
-        columns.approach_rate_error = error + np.abs(slope) * columns.crank_velocity_error
+        error += np.abs(slope) * columns.crank_velocity_error
+        both = np.array([np.where(nears, -rate, rate), error])
+        both[np.isnan(both)] = math.nan  # of one sign, so that equal rates are equal bytes
+        columns.approach_rate, columns.approach_rate_error = both
         del columns.frequency_slope, columns.rates
 
     def _place_names(self, places: Integers, ratio: FloatArray) -> NDArray[np.str_]:
