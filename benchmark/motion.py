@@ -100,7 +100,7 @@ def approaches(motion: str, rise: float) -> tuple[Directions, Directions]:
     for stamp, value, now in zip(stamps, values, times.tolist(), strict=True):
         rpm = float(0.125 * np.rint(speed(np.array(now), rise) / 0.125))
         monitor.set_speed(Source.ENGINE, rpm, stamp)
-        velocity, error = crank.add(stamp, value, PERCENT.step)
+        velocity, error = crank.add(stamp, value, PERCENT.step)()
         resonance = described(monitor.assess(predictor.predict(value), velocity, stamp, error))
         ratio = ratios[resonance.excitation]
         true = _true_direction(predictor, MOTIONS[motion], ratio, rise, resonance, now)

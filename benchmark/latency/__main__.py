@@ -236,7 +236,7 @@ def parts() -> str:
         "table lookup": lambda: predictor.table.interpolate(2.0),
         "prediction, lookup included": lambda: predictor.predict(2.0),
         "encoding the prediction": lambda: encode_message(PREDICTION, prediction, 0, 0, ""),
-        "noting the motion": lambda: motion.add(next(stamps), 2.0, wanted=False),
+        "noting the motion": lambda: motion.add(next(stamps), 2.0),
         "keeping it for the watch": keep,
         "decoding the joint state": lambda: reader.read_one(data),
         "decoding by rclpy, as in the echo": lambda: deserialize_message(data, JointState),

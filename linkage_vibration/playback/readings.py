@@ -3,9 +3,7 @@
 """Reads the inputs of bags, and judges them as the node does."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
-from itertools import pairwise
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import TypeAlias
@@ -63,18 +61,16 @@ class JudgedInputs:
     ) -> tuple[MessageColumns, list[SpeedRow]]:
         """Return the readings of a block, and its speeds by rows."""
         rows = np.flatnonzero(block.topics == self._places[HITCH])
-        readings, speeds = self.crank.read_block(block, rows, left_out), list[SpeedRow]()
+        readings = self.crank.read_block(block, rows, left_out)
         others, names = left_out.others, left_out.names.copy()
-        heard = list[tuple[int, Callable[[], None]]]()
+        heard = list[tuple[SpeedRow, int, str]]()  # with the time of receipt, ns, and the sender
         for source, each in self.speeds.items():
             rows = np.flatnonzero(block.topics == self._places[source.value])
             for of_topic, values, times, senders in each.read_block(block, rows, left_out):
                 numbers = of_topic, values, times, block.log_times[of_topic]
                 columns = *(column.tolist() for column in numbers), senders
                 for row, value, time, received, sender in zip(*columns, strict=True):
-                    speeds.append((row, source, value, time))
-                    about = self._names[source.value], sender, 1e-9 * (received - time)
-                    heard.append((row, partial(self.judge.speed, source, received, value, *about)))
+                    heard.append(((row, source, value, time), received, sender))
         left_out.others, left_out.names = others, names  # those beside the crank angle
         angles = readings.crank_angle
         known = np.isnan(angles_in_table(angles, self._range)) == np.isnan(angles)
@@ -82,14 +78,16 @@ class JudgedInputs:
         of_each = *moments, angles, readings.velocity, known, readings.sender
         lists = [column.tolist() for column in of_each]
         # In the order of arrival, so that a speed that stops is found when it does.
-        heard.sort(key=lambda each: each[0])
-        rows = np.searchsorted(readings.in_block, [row for row, _ in heard])
-        for (first, last), (_, judge) in zip(
-            pairwise([0, *rows.tolist(), len(readings)]), [*heard, (0, lambda: None)], strict=True
-        ):
-            self.judge.readings(*(column[first:last] for column in lists))
-            judge()
-        return readings, sorted(speeds, key=lambda speed: speed[0])
+        heard.sort(key=lambda each: each[0][0])
+        speeds, first = [speed for speed, *_ in heard], 0
+        before = np.searchsorted(readings.in_block, [speed[0] for speed in speeds]).tolist()
+        for last, ((_, source, value, time), received, sender) in zip(before, heard, strict=True):
+            if first < last:
+                self.judge.readings(*(column[first:last] for column in lists))
+            first, about = last, (self._names[source.value], sender, 1e-9 * (received - time))
+            self.judge.speed(source, received, value, *about)
+        self.judge.readings(*(column[first:] for column in lists))
+        return readings, speeds
 
 
 def recorded_faults(

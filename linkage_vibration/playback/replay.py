@@ -53,7 +53,7 @@ from linkage_vibration.prediction.motion import crank_filter, crank_resolution
 from linkage_vibration.prediction.periods import Periods, Stamps, WindowStep
 from linkage_vibration.prediction.predictor import Predictor, Status, predict_many
 from linkage_vibration.prediction.provenance import attachments, implement_facts
-from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor
+from linkage_vibration.prediction.resonance import Header, ReportedSpeed, ResonanceMonitor
 from linkage_vibration.prediction.settings import DECLARED, NODE_NAME, Parameters, with_values
 from linkage_vibration.readers.excitations import excitation_files
 from linkage_vibration.readers.loaded_model import (
@@ -287,7 +287,8 @@ class _Replay:
         messages = [*self.sensors.messages(block, self._names, readings, speeds, used, self.done)]
         if len(readings):
             predictions = predict_many(self._predictor, readings.crank_angle, readings.stddev)
-            readings.due_at, readings.by_receipt = self._stamps.times(readings.stamp, readings.time)
+            times = self._stamps.times(readings.stamp, readings.time)
+            readings.due_at, readings.timed_by_receipt = times
             messages += self._predictions(block, readings, predictions)
             if self.monitor is not None:
                 messages += self._resonances(self.monitor, block, readings, predictions, speeds)
@@ -331,26 +332,20 @@ class _Replay:
         before = np.searchsorted(readings.in_block, [speed[0] for speed in speeds])
         # There is nothing to assess before the first speed.
         first = 0 if monitor.any_speed_reported else min([len(readings), *before.tolist()])
-        step = np.zeros(len(readings), np.int64)
-        step[first:] = [*map(monitor.windows.step, readings.due_at[first:].tolist())]
-        due = step != WindowStep.LEFT_OUT
+        readings.step = np.zeros(len(readings), np.int64)
+        readings.step[first:] = [*map(monitor.windows.step, readings.due_at[first:].tolist())]
+        due = readings.step != WindowStep.LEFT_OUT
         velocity, error = self._velocities(readings, due)
         earlier = np.searchsorted(np.flatnonzero(due), before).tolist()
         assessed = readings.rows(due)
+        assessed.frame_id = np.full(len(assessed), assessed.frame_id, object)
         resonances = monitor.assess_many(
             self._agreed(readings, predictions).rows(due),
             velocity,
             assessed.time,
             [ReportedSpeed(n, *speed[1:]) for n, speed in zip(earlier, speeds, strict=True)],
             error,
-            MessageColumns(
-                sec=assessed.sec,
-                nanosec=assessed.nanosec,
-                frame_id=np.full(len(assessed), assessed.frame_id, object),
-                due_at=assessed.due_at,
-                timed_by_receipt=assessed.by_receipt,
-                step=step[due],
-            ),
+            MessageColumns(**{name: getattr(assessed, name) for name in Header._fields}),
         )
         resonances.in_block = assessed.in_block[resonances.ends_at]
         self.done.resonances += len(resonances)

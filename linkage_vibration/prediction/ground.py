@@ -68,6 +68,8 @@ _ANGLE_STEPS, _DEGREE = (32, 128), math.radians(1.0)  # least and most steps, an
 _MAX_FREQUENCIES, _PER_HALF_WIDTH = 4096, 1.5  # most of them, and how many resolve a half-width
 _FLATTEST = 0.1  # of exponents of coherence; tracks with a flatter spectrum are independent
 _FARTHEST = 500.0  # of x, where the coherence is 0 in double precision
+_OTHERS = [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]]  # of four neighbours
+_PRODUCTS = np.array([[-6.0], [2.0], [-2.0], [6.0]])  # of the distances of each to the others
 _BLOCK = 32, 256  # OpenBLAS multiplies two matrices of this shape with one thread.
 
 
@@ -218,7 +220,7 @@ class GroundLevels:
         """Return the levels with the largest share of the time that a tyre is off the ground, 1."""
         off = np.where(share > MAX_OFF_GROUND, _OFF, np.where(np.isnan(share), _STATIC, 0))
         reason = np.where(self.reason > 0, self.reason, off).astype(np.int8)
-        names = "velocity", "acceleration", "forces2"
+        names = ("velocity", "acceleration", "forces2") if reason.any() else ()
         known = {name: np.where(reason > 0, math.nan, getattr(self, name)) for name in names}
         return replace(self, off_ground_share=share, reason=reason, **known)
 
@@ -573,13 +575,13 @@ class GroundTable:
         """
         speed = speed + 0.0  # -0.0 would be faster than all speeds
         outside, unknown = np.isnan(angles), ~((speed >= 0.0) & (speed <= FASTEST))
-        n, m = len(self._outputs), len(self._mounts)
+        n, m, lost = len(self._outputs), len(self._mounts), outside | unknown
         rows, reason = np.full((n + m, len(angles)), math.nan), np.full(len(angles), self.refusal)
-        if not self.refusal:
-            if not (outside | unknown).all():
-                angles = np.where(outside, self._table.alpha3_range[0], angles)
-                rows, reason = self._looked_up(angles, np.where(unknown, 1.0, speed))
-                rows[:, outside | unknown] = math.nan
+        if not (self.refusal or lost.all()):
+            angles = np.where(outside, self._table.alpha3_range[0], angles)
+            rows, reason = self._looked_up(angles, np.where(unknown, 1.0, speed))
+        if lost.any() and not self.refusal:
+            rows[:, lost] = math.nan
             reason = np.where(outside, _ANGLE, np.where(unknown, _SPEED, reason))
         rows[: n - m, reason > 0] = math.nan
         velocity, acceleration = np.sqrt(rows[:2])
@@ -591,17 +593,23 @@ class GroundTable:
         moving = np.minimum(np.maximum(speed, _SLOWEST), FASTEST)
         place = np.stack([stroke_variable(angles, self._table.toggles), self._column(moving)])
         first, weights = _cubic((place - self._origin) / self._steps, self.values.shape[:2])
-        around = self.values[first[:, 0, np.newaxis], first[:, 1]]
-        terms = around * (weights[:, 0, np.newaxis] * weights[:, 1])[..., np.newaxis]
-        # The order of a sum must not depend on the number of rows.
-        sums = np.add.accumulate(terms.reshape(16, *around.shape[2:]))[-1].T
-        n, size = len(self._outputs), speed ** (self._terrain.exponent - 1.0)
+        around = self._four[first[0] + np.arange(4)[:, np.newaxis], first[1]].astype(float)
+        around *= weights[0][..., np.newaxis, np.newaxis]
+        around = np.add.reduce(around) * weights[1].T[..., np.newaxis]
+        # The order of a sum must not depend on the number of rows, as it does beyond eight terms.
+        sums, n = np.add.reduce(around, axis=1).T, len(self._outputs)
+        size = speed ** (self._terrain.exponent - 1.0)
         rows = np.concatenate([np.maximum(sums[:n], 0.0) * size, sums[n + 1 :]])
         lost = (sums[n] > MAX_UNKNOWN_POWER * (sums[1] + sums[n])) & (speed > 0.0)
         pitch, finest = self._terrain.lug_pitch, self._terrain.wavenumbers[1]
         lugs = pitch is not None and finest == 0.5 / pitch
         which = np.where(lugs & (speed * finest < self._terrain.band[1]), _LUGS, _PROFILE)
         return rows, np.where(lost, which, 0)
+
+    @cached_property
+    def _four(self) -> NDArray[np.float32]:
+        """The `values` of four speeds at a time, (n_angles, n_speeds - 3, 4, n_rows)."""
+        return sliding_window_view(self.values, 4, axis=1).swapaxes(2, 3)
 
 
 def _count(table: Table, band: tuple[float, float]) -> int:
@@ -614,13 +622,12 @@ def _count(table: Table, band: tuple[float, float]) -> int:
 
 
 def _cubic(place: FloatArray, counts: tuple[int, ...]) -> tuple[IntArray, FloatArray]:
-    """Return the indices of four neighbours of places among 0 to count - 1, and their weights.
+    """Return the first of four neighbours of places among 0 to count - 1, and their weights.
 
-    Both are (4, n_axes, n) for places on axes, (n_axes, n), with their counts; the weights are
-    those of the cubic polynomial through the neighbours.
+    They are (n_axes, n) and (n_axes, 4, n) for places on axes, (n_axes, n), with their counts; the
+    weights are those of the cubic polynomial through the neighbours.
     """
     first = np.minimum(np.maximum(np.floor(place) - 1.0, 0.0), np.reshape(counts, (-1, 1)) - 4.0)
-    a = place - first
-    b, c, d = a - 1.0, a - 2.0, a - 3.0
-    weights = np.array([b * c * d / -6.0, a * c * d / 2.0, a * b * d / -2.0, a * b * c / 6.0])
-    return first.astype(np.int64) + np.arange(4)[:, np.newaxis, np.newaxis], weights
+    apart = (place - first)[:, np.newaxis] - np.arange(4.0)[:, np.newaxis]
+    weights = np.multiply.reduce(apart[:, _OTHERS], axis=2) / _PRODUCTS
+    return first.astype(np.int64), weights

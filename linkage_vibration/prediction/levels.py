@@ -64,11 +64,11 @@ A factor is exp of the standard deviation of the level's logarithm over the ense
 probability is the share of its members whose level exceeds the limit of a warning."""
 
 _OF_EACH = (
-    *("velocities", "velocity_factors", "accelerations", "amplifications"),
+    *("velocities", "accelerations", "velocity_factors", "amplifications"),
     *("load_ratios", "load_ratio_factors"),
 )
 _OF_ALL = (
-    *("total_velocity", "total_velocity_factor", "total_acceleration", "total_load_ratio"),
+    *("total_velocity", "total_acceleration", "total_velocity_factor", "total_load_ratio"),
     *("total_load_ratio_factor", "warning_probability", "off_ground_share"),
 )
 _MIN_KNOWN_SHARE = 0.95  # Factors are known where at least this share of the members is.
@@ -82,7 +82,7 @@ _GROUND = Source.GROUND.index
 _REASONS = np.array(REASONS)
 _UNITS = np.array([1.0, 1j])
 # Angles that are evaluated together, so that their terms stay in the cache; those of all members
-_CHUNK, _MEMBERS_CHUNK = 16, 4
+_CHUNK, _MEMBERS_CHUNK = 32, 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -167,16 +167,25 @@ class _Half:
         keep: Kept,
     ) -> None:
         self.table, self._which = table, which
-        self.excitations, self._own = self.of(np.arange(len(which)))
+        self.excitations, self._own = np.flatnonzero(which >= 0), which[which >= 0]
         own = [i for i, place in enumerate(outputs) if place in table.frf_outputs]
         self.outputs = np.array(own)
         self._places = [outputs[i] for i in self.outputs]
         kept = keep(lambda: _sampled(table, loads, self._places, n_forces))
         self.cells, self.order = (kept["starts"], kept["cubics"]), kept["order"]
-        self.layout, self._rows = _Layout(*kept["layout"].tolist()), kept["rows"]
+        layout = self.layout = _Layout(*kept["layout"].tolist())
+        self._rows, cubics = kept["rows"], kept["cubics"]
+        ends = np.cumsum([3 * layout.n_terms, layout.n_inputs, layout.n_forces]).tolist()
+        self._parts = [slice(*each) for each in pairwise([0, *ends])]
+        self._numbers = np.ascontiguousarray(cubics[:, :, : ends[-1]])
+        # A product for each input is so small that BLAS uses one thread.
+        blocks = cubics[:, :, ends[-1] :].reshape(len(cubics), 4, layout.n_inputs, -1)
+        self._blocks = blocks.swapaxes(1, 2)
 
     def of(self, excitations: IntArray) -> tuple[IntArray, IntArray]:
         """Return which of excitations act in this half, and the indices of their loads."""
+        if len(excitations) == len(self._which):
+            return self.excitations, self._own
         which = self._which[excitations]
         return np.flatnonzero(which >= 0), which[which >= 0]
 
@@ -199,20 +208,18 @@ class _Half:
 
     def terms(self, angles: FloatArray) -> _Terms:
         """Return the terms at angles in the table, (n,)."""
-        starts, cubics = self.cells
+        starts, n, layout = self.cells[0], len(angles), self.layout
         which = np.maximum(starts.searchsorted(angles, side="right") - 1, 0)
-        layout, n = self.layout, len(angles)
-        x = angles - starts[which]
-        powers = np.stack([x * x * x, x * x, x, np.ones(n)], axis=1)[:, np.newaxis]
-        ends = np.cumsum([3 * layout.n_terms, layout.n_inputs, layout.n_forces])
-        numbers = (powers @ cubics[which, :, : ends[-1]])[:, 0]
-        poles, static, reference, _ = np.split(numbers, ends, 1)
-        # A product for each input is so small that BLAS uses one thread.
-        blocks = cubics[:, :, ends[-1] :].reshape(len(cubics), 4, layout.n_inputs, -1)
-        matrices = np.empty((n, layout.n_inputs, 1, blocks.shape[3]))
+        powers = np.ones((n, 1, 4))
+        rising = powers[:, 0, 2::-1]
+        rising[:] = (angles - starts[which])[:, np.newaxis]
+        np.multiply.accumulate(rising, axis=1, out=rising)
+        numbers = (powers @ self._numbers[which])[:, 0]
+        poles, static, reference = (numbers[:, part] for part in self._parts)
+        matrices = np.empty((n, layout.n_inputs, 1, self._blocks.shape[3]))
         cells = [0, *(np.flatnonzero(which[1:] != which[:-1]) + 1).tolist(), n]
         for few in map(slice, cells, cells[1:]):  # A crank stays in a cell for some readings.
-            block = blocks[which[few.start]].swapaxes(0, 1)
+            block = self._blocks[which[few.start]]
             np.matmul(powers[few, np.newaxis], block, out=matrices[few])
         shape = n, layout.n_inputs, -1, layout.n_outputs
         return _Terms(poles.reshape(n, 3, -1), matrices.reshape(shape), static, reference)
@@ -284,10 +291,13 @@ class LevelTable:
         self._sources = np.array([excitation.source.index for excitation in excitations])
 
         self._omega = np.array([2.0 * math.pi * excitation.ratio for excitation in excitations])
-        self._rms = np.array([x.amplitude / math.sqrt(2.0) if x else math.nan for x in loads])
-        self._speed = np.array([load.speed if load else 1.0 for load in loads])
-        self._exponent = np.array([load.exponent if load else 0.0 for load in loads])
-        self._powers, self._every = load_powers(loads), np.arange(len(excitations))
+        powers, self._every = load_powers(loads), np.arange(len(excitations))
+        exponents = np.array([load.exponent if load else 0.0 for load in loads])
+        rms = np.array([x.amplitude / math.sqrt(2.0) if x else math.nan for x in loads])
+        speed = np.array([load.speed if load else 1.0 for load in loads])
+        # The size of a load is that at the speed 1 times a power of the speed; at rest it is 0.
+        self._size = unit_sizes(rms * speed**-exponents, self._omega, powers)
+        self._exponents, self._still = exponents + powers, 0.0 * rms
         self._loaded = any(excitation.load or excitation.terrain for excitation in excitations)
         self._ground: GroundTable | None = None
         self._terrain = next(
@@ -323,7 +333,7 @@ class LevelTable:
                 each.add_members(its, len(outputs), self._n_pins, partial(keep, name))
             self.n_members = each.members.n
             amplitudes, frequencies = load_factors(excitations, self.n_members)
-            amplitudes = unit_sizes(amplitudes.T, frequencies.T, self._powers)
+            amplitudes = unit_sizes(amplitudes.T, frequencies.T, powers)
             self._draws = amplitudes, frequencies.T
             if self._ground is not None and terrain is not None and not self._ground.refusal:
                 self._ground_members = GroundMembers(
@@ -482,10 +492,10 @@ class LevelTable:
         inside = np.flatnonzero(np.isfinite(angles))
         for start in range(0, len(inside) if self.n_members else 0, _MEMBERS_CHUNK):
             rows = inside[start : start + _MEMBERS_CHUNK]
-            quantities[rows] = self._of_members(angles[rows], speeds[:, rows], width)
+            quantities[rows] = self._of_members(angles[rows], speeds[:, rows])
         return quantities
 
-    def _of_members(self, angles: FloatArray, speeds: FloatArray, width: int) -> Reals:
+    def _of_members(self, angles: FloatArray, speeds: FloatArray) -> Reals:
         """Return what `members` does at a few angles within the table."""
         n = len(angles)
         nominal = self._forcing_at(speeds)
@@ -503,7 +513,7 @@ class LevelTable:
                 rolling = self._ground_members.levels(rolling, angles, speeds[_GROUND], amplitudes)
             else:
                 rolling = rolling.rows(np.arange(n).repeat(self.n_members))
-        numbers = np.full((n * self.n_members, width), math.nan, np.float32)
+        numbers = _unknown(n * self.n_members, len(self._inputs))[0].astype(np.float32)
         self._evaluate(
             numbers,
             None,
@@ -512,7 +522,7 @@ class LevelTable:
             _Forcing(*(part.astype(np.float32) for part in each)),
             rolling,
         )
-        return numbers.reshape(n, self.n_members, width)
+        return numbers.reshape(n, self.n_members, -1)
 
     def member_totals(
         self, alpha3: FloatArray, speeds: FloatArray
@@ -551,7 +561,12 @@ class LevelTable:
         angles, speeds = columns.crank_angle[due], columns.speeds[due].T
         computed = self.factor_rows(angles, speeds, limit)
         factors = np.concatenate([held if held.size else computed[:1], computed])[which]
-        _set_factors(columns, factors)
+        levels = [getattr(columns, of) for of in DEVIATION_FIELDS.values()]
+        every = np.concatenate([each.reshape(len(factors), -1) for each in levels], axis=1)
+        known, end = np.where(np.isnan(every), math.nan, factors).astype(np.float32), 0
+        for name, level in zip(DEVIATION_FIELDS, levels, strict=True):
+            begin, end = end, end + math.prod(level.shape[1:])
+            setattr(columns, name, known[:, begin:end].reshape(level.shape))
         return np.asarray(factors[-1:])
 
     def _forcing_at(self, speeds: FloatArray) -> _Forcing:
@@ -559,21 +574,20 @@ class LevelTable:
         with np.errstate(all="ignore"):  # speeds may be any 64 bits
             speed = speeds.take(self._sources, axis=0).T
             omega = self._omega * speed
-            defined = np.where((speed >= 0.0) & (omega <= self._top), 1.0, math.nan)
-            omega = np.where(np.isnan(defined), 1.0, omega)
-            size = self._rms * (speed / self._speed) ** self._exponent
-            size = unit_sizes(size, omega, self._powers)
-            size = np.where(speed == 0.0, 0.0 * self._rms, size)
-            return _Forcing(omega, defined, size * defined)
+            known = (speed >= 0.0) & (omega <= self._top)
+            size = np.where(speed == 0.0, self._still, self._size * speed**self._exponents)
+            defined = np.where(known, 1.0, math.nan)
+            return _Forcing(np.where(known, omega, 1.0), defined, size * defined)
 
     def _squares(self, terms: Sequence[_Terms], w: Reals, every: IntArray) -> Reals:
         """Return squares of responses to unit loads, (..., k, n_outputs), of the terms of halves.
 
         They are those at angular frequencies w, (..., k), of excitations, (k,).
         """
-        owns = [half.of(every) for half in self._halves]
-        each = zip(self._halves, terms, owns, strict=True)
-        parts = [(own, half.squares(its, w[..., own], at)) for half, its, (own, at) in each]
+        parts = []
+        for half, its in zip(self._halves, terms, strict=True):
+            own, inputs = half.of(every)
+            parts.append((own, half.squares(its, w.take(own, axis=-1), inputs)))
         return self._joined(parts)
 
     def _joined(self, parts: Sequence[tuple[IntArray, Reals]]) -> Reals:
@@ -602,10 +616,11 @@ class LevelTable:
         """
         if not self._loaded:
             return np.zeros(len(numbers), np.int8)
-        at, w = _columns(len(self._inputs)), forcing.omega
-        magnitude = np.sqrt(squares[..., 0])
-        velocity = np.multiply(magnitude * forcing.size, w, out=numbers[:, at["velocities"]])
-        acceleration = np.multiply(velocity, w, out=numbers[:, at["accelerations"]])
+        at, w, m = _columns(len(self._inputs)), forcing.omega, len(self._inputs)
+        moved = numbers[:, : 2 * m].reshape(-1, 2, m)  # velocities and accelerations
+        velocity, acceleration = moved[:, 0], moved[:, 1]
+        np.multiply(np.sqrt(squares[..., 0]) * forcing.size, w, out=velocity)
+        np.multiply(velocity, w, out=acceleration)
         # The order of the axes makes their largest values fast: (n_excitations, n_forces, n).
         components, sizes = squares[..., 1:].transpose(1, 2, 0), forcing.size.T[:, np.newaxis]
         ratios, n = self._forces(components) * (sizes * sizes), len(self.force_places)
@@ -616,16 +631,19 @@ class LevelTable:
             velocity[:, self._terrain] = ground.velocity
             acceleration[:, self._terrain] = ground.acceleration
         unknown = 0.0 * np.fmax.reduce(velocity, axis=1)  # NaN where no level is known
-        for name, levels in ("velocity", velocity), ("acceleration", acceleration):
-            total = np.sqrt(_sum(np.fmax(levels, 0.0) ** 2))
-            numbers[:, at[f"total_{name}"]] = total + unknown
+        known = np.fmax(moved, 0.0)
+        known *= known
+        totals = np.sqrt(np.add.accumulate(known, axis=2)[..., -1]).T + unknown
+        numbers[:, at["total_velocity"]], numbers[:, at["total_acceleration"]] = totals
         reasons = np.zeros(len(numbers), np.int8) if ground is None else ground.reason
         if not n:
             return reasons
-        ratios, tight = ratios[:, :n], np.tile(self._pretensions, (len(reference), 1))
+        ratios, reference = ratios[:, :n], reference[:, : self._n_pins]
         if ground is not None:
             ratios[self._terrain] = self._forces(ground.forces2)[:n]
-        reference = np.concatenate([reference[:, : self._n_pins], tight], axis=1)
+        if len(self._pretensions):
+            tight = np.tile(self._pretensions, (len(reference), 1))
+            reference = np.concatenate([reference, tight], axis=1)
         ratios /= (reference * reference).T
         total = np.add.accumulate(np.fmax(ratios, 0.0), axis=0)[-1:]
         ratios = np.concatenate([ratios, total])
@@ -746,22 +764,6 @@ def _level_columns(
     )
 
 
-def _set_factors(columns: MessageColumns, factors: FloatArray) -> None:
-    """Set the factors of n known levels to those of `LevelTable.factor_rows`, (n, n_factors)."""
-    end = 0
-    for name, of in DEVIATION_FIELDS.items():
-        level = getattr(columns, of)
-        begin, end = end, end + math.prod(level.shape[1:])
-        values = factors[:, begin:end].reshape(level.shape)
-        unknown = np.isnan(level) | np.isnan(values)
-        setattr(columns, name, np.where(unknown, math.nan, values).astype(np.float32))
-
-
-def _sum(terms: Reals) -> Reals:
-    """Return the sum over the second axis, in its order; `np.sum` has others, by the shape."""
-    return np.asarray(np.add.accumulate(terms, axis=1)[:, -1])
-
-
 def spreads(values: FloatArray) -> FloatArray:
     """Return exp of the deviations of ln(values) over members, (n, k), of (n, n_members, k)."""
     with np.errstate(over="ignore", invalid="ignore"):  # infinite levels of members
@@ -776,7 +778,9 @@ def _mean(values: FloatArray) -> FloatArray:
     count = finite.sum(axis=1)
     if not count.any():
         return np.full(count.shape, math.nan)
-    mean = _sum(np.where(finite, values, 0.0)) / np.maximum(count, 1)
+    # The sum is in the order of members; that of `np.sum` depends on the shape.
+    total = np.add.accumulate(np.where(finite, values, 0.0), axis=1)[:, -1]
+    mean = total / np.maximum(count, 1)
     return np.where(count >= _MIN_KNOWN_SHARE * values.shape[1], mean, math.nan)
 
 

@@ -20,7 +20,8 @@ Nothing here has a clock. The same readings give the same estimates to the last 
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from itertools import repeat
 from typing import NamedTuple
 
@@ -55,6 +56,8 @@ class Rate(NamedTuple):
 
 
 UNKNOWN = Rate(math.nan, math.nan)
+Estimate = Callable[[], Rate]
+unknown_rate: Estimate = partial(Rate, *UNKNOWN)
 _Mean = tuple[float, float, float, float]
 """Time (s) and value of a mean, half of the resolution, and 1 / sqrt(number of readings)."""
 
@@ -79,6 +82,27 @@ def _residuals(means: list[_Mean]) -> tuple[float, float]:
         variance += (weight * share) ** 2
     norm = math.sqrt(variance)
     return abs(total) / norm, max(0.0, abs(total) - _EXPLAINED * allowed) / norm
+
+
+def _rate(now: float, spread: float, means: Sequence[_Mean], bends: Sequence[float]) -> Rate:
+    """Return the rate at a time, s, from means, the last one first."""
+    points = [(time, mean, half_step + spread * share) for time, mean, half_step, share in means]
+    pairs = []
+    for i, (time, mean, error) in enumerate(points[:2]):
+        for earlier, before, other in points[i + 1 :]:
+            apart = time - earlier
+            age = now - 0.5 * (time + earlier)
+            pairs.append(((mean - before) / apart, (error + other) / apart, age))
+    for bend in bends:
+        low, high, least = -math.inf, math.inf, math.inf
+        for rate, error, age in pairs:
+            error += bend * age
+            low = rate - error if rate - error > low else low
+            high = rate + error if rate + error < high else high
+            least = error if error < least else least
+        if 2.0 * _AGREEMENT * least <= high - low < math.inf:
+            return Rate(0.5 * (low + high), least)
+    return UNKNOWN
 
 
 def crank_filter() -> "RateFilter":
@@ -129,36 +153,16 @@ class RateFilter:
         self._value = self._half_step = math.nan  # of the last reading
         self._times, self._sum, self._count = 0, 0.0, 0  # of the readings since the last mean
 
-    def add(self, stamp: int, value: float, resolution: float = 0.0, wanted: bool = True) -> Rate:
-        """Return the rate at a reading with a stamp, ns; it is unknown if the value is not finite.
+    def add(self, stamp: int, value: float, resolution: float = 0.0) -> Estimate:
+        """Take a reading with a stamp, ns; return a function that estimates the rate at it.
 
-        The resolution is the smallest change that the sensor reports, or 0 if that is not known. A
-        rate that is not wanted is unknown, which takes a third of the time.
+        The rate is unknown if the value is not finite. The resolution is the smallest change that
+        the sensor reports, or 0 if that is not known. Estimates take long.
         """
-        taken = self._take(stamp, value, resolution)
-        if not (taken and wanted) or self._residuals < _RESIDUALS:
-            return UNKNOWN
-        now, spread = 1e-9 * (stamp - self._origin), self._spread()
-        means = self._mean(), *reversed(self._means[self._start :])
-        points = [
-            (time, mean, half_step + spread * share) for time, mean, half_step, share in means
-        ]
-        pairs = []
-        for i, (time, mean, error) in enumerate(points[:2]):
-            for earlier, before, other in points[i + 1 :]:
-                apart = time - earlier
-                age = now - 0.5 * (time + earlier)
-                pairs.append(((mean - before) / apart, (error + other) / apart, age))
-        for bend in self._bends:
-            low, high, least = -math.inf, math.inf, math.inf
-            for rate, error, age in pairs:
-                error += bend * age
-                low = rate - error if rate - error > low else low
-                high = rate + error if rate + error < high else high
-                least = error if error < least else least
-            if 2.0 * _AGREEMENT * least <= high - low < math.inf:
-                return Rate(0.5 * (low + high), least)
-        return UNKNOWN
+        if not self._take(stamp, value, resolution) or self._residuals < _RESIDUALS:
+            return unknown_rate
+        means = [self._mean(), *reversed(self._means[self._start :])]
+        return partial(_rate, 1e-9 * (stamp - self._origin), self._spread(), means, self._bends)
 
     def add_many(
         self,
@@ -167,9 +171,9 @@ class RateFilter:
         resolutions: Iterable[float] = repeat(0.0),
         wanted: Iterable[bool] = repeat(True),
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the result of `add` for many readings: rates and errors, (n,) each."""
-        readings = zip(stamps, values, resolutions, wanted, strict=False)
-        both = np.array([self.add(*reading) for reading in readings]).reshape(-1, 2)
+        """Return the rates that are wanted at many readings, and their errors, (n,) each."""
+        rates = zip(map(self.add, stamps, values, resolutions), wanted, strict=False)
+        both = np.array([rate() if needed else UNKNOWN for rate, needed in rates]).reshape(-1, 2)
         return both[:, 0], both[:, 1]
 
     def _take(self, stamp: int, value: float, resolution: float) -> bool:

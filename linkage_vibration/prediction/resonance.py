@@ -4,7 +4,7 @@
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -18,7 +18,7 @@ from linkage_vibration.prediction.agreement import Agreement
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.ground import MAX_OFF_GROUND
 from linkage_vibration.prediction.levels import LevelTable, unknown_levels
-from linkage_vibration.prediction.motion import Rate, speed_filter
+from linkage_vibration.prediction.motion import Estimate, Rate, speed_filter, unknown_rate
 from linkage_vibration.prediction.periods import Windows, WindowStep
 from linkage_vibration.prediction.predictor import Prediction
 from linkage_vibration.prediction.severity import (
@@ -48,7 +48,7 @@ _QUIET_FOR = 1.0  # s, for which the answer is used again
 _FACTORS_FOR = 1.0  # s, for which the factors of levels are used again in the same state
 _SPEED_BITS = np.array([SPEED_BITS[source] for source in Source])
 _SI = np.array([source.si for source in Source])
-_NO_SPEED = math.nan, math.nan, math.nan
+_NO_SPEED = math.nan, unknown_rate
 _GROUND = Source.GROUND.index
 
 
@@ -63,8 +63,8 @@ class Header(NamedTuple):
     step: WindowStep
 
 
-_Speed: TypeAlias = tuple[float, float, float]
-"""A speed, rpm or m/s, its rate, and the bound of the error of that; NaN if not known."""
+_Speed: TypeAlias = tuple[float, Estimate]
+"""A speed, rpm or m/s, NaN if not known, and what estimates its rate."""
 _Reading: TypeAlias = tuple[Prediction, Rate, int, list[_Speed], Header]
 """Prediction, velocity, time, ns, speeds, and header of a reading."""
 
@@ -76,21 +76,6 @@ class ReportedSpeed(NamedTuple):
     source: Source
     value: float
     time: int
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Pairs:
-    """Excitations and their nearest modes, (n_excitations, n) each."""
-
-    speed: FloatArray  # rpm or m/s; NaN if not known
-    frequency: FloatArray  # of the excitation, Hz; NaN if its speed is not known, and of the ground
-    mode: Integers
-    natural: FloatArray  # Hz
-    width: FloatArray  # half-power half-width of the mode, Hz
-    apart: FloatArray  # magnitude of the relative margin; infinite if there is no mode or speed
-    rate: FloatArray  # of the margin, Hz/s
-    error: FloatArray  # bound of its error
-    probability: FloatArray  # that the excitation is in the half-power band; NaN if not known
 
 
 def half_power_probability(
@@ -121,21 +106,20 @@ def rows_of(predictions: Sequence[Prediction]) -> MessageColumns:
 
 def window_headers(headers: Sequence[Header]) -> MessageColumns:
     """Return what messages take from their readings, (n,) each."""
-    sec, nanosec, frame_id, due_at, timed_by_receipt, step = zip(*headers, strict=True)
-    return MessageColumns(
-        sec=np.array(sec),
-        nanosec=np.array(nanosec),
-        frame_id=np.array(frame_id, object),
-        due_at=np.array(due_at),
-        timed_by_receipt=np.array(timed_by_receipt, np.uint8),
-        step=np.array(step),
-    )
+    kinds = {"frame_id": object, "timed_by_receipt": np.uint8}
+    columns = zip(Header._fields, zip(*headers, strict=True), strict=True)
+    return MessageColumns(**{name: np.array(each, kinds.get(name)) for name, each in columns})
 
 
-def _by_source(speeds: Iterable[Sequence[_Speed]]) -> FloatArray:
-    """Return the speeds of n readings with their rates and errors, (3, n_sources, n)."""
-    numbers = np.array([*speeds]).reshape(-1, len(Source), 3)
-    return np.ascontiguousarray(numbers.transpose(2, 1, 0))
+def _by_source(reported: Iterable[Sequence[_Speed]]) -> tuple[FloatArray, NDArray[np.object_]]:
+    """Return speeds, (n_sources, n), and what estimates their rates, (n, n_sources)."""
+    numbers = np.array([*reported], object).reshape(-1, len(Source), 2)
+    return np.ascontiguousarray(numbers[..., 0].T, float), numbers[..., 1]
+
+
+def _reversed(estimate: Estimate) -> Rate:
+    rate, error = estimate()
+    return Rate(-rate, error)
 
 
 def _published(columns: MessageColumns) -> tuple[Integers, Integers, int]:
@@ -154,7 +138,7 @@ def _published(columns: MessageColumns) -> tuple[Integers, Integers, int]:
     state = columns.state[:n]
     # Of readings that are equal, the latest counts.
     worst = np.lexsort((columns.severity[:n], WINDOW_RANKS.take(state), window))[last]
-    rows = np.union1d(worst, last[state[last] != state[worst]])
+    rows = np.sort(np.append(worst, last[state[last] != state[worst]]))
     late = columns.step[last[np.searchsorted(last, rows)]] == WindowStep.WAITS
     rows = rows[~(late & (state[rows] == CLEAR))]
     return rows, closing[np.searchsorted(closing, rows)], n
@@ -205,7 +189,7 @@ class ResonanceRules:
         # (n_sources, n_excitations): which orders with an amplitude follow a speed
         follows = self.sources == np.arange(len(Source))[:, np.newaxis]
         self._orders = (follows & self._loaded.T).astype(int)
-        self._has_orders = self._orders.any(axis=1, keepdims=True)
+        self._orders = self._orders[self._orders.any(axis=1)]
         self._rolling = np.array([[bool(excitation.terrain)] for excitation in excitations])
         self._names = np.array([*(excitation.name for excitation in excitations), ""])  # -1: none
         self._places = np.array([*(levels.force_places if levels else ()), ""])
@@ -228,38 +212,37 @@ class ResonanceRules:
     ) -> MessageColumns:
         """Return the resonances of n predictions; the timer has followed the readings before.
 
-        The crank's velocity and the bound of its error are (2, n), and speeds with their rates and
-        the bounds of the errors of these (3, n_sources, n).
+        The crank's velocity and the bound of its error are (2, n), and speeds (n_sources, n).
         """
         if self.levels is None:
             levels = unknown_levels(len(self.excitations), len(time))
         else:
-            levels = self.levels.at(predictions.crank_angle, speeds[0])
-        pairs = self._pairs(predictions, crank, speeds)
+            levels = self.levels.at(predictions.crank_angle, speeds)
+        pairs = frequency, _, apart = self._pairs(predictions, speeds)
         totals = levels.total_load_ratio[np.newaxis]
         ratio = np.concatenate([levels.load_ratios.T, totals], dtype=float)
         # The level of the ground is not known while a tyre is off it, but that is no reason to be
         # calm. Orders may lift a tyre, too.
         off = levels.off_ground_share > MAX_OFF_GROUND
-        ratio[:-1][self._rolling & off & (speeds[0, _GROUND] > 0.0)] = math.inf
-        ratio[-1, off] = math.inf
+        if off.any():
+            ratio[:-1][self._rolling & off & (speeds[_GROUND] > 0.0)] = math.inf
+            ratio[-1, off] = math.inf
         # A load that the table could give is not calm because it is beyond the table's frequencies.
-        beyond = self._loaded & ~np.isnan(pairs.speed) & np.isnan(levels.velocities.T)
+        beyond = self._loaded & ~np.isnan(frequency) & np.isnan(levels.velocities.T)
         beyond &= self.levels is not None and self.levels.has_load_ratios
-        unknown = self._unknown_sources(predictions, speeds[0], ratio, beyond)
-        exceeds = ratio > self.limits.warning
+        known, exceeds = ~np.isnan(ratio), ratio > self.limits.warning
         exceeds[:-1] &= self._warns
-        known = ~np.isnan(ratio)
+        unknown = self._unknown_sources(predictions, speeds, known[:-1], beyond)
         # Without a source, the total is a part of it: it may exceed the limit, too.
         known[-1] &= (unknown == 0) | exceeds[-1]
         warns = timer.follow(exceeds, known, time, self.limits.dwell)
         # The ground is near no mode, so only a load ratio says something about it.
-        near = pairs.apart < np.where(beyond, self.limits.near, math.inf)
+        near = apart < np.where(beyond, self.limits.near, math.inf)
         assessable = np.where(self._rolling, known[:-1], near) | warns[:-1]
-        state, severity = states(ratio[:-1], pairs.apart, assessable, warns[:-1], self.limits)
+        state, severity = states(ratio[:-1], apart, assessable, warns[:-1], self.limits)
         highest = np.maximum.reduce(state)
         worst = np.where(state == highest, severity, -1.0).argmax(axis=0)
-        columns = self._columns(predictions, pairs, levels, worst, highest == UNKNOWN)
+        columns = self._columns(predictions, speeds, pairs, levels, worst, highest == UNKNOWN)
         of_total = np.where(warns[-1], WARNING, np.where(ratio[-1] > self.limits.note, NOTE, CLEAR))
         whole = np.where((highest > UNKNOWN) | warns[-1], np.maximum(highest, of_total), UNKNOWN)
         columns.state = np.where((whole == CLEAR) & (unknown != 0), UNKNOWN, whole)
@@ -273,91 +256,92 @@ class ResonanceRules:
         )
         columns.load_ratio_limit = np.full(len(time), self.limits.warning)
         columns.crank_velocity, columns.crank_velocity_error = crank
-        columns.crank_angle, columns.speeds = predictions.crank_angle, speeds[0].T
+        columns.crank_angle, columns.speeds = predictions.crank_angle, speeds.T
         return columns
 
     def _unknown_sources(
-        self, predictions: MessageColumns, speeds: FloatArray, ratio: FloatArray, beyond: BoolArray
+        self, predictions: MessageColumns, speeds: FloatArray, known: BoolArray, beyond: BoolArray
     ) -> NDArray[np.uint8]:
         """Return the bits of ``LoadState`` that say what is not known, (n,).
 
-        The speeds are (n_sources, n), the load ratios (n_excitations + 1, n), and what is beyond
-        the frequencies of the table (n_excitations, n).
+        The speeds are (n_sources, n), and of excitations, (n_excitations, n), whether the load
+        ratio is known, and whether the frequency is beyond those of the table.
         """
         nowhere = np.isnan(predictions.natural_frequencies).all(axis=1)
         # A tractor that stands is not shaken by the ground, whatever is known of that.
-        unlevel = (self._rolling & np.isnan(ratio[:-1])).any(axis=0) & (speeds[_GROUND] > 0.0)
+        unlevel = (self._rolling > known).any(axis=0) & (speeds[_GROUND] > 0.0)
         bits = self.unknown_speeds(speeds) + Unknown.CRANK_ANGLE * nowhere
-        silent = (
-            self._orders @ beyond == self._orders.sum(axis=1, keepdims=True)
-        ) & self._has_orders
-        bits += Unknown.ORDER_LEVEL * (silent.any(axis=0) & ~nowhere)
+        if beyond.any():
+            silent = self._orders @ beyond == self._orders.sum(axis=1, keepdims=True)
+            bits += Unknown.ORDER_LEVEL * (silent.any(axis=0) & ~nowhere)
         return np.asarray(bits + Unknown.GROUND_LEVEL * (unlevel & ~nowhere), np.uint8)
 
-    def _pairs(self, predictions: MessageColumns, crank: FloatArray, speeds: FloatArray) -> _Pairs:
-        """Return each excitation with its nearest mode."""
-        naturals = predictions.natural_frequencies
-        of_each = speeds.take(self.sources, axis=1)
-        frequency, rate, error = self._ratios * of_each
+    def _pairs(
+        self, predictions: MessageColumns, speeds: FloatArray
+    ) -> tuple[FloatArray, Integers, FloatArray]:
+        """Return frequencies, Hz, nearest modes and relative distances, (n_excitations, n) each."""
+        frequency = self._ratios * speeds.take(self.sources, axis=0)
         # A mode without a natural frequency is infinitely far away.
-        apart = np.fmin(np.abs(frequency / naturals.T[:, np.newaxis] - 1.0), math.inf)
+        naturals = predictions.natural_frequencies.T[:, np.newaxis]
+        apart = np.fmin(np.abs(frequency / naturals - 1.0), math.inf)
         if self._unexcited is not None:
             apart[self._unexcited] = math.inf
-        mode = apart.argmin(axis=0)
-        at = mode + np.arange(len(naturals)) * naturals.shape[1]
-        natural, zeta = naturals.take(at), predictions.damping_ratios.take(at)
-        slope = predictions.frequency_slopes.take(at)
-        if self.levels is not None and self.levels.states_uncertainty:
-            stddevs = frequency * self._stddevs, predictions.frequency_stddevs.take(at)
-            probability = half_power_probability(frequency, stddevs[0], natural, stddevs[1], zeta)
-        else:
-            probability = np.full(frequency.shape, math.nan)
-        return _Pairs(
-            speed=of_each[0],
-            frequency=frequency,
-            mode=mode,
-            natural=natural,
-            width=zeta * natural,
-            apart=np.minimum.reduce(apart),
-            rate=rate - slope * crank[0],
-            error=error + np.abs(slope) * crank[1],
-            probability=probability,
-        )
+        return frequency, apart.argmin(axis=0), np.minimum.reduce(apart)
 
     def _columns(
         self,
         predictions: MessageColumns,
-        pairs: _Pairs,
+        speeds: FloatArray,
+        pairs: tuple[FloatArray, Integers, FloatArray],
         levels: MessageColumns,
         worst: Integers,
         stale: BoolArray,
     ) -> MessageColumns:
         """Return the columns that are about the most severe excitation, and all levels."""
-        at = worst * len(worst) + np.arange(len(worst))
-        numbers = pairs.frequency, pairs.speed, pairs.natural, pairs.probability
-        chosen = np.array([*numbers, pairs.rate, pairs.error]).reshape(6, -1).take(at, axis=1)
-        chosen[:, stale] = math.nan
-        chosen[2, np.isnan(chosen[0])] = math.nan  # The ground has no nearest mode.
-        frequency, speed, natural, probability, rate, error = chosen
-        source = self.sources.take(worst)
-        load_ratio = np.where(stale, math.nan, levels.load_ratios.T.take(at))
+        rows, source = np.arange(len(worst)), self.sources.take(worst)
+        speed, frequency = speeds[source, rows], pairs[0][worst, rows]
+        speed[stale] = frequency[stale] = math.nan
+        mode = np.where(np.isnan(frequency), -1, pairs[1][worst, rows])  # The ground has none.
+        names = "natural_frequencies", "frequency_slopes", "damping_ratios", "frequency_stddevs"
+        natural, slope, zeta, stddev = np.where(
+            mode < 0, math.nan, [getattr(predictions, name)[rows, mode] for name in names]
+        )
+        probability = np.full(len(rows), math.nan)
+        if self.levels is not None and self.levels.states_uncertainty:
+            stddevs = frequency * self._stddevs.take(worst), stddev
+            of_all = half_power_probability(frequency, stddevs[0], natural, stddevs[1], zeta)
+            probability[~stale] = of_all[~stale]
+        load_ratio = np.where(stale, math.nan, levels.load_ratios[rows, worst])
         return MessageColumns(
             excitation=self._names.take(np.where(stale, len(self._names) - 1, worst)),
             excitation_frequency=frequency,
             excitation_speed=speed * _SI.take(source),
             excitation_index=np.where(stale, -1, worst),
             speed_source=np.where(stale, 0, source + 1),
-            mode=np.where(np.isnan(natural), -1, pairs.mode.take(at)),
+            mode=np.where(np.isnan(natural), -1, mode),
             natural_frequency=natural,
             table_id=predictions.table_id,
             probability=probability,
-            load_place=self._place_names(levels.load_places.T.take(at), load_ratio),
+            load_place=self._place_names(levels.load_places[rows, worst], load_ratio),
             total_load_place=self._place_names(levels.total_load_places, levels.total_load_ratio),
-            approach_rate=np.where(frequency > natural, -rate, rate),
-            approach_rate_error=error,
-            timed_by_receipt=np.zeros(len(at), np.uint8),
+            frequency_slope=slope,
+            timed_by_receipt=np.zeros(len(rows), np.uint8),
             **vars(levels),
         )
+
+    def set_rates(self, columns: MessageColumns) -> None:
+        """Set how fast excitations approach modes, from the rates of speeds and crank."""
+        worst, slope = columns.excitation_index, columns.frequency_slope
+        sources = self.sources.take(worst).tolist()
+        rates = [every[source]() for every, source in zip(columns.rates, sources, strict=True)]
+        rate, error = self._ratios[:, 0].take(worst) * np.array(rates).reshape(-1, 2).T
+        rate -= slope * columns.crank_velocity
+        nears = columns.excitation_frequency > columns.natural_frequency
+        error += np.abs(slope) * columns.crank_velocity_error
+        both = np.array([np.where(nears, -rate, rate), error])
+        both[np.isnan(both)] = math.nan  # of one sign, so that equal rates are equal bytes
+        columns.approach_rate, columns.approach_rate_error = both
+        del columns.frequency_slope, columns.rates
 
     def _place_names(self, places: Integers, ratio: FloatArray) -> NDArray[np.str_]:
         """Return the names of pins and cylinders, (n,); empty where the load ratio is not known."""
@@ -466,25 +450,25 @@ class ResonanceMonitor:
         """
         self.any_speed_reported = True
         value = float(value)
-        rate, error = self._filters[source].add(time, value)
+        rate = self._filters[source].add(time, value)
         lost = self._agreements[source].loses(time, value)
         if source is Source.GROUND and value < 0.0:
-            value, rate = -value, -rate
+            value, rate = -value, partial(_reversed, rate)
         if lost or not 0.0 <= value < math.inf:
             value = math.nan
-        self._speeds[source] = (value, rate, error), time, False
+        self._speeds[source] = (value, rate), time, False
 
     def set_fixed(self, source: Source, value: float | None) -> None:
         """Fix a speed (rpm or m/s); with None, a fixed speed becomes unknown."""
         if value is not None:
             self.any_speed_reported = True
-            self._speeds[source] = (value, 0.0, 0.0), 0, True
+            self._speeds[source] = (value, partial(Rate, 0.0, 0.0)), 0, True
         elif self._speeds[source][2]:
             self._speeds[source] = _NO_SPEED, 0, False
 
     def unknown_speeds(self, time: int) -> int:
         """Return the bits of ``LoadState`` of the used speeds that are not known at a time, ns."""
-        speeds = _by_source([self._speeds_at(time)])[0]
+        speeds, _ = _by_source([self._speeds_at(time)])
         return int(self.rules.unknown_speeds(speeds)[0])
 
     def _speeds_at(self, time: int) -> list[_Speed]:
@@ -525,7 +509,7 @@ class ResonanceMonitor:
             rows_of(predictions),
             np.array(velocities).T,
             np.array(times),
-            _by_source(speeds),
+            speeds,
             window_headers(headers),
         )
 
@@ -554,14 +538,14 @@ class ResonanceMonitor:
         if headers is None:
             headers = MessageColumns(step=np.full(len(time), WindowStep.CLOSES))
         crank = np.array([velocity, velocity_error])
-        return self._answer(predictions, crank, time, _by_source(reported), headers)
+        return self._answer(predictions, crank, time, reported, headers)
 
     def _answer(
         self,
         predictions: MessageColumns,
         crank: FloatArray,
         time: Integers,
-        speeds: FloatArray,
+        speeds: Sequence[Sequence[_Speed]],
         headers: MessageColumns,
     ) -> MessageColumns:
         """Return the messages of the windows that end with n readings.
@@ -569,14 +553,14 @@ class ResonanceMonitor:
         Beside the columns of the rules they have those of headers, and as ``ends_at`` the index of
         the reading, of these n, with which they are published.
         """
-        parts, before = [], 0
+        parts, before, (known, rates) = [], 0, _by_source(speeds)
         with np.errstate(all="ignore"):  # speeds and angles may be any 64 bits
             for start in range(0, max(len(time), 1), _CHUNK):
                 few = slice(start, start + _CHUNK)
-                numbers = crank[:, few], time[few], speeds[..., few]
+                numbers = crank[:, few], time[few], known[:, few]
                 parts.append(self.rules.assess(predictions.rows(few), *numbers, self._timer))
             columns = joined(parts)
-            vars(columns).update(vars(headers), time=time)
+            vars(columns).update(vars(headers), time=time, rates=rates)
             if self._open is not None:
                 before, columns = len(self._open), joined([self._open, columns])
             rows, ends, done = _published(columns)
@@ -591,6 +575,7 @@ class ResonanceMonitor:
         n, levels = len(columns), self.rules.levels
         columns.count = (self.count + 1 + np.arange(n)).astype(np.uint32)
         self.count += n
+        self.rules.set_rates(columns)
         columns.unknown_factors = levels.unknown_factors if levels else ""
         if levels is not None and levels.n_members and n:
             self._set_factors(levels, columns)

@@ -103,11 +103,14 @@ class WarningTimer:
         ``known``, (n_limits, n), says where it is known whether the limit is exceeded.
         """
         warns, least = np.zeros(exceeds.shape, np.bool_), round(1e9 * dwell)
-        rows = zip(time.tolist(), exceeds.T.tolist(), known.T.tolist(), strict=True)
-        for row, (now, exceeded, here) in enumerate(rows):
+        above = np.logical_or.reduce(exceeds & known)
+        lists = (each.tolist() for each in (time, exceeds.T, known.T, above))
+        for row, (now, exceeded, here, over) in enumerate(zip(*lists, strict=True)):
             jumps = now <= self._last - 1e9 * BACK
             # Of two publishers whose times differ, the later one's counts.
             latest = self._last = now if jumps else max(now, self._last)
+            if not (over or any(self._warns) or min(self._since) < _NEVER):
+                continue  # No warning lasts or may begin.
             for i, exceeds_now in enumerate(exceeded):
                 if jumps or now - self._known[i] > 1e9 * GAP:
                     self._warns[i], self._since[i], self._known[i] = False, _NEVER, latest

@@ -50,7 +50,7 @@ from linkage_vibration.prediction.inputs.sources import (
 from linkage_vibration.prediction.inputs.topics import INPUT_DEPTH
 from linkage_vibration.prediction.inputs.units import ANGLES, Reading
 from linkage_vibration.prediction.levels import LevelTable
-from linkage_vibration.prediction.motion import Rate, crank_filter, crank_resolution
+from linkage_vibration.prediction.motion import UNKNOWN, Rate, crank_filter, crank_resolution
 from linkage_vibration.prediction.periods import Periods, Stamps, WindowStep
 from linkage_vibration.prediction.predictor import Prediction, Predictor, Status, fault
 from linkage_vibration.prediction.resonance import Header, ResonanceMonitor
@@ -572,4 +572,5 @@ class LivePipeline:
         if reading.velocity == reading.velocity:  # it is not NaN
             return Rate(reading.velocity, 0.0)
         resolution = crank_resolution(reading.stddev, self._angle_stddev)
-        return self._motion.add(stamp, reading.crank_angle, resolution, needed)
+        estimate = self._motion.add(stamp, reading.crank_angle, resolution)
+        return estimate() if needed else UNKNOWN

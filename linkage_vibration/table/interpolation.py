@@ -66,7 +66,7 @@ def stroke_variable(alpha3: FloatArray, toggles: tuple[float, float] | None) -> 
     if toggles is None:
         return alpha3
     middle, half = (toggles[0] + toggles[1]) / 2.0, (toggles[1] - toggles[0]) / 2.0
-    return np.asarray(np.arccos(np.clip((middle - alpha3) / half, -1.0, 1.0)))
+    return np.asarray(np.arccos(np.minimum(np.maximum((middle - alpha3) / half, -1.0), 1.0)))
 
 
 def stroke_angle(variable: FloatArray, toggles: tuple[float, float] | None) -> FloatArray:
@@ -83,6 +83,9 @@ def angles_in_table(alpha3: FloatArray, alpha3_range: tuple[float, float]) -> Fl
     Whole turns are removed if the crank turns all the way; otherwise one, for a sensor that wraps.
     """
     low, high = alpha3_range
+    inside = (low <= alpha3) & (alpha3 <= high)
+    if inside.all():
+        return alpha3
     with np.errstate(invalid="ignore"):  # an infinite angle
         turned = low + (alpha3 - low) % _TURN
     if covers_a_turn(alpha3_range):
@@ -90,7 +93,6 @@ def angles_in_table(alpha3: FloatArray, alpha3_range: tuple[float, float]) -> Fl
     else:
         # More than one turn would let angles in degrees pass for radians.
         near = (np.abs(alpha3 - turned) < 1.5 * _TURN) & (turned <= high)
-    inside = (low <= alpha3) & (alpha3 <= high)
     return np.where(inside, alpha3, np.where(near, turned, math.nan))
 
 

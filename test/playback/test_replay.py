@@ -224,7 +224,7 @@ def test_motion_that_is_estimated(tmp_path: Path) -> None:
         reading = scale.reading(message.data)
         prediction = predictor.predict(reading.crank_angle, reading.stddev)
         resolution = crank_resolution(reading.stddev, 1e-3)
-        velocity, error = crank.add(time, reading.crank_angle, resolution)
+        velocity, error = crank.add(time, reading.crank_angle, resolution)()
         if time // 20_000_000 == period:  # ns, of 50 Hz
             continue
         period = time // 20_000_000
