@@ -72,7 +72,7 @@ def test_a_field_of_a_message_takes_two_lines(tmp_path: Path) -> None:
     definition = tmp_path / "linkage_vibration_interfaces" / "msg" / "Resonance.msg"
     definition.write_text(definition.read_text() + message)
     formula = tmp_path / "linkage_vibration" / "prediction" / "resonance.py"
-    before = "            approach_rate_error=error,\n"
+    before = "            frequency_slope=slope,\n"
     assert before in formula.read_text()
     formula.write_text(formula.read_text().replace(before, before + code))
     outputs = [str(tmp_path / "log.mcap"), str(tmp_path / "log.csv")]

@@ -646,8 +646,8 @@ def test_memory_does_not_grow_with_the_bag(tmp_path: Path) -> None:
 
 def test_parameters_are_checked_as_by_the_node(tmp_path: Path) -> None:
     """Parameters that a program makes are those of a file, so no invalid one gives numbers."""
-    with pytest.raises(ParameterError, match="sign must be 1 or -1, not 5"):
-        replay(tmp_path / "drive.mcap", tmp_path / "log.mcap", Parameters(sign=5))
+    with pytest.raises(ParameterError, match="hitch_sign must be 1 or -1, not 5"):
+        replay(tmp_path / "drive.mcap", tmp_path / "log.mcap", Parameters(hitch_sign=5))
 
 
 def test_one_bag_needs_no_list(tmp_path: Path) -> None:

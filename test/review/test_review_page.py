@@ -89,7 +89,7 @@ def test_page_shows_the_drive(page: Any, log: Log) -> None:
     assert rows == ["chart-load", "chart-modes", "chart-angle"]
     values = page.evaluate("document.querySelectorAll('#table-moments tbody tr').length")
     assert log.drive is not None
-    assert values == len(episodes(log.drive)) > 4
+    assert values == len(episodes(log.drive)) > 3
     assert log.table_id in page.text("#provenance")
 
 
@@ -244,17 +244,17 @@ def test_moments_are_shown_on_demand(page: Any, log: Log) -> None:
     messages = [each.worst for each in warnings]
     actual = drive.predictions[messages].tolist()
     page.evaluate("document.querySelector('#table-moments').open = true")
-    page.click(page.place("#table-moments tbody tr:nth-child(4)"))
-    assert page.evaluate("review.cursor") == actual[3]
-    assert page.evaluate("review.mode") == drive.resonances.mode[messages[3]]
+    page.click(page.place("#table-moments tbody tr:nth-child(3)"))
+    assert page.evaluate("review.cursor") == actual[2]
+    assert page.evaluate("review.mode") == drive.resonances.mode[messages[2]]
     low, high = view(page)
-    assert low <= log.times[actual[3]] <= high
-    assert high - low <= max(4.0 * warnings[3].duration, 2.0) + 0.01
+    assert low <= log.times[actual[2]] <= high
+    assert high - low <= max(4.0 * warnings[2].duration, 2.0) + 0.01
     page.key("n", "n")
-    assert page.evaluate("review.cursor") == actual[4]
-    page.key("p", "p")
     assert page.evaluate("review.cursor") == actual[3]
-    assert page.text("#read-excitation") == drive.resonances.excitation[messages[3]]
+    page.key("p", "p")
+    assert page.evaluate("review.cursor") == actual[2]
+    assert page.text("#read-excitation") == drive.resonances.excitation[messages[2]]
 
 
 def test_keys(page: Any, log: Log) -> None:

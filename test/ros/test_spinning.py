@@ -65,6 +65,8 @@ def test_answers_during_a_goal(start: Callable[..., Any], meet: Callable[..., Pe
     peer.node.create_subscription(DiagnosticArray, "/diagnostics", on_diagnostics, 10)
     client: Any = ActionClient(peer.node, SetImplement, "building/set_implement")
     peer.spin(client.server_is_ready, "the action")
+    peer.spin(lambda: len(diagnostics) >= 2, "diagnostics")
+    before = len(diagnostics)
     goal, accepted = timed(
         peer, client.send_goal_async(HEAVY, lambda _: feedback.append(time.monotonic()))
     )
@@ -75,7 +77,7 @@ def test_answers_during_a_goal(start: Callable[..., Any], meet: Callable[..., Pe
     other, _ = timed(peer, client.send_goal_async(HEAVY))
     refused, seconds["second goal"] = timed(peer, other.get_result_async())
     assert "is being built" in refused.result.message
-    peer.spin(lambda: len(diagnostics) >= 3, "diagnostics")
+    peer.spin(lambda: len(diagnostics) > before, "diagnostics")
     cancelled, seconds["cancel"] = timed(peer, goal.cancel_goal_async())
     # This ends once the building process has seen it, between two solutions of the model.
     ended = timed(peer, goal.get_result_async())[0]

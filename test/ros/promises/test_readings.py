@@ -226,16 +226,17 @@ def test_inputs(node: Promised) -> None:
 def test_outputs(node: Promised) -> None:
     """Outputs have the types and the QoS of the table of topics."""
     names = node.peer.node.get_topic_names_and_types()
-    rows = re.findall(r"^\| `(~?/\w+)` \| `([\w/]+)` \| reliable, (.*?) \|", PAGE, re.MULTILINE)
+    rows = re.findall(r"^\| `(~?/\w+)` \| `(\w+|\w+/msg/\w+)` \|", PAGE, re.MULTILINE)
     assert len(rows) == 8
-    for name, kind, qos in rows:
-        topic = name.replace("~", f"/{node.name}")
-        assert (topic, [kind]) in names
+    [latched_ones] = re.findall(r"10\); (.*) are transient local", PAGE)
+    for name, kind in rows:
+        topic, package = name.replace("~", f"/{node.name}"), "linkage_vibration_interfaces/msg/"
+        assert (topic, [kind if "/" in kind else package + kind]) in names
         infos = node.peer.node.get_publishers_info_by_topic(topic)
         [own] = [each for each in infos if each.node_name == node.name]
         assert own.qos_profile.reliability is ReliabilityPolicy.RELIABLE
         latched = own.qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL
-        assert latched == (qos == "transient local")
+        assert latched == (f"`{name}`" in latched_ones)
 
 
 @promise("node.md#topics")
