@@ -143,7 +143,8 @@ def model_squares(
                 size = size * (speed / load.speed) ** load.exponent
                 size = np.where(each.ratio * speed <= scene.band, size, math.nan)
                 at = [inputs.index(place) for place in unit.places]
-                sizes = np.abs((frf.frf(lines)[:, :, at] * force).sum(axis=2).T * size) ** 2
+                responses = frf.frf(np.nan_to_num(lines))[:, :, at]  # the size is NaN then
+                sizes = np.abs((responses * force).sum(axis=2).T * size) ** 2
                 sizes[0] *= np.abs(s) ** 2
             squares[0, i, columns] = sizes[0]
             squares[1:, i, columns] = np.add.reduceat(sizes[1:], first) / references**2
