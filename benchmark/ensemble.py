@@ -117,15 +117,18 @@ def model_squares(
     loads = [load_input(each.load, each.name, built, model.mechanism) for each in scene.excitations]
     mounts = vertical_mounts(model.mechanism)
     inputs = list(dict.fromkeys(place for load in loads for place in load.places))
-    outputs = [(response.point, response.direction), *model.forces.places]
-    names = [name for name, _ in model.forces.places]
+    # Tyres, which are behind pins and cylinders, have a limit of their own, and no load ratio.
+    axles = {f"base:{mount.name}" for mount in mounts}
+    forces = [place for place in model.forces.places if place[0] not in axles]
+    outputs = [(response.point, response.direction), *forces]
+    names = [name for name, _ in forces]
     first = [names.index(name) for name in dict.fromkeys(names)]
     squares = np.full((1 + len(first), m, len(scene.alpha3)), math.nan)
     for angle in np.unique(scene.alpha3).tolist():
         columns = np.flatnonzero(scene.alpha3 == angle)
         solution = model.solve(angle)
         frf = solution.frf(outputs, inputs)
-        references = model.reference_forces(angle)[:, np.newaxis]
+        references = model.reference_forces(angle)[: len(first), np.newaxis]
         for i, (each, unit) in enumerate(zip(scene.excitations, loads, strict=True)):
             speed = scene.speeds[list(Source).index(each.source), columns]
             if each.terrain is not None:
