@@ -118,8 +118,7 @@ def model_squares(
     mounts = vertical_mounts(model.mechanism)
     inputs = list(dict.fromkeys(place for load in loads for place in load.places))
     # Tyres, which are behind pins and cylinders, have a limit of their own, and no load ratio.
-    axles = {f"base:{mount.name}" for mount in mounts}
-    forces = [place for place in model.forces.places if place[0] not in axles]
+    forces = [place for place in model.forces.places if place[0] in built.load_places]
     outputs = [(response.point, response.direction), *forces]
     names = [name for name, _ in forces]
     first = [names.index(name) for name in dict.fromkeys(names)]

@@ -41,7 +41,7 @@ _SINGULAR = 1e-9  # The correlations contradict one another below this eigenvalu
 def across(uncertainty: Uncertainty) -> BoolArray:
     """Return on which numbers no mode of the vertical half depends, (n,).
 
-    Distances from the middle are none of them, as they change the lengths of links.
+    Distances from the middle do not count, as they change the lengths of links.
     """
     paths = [split_paths(number.path) for number in uncertainty.numbers]
     return np.array([all(map(_is_across, each)) for each in paths], dtype=bool)
@@ -55,8 +55,8 @@ def _is_across(path: str) -> bool:
 def draw_of(uncertainty: Uncertainty) -> IntArray:
     """Return which independent draw each number follows, (n,), from 0.
 
-    More numbers than the least rows of a `rotation` need more members. So those that act across
-    the plane follow the draws of those of the vertical half that are known best, and hardly act.
+    More numbers than rows of a `rotation` need more members. So numbers that act across the plane
+    follow draws of the best known numbers of the vertical half, which hardly change a mode.
     """
     numbers, n = uncertainty.numbers, len(uncertainty.numbers)
     alone = np.count_nonzero(np.array(uncertainty.correlation).reshape(n, n), axis=1) == 1

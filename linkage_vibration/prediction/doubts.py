@@ -90,7 +90,7 @@ def excitation_doubts(excitations: Sequence[Excitation], levels: "LevelTable") -
         yield f"{name} {text} 1.4 times too high; give each axle of the base its `track`, in m."
     for low, high in np.degrees(levels.gaps).tolist():
         text = "where they change too fast to be tabulated, as they do if two modes coincide"
-        hint = "a mass or a length that differs by a percent separates them"
+        hint = "leave these angles out of input.range_deg if the crank does not need them"
         yield f"Levels are not known at alpha3 = {low:.6g} to {high:.6g} deg, {text}; {hint}."
     loads = [bool(each.load or each.terrain) for each in excitations]
     yield from _slack_chains(levels)

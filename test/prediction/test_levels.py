@@ -163,6 +163,10 @@ def test_modes_that_nearly_coincide(divided: bool, monkeypatch: pytest.MonkeyPat
         rpm = np.array([[math.nan] * 3, [540.0] * 3, [math.nan] * 3])
         known = np.isfinite(levels.at(at, rpm).total_velocity)
         assert known.tolist() == [True, False, high < table.alpha3_range[1] - 1e-6]
+        # The remedy of the doubt: a stroke that ends before these angles.
+        ends = (table.alpha3_range[0], low - 1e-6)
+        shorter = build_table(LinkageModel(replace(mechanism, stroke=ends)))
+        assert LevelTable(Predictor(shorter), mechanism, orders).gaps == []
 
 
 def test_places_that_are_divided_are_few(monkeypatch: pytest.MonkeyPatch) -> None:
