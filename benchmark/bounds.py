@@ -23,11 +23,10 @@ from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 from linkage_vibration.mechanics.description import Spring
 from linkage_vibration.mechanics.model import LinkageModel, Solution
 from linkage_vibration.mechanics.modes import oscillating_indices
-from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import Table
 from linkage_vibration.table.tabulation import build_table
 from linkage_vibration.table.tabulation.frf_errors import frf_lines, worst_shares
+from test.support.in_plane import IN_PLANE, plane_mechanism
 
 PICTURE = Path(__file__).parents[1] / "docs" / "pictures" / "bounds.png"
 QUANTITIES = (
@@ -66,7 +65,7 @@ class Case:
     @property
     def model(self) -> LinkageModel:
         """The linkage, ready to be solved."""
-        mechanism = read_mechanism(config_file(f"{self.linkage}.yaml"))
+        mechanism = plane_mechanism(f"{self.linkage}.yaml")
         links, springs = list(mechanism.links), list(mechanism.springs)
         if self.damper:
             bodies = [mechanism.owners(point) for point in self.damper]
@@ -347,6 +346,7 @@ def main() -> None:
             "reported, for the worst quantity. Solutions that are not points of the table measure "
             "its errors, or tell modes apart. Dampers are springs with a stiffness of "
             f"{_ALONE:.0e} N/m or N m/rad. The picture is `docs/pictures/bounds.png`.",
+            IN_PLANE,
             table(columns, [each.row for each in result]),
             *(["These are refused:", "\n".join(refusals)] if refusals else []),
         ],

@@ -15,9 +15,7 @@ from benchmark.report import RESULTS, machine, publish, table
 from linkage_vibration.drawing.palette import COLOURS, GREY, PEAK
 from linkage_vibration.mechanics.description import GROUND, Mechanism
 from linkage_vibration.mechanics.model import LinkageModel, Solution
-from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.support.resources import config_file
-from linkage_vibration.table.table import load_table
+from test.support.in_plane import IN_PLANE, plane_mechanism, plane_table
 
 FloatArray = NDArray[np.float64]
 
@@ -96,7 +94,7 @@ def numerical(exact: FloatArray, model: LinkageModel) -> list[Entry]:
         The result over the stroke, and the model that it comes from.
     """
     own = model.mechanism
-    built = load_table(config_file(f"tables/{NAME}.npz"), own)
+    built = plane_table()
     bound = [float(built.interpolation_error.max())] * N_HITCH
     whole = LinkageModel(own, reduced=False, kinematics=model.kinematics)
     fine = LinkageModel(meshed(own, FINER), kinematics=model.kinematics)
@@ -222,7 +220,7 @@ def percent(change: float) -> str:
 
 def main() -> None:
     """Compare, and write the table and the picture."""
-    model = LinkageModel(read_mechanism(config_file(f"{NAME}.yaml")))
+    model = LinkageModel(plane_mechanism())
     exact = over_the_stroke(model)
     parts: list[Callable[[], list[Entry]]] = [
         lambda: numerical(exact, model),
@@ -243,6 +241,7 @@ def main() -> None:
             "modes. The dampings "
             "and other numbers are as uncertain as the description says. The row of beams comes "
             "from `benchmark/results/solid_fe.md`, which has no peaks.",
+            IN_PLANE,
             table(["cause", "compared", *QUANTITIES], rows),
             "Nothing here was compared with a measured hitch. `docs/limits.md` lists what no row "
             "contains.",

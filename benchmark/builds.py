@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compares builds with those of another checkout: ``python -m benchmark.builds --against PATH``.
 
-Each checkout builds the tables of its own descriptions of the paper's linkage and of the tractor.
-The tractor in space is built here alone, with and without its lateral half. All are built in turn,
-each in a new process with one thread of BLAS. Differences of the tables are printed.
+Each checkout builds the tables of the paper's linkage and of the tractor without `lateral`. That of
+both halves of the tractor is built here alone. All are built in turn, each in a new process with
+one thread of BLAS. Differences of the tables are printed.
 """
 
 import argparse
@@ -19,12 +19,14 @@ import yaml
 
 from benchmark.report import machine, publish, table
 from linkage_vibration.mechanics.arrays import ComplexArray
+from linkage_vibration.support.resources import DEFAULT_MECHANISM, config_file
 from linkage_vibration.table.table import Table, TableError, load_table
+from test.support.in_plane import in_plane
 
 HERE = Path(__file__).parent.parent
-GOALS = {"three_point_linkage": 1.0, "three_point_linkage_on_tractor": 0.5}
-SPACE = "three_point_linkage_in_space"
-SPACE_GOAL = 1.8
+TRACTOR = "three_point_linkage_on_tractor"
+GOALS = {"three_point_linkage": 1.0, TRACTOR: 0.5}
+BOTH, BOTH_GOAL = "both halves", 1.8
 BUILD = """
 import sys, time
 import linkage_vibration as lv
@@ -48,19 +50,22 @@ def main() -> None:
     other = subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
+        for each in GOALS:
+            mapping = in_plane(yaml.safe_load(config_file(f"{each}.yaml").read_text()))
+            (folder / f"{each}.yaml").write_text(yaml.safe_dump(mapping, sort_keys=False))
         tasks = {
-            (each, where): (where, where / "config" / f"{each}.yaml")
+            (each, where): (where, folder / f"{each}.yaml")
             for each in GOALS
             for where in (HERE, there)
         }
-        tasks[SPACE, HERE] = HERE, HERE / "config" / f"{SPACE}.yaml"
-        tasks["vertical", HERE] = HERE, _vertical(folder)
+        tasks[BOTH, HERE] = HERE, config_file(DEFAULT_MECHANISM)
         files = {key: folder / f"{i}.npz" for i, key in enumerate(tasks)}
         seconds = {key: list[float]() for key in tasks}
         for _ in range(options.rounds):
             for key, task in tasks.items():
                 seconds[key].append(_built(*task, files[key]))
-        sizes = [files[key].stat().st_size / 1e6 for key in ((SPACE, HERE), ("vertical", HERE))]
+        keys = (BOTH, HERE), (TRACTOR, HERE)
+        sizes = [[files[key].stat().st_size / 1e6] for key in keys]
         for each in GOALS:
             print(each)
             try:
@@ -71,34 +76,22 @@ def main() -> None:
         _row(f"{each}.yaml, s", f"commit {other}", seconds[each, HERE], seconds[each, there], goal)
         for each, goal in GOALS.items()
     ]
-    pair = seconds[SPACE, HERE], seconds["vertical", HERE]
-    rows += [_row(f"{SPACE}.yaml, s", "without `lateral`", *pair, SPACE_GOAL)]
-    both, alone = sizes
-    rows += [_row(f"{SPACE}.yaml, MB", "without `lateral`", [both], [alone], SPACE_GOAL)]
+    times = [seconds[key] for key in keys]
+    for unit, (both, alone) in (("s", times), ("MB", sizes)):
+        rows += [_row(f"{BOTH}, {unit}", "without `lateral`", both, alone, BOTH_GOAL)]
     publish(
         "builds",
         "What a table costs to build",
         [
-            "This page compares the processor times of builds with those of an older version, and "
-            "time and size of a table of both halves with those of the vertical half alone, which "
-            f"has fewer uncertain numbers and so fewer members. They are medians of "
-            f"{options.rounds} turns, with the least and the largest. A goal is the largest ratio "
-            "that was asked for.",
+            "This page compares the processor times of builds, without `lateral`, with those of an "
+            "older version, and time and size of the tractor's table of both halves with those of "
+            "the vertical half alone, which has fewer uncertain numbers and so fewer members. They "
+            f"are medians of {options.rounds} turns, with the least and the largest. A goal is the "
+            "largest ratio that was asked for.",
             table(["table", "compared with", "it", "the other", "ratio", "goal"], rows),
         ],
         machine(),
     )
-
-
-def _vertical(folder: Path) -> Path:
-    """Write the description of the tractor in space without its lateral half."""
-    mapping = yaml.safe_load((HERE / "config" / f"{SPACE}.yaml").read_text())
-    del mapping["lateral"]
-    for kind in ("relative", "absolute"):
-        for path in [p for p in mapping["uncertainty"][kind] if p.startswith("lateral.")]:
-            del mapping["uncertainty"][kind][path]
-    (folder / "vertical.yaml").write_text(yaml.safe_dump(mapping, sort_keys=False))
-    return folder / "vertical.yaml"
 
 
 def _row(name: str, against: str, ours: list[float], others: list[float], goal: float) -> list[str]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from benchmark.report import machine, publish, table
 from benchmark.uncertainty import LIMIT, SAMPLES, described, sampled, scatter
+from test.support.in_plane import IN_PLANE
 
 NAMES = "starters/category_1.yaml", "starters/category_2.yaml"
 SEEDS = range(10, 14)  # other draws than those of that page
@@ -52,6 +53,7 @@ def main() -> None:
             f"as [one set](uncertainty.md) is for all descriptions, of the two that differ from it "
             f"by more than {100.0 * LIMIT:.0f} %. Models that do not close at each angle are left "
             f"out. Behind ± is the standard error of the deviation of all {count} models.",
+            IN_PLANE,
             f"The largest difference from all models is {100.0 * largest:.1f} %, {within} "
             f"{100.0 * LIMIT:.0f} %.",
             table(

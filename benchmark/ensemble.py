@@ -34,6 +34,7 @@ from linkage_vibration.readers.mechanism import load_yaml, mechanism_of
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import Table, table_bytes
 from linkage_vibration.table.tabulation import build_table
+from test.support.in_plane import IN_PLANE
 from test.support.level_factors import level_factors
 
 FloatArray = NDArray[np.float64]
@@ -394,6 +395,7 @@ def main() -> None:
             "`warning_probability` with the share of the models at limits that 10, 30, 50, 70 and "
             "90 % of them exceed: root mean square of the difference, and the largest. The "
             "excitations are in `config/excitations.yaml`, or others in `benchmark/ensemble.py`.",
+            IN_PLANE,
             table(
                 [
                     "description",

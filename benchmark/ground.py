@@ -32,13 +32,11 @@ from linkage_vibration.prediction.ground import (
     mean_squares,
     vertical_mounts,
 )
-from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.support.resources import config_file
-from linkage_vibration.table.table import Table, load_table
+from linkage_vibration.table.table import Table
+from test.support.in_plane import IN_PLANE, plane_mechanism, plane_table
 
 FloatArray = NDArray[np.float64]
 
-TRACTOR = "three_point_linkage_on_tractor"
 CLASS_C = Terrain(256e-6, track=0.0)  # as the profiles here, which pass under both wheels
 KMH = 1.0 / 3.6  # m/s
 STEP, WARM_UP = 2e-3, 20.0  # s
@@ -185,9 +183,7 @@ def in_modes(
 
 
 def _shipped() -> tuple[Mechanism, Table]:
-    return read_mechanism(config_file(f"{TRACTOR}.yaml")), load_table(
-        config_file(f"tables/{TRACTOR}.npz")
-    )
+    return plane_mechanism(), plane_table()
 
 
 class TyresInExudyn(ExudynModel):
@@ -394,6 +390,7 @@ def main() -> None:
         "This page compares levels of the shipped tractor by the ground (ISO 8608, class C, from "
         "0.3 to 20 Hz) with sums over many lines, with simulations in time, with Exudyn, and with "
         "the unreduced model.",
+        IN_PLANE,
         f"Relative errors against {REFERENCE_LINES} lines, the largest at 10 angles and 10 speeds "
         "from 5 to 50 km/h. The lookup also interpolates over the angle and the speed.",
         table(

@@ -25,6 +25,7 @@ from linkage_vibration.readers.mechanism import load_yaml
 from linkage_vibration.studies.measurement import doubt_folds
 from linkage_vibration.studies.ringdown import measure_modes
 from linkage_vibration.support.resources import config_file
+from test.support.in_plane import IN_PLANE, in_plane
 
 SEEDS = 200
 ANGLES = (95.0, 105.0, 115.0, 125.0, 135.0, 145.0, 155.0, 165.0, 175.0)  # deg
@@ -92,7 +93,7 @@ class Estimate:
 def models(case: str) -> tuple[LinkageModel, LinkageModel]:
     """Return the model that is compared, and the one that is simulated."""
     file, numbers = CASES[case]
-    mapping = with_numbers(load_yaml(config_file(f"{file}.yaml"))[0], numbers.items())
+    mapping = with_numbers(in_plane(load_yaml(config_file(f"{file}.yaml"))[0]), numbers.items())
     mass = mapping["rigid_bodies"]["implement"]["mass"]
     heavier = with_numbers(mapping, [("rigid_bodies.implement.mass", HEAVIER * mass)])
     compared, simulated = (LinkageModel(mechanism_from_mapping(m)) for m in (mapping, heavier))
@@ -251,6 +252,7 @@ def main() -> None:
         "Measured modes: do their intervals hold?",
         [
             intro,
+            IN_PLANE,
             table(heading, rows(ours, SEEDS)),
             doubts,
             "## The same recordings in pyOMA2",

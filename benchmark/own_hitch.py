@@ -22,6 +22,7 @@ from linkage_vibration.readers.mechanism import load_yaml
 from linkage_vibration.studies.pose import pin_places
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import load_table
+from test.support.in_plane import IN_PLANE, in_plane
 
 PICTURES = Path(__file__).parents[1] / "docs" / "pictures"
 LINKAGES = ("three_point_linkage", "three_point_linkage_on_tractor")
@@ -44,7 +45,7 @@ MEASURED = {
 
 def changed(name: str, path: str, by: float) -> LinkageModel:
     """Return a shipped linkage with one length longer; two coordinates move along their line."""
-    mapping = load_yaml(config_file(f"{name}.yaml"))[0]
+    mapping = in_plane(load_yaml(config_file(f"{name}.yaml"))[0])
     paths = [part.strip() for part in path.split(",")]
     old = [number_at(mapping, part) for part in paths]
     factor = 1.0 + by / math.hypot(*old)
@@ -59,7 +60,7 @@ def frequencies(model: LinkageModel, angle_deg: float, n_modes: int) -> np.ndarr
 
 def adjustments(name: str) -> str:
     """Return a table of what 30 mm of the two adjustable links change, in percent."""
-    modes = load_table(config_file(f"tables/{name}.npz")).mode_names
+    modes = load_table(config_file(f"tables/{name}.npz")).vertical.mode_names
     plain, rows = changed(name, MEASURED["V2 to V1"][1], 0.0), []
     for link, pins in (("lift rod", "V2 to V1"), ("upper link", "P2 to E2")):
         for by in (TURN, -TURN):
@@ -76,7 +77,7 @@ def wrong_pins(name: str) -> tuple[list[list[float]], str]:
 
     The columns are the height of the lower link's end (mm), and the first mode of the linkage (%).
     """
-    modes = load_table(config_file(f"tables/{name}.npz")).mode_names
+    modes = load_table(config_file(f"tables/{name}.npz")).vertical.mode_names
     mode = next(i for i, label in enumerate(modes) if not label.startswith("tractor"))
     plain = changed(name, MEASURED["V2 to V1"][1], 0.0)
     result, rows = [], []
@@ -254,7 +255,8 @@ def main() -> None:
     draw_cylinder_and_tyres(PICTURES / "own_hitch_cylinder.png")
     parts = [
         "This page shows what the adjustable links and errors of the tape measure change in the "
-        "shipped hitches, at the same crank angle."
+        "shipped hitches, at the same crank angle.",
+        IN_PLANE,
     ]
     for name in LINKAGES:
         text = "Changes of the natural frequencies in percent:"

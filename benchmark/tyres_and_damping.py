@@ -16,6 +16,7 @@ from linkage_vibration.mechanics.ground_motion import transmissibility
 from linkage_vibration.mechanics.model import LinkageModel, Solution
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.support.resources import config_file
+from test.support.in_plane import IN_PLANE, in_plane
 
 NAME = "three_point_linkage_on_tractor"
 ANGLES = (90.0, 135.0, 180.0)
@@ -140,7 +141,7 @@ def damping_rows(mapping: dict[str, Any]) -> list[list[str]]:
 
 def main() -> None:
     """Compare, and write the page."""
-    mapping = yaml.safe_load(config_file(f"{NAME}.yaml").read_text(encoding="utf-8"))
+    mapping = in_plane(yaml.safe_load(config_file(f"{NAME}.yaml").read_text(encoding="utf-8")))
     del mapping["uncertainty"]
     speed = f"{3.6 * SPEED:.0f} km/h on class C"
     publish(
@@ -148,6 +149,7 @@ def main() -> None:
         "Tyres and damping",
         [
             f"This page shows what tyres, oil and pins change in `{NAME}`.",
+            IN_PLANE,
             "## Tyres",
             "The vertical stiffness of two tyres on each axle by their size, pressure and age, "
             f"natural frequencies at {ANGLES[1]:.0f} deg, and the velocity of E1 along z at "

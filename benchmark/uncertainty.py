@@ -28,6 +28,7 @@ from linkage_vibration.studies.calibration import CalibrationTask, calibrate, wr
 from linkage_vibration.studies.unknowns import log_changes
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.tabulation import build_table
+from test.support.in_plane import IN_PLANE, in_plane
 
 FloatArray = NDArray[np.float64]
 
@@ -162,13 +163,13 @@ def described(name: str) -> dict[str, Any]:
     if name == "heavy plough":
         return with_numbers(described(NAMES[6]), PLOUGH.items())
     if name == "calibrated starter":
-        text = config_file(NAMES[5]).read_text()
-        task = CalibrationTask(yaml.safe_load(text), text, (), (MEASURED,))
+        mapping = described(NAMES[5])
+        task = CalibrationTask(mapping, yaml.safe_dump(mapping), (), (MEASURED,))
         with TemporaryDirectory() as folder:
             path = Path(folder) / "calibrated.yaml"
             write_mechanism(task, calibrate(task, 1), path)
             return dict(yaml.safe_load(path.read_text()))
-    mapping = dict(load_yaml(config_file(name))[0])
+    mapping = dict(in_plane(load_yaml(config_file(name))[0]))
     if "uncertainty" in mapping:
         return mapping
     mechanism = mechanism_of(mapping, config_file(name))
@@ -387,6 +388,7 @@ def main() -> None:
             "ratios whose damping deviates by half. Where the table says that it "
             "does not know a deviation, there is no difference; the last column is the share of "
             "the angles at which it knows both.",
+            IN_PLANE,
             table(columns, rows),
             "The numbers with the largest shares in the variance of a natural frequency, in the "
             "middle of the stroke:",

@@ -7,11 +7,13 @@ import math
 import linkage_vibration as lv
 
 model = lv.LinkageModel(lv.read_mechanism())
-solution = model.solve(math.radians(132.0))
+solutions = [half.solve(math.radians(132.0)) for half in model.halves]
 
-modes = zip(solution.natural_frequencies[:6], solution.damping_ratios[:6], strict=True)
-for mode, (frequency, damping) in enumerate(modes, start=1):
-    print(f"mode {mode}: {frequency:7.2f} Hz, damping ratio {100.0 * damping:.2f} %")
+for solution, motions in zip(solutions, ("in the plane", "sway, roll and yaw"), strict=True):
+    print(f"{motions}:")
+    modes = zip(solution.natural_frequencies[:6], solution.damping_ratios[:6], strict=True)
+    for mode, (frequency, damping) in enumerate(modes, start=1):
+        print(f"mode {mode}: {frequency:7.2f} Hz, damping ratio {100.0 * damping:.2f} %")
 
-peak = solution.peak((0.0, 200.0))
+peak = solutions[0].peak((0.0, 200.0))
 print(f"The response is highest at {peak.frequency:.2f} Hz: {peak.magnitude:.2e} m/N")

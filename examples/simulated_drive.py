@@ -21,6 +21,7 @@ from linkage_vibration.messages.topics import log_topic
 SECONDS, RATE, LONG = 180, 200, 4  # s, Hz of the IMU, and s of a window
 START, GRAVITY, NOISE = 1_767_225_600, 9.81, 0.02  # s, m/s2, and m/s2 of the sensor
 PLACES = [("E1", "x"), ("E1", "z"), ("front_axle", "z"), ("rear_axle", "z")]
+ACROSS = [("E1", "y"), ("front_axle", "y"), ("rear_axle", "y")]
 # Speed, turns per turn of it, amplitude (N) at its reference speed (rpm), and place.
 ORDERS = {
     "crankshaft 1": ("engine", 1.0, 600.0, 2200.0, 2),
@@ -53,7 +54,9 @@ engine = 1900.0 + 120.0 * np.sin(0.07 * times) + 40.0 * np.sin(0.31 * times)  # 
 pto = engine * 1000.0 / 1950.0 * (road == 0.0)
 speeds = {"engine": engine, "pto": pto, "ground": np.where(times < 12.0, 0.0, 2.0 + 6.0 * road)}
 
-forces = random.normal(0.0, SOIL * np.sqrt(RATE / 2.0), (len(PLACES), len(times)))
+shaken = SOIL * np.sqrt(RATE / 2.0)
+forces = random.normal(0.0, shaken, (len(PLACES), len(times)))
+aside = random.normal(0.0, shaken, (len(ACROSS), len(times)))
 for source, ratio, size, reference, place in ORDERS.values():
     turns = np.cumsum(ratio * speeds[source]) / 60.0 / RATE
     forces[place] += size * (speeds[source] / reference) ** 2 * np.cos(2.0 * np.pi * turns)
@@ -62,14 +65,20 @@ for source, ratio, size, reference, place in ORDERS.values():
 n, padded = LONG * RATE, 4 * LONG * RATE
 window = np.sin(np.pi * (np.arange(n) + 0.5) / n) ** 2
 frequencies = np.fft.rfftfreq(padded, 1.0 / RATE)
-moved = np.zeros((len(PLACES), len(times) + padded))
+vertical, lateral = model.halves
+halves = [(vertical, PLACES, forces), (lateral, ACROSS, aside)]
+moved = np.zeros((3, len(times) + padded))  # x, y and z of E1
 for first in range(0, len(times) - n + 1, n // 2):
-    frf = model.solve(np.radians(angle[first + n // 2])).frf(PLACES, PLACES).frf(frequencies)
-    spectrum = np.fft.rfft(forces[:, first : first + n] * window, padded)
-    response = np.einsum("foi,if->of", frf, spectrum) * -((2.0 * np.pi * frequencies) ** 2)
-    moved[:, first : first + padded] += np.fft.irfft(response, padded)
-moved = moved[:, : len(times)] + random.normal(0.0, NOISE, (len(PLACES), len(times)))
-axes = np.array([moved[0], random.normal(0.0, NOISE, len(times)), -(moved[1] + GRAVITY)])
+    for half, places, acting in halves:
+        rows = [0, 1, 2] if half is lateral else [0, 2]  # nothing moves along y in the plane
+        outputs = [("E1", "xyz"[row]) for row in rows]
+        solution = half.solve(np.radians(angle[first + n // 2]))
+        frf = solution.frf(outputs, places).frf(frequencies)
+        spectrum = np.fft.rfft(acting[:, first : first + n] * window, padded)
+        response = np.einsum("foi,if->of", frf, spectrum) * -((2.0 * np.pi * frequencies) ** 2)
+        moved[rows, first : first + padded] += np.fft.irfft(response, padded)
+moved = moved[:, : len(times)] + random.normal(0.0, NOISE, (3, len(times)))
+axes = np.array([moved[0], -moved[1], -(moved[2] + GRAVITY)])
 
 store = get_typestore(Stores.ROS2_HUMBLE)
 kinds = {"/joint_states": "sensor_msgs/msg/JointState"}
@@ -93,4 +102,4 @@ with LogWriter(bag, [log_topic(*each) for each in kinds.items()]) as log:
         for name, message in messages.items():
             log.write(name, bytes(store.serialize_cdr(message, kinds[name])), time, time)
 (folder / "sensors.yaml").write_text(SENSORS)
-print(f"{bag}: {SECONDS} s, up to {np.abs(moved[:2]).max():.0f} m/s2 at E1")
+print(f"{bag}: {SECONDS} s, up to {np.abs(moved).max():.0f} m/s2 at E1")

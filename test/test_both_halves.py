@@ -25,12 +25,7 @@ from linkage_vibration.listening.output_only import finish
 from linkage_vibration.listening.sensor_response import SensorResponse
 from linkage_vibration.mechanics.model import LinkageModel, ModelError
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
-from linkage_vibration.prediction.answers import (
-    LoadedModel,
-    ModelWithoutTable,
-    answer_frf,
-    answer_mode_shapes,
-)
+from linkage_vibration.prediction.answers import LoadedModel, answer_frf, answer_mode_shapes
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.loads import FORCE, Load
@@ -42,29 +37,33 @@ from linkage_vibration.review.picture import plot
 from linkage_vibration.studies.calibration import CalibrationError, _natural_frequencies
 from linkage_vibration.studies.measurement import compare
 from linkage_vibration.studies.ringdown import MeasuredMode
-from linkage_vibration.support.resources import config_file
+from linkage_vibration.support.resources import (
+    DEFAULT_MECHANISM,
+    DEFAULT_TABLE,
+    PAPER_TABLE,
+    config_file,
+)
 from linkage_vibration.table.cells import Cells, JoinedCells
 from linkage_vibration.table.table import Table, TableError, load_table, save_table
 from linkage_vibration.table.tabulation import build_table
 from test.support.c_code import Library
 from test.support.hitch_in_space import hitch
+from test.support.served import shipped
 
-IN_SPACE = config_file("three_point_linkage_in_space.yaml")
+IN_SPACE = config_file(DEFAULT_MECHANISM)
 LATERAL = ["tractor sway", "tractor yaw", "implement roll", "tractor roll", "implement sway"]
 
 
 @pytest.fixture(scope="module")
 def table() -> Table:
-    """Return the table of the shipped hitch in space, exact."""
-    mechanism = replace(read_mechanism(IN_SPACE), uncertainty=None)
-    return build_table(LinkageModel(mechanism), 1e-5)
+    """Return the table of the shipped hitch."""
+    return load_table(config_file(DEFAULT_TABLE))
 
 
 @pytest.fixture(scope="module")
-def served(table: Table) -> LoadedModel:
+def served() -> LoadedModel:
     """Return what a node of this table serves."""
-    mechanism = replace(read_mechanism(IN_SPACE), uncertainty=None)
-    return ModelWithoutTable(mechanism, IN_SPACE.read_text()).with_predictor(Predictor(table))
+    return shipped()
 
 
 def both(alpha3: float) -> list[Any]:
@@ -75,7 +74,7 @@ def both(alpha3: float) -> list[Any]:
 def test_both_halves_in_one_file(table: Table, tmp_path: Path) -> None:
     """A file keeps both, and its checksum is of both."""
     save_table(table, tmp_path / "table.npz")
-    again = load_table(tmp_path / "table.npz", replace(read_mechanism(IN_SPACE), uncertainty=None))
+    again = load_table(tmp_path / "table.npz", read_mechanism(IN_SPACE))
     assert again.lateral is not None
     assert table.lateral is not None
     assert again.lateral.checksum == table.lateral.checksum != table.checksum
@@ -146,20 +145,25 @@ def test_shapes_of_both_halves(served: LoadedModel) -> None:
     assert modes.shapes[heave, at] == 0.0
 
 
-def test_orders_in_the_plane_excite_no_lateral_mode(table: Table, served: LoadedModel) -> None:
-    """An order at the sway of the implement is near a mode of the vertical half, if near any."""
-    pto = Excitation("pto 1", Source.PTO, 1.0 / 60.0)
+@pytest.mark.parametrize("at", ["", "E1.z", "E1.y"])
+def test_orders_are_near_modes_of_their_half(table: Table, served: LoadedModel, at: str) -> None:
+    """An order in the plane is near the heave and never the sway; one across, the other way round.
+
+    Without an amplitude, an order is in the plane.
+    """
+    load = Load(FORCE, at, 3000.0, 1.0, 0.0, 0.0) if at else None
+    pto, across = Excitation("pto 1", Source.PTO, 1.0 / 60.0, load), at == "E1.y"
     watch = ResonanceMonitor([pto], levels=LevelTable(served.predictor, served.mechanism, [pto]))
     prediction, found = served.predictor.predict(2.3), []
-    for name in ("implement sway", "implement heave"):
+    for name in ("implement heave", "implement sway"):
         hertz = prediction.natural_frequencies[table.mode_names.index(name)]
         watch.set_speed(Source.PTO, 60.0 * float(hertz), 0)
         found.append(watch.assess(prediction, 0.0, 0))
-    sway, heave = found
-    assert not table.lateral_modes[sway.mode]
-    assert sway.state == ResonanceState.UNKNOWN or sway.state == ResonanceState.CLEAR
-    assert table.mode_names[heave.mode] == "implement heave"
-    assert heave.state == ResonanceState.NOTE
+    own, other = found[across], found[not across]
+    assert table.mode_names[own.mode] == ("implement sway" if across else "implement heave")
+    assert own.state == ResonanceState.NOTE
+    assert table.lateral_modes[other.mode] == across
+    assert at or other.state in (ResonanceState.UNKNOWN, ResonanceState.CLEAR)
 
 
 def test_exported_c_has_one_list(table: Table, served: LoadedModel, tmp_path: Path) -> None:
@@ -299,10 +303,10 @@ def test_pictures_of_both_halves(table: Table) -> None:
 
 def test_without_lateral_there_is_one_half() -> None:
     """A committed table is its own vertical half."""
-    shipped = load_table(config_file("tables/three_point_linkage_on_tractor.npz"))
-    assert shipped.lateral is None
-    assert shipped.vertical is shipped
-    assert not shipped.lateral_modes.any()
+    paper = load_table(config_file(PAPER_TABLE))
+    assert paper.lateral is None
+    assert paper.vertical is paper
+    assert not paper.lateral_modes.any()
 
 
 def test_an_uncertain_chain() -> None:
@@ -338,7 +342,7 @@ def test_commands(table: Table, tmp_path: Path, capsys: pytest.CaptureFixture[st
 
 def test_what_leaves_orders_across_the_plane_out(table: Table) -> None:
     """An export refuses them, and no level that they add to is predicted at a sensor."""
-    mechanism = replace(read_mechanism(IN_SPACE), uncertainty=None)
+    mechanism = read_mechanism(IN_SPACE)
     upright, across = (
         Excitation(at, Source.PTO, 1.0, Load(FORCE, at, 300.0, 1.0, 0.0, 0.0))
         for at in ("E1.z", "E1.y")

@@ -480,8 +480,8 @@ for _bad, _words in (
 
 
 def another_implement(_: Path, numbers: dict[str, float]) -> object:
-    """Replace the implement of the hitch in space by another one."""
-    path = config_file("three_point_linkage_in_space.yaml")
+    """Replace the implement of the shipped hitch by another one."""
+    path = config_file("three_point_linkage_on_tractor.yaml")
     described = loaded_model.read_described(Parameters(mechanism_file=str(path)))
     return loaded_model.with_other_body(described, path, **numbers)
 

@@ -11,16 +11,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmark.listening.simulation import FILE, HEAVE, RATE, SENSORS, Drive, Scene, simulate
+from benchmark.listening.simulation import HEAVE, RATE, SENSORS, Drive, Scene, simulate
 from benchmark.report import machine, publish, table
 from linkage_vibration.listening.drive_modes import model_shapes, search_modes
 from linkage_vibration.listening.output_only import finish
 from linkage_vibration.listening.segments import find_segments, over_phase, phase_rate
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.prediction.excitation import Source, excitations_from_mapping
-from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.support.resources import config_file
-from linkage_vibration.table.table import load_table
+from test.support.in_plane import IN_PLANE, plane_mechanism, plane_table
 
 DRIVES, OTHER_DRIVES = 200, 16
 ORDERS, ORDER_DRIVES = (-0.12, -0.09, -0.06, 0.06, 0.09, 0.12), 24
@@ -60,13 +58,13 @@ def estimates_of(
     at the end of the drive, and an amplitude of E2, m/s2.
     """
     drive = simulate(seed, what)
-    prediction = load_table(config_file(f"tables/{FILE}.npz"))
+    prediction = plane_table()
     if tone is not None:
         shape = model_shapes(prediction, float(drive.crank_angle[-1]), SENSORS)[:, HEAVE].real
         hertz = tone[0] * drive.frequencies[-1, HEAVE]
         wave = tone[1] * np.sin(2.0 * math.pi * hertz * drive.times)
         drive = replace(drive, signals=drive.signals + np.outer(wave, shape))
-    mechanism = read_mechanism(config_file(f"{FILE}.yaml"))
+    mechanism = plane_mechanism()
     excitations = excitations_from_mapping(
         {
             "engine": {"speed": "engine", "orders": [0.5, 1]},
@@ -145,7 +143,7 @@ def of_pyoma(
 
 def rows(estimates: Sequence[Estimate]) -> list[list[str]]:
     """Return a row for each mode, with and without soil."""
-    names = load_table(config_file(f"tables/{FILE}.npz")).mode_names
+    names = plane_table().mode_names
     lines = []
     for soil, mode in sorted({(each.soil, each.mode) for each in estimates}):
         group = [each for each in estimates if (each.soil, each.mode) == (soil, mode)]
@@ -247,7 +245,7 @@ def main() -> None:
         f"windows of the first {OTHER_DRIVES} drives. It was given the true frequencies, near "
         "which it takes a pole; `search_modes` was not. It has no gates."
     )
-    parts = [intro, table(COLUMNS, rows(sure)), counts]
+    parts = [intro, IN_PLANE, table(COLUMNS, rows(sure)), counts]
     near = (
         f"{ORDER_DRIVES} drives without soil for each distance; the order (300 N at E1) follows "
         "the true heave and wanders by 1 %. How many intervals hold of those that are doubted as "

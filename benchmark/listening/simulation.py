@@ -20,6 +20,7 @@ from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.mechanics.paths import number_at, with_numbers
 from linkage_vibration.readers.mechanism import load_yaml
 from linkage_vibration.support.resources import config_file
+from test.support.in_plane import in_plane
 
 FILE = "three_point_linkage_on_tractor"
 RATE, SECONDS = 200.0, 120.0  # Hz, s
@@ -74,7 +75,7 @@ SENSORS = (("E2", "x"), ("E2", "z"), ("rear_axle", "x"), ("rear_axle", "z"))
 @cache
 def modes(mass: float, oil: float, soil: bool) -> tuple[ComplexArray, ComplexArray]:
     """Return poles, (n_angles, n_modes), and shapes, (n_angles, n_places, n_modes), on the grid."""
-    mapping = load_yaml(config_file(f"{FILE}.yaml"))[0]
+    mapping = in_plane(load_yaml(config_file(f"{FILE}.yaml"))[0])
     paths = {
         "rigid_bodies.implement.mass": mass,
         "springs.lift_cylinders.cylinder.bulk_modulus": oil,

@@ -24,7 +24,7 @@ from linkage_vibration.mechanics.description import GROUND, Link, Mechanism, Rig
 from linkage_vibration.mechanics.kinematics import Configuration
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.springs import spring_stiffness
-from linkage_vibration.readers.mechanism import read_mechanism
+from test.support.in_plane import IN_PLANE, plane_mechanism
 
 FloatArray = NDArray[np.float64]
 
@@ -212,12 +212,13 @@ def main() -> None:
         "This page compares the natural frequencies of the shipped linkages with those of Exudyn, "
         f"a flexible multibody code. Exudyn has {EXUDYN_ELEMENTS} three-node beams per link. Ours "
         "has the elements and fixed-interface modes of the mechanism file; the finer mesh has "
-        f"{REFINEMENT} times as many elements and is not reduced."
+        f"{REFINEMENT} times as many elements and is not reduced.",
+        IN_PLANE,
     ]
     columns = ["alpha3, deg", "", *(f"mode {i + 1}" for i in range(MODES))]
     with tqdm(total=sum(map(len, ANGLES_DEG.values())), unit="angle") as progress:
         for name, angles_deg in ANGLES_DEG.items():
-            mechanism = read_mechanism(CONFIG / f"{name}.yaml")
+            mechanism = plane_mechanism(f"{name}.yaml")
             ours = LinkageModel(mechanism)
             fine = LinkageModel(_refined(mechanism), reduced=False)
             rows, largest = [], np.zeros(2)

@@ -8,6 +8,7 @@ phone. `calibrate` fits the mechanism to what this command writes.
 
 import argparse
 import math
+from dataclasses import replace
 from pathlib import Path
 
 from linkage_vibration.cli.arguments import add_mechanism, mechanism_file, read_model
@@ -30,7 +31,8 @@ def run(options: argparse.Namespace) -> int:
     import numpy as np
     from tqdm import tqdm
 
-    from linkage_vibration.readers.recordings import read_recording
+    from linkage_vibration.mechanics.model import LinkageModel
+    from linkage_vibration.readers.recordings import read_recording, shows_sides
     from linkage_vibration.studies import measurement as study
     from linkage_vibration.studies.ringdown import RingdownError, measure_modes
     from linkage_vibration.support.atomic_files import check_output, write_text
@@ -38,11 +40,13 @@ def run(options: argparse.Namespace) -> int:
     words = [study.angle_and_path(word) for word in options.recordings]
     mechanism = mechanism_file(options)
     check_output(options.output, ".yaml", [mechanism, *(path for _, path in words)])
-    model = read_model(mechanism)
+    both = read_model(mechanism)
+    alone = LinkageModel(replace(both.mechanism, lateral=None), kinematics=both.kinematics)
     compared: list[study.ComparedMode] = []
     notes, rate = list[str](), math.inf
     for alpha3, path in tqdm(words, disable=None, unit="recording", delay=1.0):
         times, signals = read_recording(path, options.topic)
+        model = both if shows_sides(path) else alone
         try:
             modes = measure_modes(times, signals)
         except RingdownError as error:

@@ -107,7 +107,7 @@ def draw_modes(
     name_modes(ax, every[0].natural_frequencies[-1], names, fontsize=10)
     ax.set(xlabel="crank angle α₃ [deg]", xlim=(angles[0], angles[-1]))
     longest = max(words, key=len)  # says so if a deviation is not known with one of the masses
-    ax.set_title(f"Natural frequencies over the stroke, {longest}", loc="left")
+    ax.set_title(f"Natural frequencies over the stroke,\n{longest}", loc="left")
     tidy(ax)
 
 

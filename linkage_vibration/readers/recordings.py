@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads recordings of an accelerometer: CSV files of a phone, and bags with an IMU."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -51,6 +52,15 @@ def read_recording(path: Path, topic: str | None = None) -> tuple[FloatArray, Fl
     stamps = header_stamps(columns)
     times = stamps if stamps.any() else columns["log_time"].astype(np.int64)
     return ordered(path, np.asarray(1e-9 * (times - times[:1])), signals)
+
+
+def shows_sides(path: Path) -> bool:
+    """Return whether a recording may show motions along y: not if its titles name x or z alone."""
+    if path.suffix.lower() != ".csv":
+        return True
+    titles = read_text(path, "utf-8-sig").partition("\n")[0].lower()
+    axes = re.findall("(?<![a-z])[xyz](?![a-z])", titles)
+    return not axes or "y" in axes
 
 
 def read_numbers(path: Path) -> FloatArray:

@@ -68,5 +68,6 @@ def linkage_grid(mechanism: Mechanism, table: Table) -> dict[str, Any] | None:
             for drawn in scenes
         ),
         "angles": angles,
+        "lateral": table.lateral_modes.tolist(),
         **{name: array.astype(np.float32) for name, array in arrays.items()},
     }

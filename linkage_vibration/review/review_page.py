@@ -120,8 +120,6 @@ def review_page(log: Log) -> Page:
 def _mode_name(log: Log, mode: int) -> str:
     """Return the label of a mode with a capital letter."""
     label = log.mode_label(mode)
-    if log.table and log.table.lateral_modes[mode]:
-        label += ", of which the left side is drawn"
     return label[0].upper() + label[1:]
 
 
@@ -302,6 +300,7 @@ def _mode_chart(log: Log) -> dict[str, Any]:
     for mode, colour in enumerate(palette.mode_colours(log.n_modes)):
         line = {"column": f"f{mode + 1}", "colour": colour, "width": 2}
         line |= {"spread": f"s{mode + 1}"} if spread else {}
+        line |= {"style": "dashed"} if log.table and log.table.lateral_modes[mode] else {}
         lines.append(line | {"name": log.mode_name(mode) or f"mode {mode + 1}"})
     title, key = "Natural frequencies" + ", with 2 standard deviations" * spread, Items()
     if _excitations_shown(log) and log.drive is not None:
@@ -317,6 +316,8 @@ def _mode_chart(log: Log) -> dict[str, Any]:
             ("load not known", weak | {"style": "dotted"}, np.isnan(shares).any()),
         )
         key = [{"label": f"order, {word}", **style} for word, style, there in words if there]
+    if any("style" in line for line in lines):
+        key = [*key, {"label": "sway, roll and yaw", "colour": palette.INK, "style": "dashed"}]
     chart = {"id": "modes", "title": title, "unit": "Hz", "series": lines, "key": key}
     return chart | {"log": True, "height": 380, "orders": True}
 

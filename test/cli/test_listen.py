@@ -44,35 +44,33 @@ def test_listen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     targets = tmp_path / "targets.yaml"
     assert main([*command, "--amplitudes", str(written), "--targets", str(targets)]) == 0
     answer = capsys.readouterr().out
-    actual = re.search(
-        r"The implement heave at 104.0 deg is .*, (.*) \+- (.*) Hz: consistent", answer
-    )
-    assert actual is not None
+    assert re.search(r"The implement sway at .* \+- (.*) Hz: consistent", answer)
     # The true frequency is that of an implement which is 10 % heavier.
     mechanism = read_mechanism(config_file("three_point_linkage_on_tractor.yaml"))
     body = replace(mechanism.rigid_bodies[0], mass=1.1 * mechanism.rigid_bodies[0].mass)
-    solution = LinkageModel(replace(mechanism, rigid_bodies=(body,))).solve(np.radians(104.0))
-    true = float(solution.natural_frequencies[3])
-    assert abs(float(actual[1]) - true) < 3.0 * float(actual[2])
-    [target] = read_calibration(targets).targets  # at 166 deg, an order hides it
-    assert (target.mode, round(target.frequency, 3)) == (4, float(actual[1]))
-    assert target.at == pytest.approx(np.radians(104.0), abs=np.radians(0.05))
+    model = LinkageModel(replace(mechanism, rigid_bodies=(body,)), half="lateral")
+    found = read_calibration(targets).targets  # an order hides the heave at 166 deg
+    for target, degrees in zip(found, (104.0, 166.0), strict=True):
+        assert (target.half, target.mode) == ("lateral", 5)
+        assert target.at == pytest.approx(np.radians(degrees), abs=np.radians(0.05))
+        true = float(model.solve(float(target.at)).natural_frequencies[4])
+        assert abs(target.frequency / true - 1.0) < 3.0 * target.deviation
     other = ["--targets", str(targets), "--mechanism", str(config_file("three_point_linkage.yaml"))]
     before = targets.read_text()
     assert main([*command, *other]) == 1
     assert "the log has another mechanism" in capsys.readouterr().err
     assert targets.read_text() == before
-    assert "2 of 4 orders agree with the prediction" in answer
+    assert "3 of 5 orders agree with the prediction" in answer
     # No tyre shakes the simulated tractor, for which 80 to 100 mm/s are predicted on the road.
     first = re.match(
         r"tyre_lugs 1 at implement is at least (\d+) times weaker than predicted", answer
     )
     assert first is not None
-    assert int(first[1]) > 60
+    assert int(first[1]) > 50
     assert "They make 94 % of what is predicted; whether the rest agrees is not known" in answer
     text = page.read_text()
     assert '<p id="answer">tyre_lugs 1 at implement is at least' in text
-    assert "tyre_lugs 20 was within 5 % of it" in text  # the heave at 166 deg
+    assert "rotor 1 was within 5 % of it" in text  # the heave at 166 deg
     assert "Orders at implement" in text
     loads = {each.name: each.load for each in read_excitations(written)}
     for name, true in (("crankshaft 1", 600.0), ("rotor 1", 150.0)):

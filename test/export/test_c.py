@@ -137,12 +137,13 @@ def test_same_bits_as_python(table: Table, compiler: str, tmp_path: Path) -> Non
 
 def test_only_the_peak_is_lost_where_it_jumps(tractor: Table, tmp_path: Path) -> None:
     """In the gap where the peak jumps, every other number has the bits of the table."""
+    tractor = tractor.vertical
     export = export_of(tractor)
     [(start, end)] = export.constants.gaps
     angles = np.linspace(start, end, 52)[1:-1]
     expected = predict_many(Predictor(tractor), angles, stddevs_for(angles))
     assert np.isfinite(expected.frf_peak_magnitude).all()
-    assert np.ptp(expected.frf_peak_frequency) > 0.4
+    assert np.ptp(expected.frf_peak_frequency) > 0.3
     prediction = Library(tmp_path, export).predict(angles, stddevs_for(angles))
     for name in NUMBERS:
         lost = name.startswith("frf_peak")
@@ -284,7 +285,7 @@ def test_two_tables_in_one_program(
         Predictor(each).predict(0.5 * sum(each.alpha3_range)).natural_frequencies[0]
         for each in (tractor, paper)
     ]
-    words = f"{expected[0]:.17g} {expected[1]:.17g} mode 4 (implement heave) {paper.table_id} "
+    words = f"{expected[0]:.17g} {expected[1]:.17g} mode 4 (tractor surge) {paper.table_id} "
     assert done.stdout.startswith(words)
     # Another table under the same name is refused, and nothing changes; the same one is not.
     before = (tmp_path / "first.h").read_bytes()

@@ -81,7 +81,7 @@ def test_description(fmu: Path) -> None:
             assert variables[name].description.startswith(field.comment)
     angle = variables["crank_angle"]
     assert np.degrees([float(angle.min), float(angle.max)]) == pytest.approx([90.0, 180.0])
-    assert "implement heave" in variables["natural_frequencies[4]"].description
+    assert "implement heave" in variables["natural_frequencies[8]"].description
     assert "1 STATUS_OUT_OF_RANGE" in variables["status"].description
     assert variables["velocities[3]"].description.endswith("; engine 3")
     assert variables["engine_speed"].unit == "rpm"
@@ -163,7 +163,7 @@ def test_integers_change_in_events_alone(fmu: Path, instance: Callable[..., Any]
     Until then, natural frequencies are those at the border.
     """
     count = fmpy.read_model_description(str(fmu)).numberOfEventIndicators
-    [status, heave] = references(fmu, "status", "natural_frequencies[4]")
+    [status, heave] = references(fmu, "status", "natural_frequencies[8]")
     model = instance(np.pi - 1e-3)
     assert count == 13  # of the status, and of the nearest modes of twelve excitations
     assert model.getInteger([status]) == [0]
@@ -186,22 +186,22 @@ def test_integers_change_in_events_alone(fmu: Path, instance: Callable[..., Any]
 def test_nearest_mode_changes_in_events_alone(fmu: Path, instance: Callable[..., Any]) -> None:
     """The indicator of an excitation is negative where another mode is nearer than the held one."""
     nearest, first, frequency = references(
-        fmu, "nearest_mode[3]", "natural_frequencies[4]", "excitation_frequency[3]"
+        fmu, "nearest_mode[3]", "natural_frequencies[8]", "excitation_frequency[3]"
     )
     model = instance(2.5, 1000.0)
-    natural = model.getReal([first, first + 1])
+    natural = model.getReal([first, first + 2])  # between them is a lateral mode
     per_rpm = model.getReal([frequency])[0] / 1000.0
     # Two modes are equally near, relatively, at their harmonic mean.
     middle = 2.0 * natural[0] * natural[1] / (natural[0] + natural[1]) / per_rpm
     model = instance(2.5, 0.99 * middle)
-    assert model.getInteger([nearest]) == [4]
+    assert model.getInteger([nearest]) == [8]
     assert indicators(model, 13)[3] > 0.0
     model.setReal([3], [1.01 * middle])
-    assert model.getInteger([nearest]) == [4]
+    assert model.getInteger([nearest]) == [8]
     assert indicators(model, 13)[3] < 0.0
     model.enterEventMode()
     model.newDiscreteStates()
-    assert model.getInteger([nearest]) == [5]
+    assert model.getInteger([nearest]) == [10]
 
 
 def test_importer_finds_the_events(fmu: Path) -> None:
@@ -215,11 +215,11 @@ def test_importer_finds_the_events(fmu: Path) -> None:
         stop_time=1.0,
         step_size=0.01,
         output_interval=0.01,
-        output=["status", "natural_frequencies[4]"],
+        output=["status", "natural_frequencies[8]"],
     )
     assert set(simulated["status"]) == {0, 1}
     outside = simulated["status"] == 1
-    np.testing.assert_array_equal(np.isnan(simulated["natural_frequencies[4]"]), outside)
+    np.testing.assert_array_equal(np.isnan(simulated["natural_frequencies[8]"]), outside)
     assert simulated["time"][outside].min() == pytest.approx((np.pi - 3.0) / 0.3, abs=0.02)
 
 
@@ -272,12 +272,12 @@ def test_container_of_fmpy(tmp_path: Path) -> None:
     outputs = {
         replace_variable(variable(each, name), f"{each.name}.{name}"): (each, variable(each, name))
         for each in components
-        for name in ("natural_frequencies[1]", "status")
+        for name in ("natural_frequencies[2]", "status")
     }
     model.modelVariables += [time, angle, *outputs]
     mappings = {angle: [(first, variable(first, "crank_angle"))]}
     mappings |= {output: [pair] for output, pair in outputs.items()}
-    coupled = [variable(first, "natural_frequencies[1]")], [variable(second, "crank_angle")]
+    coupled = [variable(first, "natural_frequencies[2]")], [variable(second, "crank_angle")]
     connectors = copy.deepcopy(coupled)
     for [connector] in connectors:
         connector.type = "Float64"  # as the container calls it
@@ -299,16 +299,16 @@ def test_container_of_fmpy(tmp_path: Path) -> None:
     assert set(simulated["paper.status"]) == {0, 1}
     late = simulated["time"] > 5 * STEP
     angles = np.interp(simulated["time"] - STEP, given["time"], given["crank_angle"])
-    natural = predict_many(predictors[0], angles, 0.0 * angles).natural_frequencies[:, 0]
+    natural = predict_many(predictors[0], angles, 0.0 * angles).natural_frequencies[:, 1]
     np.testing.assert_allclose(
-        simulated["tractor.natural_frequencies[1]"][late], natural[late], 1e-12
+        simulated["tractor.natural_frequencies[2]"][late], natural[late], 1e-12
     )
     followed = np.append(natural[0], natural[:-1])
     expected = predict_many(predictors[1], followed, 0.0 * followed)
     np.testing.assert_array_equal(simulated["paper.status"][late], expected.status[late])
     np.testing.assert_allclose(
-        simulated["paper.natural_frequencies[1]"][late],
-        expected.natural_frequencies[late, 0],
+        simulated["paper.natural_frequencies[2]"][late],
+        expected.natural_frequencies[late, 1],
         1e-12,
     )
 
@@ -322,7 +322,7 @@ def replace_variable(variable: ModelVariable, name: str, start: str | None = Non
 
 def test_states_are_kept(fmu: Path, instance: Callable[..., Any]) -> None:
     """A state that was read, or written to bytes and read again, brings back its outputs."""
-    [heave] = references(fmu, "natural_frequencies[4]")
+    [heave] = references(fmu, "natural_frequencies[8]")
     model = instance(2.2)
     before, state = model.getReal([heave]), model.getFMUstate()
     data = model.serializeFMUstate(state)
@@ -336,9 +336,9 @@ def test_states_are_kept(fmu: Path, instance: Callable[..., Any]) -> None:
 
 def test_directional_derivatives(fmu: Path, instance: Callable[..., Any]) -> None:
     """Those of natural frequencies are the slopes; others are those of a line between two calls."""
-    names = "natural_frequencies[4]", "damping_ratios[4]", "velocities[3]"
+    names = "natural_frequencies[8]", "damping_ratios[8]", "velocities[3]"
     outputs = references(fmu, *names)
-    [slope] = references(fmu, "frequency_slopes[4]")
+    [slope] = references(fmu, "frequency_slopes[8]")
     model = instance(2.2, 1500.0)
     actual = model.getDirectionalDerivative(outputs, [1, 3], [1.0, 0.0])
     assert actual[0] == model.getReal([slope])[0]

@@ -115,7 +115,8 @@ def test_same_numbers_as_the_node(case: Case) -> None:
     naturals = predictions.natural_frequencies[:, np.newaxis]
     apart = np.abs(frequency[:, :, np.newaxis] / naturals - 1.0)
     has_speed = np.isfinite(frequency)
-    mode = np.where(np.isnan(apart), math.inf, apart).argmin(axis=2)
+    # Orders in the plane are near modes of the vertical half alone.
+    mode = np.where(np.isnan(apart) | table.lateral_modes, math.inf, apart).argmin(axis=2)
     np.testing.assert_array_equal(resonance["nearest_mode"], np.where(has_speed, mode + 1, 0))
     rows, columns = np.nonzero(has_speed)
     natural = predictions.natural_frequencies[rows, mode[has_speed]]

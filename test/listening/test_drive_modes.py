@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmark.listening.simulation import FILE, HEAVE, SENSORS, Drive, Scene, simulate
+from benchmark.listening.simulation import HEAVE, SENSORS, Drive, Scene, simulate
 from linkage_vibration.listening import drive_modes
 from linkage_vibration.listening.drive_modes import DriveMode, _best, model_shapes, search_modes
 from linkage_vibration.listening.output_only import Candidate, PausableTask, finish, mac
@@ -18,9 +18,8 @@ from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
-from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.support.resources import config_file
-from linkage_vibration.table.table import Table, load_table
+from linkage_vibration.table.table import Table
+from test.support.in_plane import plane_mechanism, plane_table
 
 
 def listen_modes(*given: Any) -> tuple[DriveMode, ...]:
@@ -31,8 +30,7 @@ def listen_modes(*given: Any) -> tuple[DriveMode, ...]:
 @pytest.fixture(scope="module")
 def arguments() -> tuple[Table, Mechanism]:
     """Return the table and the mechanism of the tractor."""
-    table = load_table(config_file(f"tables/{FILE}.npz"))
-    return table, read_mechanism(config_file(f"{FILE}.yaml"))
+    return plane_table(), plane_mechanism()
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmark.listening.simulation import FILE, HEAVE, RATE, Drive, Scene, simulate
+from benchmark.listening.simulation import HEAVE, RATE, Drive, Scene, simulate
 from linkage_vibration.listening import live_modes, output_only
 from linkage_vibration.listening.drive_modes import DriveMode
 from linkage_vibration.listening.live import SensorMonitor
@@ -21,13 +21,10 @@ from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.messages.encoding import encode_message
 from linkage_vibration.messages.topics import MEASURED
 from linkage_vibration.prediction.excitation import Source, excitations_from_mapping
-from linkage_vibration.prediction.settings import Parameters
-from linkage_vibration.readers.loaded_model import load_model
-from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.support.resources import config_file
-from linkage_vibration.table.table import load_table
+from linkage_vibration.prediction.predictor import Predictor
 from test.listening.test_signals import sensor
 from test.support.first_order import first_order
+from test.support.in_plane import plane_mechanism, plane_table
 
 NS = 10**9
 START = 1_700_000_010 * NS  # ns; a multiple of 30 s
@@ -36,9 +33,8 @@ MODE = DriveMode(2.5, HEAVE, 8.0, 0.03, 0.0, 7.36, 0.01, 0.02, 0.002, (30.0,))
 
 def messages(drive: Drive) -> list[MessageColumns]:
     """Return the messages of a sensor on the implement about a drive."""
-    served = load_model(Parameters())
     shafts = {"pto": {"speed": "pto", "orders": [1, 0.45]}}
-    parts = [replace(sensor(), at="E2")], served.predictor, served.mechanism
+    parts = [replace(sensor(), at="E2")], Predictor(plane_table()), plane_mechanism()
     listening = SensorMonitor(*parts, excitations_from_mapping(shafts), {}, 1.0)
     actual = []
     for k in range(len(drive.times)):
@@ -103,7 +99,7 @@ def test_modes_need_a_minute_at_one_height(
 
     monkeypatch.setattr(live_modes, "search_signals", search)
     modes = LiveModes([sensor()], ())
-    modes.use(load_table(), read_mechanism(config_file(f"{FILE}.yaml")), 50.0)
+    modes.use(plane_table(), plane_mechanism(), 50.0)
     times, random = np.arange(0.0, 4.0, 0.01), np.random.default_rng(1)
     for second in range(1, 91):
         angle = 2.5 if second > 90 - still else 2.5 + math.radians(5.0)
@@ -124,9 +120,9 @@ def test_modes_need_a_minute_at_one_height(
 
 def test_sentence() -> None:
     """Beyond two standard deviations, the mode and what changes it most are named."""
-    mechanism = read_mechanism(config_file(f"{FILE}.yaml"))
+    mechanism = plane_mechanism()
     modes = LiveModes([], ())
-    modes.use(load_table(config_file(f"tables/{FILE}.npz")), mechanism, 50.0)
+    modes.use(plane_table(), mechanism, 50.0)
     assert modes.sentence() == ""
     rates = first_order(LinkageModel(mechanism), [2.5], HEAVE + 1)[0, :, HEAVE]
     assert mechanism.uncertainty is not None

@@ -23,9 +23,7 @@ from linkage_vibration.listening.output_only import Candidate, finish
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.prediction.excitation import Source, excitations_from_mapping
 from linkage_vibration.prediction.ground import Terrain
-from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.support.resources import config_file
-from linkage_vibration.table.table import load_table
+from test.support.in_plane import plane_mechanism, plane_table
 
 RATE = 20.0  # Hz
 
@@ -82,9 +80,7 @@ def test_lines_of_the_wheelbase() -> None:
     One mount, or no base, makes none; without FRFs at a mount, lines are not known. The numbers
     come from a prototype that computed the spectrum on its own.
     """
-    name = "three_point_linkage_on_tractor"
-    table = load_table(config_file(f"tables/{name}.npz"))
-    mechanism = read_mechanism(config_file(f"{name}.yaml"))
+    table, mechanism = plane_table(), plane_mechanism()
     arguments = table, mechanism, Terrain(64e-6), ("E1", "z"), math.radians(165.0)
     lines = finish(wheelbase_lines(*arguments, [20.0 / 3.6]))
     for hertz in (5.69, 9.6, 12.1):
@@ -103,9 +99,7 @@ def test_lines_of_the_wheelbase() -> None:
 
 def test_lines_are_maxima_of_the_acceleration(monkeypatch: pytest.MonkeyPatch) -> None:
     """A velocity's spectrum without a maximum, as it falls with f^2, has one as acceleration."""
-    name = "three_point_linkage_on_tractor"
-    table = load_table(config_file(f"tables/{name}.npz"))
-    mechanism = read_mechanism(config_file(f"{name}.yaml"))
+    table, mechanism = plane_table(), plane_mechanism()
     modes = np.log(table.evaluate(np.radians([165.0]))[0, : table.n_modes])
     widest = int(np.diff(modes).argmax())
     away = np.linspace(-3.0, 3.0, 6001)

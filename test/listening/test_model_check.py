@@ -26,18 +26,17 @@ from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.readers.mechanism import load_yaml, read_mechanism
 from linkage_vibration.studies.calibration import calibrate, read_calibration, write_mechanism
 from linkage_vibration.support.resources import config_file
-from linkage_vibration.table.table import load_table
+from test.support.in_plane import in_plane, plane_mechanism, plane_table
 
 FILE = config_file("three_point_linkage_on_tractor.yaml")
-TABLE = "tables/three_point_linkage_on_tractor.npz"
 MASS = "rigid_bodies.implement.mass"
 MODE = DriveMode(2.5, 3, 8.0, 0.08, 0.003, 7.6, 0.038, 0.02, 0.002, (30.0,))
 
 
 def test_a_heavier_implement_explains_its_modes() -> None:
     """Of a model with 10 % more mass, one deviation of the mass explains nearly everything."""
-    model = LinkageModel(read_mechanism(FILE))
-    mapping = with_numbers(load_yaml(FILE)[0], [(MASS, 880.0)])
+    model = LinkageModel(plane_mechanism())
+    mapping = with_numbers(in_plane(load_yaml(FILE)[0]), [(MASS, 880.0)])
     heavier = LinkageModel(mechanism_from_mapping(mapping))
     measured = []
     for alpha3 in (1.9, 2.4, 2.9):
@@ -46,7 +45,7 @@ def test_a_heavier_implement_explains_its_modes() -> None:
             predicted, actual = (float(each[mode]) for each in pairs)
             values = predicted, 0.08, 0.001, actual, 0.002 * actual
             measured.append(DriveMode(alpha3, mode, *values, 0.02, 0.002, (30.0,)))
-    table, mechanism = load_table(config_file(TABLE)), read_mechanism(FILE)
+    table, mechanism = plane_table(), plane_mechanism()
     best = explanations(table, mechanism, measured)[0]
     assert best.path == MASS
     assert best.change == pytest.approx(1.0, abs=0.1)
@@ -79,14 +78,16 @@ def test_targets_of_a_drive_calibrate(tmp_path: Path) -> None:
     At the two heights of the drive it is within 1 %.
     """
     drive = simulate(3, Scene(mass=1.2, oil=1.0, road=256e-6, seconds=180.0))
-    table, mechanism = load_table(config_file(TABLE)), read_mechanism(FILE)
+    table, mechanism = plane_table(), plane_mechanism()
     speeds = {Source(name): values for name, values in drive.speeds.items()}
     given = drive.times, drive.signals, SENSORS, drive.crank_angle, speeds
     actual = [mode for mode in finish(search_modes(table, mechanism, *given)) if mode.mode == HEAVE]
     described, path, fitted = (tmp_path / f"{each}.yaml" for each in ("own", "targets", "fitted"))
     numbers = {MASS: 0.1, "rigid_bodies.implement.inertia": 0.1}
     uncertainty = {"uncertainty": {"relative": numbers}}
-    described.write_text(yaml.safe_dump(load_yaml(FILE)[0] | uncertainty, sort_keys=False))
+    described.write_text(
+        yaml.safe_dump(in_plane(load_yaml(FILE)[0]) | uncertainty, sort_keys=False)
+    )
     path.write_text(drive_targets(actual, table, described, path))
     task = read_calibration(path)
     assert len(task.targets) == 2
@@ -105,7 +106,7 @@ def test_targets_of_a_drive_calibrate(tmp_path: Path) -> None:
 
 def test_targets(tmp_path: Path) -> None:
     """A calibration reads the targets of modes without doubts; without any there is an error."""
-    doubted, table = replace(MODE, doubt="a reason"), load_table(config_file(TABLE))
+    doubted, table = replace(MODE, doubt="a reason"), plane_table()
     path = tmp_path / "fit.yaml"
     path.write_text(drive_targets([MODE, doubted], table, FILE, path))
     [target] = read_calibration(path).targets

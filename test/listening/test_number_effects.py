@@ -6,12 +6,8 @@ import numpy as np
 
 from linkage_vibration.listening.number_effects import NumberEffects
 from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.support.resources import config_file
-from linkage_vibration.table.table import load_table
 from test.support.first_order import first_order
-
-NAME = "three_point_linkage_on_tractor"
+from test.support.in_plane import plane_mechanism, plane_table
 
 
 def test_effects_are_those_of_the_model() -> None:
@@ -20,8 +16,7 @@ def test_effects_are_those_of_the_model() -> None:
     They are differences over standard deviations of up to 25 %, so higher orders remain: up to 4 %,
     and 0.002. These limits were set at other heights.
     """
-    table = load_table(config_file(f"tables/{NAME}.npz"))
-    mechanism = read_mechanism(config_file(f"{NAME}.yaml"))
+    table, mechanism = plane_table(), plane_mechanism()
     effects, model = NumberEffects(table), LinkageModel(mechanism)
     modes = np.arange(table.n_modes)
     heights = np.random.default_rng(7).uniform(*table.alpha3_range, 3).tolist()

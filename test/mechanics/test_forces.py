@@ -22,6 +22,7 @@ from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
 from test.support.bob import ARM, BOB, INERTIA, MASS
 from test.support.free_bodies import forces_by_cuts, static_forces_by_cuts
+from test.support.in_plane import plane_mechanism
 
 Array = NDArray[np.float64]
 G = 9.80665
@@ -71,8 +72,8 @@ def model_of(mapping: dict[str, Any], path: str = "", value: Any = None) -> Link
 
 @pytest.fixture(scope="module")
 def tractor() -> LinkageModel:
-    """Return the model of the linkage on its tractor."""
-    return LinkageModel(read_mechanism(config_file("three_point_linkage_on_tractor.yaml")))
+    """Return the model of the linkage on its tractor, in the plane."""
+    return LinkageModel(plane_mechanism())
 
 
 def meeting(a: Array, radius: float, b: Array, other: float, *, left: bool) -> Array:

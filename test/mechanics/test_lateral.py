@@ -20,7 +20,7 @@ from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
 from test.support.hitch_in_space import hitch
 
-IN_SPACE = config_file("three_point_linkage_in_space.yaml")
+IN_SPACE = config_file("three_point_linkage_on_tractor.yaml")
 CLAMPED = config_file("three_point_linkage.yaml")
 
 

@@ -135,7 +135,7 @@ def test_a_clamped_hitch_has_the_lateral_modes_of_exudyn(alpha3_deg: float) -> N
 
     Exudyn's beams have linear shapes, so their error falls with the square of their length.
     """
-    path = config_file("three_point_linkage_in_space.yaml")
+    path = config_file("three_point_linkage_on_tractor.yaml")
     lateral = yaml.safe_load(path.read_text())["lateral"]
     del lateral["axles"], lateral["inertia"]["base"]
     lateral["weight"] = "ignored"  # Exudyn's model has none

@@ -13,17 +13,20 @@ import yaml
 from linkage_vibration.mechanics.description import MechanismError
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.support.resources import config_file
+from linkage_vibration.support.resources import (
+    DEFAULT_MECHANISM,
+    PAPER_MECHANISM,
+    PAPER_TABLE,
+    config_file,
+)
 from linkage_vibration.table.table import load_table
 from test.mechanics.test_parsing import change, remove
-
-IN_SPACE = "three_point_linkage_in_space.yaml"
 
 
 @pytest.fixture
 def mapping() -> Any:
     """Return the shipped hitch with its lateral half, exact, as a mapping that a test may spoil."""
-    mapping = yaml.safe_load(config_file(IN_SPACE).read_text())
+    mapping = yaml.safe_load(config_file(DEFAULT_MECHANISM).read_text())
     del mapping["uncertainty"]
     return mapping
 
@@ -42,10 +45,9 @@ def test_points_of_a_link_lie_on_a_line(mapping: Any) -> None:
 
 
 def test_without_lateral_nothing_changes(mapping: Any) -> None:
-    """The hash of the tractor is that of its committed table; numbers under lateral are in it."""
-    tractor = read_mechanism(config_file("three_point_linkage_on_tractor.yaml"))
-    table = load_table(config_file("tables/three_point_linkage_on_tractor.npz"), tractor)
-    assert table.model_hash == tractor.model_hash
+    """The hash of the paper's linkage is that of its table; numbers under lateral enter a hash."""
+    paper = read_mechanism(config_file(PAPER_MECHANISM))
+    assert load_table(config_file(PAPER_TABLE)).model_hash == paper.model_hash
     known = mechanism_from_mapping(mapping).model_hash
     for path in (
         ("chains", "check_chain", "damping"),

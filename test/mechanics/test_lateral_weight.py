@@ -34,7 +34,7 @@ G = 9.80665
 
 def described(*, tractor: bool, **lateral: Any) -> Any:
     """Return the shipped hitch with other numbers under `lateral`, on a tractor or clamped."""
-    both: Any = yaml.safe_load(config_file("three_point_linkage_in_space.yaml").read_text())
+    both: Any = yaml.safe_load(config_file("three_point_linkage_on_tractor.yaml").read_text())
     del both["uncertainty"]
     if not tractor:
         clamped = yaml.safe_load(config_file("three_point_linkage.yaml").read_text())

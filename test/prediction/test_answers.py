@@ -197,7 +197,7 @@ def test_implement(served: LoadedModel, tmp_path: Path) -> None:
 
 def test_an_implement_in_space() -> None:
     """Inertias in roll and yaw change as the mass does; impossible ones are refused by name."""
-    path = config_file("three_point_linkage_in_space.yaml")
+    path = config_file("three_point_linkage_on_tractor.yaml")
     known, text = read_mechanism(path), path.read_text()
     mechanism, changed = with_implement(known, text, Implement("", 1200.0, 300.0, ()))
     assert known.lateral is not None

@@ -263,7 +263,7 @@ def test_axles_without_a_track_are_doubted(
         assert text.endswith("give each axle of the base its `track`, in m.")
 
 
-@pytest.mark.parametrize(("rougher", "doubted"), [(40.0, False), (100.0, True)])
+@pytest.mark.parametrize(("rougher", "doubted"), [(40.0, False), (120.0, True)])
 def test_a_ground_that_tyres_leave_is_doubted(rougher: float, doubted: bool) -> None:
     """At 10 km/h a tyre is off a field for less than a fifth of the time."""
     name = "three_point_linkage_on_tractor"
@@ -276,9 +276,9 @@ def test_a_ground_that_tyres_leave_is_doubted(rougher: float, doubted: bool) -> 
     speed = np.array([[math.nan], [math.nan], [10.0 / 3.6]])
     share = float(levels.at_all_pairs(np.array([2.0]), speed).off_ground_share[0])
     assert (share > 0.2) == doubted
-    text = " ".join(excitation_doubts(rough, levels))
-    assert bool(text) == doubted
-    if doubted:
+    texts = [each for each in excitation_doubts(rough, levels) if "check_chain" not in each]
+    assert len(texts) == doubted
+    for text in texts:
         assert text.startswith("A tyre is off the ground for 0.2")
         assert text.endswith("so check terrain and tyres.")
 

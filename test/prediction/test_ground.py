@@ -40,10 +40,9 @@ from linkage_vibration.prediction.ground import (
     profile_spectrum,
 )
 from linkage_vibration.prediction.predictor import Predictor
-from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.support.resources import config_file
-from linkage_vibration.table.table import Table, load_table
+from linkage_vibration.table.table import Table
 from linkage_vibration.table.tabulation import build_table
+from test.support.in_plane import plane_mechanism, plane_table
 from test.support.served import shipped
 
 MASS, STIFFNESS, DAMPING = 1000.0, 400.0e3, 2000.0  # of one mass on two mounts, kg, N/m and N s/m
@@ -247,10 +246,9 @@ CLASS_C = Terrain(256e-6, track=0.0)  # as the profiles of this file, under both
 
 @pytest.fixture(scope="module")
 def tractor() -> Tractor:
-    """Return the shipped tractor."""
-    mechanism = read_mechanism(config_file("three_point_linkage_on_tractor.yaml"))
-    table = load_table(config_file("tables/three_point_linkage_on_tractor.npz"))
-    return Tractor(mechanism, table, LinkageModel(mechanism))
+    """Return the shipped tractor, in the plane."""
+    mechanism = plane_mechanism()
+    return Tractor(mechanism, plane_table(), LinkageModel(mechanism))
 
 
 def test_levels_are_those_of_the_unreduced_model(tractor: Tractor) -> None:

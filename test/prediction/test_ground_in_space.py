@@ -53,8 +53,8 @@ TYRES = [("base:rear_axle", "force_z"), ("base:front_axle", "force_z")]
 
 @pytest.fixture(scope="module")
 def mapping() -> Any:
-    """Return the shipped hitch in space, exact, with the cylinders of the finite elements."""
-    mapping = yaml.safe_load(config_file("three_point_linkage_in_space.yaml").read_text())
+    """Return the shipped hitch, exact, with the cylinders of the finite elements."""
+    mapping = yaml.safe_load(config_file("three_point_linkage_on_tractor.yaml").read_text())
     del mapping["uncertainty"]
     mapping["springs"]["lift_cylinders"] = {"joint": "P3", "stiffness": CYLINDERS}
     mapping["lateral"]["weight"] = "ignored"  # as in the finite elements

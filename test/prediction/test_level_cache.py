@@ -38,7 +38,7 @@ from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import DEFAULT_MECHANISM, config_file
-from linkage_vibration.table.table import Table, load_table
+from linkage_vibration.table.table import Table, both_halves, load_table
 from test.support.level_factors import level_factors
 
 ARRAYS = {"values": np.random.default_rng(1).normal(size=(40, 1000)), "order": np.arange(7)}
@@ -178,9 +178,12 @@ def test_each_input_has_its_own_files(shipped: Shipped) -> None:
     ends = mechanism.stroke
     last_bit = replace(mechanism, stroke=(ends[0], math.nextafter(ends[1], 0.0)))
     assert last_bit.model_hash == mechanism.model_hash  # which has twelve digits
+    other = replace(table.vertical, slope_error=2.0 * table.vertical.slope_error)
+    assert table.lateral is not None
+    other = both_halves(other, table.lateral)
     keys = [
         key,
-        level_cache(replace(table, slope_error=2.0 * table.slope_error), *shipped[1:]).key,
+        level_cache(other, *shipped[1:]).key,
         level_cache(table, last_bit, excitations).key,
         level_cache(table, mechanism, (slower, *excitations[1:])).key,
         level_cache(table, mechanism, excitations[::-1]).key,

@@ -29,12 +29,14 @@ from linkage_vibration.prediction.resonance import ResonanceMonitor, described
 from linkage_vibration.prediction.severity import WarningLimits
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import (
+    DEFAULT_MECHANISM,
     DEFAULT_TABLE,
     PAPER_MECHANISM,
     PAPER_TABLE,
     config_file,
 )
 from linkage_vibration.table.table import load_table
+from test.support.in_plane import in_plane, plane_mechanism, plane_table
 from test.support.level_factors import level_factors
 
 FloatArray = NDArray[np.float64]
@@ -42,7 +44,6 @@ FloatArray = NDArray[np.float64]
 ALPHA3 = 2.2  # rad, between the angles at which members are solved
 LINES = np.array([1.6, 5.0, 7.0, 30.0, 100.0, 185.0])  # Hz: at, between and above resonances
 FORCE, MEMBERS, SAMPLES = 100.0, 64, 250  # N
-SHIPPED = config_file("three_point_linkage_on_tractor.yaml")
 
 
 def excitations(amplitude: float = 0.0, frequency: float = 0.0) -> tuple[Excitation, ...]:
@@ -53,10 +54,9 @@ def excitations(amplitude: float = 0.0, frequency: float = 0.0) -> tuple[Excitat
 
 
 def level_table(amplitude: float = 0.0, frequency: float = 0.0) -> LevelTable:
-    """Return levels by that force, by the table of the shipped tractor."""
-    mechanism = read_mechanism(SHIPPED)
-    table = load_table(config_file(DEFAULT_TABLE), mechanism)
-    return LevelTable(Predictor(table), mechanism, excitations(amplitude, frequency))
+    """Return levels by that force, by the table of the shipped tractor in the plane."""
+    orders = excitations(amplitude, frequency)
+    return LevelTable(Predictor(plane_table()), plane_mechanism(), orders)
 
 
 def speeds(lines: FloatArray) -> FloatArray:
@@ -72,7 +72,7 @@ def coarse(mechanism: Mechanism) -> Mechanism:
 
 def drawn_models() -> Iterator[LinkageModel]:
     """Yield models with other numbers, each of which is described and solved as a whole."""
-    mapping = yaml.safe_load(SHIPPED.read_text())
+    mapping = in_plane(yaml.safe_load(config_file(DEFAULT_MECHANISM).read_text()))
     claims = mapping.pop("uncertainty")
     relative, absolute = claims["relative"], claims["absolute"]
     paths = [*relative, *absolute]
@@ -152,8 +152,7 @@ def within_samples(stated: FloatArray, logs: FloatArray) -> bool:
 
 def test_the_ground_belongs_to_the_members() -> None:
     """Levels by the ground scatter as those of models, at a point, in a pin and in a cylinder."""
-    mechanism, terrain = read_mechanism(SHIPPED), Terrain(256e-6)
-    table = load_table(config_file(DEFAULT_TABLE), mechanism)
+    mechanism, terrain, table = plane_mechanism(), Terrain(256e-6), plane_table()
     places = [("E1", "z"), ("lower_link:P1", "force_x"), ("lift_cylinders", "force")]
     members = GroundMembers(table, mechanism, terrain, places)
     slow_and_fast = 3.0, 9.0  # m/s
@@ -179,9 +178,7 @@ def test_the_ground_belongs_to_the_members() -> None:
 @pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_the_ground_has_no_level_without_a_speed() -> None:
     """A speed or an angle that is NaN gives NaN, and no warning of NumPy reaches the user."""
-    mechanism = read_mechanism(SHIPPED)
-    table = load_table(config_file(DEFAULT_TABLE), mechanism)
-    members = GroundMembers(table, mechanism, Terrain(256e-6), [("E1", "z")])
+    members = GroundMembers(plane_table(), plane_mechanism(), Terrain(256e-6), [("E1", "z")])
     shares = members.shares(np.array([ALPHA3, ALPHA3, np.nan]), np.array([3.0, np.nan, 3.0]))
     assert np.isfinite(shares).all(axis=(1, 2)).tolist() == [True, False, False]
 

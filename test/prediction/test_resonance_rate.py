@@ -232,7 +232,7 @@ def levels(rotor: Excitation) -> LevelTable:
 
 def test_readings_of_another_table_are_forgotten(levels: LevelTable) -> None:
     """After a change of the table no message has numbers of the one before."""
-    watch, ones = monitor(), np.ones(6)
+    watch, ones = monitor(), np.ones(12)
     other = Prediction(2.0, Status.OK, ones, ones, ones, ones, 0, 0, 0, "other", ones)
     for stamp in [0, 20, 40, 60, 80]:
         if stamp == 60:

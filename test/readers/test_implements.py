@@ -151,7 +151,7 @@ def test_a_named_implement_replaces_that_of_the_file(tmp_path: Path) -> None:
 
 def test_another_mass_is_that_of_an_implement() -> None:
     """Roll and yaw change as a mass does that a command gives; without one, all stays."""
-    path = config_file("three_point_linkage_in_space.yaml")
+    path = config_file("three_point_linkage_on_tractor.yaml")
     described = read_described(Parameters(mechanism_file=str(path)))
     for mass, inertias in ((1200.0, (825.0, 975.0)), (None, (550.0, 650.0))):
         changed, text = with_other_body(described, path, mass=mass)

@@ -9,7 +9,7 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from linkage_vibration.readers.recordings import read_recording
+from linkage_vibration.readers.recordings import read_recording, shows_sides
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 TYPES = STORE.types
@@ -68,3 +68,21 @@ def test_csv(tmp_path: Path, text: str) -> None:
     times, signals = read_recording(path)
     np.testing.assert_array_equal(times, [0.0, 0.1])
     np.testing.assert_array_equal(signals, [[1.0, 2.0], [3.0, 4.0]])
+
+
+@pytest.mark.parametrize(
+    ("titles", "sides"),
+    [
+        ("t,acceleration x (m/s2),acceleration_z", False),
+        ("Time (s);Y;Z", True),
+        ("time,x,y,z", True),
+        ("time,axial,zenith", True),  # no letter alone
+        ("0.0,1.0,2.0", True),
+    ],
+)
+def test_titles_without_y_are_in_the_plane(tmp_path: Path, titles: str, sides: bool) -> None:
+    """Only titles that name x or z say that nothing across was recorded; a bag has all axes."""
+    path = tmp_path / "phone.csv"
+    path.write_text(f"\ufeff{titles}\n0.1,3.0,4.0\n", encoding="utf-8")
+    assert shows_sides(path) is sides
+    assert shows_sides(tmp_path / "bag.mcap")

@@ -8,10 +8,12 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.support.resources import config_file
+from linkage_vibration.table.table import load_table
 from linkage_vibration_interfaces.msg import (
     Levels,
     LoadState,
@@ -29,7 +31,8 @@ TOPICS = {
     "/diagnostics": DiagnosticArray,
 }
 FIELDS = {topic: kind.get_fields_and_field_types() for topic, kind in TOPICS.items()}
-LAYOUT = json.loads(config_file("foxglove_layout.json").read_text())
+LAYOUTS = "foxglove_layout.json", "plotjuggler_layout.xml"
+LAYOUT = json.loads(config_file(LAYOUTS[0]).read_text())
 
 
 def panels(layout: Any) -> Iterator[str]:
@@ -83,7 +86,7 @@ def test_ground_is_shown_with_the_limit() -> None:
     every = read_excitations(config_file("excitations.yaml"))
     [ground] = [i for i, each in enumerate(every) if each.terrain]
     shown = {path for config in LAYOUT["configById"].values() for path in paths(config)}
-    root = ET.parse(config_file("plotjuggler_layout.xml")).getroot()
+    root = ET.parse(config_file(LAYOUTS[1])).getroot()
     curves = {curve.attrib["name"] for curve in root.iter("curve")}
     expected = {
         ("levels", f"load_ratios[{ground}]"),
@@ -95,9 +98,22 @@ def test_ground_is_shown_with_the_limit() -> None:
     assert "/linkage_vibration/levels.ground_unknown" in shown
 
 
+def test_modes_are_those_in_the_plane() -> None:
+    """Both layouts show them of the shipped tractor, and labels count them from 1."""
+    vertical = np.flatnonzero(~load_table().lateral_modes)
+    texts = [config_file(name).read_text() for name in LAYOUTS]
+    for kind in ("natural_frequencies", "frequency_stddevs", "damping_ratios"):
+        for text in texts:
+            shown = [int(each) for each in re.findall(rf"{kind}\[(\d+)\]", text)]
+            assert shown == vertical[len(vertical) - len(shown) :].tolist()
+    labels = re.findall(r'\[(\d+)\]",\s*"label": "mode (\d+)"', texts[0])
+    assert len(labels) == 8
+    assert all(int(index) + 1 == int(label) for index, label in labels)
+
+
 def test_curves_of_plotjuggler() -> None:
     """Each curve of its layout is a field of a topic; titles and tabs are not empty."""
-    root = ET.parse(config_file("plotjuggler_layout.xml")).getroot()
+    root = ET.parse(config_file(LAYOUTS[1])).getroot()
     curves = [curve.attrib["name"] for curve in root.iter("curve")]
     assert len(curves) == len(set(curves)) > 20
     for curve in curves:

@@ -85,7 +85,7 @@ def test_values_of_a_mechanism(cantilever: lv.Mechanism) -> None:
 
 def test_a_mechanism_in_space_with_uncertainties(tmp_path: Path) -> None:
     """Its variant is the mechanism of a file with the other number in it."""
-    shipped = Path(__file__).parents[2] / "config" / "three_point_linkage_in_space.yaml"
+    shipped = Path(__file__).parents[2] / "config" / "three_point_linkage_on_tractor.yaml"
     mapping = yaml.safe_load(shipped.read_text())
     mapping["rigid_bodies"]["implement"]["mass"] = 700.0
     file = tmp_path / "light.yaml"

@@ -18,6 +18,7 @@ from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import PAPER_MECHANISM, config_file
 from linkage_vibration.table.table import load_table
 from linkage_vibration.table.tabulation import build_table
+from test.support.in_plane import in_plane
 
 NAME = "three_point_linkage_on_tractor"
 
@@ -29,15 +30,16 @@ def model() -> LinkageModel:
 
 
 def test_shipped_table_is_that_of_the_file(model: LinkageModel) -> None:
-    """Its natural frequencies at any angle are the model's to 1e-6, and its peak is to 1e-4."""
+    """Natural frequencies of both halves are the models' to 1e-6, and its peak is to 1e-4."""
     table = load_table(config_file(f"tables/{NAME}.npz"), model.mechanism)
-    assert table.n_modes == 6
+    assert table.n_modes == 12
     for alpha3 in np.random.default_rng(5).uniform(*model.mechanism.stroke, 6).tolist():
-        solution = model.solve(alpha3)
+        solved = [half.solve(alpha3) for half in model.halves]
         values, frequency, magnitude, _ = table.interpolate(alpha3)
-        expected = solution.natural_frequencies[:6]
-        np.testing.assert_allclose(np.sort(values[:6]), expected, rtol=1e-6)
-        peak = solution.peak(table.peak_band)
+        for solution, aside in zip(solved, (False, True), strict=True):
+            found = np.sort(np.array(values[:12])[table.lateral_modes == aside])
+            np.testing.assert_allclose(found, solution.natural_frequencies[:6], rtol=1e-6)
+        peak = solved[0].peak(table.peak_band)
         assert (frequency, magnitude) == pytest.approx((peak.frequency, peak.magnitude), rel=1e-4)
 
 
@@ -59,18 +61,18 @@ def test_peak_follows_the_implement(model: LinkageModel) -> None:
 def test_table_needs_at_most_sixty_solutions(
     model: LinkageModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """And has 1e-6 in natural frequencies, by its own bound; its ensemble has models of its own."""
-    solved: list[float] = []
+    """Each half has 1e-6 in natural frequencies, by its own bound; members have other models."""
+    solved: dict[str, list[float]] = {"vertical": [], "lateral": []}
     solve = LinkageModel.solve
 
     def count(self: LinkageModel, alpha3: float) -> Solution:
-        if self is model:
-            solved.append(alpha3)
+        if self.kinematics is model.kinematics:
+            solved[self.half].append(alpha3)
         return solve(self, alpha3)
 
     monkeypatch.setattr(LinkageModel, "solve", count)
     table = build_table(model)
-    assert 20 < len(solved) <= 60
+    assert all(10 < len(angles) <= 60 for angles in solved.values())
     assert table.interpolation_error.max() <= 1e-6
 
 
@@ -99,7 +101,7 @@ def test_base_without_mounts_floats(tmp_path: Path, capsys: pytest.CaptureFixtur
     It states the band in which the peak was sought: from a hundredth of the end, since a linkage
     that moves freely responds without limit towards 0 Hz.
     """
-    mapping = yaml.safe_load(config_file(f"{NAME}.yaml").read_text())
+    mapping = in_plane(yaml.safe_load(config_file(f"{NAME}.yaml").read_text()))
     del mapping["uncertainty"]
     mapping["base"]["mounts"], mapping["response"]["modes"] = {}, 2
     mapping["response"]["peak_band_hz"] = [0.0, 200.0]
@@ -119,7 +121,7 @@ def test_base_without_mounts_floats(tmp_path: Path, capsys: pytest.CaptureFixtur
 
 def test_table_of_a_base_that_floats() -> None:
     """It has few cells, although poles nearly coincide at 0 Hz, and is as accurate as it says."""
-    mapping = yaml.safe_load(config_file(f"{NAME}.yaml").read_text())
+    mapping = in_plane(yaml.safe_load(config_file(f"{NAME}.yaml").read_text()))
     del mapping["uncertainty"]
     mapping["base"]["mounts"], mapping["response"]["modes"] = {}, 2
     mapping["input"]["range_deg"] = [120.0, 150.0]

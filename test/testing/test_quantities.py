@@ -224,7 +224,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.mark.parametrize("excitation", [None, "pto_shaft 1"])
+@pytest.mark.parametrize("excitation", [None, "tines 2"])
 def test_velocity(log: Path, excitation: str | None) -> None:
     """The velocity is that of the messages, of all excitations or of one."""
     levels = read_stamped(log, f"{NODE}/levels")

@@ -95,7 +95,7 @@ const linkage = data.linkage && (() => {
       if (!moving) draw(Math.PI / 2);
       const f = columns[`f${mode + 1}`][cursor], angle = tableAngle[cursor];
       byId("linkage-caption").textContent = Number.isFinite(f)
-        ? `${data.mode_labels[mode]}, ${briefText(data.readings.find(item => item.id === `f${mode + 1}`), cursor)}, at ${(angle * DEG).toFixed(1)}°. The motion is magnified and slowed down; grey shows the linkage at rest.`
+        ? `${data.mode_labels[mode]}, ${briefText(data.readings.find(item => item.id === `f${mode + 1}`), cursor)}, at ${(angle * DEG).toFixed(1)}°. The motion is magnified and slowed down; grey shows the linkage at rest${data.linkage.lateral[mode] ? ", and the left side is drawn" : ""}.`
         : Number.isFinite(columns.peak_magnitude[cursor])
           ? `${data.mode_labels[mode]} is overdamped at ${(angle * DEG).toFixed(2)}°: it does not oscillate.`
           : `No prediction at ${Number.isFinite(angle) ? `${(angle * DEG).toFixed(2)}°` : "an invalid angle"}.`;

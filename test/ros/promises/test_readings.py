@@ -249,7 +249,7 @@ def test_table_info(node: Promised, predictor: Predictor) -> None:
     assert (info.crank_angle_first, info.crank_angle_last) == predictor.table.alpha3_range
     assert (info.band_low, info.band_high) == (0.0, 200.0)
     assert (info.peak_band_low, info.peak_band_high) == (4.7, 200.0)
-    assert (info.n_modes, info.mechanism_name) == (6, "three_point_linkage_on_tractor")
+    assert (info.n_modes, info.mechanism_name) == (12, "three_point_linkage_on_tractor")
     assert list(info.mode_names) == list(predictor.table.mode_names)
     assert list(info.mode_body_shares) == predictor.table.mode_shares[:, 1].tolist()
     assert "E1.z" in info.places

@@ -11,7 +11,6 @@ from linkage_vibration.mechanics.description import UncertainNumber, Uncertainty
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.uncertainty import draw_of
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import Table
 from linkage_vibration.table.tabulation import build_table
 from test.prediction.test_level_deviations import within_samples
@@ -23,8 +22,8 @@ CHAIN, WEAK = "lateral.chains.a.stiffness", "ground.P2.0"
 
 @pytest.fixture(scope="module")
 def table() -> Table:
-    """Return the table of the shipped hitch in space, between few points."""
-    model = LinkageModel(read_mechanism(config_file("three_point_linkage_in_space.yaml")))
+    """Return the table of the shipped hitch, between few points."""
+    model = LinkageModel(read_mechanism())
     return build_table(model, 1e-4, ["E1"])
 
 
@@ -61,7 +60,7 @@ def test_which_numbers_share_a_draw(
 
 def test_deviations_are_those_of_models(table: Table) -> None:
     """Those of both halves are within 15 %, and three standard errors, of 200 drawn models."""
-    mechanism = read_mechanism(config_file("three_point_linkage_in_space.yaml"))
+    mechanism = read_mechanism()
     assert mechanism.uncertainty is not None
     normal = np.random.default_rng(5).standard_normal((200, len(mechanism.uncertainty.numbers)))
     nearby, samples = LinkageModel(mechanism).kinematics.nearby, []
@@ -102,7 +101,7 @@ def test_effects_belong_to_one_of_both(table: Table) -> None:
     One of 36 pairs is missing in the lateral half. P2 follows the contact of an axle, and changes
     vertical modes alone.
     """
-    mechanism = read_mechanism(config_file("three_point_linkage_in_space.yaml"))
+    mechanism = read_mechanism()
     assert mechanism.uncertainty is not None
     effects, heights = NumberEffects(table), [1.8, 2.6]
     changes = effects.at(np.array(heights))
