@@ -2,12 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which share of single changes of the package its tests notice.
 
-The changes are drawn anew by a seed, in each room in proportion to its code. For each, the tests
-that import its module run in a copy of the checkout, and then the other ones of its room.
+The default tests run once and note which lines each of them runs. Changes are then drawn by a seed,
+in each room in proportion to its code. For each, the tests that run its line run in a copy of the
+checkout. All of it is in `build/mutants`, from where a run that was interrupted goes on.
 """
 
 import argparse
 import ast
+import json
 import math
 import os
 import random
@@ -15,17 +17,29 @@ import re
 import shutil
 import subprocess
 import sys
-import tempfile
-from collections.abc import Iterator, Sequence
+import time
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
+from queue import SimpleQueue
+from typing import Any
+
+import pytest
+from coverage import Coverage, CoverageData
+from tqdm import tqdm
 
 from benchmark.report import machine, publish, table
 from tools.count_lines import by_room
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = "linkage_vibration"
-LIMIT = 300  # s, of the tests of a change; one that never ends is found
+WORK = ROOT / "build" / "mutants"  # delete it to study another state of the package
+COPY = WORK / "measured"
+JUDGED = Path(__file__).with_suffix(".txt")
+LIMIT = 120.0  # s, of the tests of a change; one that takes five times as long is found
 SWAPS: dict[type[ast.AST], str] = {
     ast.Lt: "<=",
     ast.LtE: "<",
@@ -42,7 +56,6 @@ SWAPS: dict[type[ast.AST], str] = {
 }
 OPERATOR = re.compile(r"(\)*\s*)([-+*/<>=!]+|and|or)(\s*\(*)")
 MADE = shutil.ignore_patterns(".*", "build", "*.egg-info", "__pycache__")
-MOST = 4  # files of tests, those with the most similar names
 
 
 @dataclass(frozen=True)
@@ -102,75 +115,203 @@ def is_text(node: ast.AST) -> bool:
     return constant or isinstance(node, ast.JoinedStr)
 
 
-def drawn(count: int, seed: int) -> dict[str, list[Mutant]]:
-    """Return changes by room, of each in proportion to its lines of code."""
-    generator, code = random.Random(seed), {room: each for room, (_, each) in by_room().items()}
-    chosen, before, done = dict[str, list[Mutant]](), 0, 0
+def drawn(count: int, seed: int) -> list[tuple[str, Mutant]]:
+    """Return rooms and changes, of each room in proportion to its code, in a random order."""
+    generator, rooms = random.Random(seed), by_room(COPY / PACKAGE)
+    code = {room: each for room, (_, each) in rooms.items()}
+    chosen, before, done = list[tuple[str, Mutant]](), 0, 0
     for room in sorted(code.keys() - {"."}):
         before, done = done, done + code[room]
         share = [round(count * each / (sum(code.values()) - code["."])) for each in (before, done)]
         every = [
             each
-            for path in sorted((ROOT / PACKAGE / room).rglob("*.py"))
-            for each in mutants(path.relative_to(ROOT), path.read_bytes())
+            for path in sorted((COPY / PACKAGE / room).rglob("*.py"))
+            for each in mutants(path.relative_to(COPY), path.read_bytes())
         ]
-        chosen[room] = generator.sample(every, share[1] - share[0])
+        chosen += [(room, each) for each in generator.sample(every, share[1] - share[0])]
+    generator.shuffle(chosen)
     return chosen
 
 
-def tests_of(module: Path) -> tuple[list[str], list[str]]:
-    """Return at most four files of tests that import a module, and the other ones of its room.
-
-    The ones with its name come first, and then those of its room. Only the node's start nodes.
-    """
-    *package, name = module.with_suffix("").parts
-    stem, room = re.escape(name), ROOT / "test" / module.parts[1]
-    parent = r"\.".join(package)
-    wanted = re.compile(rf"{parent}\.{stem}\b|from {parent} import (\([^)]*|.*)\b{stem}\b")
-    files = [path for path in (ROOT / "test").rglob("test_*.py") if is_room(path, module)]
-    found = [path for path in files if wanted.search(path.read_text())]
-    found.sort(key=lambda path: (name not in path.stem, room not in path.parents, path))
-    others = sorted(path for path in files if room in path.parents and path not in found[:MOST])
-    if not (ROOT / module).is_file() or not found + others:
-        raise SystemExit(f"{module} or its tests in {room} do not exist.")
-    first, second = (
-        [path.relative_to(ROOT).as_posix() for path in paths] for paths in (found[:MOST], others)
-    )
-    return first, second
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    """Note which lines a test runs, and how long it takes."""
+    began = time.monotonic()
+    attribute(item.nodeid)
+    result = yield
+    with (item.config.rootpath / "seconds.jsonl").open("a") as file:
+        file.write(json.dumps({item.nodeid: time.monotonic() - began}) + "\n")
+    return result
 
 
-def is_room(path: Path, module: Path) -> bool:
-    """Return whether a file of tests starts no nodes, or is one of the room of the node."""
-    return "ros" not in path.parts or module.parts[1] == "ros"
+@pytest.hookimpl(wrapper=True)
+def pytest_fixture_setup(fixturedef: Any, request: pytest.FixtureRequest) -> Iterator[Any]:
+    """Attribute what a fixture of several tests runs to their file, and the rest to the test."""
+    item = request._pyfuncitem
+    if fixturedef.scope != "function":
+        attribute(item.nodeid.partition("::")[0])
+    result = yield
+    attribute(item.nodeid)
+    return result
 
 
-def run(checkout: Path, tests: Sequence[str]) -> str | None:
-    """Return which test fails first in a checkout, "" if none does; None after the limit."""
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
+def attribute(context: str) -> None:
+    """Attribute the lines that run from now on, here and in new processes, to a test or a file."""
+    if measuring := Coverage.current():
+        measuring.switch_context(context)
+        measuring.config.context = context
+        os.environ["COVERAGE_PROCESS_CONFIG"] = measuring.config.serialize()
+
+
+@dataclass(frozen=True)
+class Runs:
+    """Which tests run which lines: contexts by file and line, and the seconds of each test."""
+
+    lines: dict[Path, dict[int, set[str]]]
+    seconds: dict[str, float]
+
+    def tests_of(self, mutant: Mutant) -> list[str]:
+        """Return the tests that run a line, or lines with the name that an import gives at it.
+
+        Of each file the quickest test comes first, then the second one, for up to the limit.
+        """
+        lines = self.lines.get(mutant.path, {})
+        head, name = statement_at((COPY / mutant.path).read_text(), mutant.line)
+        tests = self._run(lines, [mutant.line]) or self._run(lines, head)
+        if name:
+            word, tests = re.compile(rf"\b{name}\b"), set()
+            for path, of in self.lines.items():
+                numbered = enumerate((COPY / path).read_text().splitlines(), 1)
+                # What every import runs has no test, and belongs to each new process.
+                named = [
+                    n for n, line in numbered if word.search(line) and "" not in of.get(n, {""})
+                ]
+                tests |= self._run(of, named)
+        return self._in_order(tests or self._run(lines, lines))
+
+    def _run(self, lines: dict[int, set[str]], numbers: Iterable[int]) -> set[str]:
+        """Return the tests that run any of some lines of a file."""
+        contexts = set[str]().union(*(lines.get(n, ()) for n in numbers))
+        return {t for t in self.seconds if t in contexts or t.partition("::")[0] in contexts}
+
+    def _in_order(self, tests: set[str]) -> list[str]:
+        """Return which tests run, the quickest of each file first, for up to the limit."""
+        before, ranks = Counter[str](), dict[str, int]()
+        for test in sorted(tests, key=self.seconds.__getitem__):
+            ranks[test] = before[file := test.partition("::")[0]]
+            before[file] += 1
+        chosen, total = list[str](), 0.0
+        for test in sorted(tests, key=lambda each: (ranks[each], self.seconds[each])):
+            if not chosen or total + self.seconds[test] <= LIMIT:
+                chosen.append(test)
+                total += self.seconds[test]
+        return chosen
+
+
+def statement_at(text: str, line: int) -> tuple[range, str]:
+    """Return the lines of the statement at a line, and the name that it gives at import, or ""."""
+    head, in_function = range(line, line + 1), False
+    for node in ast.walk(ast.parse(text)):  # outer ones come first
+        if isinstance(node, ast.stmt) and node.lineno <= line <= (node.end_lineno or 0):
+            first = getattr(node, "body", [None])[0]
+            end = max(node.lineno, first.lineno - 1) if first else node.end_lineno or 0
+            head = range(node.lineno, end + 1)
+            is_function = isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+            in_function |= is_function and line not in head
+    named = re.match(r"\s*(?:async )?(?:def |class )?(\w+)", text.splitlines()[head[0] - 1])
+    return head, named[1] if named and not in_function else ""
+
+
+def measure() -> None:
+    """Run the default tests in a copy of the checkout, if that was not done."""
+    if not (COPY / ".coverage").exists():
+        shutil.rmtree(WORK, ignore_errors=True)
+        shutil.copytree(ROOT, COPY, ignore=MADE)
+        tests = ["-m", "pytest", "-q", "-p", "benchmark.mutants", "-n", "2", "--dist", "loadfile"]
+        python(COPY, "-m", "coverage", "run", *tests)
+        python(COPY, "-m", "coverage", "combine", "-q")
+
+
+def measured() -> Runs:
+    """Return which tests ran which lines of the copy."""
+    data, lines, seconds = CoverageData(str(COPY / ".coverage")), {}, dict[str, float]()
+    data.read()
+    for path in map(Path, data.measured_files()):
+        contexts = data.contexts_by_lineno(str(path))
+        lines[path.relative_to(COPY)] = {n: set(each) for n, each in contexts.items()}
+    for line in (COPY / "seconds.jsonl").read_text().splitlines():
+        seconds |= json.loads(line)
+    return Runs(lines, seconds)
+
+
+def python(checkout: Path, *arguments: str, **keywords: Any) -> subprocess.CompletedProcess[str]:
+    """Run Python in a checkout, whose package is imported."""
     environment = os.environ | {"PYTHONPATH": str(checkout)}
+    command = [sys.executable, *arguments]
+    return subprocess.run(command, cwd=checkout, env=environment, text=True, **keywords)
+
+
+def run(checkout: Path, tests: Sequence[str], *options: str) -> str:
+    """Return which test fails first in a checkout, "" if none does, or why there is no answer."""
+    arguments = checkout / "arguments.txt"
+    arguments.write_text("\n".join(tests))
+    options = ("-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *options, f"@{arguments}")
     try:
-        done = subprocess.run(
-            command, cwd=checkout, env=environment, capture_output=True, text=True, timeout=LIMIT
-        )
+        done = python(checkout, *options, capture_output=True, timeout=5.0 * LIMIT)
     except subprocess.TimeoutExpired:
-        return None
-    failed = re.search(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", done.stdout, re.MULTILINE)
-    return failed[1] if failed else "" if done.returncode in (0, 5) else tests[0]
+        return "the limit of time"
+    if done.returncode in (0, 5):
+        return ""
+    failed = set(re.findall(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", done.stdout, re.MULTILINE))
+    return next((test for test in tests if test in failed), "the import")
 
 
-def notices(checkout: Path, mutant: Mutant) -> bool:
-    """Return whether a test of the module fails with a change, and passes without it."""
+def finder(checkout: Path, mutant: Mutant, tests: list[str]) -> str:
+    """Return which test fails with a change and passes without it, "" if there is none."""
     file = checkout / mutant.path
     text = file.read_bytes()
-    file.write_bytes(mutant.change(text))
-    failed: str | None = ""
-    for tests in tests_of(mutant.path):
-        if failed == "" and tests:
-            failed = run(checkout, tests)
-    file.write_bytes(text)
-    if failed and run(checkout, [failed]) != "":
-        raise SystemExit(f"{failed} fails without a change, too; correct it first.")
-    return failed != ""
+    while tests:
+        file.write_bytes(mutant.change(text))
+        failed = run(checkout, tests)
+        file.write_bytes(text)
+        alone = [failed] if failed in tests else tests
+        options = [] if failed in tests else ["--collect-only"]
+        if not failed or not run(checkout, alone, *options):
+            return failed
+        if failed not in tests:
+            raise SystemExit(f"{mutant.describe(text)}: its tests cannot be collected: {tests}")
+        tests = [test for test in tests if test != failed]
+    return ""
+
+
+def describe(mutant: Mutant) -> str:
+    """Return where and what a change of the copy is."""
+    return mutant.describe((COPY / mutant.path).read_bytes())
+
+
+def results(changes: list[tuple[str, Mutant]], file: Path, jobs: int) -> dict[str, str]:
+    """Return by which test each change is found, of those of a file and of new runs."""
+    lines = file.read_text().splitlines() if file.exists() else []
+    known: dict[str, str] = dict(map(json.loads, lines))
+    checkouts: SimpleQueue[Path] = SimpleQueue()
+    for job in range(jobs):
+        checkouts.put(WORK / f"checkout_{job}")
+        shutil.rmtree(WORK / f"checkout_{job}", ignore_errors=True)
+        shutil.copytree(COPY, WORK / f"checkout_{job}", ignore=MADE)
+    runs = measured()
+
+    def answer(mutant: Mutant) -> tuple[str, str]:
+        if (what := describe(mutant)) in known:
+            return what, known[what]
+        checkout = checkouts.get()
+        found = finder(checkout, mutant, runs.tests_of(mutant))
+        checkouts.put(checkout)
+        with file.open("a") as lines:
+            lines.write(json.dumps([what, found]) + "\n")
+        return what, found
+
+    with ThreadPoolExecutor(jobs) as pool:
+        return dict(tqdm(pool.map(answer, (each for _, each in changes)), total=len(changes)))
 
 
 def main() -> None:
@@ -178,39 +319,48 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=300)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--first", type=int, help="run only as many, in their random order")
+    parser.add_argument("--jobs", type=int, default=1)
     given = parser.parse_args()
-    rows, missed = list[tuple[str, int, int]](), list[str]()
-    with tempfile.TemporaryDirectory() as folder:
-        checkout = Path(folder) / "checkout"
-        shutil.copytree(ROOT, checkout, ignore=MADE)
-        for room, few in drawn(given.count, given.seed).items():
-            found = [notices(checkout, each) for each in few]
-            rows.append((room, len(few), sum(found)))
-            pairs = zip(few, found, strict=True)
-            missed += [
-                x.describe((ROOT / x.path).read_bytes()) for x, is_found in pairs if not is_found
-            ]
-            print(rows[-1], *missed, sep="\n", flush=True)
-    count, noticed = sum(row[1] for row in rows), sum(row[2] for row in rows)
-    share = noticed / count
-    error = math.sqrt(share * (1.0 - share) / count)
+    measure()
+    changes = drawn(given.count, given.seed)[: given.first]
+    found = results(changes, WORK / f"seed_{given.seed}.jsonl", given.jobs)
+    rooms, missed = dict[str, list[bool]](), list[str]()
+    judged = dict(re.findall(r"^(- .*)\n(  .*)$", JUDGED.read_text(), re.MULTILINE))
+    for room, mutant in sorted(changes, key=itemgetter(0)):
+        rooms.setdefault(room, []).append(bool(found[what := describe(mutant)]))
+        if not found[what]:
+            missed.append(f"{what}\n{judged.get(what, '')}".rstrip())
+    seen = [each for of_room in rooms.values() for each in of_room]
+    same = sum("\n  Changes nothing" in each for each in missed)
+    (noticed, part, error), rest = share(seen), share(sorted(seen)[same:])
     publish(
         "mutants",
         "Changes that tests notice",
         [
             "On this page you find which share of single changes of the package its tests notice. "
-            f"The seed {given.seed} drew {count} changes, for which no test was added before. "
-            f"The tests of their modules and rooms found {noticed}, or {100.0 * share:.0f} % "
-            f"(standard error {100.0 * error:.0f} %).",
+            f"The seed {given.seed} drew {given.count} changes, in each room in proportion to its "
+            f"code, for which no test was added before. The first {len(seen)} in a random order "
+            "were made. For each, the tests that run its line ran, the quickest of each file "
+            f"first, for up to {LIMIT:.0f} s. They found {noticed} changes, or {part} % (standard "
+            f"error {error} %). Of the others, {same} change nothing that a test could see; "
+            f"the tests found {rest[1]} % of the rest.",
             table(
-                ["room", "changes", "found"],
-                [[room, str(of), str(seen)] for room, of, seen in rows],
+                ["room", "changes", "found", "share, %", "standard error, %"],
+                [[room, str(len(each)), *share(each)] for room, each in rooms.items()],
             ),
             "Not found:",
             "\n".join(missed) or "none",
         ],
-        machine(f"seed {given.seed}", f"count {count}"),
+        machine("pytest", "coverage", f"seed {given.seed}", f"count {given.count}"),
     )
+
+
+def share(found: Sequence[bool]) -> tuple[str, str, str]:
+    """Return how many are found, their share and its standard error, %."""
+    part = sum(found) / len(found)
+    error = math.sqrt(part * (1.0 - part) / len(found))
+    return str(sum(found)), f"{100.0 * part:.0f}", f"{100.0 * error:.0f}"
 
 
 if __name__ == "__main__":
