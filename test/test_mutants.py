@@ -1,13 +1,13 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The changes that benchmark/mutants.py draws, and the tests that it runs for them."""
+"""The changes that benchmark/mutants.py draws, and which tests run for them."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
-from benchmark import mutants
+from benchmark import line_tests, mutants
 
 CODE = b'''"""A text of 1 + 1."""
 if (a < b) and not c or "x" * d:
@@ -48,18 +48,17 @@ def test_tests_are_those_of_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     """They run the line, or lines with a constant's name; the quickest of each file comes first."""
     path = Path("module.py")
     (tmp_path / path).write_text(MODULE)
-    monkeypatch.setattr(mutants, "COPY", tmp_path)
+    monkeypatch.setattr(line_tests, "COPY", tmp_path)
     imported = {"", "a.py::process"}  # a process that a test starts imports the module
     lines = {1: imported, 2: imported, 5: {"a.py::slow", "a.py::quick", "b.py"}}
     seconds = {"a.py::slow": 3.0, "a.py::quick": 1.0, "a.py::process": 0.1, "b.py::t": 2.0}
-    constant, inside = (mutants.Mutant(path, line, 0, 0, "") for line in (1, 5))
-    for mutant in (constant, inside):
-        actual = mutants.Runs({path: lines}, seconds).tests_of(mutant)
-        assert actual == ["a.py::quick", "b.py::t", "a.py::slow"]
-    monkeypatch.setattr(mutants, "LIMIT", 4.0)
-    assert mutants.Runs({path: lines}, seconds).tests_of(inside) == ["a.py::quick", "b.py::t"]
-    assert mutants.statement_at(MODULE, 3) == (range(2, 5), "f")
-    assert mutants.statement_at(MODULE, 5) == (range(5, 6), "")
+    runs = line_tests.Runs({path: lines}, seconds)
+    for line in (1, 5):  # the constant, and where it is used
+        assert runs.tests_of(path, line) == ["a.py::quick", "b.py::t", "a.py::slow"]
+    monkeypatch.setattr(line_tests, "LIMIT", 4.0)
+    assert runs.tests_of(path, 5) == ["a.py::quick", "b.py::t"]
+    assert line_tests.statement_at(MODULE, 3) == (range(2, 5), "f")
+    assert line_tests.statement_at(MODULE, 5) == (range(5, 6), "")
 
 
 def test_a_test_that_fails_without_the_change_finds_nothing(
@@ -84,7 +83,7 @@ def test_rooms_are_weighted_by_code(monkeypatch: pytest.MonkeyPatch) -> None:
     """Rooms with 30 and 70 % of the code have 3 and 7 of ten changes; other files have none."""
     same = mutants.Mutant(Path("code.py"), 1, 0, 0, "")
     monkeypatch.setattr(mutants, "mutants", lambda *_: [same] * 10)
-    monkeypatch.setattr(mutants, "COPY", mutants.ROOT)
+    monkeypatch.setattr(mutants, "COPY", line_tests.ROOT)
     code = {".": (90, 90), "bags": (90, 30), "cli": (90, 70)}
     monkeypatch.setattr(mutants, "by_room", lambda _: code)
     rooms = [room for room, _ in mutants.drawn(10, 3)]
