@@ -66,6 +66,8 @@ class Runs:
     def tests_of(self, path: Path, line: int) -> list[str]:
         """Return the tests that run a line, or lines with the name that an import gives at it.
 
+        If there are none, they run other lines of its file, or name its module.
+
         Of each file the quickest test comes first, then the second one, for up to the limit.
         """
         lines = self.lines.get(path, {})
@@ -80,7 +82,16 @@ class Runs:
                     n for n, line in numbered if word.search(line) and "" not in of.get(n, {""})
                 ]
                 tests |= self._run(of, named)
-        return self._in_order(tests or self._run(lines, lines))
+        return self._in_order(tests or self._run(lines, lines) or self._naming(path.stem))
+
+    def _naming(self, module: str) -> set[str]:
+        """Return the tests of files that name a module, of which processes alone run lines."""
+        word, files = (
+            re.compile(rf"\b{module}\b"),
+            {test.partition("::")[0] for test in self.seconds},
+        )
+        naming = {file for file in files if word.search((COPY / file).read_text())}
+        return {test for test in self.seconds if test.partition("::")[0] in naming}
 
     def _run(self, lines: dict[int, set[str]], numbers: Iterable[int]) -> set[str]:
         """Return the tests that run any of some lines of a file."""
@@ -131,7 +142,8 @@ def measure() -> None:
             "--dist",
             "loadfile",
         ]
-        python(COPY, "-m", "coverage", "run", *tests)
+        if python(COPY, "-m", "coverage", "run", *tests).returncode > 1:  # more than failed tests
+            raise SystemExit("The tests did not run to their end; see above.")
         python(COPY, "-m", "coverage", "combine", "-q")
 
 

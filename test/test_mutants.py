@@ -45,7 +45,10 @@ def f(
 
 
 def test_tests_are_those_of_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """They run the line, or lines with a constant's name; the quickest of each file comes first."""
+    """They run it, or lines with a constant's name; the quickest test of each file comes first.
+
+    Where no test runs a module, the files of tests that name it are chosen.
+    """
     path = Path("module.py")
     (tmp_path / path).write_text(MODULE)
     monkeypatch.setattr(line_tests, "COPY", tmp_path)
@@ -55,6 +58,9 @@ def test_tests_are_those_of_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     runs = line_tests.Runs({path: lines}, seconds)
     for line in (1, 5):  # the constant, and where it is used
         assert runs.tests_of(path, line) == ["a.py::quick", "b.py::t", "a.py::slow"]
+    for file in ("a.py", "b.py"):
+        (tmp_path / file).write_text("import module" if file == "b.py" else "")
+    assert line_tests.Runs({}, seconds).tests_of(path, 5) == ["b.py::t"]
     monkeypatch.setattr(line_tests, "LIMIT", 4.0)
     assert runs.tests_of(path, 5) == ["a.py::quick", "b.py::t"]
     assert line_tests.statement_at(MODULE, 3) == (range(2, 5), "f")
