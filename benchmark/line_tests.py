@@ -66,30 +66,25 @@ class Runs:
     def tests_of(self, path: Path, line: int) -> list[str]:
         """Return the tests that run a line, or lines with the name that an import gives at it.
 
-        If there are none, they run other lines of its file, or name its module.
-
-        Of each file the quickest test comes first, then the second one, for up to the limit.
+        If there are none, they run other lines of its file, or name its module. Of each file, the
+        quickest test comes first, then the second one, for up to the limit.
         """
         lines = self.lines.get(path, {})
         head, name = statement_at((COPY / path).read_text(), line)
         tests = self._run(lines, [line]) or self._run(lines, head)
         if name:
             word, tests = re.compile(rf"\b{name}\b"), set()
-            for path, of in self.lines.items():
-                numbered = enumerate((COPY / path).read_text().splitlines(), 1)
-                # What every import runs has no test, and belongs to each new process.
-                named = [
-                    n for n, line in numbered if word.search(line) and "" not in of.get(n, {""})
-                ]
-                tests |= self._run(of, named)
+            for file, of in self.lines.items():
+                numbered = enumerate((COPY / file).read_text().splitlines(), 1)
+                # What each import runs belongs to no test, and to all that start a process.
+                used = {n for n, text in numbered if word.search(text)}
+                tests |= self._run(of, (n for n in used if "" not in of.get(n, {""})))
         return self._in_order(tests or self._run(lines, lines) or self._naming(path.stem))
 
     def _naming(self, module: str) -> set[str]:
         """Return the tests of files that name a module, of which processes alone run lines."""
-        word, files = (
-            re.compile(rf"\b{module}\b"),
-            {test.partition("::")[0] for test in self.seconds},
-        )
+        word = re.compile(rf"\b{module}\b")
+        files = {test.partition("::")[0] for test in self.seconds}
         naming = {file for file in files if word.search((COPY / file).read_text())}
         return {test for test in self.seconds if test.partition("::")[0] in naming}
 
