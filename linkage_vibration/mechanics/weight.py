@@ -39,10 +39,13 @@ class Weight:
     y: Mapping[str, float]
     bearings: Collection[str]
     contacts: Mapping[str, float]  # m, heights at which the soil carries the mounts
+    given: Forces | None  # those of the vertical half, if they are known
 
     @cached_property
     def _plane(self) -> Forces:
-        """The vertical half, whose links have no modes as they do not move."""
+        """The forces of the vertical half, whose links need no modes as they do not move."""
+        if self.given is not None:
+            return self.given
         links = tuple(replace(link, modes=0) for link in self.mechanism.links)
         bare = replace(self.mechanism, links=links)
         components = bare.components()
@@ -90,7 +93,7 @@ class Weight:
         self, configuration: Configuration
     ) -> tuple[dict[str, FloatArray], FloatArray, FloatArray]:
         """Return the forces at rest along each link at its points, of springs, and of pins, N."""
-        plane = self._plane
+        plane, n = self._plane, len(self._plane.interface)
         joining = plane.interface.join(configuration)
         moved, falling = plane.moved_by_weight(configuration, joining)
         unknown = np.isnan(moved).any(axis=-1)
@@ -101,9 +104,10 @@ class Weight:
                 "at its joint, give mounts stiffness along z, or write `weight: ignored` under "
                 "`lateral`."
             )
-        elastic, stretch = moved @ plane.system.stiffness, joining.elongation
-        pull = joining.stiffness * _times(stretch, moved)
-        by_pins = elastic - falling @ plane.system.mass + _times(stretch.swapaxes(-1, -2), pull)
+        elastic, stretch = (moved @ plane.system.stiffness)[..., :n], joining.elongation
+        pull = joining.stiffness * _times(stretch, moved[..., :n])
+        by_pins = elastic - (falling @ plane.system.mass)[..., :n]
+        by_pins += _times(stretch.swapaxes(-1, -2), pull)
         into = np.linalg.pinv(joining.compatibility.swapaxes(-1, -2), rcond=_REPEATED)
         along = {
             link.name: elastic[..., [plane.interface.at(link.name, p, "x") for p, _ in link.points]]

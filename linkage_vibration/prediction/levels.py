@@ -332,7 +332,7 @@ class LevelTable:
             for each, its, name in zip(self._halves, inputs, names, strict=False):
                 each.add_members(its, len(outputs), self._n_pins, partial(keep, name))
             self.n_members = each.members.n
-            amplitudes, frequencies = load_factors(excitations, self.n_members)
+            amplitudes, frequencies = load_factors(excitations, table.ensemble_coordinates)
             amplitudes = unit_sizes(amplitudes.T, frequencies.T, powers)
             self._draws = amplitudes, frequencies.T
             if self._ground is not None and terrain is not None and not self._ground.refusal:
