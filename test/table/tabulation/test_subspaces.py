@@ -109,9 +109,8 @@ def test_poles_beside_far_modes(mapping: Any, dashpot: float) -> None:
     exact = np.linalg.eigvals(matrix)
     exact = exact[np.abs(exact) < limit]
     assert (np.isreal(exact).any()) == (dashpot > 20.0)
-    moved = np.linalg.lstsq(
-        np.vstack([q, v]), np.vstack([v, -(omega[:, np.newaxis] ** 2) * q - damping @ v])
-    )[0]
+    rates = np.vstack([v, -(omega[:, np.newaxis] ** 2) * q - damping @ v])
+    moved = np.linalg.lstsq(np.vstack([q, v]), rates, rcond=None)[0]
     found = np.linalg.eigvals(moved)
     assert len(found) == len(exact)
     rounding = 10.0 * np.finfo(float).eps * np.linalg.norm(damping)
