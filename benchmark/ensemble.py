@@ -255,9 +255,8 @@ def members(scene: Scene, built: Table, refused: BoolArray) -> FloatArray:
     """Return the levels of the members of an ensemble, each solved as a whole at every angle."""
     uncertainty = mechanism_of(scene.mapping, Path("description")).uncertainty
     assert uncertainty is not None
-    half = built.ensemble_coordinates
-    numbers = uncertainty.draw(np.vstack([half, -half]))
-    amplitudes, frequencies = member_factors(scene.excitations, len(numbers))
+    numbers = uncertainty.draw(built.ensemble_coordinates.astype(float))
+    amplitudes, frequencies = member_factors(scene.excitations, built.ensemble_coordinates)
     result = (with_values(scene, uncertainty, row) for row in numbers)
     given = [
         None if model is None else (model, amplitudes[:, k], frequencies[:, k])

@@ -11,7 +11,6 @@ import numpy as np
 from linkage_vibration.listening.orders import Orders
 from linkage_vibration.listening.sensor_response import SensorResponse
 from linkage_vibration.mechanics.arrays import FloatArray
-from linkage_vibration.prediction.ensemble import load_factors
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.loads import given_kinds
 
@@ -112,30 +111,27 @@ def measure_orders(
     excitations: Sequence[Excitation],
     orders: Orders,
     units: FloatArray,
-    loaded: Sequence[int],
+    transfer: SensorResponse,
     fewest: int = FEWEST,
 ) -> list[MeasuredOrder]:
     """Return each order that any window has, measured and predicted; units: `unit_responses`.
 
     An order is detected in at least the fewest windows.
     """
-    n_members = units.shape[1] - 1
-    factors = (
-        load_factors(excitations, n_members)[0] if n_members else np.empty((len(excitations), 0))
-    )
-    rows = []
+    n_members, rows = units.shape[1] - 1, []
     for i, excitation in enumerate(excitations):
         squares, noise = orders.squares[:, i], orders.noise[:, i]
         scale = np.full((len(squares), 1 + n_members), math.nan)
-        if excitation.load is not None and i in loaded:
+        if excitation.load is not None and i in transfer.loaded:
             relative = (orders.speeds[:, i] / excitation.load.speed) ** excitation.load.exponent
-            scale = units[:, :, list(loaded).index(i)] * relative[:, np.newaxis]
+            scale = units[:, :, transfer.loaded.index(i)] * relative[:, np.newaxis]
         valid = np.isfinite(squares)
         if excitation.load is not None:
             valid &= np.isfinite(scale).all(axis=1) & (scale > 0.0).all(axis=1)
         if valid.any():
+            factors = transfer.amplitudes[i, :n_members]
             rows.append(
-                _row(excitation, squares[valid], noise[valid], scale[valid], factors[i], fewest)
+                _row(excitation, squares[valid], noise[valid], scale[valid], factors, fewest)
             )
     return rows
 

@@ -180,15 +180,15 @@ class SensorMonitor:
     ) -> None:
         """Set what orders measure, and what is predicted of them where the crank angle is known."""
         excitations, transfer, units = self._excitations, channel.transfer, np.empty((1, 1, 0))
-        angle, loaded = self._predictor.angle_in_table(message.crank_angle), list[int]()
+        angle = self._predictor.angle_in_table(message.crank_angle)
         if angle is not None:
-            loaded, units = transfer.loaded, unit_responses(transfer, orders, np.array([angle]))
+            units = unit_responses(transfer, orders, np.array([angle]))
             levels, _ = predicted_levels(transfer, excitations, orders, units, speeds)
             message.predicted_level = float(levels[0])
         else:
             excitations = tuple(replace(excitation, load=None) for excitation in excitations)
         names = [excitation.name for excitation in excitations]
-        for row in measure_orders(excitations, orders, units, loaded, fewest=1):
+        for row in measure_orders(excitations, orders, units, transfer, fewest=1):
             numbers = row.measured, row.measured_stddev, row.predicted, row.predicted_factor
             for name, number in zip(_BY_ORDER, (*numbers, row.difference), strict=True):
                 getattr(message, name)[names.index(row.excitation.name)] = number

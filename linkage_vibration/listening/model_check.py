@@ -11,7 +11,7 @@ import numpy as np
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.listening.drive_modes import DriveMode
-from linkage_vibration.listening.number_effects import NumberEffects
+from linkage_vibration.listening.number_effects import number_effects
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.readers.targets import HALVES, ModelMode, targets_text
 from linkage_vibration.table.table import Table
@@ -47,16 +47,14 @@ def explanations(
     known = all(len(half.ensemble_alpha3) for half in table.halves)
     if mechanism.uncertainty is None or not known or not sure:
         return ()
-    effects, heights = NumberEffects(table), np.array([mode.alpha3 for mode in sure])
-    which = np.array([mode.mode for mode in sure])
-    changes = effects.at(heights)[range(len(sure)), which]
-    rates = effects.of_numbers(mechanism, changes, which)
+    effects = number_effects(table, mechanism, np.array([mode.alpha3 for mode in sure]))
+    rates = effects[:, range(len(sure)), [mode.mode for mode in sure]]  # (n_numbers, n_sure)
     weights = 1.0 / np.array([mode.deviation for mode in sure])
     apart = weights * np.log([mode.frequency / mode.predicted for mode in sure])
-    weighted = np.array([*rates.values()]) * weights  # (n_numbers, n_sure)
+    weighted = rates * weights
     shifts = weighted @ apart / (1.0 + (weighted**2).sum(axis=1))
     left = 1.0 - shifts * (weighted @ apart) / (apart @ apart)
-    paths = [*rates]
+    paths = [number.path for number in mechanism.uncertainty.numbers]
     order = np.argsort(left, kind="stable").tolist()
     return tuple(Explanation(paths[i], float(shifts[i]), float(left[i])) for i in order)
 

@@ -10,7 +10,7 @@ import numpy as np
 from linkage_vibration.listening.signals import SignalError
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray
 from linkage_vibration.mechanics.description import Mechanism
-from linkage_vibration.prediction.ensemble import EnsembleResponses
+from linkage_vibration.prediction.ensemble import EnsembleResponses, load_factors
 from linkage_vibration.prediction.excitation import Excitation
 from linkage_vibration.prediction.loads import load_input, load_powers, unit_sizes, weights_at
 from linkage_vibration.readers.sensors import Sensor
@@ -46,8 +46,11 @@ class SensorResponse:
         self._loads = [load_input(each.load, each.name, table, mechanism) for each in loaded]
         self._powers = load_powers([each.load for each in loaded])
         self._members: EnsembleResponses | None = None
+        self.amplitudes = np.empty((len(excitations), 0))
+        """Factors of the amplitudes of the members, (n_excitations, n_members)."""
         if len(table.ensemble_alpha3) and self._loads:
             self._members = EnsembleResponses(table, self._loads, self._outputs, 0, self._at_nodes)
+            self.amplitudes = load_factors(excitations, table.ensemble_coordinates)[0]
         self.n_members = self._members.n if self._members else 0
         self.alpha3_range = table.alpha3_range
 

@@ -18,7 +18,6 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, symmetric
 from linkage_vibration.mechanics.bodies.beam import THETA, Beam, W, beam_matrices
@@ -101,9 +100,12 @@ def _link(link: Link, mechanism: Mechanism, *, reduced: bool) -> Component:
     slopes = [_slopes(each.displacement, np.diff(nodes)[:, np.newaxis]) for each in drawings]
     ends = [link.stretch * x for _, (x, _) in link.points]
     at = np.searchsorted(ends[1:-1], (nodes[1:] + nodes[:-1]) / 2.0)
-    pieces = [[np.concatenate(each[:, at == i]) for each in slopes] for i in range(len(ends) - 1)]
-    tight = [block_diag(*(each.T @ each for each in piece)) for piece in pieces]
-    tightened = np.array(tight)[:, order[:, np.newaxis], order]
+    tightened = np.zeros((len(ends) - 1, *both.mass.shape))
+    columns = np.split(np.argsort(order), np.cumsum([len(part.mass) for part in parts])[:-1])
+    for each, own in zip(slopes, columns, strict=True):
+        for piece, tight in enumerate(tightened):
+            piece_slopes = each[:, at == piece].reshape(-1, len(own))
+            tight[own[:, np.newaxis], own] = piece_slopes.T @ piece_slopes
     matrices = both.mass, both.stiffness, both.damping
     return Component(link.name, dofs, *matrices, parts[0].loss_factor, None, tightened)
 
@@ -127,7 +129,10 @@ class LateralMap(InterfaceMap):
     directions = "xyz"
 
     def __init__(
-        self, mechanism: Mechanism, components: Sequence[Component | FrfComponent]
+        self,
+        mechanism: Mechanism,
+        components: Sequence[Component | FrfComponent],
+        plane: Forces | None = None,
     ) -> None:
         super().__init__(mechanism, components)
         assert mechanism.lateral is not None
@@ -145,7 +150,7 @@ class LateralMap(InterfaceMap):
         self._bearings = {name: point for name, point in points.items() if point}
         self._rigid_shaft = self._lateral.rockshaft == math.inf
         contacts = dict(zip(wheels, (axle.contact for axle in self._lateral.axles), strict=True))
-        self._weight = Weight(mechanism, self._y, self._bearings, contacts)
+        self._weight = Weight(mechanism, self._y, self._bearings, contacts, plane)
 
     def join(self, configuration: Configuration) -> Joining:
         """Return what joins the components in a configuration, with the stiffness by the weight."""

@@ -108,6 +108,8 @@ class LinkageModel:
     half : {"vertical", "lateral"}
         The motions in the plane, or those odd about the middle: sway, roll and yaw. The lateral
         half needs the key `lateral`, whose `response` is that of its `mechanism`.
+    vertical : LinkageModel, optional
+        The vertical half of the same mechanism, whose kinematics and forces are used again.
 
     Raises
     ------
@@ -124,10 +126,13 @@ class LinkageModel:
         reduced: bool = True,
         kinematics: Kinematics | None = None,
         half: Literal["vertical", "lateral"] = "vertical",
+        vertical: "LinkageModel | None" = None,
     ) -> None:
         check_type(mechanism, "read the file with `read_mechanism`", Mechanism)
         self.mechanism, self.half = mechanism, half
-        self.kinematics = kinematics or Kinematics(mechanism)
+        if vertical is not None:
+            kinematics = vertical.kinematics
+        self.kinematics: Kinematics = kinematics or Kinematics(mechanism)
         self.components: tuple[Component | FrfComponent, ...]
         if half == "vertical":
             self.components = mechanism.components(reduced=reduced)
@@ -137,7 +142,8 @@ class LinkageModel:
                 raise ModelError(f"{mechanism.name} has no lateral half; describe it by `lateral`.")
             self.mechanism = replace(mechanism, response=mechanism.lateral.response)
             self.components = lateral_components(mechanism, reduced=reduced)
-            self.interface = LateralMap(mechanism, self.components)
+            plane = vertical.forces if vertical and mechanism.lateral.weight else None
+            self.interface = LateralMap(mechanism, self.components, plane)
         self._measured = [c for c in self.components if isinstance(c, FrfComponent)]
         # The frequencies at which FRFs of the components were computed last, and these FRFs.
         self._frfs: tuple[bytes | None, list[ComplexArray | MeasuredFrfs]] = None, []
@@ -151,7 +157,7 @@ class LinkageModel:
         """The model of the vertical half, and that of the lateral one if it is described."""
         if self.half == "lateral" or self.mechanism.lateral is None:
             return (self,)
-        return self, LinkageModel(self.mechanism, kinematics=self.kinematics, half="lateral")
+        return self, LinkageModel(self.mechanism, half="lateral", vertical=self)
 
     @cached_property
     def system(self) -> UncoupledSystem:

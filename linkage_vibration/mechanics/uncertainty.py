@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, IntArray
+from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.mechanics.description import (
     Mechanism,
     MechanismError,
@@ -33,8 +33,8 @@ _ROOTS = ("base", "damping", "ground", "lateral", "links", "rigid_bodies", "spri
 _COUNTS = ("count", "elements", "modes")
 _STEP = 1e-4  # Differences are over this share of a standard deviation,
 _LEAST_STEP = 1e-6  # and at least this share of the number, below which they are rounding.
-_ROWS = 32  # of a rotation, at least
-_WEAK = 0.01  # A number hardly changes a mode if its deviation is up to this share of it.
+_ROWS = 32  # pairs of members, at least
+_MOST_ALIKE = 16  # columns of so many pairs, so that amplitudes of loads have others
 _SINGULAR = 1e-9  # The correlations contradict one another below this eigenvalue.
 
 
@@ -52,32 +52,32 @@ def _is_across(path: str) -> bool:
     return own or path.endswith(".track")
 
 
-def draw_of(uncertainty: Uncertainty) -> IntArray:
-    """Return which independent draw each number follows, (n,), from 0.
+def paired_draws(uncertainty: Uncertainty, seed: int) -> FloatArray:
+    """Return draws of n numbers, in standard deviations, for m pairs of members, (2, m, n).
 
-    More numbers than rows of a `rotation` need more members. So numbers that act across the plane
-    follow draws of the best known numbers of the vertical half, which hardly change a mode.
+    They have the variance 1 and no correlations. The second of a pair has the opposite draws. More
+    than m numbers would need more pairs, so it has the same draws of those that are known best.
     """
-    numbers, n = uncertainty.numbers, len(uncertainty.numbers)
-    alone = np.count_nonzero(np.array(uncertainty.correlation).reshape(n, n), axis=1) == 1
-    share = np.array([each.deviation / (abs(each.value) or each.deviation) for each in numbers])
-    best, lateral = np.argsort(share, kind="stable"), across(uncertainty)
-    leaders = best[(alone & ~lateral & (share <= _WEAK))[best]]
-    followers = best[::-1][(alone & lateral)[best[::-1]]][: max(n - _ROWS, 0)]
-    draws = np.arange(n)
-    for follower, leader in zip(followers, leaders, strict=False):
-        draws[follower] = leader
-    return np.unique(draws, return_inverse=True)[1]
+    numbers, random = uncertainty.numbers, np.random.default_rng(seed)
+    share = [each.deviation / (abs(each.value) or each.deviation) for each in numbers]
+    n = min(max(len(numbers) - _ROWS, 0), _MOST_ALIKE)
+    alike, opposite = (np.sort(each) for each in np.split(np.argsort(share, kind="stable"), [n]))
+    m = max(len(opposite), _ROWS)
+    draws = np.empty((2, m, len(numbers)))
+    rotation = np.linalg.qr(random.standard_normal((m, m)))[0][:, : len(opposite)]
+    draws[:, :, opposite] = math.sqrt(m) * rotation * [[[1.0]], [[-1.0]]]
+    draws[:, :, alike] = balanced(random, np.ones((m, 1)), n)
+    return draws
 
 
-def rotation(n: int, seed: int) -> FloatArray:
-    """Return n columns of a random rotation of m = max(n, 32) rows, times sqrt(m), (m, n).
+def balanced(random: np.random.Generator, taken: FloatArray, n: int) -> FloatArray:
+    """Return n columns of random numbers, (m, n), that are not correlated with those taken, (m, k).
 
-    As standard normal numbers, they have the variance 1 and no correlations.
+    They are not correlated with one another, and their mean square is 1.
     """
-    size = max(n, _ROWS)
-    normal = np.random.default_rng(seed).standard_normal((size, size))
-    return np.asarray(math.sqrt(size) * np.linalg.qr(normal)[0][:, :n])
+    normal, basis = random.standard_normal((len(taken), n)), np.linalg.qr(taken)[0]
+    rest = np.linalg.qr(normal - basis @ (basis.T @ normal))[0]
+    return np.asarray(math.sqrt(len(taken)) * rest)
 
 
 def read_uncertainty(

@@ -39,10 +39,13 @@ class Weight:
     y: Mapping[str, float]
     bearings: Mapping[str, str]
     contacts: Mapping[str, float]  # m, heights at which the soil carries the mounts
+    given: Forces | None  # those of the vertical half, if they are known
 
     @cached_property
     def _plane(self) -> Forces:
-        """The vertical half, whose links have no modes as they do not move."""
+        """The forces of the vertical half, whose links need no modes as they do not move."""
+        if self.given is not None:
+            return self.given
         links = tuple(replace(link, modes=0) for link in self.mechanism.links)
         bare = replace(self.mechanism, links=links)
         components = bare.components()
@@ -98,7 +101,7 @@ class Weight:
 
         The last are the moments of the weight of links about their bearings, N m seen from aside.
         """
-        plane = self._plane
+        plane, n = self._plane, len(self._plane.interface)
         joining = plane.interface.join(configuration)
         moved, falling = plane.moved_by_weight(configuration, joining)
         unknown = np.isnan(moved).any(axis=-1)
@@ -109,9 +112,9 @@ class Weight:
                 "at its joint, give mounts stiffness along z, or write `weight: ignored` under "
                 "`lateral`."
             )
-        elastic, stretch = moved @ plane.system.stiffness, joining.elongation
-        pull = joining.stiffness * _times(stretch, moved)
-        load, parts = falling @ plane.system.mass, plane.system.components
+        elastic, stretch = (moved @ plane.system.stiffness)[..., :n], joining.elongation
+        pull = joining.stiffness * _times(stretch, moved[..., :n])
+        load, parts = (falling @ plane.system.mass)[..., :n], plane.system.components
         by_pins = elastic - load + _times(stretch.swapaxes(-1, -2), pull)
         into = np.linalg.pinv(joining.compatibility.swapaxes(-1, -2), rcond=_REPEATED)
         along = {
@@ -119,7 +122,7 @@ class Weight:
             for link in self.mechanism.links
         }
         turning = {
-            part.name: load[..., plane.system.rows[part.name]] @ self._arms(part)
+            part.name: load[..., plane.system.rows[part.name][: len(part.dofs)]] @ self._arms(part)
             for part in parts
             if part.name in self.bearings
         }

@@ -19,6 +19,7 @@ from linkage_vibration.mechanics.arrays import FloatArray, IntArray
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.forces import reference
 from linkage_vibration.mechanics.model import Place
+from linkage_vibration.mechanics.uncertainty import balanced
 from linkage_vibration.prediction.excitation import Excitation
 from linkage_vibration.prediction.ground import (
     N_FREQUENCIES,
@@ -43,18 +44,18 @@ _N_ANGLES, _N_SPEEDS = 25, 128
 
 
 def load_factors(
-    excitations: Sequence[Excitation], n_members: int
+    excitations: Sequence[Excitation], coordinates: FloatArray | Singles
 ) -> tuple[FloatArray, FloatArray]:
     """Return factors of amplitudes and of frequencies of the members, (n_excitations, n_members).
 
-    ln(amplitude) and frequency are normal. Members of opposite signs, in both halves, have the same
-    draws, so that these do not correlate with the numbers of the mechanism.
+    ln(amplitude) and frequency are normal. Both members of a pair, in both halves, have the same
+    draws, which do not correlate with the numbers of the mechanism: `Table.ensemble_coordinates`.
     """
-    n, half = len(excitations), n_members // 2
-    generator, parts = np.random.default_rng(0), []
-    for _ in range(0, 2 * n, half - 1):  # columns without a mean, which are orthogonal
-        columns = generator.standard_normal((half, half - 1))
-        parts.append(np.linalg.qr(columns - columns.mean(axis=0))[0] * math.sqrt(half))
+    n, half = len(excitations), len(coordinates) // 2
+    same = coordinates[:half] + coordinates[half:]
+    taken = np.column_stack([np.ones(half), same[:, same.any(axis=0)]])
+    generator, room = np.random.default_rng(0), half - taken.shape[1]
+    parts = [balanced(generator, taken, room) for _ in range(0, 2 * n, room)]
     normal = np.tile(np.hstack(parts)[:, : 2 * n].T, 2)
     loads = [each.load or each.terrain for each in excitations]
     amplitude = np.array([[getattr(load, "relative_stddev", 0.0)] for load in loads])

@@ -277,7 +277,7 @@ def halves_of(source: Table | LinkageModel, mechanism: Mechanism) -> list[Half]:
     """Return the vertical half of a mechanism, and the lateral one if the ground excites it."""
     both, mounts = [Half(source, vertical_mounts(mechanism), False)], lateral_mounts(mechanism)
     if mounts and isinstance(source, LinkageModel):
-        other = LinkageModel(mechanism, kinematics=source.kinematics, half="lateral")
+        other = LinkageModel(mechanism, half="lateral", vertical=source)
         both.append(Half(other, mounts, True))
     elif mounts and isinstance(source, Table) and source.lateral is not None:
         both.append(Half(source.lateral, mounts, True))

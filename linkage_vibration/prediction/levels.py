@@ -348,7 +348,9 @@ class LevelTable:
         for each, its, name in zip(self._halves, inputs, names, strict=False):
             each.add_members(its, n_outputs, self._n_pins, partial(keep, name))
         self.n_members = self._halves[0].members.n
-        amplitudes, frequencies = load_factors(excitations, self.n_members)
+        amplitudes, frequencies = load_factors(
+            excitations, self.predictor.table.ensemble_coordinates
+        )
         self._draws = unit_sizes(amplitudes.T, frequencies.T, self._powers), frequencies.T
         if self._surface and self._ground and not self._ground.refusal:
             of = self.predictor.table, self.mechanism, self._surface, self._of_member

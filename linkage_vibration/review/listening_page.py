@@ -76,7 +76,7 @@ def compare_sensor(log: Log, signal: Signal) -> SensorComparison:
     orders = track_orders(signal, log.excitations, speeds)
     angles = known_at(orders.times, log.times, log.table_angle)
     units = unit_responses(transfer, orders, angles)
-    rows = measure_orders(log.excitations, orders, units, transfer.loaded)
+    rows = measure_orders(log.excitations, orders, units, transfer)
     sources = dict.fromkeys(log.excitations[i].source for i in transfer.loaded)
     unknown = tuple(source.value for source in sources if source not in speeds)
     predicted, squares = predicted_levels(transfer, log.excitations, orders, units, speeds)

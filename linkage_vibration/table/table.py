@@ -39,12 +39,13 @@ from linkage_vibration.support.commands import command
 from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
 from linkage_vibration.table.cells import Cells, JoinedCells
 from linkage_vibration.table.interpolation import interpolation_matrix, stroke_variable
+from linkage_vibration.table.packing import PACKED, pack, unpack
 from linkage_vibration.table.pole_cells import PoleFinder, PolePiece
 from linkage_vibration.table.reduced import MODEL_ARRAYS, ReducedModels
 
 IntArray = NDArray[np.int64]
 
-FORMAT = "linkage_vibration table 11"
+FORMAT = "linkage_vibration table 12"
 
 _CHUNK = 4096  # So many angles are looked up at a time, whose cells stay in the cache.
 _NEAR = math.radians(1.0)  # Predictions are marked as near a toggle within this angle of it.
@@ -117,9 +118,8 @@ class Table:
         Angles at which the members of the ensemble are known, rad; none without uncertain numbers
         or without FRFs. The first member is the mechanism itself, the numbers of the others are
         drawn. They are NaN where a member is not known.
-    ensemble_coordinates : ndarray, (n_members // 2, n_numbers)
-        The draws of the first half of these others, in standard deviations; those of the second
-        half are the opposites.
+    ensemble_coordinates : float32 ndarray, (n_members, n_numbers)
+        The draws of these others, in standard deviations, as `uncertainty.paired_draws` has them.
     ensemble_poles, ensemble_shapes : complex64 ndarray
         (n_members, n_nodes, k), rad/s, and (n_members, n_nodes, n_rows, k) at `member_outputs`:
         products are the residues of 1 / (s - pole); those of the conjugate poles follow.
@@ -172,7 +172,7 @@ class Table:
     damping_ratio_stddev: FloatArray = _array("1")
     parameter_stddev: FloatArray = _array("1", shape=(2, 0, 0))
     ensemble_alpha3: FloatArray = _array("rad")
-    ensemble_coordinates: FloatArray = _array("1")
+    ensemble_coordinates: NDArray[np.float32] = _array("1")
     ensemble_poles: NDArray[np.complex64] = _array("rad/s")
     ensemble_shapes: NDArray[np.complex64] = _array("SI")
     ensemble_far: NDArray[np.float32] = _array("m/N or 1")
@@ -601,6 +601,7 @@ UNITS = {each.name: each.metadata["unit"] for each in fields(Table) if each.meta
 _MAYBE = "frf_error", "force_error"  # NaN in a table without FRFs; JSON has no NaN
 _FACTS = [each.name for each in fields(Table) if each.name not in (*UNITS, "reduced", "parts")]
 _LATERAL = "lateral_"  # before the names of the arrays of the lateral half
+_EXPONENTS = "_exponents"  # after the names of packed arrays
 
 
 def _tuples(value: Any) -> Any:
@@ -618,9 +619,11 @@ def widened(band: tuple[float, float]) -> tuple[float, float]:
 def table_bytes(table: Table) -> bytes:
     """Return a table as one ``.npz``: an array for each quantity, and JSON metadata."""
     metadata = json.dumps({**table._metadata(), "checksum": table.checksum}, sort_keys=True)
-    archive = io.BytesIO()
+    archive, arrays = io.BytesIO(), table._arrays
+    for name in [name for name in arrays if name.removeprefix(_LATERAL) in PACKED]:
+        arrays[name], arrays[name + _EXPONENTS] = pack(arrays[name])
     try:
-        np.savez_compressed(archive, metadata=np.array(metadata), **table._arrays)
+        np.savez_compressed(archive, metadata=np.array(metadata), **arrays)
     except ValueError as error:  # zipfile hides that there is not enough memory
         raise MemoryError from error
     return archive.getvalue()
@@ -731,6 +734,9 @@ def _read(path: Path) -> Table:
             if metadata["format"] != FORMAT or metadata["units"] != UNITS:
                 raise TableError(f"{path}: is a table of another format; {rebuild}")
             arrays = {name: archive[name] for name in archive.files if name != "metadata"}
+        for name in [name for name in arrays if name.removeprefix(_LATERAL) in PACKED]:
+            kind = PACKED[name.removeprefix(_LATERAL)]
+            arrays[name] = unpack(arrays[name], arrays.pop(name + _EXPONENTS), kind)
         table = _table(metadata, arrays)
         if table.checksum != metadata["checksum"]:
             raise TableError(f"{path}: is damaged (its checksum differs); build the table again.")

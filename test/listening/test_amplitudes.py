@@ -71,7 +71,7 @@ def orders(amplitudes: FloatArray, random: np.random.Generator) -> Orders:
 def measured(actual: Orders) -> list[MeasuredOrder]:
     """Return both orders, measured and predicted."""
     units = unit_responses(predicted(), actual, np.repeat(ANGLES, len(SPEEDS)))
-    return measure_orders(excitations(), actual, units, predicted().loaded)
+    return measure_orders(excitations(), actual, units, predicted())
 
 
 def test_the_transfer_is_that_of_the_model() -> None:
@@ -184,6 +184,6 @@ def test_the_deviation_of_a_measured_rms() -> None:
     amplitudes = np.full((15, 1, 2), 100.0 * math.sqrt(NOISE))
     actual = orders(amplitudes, np.random.default_rng(2))
     plain = tuple(replace(each, load=None) for each in excitations())
-    for row in measure_orders(plain, actual, np.empty((15, 1, 0)), ()):
+    for row in measure_orders(plain, actual, np.empty((15, 1, 0)), predicted()):
         assert row.measured == pytest.approx(100.0 * math.sqrt(NOISE / 2.0), rel=0.01)
         assert row.measured_stddev == pytest.approx(math.sqrt(NOISE / 15.0) / 2.0, rel=0.01)

@@ -20,7 +20,7 @@ from linkage_vibration.table.pole_cells import oscillating, values_of
 from linkage_vibration.table.table import Table, TableError, both_halves
 from linkage_vibration.table.tabulation.accuracy import TOLERANCE, Accuracy
 from linkage_vibration.table.tabulation.cell_making import cell_arrays
-from linkage_vibration.table.tabulation.ensemble import with_uncertainty
+from linkage_vibration.table.tabulation.ensemble import Meshed, with_uncertainty
 from linkage_vibration.table.tabulation.naming import with_mode_names
 from linkage_vibration.table.tabulation.piece_refinement import RefinedPiece, refine
 from linkage_vibration.table.tabulation.refinement import first_points, refine_pieces
@@ -76,7 +76,7 @@ def build_table(
         with table_bar(model.mechanism.name) as shown:
             return build_table(model, tolerance, points, shown)
     first, *others = model.halves
-    share, drawn = 1.0 / (1 + len(others)), dict[int, Mechanism]()
+    share, drawn = 1.0 / (1 + len(others)), dict[tuple[int, int], tuple[Mechanism, Meshed]]()
     seen = model.mechanism.response.point, model.mechanism.response.direction
     given = tolerance, points, seen, drawn
     table = _half(first, *given, lambda done: progress(share * done))
@@ -91,7 +91,7 @@ def _half(
     tolerance: float,
     points: Sequence[str] | None,
     seen: Place,
-    drawn: dict[int, Mechanism],
+    drawn: dict[tuple[int, int], tuple[Mechanism, Meshed]],
     progress: Callable[[float], object],
 ) -> Table:
     share = _SHARE if model.mechanism.uncertainty else 1.0

@@ -4,15 +4,14 @@
 
 The members of the ensemble are models whose uncertain numbers are drawn. They are solved at a few
 angles of the stroke, with fewer elements and modes than the model, and a cylinder may be a little
-beyond its stroke. Two opposite draws are left out unless both close over the stroke, since a
-machine that exists does. Where the modes of a member cannot be followed from angle to angle, its
+beyond its stroke. A pair of members is left out unless both close over the stroke, since a machine
+that exists does. Where the modes of a member cannot be followed from angle to angle, its
 numbers are NaN. Deviations do not follow modes: they are those of the poles of the same rank.
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import count, islice
 from typing import Any
 
 import numpy as np
@@ -31,12 +30,13 @@ from linkage_vibration.mechanics.modes import (
     oscillating_indices,
 )
 from linkage_vibration.mechanics.response import reach
-from linkage_vibration.mechanics.uncertainty import draw_of, rotation
+from linkage_vibration.mechanics.uncertainty import paired_draws
 from linkage_vibration.table.interpolation import (
     interpolation_matrix,
     stroke_angle,
     stroke_variable,
 )
+from linkage_vibration.table.packing import PACKED, rounded
 from linkage_vibration.table.table import Table, TableError
 from linkage_vibration.table.tabulation.sampling import Sampler
 
@@ -52,13 +52,12 @@ _SKEW = 1.0  # A distribution is skew from this standardised third moment on.
 _LEAST = 1e-4  # and by this.
 _UNCLEAR = 0.5  # MAC up to which a shape may continue two: its sum over all modes is 1.
 _NEAR = 0.03  # A pole of coarser bodies may be off by this share of its decay.
+Meshed = dict[tuple[int, int], LinkageModel]  # by elements and modes of its links
+
 N_ANGLES = 257
 """Even angles over the range at which a table has the standard deviations."""
 
-N_PAIRS = 32
-"""Members of an ensemble, and as many opposite ones, at least."""
-
-_SEED = 7  # of the first rotation whose rows are drawn
+_SEED = 7  # of the draws; the next one is that of those in place of pairs that are left out
 _FEW_LOST = 7  # One of so many pairs may be left out: what closes scatters less than what is drawn.
 _BEYOND = 0.1  # of the stroke of a cylinder, by which that of a member may be beyond it
 
@@ -76,7 +75,10 @@ class _Modes:
 
 
 def with_uncertainty(
-    table: Table, sampler: Sampler, drawn: dict[int, Mechanism], progress: Callable[[float], object]
+    table: Table,
+    sampler: Sampler,
+    drawn: dict[tuple[int, int], tuple[Mechanism, Meshed]],
+    progress: Callable[[float], object],
 ) -> Table:
     """Return a table with its deviations by uncertain numbers of its mechanism, and an ensemble.
 
@@ -92,25 +94,25 @@ def with_uncertainty(
             f"{mechanism.name}: uncertainty needs links with matrices, and some of its links "
             "are known by FRFs alone; remove this section."
         )
-    known: dict[int, tuple[LinkageModel, dict[float, _Modes]]] = {}
-    draws = draw_of(uncertainty)
-    n = max(int(draws.max()) + 1, N_PAIRS)
+    known: dict[tuple[int, int], tuple[LinkageModel, dict[float, _Modes]]] = {}
+    pairs = np.concatenate([paired_draws(uncertainty, _SEED + i) for i in (0, 1)], axis=1)
+    n = pairs.shape[1] // 2
     for n_nodes in _N_NODES:
-        solver, rows = _Solver(table, sampler, n_nodes, 1 + 2 * n), list[FloatArray]()
+        solver, rows = _Solver(table, sampler, n_nodes, 1 + 2 * n), list[int]()
         solver.keep(0, *solver.solve(solver.own, 0))
-        pairs = islice(member_pairs(draws), n + n // _FEW_LOST)
-        for k, row in enumerate(pairs, 1):
+        for row in range(n + n // _FEW_LOST):
             if len(rows) == n or (solver.rough and n_nodes != _N_NODES[-1]):
                 break
             try:
-                values = uncertainty.draw(np.array([row, -row])).tolist()
-                for at, each in zip((k, -k), values, strict=True):
+                values = uncertainty.draw(pairs[:, row]).tolist()
+                of_pair = (row, 0), (row, 1)
+                for at, each in zip(of_pair, values, strict=True):
                     if at not in drawn:
-                        drawn[at] = uncertainty.described(each)
+                        drawn[at] = uncertainty.described(each), {}
                     if at not in known:
-                        known[at] = solver.model(drawn[at]), {}
+                        known[at] = solver.model(*drawn[at]), {}
                 members = 1 + len(rows), 1 + n + len(rows)
-                both = [solver.solve(known[x], i) for x, i in zip((k, -k), members, strict=True)]
+                both = [solver.solve(known[x], i) for x, i in zip(of_pair, members, strict=True)]
             except LinkageVibrationError:  # numbers that are not possible
                 continue
             for i, each in zip(members, both, strict=True):
@@ -124,19 +126,11 @@ def with_uncertainty(
     if solver.rough or not table.places:
         return table
     arrays: dict[str, Any] = {f"ensemble_{k}": each for k, each in solver.arrays.items()}
-    coordinates = np.zeros((n, len(uncertainty.numbers)))
-    coordinates[: len(rows)] = rows
-    return replace(table, ensemble_alpha3=solver.nodes, ensemble_coordinates=coordinates, **arrays)
-
-
-def member_pairs(draws: IntArray) -> Iterator[FloatArray]:
-    """Yield draws of n numbers, in standard deviations, (n,), which members have with both signs.
-
-    They follow independent ones, (n,), as `uncertainty.draw_of` says: as many pairs as there are of
-    these, at least N_PAIRS, have the variance 1 and no correlations.
-    """
-    for seed in count(_SEED):
-        yield from rotation(int(draws.max()) + 1, seed)[:, draws]
+    arrays |= {name: rounded(arrays[name]) for name in PACKED}
+    coordinates = np.zeros((2, n, len(uncertainty.numbers)))
+    coordinates[:, : len(rows)] = pairs[:, rows]
+    arrays["ensemble_coordinates"] = np.concatenate(coordinates).astype(np.float32)
+    return replace(table, ensemble_alpha3=solver.nodes, **arrays)
 
 
 class _Solver:
@@ -148,11 +142,12 @@ class _Solver:
         self._places: Sequence[Place] = table.member_outputs
         self._limit = reach(table.band)
         few = _nodes(table, 3).tolist()
-        exact = [_oscillating(sampler.solution(angle).damped)[0] for angle in few]
+        solutions = [sampler.solution(angle) for angle in few]
+        exact = [_oscillating(_damped(each, _DAMPED * self._limit))[0] for each in solutions]
         for self._mesh in _COARSER:
             self._highest = math.inf if self._mesh[0] == _ALL else _DAMPED * self._limit
-            model = self.model(sampler.model.mechanism)
-            damped = _damped(model.stack(np.array(few)), self._highest)
+            model = self.model(sampler.model.mechanism, {})
+            damped = rows_of(_damped(model.stack(np.array(few)), self._highest))
             coarse = [_oscillating(each)[0] for each in damped]
             if all(_agree(*both, self._limit) for both in zip(coarse, exact, strict=True)):
                 break
@@ -172,7 +167,8 @@ class _Solver:
         self._base = first_widest(np.array(gaps))
         # Shapes that members are followed from: those of the mechanism itself by nodes.
         self._own_shapes = {self._base: solved[self._base].shapes[:, :n_kept]}
-        self._rough, base = list[int](), sampler.model.mechanism.base
+        self._rough, self._n_lost = list[int](), 0
+        base = sampler.model.mechanism.base
         n_rows, n_mounts = len(self._places), len(base.mounts) if base else 0
 
         def unknown(kind: type, *shape: int) -> NDArray[Any]:
@@ -195,8 +191,13 @@ class _Solver:
 
     @property
     def rough(self) -> bool:
-        """Whether the mechanism itself, or more members than can be left out, need more angles."""
-        return 0 in self._rough or len(self._rough) > _MOST_ROUGH * len(self._ranked)
+        """Whether the mechanism itself, or more members than can be left out, need more angles.
+
+        Members whose modes cannot be followed count at the fewest angles alone.
+        """
+        few = len(self.nodes) == _N_NODES[0]
+        n_rough = len(self._rough) + few * self._n_lost
+        return 0 in self._rough or n_rough > _MOST_ROUGH * len(self._ranked)
 
     def _ranks_of(self, solved: list[_Modes]) -> IntArray:
         """Return which poles at the nodes are those of the table, (n_nodes, n_modes), ascending."""
@@ -278,6 +279,7 @@ class _Solver:
             numbers["static"][node] = here.static
         if member == 0:
             self._own_shapes = shapes
+        self._n_lost += len(shapes) < len(self.nodes)
         self._check(member, check.poles, poles)
         numbers["poles"][:] = poles
 
@@ -309,8 +311,13 @@ class _Solver:
             order, pairs = order[:0], (order[:0], order[:0])
         return order, np.where(product[pairs].real < 0.0, -1.0, 1.0)
 
-    def model(self, mechanism: Mechanism) -> LinkageModel:
-        """Return the model of a member."""
+    def model(self, mechanism: Mechanism, kept: Meshed) -> LinkageModel:
+        """Return the model of a member, and keep that of its vertical half."""
+        if self._mesh not in kept:
+            kept[self._mesh] = self._vertical(mechanism)
+        return kept[self._mesh].halves[1] if self._half == "lateral" else kept[self._mesh]
+
+    def _vertical(self, mechanism: Mechanism) -> LinkageModel:
         springs = tuple(
             replace(s, stiffness=replace(s.stiffness, margin=_BEYOND * s.stiffness.stroke))
             if isinstance(s.stiffness, Cylinder)
@@ -318,8 +325,7 @@ class _Solver:
             for s in mechanism.springs
         )
         mechanism = replace(coarser(mechanism, *self._mesh), springs=springs)
-        near = self._kinematics.nearby(mechanism)
-        return LinkageModel(mechanism, kinematics=near, half=self._half)
+        return LinkageModel(mechanism, kinematics=self._kinematics.nearby(mechanism))
 
     def _solved(self, model: LinkageModel, angles: FloatArray) -> list[_Modes]:
         """Return the modes of a member at angles, rad."""
@@ -331,22 +337,23 @@ class _Solver:
         if n_forces:
             static = model.forces.at_rest(*where, stack.coupled, rows[..., -n_forces:, :])
         every = rows @ stack.modes.shapes[..., np.newaxis, :, :]
-        each = stack.modes.omega, stack.modes.shapes, _damped(stack, self._highest), every, static
-        for omega, shapes, damped, powers, at_rest in zip(*each, strict=True):
-            poles, turn = _oscillating(damped)
+        damped = rows_of(_damped(stack, self._highest))
+        each = stack.modes.omega, stack.modes.shapes, damped, every, static
+        for omega, shapes, modes, powers, at_rest in zip(*each, strict=True):
+            poles, turn = _oscillating(modes)
             near = powers[..., : len(turn)] @ turn
             rows = near[0] + poles * near[1] + poles**2 * near[2]
-            rest, k = powers[0].real, damped.stiffness
+            rest, k = powers[0].real, modes.stiffness
             slow = (k.real > MECHANISM**2) & (k.real < self._limit**2)
-            modes = _Modes(
+            here = _Modes(
                 poles,
                 np.asarray(shapes[:, : len(turn)] @ turn),
                 rows,
                 rest / omega**2 @ rest[:n_places].T,
                 at_rest,
-                int(((k.real <= damped.decay**2 / 4.0) & slow).sum()),
+                int(((k.real <= modes.decay**2 / 4.0) & slow).sum()),
             )
-            solved.append(modes)
+            solved.append(here)
         return solved
 
 
@@ -364,11 +371,11 @@ def _nodes(table: Table, n: int) -> FloatArray:
     return nodes
 
 
-def _damped(stack: Solution, highest: float) -> list[DampedModes]:
-    """Return the damped modes at each angle of a stack by undamped ones up to rad/s."""
-    omega = stack.modes.omega
-    n = int((omega <= highest).sum(axis=1).max())
-    return rows_of(damp_modes(stack.coupled, omega[:, :n], stack.vectors[..., :n]))
+def _damped(solution: Solution, highest: float) -> DampedModes:
+    """Return the damped modes of a solution, or of a stack, by undamped ones up to rad/s."""
+    omega = solution.modes.omega
+    n = int((omega <= highest).sum(axis=-1).max())
+    return damp_modes(solution.coupled, omega[..., :n], solution.vectors[..., :n])
 
 
 def _oscillating(damped: DampedModes) -> tuple[ComplexArray, ComplexArray]:

@@ -14,7 +14,13 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import schur
 
-from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray, solve_stack
+from linkage_vibration.mechanics.arrays import (
+    BoolArray,
+    ComplexArray,
+    FloatArray,
+    IntArray,
+    solve_stack,
+)
 from linkage_vibration.mechanics.description import Response
 from linkage_vibration.mechanics.model import IdentifiedSolution, LinkageModel, Place, Solution
 from linkage_vibration.mechanics.modes import MECHANISM, mixed_damping, modal_damping
@@ -26,6 +32,8 @@ _LOW = 0.1  # Displacements of modes below this share of the reach are not enlar
 _SLOWEST = 1e-3  # A mechanism mode is given this frequency, rad/s.
 _POOR = 1e4  # Coordinates with a larger condition number are poor.
 _SERIES = 1e-17  # A series ends where its terms are smaller.
+_APART = 4.0  # Undamped modes above so many times the limit only correct the poles below it,
+_DASHPOT = 0.2  # unless the limit is above this share of the slowest of their real poles.
 _FLAT = 1e-5  # Beside poles below this share of the others, rounding spoils a series.
 _LEAVES = 0.5  # A state that continues a subspace has a smaller share outside it.
 
@@ -233,11 +241,9 @@ class _Motion:
         """Return displacements and velocities of the poles up to a limit, and the other poles."""
         if not self._is_diagonal:
             return _viscous(self.omega, self.viscous, limit, response)
-        half = np.diag(self.viscous) / 2.0
-        root = np.sqrt(half**2 - self.omega**2 + 0j)
-        poles = np.array([root - half, -root - half])
+        n, poles = len(self.omega), _uncoupled(self.omega, np.diag(self.viscous)).reshape(2, -1)
         near = np.abs(poles).min(axis=0) < limit
-        chosen, none = np.eye(len(half))[:, near], np.zeros((len(half), int(near.sum())))
+        chosen, none = np.eye(n)[:, near], np.zeros((n, int(near.sum())))
         others = poles[:, ~near].ravel()
         both = np.hstack([chosen, none]), np.hstack([none, chosen])
         return *both, others[others.imag >= 0.0]
@@ -291,12 +297,43 @@ def _viscous(
     first, second = np.diag(scale), np.diag(omega**2 / scale)
     matrix = np.block([[np.zeros((n, n)), first], [-second, -viscous]])
     while True:
-        t, z, k = schur(matrix, output="real", sort=lambda re, im, r=limit: math.hypot(re, im) < r)
+        far = omega > _APART * limit
+        # Strong damping makes slow poles of far modes, down to the inverse of this norm.
+        slow = (viscous / np.outer(omega, omega))[np.ix_(far, far)]
+        far &= limit * np.linalg.norm(slow, 2) < _DASHPOT if far.any() else far
+        condensed, states = _condensed(matrix, np.tile(far, 2))
+        t, z, k = schur(
+            condensed, output="real", sort=lambda re, im, r=limit: math.hypot(re, im) < r
+        )
         if k == 2 * n or (np.linalg.eigvals(t[:k, :k]).imag > 0.0).sum() > response.modes:
             break
         limit *= 2.0
-    others = np.linalg.eigvals(t[k:, k:]).astype(complex)
-    return z[:n, :k] / scale[:, np.newaxis], z[n:, :k], others[others.imag >= 0.0]
+    z = states @ z[:, :k]
+    # Poles far above the band need no coupling, as they are only represented.
+    others = np.append(np.linalg.eigvals(t[k:, k:]), _uncoupled(omega[far], np.diag(viscous)[far]))
+    return z[:n] / scale[:, np.newaxis], z[n:], others[others.imag >= 0.0]
+
+
+def _condensed(matrix: FloatArray, far: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Return a matrix on the states that are not far, and all states, (n, k), of these.
+
+    With x_far = X x, X A = A_far X for the poles that are lower than those of A_far by _APART, by
+    which each step divides the errors.
+    """
+    near, x = ~far, np.zeros((int(far.sum()), int((~far).sum())))
+    within, into = matrix[np.ix_(near, near)], matrix[np.ix_(near, far)]
+    back, inverse = matrix[np.ix_(far, near)], np.linalg.inv(matrix[np.ix_(far, far)])
+    for _ in range(math.ceil(-math.log(_SERIES) / math.log(_APART)) if len(x) else 0):
+        x = inverse @ (x @ (within + into @ x) - back)
+    states = np.empty((len(matrix), x.shape[1]))
+    states[near], states[far] = np.eye(x.shape[1]), x
+    return within + into @ x, states
+
+
+def _uncoupled(omega: FloatArray, decay: FloatArray) -> ComplexArray:
+    """Return both poles of each mode, rad/s, (2 n,), of which damping couples none."""
+    root = np.sqrt(decay**2 / 4.0 - omega**2 + 0j)
+    return np.concatenate([root - decay / 2.0, -root - decay / 2.0])
 
 
 def _structural(

@@ -12,7 +12,7 @@ from linkage_vibration.mechanics.coupling import assembled_frf
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.table.tabulation.sampling import Sampler
-from linkage_vibration.table.tabulation.subspaces import check_lines
+from linkage_vibration.table.tabulation.subspaces import _viscous, check_lines
 
 ANGLE = 2.6
 DAMPER = {"joint": "E1", "bodies": ["lower_link", "implement"], "stiffness": 1e3}
@@ -90,3 +90,30 @@ def test_frfs_with_every_mode(mapping: Any, name: str) -> None:
     exact = np.hstack([displacements, forces])
     off = np.linalg.norm(sample.totals - exact, axis=0) / np.linalg.norm(exact, axis=0)
     assert off.max() < 1e-9
+
+
+@pytest.mark.parametrize("dashpot", [0.0, 11.0, 13.0, 80.0])
+def test_poles_beside_far_modes(mapping: Any, dashpot: float) -> None:
+    """Poles up to a limit are those of the whole matrix of q'' + D q' + W^2 q, to 1e-9 of decay.
+
+    A dashpot on far modes is absent, is weak enough, too strong, or makes a pole below the limit.
+    """
+    random, limit = np.random.default_rng(4), 900.0
+    omega = np.geomspace(20.0, 3e5, 40)
+    coupling = random.standard_normal((40, 3)) * np.where(omega < 5e3, 0.5, 3.0)[:, np.newaxis]
+    damping = coupling @ coupling.T + np.diag(0.02 * omega)
+    damping[-5:, -5:] += dashpot * 1e5 * np.ones((5, 5))
+    response = mechanism_from_mapping(mapping).response
+    q, v, others = _viscous(omega, damping, limit, response)
+    matrix = np.block([[np.zeros((40, 40)), np.diag(omega)], [-np.diag(omega), -damping]])
+    exact = np.linalg.eigvals(matrix)
+    exact = exact[np.abs(exact) < limit]
+    assert (np.isreal(exact).any()) == (dashpot > 20.0)
+    rates = np.vstack([v, -(omega[:, np.newaxis] ** 2) * q - damping @ v])
+    moved = np.linalg.lstsq(np.vstack([q, v]), rates, rcond=None)[0]
+    found = np.linalg.eigvals(moved)
+    assert len(found) == len(exact)
+    rounding = 10.0 * np.finfo(float).eps * np.linalg.norm(damping)
+    for pole in exact:
+        assert np.abs(found - pole).min() < 1e-9 * abs(pole.real) + rounding
+    assert np.abs(others).min() > limit
