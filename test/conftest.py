@@ -17,7 +17,7 @@ from linkage_vibration.support.resources import config_file
 from test.support.programs import missing_programs
 
 # Times say nothing on a machine that others share. Each run tries other examples.
-settings.register_profile("few", deadline=None, max_examples=40)
+settings.register_profile("few", deadline=None, max_examples=25)
 settings.load_profile("few")
 
 collect_ignore = ["ros/launched_node.py"]  # launch_test runs it, which ros/test_launch.py calls

@@ -62,10 +62,10 @@ NOT_RUN = {
     "twine": "releases are made by hand",
 }
 # Pages whose commands take long, or are those of README.md with other options. Those of the last
-# six are run by test/cli, test/studies, test/export and test/ros/test_services.py, too.
+# eight are run by test/cli, test/studies, test/export and test/ros/test_services.py, too.
 SLOW = {"docs/measure_your_hitch.md", "docs/reproduction.md", "docs/table.md"}
 SLOW |= {"docs/command_line.md", "docs/excitation.md", "docs/uncertainty.md", "docs/sweeps.md"}
-SLOW |= {"docs/review.md", "docs/export.md", "docs/services.md"}
+SLOW |= {"docs/review.md", "docs/export.md", "docs/services.md", "docs/your_own_hitch.md"}
 # Pages whose commands print what the blocks of text below them show.
 PRINTED = {"docs/measure_your_hitch.md", "docs/reproduction.md"}
 

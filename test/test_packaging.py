@@ -263,3 +263,7 @@ def test_a_sourced_lyrical_is_used(tmp_path: Path) -> None:
     assert "the build of linkage_vibration_interfaces failed; see " in line
     log = (tmp_path / "environment" / "interfaces.log").read_text()
     assert log.startswith("/opt/ros/lyrical: -S linkage_vibration_interfaces ")
+    # Environments that are made at once do not write metadata into the same folder.
+    given = {**os.environ, "DIST_EXTRA_CONFIG": str(tmp_path / "environment" / "metadata.cfg")}
+    subprocess.run([sys.executable, "setup.py", "-q", "egg_info"], cwd=ROOT, env=given, check=True)
+    assert (tmp_path / "environment" / "linkage_vibration.egg-info").is_dir()

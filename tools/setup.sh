@@ -92,12 +92,15 @@ END
     fi
 fi
 
+# setuptools writes the metadata of the package here, since two environments may be made at once.
+metadata=$venv/metadata.cfg
+printf '[egg_info]\negg_base = %s\n' "$venv" > "$metadata"
 if [ -z "$rclpy" ]; then
     echo "Installing ROS 2 $distro from PyPI and linkage_vibration into $name (once, some minutes)"
     # Python compiles only the modules that are imported, so that takes less time than all of them.
     {
-        "$venv/bin/pip" install -qq --no-compile ${versions:+-c "$versions"} -r "$wheels" \
-            --editable ".[$extras]" &&
+        DIST_EXTRA_CONFIG=$metadata "$venv/bin/pip" install -qq --no-compile \
+            ${versions:+-c "$versions"} -r "$wheels" --editable ".[$extras]" &&
             "$venv/bin/pip" install -qq --no-deps --no-build-isolation ./linkage_vibration_interfaces
     } || fail "pip could not install everything; see its messages above"
 else
@@ -112,7 +115,7 @@ else
     echo "Installing linkage_vibration into $name"
     # Keep the NumPy that this ROS 2 was compiled with.
     "$venv/bin/python" -c 'import numpy; print("numpy==" + numpy.__version__)' > "$venv/numpy.txt"
-    "$venv/bin/pip" install -qq --constraint "$venv/numpy.txt" \
+    DIST_EXTRA_CONFIG=$metadata "$venv/bin/pip" install -qq --constraint "$venv/numpy.txt" \
         ${versions:+-c "$versions"} --editable ".[$extras]" ||
         fail "pip could not install everything; see its messages above"
 fi

@@ -454,16 +454,8 @@ def noise_then_still(
 ) -> list[Fault]:
     """Return the faults of a sensor that shakes by 1 mrad and then repeats its value.
 
-    Parameters
-    ----------
-    repeats, before, since : int
-        How often the last value is repeated, how often one was before, and how many values follow.
-    changes : int
-        How often the value changes at 100 Hz, turning back each time.
-    last_rate : float
-        Readings in a second while the last value is repeated, Hz.
-    rising : float
-        The share of the changes, the first ones, that do not turn back.
+    It repeats it before `since` values follow, and did so `before` times. It changes at 100 Hz; the
+    first changes, a share `rising`, do not turn back. `last_rate` is that of repeated readings, Hz.
     """
     angles = [2.0 + (1e-3 * (i % 2) if i >= rising * changes else 1e-5 * i) for i in range(changes)]
     angles = [*angles[:-since], *angles[-since - 1 : -since] * before, *angles[-since:]]

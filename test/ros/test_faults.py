@@ -27,18 +27,7 @@ OK, WARN, ERROR, STALE = (
 
 @dataclass
 class Tractor:
-    """Publishes what a tractor publishes, and collects the diagnostics of a node.
-
-    Attributes
-    ----------
-    peer : Peer
-    folder : Path
-        The folder of the node's logs.
-    name : str
-        The name of the node.
-    received : list of DiagnosticStatus
-        The statuses of the node.
-    """
+    """Publishes what a tractor publishes, and collects the statuses of the node of a name."""
 
     peer: Any
     folder: Path

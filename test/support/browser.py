@@ -24,10 +24,7 @@ TIMEOUT = 20.0  # s
 class Browser:
     """One page of one headless Chromium, over the DevTools protocol on a pair of pipes.
 
-    Attributes
-    ----------
-    problems : list of str
-        Console messages, exceptions and network requests so far.
+    `problems` are console messages, exceptions and network requests so far.
     """
 
     def __init__(self, width: int = 1280, height: int = 900) -> None:

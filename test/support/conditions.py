@@ -40,14 +40,10 @@ JOINT_STATE, SPEED = "sensor_msgs/msg/JointState", "std_msgs/msg/Float64"
 
 
 def promise(place: str, **without: str) -> pytest.MarkDecorator:
-    """Mark a test that shows a promise, which the first line of its docstring states.
+    """Mark a test that shows a promise of a place, such as ``node.md#topics``.
 
-    Parameters
-    ----------
-    place : str
-        The page and the section that make the promise, such as ``node.md#topics``.
-    **without : str
-        Why it makes no sense in a condition, by ``goal`` and ``kilohertz``.
+    The first line of its docstring states the promise. `without` says why the test makes no sense
+    in a condition, by ``goal`` and ``kilohertz``.
     """
     names = {"goal": GOAL, "kilohertz": KILOHERTZ}
     reasons = {names[condition]: reason for condition, reason in without.items()}
@@ -55,13 +51,7 @@ def promise(place: str, **without: str) -> pytest.MarkDecorator:
 
 
 class Load:
-    """A process of `test.support.load`, and what it has reported.
-
-    Attributes
-    ----------
-    reports : list of dict
-        All reports so far.
-    """
+    """A process of `test.support.load`, and all that it has reported so far."""
 
     def __init__(self, environment: Mapping[str, str], *arguments: str) -> None:
         self._process = subprocess.Popen(
@@ -118,19 +108,10 @@ def with_root(environment: Mapping[str, str]) -> str:
 
 @dataclass
 class Tractor:
-    """Publishes what a tractor publishes, from a process of its own.
+    """Publishes what a tractor publishes at a rate, Hz, from a process of its own.
 
-    Readings come at 1,000 Hz in that condition, also those that a test asks for.
-
-    Attributes
-    ----------
-    load : Load
-    rate : float
-        Rate of the readings, Hz.
-    always : bool
-        Whether healthy readings and speeds are also published while no test asks for any.
-    topic : str
-        The topic of the readings.
+    In the condition with 1,000 Hz, readings that a test asks for come at that rate, too. `always`
+    says whether healthy readings and speeds are also published while no test asks for any.
     """
 
     load: Load
@@ -199,21 +180,9 @@ class Tractor:
 
 @dataclass
 class Promised:
-    """A node whose promises are tested, in one condition.
+    """A node whose promises are tested in one condition, its statuses, and what sends it goals.
 
-    Attributes
-    ----------
-    condition, name : str
-        One of `CONDITIONS`, and the name of the node.
-    node : RunningNode
-    peer : Peer
-    tractor : Tractor
-    goals : Load or None
-        Sends the goals.
-    statuses : list of DiagnosticStatus
-        Those of the node.
-    since, ended : float
-        When the load has begun and when it has ended (monotonic).
+    `since` and `ended` are when the load has begun and when it has ended (monotonic).
     """
 
     condition: str

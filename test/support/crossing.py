@@ -41,18 +41,10 @@ _ANCHOR = (2.2, 0.5)  # m, its end on the ground; the crank is 1 m long
 def crossing_crank(
     gap: float, at: float, ratio: float = 0.01, dashpot: float | None = None
 ) -> Mechanism:
-    """Return the mechanism.
+    """Return the mechanism, whose two modes are nearest at an angle, rad, with a gap, Hz.
 
-    Parameters
-    ----------
-    gap : float
-        Hz, between the two modes where they are nearest; 0 lets them cross.
-    at : float
-        rad, where that is.
-    ratio : float
-        Damping ratio at 10 and 100 Hz, 1.
-    dashpot : float, optional
-        Damping of the spring, N s/m; by default that of the rule, so that the modes stay real.
+    A gap of 0 lets them cross. The damping ratio, 1, is that at 10 and 100 Hz. The damping of the
+    spring, N s/m, is by default that of the rule, so that the modes stay real.
     """
     damping = rayleigh_damping(ratio, 10.0, 100.0)
     tuned, coupling = _tuned(gap, at)
@@ -120,10 +112,7 @@ def exact_poles(
 def poles_at(dashpot: float, alpha3: float) -> NDArray[np.complex128]:
     """Return the oscillating poles of the lower two modes, ascending, (2,) or (1,), rad/s.
 
-    Parameters
-    ----------
-    dashpot, alpha3 : float
-        N s/m and rad.
+    They are those with a dashpot, N s/m, at an angle, rad.
     """
     poles = exact_poles(GAP, AT, RATIO, dashpot, alpha3)
     return np.array(sorted(poles[(poles.imag > 0.0) & (np.abs(poles) < _HIGHEST)], key=abs))

@@ -40,18 +40,11 @@ ENCODER_NOISE = np.deg2rad(0.02)  # rad, standard deviation
 
 
 def hitch_duty_cycle() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the crank angle of a hitch over its duty cycle, as a noisy encoder measures it.
+    """Return times (s, at 100 Hz) and crank angles (rad, 101 to 169 deg) of a noisy encoder.
 
     Depth control moves the hitch by a few degrees below 1 Hz. Lifting and lowering are minimum-jerk
     moves. On the road the tractor bounces on its tyres at about 2 Hz, most strongly just after the
     lift. The noise has a fixed seed, so the drive is the same each time.
-
-    Returns
-    -------
-    times : ndarray, (n_times,), s
-        0 to 20 s at 100 Hz.
-    alpha3 : ndarray, (n_times,), rad
-        The crank angle, between 101 and 169 deg.
     """
     # NumPy promises only for RandomState that its numbers never change.
     random = np.random.RandomState(seed=3)
@@ -71,18 +64,11 @@ def hitch_duty_cycle() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 def engine_and_pto_speed() -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the speeds of engine and PTO over the duty cycle.
+    """Return times (s, at 10 Hz) and the speeds of engine and PTO over the duty cycle, rpm.
 
     The engine works at 2000 rpm, which the draft reduces by up to 80 rpm. It idles at the headland,
     speeds up for the road, and idles again before the implement is lowered. The PTO turns at a
-    fixed ratio to it, and is disengaged while the implement is up.
-
-    Returns
-    -------
-    times : ndarray, (n_times,), s
-        0 to 20 s at 10 Hz.
-    engine, pto : ndarray, (n_times,), rpm
-        In the steps of the bus, 0.125 rpm.
+    fixed ratio to it, and is disengaged while the implement is up. Steps are those of the bus.
     """
     random = np.random.RandomState(seed=4)
     times = np.arange(round(DURATION * SPEED_RATE)) / SPEED_RATE

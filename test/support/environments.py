@@ -20,21 +20,10 @@ from packaging.utils import canonicalize_name
 
 
 def make_environment(folder: Path, wheel: Path, requirements: Iterable[str]) -> dict[str, str]:
-    """Make a virtual environment and return the variables that activate it.
+    """Make an environment with a wheel of this package, and return the variables that activate it.
 
-    Parameters
-    ----------
-    folder : Path
-        Where the environment is made.
-    wheel : Path
-        The wheel of this package.
-    requirements : iterable of str
-        What is installed, such as ``linkage_vibration[bags]``.
-
-    Raises
-    ------
-    LookupError
-        If a required distribution is not installed where the tests run.
+    It has what requirements such as ``linkage_vibration[bags]`` need. A LookupError says that a
+    distribution is not installed where the tests run.
     """
     venv.create(folder, with_pip=False, symlinks=True)
     python = folder / "bin" / "python"
@@ -58,17 +47,8 @@ def required(
 ) -> list[importlib.metadata.Distribution]:
     """Return the distributions that requirements need, directly or through others.
 
-    Parameters
-    ----------
-    known : dict of str to Distribution
-        Distributions that are installed already; their requirements count, they are not returned.
-    requirements : iterable of str
-        Where the search begins.
-
-    Raises
-    ------
-    LookupError
-        If a distribution is not installed where the tests run.
+    Those that are known are installed already: their requirements count, and they are not returned.
+    A LookupError says that a distribution is not installed where the tests run.
     """
     waiting = [(Requirement(text), "") for text in requirements]
     actual = {canonicalize_name(name): distribution for name, distribution in known.items()}
@@ -92,15 +72,7 @@ def required(
 
 
 def link(distribution: importlib.metadata.Distribution, folder: Path, site: Path) -> None:
-    """Link the files of a distribution into an environment, at the same places.
-
-    Parameters
-    ----------
-    distribution : Distribution
-        Installed in the environment that runs the tests.
-    folder, site : Path
-        The environment, and its folder of packages.
-    """
+    """Link the files of a distribution into an environment and its packages, at the same places."""
     pairs = []
     for file in distribution.files or []:
         source = Path(str(distribution.locate_file(file))).resolve()

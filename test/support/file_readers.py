@@ -44,16 +44,9 @@ _NODES = {1: "A", 2: "B"}
 
 @dataclass(frozen=True)
 class Reader:
-    """A reader of files.
+    """A reader of files: how a report calls it, what makes its seeds, and what reads a path.
 
-    Attributes
-    ----------
-    name : str
-        What a report calls it.
-    make : callable
-        Returns its seeds.
-    read : callable
-        Reads a path; raises AssertionError if the result is invalid.
+    The last raises an AssertionError if the result is invalid.
     """
 
     name: str

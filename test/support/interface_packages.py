@@ -23,14 +23,9 @@ INTERFACES = ROOT / "linkage_vibration_interfaces"
 
 
 def built_package(name: str, messages: Mapping[str, str]) -> Path:
-    """Return the prefix in which a package of messages is installed; it is built once.
+    """Return the prefix in which a package of messages, by their names, is installed.
 
-    Parameters
-    ----------
-    name : str
-        The name of the package.
-    messages : mapping of str to str
-        The definitions of its messages by their names.
+    It is built once.
     """
     pytest.importorskip("scikit_build_core", reason="pip builds message packages for ROS 2 wheels")
     key = hashlib.sha256(repr((name, sorted(messages.items()), sys.prefix)).encode()).hexdigest()
@@ -58,13 +53,7 @@ def built_package(name: str, messages: Mapping[str, str]) -> Path:
 
 
 def environment_with(environment: Mapping[str, str], prefix: Path) -> dict[str, str]:
-    """Return the environment of a process that finds a package.
-
-    Parameters
-    ----------
-    environment, prefix : mapping of str to str, Path
-        The environment without it, and where it is installed.
-    """
+    """Return the environment of a process that also finds the package in a prefix."""
     version = f"python{sys.version_info[0]}.{sys.version_info[1]}"
     actual = dict(environment)
     for variable, folder in (

@@ -55,21 +55,10 @@ def filled(message: Any, fields: dict[str, Any]) -> Any:
 
 @dataclass
 class Stream:
-    """Messages of one topic, which are published in turn at a rate.
+    """Messages of one topic, which are published in turn at a rate, Hz; none are at 0.
 
-    Attributes
-    ----------
-    publisher : rclpy Publisher
-    kind : str
-        The type of the messages.
-    messages : list of messages
-        Published in turn.
-    rate : float
-        Messages in a second; none if it is 0.
-    stamp : float or None
-        The stamp of each message less the time of its publication, s; None if its fields say it.
-    begun, count : float, int
-        When the rate was set (monotonic), and how many messages were published since.
+    The stamp of each less the time of its publication is `stamp`, s; None if its fields say it. The
+    rate was set at `begun` (monotonic), and since then `count` messages were published.
     """
 
     publisher: Any
@@ -96,16 +85,7 @@ class Stream:
 
 @dataclass
 class Topics:
-    """Publishes the streams that were asked for last.
-
-    Attributes
-    ----------
-    node : rclpy Node
-    streams : dict of str to Stream
-        By their topics.
-    number : int
-        The number of the last order.
-    """
+    """Publishes the streams, by their topics, that the last order asked for, by its number."""
 
     node: Any
     streams: dict[str, Stream] = field(default_factory=dict)

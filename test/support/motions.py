@@ -19,19 +19,11 @@ _STEP = 1e-3  # s, of the true motion
 
 @dataclass(frozen=True, slots=True)
 class Sensor:
-    """A sensor of the crank angle.
+    """A sensor of the crank angle with a rate, Hz, a resolution and noise, rad (0 if it is fine).
 
-    Attributes
-    ----------
-    rate : int
-        Hz.
-    step, noise, jitter : float
-        Resolution (0 if it is fine) and standard deviation of the noise, rad, and standard
-        deviation of the delay of a stamp, s.
-    stated : bool
-        Whether the node knows the resolution.
-    lost, repeated : float
-        Shares of the readings that are lost, and that arrive twice.
+    `jitter` is the standard deviation of the delay of a stamp, s, and `stated` whether the node
+    knows the resolution. `lost` and `repeated` are shares of readings that are lost, and that
+    arrive twice.
     """
 
     rate: int
@@ -103,22 +95,9 @@ MOTIONS: dict[str, Callable[[FloatArray], FloatArray]] = {
 def read(
     motion: Callable[[FloatArray], FloatArray], sensor: Sensor, seed: int
 ) -> tuple[list[int], list[float], FloatArray, FloatArray]:
-    """Read a motion with a sensor.
+    """Return stamps, ns, and values, rad, of a motion (angles at times, rad and s) by a sensor.
 
-    Parameters
-    ----------
-    motion : callable
-        Returns crank angles (rad) at times (s).
-    sensor : Sensor
-    seed : int
-        Of the noise, and of when the first reading is.
-
-    Returns
-    -------
-    stamps, values : list of int and of float, (n,)
-        Of the readings, ns and rad.
-    times, velocities : ndarray, (n,)
-        When they were truly taken, and the true velocities then, s and rad/s.
+    Also return when the readings were truly taken, and the true velocities then, s and rad/s.
     """
     rng = np.random.default_rng(seed)
     fine = np.arange(round(DURATION / _STEP), dtype=np.float64) * _STEP

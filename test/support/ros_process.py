@@ -44,16 +44,9 @@ SENSOR = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
 def until(
     condition: Callable[[], object], event: str, wait: Callable[[], object] | None = None
 ) -> None:
-    """Wait until a condition holds.
+    """Wait until a condition holds; `event` says what is awaited, for the message of a failure.
 
-    Parameters
-    ----------
-    condition : callable
-        Returns whether it holds.
-    event : str
-        What is awaited, for the message of a failure.
-    wait : callable, optional
-        Called between two looks at the condition; sleeps for a moment by default.
+    Between two looks at the condition, `wait` is called, or sleeps for a moment by default.
     """
     end = time.monotonic() + LIMIT
     while not condition():
@@ -91,15 +84,7 @@ def has_loaded(pid: int, library: str) -> bool:
 
 @dataclass
 class RunningNode:
-    """A node in a process of its own.
-
-    Attributes
-    ----------
-    process : subprocess.Popen
-        The process.
-    output : Path
-        The file that holds what the process prints.
-    """
+    """A node in a process of its own, and the file that holds what it prints."""
 
     process: "subprocess.Popen[bytes]"
     output: Path
@@ -167,22 +152,9 @@ def start_node(
     program: Sequence[str] = (),
     **parameters: Any,
 ) -> RunningNode:
-    """Start a node in a process of its own.
+    """Start a node of a name in a process of its own, with further ROS arguments and parameters.
 
-    Parameters
-    ----------
-    output : Path
-        The file for what the process prints.
-    environment : dict of str to str
-        The environment of the process.
-    *arguments : str
-        Further ROS arguments.
-    name : str
-        The name of the node.
-    program : sequence of str
-        What Python runs instead of the installed command.
-    **parameters : object
-        The parameters of the node.
+    It prints into a file. Python may run another program than the installed command.
     """
     command = [sys.executable, *program] if program else [str(installed_command())]
     command += ["--ros-args", "-r", f"__node:={name}", *arguments]
@@ -211,16 +183,10 @@ def own_context(domain: int) -> Iterator[Context]:
 
 
 def response(client: Any, request: Any, spin: Callable[[float], object]) -> Any:
-    """Return the response of a service to a request.
+    """Return the response of a service to a request; `spin` receives messages for some seconds.
 
     The request is sent again if there is none for a while: DDS loses a response if the service has
     not found the client yet.
-
-    Parameters
-    ----------
-    client, request : rclpy Client and request
-    spin : callable
-        Receives messages for so many seconds at most.
     """
     futures: list[Any] = []
 
@@ -236,24 +202,11 @@ def response(client: Any, request: Any, spin: Callable[[float], object]) -> Any:
 
 @dataclass
 class Peer:
-    """Another participant, which publishes joint states, receives predictions and calls services.
+    """Publishes joint states, receives predictions and calls ``~/predict``, as another participant.
 
-    Attributes
-    ----------
-    node, executor : rclpy Node and SingleThreadedExecutor
-        The participant, and the executor that spins it.
-    publisher, clock : rclpy Publisher
-        For joint states, and for a simulated clock.
-    client : rclpy Client
-        Of the service ``~/predict``.
-    predictions : list of VibrationPrediction
-        All predictions received so far.
-    raw : list of bytes
-        The same as bytes.
-    second, stamp : int
-        Seconds of every stamp, which tell the peers apart, and nanoseconds of the last one.
-    own : bool
-        Whether only predictions for the peer's own joint states are kept.
+    It has a publisher of a simulated clock, too. `predictions` and `raw` are all predictions so
+    far; with `own`, only those for its own joint states. `second` is that of every stamp, which
+    tells the peers apart, and `stamp` has the nanoseconds of the last one.
     """
 
     node: Any
@@ -357,18 +310,8 @@ def peer_of(
 ) -> Iterator[Peer]:
     """Give a peer of the node of a name, once messages pass in both directions.
 
-    Parameters
-    ----------
-    name : str
-        The name of the node.
-    domain : int
-        The ROS domain.
-    number : int
-        The number of the peer, which no other peer on this domain has.
-    own : bool
-        Whether only predictions for its own joint states are kept.
-    reads : bool
-        Whether the node reads its joint states, and is active.
+    No other peer on this domain has its number. With `own`, it keeps only predictions for its own
+    joint states. `reads` says whether the node reads its joint states, and is active.
     """
 
     def publish() -> None:

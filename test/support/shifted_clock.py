@@ -12,15 +12,7 @@ from test.support.programs import require
 
 @dataclass(frozen=True)
 class ShiftedClock:
-    """The wall clock of the processes that have this environment.
-
-    Attributes
-    ----------
-    environment : dict of str to str
-        Variables of their environment.
-    file : Path
-        Holds the nanoseconds by which their clock is ahead.
-    """
+    """The wall clock of processes with this environment; the file says how far it is ahead, ns."""
 
     environment: dict[str, str]
     file: Path

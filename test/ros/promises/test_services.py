@@ -85,13 +85,7 @@ def complex_numbers(answer: Any) -> Any:
 
 
 class Goals:
-    """Sends goals to the node of a peer.
-
-    Attributes
-    ----------
-    progress : list of float
-        The feedback of the last goal.
-    """
+    """Sends goals to the node of a peer, and keeps the feedback of the last one."""
 
     def __init__(self, node: Promised) -> None:
         self._node, self.progress = node, list[float]()
