@@ -515,8 +515,7 @@ class LevelTable:
 
     def _of_members(self, angles: FloatArray, speeds: FloatArray, share: FloatArray) -> Reals:
         """Return what `members` does at a few angles within the table."""
-        n = len(angles)
-        nominal = self._forcing_at(speeds)
+        n, nominal = len(angles), self._forcing_at(speeds)
         omega = nominal.omega[:, np.newaxis] * self._draws[1]
         size = nominal.size[:, np.newaxis] * self._draws[0]
         defined = np.broadcast_to(nominal.defined[:, np.newaxis], omega.shape)
@@ -531,14 +530,10 @@ class LevelTable:
             else:
                 rolling = rolling.rows(np.arange(n).repeat(self.n_members))
         numbers = _unknown(n * self.n_members, len(self._inputs))[0].astype(np.float32)
-        self._evaluate(
-            numbers,
-            None,
-            squares.reshape(-1, *squares.shape[2:]),
-            parts[0][2].reshape(len(numbers), -1),
-            _Forcing(*(part.astype(np.float32) for part in each)),
-            rolling,
-        )
+        squares = squares.reshape(len(numbers), *squares.shape[2:])
+        references = parts[0][2].reshape(len(numbers), -1)
+        forcing = _Forcing(*(part.astype(np.float32) for part in each))
+        self._evaluate(numbers, None, squares, references, forcing, rolling)
         return numbers.reshape(n, self.n_members, -1)
 
     def member_totals(
