@@ -90,7 +90,7 @@ def _modes(
         beside = [half.solve(alpha3 + step).natural_frequencies for step in steps]
         count = min(map(len, [solution.natural_frequencies, *beside]))
         predicted = solution.natural_frequencies[:count]
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore"):  # modes at 0 Hz
             turned = [np.abs(np.log(each[:count] / predicted)) for each in beside]
         worst = np.max([np.zeros(count), *turned], axis=0)
         numbers.append(np.array([predicted, solution.damping_ratios[:count], worst]))

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.studies import ringdown
+from linkage_vibration.studies.decay_fit import DecayFit
 from linkage_vibration.studies.ringdown import (
     RingdownError,
     find_decays,
@@ -93,6 +95,25 @@ def test_deviations_hold_near_one_hertz() -> None:
             inside.append(abs(mode.ratio - ratio) < 1.96 * mode.ratio_stddev)
     assert len(inside) >= 50
     assert np.mean(inside) >= 0.9
+
+
+def test_deviations_follow_from_those_of_poles() -> None:
+    """They are those of a pole with 60 % of damping times slopes by central differences."""
+
+    def values(real: float, imaginary: float) -> FloatArray:
+        size = math.hypot(real, imaginary)
+        return np.array([size / (2.0 * math.pi), -real / size])
+
+    curvatures, step = np.array([[[2.0, 0.5], [0.5, 1.0]]]), 1e-5
+    fit = DecayFit(np.array([-3.0 + 4.0j]), 36.0, curvatures, np.zeros((1, 2)))
+    one_decay = [np.zeros((41, 1))]  # with 36 degrees of freedom, so that the variance is 1
+    along, across = (
+        (values(-3.0 + x, 4.0 + y) - values(-3.0 - x, 4.0 - y)) / (2.0 * step)
+        for x, y in ((step, 0.0), (0.0, step))
+    )
+    slopes = np.column_stack([along, across])
+    expected = np.sqrt(np.diag(slopes @ np.linalg.inv(curvatures[0]) @ slopes.T))
+    assert ringdown._stddevs(one_decay, fit)[:, 0] == pytest.approx(expected, rel=1e-6)
 
 
 def test_one_blow_has_no_deviation() -> None:
