@@ -116,7 +116,7 @@ class LinkageModel:
     MechanismError, ReductionError
         If the linkage cannot close over its stroke, or a link cannot be reduced.
     ModelError
-        If the lateral half is not described.
+        If the lateral half is not described, or `half` is neither.
     """
 
     def __init__(
@@ -129,6 +129,8 @@ class LinkageModel:
         vertical: "LinkageModel | None" = None,
     ) -> None:
         check_type(mechanism, "read the file with `read_mechanism`", Mechanism)
+        if half not in ("vertical", "lateral"):
+            raise ModelError(f"half is {half!r}; give `vertical` or `lateral`.")
         self.mechanism, self.half = mechanism, half
         if vertical is not None:
             kinematics = vertical.kinematics

@@ -177,13 +177,12 @@ def pair_modes(
     frequencies: FloatArray,
     damping_ratios: FloatArray,
     deviations: FloatArray,
-    lateral: BoolArray,
+    lateral: BoolArray,  # (n_modes,), which modes of the model are of the lateral half
 ) -> list[tuple[int | None, ...]]:
     """Return the mode of the model (from 0) of each measured mode, None if it has none.
 
-    In a doubtful pair, the mode follows to which the measured one belongs otherwise. Frequencies,
-    Hz, ascend; deviations, (n_measured, n_modes), are relative; `lateral` is which modes of the
-    model are of that half. More pairs and lower modes win.
+    In a doubtful pair, the mode follows to which the measured one belongs otherwise. Frequencies
+    (Hz) ascend; deviations, (n_measured, n_modes), are relative; more pairs and lower modes win.
     """
     hz, ratios, spreads = np.array(
         [(mode.frequency, mode.ratio, mode.ratio_stddev / mode.ratio) for mode in measured]

@@ -5,7 +5,7 @@
 import copy
 import math
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -340,5 +340,7 @@ def test_what_the_lateral_half_answers(tractor: Any) -> None:
         LinkageModel(model.mechanism).solve(2.0).participation(["E1.y"])
     without = copy.deepcopy(tractor)
     del without["lateral"]
+    with pytest.raises(ModelError, match="give `vertical` or `lateral`"):
+        LinkageModel(model.mechanism, half=cast("Any", "sideways"))
     with pytest.raises(ModelError, match="has no lateral half"):
         LinkageModel(mechanism_from_mapping(without), half="lateral")
