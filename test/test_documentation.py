@@ -22,6 +22,7 @@ from typing import Any
 import pytest
 import yaml
 
+from linkage_vibration.cli.main import argument_parser
 from linkage_vibration.demo.domain import reserve_domain
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.prediction.excitation import excitations_from_mapping
@@ -60,9 +61,10 @@ NOT_RUN = {
     "sed": "releases are made by hand",
     "twine": "releases are made by hand",
 }
-# Pages whose commands take long. Those of the last three are run by test/cli, test/export and
-# test/ros/test_services.py, too.
+# Pages whose commands take long, or are those of README.md with other options. Those of the last
+# six are run by test/cli, test/studies, test/export and test/ros/test_services.py, too.
 SLOW = {"docs/measure_your_hitch.md", "docs/reproduction.md", "docs/table.md"}
+SLOW |= {"docs/command_line.md", "docs/excitation.md", "docs/uncertainty.md", "docs/sweeps.md"}
 SLOW |= {"docs/review.md", "docs/export.md", "docs/services.md"}
 # Pages whose commands print what the blocks of text below them show.
 PRINTED = {"docs/measure_your_hitch.md", "docs/reproduction.md"}
@@ -227,6 +229,15 @@ def test_blocks_run(
         if len(plain) > len(tests):
             (folder / "page.py").write_text("".join(t for t in plain if t not in tests))
             run([python, "page.py"], folder, environment)
+
+
+def test_commands_are_understood() -> None:
+    """The parser knows the options of all commands, also on pages whose commands take long."""
+    lines = [shlex.split(line) for page in PAGES for line in commands_of(page)]
+    commands = [words[1:] for words in lines if words[0] == "linkage-vibration"]
+    assert len(commands) > 30
+    for words in commands:
+        argument_parser().parse_args(words)
 
 
 def test_texts_are_compared(monkeypatch: pytest.MonkeyPatch) -> None:

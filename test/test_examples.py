@@ -4,6 +4,7 @@
 
 import importlib.util
 import json
+import runpy
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
@@ -54,14 +55,28 @@ LONG = pytest.param("simulated_drive.py", marks=pytest.mark.nightly)
 
 
 @pytest.mark.parametrize("name", [*sorted(EXPECTED.keys() - {*LONG.values}), LONG])
-def test_example(name: str, tmp_path: Path) -> None:
+def test_example(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """An example runs from any folder, prints its answer and leaves only the files it names."""
-    command = [sys.executable, EXAMPLES / name]
     if name.startswith("test_"):
-        command[1:1] = ["-m", "pytest", "-p", "no:cacheprovider", "--rootdir", tmp_path]
-    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
-    assert run.returncode == 0, run.stdout + run.stderr
-    assert EXPECTED[name] in run.stdout
+        command: list[Any] = [
+            sys.executable,
+            "-m",
+            "pytest",
+            "-p",
+            "no:cacheprovider",
+            "--rootdir",
+            tmp_path,
+        ]
+        run = subprocess.run([*command, EXAMPLES / name], cwd=tmp_path, capture_output=True)
+        printed = run.stdout.decode()
+    else:
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setattr(sys, "argv", [name])
+        runpy.run_path(str(EXAMPLES / name), run_name="__main__")
+        printed = capsys.readouterr().out
+    assert EXPECTED[name] in printed
     assert {path.name for path in tmp_path.iterdir()} == WRITTEN.get(name, set())
 
 

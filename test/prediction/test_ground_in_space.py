@@ -140,11 +140,14 @@ def simulated(
     return responses[:, round(lead / step) :], forces
 
 
-@pytest.mark.parametrize("speed", [2.5, pytest.param(20.0 / 3.6, marks=pytest.mark.nightly)])
-def test_levels_by_two_tracks(built: tuple[Mechanism, Table], speed: float) -> None:
+@pytest.mark.parametrize(
+    ("speed", "seeds"),
+    [(2.5, 1), *(pytest.param(v, 3, marks=pytest.mark.nightly) for v in (2.5, 20.0 / 3.6))],
+)
+def test_levels_by_two_tracks(built: tuple[Mechanism, Table], speed: float, seeds: int) -> None:
     """Both directions of E1, a chain and the tyre that is off the ground most have these levels.
 
-    They are within two standard errors by 120 parts of 40 s, and 0.4 %, as the vertical half
+    They are within two standard errors by 40 parts of 40 s a seed, and 0.4 %, as the vertical half
     neglects that pairs bend sideways.
     """
     mechanism, table = built
@@ -160,7 +163,7 @@ def test_levels_by_two_tracks(built: tuple[Mechanism, Table], speed: float) -> N
         wheel = a.matrix([f"wheel{i}1.0"])[2] / 2.0
         rows[3 + i] = -axle[5] * wheel, -DAMPING[i][2] * wheel
     parts = []
-    for seed in range(3):
+    for seed in range(seeds):
         responses, pushed = simulated(rows, a, speed, seed)
         # The axle that pivots loads both of its wheels alike.
         responses[3:] += pushed[0], (pushed[2] + pushed[3]) / 2.0
@@ -364,9 +367,9 @@ def test_factors_of_an_order_across_the_plane(mapping: Any) -> None:
             frf = model.solve(ALPHA3).frf(place, [("E1", "y")]).frf(hertz)
             logs.append(np.log(np.abs(frf[:, 0, 0])))
         squares += ((logs[0] - logs[1]) / 2.0) ** 2
-    mechanism = mechanism_from_mapping(
-        mapping | {"uncertainty": {"relative": dict.fromkeys(paths, 0.2)}}
-    )
+    short = mapping["input"] | {"range_deg": [122.0, 130.0]}
+    claims = {"relative": dict.fromkeys(paths, 0.2)}
+    mechanism = mechanism_from_mapping(mapping | {"input": short, "uncertainty": claims})
     table = build_table(LinkageModel(mechanism), 1e-4, ["E1"])
     side = Excitation("side", Source.PTO, 1.0, Load(FORCE, "E1.y", 300.0, 1.0, 0.0, 0.0))
     levels, angles = LevelTable(Predictor(table), mechanism, [side]), np.full(3, ALPHA3)

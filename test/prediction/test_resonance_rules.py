@@ -17,7 +17,7 @@ from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import DEFAULT_MECHANISM, DEFAULT_TABLE, config_file
 from linkage_vibration.table.table import load_table
 
-SECOND, N = 10**9, 1500
+SECOND, N = 10**9, 800
 UNKNOWN, CLEAR, NOTE, WARNING = range(4)
 WARNING_RATIO, NOTE_RATIO, NEAR, DWELL = 0.008, 0.002, 0.1, 0.5
 ORDERS = excitations_from_mapping(
@@ -132,7 +132,7 @@ def drive() -> tuple[list[float], list[int], dict[Source, list[float]]]:
 
 @pytest.mark.parametrize("with_levels", [False, True])
 def test_every_number_follows_the_rules(with_levels: bool) -> None:
-    """State, order, margin, probability and time to crossing of 1500 readings are those on paper.
+    """State, order, margin, probability and time to crossing of 800 readings are those on paper.
 
     Each reading follows a speed of each source, whose rates are those of a hitch that moves alone:
     the speeds are fixed, so that only the crank changes the margin.

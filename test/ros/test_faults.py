@@ -111,12 +111,19 @@ def tractor(
     assert node.stop() == 0
 
 
-@pytest.mark.parametrize("kind", ["subscriber", "publisher"])
-def test_qos_that_does_not_match(tractor: Tractor, start: Callable[..., Any], kind: str) -> None:
-    """A QoS that does not match is said for as long as its endpoint exists, and not after it."""
-    name = f"qos_{kind}"
+@pytest.fixture(scope="module")
+def strict(start: Callable[..., Any]) -> Iterator[Any]:
+    """Return a node that asks for reliable readings."""
     override = "qos_overrides./strict_joints.subscription.reliability:=reliable"
-    node = start("-p", override, name=name, hitch_topic="/strict_joints")
+    node = start("-p", override, name="strict", hitch_topic="/strict_joints")
+    yield node
+    assert node.stop() == 0
+
+
+@pytest.mark.parametrize("kind", ["subscriber", "publisher"])
+def test_qos_that_does_not_match(tractor: Tractor, strict: Any, kind: str) -> None:
+    """A QoS that does not match is said for as long as its endpoint exists, and not after it."""
+    name = "strict"
     watched, peer = Tractor(tractor.peer, tractor.folder, name), tractor.peer.node
     joints = peer.create_publisher(JointState, "/strict_joints", 100)
     if kind == "publisher":
@@ -149,7 +156,7 @@ def test_qos_that_does_not_match(tractor: Tractor, start: Callable[..., Any], ki
     until(lambda: len(own()) == 3, "three more statuses", step)
     assert all(status.level == WARN and words in status.message for status in own())
     if kind == "subscriber":
-        assert words in node.printed
+        assert words in strict.printed
     end(other)
     watched.wait_for(part, OK, "", publish)
     watched.received.clear()
@@ -160,7 +167,6 @@ def test_qos_that_does_not_match(tractor: Tractor, start: Callable[..., Any], ki
         joints = peer.create_publisher(JointState, "/strict_joints", SENSOR)
         watched.wait_for("input", STALE, words, publish)
     peer.destroy_publisher(joints)
-    assert node.stop() == 0
 
 
 def test_clock_that_goes_forward(tractor: Tractor, start: Callable[..., Any]) -> None:

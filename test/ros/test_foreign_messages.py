@@ -13,7 +13,6 @@ from typing import Any
 import pytest
 import rclpy
 from geometry_msgs.msg import TwistStamped
-from mcap.reader import make_reader
 from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import JointState
 
@@ -24,6 +23,7 @@ from linkage_vibration.testing.bag_checks import check_bag
 from linkage_vibration.testing.limits import Limits
 from linkage_vibration_interfaces.msg import LoadState, VibrationPrediction
 from test.support.interface_packages import built_package, environment_with, import_here
+from test.support.messages import raw_messages
 from test.support.ros_process import JOINT, RunningNode, documented, own_context, start_node, until
 
 ISOBUS = documented("start_the_node.md", "engine_input: ros2_isobus")
@@ -45,43 +45,25 @@ TYPES = {
 }
 
 
-@pytest.fixture(scope="module")
-def with_isobus(environment: dict[str, str]) -> dict[str, str]:
-    """Return an environment that has ros2_isobus, which this process can import as well."""
+@pytest.fixture
+def isobus_node(environment: dict[str, str], tmp_path: Path) -> Iterator[RunningNode]:
+    """Return a node that records and finds ros2_isobus, which this process can import as well."""
     prefix = built_package("ros2_isobus", DEFINITIONS)
     import_here(prefix)
-    return environment_with(environment, prefix)
-
-
-@pytest.fixture
-def begin(with_isobus: dict[str, str], tmp_path: Path) -> Iterator[Callable[..., RunningNode]]:
-    """Return a function that starts a node which finds the package."""
-    nodes: list[RunningNode] = []
-
-    def start(**parameters: Any) -> RunningNode:
-        output = tmp_path / f"printed_{len(nodes)}.txt"
-        nodes.append(start_node(output, with_isobus, name="foreign", **parameters))
-        return nodes[-1]
-
-    yield start
-    for node in nodes:
-        node.process.kill()
-        node.process.wait()
-
-
-def messages(log: Path, *topics: str) -> list[tuple[str, int, bytes]]:
-    """Return topic, log time and bytes of each message of some topics."""
-    with log.open("rb") as file:
-        actual = make_reader(file).iter_messages(topics)
-        return [(channel.topic, message.log_time, message.data) for _, channel, message in actual]
+    variables, parameters = environment_with(environment, prefix), ISOBUS | {"record": True}
+    output = tmp_path / "printed.txt"
+    node = start_node(output, variables, name="foreign", **parameters, log_directory=tmp_path)
+    yield node
+    node.process.kill()
+    node.process.wait()
 
 
 @pytest.mark.nightly(short="test_messages_of_ros2_control")
 def test_isobus_over_dds_and_in_a_bag(
-    begin: Callable[..., RunningNode], domain: int, tmp_path: Path
+    isobus_node: RunningNode, domain: int, tmp_path: Path
 ) -> None:
     """Presets read the messages; "not available" is no value; a replay gives the same bytes."""
-    node = begin(**ISOBUS, record=True, log_directory=tmp_path)
+    node = isobus_node
     node.wait_for("Predicting for field position_percent on /ISOBUS/tecu/rear_hitch_status")
     predictions, states = list[Any](), list[Any]()
     with own_context(domain) as context:
@@ -134,17 +116,17 @@ def test_isobus_over_dds_and_in_a_bag(
     again = tmp_path / "again.mcap"
     replay([log], again, SETTINGS)
     for name in ("prediction", "resonance"):
-        recorded = [(at, data) for _, at, data in messages(log, f"/foreign/{name}")]
-        answers = [(at, data) for _, at, data in messages(again, f"/linkage_vibration/{name}")]
+        recorded = [(at, data) for _, at, data in raw_messages(log, f"/foreign/{name}")]
+        answers = [(at, data) for _, at, data in raw_messages(again, f"/linkage_vibration/{name}")]
         assert recorded
         assert answers == recorded
     names = [f"/ISOBUS/{topic}" for topic in TYPES]
-    assert messages(again, *names) == messages(log, *names)
+    assert raw_messages(again, *names) == raw_messages(log, *names)
     # The drive has one position and one speed that are no numbers.
     limits = Limits(statuses=(Status.OK, Status.INVALID_ANGLE), input_faults=2)
     report = check_bag(log, limits, SETTINGS)
     assert report.passed, str(report)
-    assert report.predictions == len(messages(log, "/foreign/prediction"))
+    assert report.predictions == len(raw_messages(log, "/foreign/prediction"))
 
 
 def has_all_speeds(state: Any) -> bool:
@@ -153,9 +135,9 @@ def has_all_speeds(state: Any) -> bool:
     return not state.unknown_sources & (speeds | LoadState.UNKNOWN_GROUND_SPEED)
 
 
-def test_messages_of_ros2_control(begin: Callable[..., RunningNode], domain: int) -> None:
+def test_messages_of_ros2_control(start: Callable[..., RunningNode], domain: int) -> None:
     """A joint state has the hitch and two shafts in rad/s, and a twist has the ground speed."""
-    node = begin(**CONTROL)
+    node = start(name="foreign", **CONTROL)
     node.wait_for("Predicting for joint hitch_rockshaft_joint on /joint_states")
     predictions, states = list[Any](), list[Any]()
     with own_context(domain) as context:

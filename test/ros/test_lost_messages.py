@@ -11,7 +11,8 @@ from diagnostic_msgs.msg import DiagnosticStatus
 
 from linkage_vibration.playback.replay import replay
 from test.ros.test_faults import Tractor
-from test.ros.test_same_bytes import PREDICTION, messages
+from test.ros.test_same_bytes import PREDICTION
+from test.support.messages import raw_messages
 from test.support.ros_process import until
 
 
@@ -60,5 +61,5 @@ def test_lost_messages(
     again = tmp_path / "again.mcap"
     # On a busy machine, old readings are left out for newer ones.
     assert replay(log, again).predictions == predicted == received - left_out
-    answers = messages(log, "/flooded/prediction"), messages(again, PREDICTION)
+    answers = raw_messages(log, "/flooded/prediction"), raw_messages(again, PREDICTION)
     assert [each[1:] for each in answers[0]] == [each[1:] for each in answers[1]]

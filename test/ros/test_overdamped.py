@@ -27,8 +27,8 @@ from linkage_vibration.support.resources import PAPER_MECHANISM, config_file
 from linkage_vibration.table.table import save_table
 from linkage_vibration.table.tabulation import build_table
 from linkage_vibration_interfaces.srv import GetModeShapes
-from test.ros.test_same_bytes import messages
 from test.support.browser import Browser
+from test.support.messages import raw_messages
 
 ANGLES = np.radians(np.linspace(150.0, 165.0, 31))
 BEGIN = math.radians(162.75)  # mode 1 is overdamped beyond; its damping ratio is 0.997 at 162.5 deg
@@ -119,9 +119,9 @@ def test_same_bytes(recorded: Any, files: dict[str, Path]) -> None:
     """The replay gives the bytes of the node, NaN included, and never names the overdamped mode."""
     for topic in (PREDICTION_TOPIC, RESONANCE_TOPIC):
         own = topic.replace("linkage_vibration", "heavy")
-        live = [data for _, _, data in messages(recorded[0], own)]
+        live = [data for _, _, data in raw_messages(recorded[0], own)]
         assert len(live) >= len(ANGLES)
-        assert [data for _, _, data in messages(files["mcap"], topic)] == live
+        assert [data for _, _, data in raw_messages(files["mcap"], topic)] == live
 
 
 def test_table_of_numbers(files: dict[str, Path]) -> None:

@@ -17,7 +17,7 @@ from std_msgs.msg import Float64
 
 from linkage_vibration.playback.replay import replay
 from test.ros.test_faults import Tractor
-from test.ros.test_same_bytes import messages
+from test.support.messages import raw_messages
 
 HELD_UP = """
 import ctypes, sys, threading, time
@@ -72,8 +72,9 @@ def test_newest_reading_first(
     again = tmp_path / "again.mcap"
     assert replay(log, again).predictions == predicted
     for output in OUTPUTS:
-        recorded = [each[1:] for each in messages(log, f"/held/{output}")]
-        assert [each[1:] for each in messages(again, f"/linkage_vibration/{output}")] == recorded
+        recorded = [each[1:] for each in raw_messages(log, f"/held/{output}")]
+        replayed = raw_messages(again, f"/linkage_vibration/{output}")
+        assert [each[1:] for each in replayed] == recorded
         assert recorded
 
 

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from mcap.reader import make_reader
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -35,6 +34,7 @@ from linkage_vibration_interfaces.msg import (
     Resonance,
     VibrationPrediction,
 )
+from test.support.messages import raw_messages
 from test.support.ros_process import until
 
 PREDICTION, RESONANCE, LOAD_STATE, ADVICE = (
@@ -53,13 +53,6 @@ SETTINGS = Parameters(
 
 
 PLAYED = 1000  # messages of the drive, of 8 s
-
-
-def messages(log: Path, *topics: str) -> list[tuple[str, int, bytes]]:
-    """Return topic, log time and bytes of each message of some topics."""
-    with log.open("rb") as file:
-        actual = make_reader(file, validate_crcs=True).iter_messages(topics)
-        return [(channel.topic, message.log_time, message.data) for _, channel, message in actual]
 
 
 def test_live_and_offline(
@@ -84,7 +77,7 @@ def test_live_and_offline(
     publishers["/joint_states"] = peer.publisher
     for publisher in publishers.values():
         peer.spin(lambda publisher=publisher: publisher.get_subscription_count() > 0)
-    sent, played = 0, messages(drive, *publishers)[:PLAYED]
+    sent, played = 0, raw_messages(drive, *publishers)[:PLAYED]
     for topic, _, data in played:
         kind = JointState if topic == "/joint_states" else Float64
         publishers[topic].publish(deserialize_message(data, kind))
@@ -95,7 +88,7 @@ def test_live_and_offline(
     peer.spin(lambda: bool(late), "advice")
     assert node.stop() == 0
 
-    expected = [each for each in messages(offline, PREDICTION) if each[1] <= played[-1][1]]
+    expected = [each for each in raw_messages(offline, PREDICTION) if each[1] <= played[-1][1]]
     # DDS fills its payload up to a multiple of four.
     padded = [data + b"\x00" * (-len(data) % 4) for *_, data in expected]
     assert [bytes(data) for data in peer.raw] == padded
@@ -104,9 +97,9 @@ def test_live_and_offline(
     replay([log], again, SETTINGS)
     kinds = {PREDICTION: VibrationPrediction, RESONANCE: Resonance, LOAD_STATE: LoadState}
     for topic, kind in {**kinds, ADVICE: Advice}.items():
-        recorded = messages(log, topic)
+        recorded = raw_messages(log, topic)
         assert recorded
-        pairs = zip(messages(again, topic), recorded, strict=True)
+        pairs = zip(raw_messages(again, topic), recorded, strict=True)
         differ = [pair for pair in pairs if pair[0] != pair[1]]
         assert not differ, [(at, deserialize_message(data, kind)) for _, at, data in differ[0]]
     *_, (_, _, last) = recorded
@@ -164,8 +157,8 @@ def test_simulated_clock(
     again, counts = tmp_path / "again.mcap", list[int]()
     replay(log, again, Parameters())
     for topic in ("prediction", "resonance", "load_state"):
-        recorded = [(time, data) for _, time, data in messages(log, f"/simulated/{topic}")]
-        replayed = messages(again, f"/linkage_vibration/{topic}")
+        recorded = [(time, data) for _, time, data in raw_messages(log, f"/simulated/{topic}")]
+        replayed = raw_messages(again, f"/linkage_vibration/{topic}")
         assert [(time, data) for _, time, data in replayed] == recorded
         counts.append(len(recorded))
     # The speeds may change their places with the readings after them.
@@ -215,9 +208,9 @@ def test_sensors_beside_predictions(
     [log] = tmp_path.glob("linkage_vibration_*.mcap")
     again = tmp_path / "again.mcap"
     replay([log], again, Parameters(sensor_file=str(file), engine_speed=1500.0))
-    recorded = [(time, data) for _, time, data in messages(log, "/hears/measured")]
+    recorded = [(time, data) for _, time, data in raw_messages(log, "/hears/measured")]
     name = "/linkage_vibration/measured"
-    assert [(time, data) for _, time, data in messages(again, name)] == recorded
+    assert [(time, data) for _, time, data in raw_messages(again, name)] == recorded
     assert len(recorded) == 2
 
 
@@ -265,8 +258,8 @@ def test_modes_of_sensors(
     [log] = tmp_path.glob("linkage_vibration_*.mcap")
     again = tmp_path / "again.mcap"
     replay([log], again, Parameters(sensor_file=str(file), **speeds))
-    recorded = [(time, data) for _, time, data in messages(log, "/modes/measured")]
-    replayed = messages(again, "/linkage_vibration/measured")
+    recorded = [(time, data) for _, time, data in raw_messages(log, "/modes/measured")]
+    replayed = raw_messages(again, "/linkage_vibration/measured")
     assert [(time, data) for _, time, data in replayed] == recorded
     assert len(recorded) > 90
 
@@ -317,9 +310,9 @@ def test_rates_of_a_control_stack(
     again = tmp_path / "again.mcap"
     replay([log], again, Parameters(**rates))
     for topic in topics:
-        recorded = [(time, data) for _, time, data in messages(log, topic)]
+        recorded = [(time, data) for _, time, data in raw_messages(log, topic)]
         name = topic.replace("control", "linkage_vibration")
-        assert [(time, data) for _, time, data in messages(again, name)] == recorded != []
+        assert [(time, data) for _, time, data in raw_messages(again, name)] == recorded != []
     # DDS fills its payload up to a multiple of four.
-    recorded = [data + b"\x00" * (-len(data) % 4) for *_, data in messages(log, topics[1])]
+    recorded = [data + b"\x00" * (-len(data) % 4) for *_, data in raw_messages(log, topics[1])]
     assert recorded[-10:] == states

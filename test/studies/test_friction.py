@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.studies.ringdown import MeasuredMode, measure_modes
@@ -46,19 +45,19 @@ def measured(tractor: LinkageModel, friction: float, seed: int) -> list[Measured
     spring, times = 20.0 / float(turn @ (turn / w**2)), np.arange(count) * step - 1.0
     during = (times >= 0.0) & (times < CONTACT)
     push = IMPULSE * math.pi / CONTACT / 2.0 * during * np.sin(math.pi / CONTACT * times)
-    blows: list[Any] = []
-    for angle in random.uniform(0.0, math.pi, 5):
-        q, v, slip = np.zeros(len(w)), np.zeros(len(w)), 0.0
-        into = rows[:2].T @ [math.cos(angle), math.sin(angle)]
-        for i, force in enumerate(push.tolist()):
-            turned = float(turn @ q)
-            moment = min(max(spring * (turned - slip), -friction), friction)
-            slip = turned - moment / spring
-            load = into * force - turn * moment
-            if i % FINER == 0:
-                blows.append(rows[:2] @ (load - 2.0 * z * w * v - w * w * q))
-            q, v = a * q + b * v + (1.0 - a) / w**2 * load, d * v - w * w * b * q + b * load
-    signals: FloatArray = np.array(blows) + random.normal(0.0, NOISE, (len(blows), 2))
+    angles = random.uniform(0.0, math.pi, 5)
+    into = np.column_stack([np.cos(angles), np.sin(angles)]) @ rows[:2]
+    q, v, slip, blows = np.zeros_like(into), np.zeros_like(into), np.zeros(len(into)), list[Any]()
+    for i, force in enumerate(push.tolist()):
+        turned = q @ turn
+        moment = (spring * (turned - slip)).clip(-friction, friction)
+        slip = turned - moment / spring
+        load = into * force - np.outer(moment, turn)
+        if i % FINER == 0:
+            blows.append((load - 2.0 * z * w * v - w * w * q) @ rows[:2].T)
+        q, v = a * q + b * v + (1.0 - a) / w**2 * load, d * v - w * w * b * q + b * load
+    signals = np.swapaxes(blows, 0, 1).reshape(-1, 2)
+    signals = signals + random.normal(0.0, NOISE, signals.shape)
     return measure_modes(np.arange(len(signals)) / RATE, signals + np.array([0.0, 9.81]))
 
 

@@ -30,6 +30,13 @@ def changed(columns: MessageColumns, **values: Any) -> MessageColumns:
     return MessageColumns(**vars(columns) | values)
 
 
+def raw_messages(log: Path, *topics: str) -> list[tuple[str, int, bytes]]:
+    """Return topic, log time and bytes of each message of some topics of an MCAP file."""
+    with log.open("rb") as file:
+        actual = make_reader(file, validate_crcs=True).iter_messages(topics)
+        return [(channel.topic, message.log_time, message.data) for _, channel, message in actual]
+
+
 def read_messages(path: Path, topic: str) -> Iterator[tuple[int, Any]]:
     """Yield the log times, ns, and the messages of a topic of an MCAP file, as mcap reads them."""
     # Only a few tests need mcap-ros2-support.

@@ -96,7 +96,9 @@ def test_managed(begin: Callable[..., Promised]) -> None:
 
 
 @promise("node.md#lifecycle")
-@pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize(
+    "by", [signal.SIGINT, signal.SIGHUP, pytest.param(signal.SIGTERM, marks=pytest.mark.nightly)]
+)
 def test_signals(begin: Callable[..., Promised], tmp_path: Path, by: signal.Signals) -> None:
     """SIGINT, SIGTERM and SIGHUP stop the node with exit code 0 and a complete log."""
     ending = begin(f"ended_{by.name.lower()}", record=True, log_directory=tmp_path)
