@@ -95,3 +95,25 @@ def test_rooms_are_weighted_by_code(monkeypatch: pytest.MonkeyPatch) -> None:
     rooms = [room for room, _ in mutants.drawn(10, 3)]
     assert sorted(rooms) == 3 * ["bags"] + 7 * ["cli"]
     assert rooms != sorted(rooms)  # so that the first ones are a fair sample
+
+
+def test_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of four changes two are found; of the others, one changes nothing that a test could see."""
+    (tmp_path / "module.py").write_text("x = 1\n")
+    changes = [mutants.Mutant(Path("module.py"), 1, 4, 5, str(k)) for k in range(4)]
+    names = [f"- module.py:1: `x = 1` -> `x = {k}`" for k in range(4)]
+    judged, parts = tmp_path / "judged.txt", list[str]()
+    judged.write_text(f"{names[0]}\n  Changes nothing: a reason.\n{names[1]}\n  Now found.\n")
+    monkeypatch.setattr(mutants, "COPY", tmp_path)
+    monkeypatch.setattr(mutants, "JUDGED", judged)
+    monkeypatch.setattr(mutants, "measure", lambda: None)
+    monkeypatch.setattr(mutants, "drawn", lambda *_: [("bags", each) for each in changes])
+    found = dict(zip(names, ["", "", "a test", "a test"], strict=True))
+    monkeypatch.setattr(mutants, "results", lambda *_: found)
+    monkeypatch.setattr(mutants, "publish", lambda *given: parts.extend(given[2]))
+    monkeypatch.setattr("sys.argv", ["mutants"])
+    mutants.main()
+    assert "They found 2 changes, or 50 % (standard error 25 %). Of the others, 1 ch" in parts[0]
+    assert "found 67 % of the rest" in parts[0]
+    assert "| bags | 4       | 2     | 50       | 25                |" in parts[1]
+    assert parts[-1] == f"{names[0]}\n  Changes nothing: a reason.\n{names[1]}\n  Now found."

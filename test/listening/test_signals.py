@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from linkage_vibration.listening.signals import Signal, SignalError, known_at, measured_signal
+from linkage_vibration.listening.spectra import levels, spectrogram
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.readers.sensors import Sensor
 
@@ -133,6 +134,17 @@ def tone_level(signal: Signal, hertz: float, seconds: float) -> float:
     times, values = signal.windows(seconds)
     turns = np.exp(-2j * math.pi * hertz * times)
     return float(np.abs(2.0 * (values[:, :, 2] * turns).mean(axis=1)).mean())
+
+
+def test_spectra_are_those_of_a_tone() -> None:
+    """One of 1 m/s2 at 20 Hz has a mean square of 1/2, and 1 / (2 pi 20) m/s over the root of 2."""
+    times = np.arange(0.0, 8.0, 0.005)
+    values = np.outer(np.sin(2.0 * np.pi * 20.0 * times), [0.0, 0.6, 0.8])
+    signal = Signal(sensor(), times, values, 200.0, ())
+    _, frequencies, power = spectrogram(signal, 2.0)
+    np.testing.assert_allclose(power.sum(axis=1) * frequencies[1], 0.5, rtol=1e-3)
+    expected = 1.0 / (2.0 * math.pi * 20.0 * math.sqrt(2.0))
+    np.testing.assert_allclose(levels(signal, 2.0), expected, rtol=0.01)
 
 
 def test_stamps_that_are_rounded_or_late_cost_nothing() -> None:
