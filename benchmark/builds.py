@@ -80,10 +80,9 @@ def main() -> None:
         "What a table costs to build",
         [
             "This page compares the processor times of builds with those of an older version, and "
-            "time and size of a table of both halves with those of the vertical half alone, which "
-            f"has fewer uncertain numbers and so fewer members. They are medians of "
-            f"{options.rounds} turns, with the least and the largest. A goal is the largest ratio "
-            "that was asked for.",
+            "time and size of a table of both halves with those of the vertical half alone. They "
+            f"are medians of {options.rounds} turns, with the least and the largest. A goal is the "
+            "largest ratio that was asked for.",
             table(["table", "compared with", "it", "the other", "ratio", "goal"], rows),
         ],
         machine(),
