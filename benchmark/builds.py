@@ -85,7 +85,7 @@ def main() -> None:
         [
             "This page compares the processor times of builds, without `lateral`, with those of an "
             "older version, and time and size of the tractor's table of both halves with those of "
-            "the vertical half alone, which has fewer uncertain numbers and so fewer members. They "
+            "the vertical half alone. They "
             f"are medians of {options.rounds} turns, with the least and the largest. A goal is the "
             "largest ratio that was asked for.",
             table(["table", "compared with", "it", "the other", "ratio", "goal"], rows),
