@@ -337,7 +337,7 @@ def test_readings_take_precedence(node: Promised) -> None:
 def test_progress(node: Promised) -> None:
     """The feedback is the finished share of the table, four times a second."""
     goals = Goals(node)
-    handle, future = goals.send(mass=1e4, inertia=10.0)
+    handle, future = goals.send(mass=1e4, inertia=2500.0)
     node.peer.spin(lambda: goals.progress, "feedback")
     goals.progress.clear()
     begun = time.monotonic()
@@ -353,7 +353,7 @@ def test_progress(node: Promised) -> None:
 def test_cancelled_goal(node: Promised, served: LoadedModel) -> None:
     """A goal that is cancelled leaves the old table."""
     goals = Goals(node)
-    handle, future = goals.send(mass=1e4, inertia=10.0)
+    handle, future = goals.send(mass=1e4, inertia=2500.0)
     node.peer.spin(lambda: goals.progress, "feedback")
     node.peer.spin(handle.cancel_goal_async().done, "the end of the goal")
     status, result = goals.ended(future)
@@ -367,7 +367,7 @@ def test_cancelled_goal(node: Promised, served: LoadedModel) -> None:
 def test_second_goal(node: Promised) -> None:
     """While a table is being built, another goal is rejected."""
     goals = Goals(node)
-    first = goals.send(mass=1e4, inertia=10.0) if node.condition != GOAL else None
+    first = goals.send(mass=1e4, inertia=2500.0) if node.condition != GOAL else None
     node.peer.pause(0.2)
     status, result = Goals(node).result(mass=900.0, inertia=200.0)
     assert (status, result.success) == (ABORTED, False)
