@@ -2,30 +2,34 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which share of single changes of the package its tests notice.
 
-The changes are drawn anew by a seed, in each room in proportion to its code. For each, the tests
-that import its module run in a copy of the checkout, and then the other ones of its room.
+The default tests run once and note which lines each of them runs. Changes are then drawn by a seed,
+in each room in proportion to its code. For each, the tests that run its line run in a copy of the
+checkout. All of it is in `build/mutants`, from where a run that was interrupted goes on.
 """
 
 import argparse
 import ast
+import json
 import math
-import os
 import random
 import re
 import shutil
 import subprocess
-import sys
-import tempfile
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
+from queue import SimpleQueue
 
+from tqdm import tqdm
+
+from benchmark.line_tests import COPY, LIMIT, MADE, WORK, measure, measured, python
 from benchmark.report import machine, publish, table
 from tools.count_lines import by_room
 
-ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = "linkage_vibration"
-LIMIT = 300  # s, of the tests of a change; one that never ends is found
+JUDGED = Path(__file__).with_suffix(".txt")
 SWAPS: dict[type[ast.AST], str] = {
     ast.Lt: "<=",
     ast.LtE: "<",
@@ -41,8 +45,6 @@ SWAPS: dict[type[ast.AST], str] = {
     ast.Or: "and",
 }
 OPERATOR = re.compile(r"(\)*\s*)([-+*/<>=!]+|and|or)(\s*\(*)")
-MADE = shutil.ignore_patterns(".*", "build", "*.egg-info", "__pycache__")
-MOST = 4  # files of tests, those with the most similar names
 
 
 @dataclass(frozen=True)
@@ -102,75 +104,85 @@ def is_text(node: ast.AST) -> bool:
     return constant or isinstance(node, ast.JoinedStr)
 
 
-def drawn(count: int, seed: int) -> dict[str, list[Mutant]]:
-    """Return changes by room, of each in proportion to its lines of code."""
-    generator, code = random.Random(seed), {room: each for room, (_, each) in by_room().items()}
-    chosen, before, done = dict[str, list[Mutant]](), 0, 0
+def drawn(count: int, seed: int) -> list[tuple[str, Mutant]]:
+    """Return rooms and changes, of each room in proportion to its code, in a random order."""
+    generator, rooms = random.Random(seed), by_room(COPY / PACKAGE)
+    code = {room: each for room, (_, each) in rooms.items()}
+    chosen, before, done = list[tuple[str, Mutant]](), 0, 0
     for room in sorted(code.keys() - {"."}):
         before, done = done, done + code[room]
         share = [round(count * each / (sum(code.values()) - code["."])) for each in (before, done)]
         every = [
             each
-            for path in sorted((ROOT / PACKAGE / room).rglob("*.py"))
-            for each in mutants(path.relative_to(ROOT), path.read_bytes())
+            for path in sorted((COPY / PACKAGE / room).rglob("*.py"))
+            for each in mutants(path.relative_to(COPY), path.read_bytes())
         ]
-        chosen[room] = generator.sample(every, share[1] - share[0])
+        chosen += [(room, each) for each in generator.sample(every, share[1] - share[0])]
+    generator.shuffle(chosen)
     return chosen
 
 
-def tests_of(module: Path) -> tuple[list[str], list[str]]:
-    """Return at most four files of tests that import a module, and the other ones of its room.
-
-    The ones with its name come first, and then those of its room. Only the node's start nodes.
-    """
-    *package, name = module.with_suffix("").parts
-    stem, room = re.escape(name), ROOT / "test" / module.parts[1]
-    parent = r"\.".join(package)
-    wanted = re.compile(rf"{parent}\.{stem}\b|from {parent} import (\([^)]*|.*)\b{stem}\b")
-    files = [path for path in (ROOT / "test").rglob("test_*.py") if is_room(path, module)]
-    found = [path for path in files if wanted.search(path.read_text())]
-    found.sort(key=lambda path: (name not in path.stem, room not in path.parents, path))
-    others = sorted(path for path in files if room in path.parents and path not in found[:MOST])
-    if not (ROOT / module).is_file() or not found + others:
-        raise SystemExit(f"{module} or its tests in {room} do not exist.")
-    first, second = (
-        [path.relative_to(ROOT).as_posix() for path in paths] for paths in (found[:MOST], others)
-    )
-    return first, second
-
-
-def is_room(path: Path, module: Path) -> bool:
-    """Return whether a file of tests starts no nodes, or is one of the room of the node."""
-    return "ros" not in path.parts or module.parts[1] == "ros"
-
-
-def run(checkout: Path, tests: Sequence[str]) -> str | None:
-    """Return which test fails first in a checkout, "" if none does; None after the limit."""
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
-    environment = os.environ | {"PYTHONPATH": str(checkout)}
+def run(checkout: Path, tests: Sequence[str], *options: str) -> str:
+    """Return which test fails first in a checkout, "" if none does, or why there is no answer."""
+    arguments = checkout / "arguments.txt"
+    arguments.write_text("\n".join(tests))
+    options = ("-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *options, f"@{arguments}")
     try:
-        done = subprocess.run(
-            command, cwd=checkout, env=environment, capture_output=True, text=True, timeout=LIMIT
-        )
+        done = python(checkout, *options, capture_output=True, timeout=5.0 * LIMIT)
     except subprocess.TimeoutExpired:
-        return None
-    failed = re.search(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", done.stdout, re.MULTILINE)
-    return failed[1] if failed else "" if done.returncode in (0, 5) else tests[0]
+        return "the limit of time"
+    if done.returncode in (0, 5):
+        return ""
+    failed = set(re.findall(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", done.stdout, re.MULTILINE))
+    return next((test for test in tests if test in failed), "the import")
 
 
-def notices(checkout: Path, mutant: Mutant) -> bool:
-    """Return whether a test of the module fails with a change, and passes without it."""
+def finder(checkout: Path, mutant: Mutant, tests: list[str]) -> str:
+    """Return which test fails with a change and passes without it, "" if there is none."""
     file = checkout / mutant.path
     text = file.read_bytes()
-    file.write_bytes(mutant.change(text))
-    failed: str | None = ""
-    for tests in tests_of(mutant.path):
-        if failed == "" and tests:
-            failed = run(checkout, tests)
-    file.write_bytes(text)
-    if failed and run(checkout, [failed]) != "":
-        raise SystemExit(f"{failed} fails without a change, too; correct it first.")
-    return failed != ""
+    while tests:
+        file.write_bytes(mutant.change(text))
+        failed = run(checkout, tests)
+        file.write_bytes(text)
+        alone = [failed] if failed in tests else tests
+        options = [] if failed in tests else ["--collect-only"]
+        if not failed or not run(checkout, alone, *options):
+            return failed
+        if failed not in tests:
+            raise SystemExit(f"{mutant.describe(text)}: its tests cannot be collected: {tests}")
+        tests = [test for test in tests if test != failed]
+    return ""
+
+
+def describe(mutant: Mutant) -> str:
+    """Return where and what a change of the copy is."""
+    return mutant.describe((COPY / mutant.path).read_bytes())
+
+
+def results(changes: list[tuple[str, Mutant]], file: Path, jobs: int) -> dict[str, str]:
+    """Return by which test each change is found, of those of a file and of new runs."""
+    lines = file.read_text().splitlines() if file.exists() else []
+    known: dict[str, str] = dict(map(json.loads, lines))
+    checkouts: SimpleQueue[Path] = SimpleQueue()
+    for job in range(jobs):
+        checkouts.put(WORK / f"checkout_{job}")
+        shutil.rmtree(WORK / f"checkout_{job}", ignore_errors=True)
+        shutil.copytree(COPY, WORK / f"checkout_{job}", ignore=MADE)
+    runs = measured()
+
+    def answer(mutant: Mutant) -> tuple[str, str]:
+        if (what := describe(mutant)) in known:
+            return what, known[what]
+        checkout = checkouts.get()
+        found = finder(checkout, mutant, runs.tests_of(mutant.path, mutant.line))
+        checkouts.put(checkout)
+        with file.open("a") as lines:
+            lines.write(json.dumps([what, found]) + "\n")
+        return what, found
+
+    with ThreadPoolExecutor(jobs) as pool:
+        return dict(tqdm(pool.map(answer, (each for _, each in changes)), total=len(changes)))
 
 
 def main() -> None:
@@ -178,39 +190,48 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=300)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--first", type=int, help="run only as many, in their random order")
+    parser.add_argument("--jobs", type=int, default=1)
     given = parser.parse_args()
-    rows, missed = list[tuple[str, int, int]](), list[str]()
-    with tempfile.TemporaryDirectory() as folder:
-        checkout = Path(folder) / "checkout"
-        shutil.copytree(ROOT, checkout, ignore=MADE)
-        for room, few in drawn(given.count, given.seed).items():
-            found = [notices(checkout, each) for each in few]
-            rows.append((room, len(few), sum(found)))
-            pairs = zip(few, found, strict=True)
-            missed += [
-                x.describe((ROOT / x.path).read_bytes()) for x, is_found in pairs if not is_found
-            ]
-            print(rows[-1], *missed, sep="\n", flush=True)
-    count, noticed = sum(row[1] for row in rows), sum(row[2] for row in rows)
-    share = noticed / count
-    error = math.sqrt(share * (1.0 - share) / count)
+    measure()
+    changes = drawn(given.count, given.seed)[: given.first]
+    found = results(changes, WORK / f"seed_{given.seed}.jsonl", given.jobs)
+    rooms, missed = dict[str, list[bool]](), list[str]()
+    judged = dict(re.findall(r"^(- .*)\n(  .*)$", JUDGED.read_text(), re.MULTILINE))
+    for room, mutant in sorted(changes, key=itemgetter(0)):
+        rooms.setdefault(room, []).append(bool(found[what := describe(mutant)]))
+        if not found[what]:
+            missed.append(f"{what}\n{judged.get(what, '')}".rstrip())
+    seen = [each for of_room in rooms.values() for each in of_room]
+    same = sum("\n  Changes nothing" in each for each in missed)
+    (noticed, part, error), rest = share(seen), share(sorted(seen)[same:])
     publish(
         "mutants",
         "Changes that tests notice",
         [
             "On this page you find which share of single changes of the package its tests notice. "
-            f"The seed {given.seed} drew {count} changes, for which no test was added before. "
-            f"The tests of their modules and rooms found {noticed}, or {100.0 * share:.0f} % "
-            f"(standard error {100.0 * error:.0f} %).",
+            f"The seed {given.seed} drew {given.count} changes, in each room in proportion to its "
+            f"code, for which no test was added before. The first {len(seen)} in a random order "
+            "were made. For each, the tests that run its line ran, the quickest of each file "
+            f"first, for up to {LIMIT:.0f} s. They found {noticed} changes, or {part} % (standard "
+            f"error {error} %). Of the others, {same} change nothing that a test could see; "
+            f"the tests found {rest[1]} % of the rest.",
             table(
-                ["room", "changes", "found"],
-                [[room, str(of), str(seen)] for room, of, seen in rows],
+                ["room", "changes", "found", "share, %", "standard error, %"],
+                [[room, str(len(each)), *share(each)] for room, each in rooms.items()],
             ),
             "Not found:",
             "\n".join(missed) or "none",
         ],
-        machine(f"seed {given.seed}", f"count {count}"),
+        machine("pytest", "coverage", f"seed {given.seed}", f"count {given.count}"),
     )
+
+
+def share(found: Sequence[bool]) -> tuple[str, str, str]:
+    """Return how many are found, their share and its standard error, %."""
+    part = sum(found) / len(found)
+    error = math.sqrt(part * (1.0 - part) / len(found))
+    return str(sum(found)), f"{100.0 * part:.0f}", f"{100.0 * error:.0f}"
 
 
 if __name__ == "__main__":

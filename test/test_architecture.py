@@ -4,6 +4,7 @@
 
 import ast
 from graphlib import CycleError, TopologicalSorter
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -118,3 +119,12 @@ def test_no_import_circle() -> None:
         TopologicalSorter(graph).prepare()
     except CycleError as error:
         pytest.fail(f"These modules import each other in a circle: {' -> '.join(error.args[1])}.")
+
+
+def test_permitted_floating_point_errors_have_reasons() -> None:
+    """Each `errstate` has a comment behind it, or above it, that says what it permits and why."""
+    for path in MODULES:
+        lines = path.read_text().splitlines()
+        for before, line in pairwise(lines):
+            reason = "  # " in line or before.lstrip().startswith("# ")
+            assert reason or "errstate(" not in line, f"{path}: {line}"

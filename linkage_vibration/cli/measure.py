@@ -52,13 +52,15 @@ def run(options: argparse.Namespace) -> int:
             modes = study.doubt_folds(modes, model, alpha3, rate)
         sure = [mode for mode in modes if not mode.doubt]
         if not sure:
-            raise RingdownError(f"{path}: its decays show no mode that is sure; record more blows.")
+            notes.append(f"{path}: its decays show no mode that is sure; record more blows.")
         compared += study.compare(model, alpha3, sure)
         notes += [
             f"{math.degrees(alpha3):.2f} deg: {mode.frequency:.3f} Hz is not sure: {mode.doubt}."
             for mode in modes
             if mode.doubt
         ]
+    if not compared:
+        raise RingdownError("\n".join(notes))
     print(study.comparison_table(compared))
     if notes:
         print("", *notes, sep="\n")

@@ -14,6 +14,7 @@ from linkage_vibration.mechanics.description import (
     Link,
     Mechanism,
     MechanismError,
+    Mount,
     Response,
     RigidBody,
 )
@@ -38,7 +39,7 @@ def with_lateral(
         raise keys.error("held", f"{name!r} is not one of rigid_bodies; correct the name.")
     moving = [body for body in mechanism.rigid if body.name not in held]
     mounts = () if mechanism.base is None else mechanism.base.mounts
-    axles = tuple(_axle(keys["axles"][mount.name], mount.track, drawn) for mount in mounts)
+    axles = tuple(_axle(keys["axles"][mount.name], mount, drawn) for mount in mounts)
     if mechanism.base is not None:  # An axle may give the track of a mount that has none.
         mounts = tuple(
             replace(mount, track=mount.track or axle.track)
@@ -154,7 +155,7 @@ def _chain(keys: CheckedMapping, name: str, mechanism: Mechanism) -> Chain:
     begin, end = (link.points[i][1][0] for i in (0, -1))
     at = keys.number("at", least=begin, most=end, hint="give a place along the link")
     places = keys.numbers("end")
-    if len(places) != 3 or max(map(abs, places)) > _WIDEST:
+    if len(places) != 3 or max(map(abs, places)) > _WIDEST or places[1] < 0.0:
         raise keys.error("end", f"{places} is not [x, y, z] of the left one; {_METRES}.")
     x, y, z = places
     stiffness = keys.number("stiffness", positive=True, most=STIFFEST, hint=RIGID)
@@ -164,17 +165,18 @@ def _chain(keys: CheckedMapping, name: str, mechanism: Mechanism) -> Chain:
     return Chain(name, link.name, at, (x, y, z), stiffness, damping, tight)
 
 
-def _axle(keys: CheckedMapping, track: float, drawn: bool) -> Axle:
-    hint = f"0 is an axle that pivots; {_METRES}"
+def _axle(keys: CheckedMapping, mount: Mount, drawn: bool) -> Axle:
+    track, hint = mount.track, f"0 is an axle that pivots; {_METRES}"
     own = keys.number("track", default=track, least=0.0, most=_WIDEST, hint=hint)
     if own not in (0.0, track) and track and not drawn:
         problem = f"{own:g} m is not the track of this mount, {track:g} m"
         raise keys.error("track", f"{problem}; give it once, under base.mounts, or 0 here.")
+    top, below = (_WIDEST if drawn else mount.at[1]), "it is a height, not above that of the mount"
     return Axle(
         own,
         keys.number("stiffness", least=0.0, most=STIFFEST, hint=RIGID),
         keys.number("damping", default=0.0, least=0.0, most=DAMPEST, hint=RIGID),
-        keys.number("contact", least=-_WIDEST, most=_WIDEST, hint=f"it is a height; {_METRES}"),
+        keys.number("contact", least=-_WIDEST, most=top, hint=f"{below}; {_METRES}"),
     )
 
 

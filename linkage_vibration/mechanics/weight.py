@@ -8,7 +8,7 @@ pulls its pins across it, so that its forces do not turn it about its own z axis
 
 import math
 from collections import defaultdict
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -33,11 +33,11 @@ Load = tuple[str, Point, float, FloatArray]
 
 @dataclass(frozen=True, eq=False)
 class Weight:
-    """Finds the forces at rest by the y of points, m, and the links whose chi a bearing holds."""
+    """Finds the forces at rest by the y of points, m, and the point of links in a bearing."""
 
     mechanism: Mechanism
     y: Mapping[str, float]
-    bearings: Collection[str]
+    bearings: Mapping[str, str]
     contacts: Mapping[str, float]  # m, heights at which the soil carries the mounts
 
     @cached_property
@@ -56,7 +56,7 @@ class Weight:
         between two points, by its name. A `CouplingError` says that nothing carries the weight.
         """
         mechanism, loads, tensions = self.mechanism, list[Load](), dict[str, FloatArray]()
-        along, pull, pins = self._in_the_plane(configuration)
+        along, pull, pins, turning = self._in_the_plane(configuration)
         still = np.zeros(configuration.angles.shape[:-1])
         sideways: defaultdict[tuple[str, str], FloatArray] = defaultdict(lambda: still)
 
@@ -81,6 +81,11 @@ class Weight:
             aside = [sideways[link.name, point] for point, _ in link.points]
             shares = along[link.name] + link.slope * np.stack(aside, axis=-1)
             tensions[link.name] = -np.cumsum(shares, axis=-1)[..., :-1] / link.stretch
+            if pin := self.bearings.get(link.name):  # Its weight turns it as a force 1 m away.
+                away, _ = mechanism.local_points(link.name)[pin]
+                y = self.y.get(pin, 0.0) + link.slope
+                push = turning[link.name][..., np.newaxis] * configuration.turn(link.name)[..., 1]
+                loads.append((link.name, (away + 1.0, 0.0), y, np.insert(push, 1, 0.0, -1)))
         for i, (mount, axis) in enumerate(mount_springs(mechanism.base), len(mechanism.springs)):
             place = (mount.at[0], self.contacts[mount.name])
             loads.append((GROUND, place, 0.0, -pull[..., i, np.newaxis] * np.eye(3)[2 * axis]))
@@ -88,8 +93,11 @@ class Weight:
 
     def _in_the_plane(
         self, configuration: Configuration
-    ) -> tuple[dict[str, FloatArray], FloatArray, FloatArray]:
-        """Return the forces at rest along each link at its points, of springs, and of pins, N."""
+    ) -> tuple[dict[str, FloatArray], FloatArray, FloatArray, dict[str, FloatArray]]:
+        """Return the forces at rest along each link at its points, of springs, and of pins, N.
+
+        The last are the moments of the weight of links about their bearings, N m seen from aside.
+        """
         plane = self._plane
         joining = plane.interface.join(configuration)
         moved, falling = plane.moved_by_weight(configuration, joining)
@@ -103,13 +111,27 @@ class Weight:
             )
         elastic, stretch = moved @ plane.system.stiffness, joining.elongation
         pull = joining.stiffness * _times(stretch, moved)
-        by_pins = elastic - falling @ plane.system.mass + _times(stretch.swapaxes(-1, -2), pull)
+        load, parts = falling @ plane.system.mass, plane.system.components
+        by_pins = elastic - load + _times(stretch.swapaxes(-1, -2), pull)
         into = np.linalg.pinv(joining.compatibility.swapaxes(-1, -2), rcond=_REPEATED)
         along = {
             link.name: elastic[..., [plane.interface.at(link.name, p, "x") for p, _ in link.points]]
             for link in self.mechanism.links
         }
-        return along, pull, _times(np.asarray(into), by_pins)
+        turning = {
+            part.name: load[..., plane.system.rows[part.name]] @ self._arms(part)
+            for part in parts
+            if part.name in self.bearings
+        }
+        return along, pull, _times(np.asarray(into), by_pins), turning
+
+    def _arms(self, part: Component) -> list[float]:
+        """Return the arms of the DoFs of a link about its bearing, m."""
+        points = self.mechanism.local_points(part.name)
+        [slant] = [link.stretch for link in self.mechanism.links if link.name == part.name]
+        start, _ = points[self.bearings[part.name]]
+        arms = {p: {"x": 0.0, "z": x - start, "theta": 1.0 / slant} for p, (x, _) in points.items()}
+        return [arms[dof.point][dof.direction] for dof in part.dofs]
 
     def _across(
         self, along: Mapping[str, FloatArray], sideways: Mapping[tuple[str, str], FloatArray]

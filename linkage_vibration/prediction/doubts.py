@@ -68,6 +68,10 @@ def linkage_doubts(model: LinkageModel) -> Iterator[str]:
             single, pair = sorted((one, other), key=lambda link: link.count)
             text = f"count: 2, but {single.name}, which shares {min(pins)} with it, is single"
             yield f"{pair.name} has {text}; write `count: 2` if there is one on either side."
+    off = {point for point, y in mechanism.lateral.y if y} if mechanism.lateral else set[str]()
+    for link in mechanism.links:
+        if off and link.count > 1 and off.isdisjoint(dict(link.points)):
+            yield f"Both of {link.name} are in the middle; give the y of its points in `lateral`."
     yield from _uncertain(mechanism)
     if mechanism.base is not None and mechanism.base.mounts and model.force_places:
         loads = np.array([model.mount_loads(angle) for angle in stroke])

@@ -157,7 +157,9 @@ class EnsembleResponses:
         before, behind = (
             (weights * left).astype(np.float32).reshape(2, len(alpha3), *left.shape[1:])
         )
-        responses = modes.at(np.s_[:, 1:]).responses(omega, loads)
+        # One after the other, so that what is computed for all members stays in the cache.
+        rows = [modes.at(np.s_[row, 1:]).responses(w, loads) for row, w in enumerate(omega)]
+        responses = np.stack(rows)
         responses += (before + behind)[:, np.newaxis]
         return responses
 

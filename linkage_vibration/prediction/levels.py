@@ -37,6 +37,7 @@ from linkage_vibration.prediction.ground import (
 from linkage_vibration.prediction.level_cache import Arrays, Keep, Kept, computed, level_cache
 from linkage_vibration.prediction.loads import (
     ExcitationError,
+    Load,
     UnitLoad,
     load_input,
     load_powers,
@@ -136,10 +137,10 @@ class _Terms(NamedTuple):
     of the residual (both parts) and its rate; rows without numbers are left out.
     """
 
-    poles: FloatArray  # (..., 3, n_terms): both parts of k, and c
-    matrices: FloatArray  # (..., n_inputs, n_rows, n_outputs)
-    static: FloatArray  # (..., n_inputs): size of the static response of the first output
-    reference: FloatArray  # (..., n_forces): reference forces of pins, cylinders and tyres, N
+    poles: Reals  # (..., 3, n_terms): both parts of k, and c
+    matrices: Reals  # (..., n_inputs, n_rows, n_outputs), in single precision
+    static: Reals  # (..., n_inputs): size of the static response of the first output
+    reference: Reals  # (..., n_forces): reference forces of pins, cylinders and tyres, N
 
 
 class _Forcing(NamedTuple):
@@ -178,9 +179,10 @@ class _Half:
         ends = np.cumsum([3 * layout.n_terms, layout.n_inputs, layout.n_forces]).tolist()
         self._parts = [slice(*each) for each in pairwise([0, *ends])]
         self._numbers = np.ascontiguousarray(cubics[:, :, : ends[-1]])
-        # A product for each input is so small that BLAS uses one thread.
+        # A product for each input is so small that BLAS uses one thread. The numbers of all cells
+        # are read from memory, which takes half of the time in single precision.
         blocks = cubics[:, :, ends[-1] :].reshape(len(cubics), 4, layout.n_inputs, -1)
-        self._blocks = blocks.swapaxes(1, 2)
+        self._blocks = blocks.swapaxes(1, 2).astype(np.float32)
 
     def of(self, excitations: IntArray) -> tuple[IntArray, IntArray]:
         """Return which of excitations act in this half, and the indices of their loads."""
@@ -216,11 +218,11 @@ class _Half:
         np.multiply.accumulate(rising, axis=1, out=rising)
         numbers = (powers @ self._numbers[which])[:, 0]
         poles, static, reference = (numbers[:, part] for part in self._parts)
-        matrices = np.empty((n, layout.n_inputs, 1, self._blocks.shape[3]))
+        matrices = np.empty((n, layout.n_inputs, 1, self._blocks.shape[3]), np.float32)
+        singles = powers[:, np.newaxis].astype(np.float32)
         cells = [0, *(np.flatnonzero(which[1:] != which[:-1]) + 1).tolist(), n]
         for few in map(slice, cells, cells[1:]):  # A crank stays in a cell for some readings.
-            block = self._blocks[which[few.start]]
-            np.matmul(powers[few, np.newaxis], block, out=matrices[few])
+            np.matmul(singles[few], self._blocks[which[few.start]], out=matrices[few])
         shape = n, layout.n_inputs, -1, layout.n_outputs
         return _Terms(poles.reshape(n, 3, -1), matrices.reshape(shape), static, reference)
 
@@ -238,16 +240,17 @@ class _Half:
         """
         w, t = w[..., np.newaxis], self.layout.n_terms
         k, damping, c = (terms.poles[..., i, np.newaxis, :] for i in range(3))
-        factors = np.empty((*np.broadcast_shapes(w.shape, k.shape)[:-1], 3 * t + 3), complex)
+        factors = np.empty((*np.broadcast_shapes(w.shape, k.shape)[:-1], 3 * t + 3), np.complex64)
         first = factors[..., :t]
         first.real, first.imag = k - w * w, damping + w * c
         with np.errstate(invalid="ignore"):  # NaN where the table is not accurate
             np.reciprocal(first, out=first)
+        turned = 1j * w.astype(np.float32)
         np.multiply(first, 1j, out=factors[..., t : 2 * t])
-        np.multiply(first, 1j * w, out=factors[..., 2 * t : 3 * t])
-        factors[..., 3 * t : 3 * t + 2], factors[..., 3 * t + 2 :] = _UNITS, 1j * w
-        parts = factors.take(self._rows, axis=-1)[..., np.newaxis].view(float).swapaxes(-1, -2)
-        return np.asarray(parts @ terms.matrices.take(inputs, axis=-3))
+        np.multiply(first, turned, out=factors[..., 2 * t : 3 * t])
+        factors[..., 3 * t : 3 * t + 2], factors[..., 3 * t + 2 :] = _UNITS, turned
+        parts = factors.take(self._rows, axis=-1)[..., np.newaxis].view(np.float32)
+        return np.asarray(parts.swapaxes(-1, -2) @ terms.matrices.take(inputs, axis=-3), float)
 
     def _table_responses(self, nodes: IntArray, omega: FloatArray) -> FloatArray:
         """Return `_responses` at nodes of the ensemble, (n,), (n, 2, n_excitations, n_outputs).
@@ -280,47 +283,30 @@ class LevelTable:
         keep: Keep = computed,
     ) -> None:
         self.predictor, table = predictor, predictor.table
+        self.mechanism, self.lateral = mechanism, table.lateral
         self.unknown_factors = table.unknown_factors
+        self.states_uncertainty = table.uncertain or table.measured
         inputs, numbers = _unit_loads(table, mechanism, excitations)
-        loads = [excitation.load for excitation in excitations]
-        across = np.array([load is not None and load.across for load in loads])
+        across = np.array([bool(each.load and each.load.across) for each in excitations])
         self.excites = across[:, np.newaxis] == table.lateral_modes
         """Which modes each excitation can excite, (n_excitations, n_modes): those of its half."""
-        self.states_uncertainty = table.uncertain or table.measured
         self._top, self._inputs = 2.0 * math.pi * table.band[1], np.array(numbers)
         self._sources = np.array([excitation.source.index for excitation in excitations])
-
+        self._every = np.arange(len(excitations))
         self._omega = np.array([2.0 * math.pi * excitation.ratio for excitation in excitations])
-        powers, self._every = load_powers(loads), np.arange(len(excitations))
-        exponents = np.array([load.exponent if load else 0.0 for load in loads])
-        rms = np.array([x.amplitude / math.sqrt(2.0) if x else math.nan for x in loads])
-        speed = np.array([load.speed if load else 1.0 for load in loads])
-        # The size of a load is that at the speed 1 times a power of the speed; at rest it is 0.
-        self._size = unit_sizes(rms * speed**-exponents, self._omega, powers)
-        self._exponents, self._still = exponents + powers, 0.0 * rms
+        self._set_sizes([excitation.load for excitation in excitations])
         self._loaded = any(excitation.load or excitation.terrain for excitation in excitations)
-        self._ground: GroundTable | None = None
-        self._terrain = next(
-            (i for i, excitation in enumerate(excitations) if excitation.terrain), 0
-        )
-        self.mechanism, self.lateral = mechanism, table.lateral
+        rolling = [i for i, excitation in enumerate(excitations) if excitation.terrain]
+        self._terrain = rolling[0] if rolling else 0
+        self._surface = excitations[self._terrain].terrain
         self.force_places = table.load_places if self._loaded else ()
         """Pins and cylinders, the first ones of the table, then chains of known pretension."""
         self.chains: list[Chain] = []
         """Chains that the ground loads, those of known pretension first."""
-        terrain = excitations[self._terrain].terrain
         self._halves: list[_Half] = []
+        self._ground: GroundTable | None = None
         if table.places:
-            excited = bool(terrain and lateral_mounts(mechanism)) or bool(across.any())
-            self._outputs = self._listed(table, excited)
-            for i, (half, its) in enumerate(zip(table.halves, filter(None, inputs), strict=False)):
-                which = np.where(across == i, self._inputs - i * len(inputs[0]), -1)
-                n_forces = 0 if i else self._n_pins + self._n_tyres
-                kept = partial(keep, ("cells", "lateral")[i])
-                self._halves.append(_Half(half, its, which, self._outputs, n_forces, kept))
-            outputs = self._outputs[: len(self._outputs) - self._n_tyres]
-            if terrain is not None:
-                self._ground = GroundTable(table, mechanism, terrain, outputs[1:], keep=keep)
+            self._add_halves(inputs, across, keep)
         self.has_load_ratios = bool(self._halves) and bool(self.force_places)
         """Whether the table gives the loads of excitations in pins, up to its highest frequency."""
         self.n_members = 0
@@ -328,17 +314,45 @@ class LevelTable:
         self._ground_members: GroundMembers | None = None
         alike = [each.table.ensemble_coordinates for each in self._halves]
         if self._loaded and len(table.ensemble_alpha3) and np.array_equal(alike[0], alike[-1]):
-            names = "modes", "lateral_modes"
-            for each, its, name in zip(self._halves, inputs, names, strict=False):
-                each.add_members(its, len(outputs), self._n_pins, partial(keep, name))
-            self.n_members = each.members.n
-            amplitudes, frequencies = load_factors(excitations, self.n_members)
-            amplitudes = unit_sizes(amplitudes.T, frequencies.T, powers)
-            self._draws = amplitudes, frequencies.T
-            if self._ground is not None and terrain is not None and not self._ground.refusal:
-                self._ground_members = GroundMembers(
-                    table, mechanism, terrain, outputs, self._ground.lines, keep
-                )
+            self._add_members(inputs, excitations, keep)
+
+    def _set_sizes(self, loads: Sequence[Load | None]) -> None:
+        """Set the size of each load at the speed 1, which grows with a power; at rest it is 0."""
+        self._powers = load_powers(loads)
+        exponents = np.array([load.exponent if load else 0.0 for load in loads])
+        rms = np.array([load.amplitude / math.sqrt(2.0) if load else math.nan for load in loads])
+        speed = np.array([load.speed if load else 1.0 for load in loads])
+        self._size = unit_sizes(rms * speed**-exponents, self._omega, self._powers)
+        self._exponents, self._still = exponents + self._powers, 0.0 * rms
+
+    def _add_halves(self, inputs: Sequence[list[UnitLoad]], across: BoolArray, keep: Keep) -> None:
+        """Add the halves that respond to the unit loads of each, and the ground."""
+        table, mechanism, terrain = self.predictor.table, self.mechanism, self._surface
+        excited = bool(terrain and lateral_mounts(mechanism)) or bool(across.any())
+        self._outputs = self._listed(table, excited)
+        for i, (half, its) in enumerate(zip(table.halves, filter(None, inputs), strict=False)):
+            which = np.where(across == i, self._inputs - i * len(inputs[0]), -1)
+            n_forces = 0 if i else self._n_pins + self._n_tyres
+            kept = partial(keep, ("cells", "lateral")[i])
+            self._halves.append(_Half(half, its, which, self._outputs, n_forces, kept))
+        # Members have no tyres.
+        self._of_member = self._outputs[: len(self._outputs) - self._n_tyres]
+        if terrain is not None:
+            self._ground = GroundTable(table, mechanism, terrain, self._of_member[1:], keep=keep)
+
+    def _add_members(
+        self, inputs: Sequence[list[UnitLoad]], excitations: Sequence[Excitation], keep: Keep
+    ) -> None:
+        """Add the members of the ensemble to the halves and to the ground."""
+        n_outputs, names = len(self._of_member), ("modes", "lateral_modes")
+        for each, its, name in zip(self._halves, inputs, names, strict=False):
+            each.add_members(its, n_outputs, self._n_pins, partial(keep, name))
+        self.n_members = self._halves[0].members.n
+        amplitudes, frequencies = load_factors(excitations, self.n_members)
+        self._draws = unit_sizes(amplitudes.T, frequencies.T, self._powers), frequencies.T
+        if self._surface and self._ground and not self._ground.refusal:
+            of = self.predictor.table, self.mechanism, self._surface, self._of_member
+            self._ground_members = GroundMembers(*of, self._ground.lines, keep)
 
     def _listed(self, table: Table, excited: bool) -> list[Place]:
         """Return the response point, then forces: at pins, cylinders and chains, then of tyres.
@@ -489,13 +503,15 @@ class LevelTable:
         angles = angles_in_table(alpha3, self.alpha3_range)
         width = _unknown(0, len(self._inputs))[0].shape[1]
         quantities = np.full((len(alpha3), self.n_members, width), math.nan)
-        inside = np.flatnonzero(np.isfinite(angles))
-        for start in range(0, len(inside) if self.n_members else 0, _MEMBERS_CHUNK):
-            rows = inside[start : start + _MEMBERS_CHUNK]
-            quantities[rows] = self._of_members(angles[rows], speeds[:, rows])
+        inside = np.flatnonzero(np.isfinite(angles) & (self.n_members > 0))
+        shares = self.at(angles[inside], speeds[:, inside]).off_ground_share
+        for start in range(0, len(inside), _MEMBERS_CHUNK):
+            few = slice(start, start + _MEMBERS_CHUNK)
+            rows, share = inside[few], shares[few]
+            quantities[rows] = self._of_members(angles[rows], speeds[:, rows], share)
         return quantities
 
-    def _of_members(self, angles: FloatArray, speeds: FloatArray) -> Reals:
+    def _of_members(self, angles: FloatArray, speeds: FloatArray, share: FloatArray) -> Reals:
         """Return what `members` does at a few angles within the table."""
         n = len(angles)
         nominal = self._forcing_at(speeds)
@@ -506,8 +522,7 @@ class LevelTable:
         parts = [(half.excitations, *half.member_squares(angles, omega)) for half in self._halves]
         squares, rolling = self._joined([part[:2] for part in parts]), None
         if self._ground is not None:
-            rolling = self._ground.at_table_angles(angles, speeds[_GROUND])
-            rolling = rolling.with_share(self.at(angles, speeds).off_ground_share)
+            rolling = self._ground.at_table_angles(angles, speeds[_GROUND]).with_share(share)
             if self._ground_members is not None:
                 amplitudes = self._draws[0][:, self._terrain]
                 rolling = self._ground_members.levels(rolling, angles, speeds[_GROUND], amplitudes)
@@ -676,7 +691,7 @@ class LevelTable:
         return np.add.reduceat(components, first, axis=-2) if len(first) else components
 
 
-def _at_rest(terms: Sequence[_Terms]) -> tuple[FloatArray, FloatArray]:
+def _at_rest(terms: Sequence[_Terms]) -> tuple[Reals, Reals]:
     """Return static responses of all halves, (n, n_loads), and reference forces, (n, n_forces)."""
     return np.concatenate([each.static for each in terms], axis=1), terms[0].reference
 

@@ -62,30 +62,27 @@ _Mean = tuple[float, float, float, float]
 """Time (s) and value of a mean, half of the resolution, and 1 / sqrt(number of readings)."""
 
 
-def _residuals(means: list[_Mean]) -> tuple[float, float]:
+def _residuals(means: Sequence[_Mean]) -> tuple[float, float]:
     """Return the error of a reading by the third difference of four means, and its noise.
 
     The noise is the part that the steps of the sensor do not explain.
     """
-    (a, *_), (b, *_), (c, *_), (d, *_) = means
+    # Written out, as each speed that is reported needs it.
+    (a, va, ha, na), (b, vb, hb, nb), (c, vc, hc, nc), (d, vd, hd, nd) = means
     ab, ac, ad, bc, bd, cd = a - b, a - c, a - d, b - c, b - d, c - d
-    weights = (
-        1.0 / (ab * ac * ad),
-        -1.0 / (ab * bc * bd),
-        1.0 / (ac * bc * cd),
-        -1.0 / (ad * bd * cd),
-    )
-    total = allowed = variance = 0.0
-    for weight, (_, value, half_step, share) in zip(weights, means, strict=True):
-        total += weight * value
-        allowed += abs(weight) * half_step
-        variance += (weight * share) ** 2
-    norm = math.sqrt(variance)
-    return abs(total) / norm, max(0.0, abs(total) - _EXPLAINED * allowed) / norm
+    wa, wb = 1.0 / (ab * ac * ad), -1.0 / (ab * bc * bd)
+    wc, wd = 1.0 / (ac * bc * cd), -1.0 / (ad * bd * cd)
+    total = abs(wa * va + wb * vb + wc * vc + wd * vd)
+    allowed = abs(wa) * ha + abs(wb) * hb + abs(wc) * hc + abs(wd) * hd
+    norm = math.sqrt((wa * na) ** 2 + (wb * nb) ** 2 + (wc * nc) ** 2 + (wd * nd) ** 2)
+    return total / norm, max(0.0, total - _EXPLAINED * allowed) / norm
 
 
-def _rate(now: float, spread: float, means: Sequence[_Mean], bends: Sequence[float]) -> Rate:
-    """Return the rate at a time, s, from means, the last one first."""
+def _rate(
+    now: float, spread: float, latest: _Mean, past: Sequence[_Mean], bends: Sequence[float]
+) -> Rate:
+    """Return the rate at a time, s, from the latest mean and those before it."""
+    means = latest, *reversed(past)
     points = [(time, mean, half_step + spread * share) for time, mean, half_step, share in means]
     pairs = []
     for i, (time, mean, error) in enumerate(points[:2]):
@@ -145,7 +142,7 @@ class RateFilter:
         self._wraps = wraps
         self._bends = [factor * bend for factor in _BENDS]
         self._resolution = coarsest
-        self._means: list[_Mean] = []
+        self._means: tuple[_Mean, ...] = ()
         self._start = 0  # of the motion, in the list
         self._noise, self._residuals = 0.0, 0  # of one reading, and from how many residuals
         self._smooth: list[float] = []  # errors of readings since the motion has one direction
@@ -161,8 +158,10 @@ class RateFilter:
         """
         if not self._take(stamp, value, resolution) or self._residuals < _RESIDUALS:
             return unknown_rate
-        means = [self._mean(), *reversed(self._means[self._start :])]
-        return partial(_rate, 1e-9 * (stamp - self._origin), self._spread(), means, self._bends)
+        now, past = 1e-9 * (stamp - self._origin), self._means[self._start :]
+        # The half-width of the noise of one reading
+        spread = _SPREAD * self._noise * (1.0 + _FEW / (self._residuals + 1.0))
+        return partial(_rate, now, spread, self._mean(), past, self._bends)
 
     def add_many(
         self,
@@ -204,13 +203,9 @@ class RateFilter:
 
     def _move(self, by: float) -> None:
         """Count the readings so far from another zero."""
-        self._means = [(time, mean + by, step, n) for time, mean, step, n in self._means]
+        self._means = tuple((time, mean + by, step, n) for time, mean, step, n in self._means)
         self._sum += by * self._count
         self._value += by
-
-    def _spread(self) -> float:
-        """Return the half-width of the noise of one reading."""
-        return _SPREAD * self._noise * (1.0 + _FEW / (self._residuals + 1.0))
 
     def _mean(self) -> _Mean:
         """Return the mean of the readings since the last one."""
@@ -220,20 +215,18 @@ class RateFilter:
 
     def _close(self) -> None:
         """Keep the mean of the readings, forget those that are no longer used, begin the next."""
-        self._means.append(self._mean())
+        self._means = (*self._means, self._mean())
         if len(self._means) > _LAGS:
-            del self._means[0]
+            self._means = self._means[1:]
             self._start = max(0, self._start - 1)
         self._times, self._sum, self._count = 0, 0.0, 0
         if len(self._means) - self._start < 4:
             self._smooth = []
             return
-        *_, third, second, first = (value for _, value, _, _ in self._means[-4:])
-        error, noise = _residuals(self._means[-4:])
+        newest = self._means[-4:]
+        error, noise = _residuals(newest)
         self._noise = max(noise, _DECAY * self._noise)
         self._residuals += 1
-        self._smooth = self._smooth[1 - _RESIDUALS :]
-        if (first - second) * (second - third) > 0.0:
-            self._smooth.append(error)
-        else:
-            self._smooth = []
+        _, (_, third, *_), (_, second, *_), (_, first, *_) = newest
+        turns = not (first - second) * (second - third) > 0.0
+        self._smooth = [] if turns else [*self._smooth[1 - _RESIDUALS :], error]

@@ -505,13 +505,8 @@ class ResonanceMonitor:
             return None
         waiting, self._waiting = self._waiting, []
         predictions, velocities, times, speeds, headers = zip(*waiting, strict=True)
-        return self._answer(
-            rows_of(predictions),
-            np.array(velocities).T,
-            np.array(times),
-            speeds,
-            window_headers(headers),
-        )
+        crank, at = np.array(velocities).T, np.array(times)
+        return self._answer(rows_of(predictions), crank, at, speeds, window_headers(headers))
 
     def assess_many(
         self,

@@ -25,6 +25,9 @@ MOST_DAMPED = 0.5  # damping ratio; beyond it there is hardly an oscillation
 _STEP = 0.04  # relative, between frequencies of the search
 _SOUGHT = (0.02, 0.08)  # damping ratios of the search
 _MOST = 20  # largest number of poles
+_SAME_SHAPE = (
+    0.5  # Poles of one mode move the channels alike: a larger squared MAC of their squares
+)
 _STEPS = 30  # largest number of steps of a fit; few are needed
 _EXACT = 1e-12  # variance of residuals that are rounding, in the unit of the signals
 _CONVERGED = 1e-6  # relative change of the sum of squares
@@ -73,13 +76,23 @@ def gains(decays: Decays, fit: DecayFit, rate: float) -> FloatArray:
 
 
 def energies(decays: Decays, poles: ComplexArray, rate: float) -> FloatArray:
-    """Return the energy of each pole, and what no other pole can replace of it, (2, n_poles)."""
+    """Return the energy of each pole, and what no pole can replace of it, (2, n_poles).
+
+    Only poles that move the channels alike replace one another: others are modes of their own.
+    """
     count, each = len(poles), np.zeros((2, len(poles)))
-    for signals, (_, columns) in zip(decays, _bases(decays, poles, rate), strict=True):
-        weights = np.linalg.lstsq(columns, signals, rcond=None)[0]
+    bases = [columns for _, columns in _bases(decays, poles, rate)]
+    weights = [np.linalg.lstsq(a, b, rcond=None)[0] for a, b in zip(bases, decays, strict=True)]
+    pairs = np.array([w[: 2 * count].reshape(2, count, w.shape[1]) for w in weights])
+    squares = np.einsum("dapc,dape->pce", pairs, pairs)  # of channels, whose shape a mode shares
+    products = np.einsum("pce,qce->pq", squares, squares)
+    sizes = np.sqrt(products.diagonal())
+    apart = products < _SAME_SHAPE * np.outer(sizes, sizes)
+    for columns, own in zip(bases, weights, strict=True):
         for i in range(count):
             pair = [i, count + i]
-            part, others = columns[:, pair] @ weights[pair], np.delete(columns, pair, axis=1)
+            part, away = columns[:, pair] @ own[pair], np.flatnonzero(apart[i])
+            others = np.delete(columns, [*pair, *away, *(count + away)], axis=1)
             left = part - others @ np.linalg.lstsq(others, part, rcond=None)[0]
             each[:, i] += (part**2).sum(), (left**2).sum()
     return each

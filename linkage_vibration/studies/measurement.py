@@ -3,19 +3,21 @@
 """Compares modes measured at several heights with a mechanism's, as targets of a calibration.
 
 Every measured mode has a cost: 1 if it is not paired with a mode of the model, and otherwise the
-distance, 0 to 1, by frequency and damping ratio. Of the pairings that keep the order of the modes,
-that with the lowest sum is taken. A pair is doubtful if the best one without it costs hardly more.
+distance, 0 to 1, by frequency and damping ratio. Of the pairings that keep the order of the modes
+of each half, that with the lowest sum is taken. A pair is doubtful if the best one without it costs
+hardly more.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.mechanics.mode_names import kinetic_energy, name_modes
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.readers.targets import INCLINOMETER, ModelMode, targets_text
@@ -28,6 +30,8 @@ _MODEL = math.log(FARTHEST) / _SIGMAS  # standard deviation of log(frequency) of
 _MODEL_DAMPING = math.log(10.0) / _SIGMAS  # the same of log(damping ratio), which is hardly known
 # A pair whose absence costs less is doubtful: an error of the model of 8 % would undo it.
 _DOUBT = 0.2
+# The same for a mode of the other half, for 16 %: chains and tyres across are hardly known.
+_DOUBT_ACROSS = 0.4
 _EQUAL = 1e-9  # difference of costs that rounding may cause
 _FREQUENCY = 0.08  # standard deviation of log(frequency) of a model
 _DECAY = math.log(10.0) / 3.0  # the same of log(decay rate), which is hardly known
@@ -59,7 +63,8 @@ def compare(
     spreads = np.array([mode.frequency_stddev / mode.frequency for mode in measured])
     spreads[np.isnan(spreads)] = _UNKNOWN
     deviations = np.hypot(spreads[:, np.newaxis], np.nan_to_num(turned, posinf=0.0))
-    modes = pair_modes(measured, predicted, ratios, deviations)
+    lateral = np.array([mode.half == "lateral" for mode in every])
+    modes = pair_modes(measured, predicted, ratios, deviations, lateral)
     return [
         ComparedMode(alpha3, mode, None, math.nan, math.nan)
         if j is None
@@ -85,7 +90,7 @@ def _modes(
         beside = [half.solve(alpha3 + step).natural_frequencies for step in steps]
         count = min(map(len, [solution.natural_frequencies, *beside]))
         predicted = solution.natural_frequencies[:count]
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore"):  # modes at 0 Hz
             turned = [np.abs(np.log(each[:count] / predicted)) for each in beside]
         worst = np.max([np.zeros(count), *turned], axis=0)
         numbers.append(np.array([predicted, solution.damping_ratios[:count], worst]))
@@ -172,11 +177,13 @@ def pair_modes(
     frequencies: FloatArray,
     damping_ratios: FloatArray,
     deviations: FloatArray,
+    lateral: BoolArray,
 ) -> list[tuple[int | None, ...]]:
     """Return the mode of the model (from 0) of each measured mode, None if it has none.
 
     In a doubtful pair, the mode follows to which the measured one belongs otherwise. Frequencies,
-    Hz, ascend; deviations, (n_measured, n_modes), are relative; more pairs and lower modes win.
+    Hz, ascend; deviations, (n_measured, n_modes), are relative; `lateral` is which modes of the
+    model are of that half. More pairs and lower modes win.
     """
     hz, ratios, spreads = np.array(
         [(mode.frequency, mode.ratio, mode.ratio_stddev / mode.ratio) for mode in measured]
@@ -190,39 +197,42 @@ def pair_modes(
     distance = np.hypot(away / (_SIGMAS * np.hypot(_MODEL, deviations)), damping)
     # The cost of each pair, (n_measured, n_modes): 0 to 1, infinite if it is not permitted.
     costs = np.where(permitted, np.minimum(distance, 1.0), math.inf)
-    lowest, pairs = _pairing(costs)
+    halves = lateral.astype(int).tolist()
+    lowest, pairs = _pairing(costs, halves)
     modes: list[tuple[int | None, ...]] = [(j,) for j in pairs]
     for i, j in enumerate(pairs):
         if j is not None:
             others = costs.copy()
             others[i, j] = math.inf
-            cost, rivals = _pairing(others)
-            modes[i] += (rivals[i],) * (cost - lowest < _DOUBT)
+            cost, rivals = _pairing(others, halves)
+            rival = rivals[i]
+            across = rival is not None and halves[rival] != halves[j]
+            modes[i] += (rival,) * (cost - lowest < (_DOUBT_ACROSS if across else _DOUBT))
     return modes
 
 
-def _pairing(costs: FloatArray) -> tuple[float, tuple[int | None, ...]]:
-    """Return cost and modes of the best pairing."""
-    # best[j]: cost and modes of the best pairing of the later measured modes with modes from j.
-    best: list[tuple[float, tuple[int | None, ...]]] = [(0.0, ())] * (costs.shape[1] + 1)
-    for row in reversed(costs.tolist()):
-        best = [_best(row, first, best) for first in range(len(best))]
-    return best[0]
+def _pairing(costs: FloatArray, halves: list[int]) -> tuple[float, tuple[int | None, ...]]:
+    """Return cost and modes of the best pairing that keeps the order of each half, 0 or 1."""
+    rows = costs.tolist()
 
+    @cache
+    def best(i: int, first: tuple[int, int]) -> tuple[float, tuple[int | None, ...]]:
+        """Return the same of measured modes from i, with modes of each half from the first on."""
+        if i == len(rows):
+            return 0.0, ()
+        choices = list[tuple[float, tuple[int | None, ...]]]()
+        for j, (cost, half) in enumerate(zip(rows[i], halves, strict=True)):
+            if j >= first[half] and cost <= 1.0:
+                after = (first[0], j + 1) if half else (j + 1, first[1])
+                later, modes = best(i + 1, after)
+                choices.append((cost + later, (j, *modes)))
+        later, modes = best(i + 1, first)
+        choices.append((1.0 + later, (None, *modes)))
+        lowest = min(cost for cost, _ in choices)
+        equal = [choice for choice in choices if choice[0] <= lowest + _EQUAL]
+        return max(equal, key=lambda choice: len(choice[1]) - choice[1].count(None))  # the first
 
-def _best(
-    row: list[float], first: int, later: list[tuple[float, tuple[int | None, ...]]]
-) -> tuple[float, tuple[int | None, ...]]:
-    """Return cost and modes of the best pairing of one measured mode and the later ones."""
-    choices = [
-        (row[j] + later[j + 1][0], (j, *later[j + 1][1]))
-        for j in range(first, len(row))
-        if row[j] <= 1.0
-    ]
-    choices.append((1.0 + later[first][0], (None, *later[first][1])))
-    lowest = min(cost for cost, _ in choices)
-    equal = [choice for choice in choices if choice[0] <= lowest + _EQUAL]
-    return max(equal, key=lambda choice: len(choice[1]) - choice[1].count(None))  # the first such
+    return best(0, (0, 0))
 
 
 def doubt_folds(

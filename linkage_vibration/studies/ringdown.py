@@ -239,7 +239,8 @@ def _change(decays: Decays, poles: ComplexArray, rate: float) -> str:
             found.append((_values(fit.poles)[:, 0], _stddevs(each, fit)[0, 0]))
         ((a, ratio), sigma), ((b, other), tau) = found
         certain = abs(b - a) > max(_CERTAIN * math.hypot(sigma, tau), _DRIFT * a)
-        if certain and max(ratio, other) < MOST_DAMPED:
+        same = max(a, b) < _BESIDE * min(a, b)  # not another mode that the other poles lack
+        if certain and same and max(ratio, other) < MOST_DAMPED:
             return f"the frequency {'falls' if b < a else 'rises'} from {a:.4g} to {b:.4g} Hz {how}"
     return ""
 

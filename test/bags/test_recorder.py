@@ -35,6 +35,7 @@ from linkage_vibration.bags.recorder import (
 )
 from linkage_vibration.bags.recovery import recover
 from linkage_vibration.bags.writing import COMPRESSIONS, Attachment, LogError, Topic
+from linkage_vibration.support.resources import share_directory
 
 FLOAT = "std_msgs/msg/Float64"
 TOPICS = [Topic(name, FLOAT, "float64 data\n", "", "") for name in ("/a", "/b")]
@@ -191,7 +192,9 @@ def test_disk_that_does_not_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 
 def test_queue_is_bounded_in_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Large messages do not use unbounded memory."""
+    """Large messages do not use unbounded memory; the manual states the limits."""
+    limits = f"{module.QUEUE_MESSAGES:,} messages and {module.QUEUE_BYTES / 2**20:g} MiB"
+    assert limits in (share_directory() / "docs/logs.md").read_text()
     monkeypatch.setattr(module, "QUEUE_BYTES", 10_000)
     monkeypatch.setattr(module, "POLL_PERIOD", 0.5)
     log = recorder(tmp_path)

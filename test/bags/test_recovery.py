@@ -214,7 +214,8 @@ def test_lost_messages_are_counted(tmp_path: Path) -> None:
 def test_the_first_twenty_damages_are_listed(count: int, last: str) -> None:
     """The text lists twenty damaged places, and counts the others if there are any."""
     damages = tuple(f"at byte {k}" for k in range(count))
-    assert recovery_text(Recovery(Path("a.mcap"), {}, {}, damages)).splitlines()[-1] == last
+    lines = recovery_text(Recovery(Path("a.mcap"), {"/a": 3}, {}, damages)).splitlines()
+    assert (lines[1], lines[-1]) == ("  /a: 3", last)
 
 
 def test_recovered_log_opens_everywhere(tmp_path: Path) -> None:

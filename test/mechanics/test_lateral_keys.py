@@ -50,7 +50,7 @@ def test_without_lateral_nothing_changes(mapping: Any) -> None:
     for path in (
         ("chains", "check_chain", "damping"),
         ("inertia", "base", "yaw"),
-        ("axles", "front_axle", "contact"),
+        ("axles", "front_axle", "damping"),
         ("y", "V1"),
     ):
         spoiled = copy.deepcopy(mapping)
@@ -102,8 +102,10 @@ def test_a_general_section_needs_its_other_second_moment(mapping: Any) -> None:
         (remove("lateral", "axles", "front_axle"), "lateral.axles.front_axle", "missing"),
         (change("lateral", "axles", "rear_axle", "track", to=-1.0), "rear_axle.track", "pivots"),
         (change("lateral", "axles", "rear_axle", "contact", to=-850), "contact", "height"),
+        (change("lateral", "axles", "rear_axle", "contact", to=-0.04), "contact", "not above that"),
         (remove("lateral", "chains", "check_chain", "end"), "check_chain.end", "missing"),
         (change("lateral", "chains", "check_chain", "end", to=[0, 1]), "chain.end", "x, y, z"),
+        (change("lateral", "chains", "check_chain", "end", to=[0, -0.1, 0]), "end", "the left one"),
         (change("lateral", "chains", "check_chain", "at", to=0.9), "check_chain.at", "along"),
         (change("lateral", "chains", "check_chain", "link", to="upper_link"), "link", "one chain"),
         (change("lateral", "chains", "check_chain", "stiffness", to=[5e6, 4e6]), "stiff", "number"),
@@ -121,7 +123,11 @@ def test_a_general_section_needs_its_other_second_moment(mapping: Any) -> None:
 def test_what_is_not_symmetric_is_refused(
     mapping: Any, spoil: Callable[[Any], None], path: str, words: str
 ) -> None:
-    """The error names the key and the fix; a roll of 850 kg m2 beside 200 and 650 is possible."""
+    """The error names the key and the fix; a roll of 850 kg m2 beside 200 and 650 is possible.
+
+    So is soil at the height of the mount, -0.05 m.
+    """
+    change("lateral", "axles", "rear_axle", "contact", to=-0.05)(mapping)
     change("lateral", "inertia", "implement", "roll", to=850.0)(mapping)
     mechanism_from_mapping(mapping)
     change("lateral", "inertia", "implement", "roll", to=550.0)(mapping)

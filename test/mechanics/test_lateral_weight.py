@@ -30,6 +30,8 @@ from test.support.hitch_in_space import (
 
 FloatArray = NDArray[np.float64]
 G = 9.80665
+# kg, at the ends and the middle of both cranks: a uniform rod of 400 kg by Simpson's rule.
+CRANKS = 400.0 * np.tile([1.0, 4.0, 1.0], 2) / 6.0
 
 
 def described(*, tractor: bool, **lateral: Any) -> Any:
@@ -62,9 +64,10 @@ def turned(vector: FloatArray) -> FloatArray:
 
 
 class RigidHitch:
-    """Both sides of a hitch of rigid links without mass; tractor and implement turn at will.
+    """Both sides of a hitch of rigid links; tractor and implement turn at will.
 
-    The rockshaft with its cranks is a part of the tractor. All lengths are constraints.
+    The rockshaft with its cranks is a part of the tractor; the other links have no mass. All
+    lengths are constraints.
     """
 
     def __init__(self, alpha3: float, *, tractor: bool, chain: float) -> None:
@@ -84,6 +87,11 @@ class RigidHitch:
         moved, vector = q[6 * body : 6 * body + 3], q[6 * body + 3 : 6 * body + 6]
         centre = self.centres[body]
         return np.asarray(centre + moved + turned(vector) @ (place - centre))
+
+    def cranks(self, q: FloatArray) -> FloatArray:
+        """Return the ends and the middle of both cranks, (6, 3)."""
+        ends = [[self.at(q, 0, self.spots[p, side]) for p in ("P3", "V2")] for side in (1.0, -1.0)]
+        return np.array([place for a, b in ends for place in (a, (a + b) / 2.0, b)])
 
     def lower(self, q: FloatArray, side: float, share: float) -> FloatArray:
         """Return a place on a lower link, at a share of its length."""
@@ -110,7 +118,12 @@ class RigidHitch:
         """Return the potential energy of weight, chains and tyres."""
         weights = np.array([TRACTOR[0], IMPLEMENT[0]]) * G
         stretched = self.chains(q) - self.hooked
-        energy = weights @ q[[2, 8]] + self.chain * (stretched @ stretched) / 2.0
+        fallen = self.cranks(q) - self.cranks(0.0 * q)
+        energy = (
+            weights @ q[[2, 8]]
+            + G * CRANKS @ fallen[:, 2]
+            + self.chain * (stretched @ stretched) / 2.0
+        )
         for load, (x, z, track, *stiffness, contact) in zip(self.loads, AXLES, strict=True):
             for side in (0.5, -0.5):
                 hub, soil = np.array([x, side * track, z]), np.array([x, side * track, contact])
@@ -143,6 +156,8 @@ class RigidHitch:
             for a in step * unit
         ]
         m = np.diag([*3 * [TRACTOR[0]], *TRACTOR[1], *3 * [IMPLEMENT[0]], *IMPLEMENT[1]])
+        moved = slope(self.cranks)
+        m += np.einsum("ick,c,jck->ij", moved, CRANKS, moved)
         odd = [i for i in (1, 3, 5, 7, 9, 11) if self.tractor or i > 5]
         z, both = null_space(rates[odd].T, rcond=1e-6), np.ix_(odd, odd)
         k, m = (z.T @ each[both] @ z for each in (np.array(k) / (4.0 * step**2), m))
@@ -167,6 +182,7 @@ def test_rigid_hitches(chain: float, tractor: bool) -> None:
     A clamped one without chains is a pendulum.
     """
     mapping = rigid(described(tractor=tractor))
+    mapping["links"]["input_crank"]["material"]["density"] = 400.0 / (0.020 * 0.036 * 0.203)
     if not chain:
         del mapping["lateral"]["chains"]
     for alpha3 in (1.7, 2.9):

@@ -170,6 +170,19 @@ def test_a_stack_has_the_solutions_of_each_angle(model: LinkageModel) -> None:
         np.testing.assert_allclose(moved, expected, rtol=1e-6, atol=1e-9)
         at_rest = model.forces.at_rest(alone.configuration, alone.joining)
         np.testing.assert_allclose(forces[i], at_rest, rtol=1e-9, atol=1e-9 * np.abs(at_rest).max())
+    with pytest.raises(ModelError, match="take one of its `rows`"):
+        stack.shape(0)
+
+
+def test_a_dataset_of_a_stack(model: LinkageModel) -> None:
+    """Its natural frequencies are those of each angle solved alone, along the dimension alpha3."""
+    pytest.importorskip("xarray", reason="xarray is not installed")
+    angles = np.radians([90.0, 180.0])
+    data = model.stack(angles).to_xarray()
+    expected = [model.solve(angle).natural_frequencies for angle in angles.tolist()]
+    frequencies = data.natural_frequencies.transpose("alpha3", "mode")
+    np.testing.assert_allclose(frequencies, expected, rtol=1e-9)
+    np.testing.assert_allclose(data.alpha3, angles)
 
 
 def test_a_stack_refuses_the_first_angle_that_does_not_close(model: LinkageModel) -> None:

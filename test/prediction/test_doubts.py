@@ -129,6 +129,17 @@ def test_a_forgotten_count_is_doubted(mapping: Any, singles: tuple[str, ...], wo
     assert text.count("write `count: 2`") == bool(words)
 
 
+def test_a_pair_in_the_middle_is_doubted(mapping: Any) -> None:
+    """Where one pair is beside the middle, all are."""
+    y, cranks = {"P1": 0.2, "E1": 0.4}, {"P3": 0.25, "V2": 0.25}
+    inertia = {"implement": {"roll": 550.0, "yaw": 650.0}}
+    response = {"drive_point": "E1", "direction": "y", "modes": 6}
+    mapping["lateral"] = {"y": y, "inertia": inertia, "response": response}
+    assert doubts(mapping).count("Both of input_crank are in the middle; give the y") == 1
+    mapping["lateral"]["y"] |= cranks
+    assert "in the middle" not in doubts(mapping)
+
+
 @pytest.fixture(scope="module")
 def predictor() -> Predictor:
     """Return what predicts for the simple tractor."""

@@ -65,3 +65,13 @@ def test_readings_at_100_hz_are_assessed_at_50_hz(stamps: list[int]) -> None:
     times = [source.time(*pair)[0] for pair in zip(stamps, receipts, strict=True)]
     due = sum(periods.is_due(time) for time in times)
     assert due in (150, 151)
+
+
+@given(st.lists(st.integers(0, 40), max_size=60), st.integers(1, 20))
+def test_what_is_due_of_many_is_what_is_due_of_each(times: list[int], size: int) -> None:
+    """Where a block of a bag ends makes no message due, nor hides one, at 50 Hz."""
+    one, many = Periods(50.0), Periods(50.0)
+    stamps = START + 5 * MS * np.array(times, int)
+    expected = [one.is_due(time) for time in stamps.tolist()]
+    blocks = [many.due(stamps[k : k + size]).tolist() for k in range(0, len(stamps), size)]
+    assert [each for block in blocks for each in block] == expected

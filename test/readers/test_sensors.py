@@ -44,6 +44,7 @@ def test_other_columns_of_a_csv_change_nothing(tmp_path: Path) -> None:
         "2,,1,,4,",
         "3,,1,2,inf,",
         "4,,1e12,2,6,",
+        "5,,1,-1e12,6,",
     ]
     (tmp_path / "phone.csv").write_text("\n".join(lines))
     text = "file: phone.csv, unit: g, at: E1, columns: [3, 4, 5]"

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from linkage_vibration.listening import drive_modes
 from linkage_vibration.listening.amplitudes import MeasuredOrder
@@ -263,3 +264,15 @@ def test_a_dead_axis_and_sensors_that_hardly_meet(
     late = replace(signal, times=signal.times + signal.times[-1] - 7.0)
     heard_modes(log, [compare_sensor(log, first), compare_sensor(log, late)])
     assert len(places) == 1
+
+
+def test_levels_are_bands_of_one_deviation(log: Log) -> None:
+    """A level of 2 mm/s whose deviation is a factor of 1.65 is a band from 1.21 to 3.30 mm/s."""
+    heard = compare_sensor(log, shaken(log, 0.0, 0.0))
+    level = np.full_like(heard.predicted, 0.002)
+    axes = Figure().subplots()
+    listening_page._draw_levels(
+        axes, replace(heard, rows=[order(log, 0.0)], predicted=level), limit=1.0
+    )
+    band = np.asarray(axes.collections[0].get_paths()[0].vertices)[:, 1]
+    assert (band.min(), band.max()) == pytest.approx((1.213, 3.297), rel=1e-3)

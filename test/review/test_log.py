@@ -24,9 +24,18 @@ from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.prediction.verdict import worst_message
+from linkage_vibration.review import log as log_module
 from linkage_vibration.review.findings import first_sentence
 from linkage_vibration.review.listening_page import answers
-from linkage_vibration.review.log import ReviewError, _read_model, csv_text, gaps, read_log
+from linkage_vibration.review.log import (
+    PLACE,
+    ReviewError,
+    _read_model,
+    _together,
+    csv_text,
+    gaps,
+    read_log,
+)
 from linkage_vibration.review.overview import drive_summary
 from linkage_vibration.support.resources import PAPER_MECHANISM, PAPER_TABLE, config_file
 from linkage_vibration.table.table import load_table
@@ -228,8 +237,16 @@ def test_no_prediction(write_log: Any, tmp_path: Path) -> None:
         read_log(write_log(tmp_path / "empty.mcap", [], []))
 
 
-def test_latest_resonance_of_each_prediction(tmp_path: Path) -> None:
-    """Between resonances, whose rate is limited, a prediction has the last one before it."""
+def test_latest_resonance_of_each_prediction(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Between resonances, whose rate is limited, a prediction has the last one before it, if any.
+
+    A recorder missed the first one.
+    """
+    monkeypatch.setattr(
+        log_module, "_together", lambda columns: {n: c[1:] for n, c in _together(columns).items()}
+    )
     log = tmp_path / "log.mcap"
     replay(config_file("drives/hitch_duty_cycle.mcap"), log, Parameters(resonance_rate=5.0))
     times = [
@@ -241,15 +258,27 @@ def test_latest_resonance_of_each_prediction(tmp_path: Path) -> None:
     ]
     assert 15 * len(times[1]) < len(times[0])  # 5 of 100 Hz
     messages = read_messages(log, "/linkage_vibration/resonance")
-    margins = [m.excitation_frequency - m.natural_frequency for _, m in messages]
+    margins = [m.excitation_frequency - m.natural_frequency for _, m in messages][1:]
     expected = []
     for stamp in times[0].tolist():
-        earlier = [k for k, time in enumerate(times[1].tolist()) if time <= stamp]
+        earlier = [k for k, time in enumerate(times[1][1:].tolist()) if time <= stamp]
         expected.append(margins[earlier[-1]] if earlier else math.nan)
     actual = read_log(log).resonances
     assert actual is not None
     np.testing.assert_array_equal(actual.margin, expected)
-    assert (actual.state[np.isnan(expected)] == 0).all()  # unknown
+    unknown = np.isnan(expected)
+    assert (actual.state[unknown] == 0).all()
+    assert (unknown.any(), set(actual.mode[unknown])) == (True, {-1})
+
+
+def test_assessments_of_which_a_message_is_missing() -> None:
+    """Where a recorder missed one of three messages of a topic, the others stay beside theirs."""
+    assessed = []
+    for name, stamps in {"first": [1, 3], "second": [1, 2, 3]}.items():
+        stamp = {"header.stamp.sec": np.array(stamps), "header.stamp.nanosec": np.array(stamps)}
+        assessed.append({**stamp, PLACE: np.array(stamps), name: 10 * np.array(stamps)})
+    together = _together(assessed)
+    assert together["first"].tolist() == together["second"].tolist() == [10, 30]
 
 
 def test_a_log_of_an_earlier_version(tmp_path: Path) -> None:

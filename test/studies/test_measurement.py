@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
@@ -48,6 +49,26 @@ def test_from_recordings_to_a_mechanism(tmp_path: Path) -> None:
         deviation = number.deviation / number.value
         assert abs(math.log(number.value / own)) < 1.96 * deviation
         assert deviation < 0.8 * stated
+
+
+def test_a_height_without_a_sure_mode(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It is named with the reasons, beside heights that have one; alone, it is an error."""
+    times = np.arange(0.0, 42.0, 0.005)
+    since = np.where(times > 2.0, (times - 2.0) % 8.0, 99.0)
+    noise = np.random.default_rng(1).normal(0.0, 1e-3, len(times))
+    for name, falls in (("linear.csv", 0.0), ("bent.csv", 0.04)):
+        phase = 2.0 * math.pi * 7.0 * (since + falls * (1.0 - np.exp(-2.0 * since)))
+        moved = np.exp(-since) * np.cos(phase) + noise
+        np.savetxt(tmp_path / name, np.column_stack([times, moved]), delimiter=",", header="t,z")
+    words = [f"120:{tmp_path}/bent.csv", f"150:{tmp_path}/linear.csv"]
+    given = ["--mechanism", str(config_file("three_point_linkage_on_tractor.yaml")), "--filtered"]
+    assert main(["measure", *words, *given]) == 0
+    shown = capsys.readouterr().out
+    assert "7.00" in shown
+    assert main(["measure", words[0], *given]) == 1
+    for text in (shown, capsys.readouterr().err):
+        assert "bent.csv: its decays show no mode that is sure" in text
+        assert "not linear: the frequency falls" in text
 
 
 def test_modes_of_the_model(model: LinkageModel) -> None:

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.studies import ringdown
+from linkage_vibration.studies.decay_fit import DecayFit
 from linkage_vibration.studies.ringdown import (
     RingdownError,
     find_decays,
@@ -95,6 +97,25 @@ def test_deviations_hold_near_one_hertz() -> None:
     assert np.mean(inside) >= 0.9
 
 
+def test_deviations_follow_from_those_of_poles() -> None:
+    """They are those of a pole with 60 % of damping times slopes by central differences."""
+
+    def values(real: float, imaginary: float) -> FloatArray:
+        size = math.hypot(real, imaginary)
+        return np.array([size / (2.0 * math.pi), -real / size])
+
+    curvatures, step = np.array([[[2.0, 0.5], [0.5, 1.0]]]), 1e-5
+    fit = DecayFit(np.array([-3.0 + 4.0j]), 36.0, curvatures, np.zeros((1, 2)))
+    one_decay = [np.zeros((41, 1))]  # with 36 degrees of freedom, so that the variance is 1
+    along, across = (
+        (values(-3.0 + x, 4.0 + y) - values(-3.0 - x, 4.0 - y)) / (2.0 * step)
+        for x, y in ((step, 0.0), (0.0, step))
+    )
+    slopes = np.column_stack([along, across])
+    expected = np.sqrt(np.diag(slopes @ np.linalg.inv(curvatures[0]) @ slopes.T))
+    assert ringdown._stddevs(one_decay, fit)[:, 0] == pytest.approx(expected, rel=1e-6)
+
+
 def test_one_blow_has_no_deviation() -> None:
     """One decay gives the modes, but not how sure they are."""
     for mode in measure_modes(*recording(np.random.default_rng(1), blows=1)):
@@ -178,10 +199,13 @@ def decays_of(
     return waves
 
 
-@pytest.mark.parametrize(("blows", "doubt"), [(2, "2 of 5 blows show it"), (3, "")])
-def test_more_than_half_of_the_blows_show_a_mode(blows: int, doubt: str) -> None:
+@pytest.mark.parametrize(
+    ("blows", "share", "doubt"),
+    [(2, 1.0, "2 of 5 blows show it"), (2, 50.0, "2 of 5 blows show it"), (3, 1.0, "")],
+)
+def test_more_than_half_of_the_blows_show_a_mode(blows: int, share: float, doubt: str) -> None:
     """A mode of less blows, such as clatter, is not sure; the others are not changed by it."""
-    modes = modes_of_decays(decays_of([1.0] * blows + [0.0] * (5 - blows)), RATE)
+    modes = modes_of_decays(decays_of([share] * blows + [0.0] * (5 - blows)), RATE)
     assert [mode.frequency for mode in modes] == pytest.approx([7.0, 19.0], rel=5e-3)
     assert [mode.doubt for mode in modes] == ["", doubt]
     assert [mode.decays for mode in modes] == [5, blows]
@@ -194,6 +218,26 @@ def test_a_mode_has_to_exceed_noise(share: float, count: int) -> None:
         mode for mode in modes_of_decays(decays_of([share] * 5, seed=2), RATE) if not mode.doubt
     ]
     assert [mode.frequency for mode in sure] == pytest.approx([7.0, 19.0][:count], rel=5e-3)
+
+
+@pytest.mark.parametrize(("turned", "apart"), [(0.6, False), (0.9, True)])
+def test_close_modes_that_move_the_channels_differently(turned: float, apart: bool) -> None:
+    """Pitch and yaw of a tractor, 0.06 Hz apart, are two linear modes if a sensor tells them apart.
+
+    Modes that move the channels alike may be one whose decay is not exponential.
+    """
+    random, times = np.random.default_rng(0), np.arange(800)[:, np.newaxis] / RATE
+    both = (1.45, 0.064, 0.0), (1.51, 0.05, turned)
+    waves = [random.normal(0.0, 1.0, (800, 2)) for _ in range(5)]
+    for wave in waves:
+        for hertz, ratio, turn in both:
+            phase = 2.0 * math.pi * hertz * times
+            turning = np.cos(phase + random.uniform(0.0, 6.0)) * [math.cos(turn), math.sin(turn)]
+            wave += 100.0 * np.exp(-ratio * phase) * turning
+    modes = modes_of_decays(waves, RATE)
+    assert [not mode.doubt for mode in modes] == [apart, apart]
+    exact = [hertz * math.hypot(1.0, ratio) for hertz, ratio, _ in both]
+    assert [mode.frequency for mode in modes] == pytest.approx(exact, abs=2e-3)
 
 
 def bending(change: float, sizes: Sequence[float], seed: int = 0) -> list[FloatArray]:

@@ -125,6 +125,17 @@ def test_set_that_exceeds_the_poles_of_an_angle() -> None:
         assert worst_pole_error(table, angle, row, poles) <= 2.0
 
 
+def test_a_mass_that_moves_freely() -> None:
+    """H = -1 / (m w^2), although residues of both poles, which are at zero, cancel."""
+    mass, omega = 3.0, np.array([0.01, 1.0, 100.0])
+    inertia, stiffness = np.array([[[0.0, mass], [mass, 0.0]], [[0.0, 0.0], [0.0, -mass]]])
+    shapes, far = np.array([[[1.0, 0.0]]]), (np.zeros((1, 1, 1)), np.empty(0, complex), np.empty(0))
+    models = ReducedModels(inertia[np.newaxis], stiffness[np.newaxis], shapes, *far, 1, free=True)
+    value, slope = models.modal._near(np.zeros(3, int), omega)
+    np.testing.assert_allclose(value, -1.0 / (mass * omega**2), rtol=1e-12)
+    np.testing.assert_allclose(slope, 2.0 / (mass * omega**3), rtol=1e-12)
+
+
 @pytest.fixture(scope="module")
 def hitch() -> tuple[LinkageModel, Table]:
     """Return the shipped hitch with a strong damper in a joint, and its table."""

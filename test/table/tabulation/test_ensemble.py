@@ -3,6 +3,7 @@
 """Models of an ensemble are the same with any arithmetic."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.tabulation import build_table
-from linkage_vibration.table.tabulation.ensemble import first_widest
+from linkage_vibration.table.tabulation.ensemble import _nodes, first_widest
 
 LONG = [pytest.param(category, marks=pytest.mark.nightly) for category in (1, 2, 4)]
 
@@ -24,6 +25,15 @@ def test_the_last_bit_does_not_choose_where_modes_are_followed_from(
     assert first_widest(np.array([0.1, 0.4, 0.2, 0.4 * (1.0 + wider), 0.4])) == first
     assert first_widest(np.array([0.0, 0.0])) == 0
     assert first_widest(np.array([0.1, math.inf, math.inf])) == 1  # with a single mode
+
+
+def test_nodes_are_those_of_chebyshev() -> None:
+    """They are (1 - cos x) / 2 of the stroke at even x, and both ends to the last bit."""
+    table = SimpleNamespace(alpha3_range=(1.1, 2.9), toggles=None)
+    expected = [1.1, 2.0 - 0.9 * math.sqrt(0.5), 2.0, 2.0 + 0.9 * math.sqrt(0.5), 2.9]
+    actual = _nodes(table, 5)
+    np.testing.assert_allclose(actual, expected, rtol=1e-14)
+    assert (actual[0], actual[-1]) == (1.1, 2.9)
 
 
 @pytest.mark.parametrize("category", [*LONG, 3])

@@ -60,3 +60,21 @@ def test_errors_by_far_poles(monkeypatch: pytest.MonkeyPatch, lines: slice, shar
     samples: Any = [SimpleNamespace(totals=totals)] * 2
     norms = piece_refinement._far_norms(samples, piece, BAND, np.array([0.0, 0.4]))
     assert norms.max(axis=1) == pytest.approx(1e-3 * math.sqrt(share * 100.0), rel=0.01)
+
+
+@pytest.mark.parametrize("rival", [[1], []])
+def test_a_pole_that_almost_belongs_to_a_set_joins_it(
+    monkeypatch: pytest.MonkeyPatch, rival: list[int]
+) -> None:
+    """A set that is clear only with its rival takes it up; without one, the piece is halved."""
+    sample: Any = SimpleNamespace(subspace=lambda chosen: chosen)
+    sampler: Any = SimpleNamespace(response=None, measured=False, at=lambda x: sample)
+    monkeypatch.setattr(piece_refinement, "_needed", lambda *_: np.array([0]))
+    monkeypatch.setattr(
+        piece_refinement,
+        "continue_set",
+        lambda here, there, n: (np.arange(n), n == 2, np.array(rival, int)),
+    )
+    sets = piece_refinement._follow(sampler, [0.0, 1.0, 2.0])
+    assert (sets is None) == (not rival)
+    assert all(each.tolist() == [0, 1] for each in (sets or {}).values())
