@@ -179,11 +179,10 @@ def pair_modes(
     deviations: FloatArray,
     lateral: BoolArray,
 ) -> list[tuple[int | None, ...]]:
-    """Return the mode of the model (from 0) of each measured mode, None if it has none.
+    """Return the mode (from 0) of each measured mode, or None; in doubt, also its mode otherwise.
 
-    In a doubtful pair, the mode follows to which the measured one belongs otherwise. Frequencies,
-    Hz, ascend; deviations, (n_measured, n_modes), are relative; `lateral` is which modes of the
-    model are of that half. More pairs and lower modes win.
+    Frequencies, Hz, ascend; deviations, (n_measured, n_modes), are relative; `lateral` is which
+    modes of the model are of that half. More pairs and lower modes win.
     """
     hz, ratios, spreads = np.array(
         [(mode.frequency, mode.ratio, mode.ratio_stddev / mode.ratio) for mode in measured]
