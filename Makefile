@@ -53,7 +53,7 @@ nightly: setup
 lint: setup
 	$(in_venv) python -m ruff check .
 	$(in_venv) python -m ruff format --check .
-	$(in_venv) python -m mypy
+	$(in_venv) MYPY_NUM_WORKERS=2 python -m mypy
 
 # D401 has no exception for properties, and D403 none for names such as SDynPy; the first lines of
 # examples are questions (D400).
