@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from coverage import Coverage, CoverageData
 
 ROOT = Path(__file__).resolve().parents[1]
 WORK = ROOT / "build" / "mutants"  # delete it to study another state of the package
@@ -50,6 +49,8 @@ def pytest_fixture_setup(fixturedef: Any, request: pytest.FixtureRequest) -> Ite
 
 def attribute(context: str) -> None:
     """Attribute the lines that run from now on, here and in new processes, to a test or a file."""
+    from coverage import Coverage  # which the environment of colcon lacks
+
     if measuring := Coverage.current():
         measuring.switch_context(context)
         measuring.config.context = context
@@ -144,6 +145,8 @@ def measure() -> None:
 
 def measured() -> Runs:
     """Return which tests ran which lines of the copy."""
+    from coverage import CoverageData  # as above
+
     data, lines, seconds = CoverageData(str(COPY / ".coverage")), {}, dict[str, float]()
     data.read()
     for path in map(Path, data.measured_files()):

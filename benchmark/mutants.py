@@ -14,6 +14,7 @@ import math
 import random
 import re
 import shutil
+import signal
 import subprocess
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -133,8 +134,11 @@ def run(checkout: Path, tests: Sequence[str], *options: str) -> str:
         return "the limit of time"
     if done.returncode in (0, 5):
         return ""
-    failed = set(re.findall(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", done.stdout, re.MULTILINE))
-    return next((test for test in tests if test in failed), "the import")
+    if done.returncode == -signal.SIGINT or "KeyboardInterrupt" in done.stdout:
+        raise KeyboardInterrupt  # which is no answer
+    lines = re.findall(r"^(?:FAILED|ERROR) (.*)$", done.stdout, re.MULTILINE)
+    failed = (t for t in tests for line in lines if line == t or line.startswith(f"{t} - "))
+    return next(failed, "the import")
 
 
 def finder(checkout: Path, mutant: Mutant, tests: list[str]) -> str:

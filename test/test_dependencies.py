@@ -27,6 +27,7 @@ DISTRIBUTIONS = {
     "can": ("python-can", None),
     "cantools": ("cantools", None),
     "catkin_pkg": ("bloom", None),  # needs it
+    "coverage": ("coverage", None),
     "distributed": ("distributed", None),
     "exudyn": ("exudyn", None),
     "fmpy": ("fmpy", None),
@@ -84,7 +85,7 @@ FOLDERS = {
     "launch": (USER, "exec_depend"),
     "examples": (USER, None),
     "test": ({"ros", "test"}, "test_depend"),
-    "benchmark": ({"ros", "bench"}, None),
+    "benchmark": ({"ros", "bench", "test"}, None),
 }
 
 

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The changes that benchmark/mutants.py draws, and which tests run for them."""
 
+import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -83,6 +84,28 @@ def test_a_test_that_fails_without_the_change_finds_nothing(
     assert mutants.finder(tmp_path, change, ["passes", "broken", "finds"]) == "finds"
     assert mutants.finder(tmp_path, change, ["passes", "broken"]) == ""
     assert (tmp_path / "module.py").read_text() == "x = 1 < 2\n"
+
+
+@pytest.mark.parametrize(
+    ("code", "output", "answer"),
+    [
+        (0, "1 passed", ""),
+        (1, "FAILED a.py::t[1 - 2] - assert 1 == 2", "a.py::t[1 - 2]"),
+        (1, "ERROR a.py::t[1 - 2]", "a.py::t[1 - 2]"),
+        (2, "ERROR a.py - NameError", "the import"),
+    ],
+)
+def test_answers_of_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: int, output: str, answer: str
+) -> None:
+    """The first test that fails is the answer; a run that is interrupted has none."""
+    done = [subprocess.CompletedProcess([], code, f"{output}\n")]
+    monkeypatch.setattr(mutants, "python", lambda *_, **__: done[0])
+    assert mutants.run(tmp_path, ["a.py::t[1 - 2]"]) == answer
+    for code, output in ((2, "!!! KeyboardInterrupt !!!"), (-2, "")):
+        done[0] = subprocess.CompletedProcess([], code, output)
+        with pytest.raises(KeyboardInterrupt):
+            mutants.run(tmp_path, ["a.py::t[1 - 2]"])
 
 
 def test_rooms_are_weighted_by_code(monkeypatch: pytest.MonkeyPatch) -> None:

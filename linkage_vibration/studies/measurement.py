@@ -181,8 +181,8 @@ def pair_modes(
 ) -> list[tuple[int | None, ...]]:
     """Return the mode of the model (from 0) of each measured mode, None if it has none.
 
-    In a doubtful pair, the other possible mode follows. Frequencies, Hz, ascend; deviations,
-    (n_measured, n_modes), are relative; `lateral` modes are odd. More pairs and lower modes win.
+    In a doubtful pair, the other possible mode follows. Frequencies, Hz, ascend; `lateral` modes
+    are of that half; deviations, (n_measured, n_modes), are relative. Most pairs, lowest modes win.
     """
     hz, ratios, spreads = np.array(
         [(mode.frequency, mode.ratio, mode.ratio_stddev / mode.ratio) for mode in measured]
