@@ -19,6 +19,7 @@ from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.paths import number_at, split_paths, with_numbers
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
+from test.support.in_plane import in_plane
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "simulated_hammer.py"
 # What tape, caliper and type plates say of this hitch; no shipped file has these numbers.
@@ -43,8 +44,8 @@ HEIGHTS = (95, 135, 175)  # deg
 
 def described() -> dict[str, Any]:
     """Return the starter of category II with the measured numbers, whose pins are known to 2 mm."""
-    content: dict[str, Any] = yaml.safe_load(config_file("starters/category_2.yaml").read_text())
-    mapping: dict[str, Any] = with_numbers(content, list(MEASURED.items()))
+    content = yaml.safe_load(config_file("starters/category_2.yaml").read_text())
+    mapping: dict[str, Any] = with_numbers(in_plane(content), list(MEASURED.items()))
     known = mapping["uncertainty"]["absolute"]
     pins = [path for path in known if "centre_of_gravity" not in path]
     mapping["uncertainty"]["absolute"] = known | dict.fromkeys(pins, 0.002)

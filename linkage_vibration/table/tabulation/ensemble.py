@@ -53,6 +53,7 @@ _LEAST = 1e-4  # and by this.
 _UNCLEAR = 0.5  # MAC up to which a shape may continue two: its sum over all modes is 1.
 _NEAR = 0.03  # A pole of coarser bodies may be off by this share of its decay.
 Meshed = dict[tuple[int, int], LinkageModel]  # by elements and modes of its links
+_Kept = tuple[IntArray, ComplexArray, FloatArray]  # indices of modes, their shapes, and signs
 
 N_ANGLES = 257
 """Even angles over the range at which a table has the standard deviations."""
@@ -262,26 +263,40 @@ class _Solver:
         for node, here in enumerate(solved):
             if here.n_overdamped == self._n_overdamped[node]:  # or else ranks are of other modes
                 self._ranked[member, node] = _logarithms(here.poles[self._ranks[node]])
-        shapes: dict[int, ComplexArray] = {}
-        outwards = *range(self._base, len(self.nodes)), *range(self._base - 1, -1, -1)
-        for node in (*outwards, *outwards[::-1]):
-            here, order = solved[node], np.empty(0, np.int64)
-            beside = shapes.get(node - 1), shapes.get(node + 1), self._own_shapes.get(node)
-            for before in beside if node not in shapes else ():
-                if before is not None and not len(order):
-                    order, signs = self._continued(before, here.shapes)
-            if not len(order):
-                continue
-            shapes[node], rows = here.shapes[:, order] * signs, here.rows[:, order] * signs
+        shapes = self._followed(solved)
+        for node, (order, _, signs) in shapes.items():
+            here = solved[node]
+            rows = here.rows[:, order] * signs
             near = (rows[:, np.newaxis] * rows[: len(self._table.places)] / here.poles[order]).real
             poles[node], numbers["shapes"][node] = here.poles[order], rows
             numbers["far"][node] = here.flexibility + 2.0 * near.sum(axis=2)
             numbers["static"][node] = here.static
         if member == 0:
-            self._own_shapes = shapes
+            self._own_shapes = {node: vectors for node, (_, vectors, _) in shapes.items()}
         self._n_lost += len(shapes) < len(self.nodes)
         self._check(member, check.poles, poles)
         numbers["poles"][:] = poles
+
+    def _followed(self, solved: list[_Modes]) -> dict[int, _Kept]:
+        """Return the indices of the modes that are kept at each node, their shapes, and signs.
+
+        They are the modes of the mechanism itself. A member in which these are mixed has its own
+        order, as only its poles and residues matter.
+        """
+        outwards = *range(self._base, len(solved)), *range(self._base - 1, -1, -1)
+        n_kept = self.arrays["poles"].shape[-1]
+        for start in (self._own_shapes, {self._base: solved[self._base].shapes[:, :n_kept]}):
+            found = dict[int, _Kept]()
+            for node in (*outwards, *outwards[::-1]):
+                beside = [found[i][1] for i in (node - 1, node + 1) if i in found]
+                for before in (*beside, *([start[node]] if node in start else ())):
+                    if node not in found:
+                        order, signs = self._continued(before, solved[node].shapes)
+                        if len(order):
+                            found[node] = order, solved[node].shapes[:, order] * signs, signs
+            if len(found) == len(solved):
+                break
+        return found
 
     def _check(self, member: int, here: ComplexArray, poles: ComplexArray) -> None:
         """Compare the poles of a member at an angle between two nodes with its interpolation.

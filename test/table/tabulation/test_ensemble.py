@@ -40,6 +40,6 @@ def test_nodes_are_those_of_chebyshev() -> None:
 def test_members_of_starters_are_known(category: int) -> None:
     """At most one of 20 models with other numbers cannot be followed, so that factors are known."""
     mechanism = read_mechanism(config_file(f"starters/category_{category}.yaml"))
-    poles = build_table(LinkageModel(mechanism)).ensemble_poles
-    assert len(poles) == 65
-    assert np.isnan(poles).any(axis=(1, 2)).mean() <= 0.05
+    for half in build_table(LinkageModel(mechanism)).halves:
+        assert len(half.ensemble_poles) == 65
+        assert np.isnan(half.ensemble_poles).any(axis=(1, 2)).mean() <= 0.05
