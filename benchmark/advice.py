@@ -24,6 +24,7 @@ from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.readers.mechanism import mechanism_of
 from linkage_vibration.table.table import Table
 from linkage_vibration.table.tabulation import build_table
+from test.support.in_plane import IN_PLANE
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -243,6 +244,7 @@ def page(rows: list[list[list[str]]], lost: Sequence[str]) -> list[str]:
         f"{len(DRIVES)} speeds of engine and PTO. The excitations are in "
         "`config/excitations.yaml` and `benchmark/ensemble.py`: their orders alone, the ground "
         f"alone, and both. Models that are not possible do not count: {', '.join(lost)}.",
+        IN_PLANE,
         "Of all pairs of cells that differ in height, in speed, or in both, this table has those "
         "of which advice states with 93 to 97 % that one is quieter. Each entry is the mean of "
         "what is stated, the share of the models in which that cell is quieter, its standard error "

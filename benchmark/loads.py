@@ -28,10 +28,11 @@ from linkage_vibration.prediction.excitation import Excitation, Source, excitati
 from linkage_vibration.prediction.ground import GroundTable, vertical_mounts
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor
-from linkage_vibration.readers.mechanism import load_yaml, mechanism_of, read_mechanism
+from linkage_vibration.readers.mechanism import load_yaml, mechanism_of
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.tabulation import build_table
 from test.support.free_bodies import places_of, solve_cuts, static_forces_by_cuts, widened
+from test.support.in_plane import IN_PLANE, plane_mechanism
 
 Array = NDArray[np.float64]
 
@@ -87,7 +88,7 @@ def drawn(name: str, seed: int) -> Mechanism:
 
 def cases() -> list[Case]:
     """Return the ten cases, at one third of the stroke."""
-    plain = [read_mechanism(config_file(f"{n}.yaml")) for n in (*SHIPPED.split(), ON_TYRES)]
+    plain = [plane_mechanism(f"{name}.yaml") for name in (*SHIPPED.split(), ON_TYRES)]
     made = [replace(each, uncertainty=None) for each in plain]
     made += [drawn(name, seed) for seed, name in enumerate(DRAWN, 1)]
     result = []
@@ -351,6 +352,7 @@ def main() -> None:
             "shipped linkages, and five that are drawn, with a coil-over between two points and a "
             "mass at a pin. They are loaded by a shaft of 540 rpm and, on a tractor, by an axle "
             "out of round and by the ground (class B) at 12 km/h.",
+            IN_PLANE,
             "The references do not use modes, tables or rows of forces: `test/support/"
             "free_bodies.py` solves line by line for the forces of the pins (Lagrange "
             f"multipliers), and Newmark's rule integrates them over {ALONE:g} s, or {ROLLING:g} s "
