@@ -137,10 +137,10 @@ class _Terms(NamedTuple):
     of the residual (both parts) and its rate; rows without numbers are left out.
     """
 
-    poles: Reals  # (..., 3, n_terms): both parts of k, and c
-    matrices: Reals  # (..., n_inputs, n_rows, n_outputs), in single precision
-    static: Reals  # (..., n_inputs): size of the static response of the first output
-    reference: Reals  # (..., n_forces): reference forces of pins, cylinders and tyres, N
+    poles: FloatArray  # (..., 3, n_terms): both parts of k, and c
+    matrices: FloatArray  # (..., n_inputs, n_rows, n_outputs)
+    static: FloatArray  # (..., n_inputs): size of the static response of the first output
+    reference: FloatArray  # (..., n_forces): reference forces of pins, cylinders and tyres, N
 
 
 class _Forcing(NamedTuple):
@@ -179,10 +179,9 @@ class _Half:
         ends = np.cumsum([3 * layout.n_terms, layout.n_inputs, layout.n_forces]).tolist()
         self._parts = [slice(*each) for each in pairwise([0, *ends])]
         self._numbers = np.ascontiguousarray(cubics[:, :, : ends[-1]])
-        # A product for each input is so small that BLAS uses one thread. The numbers of all cells
-        # are read from memory, which takes half of the time in single precision.
+        # A product for each input is so small that BLAS uses one thread.
         blocks = cubics[:, :, ends[-1] :].reshape(len(cubics), 4, layout.n_inputs, -1)
-        self._blocks = blocks.swapaxes(1, 2).astype(np.float32)
+        self._blocks = blocks.swapaxes(1, 2)
 
     def of(self, excitations: IntArray) -> tuple[IntArray, IntArray]:
         """Return which of excitations act in this half, and the indices of their loads."""
@@ -218,11 +217,11 @@ class _Half:
         np.multiply.accumulate(rising, axis=1, out=rising)
         numbers = (powers @ self._numbers[which])[:, 0]
         poles, static, reference = (numbers[:, part] for part in self._parts)
-        matrices = np.empty((n, layout.n_inputs, 1, self._blocks.shape[3]), np.float32)
-        singles = powers[:, np.newaxis].astype(np.float32)
+        matrices = np.empty((n, layout.n_inputs, 1, self._blocks.shape[3]))
         cells = [0, *(np.flatnonzero(which[1:] != which[:-1]) + 1).tolist(), n]
         for few in map(slice, cells, cells[1:]):  # A crank stays in a cell for some readings.
-            np.matmul(singles[few], self._blocks[which[few.start]], out=matrices[few])
+            block = self._blocks[which[few.start]]
+            np.matmul(powers[few, np.newaxis], block, out=matrices[few])
         shape = n, layout.n_inputs, -1, layout.n_outputs
         return _Terms(poles.reshape(n, 3, -1), matrices.reshape(shape), static, reference)
 
@@ -240,17 +239,16 @@ class _Half:
         """
         w, t = w[..., np.newaxis], self.layout.n_terms
         k, damping, c = (terms.poles[..., i, np.newaxis, :] for i in range(3))
-        factors = np.empty((*np.broadcast_shapes(w.shape, k.shape)[:-1], 3 * t + 3), np.complex64)
+        factors = np.empty((*np.broadcast_shapes(w.shape, k.shape)[:-1], 3 * t + 3), complex)
         first = factors[..., :t]
         first.real, first.imag = k - w * w, damping + w * c
         with np.errstate(invalid="ignore"):  # NaN where the table is not accurate
             np.reciprocal(first, out=first)
-        turned = 1j * w.astype(np.float32)
         np.multiply(first, 1j, out=factors[..., t : 2 * t])
-        np.multiply(first, turned, out=factors[..., 2 * t : 3 * t])
-        factors[..., 3 * t : 3 * t + 2], factors[..., 3 * t + 2 :] = _UNITS, turned
-        parts = factors.take(self._rows, axis=-1)[..., np.newaxis].view(np.float32)
-        return np.asarray(parts.swapaxes(-1, -2) @ terms.matrices.take(inputs, axis=-3), float)
+        np.multiply(first, 1j * w, out=factors[..., 2 * t : 3 * t])
+        factors[..., 3 * t : 3 * t + 2], factors[..., 3 * t + 2 :] = _UNITS, 1j * w
+        parts = factors.take(self._rows, axis=-1)[..., np.newaxis].view(float).swapaxes(-1, -2)
+        return np.asarray(parts @ terms.matrices.take(inputs, axis=-3))
 
     def _table_responses(self, nodes: IntArray, omega: FloatArray) -> FloatArray:
         """Return `_responses` at nodes of the ensemble, (n,), (n, 2, n_excitations, n_outputs).

@@ -444,7 +444,7 @@ def test_predictions_at_a_rate(tmp_path: Path) -> None:
 def test_mass_that_is_too_large(tmp_path: Path) -> None:
     """A mass beside which the links lose their digits is refused, and nothing is written."""
     with pytest.raises(LinkageVibrationError, match="the links lose their digits"):
-        replay(DRIVE, tmp_path / "log.mcap", what_if=WhatIf(mass=1e9))
+        replay(DRIVE, tmp_path / "log.mcap", what_if=WhatIf(mass=1e9, inertia=3e8))
     assert not list(tmp_path.iterdir())
 
 

@@ -33,9 +33,8 @@ from linkage_vibration.prediction.ground import (
 from linkage_vibration.prediction.level_cache import level_cache
 from linkage_vibration.prediction.loads import ExcitationError
 from linkage_vibration.readers.excitations import read_excitations
-from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.support.resources import DEFAULT_MECHANISM, DEFAULT_TABLE, config_file
-from linkage_vibration.table.table import Table, load_table
+from linkage_vibration.table.table import Table
+from test.support.in_plane import plane_mechanism, plane_table
 
 BASE, STIFFNESS, DAMPING = 2.5, 200.0e3, 1000.0  # m; N/m and N s/m of each of two mounts
 MASS = 1000.0  # kg, which only heaves
@@ -206,8 +205,8 @@ def test_mean_and_half_difference_are_those_of_a_plane() -> None:
 
 @pytest.fixture(scope="module")
 def shipped() -> tuple[Mechanism, Table]:
-    """Return the shipped tractor, with 1.6 m between the wheels of each axle, and its table."""
-    return read_mechanism(config_file(DEFAULT_MECHANISM)), load_table(config_file(DEFAULT_TABLE))
+    """Return the shipped tractor in the plane, with 1.6 m between the wheels, and its table."""
+    return plane_mechanism(), plane_table()
 
 
 @pytest.mark.nightly(short="test_level_of_the_tractor_is_that_of_its_spectrum")

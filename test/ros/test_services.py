@@ -274,12 +274,12 @@ def test_manual(environment: dict[str, str], domain: int, tmp_path: Path) -> Non
     assert [line.split()[0] for line in lines[3:7]] == ["parameters", "angle", "links", "table"]
     assert lines[7].startswith("E1.z peaks at ")
     assert [line.split(" at ")[0] for line in lines[8:10]] == ["E1 moves", "E1 shakes most"]
-    assert len(lines) == 20
+    assert len(lines) == 29
     read = load_table(tmp_path / f"{old}.npz", read_mechanism(tmp_path / f"{old}.yaml"))
     assert read.table_id == old
-    assert lines[16].startswith("now in use: ")
-    assert old not in lines[16]
-    now, smallest = (float(line.split()[-1]) for line in lines[18:])
+    assert lines[25].startswith("now in use: ")
+    assert old not in lines[25]
+    now, smallest = (float(line.split()[-1]) for line in lines[27:])
     assert 0.0 < smallest <= now
 
 

@@ -41,7 +41,7 @@ from linkage_vibration.table.table import Table, TableError
 from linkage_vibration.table.tabulation.sampling import Sampler
 
 _ALL = 10**6
-_COARSER = (4, 2), (8, 4), (16, 8), (_ALL, _ALL)  # elements and modes of links that are tried for members
+_COARSER = (4, 2), (8, 4), (16, 8), (_ALL, _ALL)  # elements and modes of links, for members
 _DAMPED = 2.0  # Coarse members leave out undamped modes above so many times the band's reach.
 _N_NODES = 8, 15, 29, 57  # angles at which members are solved
 _SAME = 1.0 - 1e-6  # of a gap between modes; a smaller difference is rounding

@@ -33,6 +33,7 @@ _SLOWEST = 1e-3  # A mechanism mode is given this frequency, rad/s.
 _POOR = 1e4  # Coordinates with a larger condition number are poor.
 _SERIES = 1e-17  # A series ends where its terms are smaller.
 _APART = 4.0  # Undamped modes above so many times the limit only correct the poles below it,
+_GROWN = 1e3  # Rounding of the states of far modes grows as these do.
 _DASHPOT = 0.2  # unless the limit is above this share of the slowest of their real poles.
 _FLAT = 1e-5  # Beside poles below this share of the others, rounding spoils a series.
 _LEAVES = 0.5  # A state that continues a subspace has a smaller share outside it.
@@ -302,6 +303,7 @@ def _viscous(
         slow = (viscous / np.outer(omega, omega))[np.ix_(far, far)]
         far &= limit * np.linalg.norm(slow, 2) < _DASHPOT if far.any() else far
         condensed, states = _condensed(matrix, np.tile(far, 2))
+        far &= len(condensed) < 2 * n
         t, z, k = schur(
             condensed, output="real", sort=lambda re, im, r=limit: math.hypot(re, im) < r
         )
@@ -318,13 +320,15 @@ def _condensed(matrix: FloatArray, far: BoolArray) -> tuple[FloatArray, FloatArr
     """Return a matrix on the states that are not far, and all states, (n, k), of these.
 
     With x_far = X x, X A = A_far X for the poles that are lower than those of A_far by _APART, by
-    which each step divides the errors.
+    which each step divides the errors. It is the whole matrix if this does not converge.
     """
     near, x = ~far, np.zeros((int(far.sum()), int((~far).sum())))
     within, into = matrix[np.ix_(near, near)], matrix[np.ix_(near, far)]
     back, inverse = matrix[np.ix_(far, near)], np.linalg.inv(matrix[np.ix_(far, far)])
     for _ in range(math.ceil(-math.log(_SERIES) / math.log(_APART)) if len(x) else 0):
         x = inverse @ (x @ (within + into @ x) - back)
+        if not np.abs(x).max() < _GROWN:  # Damping makes a pole of near modes a fast one.
+            return matrix, np.eye(len(matrix))
     states = np.empty((len(matrix), x.shape[1]))
     states[near], states[far] = np.eye(x.shape[1]), x
     return within + into @ x, states

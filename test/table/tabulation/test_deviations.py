@@ -22,11 +22,12 @@ from linkage_vibration.mechanics.description import Mechanism, UncertainNumber, 
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.prediction.predictor import Predictor, predict_many
-from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
+from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import load_table, save_table
 from linkage_vibration.table.tabulation import build_table
 from test.support.crossing import crossing_crank
 from test.support.first_order import first_order
+from test.support.in_plane import plane_table
 
 FloatArray = NDArray[np.float64]
 
@@ -188,7 +189,7 @@ def test_monte_carlo(name: str) -> None:
 
 def test_deviations_of_the_shipped_tractor_are_those_of_whole_models() -> None:
     """At one height, both kinds are within 15 % and three standard errors of 60 models."""
-    at, table = np.radians([135.0]), load_table(config_file(DEFAULT_TABLE))
+    at, table = np.radians([135.0]), plane_table()
     spread = np.nanstd(sampled(described(NAMES[2]), at, 60, 3)[:, 0], axis=0)
     stated = table.evaluate_parameter_deviations(at)[0].reshape(2, -1)
     assert (np.abs(stated / spread - 1.0) < 0.15 + 3.0 / math.sqrt(2.0 * 60)).all()

@@ -92,23 +92,27 @@ def test_frfs_with_every_mode(mapping: Any, name: str) -> None:
     assert off.max() < 1e-9
 
 
-@pytest.mark.parametrize("dashpot", [0.0, 11.0, 13.0, 80.0])
-def test_poles_beside_far_modes(mapping: Any, dashpot: float) -> None:
+@pytest.mark.parametrize(
+    ("dashpot", "near"), [(0.0, 0.0), (11.0, 0.0), (13.0, 0.0), (80.0, 0.0), (0.0, 1e6)]
+)
+def test_poles_beside_far_modes(mapping: Any, dashpot: float, near: float) -> None:
     """Poles up to a limit are those of the whole matrix of q'' + D q' + W^2 q, to 1e-9 of decay.
 
     A dashpot on far modes is absent, is weak enough, too strong, or makes a pole below the limit.
+    One on a near mode makes a pole that is faster than all far modes.
     """
     random, limit = np.random.default_rng(4), 900.0
     omega = np.geomspace(20.0, 3e5, 40)
     coupling = random.standard_normal((40, 3)) * np.where(omega < 5e3, 0.5, 3.0)[:, np.newaxis]
     damping = coupling @ coupling.T + np.diag(0.02 * omega)
     damping[-5:, -5:] += dashpot * 1e5 * np.ones((5, 5))
+    damping[3, 3] += near
     response = mechanism_from_mapping(mapping).response
     q, v, others = _viscous(omega, damping, limit, response)
     matrix = np.block([[np.zeros((40, 40)), np.diag(omega)], [-np.diag(omega), -damping]])
     exact = np.linalg.eigvals(matrix)
     exact = exact[np.abs(exact) < limit]
-    assert (np.isreal(exact).any()) == (dashpot > 20.0)
+    assert (np.isreal(exact).any()) == (dashpot > 20.0 or near > 0.0)
     rates = np.vstack([v, -(omega[:, np.newaxis] ** 2) * q - damping @ v])
     moved = np.linalg.lstsq(np.vstack([q, v]), rates, rcond=None)[0]
     found = np.linalg.eigvals(moved)
