@@ -52,6 +52,8 @@ def main() -> None:
         folder = Path(name)
         for each in GOALS:
             mapping = in_plane(yaml.safe_load(config_file(f"{each}.yaml").read_text()))
+            for mount in mapping.get("base", {}).get("mounts", {}).values():
+                mount.pop("track", None)  # No table needs it, and older versions do not know it.
             (folder / f"{each}.yaml").write_text(yaml.safe_dump(mapping, sort_keys=False))
         tasks = {
             (each, where): (where, folder / f"{each}.yaml")
