@@ -52,6 +52,7 @@ _MOVES = 0.03  # relative: a frequency that a window changes by more is not repo
 _UNSURE = 0.02  # relative deviation of a frequency that is not reported
 _ALIKE = 0.3  # share of the energy of a mode that those beside it cannot replace: less is one line
 _BESIDE = 1.25  # ratio of frequencies up to which modes may be parts of one that is not linear
+_FOLDED = 0.9  # of half of the sampling rate: above it, modes meet those that are folded
 _DRIFT = 0.005  # relative change of a frequency with time or strength that a mode may have
 _CERTAIN = 4.0  # deviations of such a change that noise does not explain
 _STRONGER = 1.5  # ratio of the strengths of blows that are compared
@@ -192,8 +193,10 @@ def _without_nonlinear(
     """Return modes with a doubt where their decays are not those of a linear hitch.
 
     An oscillation whose frequency or damping depends on its amplitude appears as several modes that
-    can replace each other, or as one that changes. The strongest one is named.
+    can replace each other, or as one that changes. The strongest one is named. Close to half of the
+    sampling rate, two modes of which one is folded look alike, so that only these are doubted.
     """
+    doubts = dict[int, str]()
     sure = np.array([i for i, mode in enumerate(modes) if not mode.doubt], dtype=int)
     often = np.array([2 * mode.decays > len(decays) for mode in modes], dtype=bool)
     energy, alone = energies(decays, poles[sure], rate)
@@ -207,13 +210,17 @@ def _without_nonlinear(
         order = [sure[i], *np.setdiff1d(np.flatnonzero(often), sure[line])]
         change = _change(decays, poles[order], rate)
         if alike[i] or change:
+            own = f"not linear: {change or 'its decay is not exponential'}"
+            if hertz[i] > _FOLDED * math.pi * rate and not change:
+                doubts[sure[i]] = own
+                continue
             # Friction damps other modes, too, and stiffens them by the same share in all of their
             # decay, so that nothing shows by how much.
             at = f"the mode at {modes[sure[i]].frequency:.4g} Hz"
             doubts = dict.fromkeys(sure.tolist(), f"{at} is not linear, which may move this one")
-            doubts[sure[i]] = f"not linear: {change or 'its decay is not exponential'}"
-            return [replace(mode, doubt=doubts.get(j, mode.doubt)) for j, mode in enumerate(modes)]
-    return modes
+            doubts[sure[i]] = own
+            break
+    return [replace(mode, doubt=doubts.get(j, mode.doubt)) for j, mode in enumerate(modes)]
 
 
 def _change(decays: Decays, poles: ComplexArray, rate: float) -> str:

@@ -240,6 +240,30 @@ def test_close_modes_that_move_the_channels_differently(turned: float, apart: bo
     assert [mode.frequency for mode in modes] == pytest.approx(exact, abs=2e-3)
 
 
+@pytest.mark.parametrize(("share", "doubted"), [(0.85, True), (0.95, False)])
+def test_a_pair_beside_which_modes_are_folded(share: float, doubted: bool) -> None:
+    """Two close modes that look alike put a mode far below in doubt, but not near half the rate.
+
+    There, one of them may be folded. All decays are exponential.
+    """
+    random, times = np.random.default_rng(3), np.arange(400)[:, np.newaxis] / RATE
+    top = share * RATE / 2.0
+    waves = [random.normal(0.0, 1.0, (400, 2)) for _ in range(5)]
+    for wave in waves:
+        for hertz, ratio, size in (
+            (7.0, 0.03, 400.0),
+            (top, 0.01, 80.0),
+            (1.003 * top, 0.012, 80.0),
+        ):
+            phase = 2.0 * math.pi * hertz * times
+            turning = np.cos(phase + random.uniform(0.0, 6.0)) * [1.0, 0.5]
+            wave += size * np.exp(-ratio * phase) * turning
+    modes = modes_of_decays(waves, RATE)
+    [low] = [mode for mode in modes if mode.frequency < 10.0]
+    assert bool(low.doubt) == doubted
+    assert any("not linear" in mode.doubt for mode in modes if mode.frequency > 10.0)
+
+
 def bending(change: float, sizes: Sequence[float], seed: int = 0) -> list[FloatArray]:
     """Return decays of an oscillator at 10 Hz, whose spring is not linear, in noise of size 1.
 
