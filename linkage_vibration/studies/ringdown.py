@@ -193,8 +193,7 @@ def _without_nonlinear(
     """Return modes with a doubt where their decays are not those of a linear hitch.
 
     An oscillation whose frequency or damping depends on its amplitude appears as several modes that
-    can replace each other, or as one that changes. The strongest one is named. Close to half of the
-    sampling rate, two modes of which one is folded look alike, so that only these are doubted.
+    can replace each other, or as one that changes. The strongest one is named.
     """
     doubts = dict[int, str]()
     sure = np.array([i for i, mode in enumerate(modes) if not mode.doubt], dtype=int)
@@ -211,6 +210,7 @@ def _without_nonlinear(
         change = _change(decays, poles[order], rate)
         if alike[i] or change:
             own = f"not linear: {change or 'its decay is not exponential'}"
+            # Two modes of which one is folded look alike, too.
             if hertz[i] > _FOLDED * math.pi * rate and not change:
                 doubts[sure[i]] = own
                 continue
