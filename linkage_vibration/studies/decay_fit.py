@@ -25,9 +25,7 @@ MOST_DAMPED = 0.5  # damping ratio; beyond it there is hardly an oscillation
 _STEP = 0.04  # relative, between frequencies of the search
 _SOUGHT = (0.02, 0.08)  # damping ratios of the search
 _MOST = 20  # largest number of poles
-_SAME_SHAPE = (
-    0.5  # Poles of one mode move the channels alike: a larger squared MAC of their squares
-)
+_SAME_SHAPE = 0.5  # cosine between the squares of channels, above which poles may be of one mode
 _STEPS = 30  # largest number of steps of a fit; few are needed
 _EXACT = 1e-12  # variance of residuals that are rounding, in the unit of the signals
 _CONVERGED = 1e-6  # relative change of the sum of squares

@@ -302,6 +302,9 @@ def _viscous(
         # Strong damping makes slow poles of far modes, down to the inverse of this norm.
         slow = (viscous / np.outer(omega, omega))[np.ix_(far, far)]
         far &= limit * np.linalg.norm(slow, 2) < _DASHPOT if far.any() else far
+        if far.all():  # No pole is below the limit.
+            limit *= 2.0
+            continue
         condensed, states = _condensed(matrix, np.tile(far, 2))
         far &= len(condensed) < 2 * n
         t, z, k = schur(

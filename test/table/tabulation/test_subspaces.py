@@ -92,6 +92,18 @@ def test_frfs_with_every_mode(mapping: Any, name: str) -> None:
     assert off.max() < 1e-9
 
 
+def test_poles_where_all_modes_are_far(mapping: Any) -> None:
+    """With all modes far above the limit, more poles than those of the response are found."""
+    response = mechanism_from_mapping(mapping).response
+    omega = np.geomspace(1e4, 1e6, 2 * response.modes)
+    damping = np.diag(0.02 * omega) + 1.0
+    q, v, _ = _viscous(omega, damping, 100.0, response)
+    rates = np.vstack([v, -(omega[:, np.newaxis] ** 2) * q - damping @ v])
+    found = np.linalg.eigvals(np.linalg.lstsq(np.vstack([q, v]), rates, rcond=None)[0])
+    lowest = np.sort(np.abs(found))[::2][: response.modes + 1]
+    assert lowest == pytest.approx(omega[: response.modes + 1], rel=1e-4)
+
+
 @pytest.mark.parametrize(
     ("dashpot", "near"), [(0.0, 0.0), (11.0, 0.0), (13.0, 0.0), (80.0, 0.0), (0.0, 1e6)]
 )
