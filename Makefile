@@ -28,8 +28,8 @@ venv := .venv$(suffix)
 export OPENBLAS_NUM_THREADS ?= 1
 # Hundreds of processes start, and without compiled files each of them compiles all that it imports.
 unexport PYTHONDONTWRITEBYTECODE
-# Many tests wait for other processes, so two run at a time.
-in_two := -n 2 --dist loadfile
+# Many tests wait for other processes, so more of them run than the machine has processors.
+beside := -n 4 --dist loadfile
 # Pages are built with the newest versions alone.
 older := bags,plots,test
 in_venv = @. $(venv)/bin/activate &&
@@ -44,10 +44,10 @@ demo: setup
 
 # Lint and types are those of the newest versions.
 test: $(if $(ONLY)$(VERSIONS),setup,lint)
-	$(in_venv) { python -m pytest $(if $(ONLY),$(ONLY),$(in_two)) || $(once_more); }
+	$(in_venv) { python -m pytest $(if $(ONLY),$(ONLY),$(beside)) || $(once_more); }
 
 nightly: setup
-	$(in_venv) python -m pytest -m nightly $(if $(ONLY),$(ONLY),$(in_two)) \
+	$(in_venv) python -m pytest -m nightly $(if $(ONLY),$(ONLY),$(beside)) \
 		--junitxml=build/nightly.xml; python tools/write_nightly.py build/nightly.xml "$(ONLY)"
 
 lint: setup
@@ -69,7 +69,7 @@ ament:
 
 coverage: setup
 	$(in_venv) python -m coverage erase
-	$(in_venv) python -m coverage run -m pytest $(in_two)
+	$(in_venv) python -m coverage run -m pytest $(beside)
 	$(in_venv) python -m coverage combine -q
 	$(in_venv) python tools/write_coverage.py
 

@@ -15,7 +15,7 @@ from linkage_vibration.table.interpolation import interpolation_matrix, stroke_v
 from linkage_vibration.table.tabulation import build_table
 from linkage_vibration.table.tabulation.ensemble import _nodes, first_widest
 
-LONG = [pytest.param(category, marks=pytest.mark.nightly) for category in (1, 2, 4)]
+LONG = [pytest.param(category, marks=pytest.mark.nightly) for category in (1, 3, 4)]
 
 
 @pytest.mark.parametrize(("wider", "first"), [(9e-7, 1), (1.1e-6, 3)])
@@ -37,7 +37,7 @@ def test_nodes_are_those_of_chebyshev() -> None:
     assert (actual[0], actual[-1]) == (1.1, 2.9)
 
 
-@pytest.mark.parametrize("category", [*LONG, 3])
+@pytest.mark.parametrize("category", [*LONG, 2])
 def test_members_of_starters_are_known(category: int) -> None:
     """At most one of 20 models with other numbers cannot be followed, so that factors are known."""
     mechanism = read_mechanism(config_file(f"starters/category_{category}.yaml"))
