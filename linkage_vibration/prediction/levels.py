@@ -83,7 +83,7 @@ _GROUND = Source.GROUND.index
 _REASONS = np.array(REASONS)
 _UNITS = np.array([1.0, 1j])
 # Angles that are evaluated together, so that their terms stay in the cache; those of all members
-_CHUNK, _MEMBERS_CHUNK = 32, 8
+_CHUNK, _MEMBERS_CHUNK = 64, 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -248,7 +248,11 @@ class _Half:
         np.multiply(first, 1j * w, out=factors[..., 2 * t : 3 * t])
         factors[..., 3 * t : 3 * t + 2], factors[..., 3 * t + 2 :] = _UNITS, 1j * w
         parts = factors.take(self._rows, axis=-1)[..., np.newaxis].view(float).swapaxes(-1, -2)
-        return np.asarray(parts @ terms.matrices.take(inputs, axis=-3))
+        responses = np.empty((*parts.shape[:-1], self.layout.n_outputs))
+        for each, i in enumerate(inputs.tolist()):  # A copy for all would not stay in the cache.
+            matrices, out = terms.matrices[..., i, :, :], responses[..., each, :, :]
+            np.matmul(parts[..., each, :, :], matrices, out=out)
+        return responses
 
     def _table_responses(self, nodes: IntArray, omega: FloatArray) -> FloatArray:
         """Return `_responses` at nodes of the ensemble, (n,), (n, 2, n_excitations, n_outputs).
