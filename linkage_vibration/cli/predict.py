@@ -4,7 +4,6 @@
 
 import argparse
 import math
-import textwrap
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,6 +17,8 @@ from linkage_vibration.cli.arguments import (
 
 if TYPE_CHECKING:
     from linkage_vibration.prediction.predictor import Predictor, Shares
+
+_WIDTH, _COLUMN = 100, 12  # characters of a line, and of a column in it
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Print one row for each angle; return 1 if one of them has no prediction."""
+    """Print one column for each angle; return 1 if one of them has no prediction."""
     import numpy as np
 
     from linkage_vibration.messages.csv_tables import prediction_table, table_text
@@ -52,9 +53,6 @@ def run(options: argparse.Namespace) -> int:
     predictor = predictors[0]
     nine = np.linspace(*predictor.table.alpha3_range, 9)
     degrees = options.angles_deg or np.degrees(nine).tolist()
-    if predictor.table.lateral:
-        labels = map(predictor.table.mode_label, range(predictor.table.n_modes))
-        print(textwrap.fill(", ".join(labels), 100))
     good, peaks = True, np.empty((0, len(degrees)))
     for i, each in enumerate(predictors):
         if len(masses) > 1:
@@ -79,31 +77,38 @@ def _print(predictor: "Predictor", degrees: list[float], options: argparse.Names
     """Print the predictions of a table; return whether all have numbers."""
     from linkage_vibration.prediction.predictor import Status, fault
 
-    modes = "".join(f"{f'mode {k + 1} [Hz]':>13}" for k in range(predictor.table.n_modes))
-    print(f"{'alpha3 [deg]':>12}{modes}{'peak [Hz]':>13}{'peak [m/N]':>13}")
-    good = True
-    for angle in degrees:
-        prediction = predictor.predict(math.radians(angle))
-        good = good and prediction.status.has_numbers
-        missing = "overdamped" if prediction.status.has_numbers else "nan"
-        frequencies = [
-            f"{missing:>13}" if math.isnan(frequency) else f"{frequency:13.4f}"
-            for frequency in prediction.natural_frequencies
-        ]
-        print(
-            f"{angle:12.3f}"
-            + "".join(frequencies)
-            + f"{prediction.frf_peak_frequency:13.4f}{prediction.frf_peak_magnitude:13.4e}"
-            + ("" if prediction.status is Status.OK else f"  {prediction.status.name}")
-        )
-        if problem := fault(prediction, predictor.table.alpha3_range):
-            print(f"  The {problem}.".replace("?.", "?"))
-        if options.shares:
+    table = predictor.table
+    labels = [table.mode_label(mode) for mode in range(table.n_modes)]
+    predictions = [predictor.predict(math.radians(angle)) for angle in degrees]
+    rows = ["alpha3 [deg]", *(f"{label} [Hz]" for label in labels), "peak [Hz]", "peak [m/N]"]
+    columns = []
+    for angle, each in zip(degrees, predictions, strict=True):
+        missing = "overdamped" if each.status.has_numbers else "nan"
+        numbers = each.natural_frequencies
+        found = [missing if math.isnan(number) else f"{number:.4f}" for number in numbers]
+        peak = [f"{each.frf_peak_frequency:.4f}", f"{each.frf_peak_magnitude:.4e}"]
+        columns.append([f"{angle:.3f}", *found, *peak])
+    _print_columns(rows, columns)
+    for angle, each in zip(degrees, predictions, strict=True):
+        problem = fault(each, table.alpha3_range)
+        sentence = f". The {problem}.".replace("?.", "?") if problem else ""
+        if each.status is not Status.OK or sentence:
+            print(f"At {angle:.7g} deg: {each.status.name}{sentence}")
+        if options.shares and each.status.has_numbers:
             stddev = math.radians(options.angle_stddev_deg)
-            print(_described(predictor.shares(math.radians(angle), stddev)))
-    if reason := predictor.table.unknown_deviations:
+            _print_shares(predictor.shares(math.radians(angle), stddev), labels, angle)
+    if reason := table.unknown_deviations:
         print(reason)
-    return good
+    return all(each.status.has_numbers for each in predictions)
+
+
+def _print_columns(rows: list[str], columns: list[list[str]]) -> None:
+    """Print names of rows and the columns beside them, as many as fit beside one another."""
+    width = max(map(len, rows))
+    several = max((_WIDTH - width) // _COLUMN, 1)
+    for start in range(0, len(columns), several):
+        for name, *words in zip(rows, *columns[start : start + several], strict=True):
+            print(f"{name:<{width}}" + "".join(f"{word:>{_COLUMN}}" for word in words))
 
 
 def _deviation(text: str) -> float:
@@ -114,13 +119,12 @@ def _deviation(text: str) -> float:
     raise argparse.ArgumentTypeError(f"{text!r} is no standard deviation; give 0 or more.")
 
 
-def _described(shares: "Shares") -> str:
-    """Return the standard deviations, and what each cause contributes to them."""
-    lines = []
+def _print_shares(shares: "Shares", labels: list[str], angle: float) -> None:
+    """Print the standard deviations at an angle, degrees, and what each cause contributes."""
     for i, quantity in enumerate(("natural frequencies [Hz]", "damping ratios [1]")):
-        lines.append(f"  standard deviations of the {quantity} by")
-        for cause in ("parameters", "angle", "links", "table", "total"):
-            values = getattr(shares, cause)[i].tolist()
-            name = "all together" if cause == "total" else cause
-            lines.append(f"{name:>12}" + "".join(f"{value:13.3g}" for value in values))
-    return "\n".join(lines)
+        print(f"Standard deviations of the {quantity} at {angle:.7g} deg by")
+        columns = [
+            [cause, *(f"{value:.3g}" for value in getattr(shares, cause)[i].tolist())]
+            for cause in ("parameters", "angle", "links", "table", "total")
+        ]
+        _print_columns(["", *labels], columns)

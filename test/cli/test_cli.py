@@ -121,22 +121,26 @@ def test_build_writes_a_table(run: Any, tmp_path: Path, printed: Mechanism) -> N
 INERTIAS = {"roll": 550.0, "yaw": 650.0}  # kg m2, of the shipped implement of 800 kg
 
 
-def printed_rows(text: str) -> list[list[str]]:
-    """Return the words of the lines below the titles that `predict` prints."""
-    return [line.split() for line in text.partition("alpha3")[2].splitlines()[1:]]
+def printed_columns(text: str) -> list[list[str]]:
+    """Return what `predict` prints for each angle: the angle, frequencies, and the peak."""
+    columns = list[list[str]]()
+    for block in text.split("alpha3")[1:]:
+        rows = [line.partition("] ")[2].split() for line in block.splitlines() if "] " in line]
+        columns += map(list, zip(*rows, strict=True))
+    return columns
 
 
 def test_predict_prints_what_the_predictor_says(run: Any) -> None:
-    """There is one row for each angle; an angle out of range says so and sets the exit code."""
+    """There is one column for each angle; an angle out of range says so and sets the exit code."""
     done = run("predict", "90", "140", "180")
     assert done.returncode == 0
     predictor = Predictor(load_table(config_file("tables/three_point_linkage_on_tractor.npz")))
     first = predictor.predict(90.0 * 3.141592653589793 / 180.0).natural_frequencies[0]
-    assert f"{first:.4f}" == printed_rows(done.stdout)[0][1]
+    assert f"{first:.4f}" == printed_columns(done.stdout)[0][1]
     shares = run("predict", "140", "--shares", "--angle-stddev-deg", "1").stdout
     expected = predictor.shares(140.0 * 3.141592653589793 / 180.0, 3.141592653589793 / 180.0)
-    rows = [line.split()[1:] for line in shares.splitlines() if line.strip().startswith("angle")]
-    assert rows == [[f"{value:.3g}" for value in row] for row in expected.angle.tolist()]
+    rows = [line.split()[-4] for line in shares.splitlines() if re.match(r"mode[^]]*$", line)]
+    assert rows == [f"{value:.3g}" for value in expected.angle.ravel().tolist()]
     outside = run("predict", "200", "2.3")
     assert outside.returncode == 1
     assert "OUT_OF_RANGE" in outside.stdout
@@ -145,10 +149,10 @@ def test_predict_prints_what_the_predictor_says(run: Any) -> None:
 
 
 def test_predict_over_a_range(tmp_path: Path, capsys: Any) -> None:
-    """A range has both ends, in either direction; the CSV file has the printed rows."""
+    """A range has both ends, in either direction; the CSV file has the printed columns."""
     path = tmp_path / "heights.csv"
     assert main(["predict", "90:180:30", "175:165:-5", "--csv", str(path)]) == 0
-    printed = printed_rows(capsys.readouterr().out)[:-1]
+    printed = printed_columns(capsys.readouterr().out)
     assert [float(row[0]) for row in printed] == [90, 120, 150, 180, 175, 170, 165]
     with path.open() as file:
         written = list(csv.DictReader(file))
@@ -161,7 +165,7 @@ def test_predict_over_a_range(tmp_path: Path, capsys: Any) -> None:
     ]
     thin = ["predict", "100:100.3:0.1"]  # 0.1 has no exact value; the last angle must not be lost
     assert main(thin) == 0
-    assert len(printed_rows(capsys.readouterr().out)) == 4
+    assert len(printed_columns(capsys.readouterr().out)) == 4
 
 
 @pytest.mark.parametrize("angles", ["90:180", "90:180:-5", "90:180:0", "90:nan:5"])
@@ -302,7 +306,7 @@ def test_plot(tmp_path: Path, capsys: Any) -> None:
     match = re.search(r"up to (\S+) of its force at rest, at (\d+) deg and (\d+) rpm", pto)
     assert match is not None
     assert main(["predict", match[2]]) == 0
-    heave = float(printed_rows(capsys.readouterr().out)[0][8])
+    heave = float(printed_columns(capsys.readouterr().out)[0][8])
     assert 2 * 0.45 * float(match[3]) / 60.0 == pytest.approx(heave, rel=0.03)
     assert "Above the limit of 0.33 are speeds" in pto
     assert "which is not above the limit of 0.33." in engine
@@ -342,18 +346,19 @@ def test_masses_of_the_implement(tmp_path: Path, capsys: Any) -> None:
     """Frequencies are those of the model with each mass, and the largest peak has a mass."""
     assert main(["predict", "120", "--implement-mass", "900:1500:600"]) == 0
     printed = capsys.readouterr()
-    *_, first, _, light, second, _, heavy, worst = printed.out.splitlines()
-    assert (first, second) == ("With 900 kg:", "With 1500 kg:")
-    for mass, row in (900.0, light), (1500.0, heavy):
+    light, heavy = printed_columns(printed.out)
+    assert re.findall("With .*", printed.out) == ["With 900 kg:", "With 1500 kg:"]
+    for mass, column in (900.0, light), (1500.0, heavy):
         values = {"rigid_bodies.implement.mass": mass}  # and inertias across change as it does
         values |= {f"lateral.inertia.implement.{k}": v * mass / 800.0 for k, v in INERTIAS.items()}
         changed = read_mechanism().with_values(values)
         halves = LinkageModel(changed).halves
         modes = [half.solve(math.radians(120.0)).natural_frequencies[:6] for half in halves]
-        found = sorted(float(word) for word in row.split()[1:13])
+        found = sorted(float(word) for word in column[1:13])
         assert found == pytest.approx(np.sort(modes, axis=None), rel=1e-4)
-    peak = max(light.split()[-1], heavy.split()[-1], key=float)
-    assert peak == light.split()[-1]
+    peak = max(light[-1], heavy[-1], key=float)
+    assert peak == light[-1]
+    worst = printed.out.splitlines()[-1]
     assert worst == f"The largest peak of these masses is {peak} m/N, at 120 deg with 900 kg."
     assert "The implement has 900, 1500 kg" in printed.err
     assert main(["predict", "--implement-mass", "900:1500", "--csv", str(tmp_path / "x.csv")]) == 1

@@ -175,6 +175,6 @@ def test_lines(recorded: Any, hitch: Parameters, capsys: Any) -> None:
     assert " overd. " in lines[1]
     assert len(lines[0]) == len(lines[1])
     assert main(["predict", hitch.table_file, "150", "165"]) == 0
-    head, first, last = capsys.readouterr().out.splitlines()
-    assert last.split()[1] == "overdamped"
-    assert len(head) == len(first) == len(last)
+    head, first, *others = capsys.readouterr().out.splitlines()
+    assert first.split()[-1] == "overdamped"
+    assert {len(head), len(first)} == {len(line) for line in others}
