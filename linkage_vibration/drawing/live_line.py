@@ -54,7 +54,7 @@ class LiveLine:
 
 
 def _line(prediction: Any) -> str:
-    """Return a line of constant width: less than 80 columns for 3 modes, 94 for 6.
+    """Return a line of constant width, whose end a narrow terminal cuts.
 
     An overdamped mode ("overd.") has no frequency.
     """
@@ -64,6 +64,7 @@ def _line(prediction: Any) -> str:
         for frequency in prediction.natural_frequencies
     )
     return (
-        f"crank {np.rad2deg(prediction.crank_angle):6.2f} deg |{frequencies} Hz | peak "
-        f"{prediction.frf_peak_magnitude:8.2e} m/N at {prediction.frf_peak_frequency:6.2f} Hz"
+        f"crank {np.rad2deg(prediction.crank_angle):6.2f} deg | peak "
+        f"{prediction.frf_peak_magnitude:8.2e} m/N at {prediction.frf_peak_frequency:6.2f} Hz |"
+        f"{frequencies} Hz"
     )

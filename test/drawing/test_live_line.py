@@ -26,7 +26,7 @@ def test_live_line_is_written_once_a_second_to_a_file() -> None:
         live.show(prediction)
     live.close()
     assert stream.getvalue().splitlines() == [
-        "crank 132.00 deg |   4.25  97.50 170.25 Hz | peak 3.10e-05 m/N at   4.24 Hz"
+        "crank 132.00 deg | peak 3.10e-05 m/N at   4.24 Hz |   4.25  97.50 170.25 Hz"
     ]
 
 
