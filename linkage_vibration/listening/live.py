@@ -20,6 +20,7 @@ from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.answers import LoadedModel
 from linkage_vibration.prediction.excitation import Excitation, Source
+from linkage_vibration.prediction.periods import second
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.readers.sensors import LARGEST, Sensor
@@ -224,11 +225,6 @@ def sensor_monitor(
     fixed = {source: speed for source, speed in speeds.items() if speed is not None}
     model = served.predictor, served.mechanism
     return SensorMonitor(sensors, *model, excitations, fixed, settings.stale_after)
-
-
-def second(stamp: int) -> int:
-    """Return the beginning of the second of a stamp, ns, which is the stamp of a message."""
-    return stamp // _SECOND * _SECOND
 
 
 def difference_sentence(message: MessageColumns, excitations: Sequence[Excitation]) -> str:

@@ -50,7 +50,7 @@ from linkage_vibration.prediction.inputs.presets import HITCH
 from linkage_vibration.prediction.inputs.sources import CrankInput
 from linkage_vibration.prediction.levels import kept_levels
 from linkage_vibration.prediction.motion import crank_filter, crank_resolution
-from linkage_vibration.prediction.periods import Periods, Stamps, WindowStep
+from linkage_vibration.prediction.periods import Periods, Stamps, WindowStep, second
 from linkage_vibration.prediction.predictor import Predictor, Status, predict_many
 from linkage_vibration.prediction.provenance import attachments, implement_facts
 from linkage_vibration.prediction.resonance import Header, ReportedSpeed, ResonanceMonitor
@@ -431,8 +431,6 @@ class _Sensors:
         monitor = self.monitor
         if monitor is None:
             return
-        from linkage_vibration.listening.live import second
-
         events: list[tuple[int, int, Callable[[], MessageColumns | None], int, str]] = []
         for row, source, value, time in speeds:
             events.append((row, 0, partial(monitor.set_speed, source, value, time), 0, ""))

@@ -10,6 +10,12 @@ from numpy.typing import NDArray
 PARTS = 5
 """In so many parts of a window a reading is assessed, which is the first in its part."""
 _NEVER = -(2**63)  # ns
+_SECOND = 10**9  # ns
+
+
+def second(stamp: int) -> int:
+    """Return the beginning of the second of a stamp, ns, which is the stamp of a measurement."""
+    return stamp // _SECOND * _SECOND
 
 
 class Stamps:

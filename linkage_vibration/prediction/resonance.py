@@ -9,7 +9,6 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 from linkage_vibration.bags.blocks import Integers
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, IntArray
@@ -50,6 +49,7 @@ _SPEED_BITS = np.array([SPEED_BITS[source] for source in Source])
 _SI = np.array([source.si for source in Source])
 _NO_SPEED = math.nan, unknown_rate
 _GROUND = Source.GROUND.index
+_ERFC = np.frompyfunc(math.erfc, 1, 1)  # that of SciPy takes long to import
 
 
 class Header(NamedTuple):
@@ -92,8 +92,9 @@ def half_power_probability(
     """
     ends = np.array([1.0 - zeta, 1.0 + zeta])
     stddev = np.sqrt(frequency_stddev * frequency_stddev + (ends * natural_stddev) ** 2)
-    below, above = ndtr((ends * natural - frequency) / stddev)
-    return np.asarray(above - below)
+    away = (frequency - ends * natural) / (math.sqrt(2.0) * stddev)
+    below, above = np.asarray(_ERFC(away), float)
+    return np.asarray((above - below) / 2.0)
 
 
 def rows_of(predictions: Sequence[Prediction]) -> MessageColumns:

@@ -5,12 +5,12 @@
 import math
 from collections import Counter
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from linkage_vibration.errors import printable
-from linkage_vibration.listening.live import SensorMonitor, difference_sentence
 from linkage_vibration.prediction.answers import LoadedModel
 from linkage_vibration.prediction.health import Fault, Level, ReadingWatch, overall
 from linkage_vibration.prediction.predictor import Prediction, uncertain_modes
@@ -20,6 +20,9 @@ from linkage_vibration.ros.arrivals import LONGEST_WAIT
 from linkage_vibration.ros.live_pipeline import NO_CLOCK, SILENT, STOPPED_CLOCK, LivePipeline
 from linkage_vibration.ros.log_control import Recording
 from linkage_vibration.ros.statistics import RECENT, Second, Statistics
+
+if TYPE_CHECKING:
+    from linkage_vibration.listening.live import SensorMonitor
 
 _LOST = 0.01  # share of the messages; a wireless network loses fewer
 
@@ -88,8 +91,10 @@ def _resonance(predicting: LivePipeline) -> tuple[Level, str]:
     )
 
 
-def _measured(predicting: LivePipeline, sensors: SensorMonitor) -> tuple[Level, str]:
+def _measured(predicting: LivePipeline, sensors: "SensorMonitor") -> tuple[Level, str]:
     """Return the level and the sentence about what sensors measure beside the predictions."""
+    from linkage_vibration.listening.live import difference_sentence
+
     measured, excitations = predicting.measured, predicting.excitations
     if not measured:
         return Level.STALE, f"No sensor has sent samples that can be used for {SILENT:g} s."

@@ -34,7 +34,6 @@ from linkage_vibration.bags.recorder import (
 )
 from linkage_vibration.bags.writing import LogError
 from linkage_vibration.errors import LinkageVibrationError, printable
-from linkage_vibration.listening.live import sensor_monitor
 from linkage_vibration.messages.topics import TABLE_INFO
 from linkage_vibration.prediction.answers import LoadedModel, place_name
 from linkage_vibration.prediction.doubts import excitation_doubts
@@ -320,6 +319,12 @@ class LinkageVibrationNode(LifecycleNode):
         recorder = Recorder(folder, topics, provenance, limits, settings.compression)
         self._recording = recording = Recording(self, recorder, self._begin_log)
         self._outputs = {output.type: advertise(self, output) for output in OUTPUTS}
+        sensors = None
+        if self._sensors:
+            # It takes half of the time of all imports.
+            from linkage_vibration.listening.live import sensor_monitor
+
+            sensors = sensor_monitor(self._sensors, served, excitations, settings)
         self._predicting = LivePipeline(
             self,
             self._listener,
@@ -328,7 +333,7 @@ class LinkageVibrationNode(LifecycleNode):
             inputs,
             served.predictor,
             ResonanceMonitor(excitations, levels=levels),
-            sensor_monitor(self._sensors, served, excitations, settings),
+            sensors,
             recording.write,
             self._statistics,
             self._throttle,

@@ -8,13 +8,12 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import partial
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from rclpy.node import Node
 
 from linkage_vibration.bags.scalar_reader import MAX_NAMES, CdrError, ReadingError
 from linkage_vibration.bags.writing import Topic
-from linkage_vibration.listening.live import SensorMonitor, second
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.messages.encoding import encode_message, stamp_and_frame
@@ -51,7 +50,7 @@ from linkage_vibration.prediction.inputs.topics import INPUT_DEPTH
 from linkage_vibration.prediction.inputs.units import ANGLES, Reading
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.motion import UNKNOWN, Rate, crank_filter, crank_resolution
-from linkage_vibration.prediction.periods import Periods, Stamps, WindowStep
+from linkage_vibration.prediction.periods import Periods, Stamps, WindowStep, second
 from linkage_vibration.prediction.predictor import Prediction, Predictor, Status, fault
 from linkage_vibration.prediction.resonance import Header, ResonanceMonitor
 from linkage_vibration.prediction.settings import Parameters
@@ -61,6 +60,9 @@ from linkage_vibration.ros.endpoints import MessageInfo, Throttle, message_class
 from linkage_vibration.ros.listener import Listener
 from linkage_vibration.ros.live_inputs import LiveTopic
 from linkage_vibration.ros.statistics import SequenceGaps, Statistics
+
+if TYPE_CHECKING:
+    from linkage_vibration.listening.live import SensorMonitor
 
 MISSING_AFTER = 5.0  # s without the joint, before a warning says that it is missing
 _BEHIND = 0.5  # s in the queue, after which it is not known when a speed was last sent
@@ -107,7 +109,7 @@ class LivePipeline:
         topics: dict[str, LiveTopic],
         predictor: Predictor,
         monitor: ResonanceMonitor,
-        sensors: SensorMonitor | None,
+        sensors: "SensorMonitor | None",
         record: Callable[..., None],
         statistics: Statistics,
         throttle: Throttle,

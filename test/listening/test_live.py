@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from linkage_vibration.listening.live import SensorMonitor, difference_sentence, second
+from linkage_vibration.listening.live import SensorMonitor, difference_sentence
 from linkage_vibration.listening.signals import SignalError
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.messages.columns import MessageColumns
@@ -18,6 +18,7 @@ from linkage_vibration.messages.encoding import encode_message
 from linkage_vibration.messages.topics import MEASURED
 from linkage_vibration.prediction.answers import LoadedModel
 from linkage_vibration.prediction.excitation import Source
+from linkage_vibration.prediction.periods import second
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.loaded_model import load_model
