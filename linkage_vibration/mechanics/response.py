@@ -399,6 +399,13 @@ class FarPoles:
         terms = 1.0 / (self.stiffness - w**2 + 1j * w * self.decay)
         return np.concatenate([np.ones_like(w), terms, 1j * w * terms], axis=-1)
 
+    def sums(self, omega: FloatArray, weights: NDArray[Any]) -> ComplexArray:
+        """Return `basis` times weights, (..., 1 + 2 n_far, k), at rad/s, (..., n): (..., n, k)."""
+        w = omega[..., np.newaxis]
+        terms = 1.0 / (self.stiffness - w**2 + 1j * w * self.decay)
+        static, constants, rates = np.split(weights, [1, 1 + len(self.decay)], axis=-2)
+        return np.asarray(static + terms @ constants + 1j * w * (terms @ rates))
+
     def basis_rates(self, omega: FloatArray) -> ComplexArray:
         """Return the derivatives of `basis` with w."""
         w = omega[..., np.newaxis]

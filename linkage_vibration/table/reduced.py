@@ -82,9 +82,8 @@ class Modal:
     def _magnitudes(self, omega: FloatArray) -> FloatArray:
         """Return abs(H) of the first place at angular frequencies of each angle, (n, n_lines)."""
         terms = 1.0 / (self._sigma(omega)[:, :, np.newaxis] - self.poles[:, np.newaxis])
-        far, weights = self.models.far.basis(omega), self.models.weights[:, :, :1]
-        value = terms @ self.shapes[:, 0, :, np.newaxis] ** 2 + far @ weights
-        return np.abs(value[..., 0])
+        value = terms @ self.shapes[:, 0, :, np.newaxis] ** 2
+        return np.abs(value + self.models.far.sums(omega, self.models.weights[..., :1]))[..., 0]
 
     def _lines(self, band: tuple[float, float]) -> FloatArray:
         """Return angular frequencies among which maxima are sought, (n, n_lines), ascending."""

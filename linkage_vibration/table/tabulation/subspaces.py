@@ -14,13 +14,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import schur
 
-from linkage_vibration.mechanics.arrays import (
-    BoolArray,
-    ComplexArray,
-    FloatArray,
-    IntArray,
-    solve_stack,
-)
+from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray, solve_stack
 from linkage_vibration.mechanics.description import Response
 from linkage_vibration.mechanics.model import IdentifiedSolution, LinkageModel, Place, Solution
 from linkage_vibration.mechanics.modes import MECHANISM, mixed_damping, modal_damping
@@ -43,6 +37,10 @@ N_FAR = 5
 
 N_FIT, N_CHECK = 3 * N_FAR + 4, 8
 """Frequencies at which the sum of all other modes is fitted, and others at which it is checked."""
+
+
+Set = frozenset[int]
+"""The indices of poles of a sample."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,7 +86,7 @@ class PoleSample:
     totals: ComplexArray  # (N_FIT + N_CHECK, n_pairs): FRFs at `check_lines`, m/N
     # (2, n): standard deviations of frequencies (Hz) and ratios by the noise of measured links.
     deviations: FloatArray | None = None
-    _subspaces: dict[tuple[int, ...], Subspace] = field(default_factory=dict)  # by their poles
+    _subspaces: dict[Set, Subspace] = field(default_factory=dict)  # by their poles
 
     @cached_property
     def vectors(self) -> ComplexArray:
@@ -98,17 +96,14 @@ class PoleSample:
         states = self.whole.states @ vectors[:, order]
         return np.asarray(states / np.linalg.norm(states, axis=0))
 
-    def subspace(self, chosen: IntArray) -> Subspace:
+    def subspace(self, chosen: Set) -> Subspace:
         """Return the subspace of some of the poles, by their indices, closed under conjugation."""
-        key = tuple(chosen.tolist())
-        if key in self._subspaces:
-            return self._subspaces[key]
+        if chosen in self._subspaces:
+            return self._subspaces[chosen]
         mine = _generator_poles(self)
-        wanted = np.zeros(len(mine), dtype=np.bool_)
-        wanted[chosen] = True
 
         def is_wanted(re: float | complex, im: float = 0.0) -> bool:
-            return bool(wanted[np.abs(mine - complex(re + 1j * im)).argmin()])
+            return int(np.abs(mine - complex(re + 1j * im)).argmin()) in chosen
 
         output = "real" if self.viscous else "complex"
         t, z, n = schur(self.generator, output=output, sort=is_wanted)
@@ -117,8 +112,8 @@ class PoleSample:
         left = np.linalg.solve(inertia, z.T @ (self.whole.inertia @ self.whole.left))
         stiffness = -inertia @ t if self.viscous else inertia @ t
         states, shapes = self.whole.states @ z, self.whole.shapes @ z
-        self._subspaces[key] = Subspace(states, left, inertia, stiffness, shapes)
-        return self._subspaces[key]
+        self._subspaces[chosen] = Subspace(states, left, inertia, stiffness, shapes)
+        return self._subspaces[chosen]
 
 
 def _generator_poles(sample: PoleSample) -> ComplexArray:
@@ -356,7 +351,7 @@ def _structural(
     return np.linalg.inv(t[:k, :k]), z[:, :k], poles[:k], poles[k:]
 
 
-def continue_set(here: Subspace, there: PoleSample, count: int) -> tuple[IntArray, bool, IntArray]:
+def continue_set(here: Subspace, there: PoleSample, count: int) -> tuple[Set, bool, Set]:
     """Find the poles of another angle that continue a set of a given number.
 
     The projection onto its subspace leaves their states as they are. Returned are their indices;
@@ -366,15 +361,12 @@ def continue_set(here: Subspace, there: PoleSample, count: int) -> tuple[IntArra
     inside = here.states @ (here.left @ states)
     outside = np.linalg.norm(states - inside, axis=0)
     order = np.argsort(outside, kind="stable")
-    chosen = order[:count]
+    chosen = frozenset(order[:count].tolist())
     if count >= len(order):  # with fewer poles than the set, a part of it is missing there
         clear = count == len(order) and bool(outside.max() < _LEAVES)
-        return np.sort(chosen), clear, order[:0]
+        return chosen, clear, frozenset()
     next_one = order[count]
-    rival = np.flatnonzero(
-        np.abs(there.poles - there.poles[next_one].conj()) <= 1e-9 * abs(there.poles[next_one])
-    )
-    rival = np.union1d(rival, [next_one])
-    clear = outside[chosen].max() < min(_LEAVES, outside[next_one] / 2.0)
-    clear = bool(clear and not np.isin(rival, chosen).any())
-    return np.sort(chosen), clear, np.setdiff1d(rival, chosen)
+    pair = np.abs(there.poles - there.poles[next_one].conj()) <= 1e-9 * abs(there.poles[next_one])
+    rival: Set = frozenset({int(next_one), *np.flatnonzero(pair).tolist()})
+    clear = outside[order[count - 1]] < min(_LEAVES, outside[next_one] / 2.0)
+    return chosen, bool(clear) and chosen.isdisjoint(rival), rival - chosen
