@@ -81,9 +81,11 @@ class Modal:
 
     def _magnitudes(self, omega: FloatArray) -> FloatArray:
         """Return abs(H) of the first place at angular frequencies of each angle, (n, n_lines)."""
-        terms = 1.0 / (self._sigma(omega)[:, :, np.newaxis] - self.poles[:, np.newaxis])
-        value = terms @ self.shapes[:, 0, :, np.newaxis] ** 2
-        return np.abs(value + self.models.far.sums(omega, self.models.weights[..., :1]))[..., 0]
+        sigma, poles = self._sigma(omega), self.poles.T[..., np.newaxis]
+        near = zip(self.shapes[:, 0].T[..., np.newaxis] ** 2, poles, strict=True)
+        # One term after the other needs less memory, which takes half of the time.
+        value = sum(residue / (sigma - pole) for residue, pole in near)
+        return np.abs(value + self.models.far.sums(omega, self.models.weights[..., :1])[..., 0])
 
     def _lines(self, band: tuple[float, float]) -> FloatArray:
         """Return angular frequencies among which maxima are sought, (n, n_lines), ascending."""
