@@ -85,7 +85,8 @@ class Modal:
         near = zip(self.shapes[:, 0].T[..., np.newaxis] ** 2, poles, strict=True)
         # One term after the other needs less memory, which takes half of the time.
         value = sum(residue / (sigma - pole) for residue, pole in near)
-        return np.abs(value + self.models.far.sums(omega, self.models.weights[..., :1])[..., 0])
+        value += self.models.far.sums(omega, self.models.weights[..., :1])[..., 0]
+        return np.asarray(np.abs(value))
 
     def _lines(self, band: tuple[float, float]) -> FloatArray:
         """Return angular frequencies among which maxima are sought, (n, n_lines), ascending."""

@@ -124,6 +124,7 @@ def refine(sampler: Sampler, fitted: list[float], accuracy: Accuracy) -> Refined
     response = sampler.response
     while len(fitted) <= MOST:
         finer = sorted(fitted + more_points(fitted))
+        sampler.prepare(finer)
         sets = _follow(sampler, finer)
         if sets is None:
             return "a pole in reach of the band cannot be distinguished from others"

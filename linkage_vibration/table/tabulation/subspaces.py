@@ -7,7 +7,6 @@ compare: displacements and, for viscous damping, velocities.
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -16,7 +15,7 @@ from scipy.linalg import schur
 
 from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray, solve_stack
 from linkage_vibration.mechanics.description import Response
-from linkage_vibration.mechanics.model import IdentifiedSolution, LinkageModel, Place, Solution
+from linkage_vibration.mechanics.model import IdentifiedSolution, LinkageModel, Solution
 from linkage_vibration.mechanics.modes import MECHANISM, mixed_damping, modal_damping
 from linkage_vibration.mechanics.response import peak_search_band, reach
 from linkage_vibration.table.reduced import Numbers, frf_pairs
@@ -138,11 +137,11 @@ def mass_root(model: LinkageModel) -> FloatArray:
 
 
 def sample_poles(
-    solution: Solution, root: FloatArray, places: Sequence[Place], forces: Sequence[Place] = ()
+    solution: Solution, root: FloatArray, powers: Numbers, n_inputs: int
 ) -> PoleSample:
     """Find the poles in wide reach of the band, and their subspace.
 
-    The root is that of `mass_root`; the places and forces are those for which FRFs are needed.
+    The root is that of `mass_root`; the powers are those at places, and then of forces.
     """
     coupled, vectors = solution.coupled, solution.vectors
     viscous, loss = modal_damping(coupled, vectors)
@@ -153,8 +152,8 @@ def sample_poles(
         viscous,
         loss,
         root @ solution.modes.shapes,
-        solution.powers([*places, *forces]),
-        len(places),
+        powers,
+        n_inputs,
     )
     free = bool(solution.modes.mechanism.any())
     return motion.sample(solution.configuration.alpha3, solution.model.mechanism.response, free)
