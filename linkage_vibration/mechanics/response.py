@@ -17,6 +17,7 @@ from linkage_vibration.mechanics.arrays import (
     FloatArray,
     IntArray,
     Reals,
+    product,
     real_equations,
     real_numbers,
 )
@@ -144,10 +145,10 @@ class PoleResidue:
         endless = terms == 0.0  # on an undamped pole
         terms[endless] = np.inf
         np.reciprocal(terms, out=terms)
-        flat = _product(self.residues.reshape(self.residual.size, len(terms)), terms)
+        flat = product(self.residues.reshape(self.residual.size, len(terms)), terms)
         if self.rates.any():
             rates = self.rates.reshape(self.residual.size, len(terms))
-            flat += _product(rates, 1j * omega * terms)
+            flat += product(rates, 1j * omega * terms)
         flat += self.residual.reshape(-1, 1)
         if self.residual_rate.any():
             flat += self.residual_rate.reshape(-1, 1) * 1j * omega
@@ -348,13 +349,6 @@ class PoleResidue:
         """Return d(abs(H)^2)/dw / 2 of the only FRF, at angular frequencies, (n_freq,)."""
         value, derivative, _ = self._single(omega)
         return np.asarray((value.conj() * derivative).real)
-
-
-def _product(factors: ComplexArray, terms: ComplexArray) -> ComplexArray:
-    """Return factors @ terms; those of displacements are real, which takes half of the time."""
-    if factors.imag.any():
-        return np.asarray(factors @ terms)
-    return np.asarray((factors.real @ terms.view(float)).view(complex))
 
 
 def find_maxima(

@@ -13,7 +13,13 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import schur
 
-from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray, solve_stack
+from linkage_vibration.mechanics.arrays import (
+    BoolArray,
+    ComplexArray,
+    FloatArray,
+    product,
+    solve_stack,
+)
 from linkage_vibration.mechanics.description import Response
 from linkage_vibration.mechanics.model import IdentifiedSolution, LinkageModel, Solution
 from linkage_vibration.mechanics.modes import MECHANISM, mixed_damping, modal_damping
@@ -173,7 +179,7 @@ def sample_identified(identified: IdentifiedSolution, response: Response) -> Pol
     return replace(sample, deviations=deviations)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class _Motion:
     """The equations of motion at one angle on n undamped modes."""
 
@@ -204,7 +210,7 @@ class _Motion:
             t = np.asarray(-np.linalg.solve(inertia, stiffness))
             poles = np.linalg.eigvals(t).astype(complex)
             powers = q, v, v @ t
-            near = np.vstack([q, v]), np.linalg.solve(inertia, np.hstack(rows)), t
+            near = np.vstack([q, v]), inertia, np.hstack(rows), t
         else:
             t, q, poles, others = _structural(self.omega, self.loss, limit)
             states, above = self.turned @ q, q.T @ self.turned.T
@@ -227,7 +233,7 @@ class _Motion:
         totals = self._totals(lines, moved)
         return PoleSample(alpha3, viscous, free, poles, others, turn @ t @ back, whole, totals)
 
-    @property
+    @cached_property
     def _is_diagonal(self) -> bool:
         """Whether damping couples no modes."""
         return all(not (each - np.diag(np.diag(each))).any() for each in (self.viscous, self.loss))
@@ -246,9 +252,12 @@ class _Motion:
     def _totals(self, lines: FloatArray, moved: ComplexArray) -> ComplexArray:
         """Return the FRFs with every mode at some lines, rad/s, (n_lines, n_pairs)."""
         outputs, inputs = frf_pairs(self.rows.shape[1], self.n_inputs)
-        s = 1j * lines[:, np.newaxis, np.newaxis]
-        frf = sum(s**i * (row @ moved) for i, row in enumerate(self.rows))
-        return np.asarray(frf)[:, outputs, inputs]
+        flat = moved.swapaxes(0, 1).reshape(len(self.omega), -1)
+        powers = product(self.rows.reshape(-1, len(flat)), flat)
+        each = powers.reshape(*self.rows.shape[:2], len(lines), -1)
+        s = 1j * lines[:, np.newaxis]
+        frf = sum(s**i * power for i, power in enumerate(each))
+        return np.asarray(frf)[outputs, :, inputs].T
 
     def _moved(self, lines: FloatArray) -> ComplexArray:
         """Return the motion of the modes by the inputs at lines, rad/s, (n_lines, n, n_inputs)."""
@@ -262,13 +271,20 @@ class _Motion:
         return solve_stack(dynamic, into.astype(complex))
 
     def _moved_beside(
-        self, states: Numbers, left: Numbers, t: Numbers, lines: FloatArray, lowest: float
+        self,
+        states: Numbers,
+        inertia: Numbers,
+        above: Numbers,
+        t: Numbers,
+        lines: FloatArray,
+        lowest: float,
     ) -> ComplexArray:
         """Return what `_moved` returns, from the poles of a subspace and a series for the others.
 
         The series is one of powers of s over the lowest of the other poles, rad/s.
         """
         n, s = len(self.omega), 1j * lines[:, np.newaxis, np.newaxis]
+        left = np.linalg.solve(inertia, above)
         into = self.rows[0, : self.n_inputs].T
         near = left[:, n:] @ into
         moved = states[:n] @ np.linalg.solve(s * np.eye(len(t)) - t, near + 0.0 * s)
