@@ -410,12 +410,15 @@ class FarPoles:
         static, constants, rates = np.split(weights, [1, 1 + len(self.decay)], axis=-2)
         return np.asarray(static + terms @ constants + 1j * w * (terms @ rates))
 
-    def basis_rates(self, omega: FloatArray) -> ComplexArray:
-        """Return the derivatives of `basis` with w."""
-        w = omega[..., np.newaxis]
-        terms = 1.0 / (self.stiffness - w**2 + 1j * w * self.decay)
-        rates = terms**2 * (2.0 * w - 1j * self.decay)
-        return np.concatenate([np.zeros_like(w), rates, 1j * (terms + w * rates)], axis=-1)
+    def with_slopes(
+        self, omega: FloatArray, weights: NDArray[Any]
+    ) -> tuple[ComplexArray, ComplexArray]:
+        """Return the sums with weights, (n, 1 + 2 n_far), at rad/s, (n,), and their slopes."""
+        w, n = omega[..., np.newaxis], 1 + len(self.decay)
+        terms, rates = 1.0 / (self.stiffness - w**2 + 1j * w * self.decay), 1j * weights[:, n:]
+        parts = terms * (weights[:, 1:n] + w * rates)
+        slopes = terms * (rates + parts * (2.0 * w - 1j * self.decay))
+        return weights[:, 0] + parts.sum(axis=1), np.asarray(slopes.sum(axis=1))
 
     def fit(self, sums: ComplexArray, *, real: bool, rates: bool = False) -> ComplexArray:
         """Return the weights of sums, (n_lines, k): static flexibility, every a, every b.

@@ -129,9 +129,8 @@ class Modal:
     def _drive(self, rows: IntArray, omega: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """Return H of the first place and dH/dw, (k,), at angles by their rows and rad/s."""
         value, slope = self._near(rows, omega)
-        far, weights = self.models.far, self.models.weights[rows, :, 0]
-        value = value + (far.basis(omega) * weights).sum(axis=1)
-        return value, slope + (far.basis_rates(omega) * weights).sum(axis=1)
+        far, rise = self.models.far.with_slopes(omega, self.models.weights[rows, :, 0])
+        return value + far, slope + rise
 
     def _slope(self, rows: IntArray, omega: FloatArray) -> FloatArray:
         """Return d(abs(H)^2)/dw / 2, (k,)."""
