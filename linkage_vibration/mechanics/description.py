@@ -16,7 +16,7 @@ from functools import cached_property
 from typing import Any, ClassVar, Literal, Protocol
 
 import numpy as np
-from scipy.linalg import eigh
+import scipy
 
 from linkage_vibration.errors import LinkageVibrationError, check_type
 from linkage_vibration.mechanics.arrays import FloatArray, symmetric
@@ -100,7 +100,7 @@ class ModalRatio:
 
     def viscous(self, mass: FloatArray, stiffness: FloatArray) -> FloatArray:
         """Return C = sum over r of 2 zeta w_r M phi_r phi_r^T M, which damps no rigid motion."""
-        values, shapes = eigh(stiffness, mass)
+        values, shapes = scipy.linalg.eigh(stiffness, mass)
         momenta = mass @ shapes
         floor = values.max(initial=0.0) * 1e-13  # rigid motions, apart from rounding
         omega = np.sqrt(np.where(values > floor, values, 0.0))

@@ -27,7 +27,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import null_space
+import scipy
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray, real_equations
@@ -251,7 +251,7 @@ class _Fraction:
         rest = np.vstack([*self._numerators[:, n:, :size], self._rest[:, :size]])
         eye = np.eye(self._n_in)
         given = np.kron((at_zero / (at_zero @ at_zero))[:, np.newaxis], eye)
-        free = np.kron(null_space(at_zero[np.newaxis]), eye)
+        free = np.kron(scipy.linalg.null_space(at_zero[np.newaxis]), eye)
         return np.asarray(given + free @ np.linalg.lstsq(rest @ free, -rest @ given, rcond=None)[0])
 
     def denominator(self, degree: int) -> ComplexArray:

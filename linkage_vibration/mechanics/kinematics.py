@@ -18,7 +18,6 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_banded
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray, Reals, real_number, real_numbers
@@ -204,21 +203,19 @@ def _pins(mechanism: Mechanism, length: float) -> Pins:
 def _spline(x: FloatArray, y: FloatArray) -> "_Spline":
     """Return the not-a-knot spline through values, (n, m), at n places, which are at least four.
 
-    It equals SciPy's CubicSpline to the last bit. Its module takes half a second to import.
+    It equals SciPy's CubicSpline but for rounding. Its module takes half a second to import.
     """
     steps = np.diff(x)
     step, slope = steps[:, np.newaxis], np.diff(y, axis=0) / steps[:, np.newaxis]
     ends = np.array([x[2] - x[0], x[-1] - x[-3]])
-    bands = np.zeros((3, len(x)))
-    bands[0, 1:] = ends[0], *steps[:-1]
-    bands[1] = steps[1], *2.0 * (steps[:-1] + steps[1:]), steps[-2]
-    bands[2, :-1] = *steps[1:], ends[1]
+    matrix = np.diag([steps[1], *2.0 * (steps[:-1] + steps[1:]), steps[-2]])
+    matrix += np.diag([ends[0], *steps[:-1]], 1) + np.diag([*steps[1:], ends[1]], -1)
     right = np.empty_like(y)
     right[1:-1] = 3.0 * (step[1:] * slope[:-1] + step[:-1] * slope[1:])
     first = (step[0] + 2.0 * ends[0]) * step[1] * slope[0] + step[0] ** 2 * slope[1]
     last = step[-1] ** 2 * slope[-2] + (2.0 * ends[1] + step[-1]) * step[-2] * slope[-1]
     right[0], right[-1] = first / ends[0], last / ends[1]
-    rates = solve_banded((1, 1), bands, right)
+    rates = np.linalg.solve(matrix, right)
     bend = (rates[:-1] + rates[1:] - 2.0 * slope) / step
     return _Spline(
         x, np.stack([y[:-1], rates[:-1], (slope - rates[:-1]) / step - bend, bend / step])

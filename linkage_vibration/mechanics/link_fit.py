@@ -25,7 +25,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import null_space
+import scipy
 
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, real_equations, symmetric
 from linkage_vibration.mechanics.identification import fit_poles
@@ -199,7 +199,7 @@ def fit_link(
     raw = frf / np.outer(unit, unit)
     lines = symmetric(raw)
     weights = 1.0 / np.linalg.norm(lines, axis=(1, 2))[:, np.newaxis]
-    rigid, elastic = motions @ motions.T, null_space(motions.T)
+    rigid, elastic = motions @ motions.T, scipy.linalg.null_space(motions.T)
     across = lines @ elastic  # a difference of large numbers would lose its digits
     s = 1j * omega[:, np.newaxis] / omega[-1]
     shape, pulls = _Shape(_Law.ANY, 1, np.empty(0)), np.empty((0, 2 * len(omega), *raw.shape[1:]))

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import eigh
+import scipy
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray, IntArray
@@ -124,7 +124,7 @@ def solve_modes(system: CoupledSystem) -> tuple[Modes, FloatArray]:
     shape = system.mass.shape
     both = (system.mass, system.stiffness + _SHIFT * system.mass)
     pencils = zip(*(each.reshape(-1, *shape[-2:]) for each in both), strict=True)
-    solved = zip(*(eigh(*pencil) for pencil in pencils), strict=True)
+    solved = zip(*(scipy.linalg.eigh(*pencil) for pencil in pencils), strict=True)
     mu, vectors = (np.array(each)[..., ::-1] for each in solved)
     mu, vectors = mu.reshape(shape[:-1]), vectors.reshape(shape)
     # If mu is only rounding, its limit keeps the compliance phi^2 / omega^2 of the mode right.

@@ -5,7 +5,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, eigh
+import scipy
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray, symmetric
@@ -40,15 +40,16 @@ def craig_bampton(
     transformation = np.eye(len(mass), n_interface + n_modes)
     if n_interior:
         try:
-            factor = cho_factor(stiffness[i, i])
+            factor = scipy.linalg.cho_factor(stiffness[i, i])
         except np.linalg.LinAlgError:
             raise _not_held(n_interface) from None
         if (np.diag(factor[0]) ** 2 < _SINGULAR * np.diag(stiffness)[i]).any():
             raise _not_held(n_interface)
-        transformation[i, b] = -cho_solve(factor, stiffness[i, b])
+        transformation[i, b] = -scipy.linalg.cho_solve(factor, stiffness[i, b])
     reduced_mass, reduced_stiffness = np.zeros((2, n_interface + n_modes, n_interface + n_modes))
     if n_modes:
-        squared, shapes = eigh(stiffness[i, i], mass[i, i], subset_by_index=[0, n_modes - 1])
+        fixed = stiffness[i, i], mass[i, i]
+        squared, shapes = scipy.linalg.eigh(*fixed, subset_by_index=[0, n_modes - 1])
         transformation[i, i] = shapes
         # Entries that are 0 or 1 by theory are set so to the last bit.
         reduced_mass[i, i], reduced_stiffness[i, i] = np.eye(n_modes), np.diag(squared)

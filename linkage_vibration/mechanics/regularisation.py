@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import block_diag, orth
+import scipy
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, solve_stack, symmetric
@@ -106,7 +106,7 @@ def regularise(
     drive = np.einsum("kii->ki", np.abs(square * frf))
     unit = np.sqrt(np.median(drive, axis=0))  # normalises DoFs of any unit
     raw = frf / np.outer(unit, unit)
-    rigid = orth(motions / unit[:, np.newaxis])
+    rigid = scipy.linalg.orth(motions / unit[:, np.newaxis])
     fit = fit_link(omega, frf, unit, rigid)
     kept = fit.rigid
     fitted = kept @ fit.lines @ kept + fit.elastic.at_lines()
@@ -150,7 +150,7 @@ def noise_gain(
     Errors dH are independent with e abs(H_kl); poles of a fit and blocks that are arrays are exact.
     """
     frfs = receptances(blocks)
-    frf = np.array([block_diag(*lines) for lines in zip(*frfs, strict=True)])
+    frf = np.array([scipy.linalg.block_diag(*lines) for lines in zip(*frfs, strict=True)])
     interface = compatibility @ frf @ compatibility.T
     diagonal = np.arange(len(compatibility))
     interface[:, diagonal, diagonal] += compliance

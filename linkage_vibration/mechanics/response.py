@@ -17,6 +17,7 @@ from linkage_vibration.mechanics.arrays import (
     FloatArray,
     IntArray,
     Reals,
+    product,
     real_equations,
     real_numbers,
 )
@@ -144,10 +145,13 @@ class PoleResidue:
         endless = terms == 0.0  # on an undamped pole
         terms[endless] = np.inf
         np.reciprocal(terms, out=terms)
-        flat = self.residues.reshape(self.residual.size, len(terms)) @ terms
+        flat = product(self.residues.reshape(self.residual.size, len(terms)), terms)
         if self.rates.any():
-            flat += (self.rates.reshape(self.residual.size, len(terms)) @ terms) * 1j * omega
-        flat += self.residual.reshape(-1, 1) + self.residual_rate.reshape(-1, 1) * 1j * omega
+            rates = self.rates.reshape(self.residual.size, len(terms))
+            flat += product(rates, 1j * omega * terms)
+        flat += self.residual.reshape(-1, 1)
+        if self.residual_rate.any():
+            flat += self.residual_rate.reshape(-1, 1) * 1j * omega
         frf = np.moveaxis(flat.reshape(*self.residual.shape, len(omega)), -1, 0)
         for mode, line in np.argwhere(endless):
             frf[line][(self.residues[:, :, mode] != 0.0) | (self.rates[:, :, mode] != 0.0)] = np.inf
@@ -399,12 +403,22 @@ class FarPoles:
         terms = 1.0 / (self.stiffness - w**2 + 1j * w * self.decay)
         return np.concatenate([np.ones_like(w), terms, 1j * w * terms], axis=-1)
 
-    def basis_rates(self, omega: FloatArray) -> ComplexArray:
-        """Return the derivatives of `basis` with w."""
+    def sums(self, omega: FloatArray, weights: NDArray[Any]) -> ComplexArray:
+        """Return `basis` times weights, (..., 1 + 2 n_far, k), at rad/s, (..., n): (..., n, k)."""
         w = omega[..., np.newaxis]
         terms = 1.0 / (self.stiffness - w**2 + 1j * w * self.decay)
-        rates = terms**2 * (2.0 * w - 1j * self.decay)
-        return np.concatenate([np.zeros_like(w), rates, 1j * (terms + w * rates)], axis=-1)
+        static, constants, rates = np.split(weights, [1, 1 + len(self.decay)], axis=-2)
+        return np.asarray(static + terms @ constants + 1j * w * (terms @ rates))
+
+    def with_slopes(
+        self, omega: FloatArray, weights: NDArray[Any]
+    ) -> tuple[ComplexArray, ComplexArray]:
+        """Return the sums with weights, (n, 1 + 2 n_far), at rad/s, (n,), and their slopes."""
+        w, n = omega[..., np.newaxis], 1 + len(self.decay)
+        terms, rates = 1.0 / (self.stiffness - w**2 + 1j * w * self.decay), 1j * weights[:, n:]
+        parts = terms * (weights[:, 1:n] + w * rates)
+        slopes = terms * (rates + parts * (2.0 * w - 1j * self.decay))
+        return weights[:, 0] + parts.sum(axis=1), np.asarray(slopes.sum(axis=1))
 
     def fit(self, sums: ComplexArray, *, real: bool, rates: bool = False) -> ComplexArray:
         """Return the weights of sums, (n_lines, k): static flexibility, every a, every b.

@@ -6,7 +6,7 @@ Each doubt is a sentence, which names a plausible number. No doubt stops anythin
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations
 from typing import TYPE_CHECKING
@@ -15,14 +15,15 @@ import numpy as np
 
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import Base, Chain, Cylinder, Mechanism, RigidBody
-from linkage_vibration.mechanics.forces import GRAVITY
-from linkage_vibration.mechanics.kinematics import Configuration
+from linkage_vibration.mechanics.forces import GRAVITY, tyre_place
+from linkage_vibration.mechanics.kinematics import Configuration, Kinematics
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.paths import split_paths
 from linkage_vibration.mechanics.springs import length_and_rate, oil_pressure
 from linkage_vibration.prediction.excitation import KMH, RPM, Excitation, Source
 from linkage_vibration.prediction.ground import MAX_OFF_GROUND
 from linkage_vibration.prediction.loads import BASE_DISPLACEMENT
+from linkage_vibration.table.table import Table
 
 if TYPE_CHECKING:
     from linkage_vibration.prediction.levels import LevelTable
@@ -53,7 +54,27 @@ _ROUGH = "about 0.5 is plausible on a farm track at 30 km/h, so check the units 
 
 def linkage_doubts(model: LinkageModel) -> Iterator[str]:
     """Yield a sentence for the pose and each number of a mechanism that is not plausible."""
-    mechanism, kinematics = model.mechanism, model.kinematics
+    mount_loads = model.mount_loads if model.force_places else None
+    yield from _doubts(model.mechanism, model.kinematics, mount_loads)
+
+
+def tabulated_doubts(mechanism: Mechanism, table: Table) -> Iterator[str]:
+    """Return what `linkage_doubts` yields, by the forces at rest that a table has already."""
+    mounts = () if mechanism.base is None else mechanism.base.mounts
+    if mounts and not table.force_places:
+        return linkage_doubts(LinkageModel(mechanism))
+    tyres = [table.forces.index(tyre_place(mount.name)) for mount in mounts]
+
+    def mount_loads(alpha3: float) -> FloatArray:
+        return -table.components_at_rest(np.array([alpha3]))[tyres, 0]
+
+    return _doubts(mechanism, Kinematics(mechanism), mount_loads)
+
+
+def _doubts(
+    mechanism: Mechanism, kinematics: Kinematics, mount_loads: Callable[[float], FloatArray] | None
+) -> Iterator[str]:
+    """Yield the doubts; loads of the mounts, N, are known at an angle, rad, or not at all."""
     stroke = np.linspace(*mechanism.stroke, 9).tolist()
     if kinematics.notice:
         yield kinematics.notice
@@ -73,8 +94,8 @@ def linkage_doubts(model: LinkageModel) -> Iterator[str]:
         if off and link.count > 1 and off.isdisjoint(dict(link.points)):
             yield f"Both of {link.name} are in the middle; give the y of its points in `lateral`."
     yield from _uncertain(mechanism)
-    if mechanism.base is not None and mechanism.base.mounts and model.force_places:
-        loads = np.array([model.mount_loads(angle) for angle in stroke])
+    if mechanism.base is not None and mechanism.base.mounts and mount_loads:
+        loads = np.array([mount_loads(angle) for angle in stroke])
         yield from _tips(mechanism.base, loads, stroke)
 
 

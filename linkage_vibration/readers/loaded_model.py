@@ -19,7 +19,7 @@ from linkage_vibration.prediction.answers import (
     ModelWithoutTable,
     with_implement,
 )
-from linkage_vibration.prediction.doubts import linkage_doubts
+from linkage_vibration.prediction.doubts import linkage_doubts, tabulated_doubts
 from linkage_vibration.prediction.excitation import Excitation
 from linkage_vibration.prediction.ground import vertical_mounts
 from linkage_vibration.prediction.loads import ExcitationError, load_input
@@ -46,16 +46,19 @@ def load_model(
     described = read_described(settings)
     mechanism = described.mechanism
     path, table_path = settings.mechanism_path(), settings.table_path()
-    if report:
-        for doubt in linkage_doubts(LinkageModel(mechanism)):
-            report(f"{path}: {doubt}")
     why = "table_file is not given"
     if table_path is not None:
         table = load_table(table_path)
         if described.implement is None or table.model_hash == mechanism.model_hash:
             refuse_other(table, table_path, mechanism, quote(str(path)))
+            if report:
+                for doubt in tabulated_doubts(mechanism, table):
+                    report(f"{path}: {doubt}")
             return described.with_predictor(Predictor(table), table_path.read_bytes())
         why = "its implement is not that of the table"
+    if report:
+        for doubt in linkage_doubts(LinkageModel(mechanism)):
+            report(f"{path}: {doubt}")
 
     def built() -> Table:
         if report:

@@ -18,9 +18,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
-from scipy.linalg.lapack import dpotrf
 
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.bodies.matrices import Matrices
@@ -145,7 +144,7 @@ def _check(labels: Sequence[str], name: str, matrix: FloatArray, mass: FloatArra
             f"{matrix[j, i]:.6g} at {labels[j]}, {labels[i]} differ by {sizes[i, j]:.1e} of "
             "their diagonal entries; write it again."
         )
-    _, info = dpotrf(whole)
+    _, info = scipy.linalg.lapack.dpotrf(whole)
     if info:
         raise _not_positive(name, labels[info - 1])
 
@@ -173,8 +172,8 @@ def _condensed(
         return at_most, stiffness
     try:
         # Rounding may hide that a matrix is singular, so modes below 0.1 Hz count as free.
-        cho_factor(held - _accepted("stiffness", held, mass[inner, inner]))
-        inward = cho_solve(cho_factor(held), cross)
+        scipy.linalg.cho_factor(held - _accepted("stiffness", held, mass[inner, inner]))
+        inward = scipy.linalg.cho_solve(scipy.linalg.cho_factor(held), cross)
     except np.linalg.LinAlgError:
         raise FileError(
             f"can still move when {', '.join(map(str, dofs))} are held; make more rows "

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from linkage_vibration.bags.blocks import Block
 from linkage_vibration.bags.can_frames import FRAME_TYPES
@@ -146,7 +146,8 @@ def _axes(keys: CheckedMapping) -> FloatArray:
         return np.eye(3)
     if keys.is_mapping("axes"):
         angles = [keys["axes"].number(each, default=0.0) for each in ("roll", "pitch", "yaw")]
-        return np.asarray(Rotation.from_euler("xyz", angles, degrees=True).as_matrix())
+        rotation = scipy.spatial.transform.Rotation.from_euler("xyz", angles, degrees=True)
+        return np.asarray(rotation.as_matrix())
     words, axes = keys.words("axes"), np.zeros((3, 3))
     for column, word in enumerate(words[:3]):
         if word in _AXES:

@@ -81,10 +81,12 @@ class Modal:
 
     def _magnitudes(self, omega: FloatArray) -> FloatArray:
         """Return abs(H) of the first place at angular frequencies of each angle, (n, n_lines)."""
-        terms = 1.0 / (self._sigma(omega)[:, :, np.newaxis] - self.poles[:, np.newaxis])
-        far, weights = self.models.far.basis(omega), self.models.weights[:, :, :1]
-        value = terms @ self.shapes[:, 0, :, np.newaxis] ** 2 + far @ weights
-        return np.abs(value[..., 0])
+        sigma, poles = self._sigma(omega), self.poles.T[..., np.newaxis]
+        near = zip(self.shapes[:, 0].T[..., np.newaxis] ** 2, poles, strict=True)
+        # One term after the other needs less memory, which takes half of the time.
+        value = sum(residue / (sigma - pole) for residue, pole in near)
+        value += self.models.far.sums(omega, self.models.weights[..., :1])[..., 0]
+        return np.asarray(np.abs(value))
 
     def _lines(self, band: tuple[float, float]) -> FloatArray:
         """Return angular frequencies among which maxima are sought, (n, n_lines), ascending."""
@@ -127,9 +129,8 @@ class Modal:
     def _drive(self, rows: IntArray, omega: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """Return H of the first place and dH/dw, (k,), at angles by their rows and rad/s."""
         value, slope = self._near(rows, omega)
-        far, weights = self.models.far, self.models.weights[rows, :, 0]
-        value = value + (far.basis(omega) * weights).sum(axis=1)
-        return value, slope + (far.basis_rates(omega) * weights).sum(axis=1)
+        far, rise = self.models.far.with_slopes(omega, self.models.weights[rows, :, 0])
+        return value + far, slope + rise
 
     def _slope(self, rows: IntArray, omega: FloatArray) -> FloatArray:
         """Return d(abs(H)^2)/dw / 2, (k,)."""

@@ -22,7 +22,12 @@ from linkage_vibration.cli import pose
 from linkage_vibration.cli.arguments import read_levels
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
-from linkage_vibration.prediction.doubts import excitation_doubts, linkage_doubts, load_ratio_doubt
+from linkage_vibration.prediction.doubts import (
+    excitation_doubts,
+    linkage_doubts,
+    load_ratio_doubt,
+    tabulated_doubts,
+)
 from linkage_vibration.prediction.excitation import excitations_from_mapping
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor
@@ -30,7 +35,7 @@ from linkage_vibration.prediction.settings import Parameters, with_values
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.studies.pose import axle_rows
-from linkage_vibration.support.resources import config_file
+from linkage_vibration.support.resources import DEFAULT_MECHANISM, config_file
 from linkage_vibration.table.table import TableError, load_table
 from linkage_vibration.table.tabulation import build_table
 from test.mechanics.test_forces import LEVER
@@ -81,6 +86,16 @@ def test_an_axle_without_a_load_is_doubted() -> None:
         "The static load of rear at alpha3 = 0 deg is -96 kg, so the tractor tips; 800 kg or more"
     )
     assert doubts(tractor(4800.0)).startswith(text)
+
+
+def test_a_table_says_which_axle_has_no_load() -> None:
+    """A table has the forces at rest: their signs decide, and as they are nothing is doubted."""
+    mechanism, table = read_mechanism(config_file(DEFAULT_MECHANISM)), load_table()
+    assert not [*tabulated_doubts(mechanism, table)]
+    [text] = tabulated_doubts(mechanism, replace(table, static_forces=-table.static_forces))
+    stroke = np.linspace(*mechanism.stroke, 9).tolist()
+    heaviest = max(LinkageModel(mechanism).mount_loads(angle).max() for angle in stroke)
+    assert f" is -{heaviest / 9.80665:.0f} kg, so the tractor tips" in text
 
 
 @pytest.mark.parametrize(("centre", "tips"), [(-3.01, 1), (-2.99, 0), (-0.51, 0), (-0.49, 1)])

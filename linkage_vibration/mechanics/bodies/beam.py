@@ -18,7 +18,6 @@ from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
-from scipy.linalg import hilbert
 
 from linkage_vibration.mechanics.arrays import FloatArray, symmetric
 from linkage_vibration.mechanics.bodies.matrices import Matrices, component_of
@@ -39,7 +38,7 @@ from linkage_vibration.mechanics.sections import SHAPES
 U, W, THETA = range(3)
 """Order of the coordinates of a node."""
 
-_POWERS = hilbert(4)  # integrals of s^i s^j from 0 to 1
+_POWERS = 1.0 / np.add.outer(range(4), range(1, 5))  # integrals of s^i s^j from 0 to 1
 _ALONG, _BENDING = (np.ix_(each, each) for each in ([U, 3 + U], [W, THETA, 3 + W, 3 + THETA]))
 _COORDINATE = {"x": U, "z": W, "theta": THETA}
 _ACROSS = {"y": W, "chi": THETA}

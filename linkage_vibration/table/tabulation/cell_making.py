@@ -46,6 +46,8 @@ class Cell:
     end: float
     first: ComplexArray  # poles at its start, rad/s
     last: ComplexArray  # poles at its end
+    middle: ComplexArray  # and in its middle
+    peaks: FloatArray  # (2, 2): Hz and m/N, at its start and in its middle
     follows: dict[int, int]  # which of the last poles each of the first becomes
     # Coefficients of powers of the share of the cell, highest first.
     values: FloatArray | None = None  # (2, 4, n): frequencies (Hz) and ratios of the first poles
@@ -93,8 +95,8 @@ def _cells(
     Angles, (n, 5), poles and peaks, (n, 5, 2), are those at the nodes and in the middle of each.
     """
     cells = [
-        Cell(start, end, each[0], each[3], {})
-        for (start, end), each in zip(angles[:, [0, 3]].tolist(), poles, strict=True)
+        Cell(start, end, each[0], each[3], each[4], highest[[0, 4]], {})
+        for (start, end), each, highest in zip(angles[:, ::3].tolist(), poles, peaks, strict=True)
     ]
     # The peak may be at 0 Hz, so a small part of the highest frequency of poles is its scale.
     highest = [np.abs(middle).max(initial=0.0) for *_, middle in poles]

@@ -29,9 +29,11 @@ def frf_norms(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the L2 norms over a band of the errors of FRFs, and of the exact FRFs."""
     lines, weights = frf_lines(exact, band)
-    right = exact.frf(lines)
-    off = np.linalg.norm(weights * (approximate.frf(lines) - right), axis=0)
-    return off, np.linalg.norm(weights * right, axis=0)
+    squared, right = np.repeat(weights.ravel() ** 2, 2), exact.frf(lines)
+    # Real and imaginary parts side by side take a third of the time of complex numbers.
+    parts = (np.moveaxis(x, 0, -1).copy() for x in (approximate.frf(lines) - right, right))
+    off, size = (np.sqrt(np.square(part.view(float)) @ squared) for part in parts)
+    return off, size
 
 
 def worst_shares(off: FloatArray, size: FloatArray, n_outputs: int = 0) -> FloatArray:

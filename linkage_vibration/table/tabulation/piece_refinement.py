@@ -7,7 +7,7 @@ The errors of reduced models between the points are bounded by those through few
 
 import math
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -33,6 +33,7 @@ from linkage_vibration.table.tabulation.subspaces import (
     N_FAR,
     N_FIT,
     PoleSample,
+    Set,
     Subspace,
     check_lines,
     continue_set,
@@ -62,7 +63,7 @@ class RefinedPiece:
     cells: list[Cell]
 
 
-def _needed(sample: PoleSample, response: Response, most: int) -> IntArray:
+def _needed(sample: PoleSample, response: Response, most: int) -> Set:
     """Return the indices of the poles in reach of the band, and of the lowest modes.
 
     At most the lowest of a number of poles are returned.
@@ -73,10 +74,10 @@ def _needed(sample: PoleSample, response: Response, most: int) -> IntArray:
     for pole in upper[: response.modes]:
         wanted |= np.abs(np.abs(poles) - abs(pole)) <= 1e-9 * abs(pole)
     lowest = np.argsort(np.abs(poles), kind="stable")[:most]
-    return np.intersect1d(lowest, np.flatnonzero(wanted))
+    return frozenset(lowest[wanted[lowest]].tolist())
 
 
-def _follow(sampler: Sampler, points: list[float]) -> dict[float, IntArray] | None:
+def _follow(sampler: Sampler, points: list[float]) -> dict[float, Set] | None:
     """Find the poles that make up one smooth subspace over a piece, at each of its points.
 
     Points are added where the steps are too long to follow it. It returns indices by the stroke
@@ -90,24 +91,24 @@ def _follow(sampler: Sampler, points: list[float]) -> dict[float, IntArray] | No
     least = min(counts)  # Modes that are identified at some angles only are left out.
     start = _needed(sampler.at(points[base]), response, least)
     while len(points) < most:
-        sets: dict[float, IntArray] = {points[base]: start}
+        sets: dict[float, Set] = {points[base]: start}
         for i in (*range(base + 1, len(points)), *range(base - 1, -1, -1)):
             before = points[i - 1 if i > base else i + 1]
             sample, set_there = sampler.at(points[i]), sets[before]
             here = sampler.at(before).subspace(set_there)
             chosen, clear, rival = continue_set(here, sample, len(set_there))
             sets[points[i]] = chosen
-            missing = np.setdiff1d(_needed(sample, response, least), chosen)
-            if clear and not len(missing):
+            missing = _needed(sample, response, least) - chosen
+            if clear and not missing:
                 continue
             step = abs(points[i] - before)
             if not clear and step > (points[-1] - points[0]) / _NARROW:
                 points = sorted([*points, (points[i] + before) / 2.0])
                 base, start = points.index(before), set_there
-            elif not clear and not len(rival):
+            elif not clear and not rival:
                 return None
             else:
-                start = np.union1d(chosen, missing if clear else rival)
+                start = chosen | (missing if clear else rival)
                 base = i
             break
         else:
@@ -123,6 +124,7 @@ def refine(sampler: Sampler, fitted: list[float], accuracy: Accuracy) -> Refined
     response = sampler.response
     while len(fitted) <= MOST:
         finer = sorted(fitted + more_points(fitted))
+        sampler.prepare(finer)
         sets = _follow(sampler, finer)
         if sets is None:
             return "a pole in reach of the band cannot be distinguished from others"
@@ -179,12 +181,14 @@ def _near_models(
 
 
 def _with_far(
-    sampler: Sampler, samples: Sequence[PoleSample], sets: Sequence[IntArray], near: ReducedModels
+    sampler: Sampler, samples: Sequence[PoleSample], sets: Sequence[Set], near: ReducedModels
 ) -> ReducedModels:
     """Return reduced models at the points of a piece with the far poles of the band."""
     viscous, free = samples[0].viscous, near.free
     both = list(zip(samples, sets, strict=True))
-    outside = [np.append(sample.others, np.delete(sample.poles, chosen)) for sample, chosen in both]
+    outside = [
+        np.append(sample.others, np.delete(sample.poles, [*chosen])) for sample, chosen in both
+    ]
     poles = np.concatenate(outside)
     # The static flexibility replaces identified modes at the end of the band.
     poles = poles[(poles.imag >= 0.0) & (not sampler.measured)]
@@ -224,7 +228,7 @@ def _far_norms(
     """
     models = piece.models
     omega = check_lines(band, free=models.free)
-    off = _near_lines(models, omega) + models.far.basis(omega) @ models.weights
+    off = _near_lines(models, omega) + models.far.sums(omega, models.weights)
     off -= [sample.totals for sample in samples]
     at = stroke_variable(alpha3, piece.toggles)
     off = np.tensordot(interpolation_matrix(piece.variables, at), off, 1)
@@ -330,12 +334,12 @@ def compare(
     cell_error = max(accuracy.cell, min(rounding.values, CELL_SHARE * accuracy.frequency))
     cells = make_cells(fine, cell_error)
     angles = np.array([[cell.start, (cell.start + cell.end) / 2.0] for cell in cells]).ravel()
-    before, after = coarse.drive(angles), fine.drive(angles)
-    there = oscillating_rows(after.frequencies)
+    before, peaks = coarse.drive(angles), np.concatenate([cell.peaks for cell in cells])
+    there = [poles for cell in cells for poles in (cell.first, cell.middle)]
     off = [_worst([each]) for each in _pole_errors(before.frequencies, there, response)]
     values = max(*off, _worst(errors))
-    compared_band = peak_search_band(response.band, free=after.models.free)
-    peak = _peak_error(before, after, response.peak_band)
+    compared_band = peak_search_band(response.band, free=fine.models.free)
+    peak = _peak_error(before, peaks, lambda rows: fine.drive(angles[rows]), response.peak_band)
     # Fewer points leave the largest errors between them.
     between = stroke_angle((coarse.variables[1:] + coarse.variables[:-1]) / 2.0, coarse.toggles)
     rows = np.searchsorted(angles[:-1], between).tolist()
@@ -346,7 +350,7 @@ def compare(
     for row, by_far in enumerate(far):
         approximate, exact = (each.frf(row, EVERY, EVERY) for each in pairs)
         norms, size = frf_norms(approximate, exact, compared_band)
-        if not after.models.free:
+        if not fine.models.free:
             frf = np.maximum(frf, worst_shares(norms, size, n_outputs))
         for each in by_far:
             far_error = np.maximum(far_error, worst_shares(each, size, n_outputs))
@@ -374,17 +378,25 @@ def _worst(errors: Sequence[FloatArray]) -> float:
     return max(float(np.abs(each).max(initial=0.0)) for each in errors)
 
 
-def _peak_error(coarse: Modal, fine: Modal, band: tuple[float, float]) -> float:
-    """Return the largest relative difference of the highest peak at angles."""
-    peaks = coarse.highest(band)
-    rows, omega, size = fine.maxima(band)
-    highest = np.zeros(len(peaks))
-    np.maximum.at(highest, rows, size)
-    off = np.abs(peaks[:, 1] / highest - 1.0)
+def _peak_error(
+    coarse: Modal, highest: FloatArray, fine: Callable[[IntArray], Modal], band: tuple[float, float]
+) -> float:
+    """Return the largest relative difference from the highest peaks, (n, 2), Hz and m/N, at angles.
+
+    The function returns the fine model at some of the angles.
+    """
+    hertz, off = coarse.highest(band).T
+    off = np.abs(off / highest[:, 1] - 1.0)
+    away = _apart(hertz, highest[:, 0], band)
     # Either of two peaks of one height, within the error, is the highest.
-    rival = size >= (1.0 - 2.0 * off[rows]) * highest[rows]
-    away = np.full(len(peaks), math.inf)
-    places = omega / (2.0 * math.pi)
-    apart_by = np.abs(peaks[rows, 0] - places) / np.maximum(places, 1e-6 * band[1])
-    np.minimum.at(away, rows[rival], apart_by[rival])
+    doubted = np.flatnonzero(away > off.max())
+    if len(doubted):
+        rows, omega, size = fine(doubted).maxima(band)
+        rows, places = doubted[rows], omega / (2.0 * math.pi)
+        rival = size >= (1.0 - 2.0 * off[rows]) * highest[rows, 1]
+        np.minimum.at(away, rows[rival], _apart(hertz[rows], places, band)[rival])
     return float(np.maximum(off, away).max())
+
+
+def _apart(hertz: FloatArray, places: FloatArray, band: tuple[float, float]) -> FloatArray:
+    return np.asarray(np.abs(hertz - places) / np.maximum(places, 1e-6 * band[1]))

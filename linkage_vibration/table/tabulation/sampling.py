@@ -4,11 +4,13 @@
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 
+from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import GROUND
 from linkage_vibration.mechanics.model import LinkageModel, Place, Solution
@@ -16,6 +18,7 @@ from linkage_vibration.mechanics.modes import MECHANISM, ModesError
 from linkage_vibration.mechanics.response import in_reach
 from linkage_vibration.table.interpolation import stroke_angle, stroke_variable
 from linkage_vibration.table.pole_cells import oscillating, values_of
+from linkage_vibration.table.reduced import Numbers
 from linkage_vibration.table.table import TableError
 from linkage_vibration.table.tabulation.accuracy import LOOSER, Accuracy
 from linkage_vibration.table.tabulation.subspaces import (
@@ -58,8 +61,8 @@ class Sampler:
         seen: Place | None = None,
     ) -> None:
         self.model = model
-        # The names and the deviations of modes use the same solutions; each takes up to megabytes.
-        self.solution = lru_cache(_REMEMBERED)(model.solve)
+        self._solutions: dict[float, Solution] = {}  # by the angle, rad
+        self._powers: dict[float, Numbers] = {}  # of those that are not sampled yet
         self.response = model.mechanism.response
         self.measured = model.measured_frequencies is not None
         self.places, moved = ((), ()) if self.measured else _places(model, points)
@@ -74,6 +77,30 @@ class Sampler:
         self.ends: tuple[float, float] = (first, last)
         # The ends of the stroke to the last bit, which the variable does not return.
         self._angles = dict(zip(self.ends, model.mechanism.stroke, strict=True))
+
+    def solution(self, alpha3: float) -> Solution:
+        """Return the solution at an angle, rad, which names and deviations of modes use again."""
+        if alpha3 not in self._solutions:
+            self._keep(alpha3, self.model.solve(alpha3))
+        return self._solutions[alpha3]
+
+    def _keep(self, alpha3: float, solution: Solution) -> None:
+        """Keep the last solutions, each of which takes up to megabytes."""
+        self._solutions[alpha3] = solution
+        if len(self._solutions) > _REMEMBERED:
+            del self._solutions[next(iter(self._solutions))]
+
+    def prepare(self, variables: Sequence[float]) -> None:
+        """Solve the model at all of some stroke variables together, which takes less time."""
+        angles = [self.angle(x) for x in variables if x not in self._poles]
+        if self.measured or len(angles) < 2:
+            return
+        with suppress(LinkageVibrationError):  # `at` finds the angle of an error.
+            stack = self.model.stack(angles)
+            for alpha3, solution in zip(angles, stack.rows, strict=True):
+                self._keep(alpha3, solution)
+            powers = stack.powers([*self.pole_places, *self.rows])
+            self._powers = dict(zip(angles, powers, strict=True))
 
     @cached_property
     def forces(self) -> tuple[Place, ...]:
@@ -129,8 +156,11 @@ class Sampler:
     def _solved_at(self, alpha3: float) -> PoleSample:
         """Return the poles at an angle, rad, by the matrices of links."""
         solution = self._checked_solution(alpha3)
+        powers = self._powers.pop(alpha3, None)
+        if powers is None:
+            powers = solution.powers([*self.pole_places, *self.rows])
         try:
-            sample = sample_poles(solution, self._mass_root, self.pole_places, self.rows)
+            sample = sample_poles(solution, self._mass_root, powers, len(self.pole_places))
         except ModesError as error:
             raise TableError(f"At alpha3 = {math.degrees(alpha3):.3f} deg: {error}") from None
         self._note_rounding(solution, values_of(oscillating(sample.poles))[1])

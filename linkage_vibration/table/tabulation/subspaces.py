@@ -7,7 +7,6 @@ compare: displacements and, for viscous damping, velocities.
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -18,11 +17,11 @@ from linkage_vibration.mechanics.arrays import (
     BoolArray,
     ComplexArray,
     FloatArray,
-    IntArray,
+    product,
     solve_stack,
 )
 from linkage_vibration.mechanics.description import Response
-from linkage_vibration.mechanics.model import IdentifiedSolution, LinkageModel, Place, Solution
+from linkage_vibration.mechanics.model import IdentifiedSolution, LinkageModel, Solution
 from linkage_vibration.mechanics.modes import MECHANISM, mixed_damping, modal_damping
 from linkage_vibration.mechanics.response import peak_search_band, reach
 from linkage_vibration.table.reduced import Numbers, frf_pairs
@@ -43,6 +42,10 @@ N_FAR = 5
 
 N_FIT, N_CHECK = 3 * N_FAR + 4, 8
 """Frequencies at which the sum of all other modes is fitted, and others at which it is checked."""
+
+
+Set = frozenset[int]
+"""The indices of poles of a sample."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,7 +91,7 @@ class PoleSample:
     totals: ComplexArray  # (N_FIT + N_CHECK, n_pairs): FRFs at `check_lines`, m/N
     # (2, n): standard deviations of frequencies (Hz) and ratios by the noise of measured links.
     deviations: FloatArray | None = None
-    _subspaces: dict[tuple[int, ...], Subspace] = field(default_factory=dict)  # by their poles
+    _subspaces: dict[Set, Subspace] = field(default_factory=dict)  # by their poles
 
     @cached_property
     def vectors(self) -> ComplexArray:
@@ -98,17 +101,14 @@ class PoleSample:
         states = self.whole.states @ vectors[:, order]
         return np.asarray(states / np.linalg.norm(states, axis=0))
 
-    def subspace(self, chosen: IntArray) -> Subspace:
+    def subspace(self, chosen: Set) -> Subspace:
         """Return the subspace of some of the poles, by their indices, closed under conjugation."""
-        key = tuple(chosen.tolist())
-        if key in self._subspaces:
-            return self._subspaces[key]
+        if chosen in self._subspaces:
+            return self._subspaces[chosen]
         mine = _generator_poles(self)
-        wanted = np.zeros(len(mine), dtype=np.bool_)
-        wanted[chosen] = True
 
         def is_wanted(re: float | complex, im: float = 0.0) -> bool:
-            return bool(wanted[np.abs(mine - complex(re + 1j * im)).argmin()])
+            return int(np.abs(mine - complex(re + 1j * im)).argmin()) in chosen
 
         output = "real" if self.viscous else "complex"
         t, z, n = schur(self.generator, output=output, sort=is_wanted)
@@ -117,8 +117,8 @@ class PoleSample:
         left = np.linalg.solve(inertia, z.T @ (self.whole.inertia @ self.whole.left))
         stiffness = -inertia @ t if self.viscous else inertia @ t
         states, shapes = self.whole.states @ z, self.whole.shapes @ z
-        self._subspaces[key] = Subspace(states, left, inertia, stiffness, shapes)
-        return self._subspaces[key]
+        self._subspaces[chosen] = Subspace(states, left, inertia, stiffness, shapes)
+        return self._subspaces[chosen]
 
 
 def _generator_poles(sample: PoleSample) -> ComplexArray:
@@ -143,11 +143,11 @@ def mass_root(model: LinkageModel) -> FloatArray:
 
 
 def sample_poles(
-    solution: Solution, root: FloatArray, places: Sequence[Place], forces: Sequence[Place] = ()
+    solution: Solution, root: FloatArray, powers: Numbers, n_inputs: int
 ) -> PoleSample:
     """Find the poles in wide reach of the band, and their subspace.
 
-    The root is that of `mass_root`; the places and forces are those for which FRFs are needed.
+    The root is that of `mass_root`; the powers are those at places, and then of forces.
     """
     coupled, vectors = solution.coupled, solution.vectors
     viscous, loss = modal_damping(coupled, vectors)
@@ -158,8 +158,8 @@ def sample_poles(
         viscous,
         loss,
         root @ solution.modes.shapes,
-        solution.powers([*places, *forces]),
-        len(places),
+        powers,
+        n_inputs,
     )
     free = bool(solution.modes.mechanism.any())
     return motion.sample(solution.configuration.alpha3, solution.model.mechanism.response, free)
@@ -179,7 +179,7 @@ def sample_identified(identified: IdentifiedSolution, response: Response) -> Pol
     return replace(sample, deviations=deviations)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class _Motion:
     """The equations of motion at one angle on n undamped modes."""
 
@@ -210,7 +210,7 @@ class _Motion:
             t = np.asarray(-np.linalg.solve(inertia, stiffness))
             poles = np.linalg.eigvals(t).astype(complex)
             powers = q, v, v @ t
-            near = np.vstack([q, v]), np.linalg.solve(inertia, np.hstack(rows)), t
+            near = np.vstack([q, v]), inertia, np.hstack(rows), t
         else:
             t, q, poles, others = _structural(self.omega, self.loss, limit)
             states, above = self.turned @ q, q.T @ self.turned.T
@@ -233,7 +233,7 @@ class _Motion:
         totals = self._totals(lines, moved)
         return PoleSample(alpha3, viscous, free, poles, others, turn @ t @ back, whole, totals)
 
-    @property
+    @cached_property
     def _is_diagonal(self) -> bool:
         """Whether damping couples no modes."""
         return all(not (each - np.diag(np.diag(each))).any() for each in (self.viscous, self.loss))
@@ -252,9 +252,12 @@ class _Motion:
     def _totals(self, lines: FloatArray, moved: ComplexArray) -> ComplexArray:
         """Return the FRFs with every mode at some lines, rad/s, (n_lines, n_pairs)."""
         outputs, inputs = frf_pairs(self.rows.shape[1], self.n_inputs)
-        s = 1j * lines[:, np.newaxis, np.newaxis]
-        frf = sum(s**i * (row @ moved) for i, row in enumerate(self.rows))
-        return np.asarray(frf)[:, outputs, inputs]
+        flat = moved.swapaxes(0, 1).reshape(len(self.omega), -1)
+        powers = product(self.rows.reshape(-1, len(flat)), flat)
+        each = powers.reshape(*self.rows.shape[:2], len(lines), -1)
+        s = 1j * lines[:, np.newaxis]
+        frf = sum(s**i * power for i, power in enumerate(each))
+        return np.asarray(frf)[outputs, :, inputs].T
 
     def _moved(self, lines: FloatArray) -> ComplexArray:
         """Return the motion of the modes by the inputs at lines, rad/s, (n_lines, n, n_inputs)."""
@@ -268,13 +271,20 @@ class _Motion:
         return solve_stack(dynamic, into.astype(complex))
 
     def _moved_beside(
-        self, states: Numbers, left: Numbers, t: Numbers, lines: FloatArray, lowest: float
+        self,
+        states: Numbers,
+        inertia: Numbers,
+        above: Numbers,
+        t: Numbers,
+        lines: FloatArray,
+        lowest: float,
     ) -> ComplexArray:
         """Return what `_moved` returns, from the poles of a subspace and a series for the others.
 
         The series is one of powers of s over the lowest of the other poles, rad/s.
         """
         n, s = len(self.omega), 1j * lines[:, np.newaxis, np.newaxis]
+        left = np.linalg.solve(inertia, above)
         into = self.rows[0, : self.n_inputs].T
         near = left[:, n:] @ into
         moved = states[:n] @ np.linalg.solve(s * np.eye(len(t)) - t, near + 0.0 * s)
@@ -356,7 +366,7 @@ def _structural(
     return np.linalg.inv(t[:k, :k]), z[:, :k], poles[:k], poles[k:]
 
 
-def continue_set(here: Subspace, there: PoleSample, count: int) -> tuple[IntArray, bool, IntArray]:
+def continue_set(here: Subspace, there: PoleSample, count: int) -> tuple[Set, bool, Set]:
     """Find the poles of another angle that continue a set of a given number.
 
     The projection onto its subspace leaves their states as they are. Returned are their indices;
@@ -366,15 +376,12 @@ def continue_set(here: Subspace, there: PoleSample, count: int) -> tuple[IntArra
     inside = here.states @ (here.left @ states)
     outside = np.linalg.norm(states - inside, axis=0)
     order = np.argsort(outside, kind="stable")
-    chosen = order[:count]
+    chosen = frozenset(order[:count].tolist())
     if count >= len(order):  # with fewer poles than the set, a part of it is missing there
         clear = count == len(order) and bool(outside.max() < _LEAVES)
-        return np.sort(chosen), clear, order[:0]
+        return chosen, clear, frozenset()
     next_one = order[count]
-    rival = np.flatnonzero(
-        np.abs(there.poles - there.poles[next_one].conj()) <= 1e-9 * abs(there.poles[next_one])
-    )
-    rival = np.union1d(rival, [next_one])
-    clear = outside[chosen].max() < min(_LEAVES, outside[next_one] / 2.0)
-    clear = bool(clear and not np.isin(rival, chosen).any())
-    return np.sort(chosen), clear, np.setdiff1d(rival, chosen)
+    pair = np.abs(there.poles - there.poles[next_one].conj()) <= 1e-9 * abs(there.poles[next_one])
+    rival: Set = frozenset({int(next_one), *np.flatnonzero(pair).tolist()})
+    clear = outside[order[count - 1]] < min(_LEAVES, outside[next_one] / 2.0)
+    return chosen, bool(clear) and chosen.isdisjoint(rival), rival - chosen

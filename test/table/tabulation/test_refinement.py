@@ -38,7 +38,9 @@ def test_errors_of_the_highest_peak(
     hertz: list[float], sizes: list[float], expected: float
 ) -> None:
     """A peak of 1 at 10 Hz is compared in height and frequency with the nearest of the highest."""
-    actual = piece_refinement._peak_error(maxima([10.0], [1.0]), maxima(hertz, sizes), BAND)
+    fine = maxima(hertz, sizes)
+    highest = fine.highest(BAND)
+    actual = piece_refinement._peak_error(maxima([10.0], [1.0]), highest, lambda rows: fine, BAND)
     assert actual == pytest.approx(expected)
 
 
@@ -54,7 +56,7 @@ def test_errors_by_far_poles(monkeypatch: pytest.MonkeyPatch, lines: slice, shar
         shapes=np.ones((2, 1, 1)),
         n_inputs=1,
         weights=np.zeros((2, 1, 1)),
-        far=SimpleNamespace(basis=lambda omega: np.zeros((n, 1))),
+        far=SimpleNamespace(sums=lambda *_: np.zeros((2, n, 1))),
     )
     piece: Any = SimpleNamespace(models=models, variables=np.array([0.0, 1.0]), toggles=None)
     samples: Any = [SimpleNamespace(totals=totals)] * 2
@@ -69,12 +71,12 @@ def test_a_pole_that_almost_belongs_to_a_set_joins_it(
     """A set that is clear only with its rival takes it up; without one, the piece is halved."""
     sample: Any = SimpleNamespace(subspace=lambda chosen: chosen)
     sampler: Any = SimpleNamespace(response=None, measured=False, at=lambda x: sample)
-    monkeypatch.setattr(piece_refinement, "_needed", lambda *_: np.array([0]))
+    monkeypatch.setattr(piece_refinement, "_needed", lambda *_: frozenset({0}))
     monkeypatch.setattr(
         piece_refinement,
         "continue_set",
-        lambda here, there, n: (np.arange(n), n == 2, np.array(rival, int)),
+        lambda here, there, n: (frozenset(range(n)), n == 2, frozenset(rival)),
     )
     sets = piece_refinement._follow(sampler, [0.0, 1.0, 2.0])
     assert (sets is None) == (not rival)
-    assert all(each.tolist() == [0, 1] for each in (sets or {}).values())
+    assert all(each == {0, 1} for each in (sets or {}).values())
