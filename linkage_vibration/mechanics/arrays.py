@@ -3,6 +3,7 @@
 """Types of arrays, runs of flags, and what stacks of matrices need."""
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any, TypeVar
@@ -18,6 +19,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 Reals = Sequence[float] | FloatArray  # what `real_numbers` takes
 T = TypeVar("T", bound=Any)
+_ERFC = np.frompyfunc(math.erfc, 1, 1)  # SciPy's takes long to import
 
 
 def real_numbers(value: object, name: str) -> FloatArray:
@@ -70,6 +72,11 @@ def symmetric(matrices: NDArray[Any]) -> NDArray[Any]:
 def real_equations(matrix: ComplexArray) -> FloatArray:
     """Return real parts above imaginary parts: complex equations with real unknowns."""
     return np.concatenate([matrix.real, matrix.imag])
+
+
+def normal_share(values: FloatArray) -> FloatArray:
+    """Return the probability that a standard normal number is below each of the values."""
+    return np.asarray(_ERFC(-values / math.sqrt(2.0)), float) / 2.0
 
 
 def product(factors: NDArray[Any], terms: ComplexArray) -> ComplexArray:

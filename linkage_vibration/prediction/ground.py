@@ -21,7 +21,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray, normal_share
 from linkage_vibration.mechanics.description import Mechanism, Mount
 from linkage_vibration.mechanics.forces import is_force, tyre_place
 from linkage_vibration.mechanics.model import LinkageModel, Place
@@ -234,7 +234,7 @@ def off_ground_share(loads: Reals, forces2: Reals) -> FloatArray:
     if not len(loads):
         return np.full(loads.shape[1], math.nan)
     with np.errstate(divide="ignore", invalid="ignore"):  # no force
-        return np.asarray(scipy.special.ndtr(-loads / np.sqrt(forces2)).max(axis=0))
+        return np.asarray(normal_share(-loads / np.sqrt(forces2)).max(axis=0))
 
 
 def vertical_mounts(mechanism: Mechanism) -> tuple[Mount, ...]:

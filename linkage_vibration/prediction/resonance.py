@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkage_vibration.bags.blocks import Integers
-from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, IntArray
+from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, IntArray, normal_share
 from linkage_vibration.messages.columns import MessageColumns, joined
 from linkage_vibration.prediction.agreement import Agreement
 from linkage_vibration.prediction.excitation import Excitation, Source
@@ -49,7 +49,6 @@ _SPEED_BITS = np.array([SPEED_BITS[source] for source in Source])
 _SI = np.array([source.si for source in Source])
 _NO_SPEED = math.nan, unknown_rate
 _GROUND = Source.GROUND.index
-_ERFC = np.frompyfunc(math.erfc, 1, 1)  # that of SciPy takes long to import
 
 
 class Header(NamedTuple):
@@ -92,9 +91,8 @@ def half_power_probability(
     """
     ends = np.array([1.0 - zeta, 1.0 + zeta])
     stddev = np.sqrt(frequency_stddev * frequency_stddev + (ends * natural_stddev) ** 2)
-    away = (frequency - ends * natural) / (math.sqrt(2.0) * stddev)
-    below, above = np.asarray(_ERFC(away), float)
-    return np.asarray((above - below) / 2.0)
+    below, above = normal_share((ends * natural - frequency) / stddev)
+    return np.asarray(above - below)
 
 
 def rows_of(predictions: Sequence[Prediction]) -> MessageColumns:
