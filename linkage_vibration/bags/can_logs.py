@@ -304,10 +304,7 @@ def _dated(reader: Any) -> "Iterator[Message]":
 
 
 class _Lines(io.TextIOBase):
-    """The lines of a text, those of BusMaster and GVRET in the form of candump.
-
-    A last line that was cut off is left out, as it may end within a number.
-    """
+    """The lines of a text, all as candump writes them, without a last line that was cut off."""
 
     def __init__(self, file: BinaryIO, suffix: str) -> None:
         self._file, self._suffix, self._held, self._midnight = file, suffix, "", 0.0

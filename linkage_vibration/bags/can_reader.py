@@ -30,11 +30,7 @@ _LAST_ADDRESS = 253  # 254 is that of a sender without an address, and 255 stand
 
 
 def find_signal(field: str, database: str) -> CanSignal:
-    """Return the signal that a field names, or raise a `FieldError`.
-
-    It is a built-in signal, or MESSAGE.SIGNAL of the DBC file whose path is ``database``. An ``@``
-    and a source address choose one sender, as in ``engine_speed@0``.
-    """
+    """Return a built-in signal, or MESSAGE.SIGNAL of a DBC file; ``@0`` chooses a sender."""
     name, at, address = field.partition("@")
     if name in SIGNALS:
         signal = SIGNALS[name]

@@ -53,11 +53,7 @@ class Bits:
 
 @dataclass(frozen=True, slots=True)
 class CanSignal:
-    """A signal: value = scale * number + offset.
-
-    A frame contains it if the bits of its key under the mask are these (`can_frames`), and if each
-    multiplexer has one of its values.
-    """
+    """A signal, scale * number + offset, of frames whose keys have these bits under the mask."""
 
     name: str
     unit: str  # of the values
@@ -84,10 +80,7 @@ class CanSignal:
         return np.asarray(present)
 
     def values(self, dlc: NDArray[np.uint8], payload: NDArray[np.uint8]) -> FloatArray:
-        """Return the values in frames that contain the signal, (n,), with NaN for no value.
-
-        The arguments are those of `Frames`.
-        """
+        """Return the values in frames that contain the signal, (n,), with NaN for no value."""
         values = self.scale * self.bits.numbers(payload) + self.offset
         valid = dlc >= self.bits.n_bytes
         valid &= (self.range[0] <= values) & (values <= self.range[1])
@@ -124,13 +117,9 @@ class CanSignal:
 
 
 def j1939_key(identifier: int) -> tuple[int, int]:
-    """Return key and mask of the frames of a parameter group, from any sender with any priority.
-
-    The identifier, 29 bits, is that of one frame of the group. Below 0xF000 a group is sent to one
-    destination, which is not compared.
-    """
+    """Return key and mask of a parameter group, of any sender, by the identifier of one frame."""
     mask = 0x1FFFFFFF & ~(_PRIORITY | _ADDRESS)
-    if identifier >> 16 & 0xFF < 0xF0:
+    if identifier >> 16 & 0xFF < 0xF0:  # to one destination, which is not compared
         mask &= ~0xFF00
     return EXTENDED | identifier & mask, FLAGS | mask
 

@@ -26,10 +26,7 @@ Places = TypeVar("Places")
 
 
 class CdrMessage:
-    """A message that is being parsed: the next byte, and the bytes on which positions depend.
-
-    ``order`` is "<" or ">", and ``spans`` has the first byte and the end of each such part.
-    """
+    """A message that is being parsed; ``spans`` are the bytes on which positions depend."""
 
     def __init__(self, data: bytes, type_name: str) -> None:
         if len(data) < ORIGIN:
@@ -124,10 +121,7 @@ class Layouts(Generic[Places]):
     def groups(
         self, block: Block, rows: Integers, left_out: SkippedMessages | None = None
     ) -> Iterator[tuple[Layout[Places], Integers, Bytes]]:
-        """Yield the messages of each layout: it, their rows, and their bytes up to what it needs.
-
-        Messages that are not of the type are counted, or raise a `CdrError`.
-        """
+        """Yield layouts, rows of their messages, and bytes; count others, or raise a `CdrError`."""
         kept = iter(list(self._kept))
         while len(rows):
             layout = next(kept, None)

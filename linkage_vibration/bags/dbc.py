@@ -26,11 +26,7 @@ _NULL_ADDRESS = 0xFE  # the source address that stands for any in DBC files of J
 
 
 def dbc_signal(path: Path, name: str) -> CanSignal:
-    """Return a signal that a DBC file describes, such as "RearHitch.Position".
-
-    A message of J1939, by its attribute ``VFrameFormat`` or its source address 254, is recognised
-    by its parameter group. A frame of 8 bytes that cannot contain the signal is a `FieldError`.
-    """
+    """Return a signal of a DBC file, such as "RearHitch.Position", or raise a `FieldError`."""
     message_name, _, signal_name = name.partition(".")
     if not signal_name:
         raise FieldError(f"{name!r} is not the name of a signal; write MESSAGE.SIGNAL.")

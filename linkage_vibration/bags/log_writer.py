@@ -43,11 +43,7 @@ Log = TypeVar("Log", bound="LogWriter")
 
 
 class LogWriter:
-    """An MCAP log that is being written, in chunks of 64 KiB; not thread-safe.
-
-    Its owner calls `flush` once a second, so that a killed process loses no more. Each method, and
-    a file that exists, raises a `LogError`; then only `abandon` may follow.
-    """
+    """An MCAP log that is written in chunks; after a `LogError` only `abandon` may follow."""
 
     def __init__(
         self,
@@ -214,10 +210,7 @@ class Messages:
 
 
 class ChunkLog(LogWriter):
-    """A log that a replay writes by the chunk, 800,000 messages in a second.
-
-    It compresses on another thread. Methods raise an OSError if the file cannot be written.
-    """
+    """A log that a replay writes by the chunk, compressed on another thread, or an OSError."""
 
     def __init__(
         self,

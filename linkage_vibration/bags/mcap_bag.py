@@ -86,10 +86,7 @@ class McapBag:
 
 
 def read_mcap(path: Path, stack: ExitStack) -> McapBag:
-    """Return what a file contains, or a copy of it that the stack deletes.
-
-    Damage may raise any exception.
-    """
+    """Return what a file contains, or a copy that the stack deletes; damage may raise anything."""
     summary = None
     with path.open("rb") as file:
         end = file.seek(-len(MAGIC), os.SEEK_END)

@@ -101,10 +101,7 @@ class Recovery:
 
 
 def recover(source: Path, output: Path) -> Recovery:
-    """Write the readable part of an MCAP file to a new one, or raise a `RecoveryError`.
-
-    A chunk with a wrong CRC is lost. A bar on a terminal shows the progress.
-    """
+    """Write the readable part of an MCAP file to a new one, or raise a `RecoveryError`."""
     try:
         refuse_pipe(source)
         file = source.open("rb", buffering=_BLOCK)
@@ -260,10 +257,7 @@ class _Rescue:
         return bool(opcode != Opcode.CHUNK or length == before + data)
 
     def _take(self, offset: int) -> tuple[int, str]:
-        """Save the record at an offset; return its end and, if it is damaged, what it is.
-
-        Only a chunk may end behind the end of the file, if that is missing.
-        """
+        """Save the record at an offset; return its end and its damage; a last chunk may be cut."""
         head = self._read(offset, RECORD.size).ljust(RECORD.size, b"\0")
         opcode, length = RECORD.unpack(head)
         end = offset + RECORD.size + length
@@ -404,11 +398,7 @@ class _Rescue:
 
 
 def _parse(opcode: int, body: bytes) -> records.McapRecord | None:
-    """Return a record, or None unless it gives the same bytes when it is written again.
-
-    A few unknown bytes may follow. If there are many, its length is damaged, or it is a record of
-    another kind whose opcode is damaged.
-    """
+    """Return a record, or None unless it is written again as the same bytes, but for a few more."""
     try:
         kind: Any = getattr(records, Opcode(opcode).name.title().replace("_", ""))
         record: records.McapRecord = kind.read(ReadDataStream(io.BytesIO(body)))

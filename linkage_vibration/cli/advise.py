@@ -80,10 +80,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _described(advice: "Advice", masses: Sequence[str]) -> str:
-    """Return advice as lines of text: a row for each quieter place, and what is refused.
-
-    Masses of the implement are those with which the places are loaded most, empty if there is one.
-    """
+    """Return advice as lines: a row for each quieter place, with its mass if there are several."""
     import numpy as np
 
     from linkage_vibration.prediction.advice import NOW, is_quieter

@@ -49,11 +49,7 @@ class AssemblyPole:
 
 
 class Assembly:
-    """Components, (n,) interface DoFs in all, some of them measured, joined in one configuration.
-
-    `held` marks the DoFs that the ground holds. `modes` are those that `confirm` kept last: poles,
-    rad/s, and standard deviations of their natural frequencies, Hz, and damping ratios.
-    """
+    """Components, some measured, in one configuration; the ground holds `held`, (n,)."""
 
     def __init__(
         self, components: Sequence[Component | FrfComponent], held: BoolArray, joining: Joining
@@ -61,6 +57,7 @@ class Assembly:
         kept = joining.compatibility[:, ~held].any(axis=1)
         rigid, _ = independent_rows(joining.compatibility[kept], 0.0)
         self._rows = np.vstack([rigid, joining.elongation])
+        # That `confirm` kept: poles, rad/s, deviations of natural frequencies, Hz, and ratios.
         self.modes: list[tuple[complex, float, float]] = []
         self._rigid = np.zeros(len(rigid))
         self._joining = joining
@@ -69,11 +66,7 @@ class Assembly:
         self._parts = list(zip(components, np.split(held, ends), rows, strict=True))
 
     def confirm(self, poles: ComplexArray) -> BoolArray:
-        """Return which of some identified poles, (n,), rad/s, are modes of the assembly.
-
-        The others are not poles of the assembly, or noise makes them: their standard deviation
-        exceeds a tenth of their natural frequency, or other rates in the fits move them as far.
-        """
+        """Return which poles, (n,), rad/s, are modes, made neither by noise nor by the fit."""
         self.modes.clear()
         kept = np.zeros(len(poles), dtype=np.bool_)
         for i, start in enumerate(poles):
@@ -90,10 +83,7 @@ class Assembly:
         return kept
 
     def _variances(self, mode: AssemblyPole) -> FloatArray:
-        """Return variances of the natural frequency (Hz) and the damping ratio, (2, 2).
-
-        Those in the first row are caused by noise, those in the second by errors of gain.
-        """
+        """Return variances of frequency (Hz) and damping ratio by noise, by gain, (2, 2)."""
         power = np.zeros((2, 2))
         for component, _, rows in self._parts:
             if isinstance(component, FrfComponent):

@@ -56,10 +56,7 @@ class Pins:
         return gaps, jacobian
 
     def placed(self, angles: FloatArray, weights: FloatArray | float = 1.0) -> FloatArray:
-        """Return the pose, (3 n_bodies,), with given angles (rad) and the smallest gaps.
-
-        `weights`, (n_pins,), say how much the gap of each pin counts.
-        """
+        """Return the pose, (3 n_bodies,), of angles, rad, with the least weighted gaps."""
         pose = np.zeros(3 * len(angles))
         pose[2::3] = angles
         gaps, jacobian = self.at(pose)
@@ -71,11 +68,7 @@ class Pins:
 
 
 def closed_angles(pins: Pins, guess: FloatArray, free: BoolArray) -> FloatArray:
-    """Return the angles of every closed pose that is found, (n_poses, n_bodies), rad.
-
-    The free bodies, (n_bodies,), turn from a guess. The first pose has the smallest root mean
-    square of turns; of two that are equally near, the lower angle of the first body.
-    """
+    """Return the angles of closed poses, (n_poses, n_bodies), rad, nearest to a guess first."""
     angles, gaps = _descend(pins, np.ones(len(pins.ground) // 2), guess, free)
     angles = angles[gaps < _CLOSED]
     turned = turns(angles - guess)
@@ -89,11 +82,7 @@ def closed_angles(pins: Pins, guess: FloatArray, free: BoolArray) -> FloatArray:
 
 
 def pose_notice(mechanism: Mechanism, poses: Sequence[FloatArray], chosen: int) -> str:
-    """Return how the chosen pose differs from the angles given; empty if those are clear.
-
-    Poses are angles of the bodies, (n_bodies,), rad, the nearest first. The chosen one is the
-    nearest whose branch reaches over the stroke.
-    """
+    """Return how the chosen pose, (n_bodies,), rad, differs from the angles; empty if clear."""
     names = [body.name for body in mechanism.bodies]
     held, given = names.index(mechanism.input_body), mechanism.assembly_alpha3
     angles = dict(mechanism.assembly_angles)
@@ -144,11 +133,7 @@ def distance(turned: FloatArray, free: BoolArray) -> FloatArray:
 def cannot_close(
     pins: Pins, mechanism: Mechanism, guess: FloatArray, free: BoolArray, length: float
 ) -> MechanismError:
-    """Return the error that loops, whose lengths were divided by `length` (m), cannot close.
-
-    It says by how much each pin stays open where all others close. The search is that of
-    `closed_angles`.
-    """
+    """Return the error that loops cannot close, with the gap of each pin if all others close."""
     gaps = [_opened(pins, pin, guess, free) for pin in range(len(mechanism.joints))]
     open_pins = [
         f"{point} by {gap * length:.4g} m"
@@ -164,10 +149,7 @@ def cannot_close(
 
 
 def _opened(pins: Pins, pin: int, guess: FloatArray, free: BoolArray) -> float:
-    """Return the smallest distance between the ends of a pin where all others are closed.
-
-    It is infinite if they cannot be closed.
-    """
+    """Return the smallest gap of a pin where all others are closed, or infinity."""
     weights = np.ones(len(pins.ground) // 2)
     weights[pin] = _OPEN
     angles, norms = _descend(pins, weights, guess, free)
@@ -179,10 +161,7 @@ def _opened(pins: Pins, pin: int, guess: FloatArray, free: BoolArray) -> float:
 def _descend(
     pins: Pins, weights: FloatArray, guess: FloatArray, free: BoolArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return angles where gaps are smallest, (n, n_bodies), and the norms of the gaps, (n,).
-
-    The gaps are those of weighted pins, without what positions of the bodies remove.
-    """
+    """Return angles with the least weighted gaps, (n, n_bodies), and the norms of gaps, (n,)."""
     weight, columns = np.repeat(weights, 2), np.arange(pins.positions.shape[1]) % 3 != 2
     left, sizes, _ = np.linalg.svd(weight[:, np.newaxis] * pins.positions[:-1, columns])
     kept = left[:, int((sizes > 1e-12).sum()) :].T * weight

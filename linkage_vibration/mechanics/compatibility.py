@@ -39,10 +39,7 @@ class CouplingError(LinkageVibrationError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Joining:
-    """All that joins the components in one configuration, on the interface DoFs u.
-
-    In a stack of configurations, each array has an axis before.
-    """
+    """What joins the components on the DoFs u; in a stack, each array has an axis before."""
 
     compatibility: FloatArray  # (n_constraints, n): B, of B u = 0
     labels: tuple[str, ...]  # (n_constraints,): what each row of B belongs to
@@ -98,11 +95,7 @@ class InterfaceMap:
 
     @cached_property
     def held(self) -> BoolArray:
-        """Which interface DoFs of links the ground holds in every configuration, (n,).
-
-        A pin to the ground holds a point at every angle of the link, and a clamp its rotation. A
-        base moves, and so holds nothing.
-        """
+        """Which DoFs of links the ground holds at every angle, (n,): pins, and clamps."""
         held = np.zeros(len(self), dtype=bool)
         if GROUND in self._centres:
             return held

@@ -149,10 +149,7 @@ class Body(Protocol):
     def component(
         self, link: "Link", mechanism: "Mechanism", *, reduced: bool
     ) -> Component | FrfComponent:
-        """Put the body on its interface DoFs.
-
-        `reduced=False` keeps every DoF of the body instead of `link.modes` fixed-interface modes.
-        """
+        """Put the body on its interface DoFs; if not `reduced`, with every other DoF."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,10 +196,7 @@ class RigidBody:
     inertia: float  # kg m2, about the centre of gravity
 
     def component(self, rule: Damping) -> Component:
-        """Put the body on the three DoFs of its centre of gravity, along the global axes.
-
-        The mass matrix is the same in all axes, so the global axes serve as the body's own.
-        """
+        """Put the body on the three DoFs of its centre of gravity, along the global axes."""
         return self.on({"x": self.mass, "z": self.mass, "theta": self.inertia}, rule)
 
     def on(self, inertias: Mapping[str, float], rule: Damping) -> Component:
@@ -233,11 +227,8 @@ class Base:
     mounts: tuple[Mount, ...]
 
     def component(self) -> Component:
-        """Put the base on the three DoFs of its centre of gravity.
-
-        The damping rule of the linkage does not apply: its term in the mass would damp the base
-        against a frame that does not exist.
-        """
+        """Put the base on the three DoFs of its centre of gravity."""
+        # A rule's term in the mass would damp it against a frame that does not exist.
         return self.body.component(LossFactor(0.0))
 
 
@@ -260,11 +251,7 @@ class Cylinder:
 
 @dataclass(frozen=True, slots=True)
 class Spring:
-    """A massless spring, damper or both between two bodies.
-
-    ``points`` names its two ends, and it acts along the line between them; or one point that the
-    two bodies share, and it acts on the rotation of the one against the other.
-    """
+    """A massless spring or damper between two points, or on the rotation at one, of two bodies."""
 
     name: str
     bodies: tuple[str, str]
@@ -297,10 +284,7 @@ class Response:
         return self.band if self.peak_part is None else self.peak_part
 
     def with_band(self, band: tuple[float, float]) -> "Response":
-        """Return the response with another band (Hz), and the peak sought in the common part.
-
-        If the bands have no common part, the peak is sought in the whole new band.
-        """
+        """Return the response in another band (Hz), the peak sought in the common part or all."""
         low, high = max(band[0], self.peak_band[0]), min(band[1], self.peak_band[1])
         whole = self.peak_part is None or low >= high or (low, high) == band
         return dataclasses.replace(self, band=band, peak_part=None if whole else (low, high))

@@ -82,11 +82,7 @@ def held_frf(component: Component, frequencies: Matrix, held: BoolArray) -> Comp
 
 
 def _inverse(matrices: Sequence[Matrix], n_dofs: int, omega: Matrix) -> ComplexArray:
-    """Return the part of (K - w^2 M + i w C)^-1 that belongs to the first DoFs, line by line.
-
-    Inner coordinates that are not coupled to one another, such as fixed-interface modes, are first
-    eliminated one by one: Z_bb - sum over i of Z_bi Z_ib / Z_ii.
-    """
+    """Return (K - w^2 M + i w C)^-1 of the first DoFs; uncoupled others are eliminated first."""
     n = len(matrices[0])
     b, i = slice(n_dofs), slice(n_dofs, n)
     pick = np.eye(n, n_dofs)

@@ -59,10 +59,7 @@ def tyre_place(mount: str) -> tuple[str, str]:
 
 
 def magnitudes(places: Sequence[tuple[str, str]], forces: FloatArray) -> FloatArray:
-    """Return magnitudes of forces at each name, (n_names, ...), from their components at places.
-
-    The components, (n_places, ...), are those of `Forces.places`.
-    """
+    """Return magnitudes of forces, (n_names, ...), from components at `Forces.places`."""
     names = [name for name, _ in places]
     first = [i for i, name in enumerate(names) if name not in names[:i]]
     return np.sqrt(np.add.reduceat(forces**2, first)) if first else forces
@@ -118,11 +115,7 @@ class Forces:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Names of all force places: pins, by a link of beams, springs and cylinders, then tyres.
-
-        Both sides of a pin carry the same force, so each is named once, by the first such link; a
-        point that joins more than two bodies is named by each link.
-        """
+        """Names of all force places: pins, by the first link of beams, springs, then tyres."""
         named: dict[str, str] = {}  # with the point of each
         for link in self.mechanism.links:
             for point, _ in link.points if link.name in self._ends else ():
@@ -164,11 +157,7 @@ class Forces:
     def rows(
         self, places: Sequence[tuple[str, str]], configuration: Configuration, joining: Joining
     ) -> NDArray[Any]:
-        """Return the forces at places per coordinate of the uncoupled components.
-
-        They are (3, n_places, n): constants, and factors of s and of s^2; complex if links have
-        structural damping.
-        """
+        """Return forces at places per coordinate, (3, n_places, n): factors of 1, s and s^2."""
         shape = *configuration.angles.shape[:-1], 3, len(self.system.mass)
         rows = np.zeros((len(places), *shape), complex if self.system.loss.any() else float)
         names = dict.fromkeys(name for name, _ in places)
@@ -255,11 +244,7 @@ class Forces:
         coupled: CoupledSystem | None = None,
         rows: NDArray[Any] | None = None,
     ) -> FloatArray:
-        """Return the forces at `places` under the weight, (..., n_places), N.
-
-        They are NaN where nothing carries the weight, and negative of tyres that carry some. The
-        coupled system and the rows of the places are given if they are known.
-        """
+        """Return forces at `places` by the weight, (..., n_places), N; NaN if not carried."""
         moved, falling = self.moved_by_weight(configuration, joining, coupled)
         rows = self.rows(self.places, configuration, joining) if rows is None else rows
         forces = rows[..., 0, :, :].real @ moved[..., np.newaxis]
@@ -269,10 +254,7 @@ class Forces:
     def moved_by_weight(
         self, configuration: Configuration, joining: Joining, coupled: CoupledSystem | None = None
     ) -> tuple[FloatArray, FloatArray]:
-        """Return how the weight moves the components, NaN where nothing carries it, and gravity.
-
-        Both are (..., n) on the coordinates, m and m/s2.
-        """
+        """Return how the weight moves components, NaN if not carried, and gravity, (..., n)."""
         shape, down = configuration.angles.shape[:-1], np.array([0.0, -GRAVITY])
         falling = np.zeros((*shape, len(self.system.mass)))
         for part in self.system.components:

@@ -23,11 +23,7 @@ MOTION = "base"
 
 
 def soil_places(mechanism: Mechanism) -> tuple[Place, ...]:
-    """Return the inputs that move the soil: ("base", "z"), ("base:rear_axle", "z") and so on.
-
-    The first of them moves all of it, the second moves it under one mount of the base. Without a
-    base there are none.
-    """
+    """Return inputs that move all soil, or that under a mount: ("base:rear_axle", "z")."""
     if mechanism.base is None:
         return ()
     names = [MOTION, *(f"{MOTION}:{mount.name}" for mount in mechanism.base.mounts)]

@@ -113,11 +113,7 @@ def identify(
 
 
 def fit_poles(omega: FloatArray, frf: ComplexArray) -> tuple[ComplexArray, BoolArray]:
-    """Fit stable poles, (n,), rad/s, ascending, to receptances, (n_freq, n_out, n_in), at omega.
-
-    Some of them only fit noise; the second array says which recur in most models of the upper half
-    of orders.
-    """
+    """Fit stable poles, (n,), rad/s, ascending, and return which recur; others fit noise."""
     order = min(_MAX_ORDER, len(omega) // _LINES_A_POLE)
     return _recurring(list(_models(omega, frf, max(2, order // frf.shape[2]))))
 
@@ -141,10 +137,7 @@ def _in_band(
 
 
 def _check_complete(omega: FloatArray, frf: ComplexArray, poles: ComplexArray) -> None:
-    """Refuse modes that leave most of the FRFs unexplained near any frequency.
-
-    Near a missing peak nearly everything is left; noise of 10 % leaves 10 %.
-    """
+    """Refuse modes that leave more of the FRFs unexplained near any frequency than noise would."""
     size = _line_sizes(omega, frf)
     fitted = _residues(omega, frf, poles, 1.0 / size)[1]
     power = (_line_sizes(omega, frf, frf - fitted) / size) ** 2
@@ -279,11 +272,7 @@ class _Fraction:
 
 
 def _recurring(models: list[_Model]) -> tuple[ComplexArray, BoolArray]:
-    """Return the poles of one model, ascending, and which of them recur.
-
-    The model is the lowest of those with the largest number of poles that most models of the upper
-    half of orders have as well.
-    """
+    """Return the poles of the model with the most recurring ones, ascending, and which recur."""
     models = models[len(models) // 2 :]
     shares = [np.mean([_recurs(model, other) for other in models], axis=0) for model in models]
     flags = [share >= _RECURS for share in shares]
@@ -308,11 +297,7 @@ def _recurs(model: _Model, other: _Model) -> BoolArray:
 def _residues(
     omega: FloatArray, frf: ComplexArray, poles: ComplexArray, weights: FloatArray
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Fit the residues of poles, (n, n_out, n_in), and return the fitted FRFs, too (LSFD).
-
-    Each line has a weight. Residual terms are L / s^2 and U + V s^2. Poles that are no modes take
-    part, so that their share does not go to the modes.
-    """
+    """Fit residues, (n, n_out, n_in), beside L / s^2 and U + V s^2; return the fit, too."""
     scale = omega[-1]
     s = 1j * omega[:, np.newaxis] / scale
     upper, lower = 1.0 / (s - poles / scale), 1.0 / (s - poles.conj() / scale)

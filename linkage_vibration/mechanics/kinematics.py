@@ -61,11 +61,7 @@ class Toggle:
 
 
 class KinematicsError(LinkageVibrationError):
-    """The linkage cannot close at the requested angle alpha3, rad.
-
-    `nearest` is the end of the range in which it closes, on that side; None if the requested value
-    is not a finite angle. `question` is that of `unit_question`.
-    """
+    """The linkage cannot close at alpha3, rad; `nearest` is a toggle, None if it is not finite."""
 
     def __init__(self, alpha3: float, nearest: Toggle | None, question: str = "") -> None:
         text = f"alpha3 = {alpha3} is not an angle; give a finite one."
@@ -166,10 +162,7 @@ def unit_question(alpha3: float, low: float, high: float) -> str:
 
 
 def rotation(angle: float | FloatArray) -> FloatArray:
-    """Return the (2, 2) matrix that turns a body's own components into global ones.
-
-    Of angles, (k, n), those of one column after the other are returned, (n, k, 2, 2).
-    """
+    """Return the matrices, (2, 2), or (n, k, 2, 2) of (k, n), from own axes to global ones."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, s], [-s, c]]).T
 
@@ -202,10 +195,7 @@ def _pins(mechanism: Mechanism, length: float) -> Pins:
 
 
 def _spline(x: FloatArray, y: FloatArray) -> "_Spline":
-    """Return the not-a-knot spline through values, (n, m), at n places, which are at least four.
-
-    It equals SciPy's CubicSpline to the last bit. Its module takes half a second to import.
-    """
+    """Return the not-a-knot spline through values, (n, m), as CubicSpline, which imports slowly."""
     steps = np.diff(x)
     step, slope = steps[:, np.newaxis], np.diff(y, axis=0) / steps[:, np.newaxis]
     ends = np.array([x[2] - x[0], x[-1] - x[-3]])
@@ -361,10 +351,7 @@ class Kinematics:
         return other
 
     def _evenly(self, alpha3: float | FloatArray) -> FloatArray:
-        """Turn alpha3 into a variable over which poses are smooth, up to the toggles.
-
-        Near a toggle they change as the square root of the distance, as an arc sine does.
-        """
+        """Turn alpha3 into a variable over which poses are smooth, also at toggles."""
         if self.toggles is None:
             return np.asarray(alpha3)
         low, high = self.closable_range

@@ -381,10 +381,7 @@ class LateralForces(Forces):
         return 0.5 if first <= row < first + len(self.interface.chains) else 1.0
 
     def at_rest(self, configuration: Configuration, *_: object) -> FloatArray:
-        """Return the pretension of chains, NaN if not known, and 0 elsewhere, (..., n_places), N.
-
-        What the weight exerts on both sides alike belongs to the vertical half.
-        """
+        """Return pretensions of chains, NaN if not known, and 0 elsewhere, (..., n_places), N."""
         tight = {chain.name: chain.pretension for chain in self.interface.chains}
         static = [tight.get(name, 0.0) for name, _ in self.places]
         shape = *configuration.angles.shape[:-1], len(static)

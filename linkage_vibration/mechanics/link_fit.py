@@ -112,10 +112,7 @@ class _Fit:
         return np.asarray(np.tensordot(terms @ self.tail, self.coefficients, axes=1))
 
     def changes(self, rates: ComplexArray, rate: ComplexArray, terms: ComplexArray) -> ComplexArray:
-        """Return how the fit changes with a parameter where the terms have these values.
-
-        ``rates`` and ``rate`` are the derivatives of the terms at the lines and there.
-        """
+        """Return how the fit changes with a parameter, by rates of terms at lines and there."""
         plain = np.tensordot(self.tail, self.coefficients, axes=1)
         moved = real_equations(self.weights * rates)
         again = np.tensordot(self.basis.T @ moved, plain, axes=1)
@@ -148,10 +145,7 @@ class LinkFit:
         return self.at(np.asarray(1j * self.omega, dtype=np.complex128))
 
     def at(self, s: ComplexArray, *, shifted: bool = False) -> ComplexArray:
-        """Return the receptances, (n_s, n, n), m/N, at points s, (n_s,), rad/s.
-
-        `shifted` takes the real poles of the second fit for the rigid block.
-        """
+        """Return receptances, (n_s, n, n), m/N, at s, (n_s,), rad/s; `shifted` by another fit."""
         scaled = s[:, np.newaxis] / self.omega[-1]
         terms = self.shape.terms(scaled)
         both = _rigid_terms(scaled, terms, self.omega, shifted=shifted)
@@ -160,10 +154,7 @@ class LinkFit:
         return np.asarray(receptances * np.outer(self.unit, self.unit))
 
     def variances(self, s: complex, forces: ComplexArray, turns: ComplexArray) -> FloatArray:
-        """Return the variance of Re(t f^T H(s) f) per squared relative noise, (n_turns,).
-
-        f are forces on the DoFs, (n,), N, and t are the turns, (n_turns,); s is in rad/s.
-        """
+        """Return variances of Re(t f^T H(s) f) per squared noise, (n_turns,); f, (n,), in N."""
         at, lines = np.array([[s / self.omega[-1]]]), 1j * self.omega[:, np.newaxis]
         lines = lines / self.omega[-1]
         terms = self.shape.terms(at)
@@ -296,10 +287,7 @@ def _refined(
 def _columns(
     s: ComplexArray, shape: _Shape, weights: FloatArray, right: FloatArray
 ) -> tuple[FloatArray, float, FloatArray]:
-    """Return what a fit leaves, its square, and its change with the parameters.
-
-    The change, (n_parameters, n_equations), is that of the part that the coefficients cannot undo.
-    """
+    """Return the rest of a fit, its square, and what coefficients cannot undo of each parameter."""
     basis, triangle = np.linalg.qr(real_equations(weights * shape.terms(s)))
     shares = basis.T @ right
     rest = right - basis @ shares

@@ -53,11 +53,7 @@ class KineticEnergy:
 
 
 def kinetic_energy(solution: Solution) -> KineticEnergy:
-    """Return where the kinetic energy of the undamped modes is.
-
-    The energy of a rigid body is split by its DoFs. That of a link is split by whether most of its
-    points move across it or along it.
-    """
+    """Return the kinetic energy of modes, of rigid bodies by DoF, of links by direction."""
     motions: list[tuple[str, str]] = []
     rows: list[FloatArray] = []
     rigid = tuple(body.name for body in solution.model.mechanism.rigid_bodies)

@@ -78,10 +78,7 @@ def pairs(places: Sequence[Place | str]) -> list[Place]:
 
 
 def excite_lateral(outputs: Sequence[Place], inputs: Sequence[Place]) -> bool:
-    """Return whether forces at inputs excite the lateral half: those along y do, others do not.
-
-    A `ModelError` says that some do and others do not, or that they move no output.
-    """
+    """Return whether inputs excite the lateral half, as those along y do; refuse mixtures."""
     across = {direction == "y" for _, direction in inputs}
     if len(across) > 1:
         problem = "Inputs along y excite the lateral half, and others the vertical one"

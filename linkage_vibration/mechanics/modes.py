@@ -56,10 +56,7 @@ class DampedModes:
 
     @property
     def oscillating(self) -> ComplexArray:
-        """Poles of the modes that oscillate, where damping couples modes: (n,), rad/s, ascending.
-
-        A mode that damping keeps from oscillating has two real roots instead, and is left out.
-        """
+        """Poles that oscillate, where damping couples modes: (n,), rad/s, ascending."""
         return np.asarray(self._upper_poles[oscillating_indices(self._upper_poles)])
 
     @property
@@ -81,11 +78,7 @@ class DampedModes:
 
     @property
     def damping_ratios(self) -> FloatArray:
-        """Damping ratios, 1; NaN for a mechanism mode (0 Hz), which has none.
-
-        There is one for each undamped mode, or one for each of the oscillating poles where damping
-        couples the modes.
-        """
+        """Damping ratios of the undamped or the oscillating modes, 1; NaN of a mechanism mode."""
         if self.shapes is not None:
             poles = self.oscillating
             return np.asarray(-poles.real / np.abs(poles))
@@ -102,11 +95,7 @@ def oscillating_indices(poles: ComplexArray) -> IntArray:
 
 
 def paired(poles: ComplexArray) -> tuple[IntArray, IntArray]:
-    """Return the indices of the first and of the second pole of each term of the second order.
-
-    They are conjugate, or two real ones that are neighbours in magnitude. The last of an odd number
-    of real ones is without a second.
-    """
+    """Return the indices of both poles of each term: conjugate, or real neighbours in magnitude."""
     real = np.flatnonzero(poles.imag == 0.0)
     real = real[np.argsort(np.abs(poles[real]), kind="stable")]
     upper, lower = np.flatnonzero(poles.imag > 0.0), np.flatnonzero(poles.imag < 0.0)

@@ -52,11 +52,7 @@ def _no_files(keys: CheckedMapping, _: dict[str, Point]) -> Body:
 def mechanism_from_mapping(
     mapping: Any, read_body: BodyReader = _no_files, *, drawn: bool = False
 ) -> Mechanism:
-    """Validate a mapping, as read from YAML, and return the mechanism that it describes.
-
-    Keys that end in ``_deg`` are in degrees, all else is SI. `read_body` reads the body of a link
-    with a ``file``, from its keys and its points. Inertias that are `drawn` may be impossible.
-    """
+    """Validate the mapping of a mechanism; `drawn` inertias may be impossible."""
     top = CheckedMapping("", mapping)
     if "uncertainty" in top:  # of numbers that are valid
         return _uncertain(top["uncertainty"], mapping, read_body)

@@ -62,10 +62,7 @@ def receptances(blocks: Sequence[ComplexArray | MeasuredFrfs]) -> list[ComplexAr
 def rigid_motions(
     dofs: Sequence[InterfaceDof], points: Sequence[tuple[str, tuple[float, float]]]
 ) -> FloatArray:
-    """Return how DoFs move with a rigid body, (n, 3): along x, along z, by theta.
-
-    `points` have names and places in the body's own axes, m.
-    """
+    """Return how DoFs move with a rigid body by x, z and theta, (n, 3); points in m."""
     places = dict(points)
     rows = []
     for dof in dofs:

@@ -350,11 +350,7 @@ class PoleResidue:
 def find_maxima(
     grid: FloatArray, size: FloatArray, slope: Callable[[IntArray, FloatArray], FloatArray]
 ) -> tuple[IntArray, FloatArray, BoolArray]:
-    """Find the maxima of curves that are nearly the highest, from their sizes on a grid, (n, k).
-
-    `slope` returns the slopes of curves, by their indices, at places. The result is, for each
-    maximum, the index of its curve, its place, and whether the curve turns there.
-    """
+    """Find the highest maxima on a grid, (n, k): curves, places, and whether they turn."""
     rises = np.diff(size, axis=1, prepend=-1.0) > 0.0
     falls = np.diff(size, axis=1, append=-1.0) <= 0.0
     row, top = np.nonzero(rises & falls & (size >= RIVAL * size.max(axis=1)[:, np.newaxis]))
@@ -407,11 +403,7 @@ class FarPoles:
         return np.concatenate([np.zeros_like(w), rates, 1j * (terms + w * rates)], axis=-1)
 
     def fit(self, sums: ComplexArray, *, real: bool, rates: bool = False) -> ComplexArray:
-        """Return the weights of sums, (n_lines, k): static flexibility, every a, every b.
-
-        They are (1 + 2 n_far, k). Undamped shapes have real ones, and only viscous damping that
-        couples modes has rates b; the others are zero.
-        """
+        """Return the weights of sums, (1 + 2 n_far, k): static flexibility, every a, every b."""
         scale = np.concatenate([[1.0], self.stiffness, np.sqrt(self.stiffness)])
         used = slice(None if rates else 1 + len(self.decay))
         rows = (self.basis(2.0 * math.pi * self.frequencies) * scale)[:, used]
@@ -452,10 +444,7 @@ def peak_search_band(band: tuple[float, float], *, free: bool) -> tuple[float, f
 def in_reach(
     stiffness: FloatArray | ComplexArray, band: tuple[float, float], decay: FloatArray | None = None
 ) -> BoolArray:
-    """Return which modes are in a band (Hz), or too close above it for far poles, (n_modes,).
-
-    The slower root of an overdamped mode decides, if the decay c, rad/s, is given.
-    """
+    """Return which modes, (n_modes,), by their slower roots, are in or close above a band (Hz)."""
     size = np.sqrt(np.abs(stiffness))
     if decay is not None:
         slow = decay > 2.0 * size

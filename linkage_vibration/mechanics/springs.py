@@ -130,10 +130,7 @@ def length_and_rate(
 
 
 def oil_pressure(cylinder: Cylinder, tension: float) -> float:
-    """Return the pressure of the oil, Pa, in one cylinder under a tension, N.
-
-    It is NaN where the cylinder would have to pull, and no oil is locked on the side of its rod.
-    """
+    """Return the oil pressure, Pa, of one cylinder under a tension, N; NaN if it cannot pull."""
     area = math.pi / 4.0 * cylinder.bore**2
     if tension > 0.0:
         area -= math.pi / 4.0 * (cylinder.rod or cylinder.bore) ** 2

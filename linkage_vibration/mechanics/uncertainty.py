@@ -71,10 +71,7 @@ def paired_draws(uncertainty: Uncertainty, seed: int) -> FloatArray:
 
 
 def balanced(random: np.random.Generator, taken: FloatArray, n: int) -> FloatArray:
-    """Return n columns of random numbers, (m, n), that are not correlated with those taken, (m, k).
-
-    They are not correlated with one another, and their mean square is 1.
-    """
+    """Return random numbers, (m, n), of mean square 1, not correlated with those taken, (m, k)."""
     normal, basis = random.standard_normal((len(taken), n)), np.linalg.qr(taken)[0]
     rest = np.linalg.qr(normal - basis @ (basis.T @ normal))[0]
     return np.asarray(math.sqrt(len(taken)) * rest)
@@ -83,11 +80,7 @@ def balanced(random: np.random.Generator, taken: FloatArray, n: int) -> FloatArr
 def read_uncertainty(
     keys: CheckedMapping, mapping: dict[str, Any], parse: Callable[[dict[str, Any]], Mechanism]
 ) -> Uncertainty:
-    """Read ``relative`` and ``absolute`` standard deviations of numbers, and ``correlations``.
-
-    Deviations are by the paths of numbers; correlations are a list of ``between`` (two paths) and
-    ``value``. ``parse`` returns the mechanism of a changed mapping.
-    """
+    """Read the deviations of numbers and correlations; ``parse`` reads a changed mapping."""
     numbers: dict[str, UncertainNumber] = {}
     # Counts are exact, and the file of a link is read as it is.
     split = [place.split(".") for place in number_paths(mapping)]

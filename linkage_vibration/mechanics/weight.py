@@ -97,10 +97,7 @@ class Weight:
     def _in_the_plane(
         self, configuration: Configuration
     ) -> tuple[dict[str, FloatArray], FloatArray, FloatArray, dict[str, FloatArray]]:
-        """Return the forces at rest along each link at its points, of springs, and of pins, N.
-
-        The last are the moments of the weight of links about their bearings, N m seen from aside.
-        """
+        """Return forces along links, of springs and of pins, N, and moments about bearings, N m."""
         plane, n = self._plane, len(self._plane.interface)
         joining = plane.interface.join(configuration)
         moved, falling = plane.moved_by_weight(configuration, joining)
@@ -139,11 +136,7 @@ class Weight:
     def _across(
         self, along: Mapping[str, FloatArray], sideways: Mapping[tuple[str, str], FloatArray]
     ) -> FloatArray:
-        """Return what pins exert on their first bodies across the plane, (..., n_joints), N.
-
-        With forces along links and sideways ones of springs, each pair of links is at rest across
-        the plane, and about its own z axis if it is not in a bearing.
-        """
+        """Return what pins exert across the plane, (..., n_joints), N, if links are at rest."""
         # The first row is empty, as there may be no pairs of links.
         rows, right = [[0.0] * len(self.mechanism.joints)], [sideways["", ""]]
         for link in (each for each in self.mechanism.links if each.count > 1):

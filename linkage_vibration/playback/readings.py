@@ -27,10 +27,7 @@ SpeedRow: TypeAlias = tuple[int, Source, float, int]  # row, speed, value, time 
 
 
 class JudgedInputs:
-    """The crank angle and the speeds of bags, which are judged by a range of angles, rad.
-
-    ``topics`` has the topics by their inputs, and ``names`` those of the blocks.
-    """
+    """The crank angle and the speeds of bags, which are judged by a range of angles, rad."""
 
     def __init__(
         self,
@@ -93,10 +90,7 @@ class JudgedInputs:
 def recorded_faults(
     log: Path, settings: Parameters, alpha3_range: tuple[float, float]
 ) -> list[InputFault]:
-    """Return the faults of the inputs in a log of the node, as a replay of it finds them.
-
-    A `ReplayError` says that it holds no reading.
-    """
+    """Return the faults of the inputs in a log of the node, as a replay of it finds them."""
     with open_bags([log]) as bags:
         inputs = [settings.source(HITCH), *settings.speed_sources().values()]
         remaps = dict[str, str]()  # The node may have a namespace.
@@ -119,11 +113,7 @@ def recorded_faults(
 def read_numbers(
     bags: Sequence[Path], settings: Parameters, remaps: Mapping[str, str] = MappingProxyType({})
 ) -> tuple[Integers, NDArray[np.float64]]:
-    """Return the log times, (n,), ns, ascending, and the numbers of the hitch input, (n,).
-
-    A number is NaN where it is not available. A `ReplayError` with the names that exist is raised
-    if the bags have no such number.
-    """
+    """Return log times, (n,), ns, ascending, and numbers of the hitch input, (n,), or NaN."""
     left_out, columns = SkippedMessages(), []
     with open_bags(list(bags)) as opened:
         topic = choose_topics(opened, settings, remaps)[HITCH]

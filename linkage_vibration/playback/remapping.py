@@ -35,11 +35,7 @@ def remappings(words: Sequence[str]) -> dict[str, str]:
 def choose_topics(
     bags: Bags, settings: Parameters, remaps: Mapping[str, str]
 ) -> dict[str, BagTopic]:
-    """Return the topics to read by the inputs, of which the hitch comes first.
-
-    Several inputs may read one topic. A `ReplayError` is raised if a remapping is unknown, or a
-    topic is missing or ambiguous.
-    """
+    """Return the topics to read by the inputs, of which the hitch comes first."""
     speeds = settings.speed_sources()
     sources = {HITCH: settings.source(HITCH)}
     sources |= {s.value: source for s, source in speeds.items() if settings.fixed_speed(s) is None}
@@ -82,10 +78,7 @@ def _only_topic(bags: Bags, source: SourceSettings) -> str | None:
 
 
 def topic_schema(bags: Bags, topic: BagTopic) -> Schema:
-    """Return the fields of a topic's messages, as the bags or an installed package define them.
-
-    A `ReplayError` is raised if neither defines the type.
-    """
+    """Return the fields of a topic's messages, as the bags or an installed package define them."""
     defined = bags.defined(topic.name)
     if defined is not None:
         return defined[2]

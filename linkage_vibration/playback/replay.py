@@ -253,10 +253,7 @@ def _outputs(run: "_Replay", settings: Parameters) -> tuple[list[Topic], dict[st
 
 
 class _Replay:
-    """Turns blocks of input messages into the messages of the log.
-
-    The attribute ``topics`` has the topics that are read by their names.
-    """
+    """Turns blocks of messages of ``topics`` into the messages of the log."""
 
     def __init__(
         self, bags: Bags, settings: Parameters, topics: Mapping[str, BagTopic], served: LoadedModel
@@ -376,10 +373,7 @@ class _Replay:
     def _velocities(
         self, readings: MessageColumns, due: BoolArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the velocities of the readings that are due, and bounds of their errors.
-
-        They are as reported, or else as estimated.
-        """
+        """Return velocities of readings that are due, reported or estimated, and their errors."""
         velocity, error = readings.velocity.copy(), np.zeros(len(readings))
         unknown = np.flatnonzero(np.isnan(velocity))
         if len(unknown):
@@ -394,10 +388,7 @@ class _Replay:
 
 
 class _Sensors:
-    """The sensors that parameters describe, and what they measure in blocks of messages.
-
-    A topic that the bags lack has a sentence in ``missing``.
-    """
+    """The sensors that parameters describe, and what they measure; bags lack ``missing`` topics."""
 
     def __init__(self, bags: Bags, settings: Parameters, served: LoadedModel) -> None:
         path = settings.sensor_path()
@@ -424,10 +415,7 @@ class _Sensors:
         used: list[Integers],
         left_out: SkippedMessages,
     ) -> Iterator[Messages]:
-        """Yield what sensors measure in a block, and add their rows to the used ones.
-
-        As in the node, the sensors of a message follow its speeds and precede its crank angle.
-        """
+        """Yield what sensors measure, after speeds and before angles, and add rows to used ones."""
         monitor = self.monitor
         if monitor is None:
             return
@@ -518,10 +506,7 @@ def _monitor(
     served: LoadedModel,
     report: Callable[[str], object],
 ) -> ResonanceMonitor | None:
-    """Return a monitor of resonance; None if no speed is known.
-
-    `report` is called with a sentence if amplitudes cannot be used.
-    """
+    """Return a monitor of resonance, None if no speed is known; `report` may get a sentence."""
     fixed = {source: settings.fixed_speed(source) for source in Source}
     if set(fixed.values()) == {None} and topics.keys() == {HITCH}:
         return None

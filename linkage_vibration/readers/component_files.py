@@ -31,10 +31,7 @@ class FileError(LinkageVibrationError):
 
 @contextmanager
 def file_errors(path: Path, *damage: type[Exception]) -> Iterator[None]:
-    """Turn each error of reading a file into a `ComponentFileError` that names the file.
-
-    `damage` are the errors that a damaged file makes its reader raise.
-    """
+    """Turn errors of reading a file, and those that `damage` raises, into `ComponentFileError`s."""
     try:
         yield
     except ComponentFileError:
@@ -69,10 +66,7 @@ def check_size(size: int) -> None:
 def load_npz(
     path: Path, required: Sequence[str], optional: Sequence[str] = ()
 ) -> dict[str, NDArray[Any]]:
-    """Read the arrays of an ``.npz`` file without unpickling anything.
-
-    Any other name is an error, as it may be misspelt.
-    """
+    """Read the arrays of an ``.npz`` file without unpickling; other names are refused."""
     names = *required, *optional
     check_file(path)
     with file_errors(path, Exception):  # of zipfile, zlib, struct, tokenize and NumPy
@@ -101,10 +95,7 @@ def load_npz(
 
 
 def _is_text(array: NDArray[Any]) -> bool:
-    """Return whether an array holds no text, or only characters that exist.
-
-    NumPy accepts any four bytes as a character, and some of them crash Python.
-    """
+    """Return whether all characters exist; some others, which NumPy accepts, crash Python."""
     if array.dtype.kind != "U" or array.dtype.itemsize == 0:
         return True
     codes = np.ascontiguousarray(array).view(array.dtype.byteorder + "u4")

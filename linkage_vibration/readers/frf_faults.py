@@ -29,10 +29,7 @@ _WEIGHED = 0.2  # relative difference of a mass by its FRFs and by its scale
 
 
 def check_faults(frfs: Frfs, points: Mapping[str, Point] | None, mass: float | None) -> None:
-    """Refuse FRFs that no free, passive link of this mass has, with a FileError.
-
-    The points of the link (x, z) are in m, and its mass on a scale in kg, if they are known.
-    """
+    """Refuse FRFs that no free, passive link with these points (x, z), m, and mass, kg, has."""
     moving = frfs.frequencies > 0.0
     frequencies, frf = frfs.frequencies[moving], frfs.frf[moving]
     # Accelerances have about the same noise at every frequency.

@@ -12,11 +12,7 @@ from linkage_vibration.readers.mechanism import load_yaml
 
 
 def read_implements(path: str | Path, mechanism: Mechanism) -> dict[str, Implement]:
-    """Read the implements that a rigid body of a mechanism can stand for, by their names.
-
-    The YAML file has ``implements: {NAME: {mass, inertia, centre_of_gravity, rigid_body}}``, in the
-    units and axes of ``rigid_bodies``; the last key is needed if there are several of these.
-    """
+    """Read the implements that a rigid body of a mechanism can stand for, by their names."""
     path = Path(path)
     try:
         top = CheckedMapping("", load_yaml(path)[0])

@@ -75,10 +75,7 @@ def load_variants(
     report: Callable[[str], object],
     keep: Callable[[Mechanism, Callable[[], Table]], Table],
 ) -> list[LoadedModel]:
-    """Return a mechanism and its table with each mass of its implement, kg.
-
-    `report` is called with each doubt, and `keep` may know a table built before.
-    """
+    """Return a mechanism and its table, which `keep` may know, with each mass of a body, kg."""
     described, variants = read_described(settings), list[LoadedModel]()
     words = ", ".join(f"{mass:.5g}" for mass in masses)
     report(f"The implement has {words} kg, with the centre of gravity and the inertia of the file.")
@@ -146,11 +143,7 @@ def with_other_body(
 def read_loads(
     settings: Parameters, served: LoadedModel, report: Callable[[str], object] = lambda text: None
 ) -> tuple[Excitation, ...]:
-    """Return the excitations that the parameters name, as far as the mechanism can bear them.
-
-    Where a mechanism lacks a place of the default file, which describes a tractor with a hitch, the
-    excitation has no amplitude, and `report` gets a sentence.
-    """
+    """Return the excitations; default ones that do not fit the mechanism have no amplitude."""
     path = settings.excitation_path()
     excitations = read_excitations(path)
     _check_room(path, excitations=len(excitations))

@@ -51,10 +51,7 @@ _RESISTS = 1e-4
 
 
 def read_matrices(path: Path) -> Matrices:
-    """Read and check the matrices of a component from ``.npz``.
-
-    Rows named y are held. A ComponentFileError names the file and the fix.
-    """
+    """Read and check the matrices of a component from ``.npz``; rows named y are held."""
     if path.suffix.lower() != ".npz":
         raise ComponentFileError(
             f"{path}: is not a file of matrices; give a .npz file, written by `numpy.savez` "
@@ -162,10 +159,7 @@ def _not_positive(name: str, label: str) -> FileError:
 def _condensed(
     dofs: Sequence[InterfaceDof], mass: FloatArray, stiffness: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return what a free component may resist at most, and the condensed (n, n) stiffness.
-
-    An error is raised if a component can still move when its interface DoFs are held.
-    """
+    """Return what a free component may resist at most, and its condensed stiffness, (n, n)."""
     first, inner = slice(len(dofs)), slice(len(dofs), None)
     held, cross = stiffness[inner, inner], stiffness[inner, first]
     at_most = (_RESISTS * stiffness + _ACCEPTED["stiffness"] * mass).diagonal()[first]

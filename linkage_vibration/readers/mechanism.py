@@ -67,10 +67,7 @@ def load_yaml(path: Path) -> tuple[Any, str]:
 
 
 def mechanism_of(mapping: Any, path: Path) -> Mechanism:
-    """Return the mechanism that the data of a YAML file describe.
-
-    The path is the file that errors name; paths in the data are relative to its folder.
-    """
+    """Return the mechanism that the data of the YAML file at a path describe."""
 
     def read(keys: CheckedMapping, points: dict[str, Point]) -> Body:
         file = keys["file"]

@@ -25,11 +25,7 @@ def read_spectra(path: Path) -> tuple[Spectrum, Spectrum | None]:
 
 
 def read_profile(path: Path) -> list[FloatArray]:
-    """Return distances, ascending, and heights, or two means and half differences, each (n,), m.
-
-    The columns of the file are the distance, the height, and that of the other track, if it was
-    measured.
-    """
+    """Return distances, ascending, and heights, or two means and half differences, each (n,), m."""
     table = read_numbers(path)
     if problem := _problem(table):
         raise RecordingError(f"{path}: {problem}")

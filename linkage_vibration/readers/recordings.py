@@ -24,11 +24,7 @@ class RecordingError(LinkageVibrationError):
 
 
 def read_recording(path: Path, topic: str | None = None) -> tuple[FloatArray, FloatArray]:
-    """Return times (s), (n,), ascending, and signals, (n, n_channels).
-
-    The first column of a CSV file is the time in s. A bag has messages of ``sensor_msgs/msg/Imu``;
-    the topic chooses one of several.
-    """
+    """Return times (s), (n,), and signals, (n, n_channels), of a CSV file or an IMU in a bag."""
     if path.suffix.lower() == ".csv":
         table = read_numbers(path)
         if table.shape[1] < _FEWEST:
@@ -64,19 +60,13 @@ def shows_sides(path: Path) -> bool:
 
 
 def read_numbers(path: Path) -> FloatArray:
-    """Return the lines of numbers of a CSV file, (n, n_columns), as `read_table` does.
-
-    Columns that are empty are left out, except the first.
-    """
+    """Return the lines of `read_table`, (n, n_columns), without columns that are empty."""
     table = read_table(path)
     return np.hstack([table[:, :1], table[:, 1:][:, ~np.isnan(table[:, 1:]).all(axis=0)]])
 
 
 def read_table(path: Path) -> FloatArray:
-    """Read a CSV file with commas, semicolons or tabs, with or without lines of names.
-
-    It returns the lines of numbers, (n, n_columns); an empty cell is NaN.
-    """
+    """Return the lines of numbers of a CSV file, (n, n_columns); an empty cell is NaN."""
     try:
         text = read_text(path, "utf-8-sig")
     except UnicodeDecodeError:

@@ -46,10 +46,7 @@ class SensorError(LinkageVibrationError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sensor:
-    """What a sensor measures, where, and how it is read.
-
-    A bag has topic, type and fields; a CSV file has columns, of which the first is the time.
-    """
+    """What a sensor measures, where, and how it is read: by topic, or by columns of a CSV file."""
 
     name: str
     at: str  # a point, or a force such as "lift_cylinders.force"
@@ -200,11 +197,7 @@ def _read_csv(sensor: Sensor, path: Path) -> tuple[FloatArray, FloatArray]:
 
 
 class SensorReader:
-    """Reads the numbers of a sensor from messages; the schema has the fields of their type.
-
-    A `SensorError` is raised for a field that is no number. The stamp of a sample is that in the
-    header of its message, or its receipt.
-    """
+    """Reads the numbers of a sensor from messages, with the stamps of headers, or of receipt."""
 
     def __init__(self, sensor: Sensor, type_name: str, schema: Schema) -> None:
         self.name, usual = sensor.name, list[str]()
@@ -235,10 +228,7 @@ class SensorReader:
     def read(
         self, block: Block, rows: Integers, left_out: SkippedMessages
     ) -> Iterator[tuple[Integers, Integers, FloatArray, str]]:
-        """Yield rows, stamps, ns, numbers, (n, k), and the frame of messages of a bag.
-
-        They are those that `read_one` returns for each.
-        """
+        """Yield rows, stamps, ns, numbers, (n, k), and frames of messages, as `read_one` does."""
         values, parts = np.full((len(block), len(self._readers)), math.nan), []
         for column, reader in enumerate(self._readers):
             for part in reader.read(block, rows, left_out):

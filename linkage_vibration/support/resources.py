@@ -24,11 +24,7 @@ class ResourceError(LinkageVibrationError):
 
 
 def share_directory() -> Path:
-    """Return the folder that holds ``config`` and ``launch``, or raise a `ResourceError`.
-
-    A checkout comes first, so that an editable install uses its own files; then come the prefixes
-    of a sourced ROS 2 in their order, and then the Python environment.
-    """
+    """Return the folder of ``config``: of a checkout, else of a sourced ROS 2, else of Python."""
     checkout = Path(__file__).resolve().parents[2]
     if (checkout / "package.xml").is_file():
         return checkout

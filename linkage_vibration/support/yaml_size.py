@@ -10,10 +10,7 @@ _ALWAYS = 10_000  # values that any text may hold
 
 
 def refuse_unbounded(root: yaml.Node) -> None:
-    """Refuse a text that holds more values, with its aliases expanded, than characters.
-
-    A MarkedYAMLError is raised then, and if a value contains itself.
-    """
+    """Refuse a text of more values than characters with aliases expanded, or a value in itself."""
     limit = max(_ALWAYS, root.end_mark.index)
     if _unfolded(root, {}) > limit:
         raise yaml.MarkedYAMLError(

@@ -69,10 +69,7 @@ class Beam:
         return replace(self, elements=elements)
 
     def component(self, link: Link, mechanism: Mechanism, *, reduced: bool) -> Component:
-        """Return the component of the beam, as `description.Body.component` says.
-
-        It has its true length; its DoFs along x are as seen from the side, without motions aside.
-        """
+        """Return the component of the beam in true length; its DoFs are as seen from the side."""
         try:
             matrices = beam_matrices(
                 *self.in_space(link.points, link.stretch),

@@ -28,10 +28,7 @@ class Frfs(Body):
     mass: float | None = None  # kg, on a scale
 
     def component(self, link: Link, mechanism: Mechanism, *, reduced: bool) -> FrfComponent:
-        """Return the component of the body, as `description.Body.component` says.
-
-        FRFs that contradict one another are refused.
-        """
+        """Return the component of the body; FRFs that contradict one another are refused."""
         wanted = mechanism.interface_dofs(link)
         order = link.positions(wanted, self.dofs)
         if link.masses:
@@ -48,11 +45,7 @@ class Frfs(Body):
         return FrfComponent(link.name, wanted, frequencies, measured, noise, gain)
 
     def _gain_stddev(self, link: Link) -> float:
-        """Return the relative standard deviation of a gain that all FRFs share; 0 if not known.
-
-        It is the logarithm of the ratio of the mass by the FRFs to that on the scale, together with
-        the misfit of the mass by the FRFs.
-        """
+        """Return the relative error of a gain of all FRFs, by the mass that they show, or 0."""
         if self.mass is None:
             return 0.0
         moving = self.frequencies > 0.0
