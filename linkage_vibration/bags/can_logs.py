@@ -176,10 +176,8 @@ def _table(
         progress()
     frames = np.concatenate(parts)
     if lines.bad > len(frames):
-        raise CanLogError(
-            f"has {lines.bad} lines that cannot be read: {lines.fault}; correct or delete them, or "
-            "record with `candump -l`."
-        )
+        problem = f"has {lines.bad} lines that cannot be read: {lines.fault}"
+        raise CanLogError(f"{problem}; correct or delete them, or record with `candump -l`.")
     if not len(frames):
         raise CanLogError(
             "has no frames that can be read: none was received, or the file has another format, "
@@ -341,10 +339,8 @@ class _Lines(io.TextIOBase):
             day, month, year = map(int, date.groups())
             self._midnight = datetime(year, month, day, tzinfo=timezone.utc).timestamp()
         elif line.startswith(_REFUSED):
-            raise CanLogError(
-                "has decimal numbers or no times of day; save it with `***HEX***` and "
-                "`***SYSTEM MODE***`."
-            )
+            problem = "has decimal numbers or no times of day"
+            raise CanLogError(f"{problem}; save it with `***HEX***` and `***SYSTEM MODE***`.")
         if line.startswith(("***", "Time Stamp,")):
             return ""
         match = _BUSMASTER.match(line) or _GVRET.match(line)

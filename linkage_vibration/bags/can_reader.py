@@ -45,10 +45,8 @@ def find_signal(field: str, database: str) -> CanSignal:
         return signal
     chosen = int(address, 0) if re.fullmatch(r"\d{1,3}|0x[0-9a-fA-F]{1,2}", address) else -1
     if not 0 <= chosen <= _LAST_ADDRESS:
-        raise FieldError(
-            f"{field!r} does not end with a source address; write one from 0 to {_LAST_ADDRESS}, "
-            f"such as {name}@0."
-        )
+        problem = f"{field!r} does not end with a source address"
+        raise FieldError(f"{problem}; write one from 0 to {_LAST_ADDRESS}, such as {name}@0.")
     if not signal.any_sender:
         raise FieldError(
             f"{field!r} chooses a source address, but the frames of {name} are recognised by their "

@@ -60,9 +60,8 @@ class CdrMessage:
         self.spans.append((begin, self.position))
         [count] = struct.unpack_from(f"{self.order}I", self._data, begin)
         if count > len(self._data):  # each element has at least one byte
-            raise CdrError(
-                f"{len(self._data)} bytes are not a {self._type}: a list or text is longer"
-            )
+            problem = f"{len(self._data)} bytes are not a {self._type}: a list or text is longer"
+            raise CdrError(problem)
         return int(count)
 
     def text(self) -> str:

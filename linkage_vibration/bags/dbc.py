@@ -86,10 +86,8 @@ def _text(path: Path) -> str:
 def _choose(path: Path, what: str, name: str, among: Sequence[Named]) -> Named:
     named = [each for each in among if each.name == name]
     if len(named) > 1:
-        raise FieldError(
-            f"{path} has {what} {name} {len(named)} times; give each a name of its own, or keep "
-            "one."
-        )
+        problem = f"{path} has {what} {name} {len(named)} times"
+        raise FieldError(f"{problem}; give each a name of its own, or keep one.")
     if named:
         return named[0]
     similar = ", ".join(get_close_matches(name, [each.name for each in among], 5, 0.0))

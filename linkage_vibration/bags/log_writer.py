@@ -64,13 +64,11 @@ class LogWriter:
         try:
             self._stream = path.open("xb")
         except FileExistsError:
-            raise LogExistsError(
-                f"{path} exists already; choose another name, as a log never replaces a file."
-            ) from None
+            problem = f"{path} exists already; choose another name, as a log never replaces a file."
+            raise LogExistsError(problem) from None
         except OSError as error:
-            raise LogError(
-                f"{path} cannot be created: {error.strerror}; choose a writable folder."
-            ) from None
+            problem = f"{path} cannot be created: {error.strerror}; choose a writable folder."
+            raise LogError(problem) from None
         # Other recorders see by this that they must not delete the file; some disks have no locks.
         with contextlib.suppress(OSError):
             fcntl.flock(self._stream, fcntl.LOCK_EX | fcntl.LOCK_NB)

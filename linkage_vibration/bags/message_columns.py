@@ -55,10 +55,8 @@ def read_columns(
                 try:
                     table.add(block, rows, done)
                 except ValueError as error:
-                    raise BagError(
-                        f"{path}: a message on {names[i]} does not match its type: {error}; record "
-                        "it again."
-                    ) from None
+                    problem = f"{path}: a message on {names[i]} does not match its type: {error}"
+                    raise BagError(f"{problem}; record it again.") from None
             done += len(block)
     return {name: table.columns() for name, table in zip(names, tables, strict=True)}
 

@@ -146,9 +146,8 @@ class _Rescue:
         self._path, self._file, self._stream = path, file, stream
         size = file.seek(0, os.SEEK_END)
         if size == 0:
-            raise RecoveryError(
-                f"{path} is empty, as its recording ended before anything was written."
-            )
+            problem = f"{path} is empty, as its recording ended before anything was written."
+            raise RecoveryError(problem)
         self._start = len(MAGIC) if self._read(0, len(MAGIC)) == MAGIC else 0
         ends = size > self._start and self._read(size - len(MAGIC), len(MAGIC)) == MAGIC
         self._complete, self._end = ends, size - len(MAGIC) * ends
@@ -175,10 +174,9 @@ class _Rescue:
             self._file.seek(offset)
             return self._file.read(count)
         except OSError as error:
-            raise RecoveryError(
-                f"{self._path} cannot be read at byte {offset}: {error.strerror}; copy it with "
-                "`ddrescue` first if its disk fails."
-            ) from None
+            problem = f"{self._path} cannot be read at byte {offset}: {error.strerror}"
+            hint = "copy it with `ddrescue` first if its disk fails"
+            raise RecoveryError(f"{problem}; {hint}.") from None
 
     def scan(self, progress: Callable[[int], object]) -> None:
         """Save the intact records, and resume behind damage."""

@@ -286,10 +286,9 @@ def _uncompressed(file: BinaryIO, chunk: ChunkIndex) -> bytes:
     file.seek(chunk.chunk_start_offset + RECORD.size)
     record = Chunk.read(ReadDataStream(file))
     if record.compression.encode() not in KNOWN_COMPRESSIONS:
-        raise BagError(
-            f"A chunk is compressed with {record.compression}, which no reader here knows; "
-            "compress the file with zstd or lz4, such as with `mcap compress`."
-        )
+        problem = f"A chunk is compressed with {record.compression}, which no reader here knows"
+        hint = "compress the file with zstd or lz4, such as with `mcap compress`"
+        raise BagError(f"{problem}; {hint}.")
     size, crc = record.uncompressed_size, record.uncompressed_crc
     data = decompressed(record.compression.encode(), record.data, size)
     if len(data) != size or (crc and zlib.crc32(data) != crc):

@@ -100,9 +100,8 @@ def _numbers(text: str, what: str) -> list[float]:
         raise argparse.ArgumentTypeError(f"{text!r} is no {what} and no FIRST:LAST:STEP.")
     count = (more[0] - first) / more[1] * (1.0 + 1e-9)
     if not count < _MOST_ANGLES:
-        raise argparse.ArgumentTypeError(
-            f"{text!r} has over {_MOST_ANGLES} numbers; widen the step."
-        )
+        problem = f"{text!r} has over {_MOST_ANGLES} numbers; widen the step."
+        raise argparse.ArgumentTypeError(problem)
     return [first + i * more[1] for i in range(int(count) + 1)]
 
 

@@ -92,9 +92,8 @@ def _refuse_another_table(header: Path, table_id: str) -> None:
         other = existing_table(header.read_text(encoding="utf-8", errors="replace"))
         if other != table_id:
             what = f"an export of the table {other}" if other else "another file"
-            raise ExportError(
-                f"{header} is {what}, and is kept; give another --name or folder, or delete it."
-            )
+            problem = f"{header} is {what}, and is kept"
+            raise ExportError(f"{problem}; give another --name or folder, or delete it.")
 
 
 def _export(options: argparse.Namespace, path: Path) -> "Export":

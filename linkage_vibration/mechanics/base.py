@@ -31,9 +31,8 @@ def read_mounts(keys: CheckedMapping, taken: set[str]) -> tuple[Mount, ...]:
     mounts = []
     for name in keys.names("mounts"):
         if name in taken or name == GROUND:
-            raise keys["mounts"].error(
-                name, "a point has this name already; give the mount another one."
-            )
+            problem = "a point has this name already; give the mount another one."
+            raise keys["mounts"].error(name, problem)
         mount = keys["mounts"][name]
         if "tyre" in mount:
             if not mount.is_mapping("tyre"):

@@ -411,9 +411,8 @@ class Kinematics:
     def _follow(self, mechanism: Mechanism, start: tuple[FloatArray, FloatArray]) -> None:
         """Keep the branch of a closed pose, between its toggles, if it reaches over the stroke."""
         if np.linalg.norm(start[1]) > _FASTEST:
-            raise MechanismError(
-                "assembly.alpha3_deg", "the linkage is at a toggle there; give another angle."
-            )
+            problem = "the linkage is at a toggle there; give another angle."
+            raise MechanismError("assembly.alpha3_deg", problem)
         tangent = start[1] / np.linalg.norm(start[1])
         above, high = self._walk(mechanism, start[0], tangent)
         below, low = self._walk(mechanism, start[0], -tangent)

@@ -44,9 +44,8 @@ _SLOWEST = 0.1  # Hz; lowest frequency at which a spring has a loss factor
 
 def _no_files(keys: CheckedMapping, _: dict[str, Point]) -> Body:
     """Refuse links from files, where nothing can read them."""
-    raise MechanismError(
-        keys.path, "a file cannot be read here; describe a beam, or read the mechanism from a file."
-    )
+    problem = "a file cannot be read here; describe a beam, or read the mechanism from a file."
+    raise MechanismError(keys.path, problem)
 
 
 def mechanism_from_mapping(

@@ -26,9 +26,8 @@ def number_at(mapping: Any, path: str) -> float:
         try:
             below = _below(below, key)
         except (KeyError, IndexError, ValueError, TypeError):
-            raise MechanismError(
-                f"parameters.{path}", f"the mechanism has no key {key!r} there; check the path."
-            ) from None
+            problem = f"the mechanism has no key {key!r} there; check the path."
+            raise MechanismError(f"parameters.{path}", problem) from None
     if isinstance(below, bool) or not isinstance(below, int | float):
         what = f"{below!r} is not a number; give the path of a number."
         raise MechanismError(f"parameters.{path}", what)

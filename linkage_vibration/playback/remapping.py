@@ -43,9 +43,8 @@ def choose_topics(
     names |= dict.fromkeys(each.name for each in INPUT_TOPICS)
     unknown = sorted(set(remaps) - set(names))
     if unknown:
-        raise ReplayError(
-            f"--remap: the node has no topic {unknown[0]}; use one of: {', '.join(names)}."
-        )
+        problem = f"--remap: the node has no topic {unknown[0]}; use one of: {', '.join(names)}."
+        raise ReplayError(problem)
     topics: dict[str, BagTopic] = {}
     for name, source in sources.items():
         topic = remaps.get(source.topic) or _only_topic(bags, source)
@@ -70,10 +69,9 @@ def _only_topic(bags: Bags, source: SourceSettings) -> str | None:
         return None
     alike = sorted({each.name for each in bags.topics if each.type == source.type})
     if len(alike) > 1:
-        raise ReplayError(
-            f"{bag_paths(bags)} has {len(alike)} topics of type {source.type}; choose one, as in "
-            f"`--remap {source.topic}:={alike[0]}`: {', '.join(alike)}."
-        )
+        problem = f"{bag_paths(bags)} has {len(alike)} topics of type {source.type}"
+        hint = f"choose one, as in `--remap {source.topic}:={alike[0]}`: {', '.join(alike)}"
+        raise ReplayError(f"{problem}; {hint}.")
     return alike[0] if alike else None
 
 
@@ -85,9 +83,8 @@ def topic_schema(bags: Bags, topic: BagTopic) -> Schema:
     try:
         return schema_of_text(message_definition(topic.type), topic.type)
     except DefinitionError as error:
-        raise ReplayError(
-            f"{bag_paths(bags)} does not define the type of topic {topic.name}. {error}"
-        ) from None
+        problem = f"{bag_paths(bags)} does not define the type of topic {topic.name}. {error}"
+        raise ReplayError(problem) from None
 
 
 def logged_topic(bags: Bags, topic: BagTopic) -> Topic:

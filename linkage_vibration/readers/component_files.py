@@ -40,9 +40,8 @@ def file_errors(path: Path, *damage: type[Exception]) -> Iterator[None]:
         raise ComponentFileError(f"{path}: {error}") from None
     except damage as error:
         text = " ".join(str(error).split()) or type(error).__name__
-        raise ComponentFileError(
-            f"{path}: is damaged or has another format than its name says ({text}); write it again."
-        ) from None
+        problem = f"{path}: is damaged or has another format than its name says ({text})"
+        raise ComponentFileError(f"{problem}; write it again.") from None
     except OSError as error:
         raise ComponentFileError(f"{path}: cannot be opened: {error.strerror}.") from None
 
@@ -57,10 +56,8 @@ def check_file(path: Path) -> None:
 def check_size(size: int) -> None:
     """Raise a FileError for a file that has more bytes than `MAX_BYTES` after unpacking."""
     if size > MAX_BYTES:
-        raise FileError(
-            f"holds {size / 2**20:.0f} MiB, more than {MAX_BYTES / 2**20:.0f} MiB; reduce the "
-            "component before you write the file."
-        )
+        problem = f"holds {size / 2**20:.0f} MiB, more than {MAX_BYTES / 2**20:.0f} MiB"
+        raise FileError(f"{problem}; reduce the component before you write the file.")
 
 
 def load_npz(
@@ -76,16 +73,14 @@ def load_npz(
             with np.load(path, allow_pickle=False) as arrays:
                 for name in arrays.files:
                     if name not in names:
-                        raise FileError(
-                            f"holds {name!r}, which is unknown; use only {', '.join(names)}."
-                        )
+                        problem = f"holds {name!r}, which is unknown; use only {', '.join(names)}."
+                        raise FileError(problem)
                 contents = {name: np.asarray(arrays[name]) for name in arrays.files}
         except ValueError as error:
             if "allow_pickle" not in str(error):
                 raise
-            raise FileError(
-                "holds pickled objects, which can run code; save plain numbers and text."
-            ) from None
+            problem = "holds pickled objects, which can run code; save plain numbers and text."
+            raise FileError(problem) from None
         if not all(map(_is_text, contents.values())):
             raise FileError("holds text that is not Unicode; write it again.")
         for name in required:
@@ -119,9 +114,8 @@ def parse_dofs(names: Sequence[object]) -> list[InterfaceDof | None]:
             )
         dof = InterfaceDof(parts[0].strip(), parts[1])
         if dof in dofs:
-            raise FileError(
-                f"entries {dofs.index(dof) + 1} and {i + 1} of dofs are both {dof}; remove one."
-            )
+            problem = f"entries {dofs.index(dof) + 1} and {i + 1} of dofs are both {dof}"
+            raise FileError(f"{problem}; remove one.")
         dofs.append(dof)
     return dofs
 

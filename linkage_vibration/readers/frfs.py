@@ -133,9 +133,8 @@ def _read_uff(path: Path, nodes: Mapping[int, str]) -> Frfs:
         for j, reference in enumerate(dofs):
             there = functions.get((response, reference)) or functions.get((reference, response))
             if there is None:
-                raise FileError(
-                    f"has no FRF of {name_frf(response, reference)}, nor the reverse; measure one."
-                )
+                problem = f"has no FRF of {name_frf(response, reference)}, nor the reverse"
+                raise FileError(f"{problem}; measure one.")
             frf[:, i, j] = there[1]
     return Frfs(dofs, lines, frf)
 
@@ -183,10 +182,9 @@ def _receptance(data: Mapping[str, Any], where: str) -> _Function:
     """Return a data set 58 as receptance; `where` begins its errors."""
     kind = data["ordinate_spec_data_type"]
     if kind not in _RESPONSES:
-        raise FileError(
-            f"{where} has the ordinate data type {kind}; export it as displacement (8), velocity "
-            "(11) or acceleration (12)."
-        )
+        problem = f"{where} has the ordinate data type {kind}"
+        hint = "export it as displacement (8), velocity (11) or acceleration (12)"
+        raise FileError(f"{problem}; {hint}.")
     if data["orddenom_spec_data_type"] not in _FORCES:
         raise FileError(
             f"{where} has the ordinate denominator data type {data['orddenom_spec_data_type']}; "
@@ -203,9 +201,8 @@ def _receptance(data: Mapping[str, Any], where: str) -> _Function:
         raise FileError(f"{where} has no numbers that can be read; export it again.")
     x, y = np.asarray(data["x"], dtype=np.float64), np.asarray(data["data"])
     if len(x) != data["num_pts"] or len(y) != data["num_pts"]:
-        raise FileError(
-            f"{where} has {len(y)} lines instead of {data['num_pts']}; export it again."
-        )
+        problem = f"{where} has {len(y)} lines instead of {data['num_pts']}; export it again."
+        raise FileError(problem)
     if y.dtype.kind != "c":
         raise FileError(f"{where} is not complex; export real and imaginary parts.")
     if power and len(x) and x[0] == 0.0:
@@ -218,9 +215,8 @@ def _check_label(where: str, label: str, allowed: Sequence[str], what: str) -> N
     """Raise an error if a label names a unit that is not the SI unit of the quantity."""
     # A function per newton may be labelled as 1/N times a unit.
     if re.sub("^1/n(?=.)", "", _plain_label(label)).split("/n")[0] not in ("", "none", *allowed):
-        raise FileError(
-            f"{where} has the unit {label.strip()!r}, not the SI unit of {what}; export it in SI."
-        )
+        problem = f"{where} has the unit {label.strip()!r}, not the SI unit of {what}"
+        raise FileError(f"{problem}; export it in SI.")
 
 
 def _plain_label(label: str) -> str:
@@ -241,7 +237,5 @@ def _check_values(frfs: Frfs) -> None:
     wrong = np.argwhere(~finite)
     if len(wrong):
         k, i, j = wrong[0]
-        raise FileError(
-            f"the FRF of {name_frf(frfs.dofs[i], frfs.dofs[j])} is not finite at {f[k]:g} Hz; "
-            "remove that line from all FRFs."
-        )
+        problem = f"the FRF of {name_frf(frfs.dofs[i], frfs.dofs[j])} is not finite at {f[k]:g} Hz"
+        raise FileError(f"{problem}; remove that line from all FRFs.")

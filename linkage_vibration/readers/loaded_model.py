@@ -104,10 +104,8 @@ def read_described(settings: Parameters) -> ModelWithoutTable:
     _check_room(path, mode_names=mechanism.response.modes)
     if file is None:
         if settings.implement:
-            raise ParameterError(
-                f"Parameter implement is {settings.implement}, but implement_file is empty; give "
-                "the file of the implements."
-            )
+            problem = f"Parameter implement is {settings.implement}, but implement_file is empty"
+            raise ParameterError(f"{problem}; give the file of the implements.")
         return ModelWithoutTable(mechanism, text)
     implements = Implements(mechanism, text, read_implements(file, mechanism))
     if not settings.implement:

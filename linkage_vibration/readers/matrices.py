@@ -97,18 +97,16 @@ def _check_kind(name: str, matrix: NDArray[Any], mass: str) -> None:
     """Raise an error unless a matrix is square and real, and as large as the mass."""
     if matrix.dtype.kind not in "fiu":
         what = "complex" if matrix.dtype.kind == "c" else "not of numbers"
-        raise FileError(
-            f"{name} is {what}; write real numbers, and damping as a matrix of its own."
-        )
+        problem = f"{name} is {what}; write real numbers, and damping as a matrix of its own."
+        raise FileError(problem)
     if matrix.ndim != 2 or len(set(matrix.shape)) != 1 or not matrix.size:
         raise FileError(f"{name} is {_size(matrix)}; write a square matrix.")
     if _size(matrix) != mass:
         raise FileError(f"{name} is {_size(matrix)}, but mass is {mass}; correct one.")
     if len(matrix) > MAX_ROWS:
-        raise FileError(
-            f"{name} has {len(matrix)} rows, more than {MAX_ROWS}; reduce the component before you "
-            "write the file (Craig and Bampton)."
-        )
+        problem = f"{name} has {len(matrix)} rows, more than {MAX_ROWS}"
+        hint = "reduce the component before you write the file (Craig and Bampton)"
+        raise FileError(f"{problem}; {hint}.")
 
 
 def _size(matrix: NDArray[Any]) -> str:
@@ -170,10 +168,9 @@ def _condensed(
         cho_factor(held - _accepted("stiffness", held, mass[inner, inner]))
         inward = cho_solve(cho_factor(held), cross)
     except np.linalg.LinAlgError:
-        raise FileError(
-            f"can still move when {', '.join(map(str, dofs))} are held; make more rows "
-            "interface DoFs, or fix them before you write the matrices."
-        ) from None
+        problem = f"can still move when {', '.join(map(str, dofs))} are held"
+        hint = "make more rows interface DoFs, or fix them before you write the matrices"
+        raise FileError(f"{problem}; {hint}.") from None
     return at_most, stiffness[first, first] - cross.T @ inward
 
 
@@ -182,7 +179,6 @@ def _check_free(dofs: Sequence[InterfaceDof], at_most: FloatArray, stiffness: Fl
     for direction in ("x", "z"):
         moved = np.array([float(dof.direction == direction) for dof in dofs])
         if moved @ stiffness @ moved > moved @ at_most:
-            raise FileError(
-                f"resists a translation along {direction}, as if it were held; write the matrices "
-                "of the free component, without boundary conditions."
-            )
+            problem = f"resists a translation along {direction}, as if it were held"
+            hint = "write the matrices of the free component, without boundary conditions"
+            raise FileError(f"{problem}; {hint}.")

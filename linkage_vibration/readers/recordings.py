@@ -113,8 +113,7 @@ def ordered(path: Path, times: FloatArray, signals: FloatArray) -> tuple[FloatAr
     times, signals = times[kept], signals[kept]
     back = float(-np.diff(times).min(initial=0.0))
     if back > _BACK:
-        raise RecordingError(
-            f"{path}: the times go back by {back:.3g} s; give one recording, in their order."
-        )
+        problem = f"{path}: the times go back by {back:.3g} s; give one recording, in their order."
+        raise RecordingError(problem)
     order = np.argsort(times, kind="stable")
     return times[order], signals[order]

@@ -32,10 +32,9 @@ def share_directory() -> Path:
         share = prefix / "share" / PACKAGE
         if (share / "config").is_dir():
             return share
-    raise ResourceError(
-        f"No share/{PACKAGE}/config was found under {', '.join(map(str, prefixes()))}; "
-        "install the package again, or source the workspace that holds it."
-    )
+    problem = f"No share/{PACKAGE}/config was found under {', '.join(map(str, prefixes()))}"
+    hint = "install the package again, or source the workspace that holds it"
+    raise ResourceError(f"{problem}; {hint}.")
 
 
 def prefixes() -> list[Path]:
