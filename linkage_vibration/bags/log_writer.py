@@ -27,7 +27,7 @@ from linkage_vibration.bags.writing import (
     Topic,
     rosbag2_metadata,
 )
-from linkage_vibration.support.commands import command
+from linkage_vibration.support.resources import command
 
 # A chunk is compressed and written at once, so its size limits how long `write` can take.
 CHUNK_BYTES = 64 * 1024
@@ -184,16 +184,14 @@ class LogWriter:
         try:
             yield
         except FileNotFoundError:
-            raise LogError(
-                f"{self.path} was removed during the recording; keep the log until it is complete."
-            ) from None
+            text = f"{self.path} was removed during the recording"
+            raise LogError(f"{text}; keep the log until it is complete.") from None
         except (OSError, MemoryError) as error:
             problem = getattr(error, "strerror", "there is not enough memory")
             repair = f", and complete this log with `{command(f'recover {self.path}')}`"
-            raise LogError(
-                f"{self.path} could not be written any further: {problem}; make room on its disk"
-                f"{repair if self.written else ''}."
-            ) from None
+            hint = "make room on its disk" + repair * bool(self.written)
+            text = f"{self.path} could not be written any further: {problem}; {hint}."
+            raise LogError(text) from None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

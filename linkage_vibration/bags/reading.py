@@ -33,9 +33,9 @@ from linkage_vibration.bags.mcap_records import MAGIC
 from linkage_vibration.bags.recovery import JoinedError, repair
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.support.atomic_files import read_text, refuse_pipe
-from linkage_vibration.support.commands import command
 from linkage_vibration.support.missing_library import needed
 from linkage_vibration.support.progress import read_with_bar
+from linkage_vibration.support.resources import command
 from linkage_vibration.support.version import check_versions
 from linkage_vibration.support.yaml_size import refuse_unbounded
 

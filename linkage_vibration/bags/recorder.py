@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 from linkage_vibration.bags.writing import Attachment, LogError, LogExistsError, Topic
-from linkage_vibration.support.commands import command
 from linkage_vibration.support.missing_library import missing_library
+from linkage_vibration.support.resources import command
 
 if TYPE_CHECKING:
     from linkage_vibration.bags.log_writer import LogWriter

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from linkage_vibration.cli.arguments import add_mechanism, mechanism_file, read_model
-from linkage_vibration.support.commands import command
+from linkage_vibration.support.resources import command
 
 if TYPE_CHECKING:
     from linkage_vibration.mechanics.description import Mechanism

@@ -9,15 +9,15 @@ displacement of its centre of gravity plus its rotation times the arm. A spring 
 whose value is the elongation of the spring.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from types import MappingProxyType
 
 import numpy as np
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, side_by_side
-from linkage_vibration.mechanics.base import mount_springs
 from linkage_vibration.mechanics.components import CENTRE_OF_GRAVITY, Component, FrfComponent
 from linkage_vibration.mechanics.description import GROUND, Mechanism, Spring
 from linkage_vibration.mechanics.dofs import InterfaceDof
@@ -77,6 +77,7 @@ class InterfaceMap:
     """The position of every interface DoF in the vector u, (n,), one component after the other."""
 
     directions = "xz"  # of the displacement of a point, along the global axes
+    _y: Mapping[str, float] = MappingProxyType({})  # of points that are not in the middle, m
 
     def __init__(
         self, mechanism: Mechanism, components: Sequence[Component | FrfComponent]
@@ -108,19 +109,28 @@ class InterfaceMap:
         return held
 
     def displacement(self, body: str, point: str, configuration: Configuration) -> FloatArray:
-        """Return the (..., 2, n) matrix that turns u into a point's global x and z displacement."""
+        """Return the (..., n_directions, n) matrix that turns u into a point's displacement."""
+        if body == GROUND or body in self._centres:
+            place = configuration.place(body, self._mechanism.local_points(body)[point])
+            return self._carried(body, place, self._y.get(point, 0.0), configuration)
+        axes = self.axes(body, configuration)
+        rows = np.zeros((*axes.shape[:-1], len(self)))
+        for i, direction in enumerate(self.directions):
+            at = self._index.get((body, InterfaceDof(point, direction)))
+            if at is not None:
+                rows[..., at] = axes[..., i]
+        return rows
+
+    def _carried(
+        self, body: str, place: FloatArray, y: float, configuration: Configuration
+    ) -> FloatArray:
+        """Return the displacement of a place, (..., 2), that a rigid body carries, (..., 2, n)."""
         rows = np.zeros((*configuration.angles.shape[:-1], 2, len(self)))
         if body in self._centres:
-            local, centre = self._mechanism.local_points(body)[point], self._centres[body]
-            arm = configuration.place(body, local) - configuration.place(body, centre)
+            arm = place - configuration.place(body, self._centres[body])
             x, z, theta = self._places[body, CENTRE_OF_GRAVITY]
             rows[..., 0, x] = rows[..., 1, z] = 1.0
             rows[..., 0, theta], rows[..., 1, theta] = -arm[..., 1], arm[..., 0]
-            return rows
-        if body == GROUND:
-            return rows
-        x, z = self._places[body, point][:2]
-        rows[..., [x, z]] = configuration.turn(body)
         return rows
 
     def axes(self, link: str, configuration: Configuration) -> FloatArray:
@@ -130,7 +140,7 @@ class InterfaceMap:
     @property
     def n_mounts(self) -> int:
         """How many of the last rows of the elongations belong to mounts."""
-        return len(mount_springs(self._mechanism.base))
+        return len(self._mechanism.mount_springs)
 
     def join(self, configuration: Configuration) -> Joining:
         """Return what joins the components in a configuration."""
@@ -146,16 +156,20 @@ class InterfaceMap:
 
     def _constraints(self, configuration: Configuration) -> dict[str, FloatArray]:
         """Return the rows of B with their labels."""
-        rows: dict[str, FloatArray] = {}
-        for point, first, second in self._mechanism.joints:
-            apart = self.displacement(first, point, configuration)
-            apart -= self.displacement(second, point, configuration)
-            for i, direction in enumerate("xz"):
-                rows[f"pin {point} of {first} and {second} in {direction}"] = apart[..., i, :]
+        rows = self._pins(configuration)
         for link in self._mechanism.links:
             if link.clamped is not None:
                 turn = self._turn(link.name, link.clamped) - self._turn(GROUND, link.clamped)
                 rows[f"clamp of {link.name} at {link.clamped}"] = turn
+        return rows
+
+    def _pins(self, configuration: Configuration) -> dict[str, FloatArray]:
+        rows: dict[str, FloatArray] = {}
+        for point, first, second in self._mechanism.joints:
+            apart = self.displacement(first, point, configuration)
+            apart -= self.displacement(second, point, configuration)
+            for i, direction in enumerate(self.directions):
+                rows[f"pin {point} of {first} and {second} in {direction}"] = apart[..., i, :]
         return rows
 
     def _springs(self, configuration: Configuration) -> list[SpringRow]:
@@ -173,7 +187,7 @@ class InterfaceMap:
                 mount.stiffness[axis],
                 mount.damping[axis],
             )
-            for mount, axis in mount_springs(self._mechanism.base)
+            for mount, axis in self._mechanism.mount_springs
         ]
 
     def _elongation(self, spring: Spring, configuration: Configuration) -> FloatArray:

@@ -455,6 +455,16 @@ class Mechanism:
         return self.rigid_bodies + (() if self.base is None else (self.base.body,))
 
     @cached_property
+    def mount_springs(self) -> tuple[tuple[Mount, int], ...]:
+        """Each mount of the base with 0 for its spring along x or 1 for that along z, if any."""
+        return tuple(
+            (mount, axis)
+            for mount in (self.base.mounts if self.base else ())
+            for axis in (0, 1)
+            if mount.stiffness[axis] or mount.damping[axis]
+        )
+
+    @cached_property
     def model_hash(self) -> str:
         """Hash of every number that a prediction depends on, 64 hexadecimal digits.
 

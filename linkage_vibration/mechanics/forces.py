@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray, rows_of
-from linkage_vibration.mechanics.base import mount_springs
 from linkage_vibration.mechanics.compatibility import CouplingError, InterfaceMap, Joining
 from linkage_vibration.mechanics.components import Component
 from linkage_vibration.mechanics.coupling import CoupledSystem, UncoupledSystem, couple
@@ -218,7 +217,7 @@ class Forces:
         own = [(each.name if has_force(each) else "", "force") for each in self.mechanism.springs]
         return own + [
             tyre_place(mount.name) if axis else ("", "")
-            for mount, axis in mount_springs(self.mechanism.base)
+            for mount, axis in self.mechanism.mount_springs
         ]
 
     def tension_share(self, row: int, configuration: Configuration) -> Values:

@@ -12,7 +12,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from linkage_vibration.mechanics.base import mount_springs
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.forces import tyre_place
 from linkage_vibration.mechanics.model import ModelError, Place, Solution, pairs
@@ -60,7 +59,7 @@ def transmissibility(
         places = places or "none, as the mechanism has no base"
         raise ModelError(f"The soil has no motion {'.'.join(soil)}; name one of: {places}.")
     out = solution.powers(outputs)
-    springs, axis = mount_springs(mechanism.base), "xz".index(soil[1])
+    springs, axis = mechanism.mount_springs, "xz".index(soil[1])
     first = len(solution.joining.stiffness) - len(springs)
     which = [
         first + i

@@ -214,19 +214,6 @@ class LateralMap(InterfaceMap):
         """None of the interface DoFs, (n,): FRFs of all components are those of free ones."""
         return np.zeros(len(self), dtype=bool)
 
-    def displacement(self, body: str, point: str, configuration: Configuration) -> FloatArray:
-        """Return the (..., 3, n) matrix that turns u into a point's displacement along x, y, z."""
-        if body not in self._links:
-            place = configuration.place(body, self._mechanism.local_points(body)[point])
-            return self._carried(body, place, self._y.get(point, 0.0), configuration)
-        rows = np.zeros((*configuration.angles.shape[:-1], 3, len(self)))
-        axes = self.axes(body, configuration)
-        for i, direction in enumerate(self.directions):
-            at = self._index.get((body, InterfaceDof(point, direction)))
-            if at is not None:
-                rows[..., at] = axes[..., i]
-        return rows
-
     def axes(self, link: str, configuration: Configuration) -> FloatArray:
         """Return the (..., 3, 3) matrix whose columns are the axes of the left of the links."""
         turn, cosine = configuration.turn(link), 1.0 / self._links[link].stretch
@@ -249,17 +236,12 @@ class LateralMap(InterfaceMap):
         return rows
 
     def _constraints(self, configuration: Configuration) -> dict[str, FloatArray]:
-        rows: dict[str, FloatArray] = {}
-        for point, first, second in self._mechanism.joints:
-            apart = self.displacement(first, point, configuration)
-            apart = apart - self.displacement(second, point, configuration)
-            for i, direction in enumerate(self.directions):
-                if apart[..., i, :].any():  # What is in the middle moves along y alone.
-                    rows[f"pin {point} of {first} and {second} in {direction}"] = apart[..., i, :]
+        rows = self._pins(configuration)
         for link, point in self._bearings.items():
             for direction in ("theta", "chi") if self._rigid_shaft else ("chi",):
                 turned = self._turned(link, direction, configuration)
                 rows[f"bearing of {link} at {point}, {direction}"] = turned
+        # What is in the middle moves along y alone.
         return {label: row for label, row in rows.items() if row.any()}
 
     def _turned(self, link: str, direction: str, configuration: Configuration) -> FloatArray:
@@ -383,11 +365,8 @@ class LateralForces(Forces):
     def at_rest(self, configuration: Configuration, *_: object) -> FloatArray:
         """Return pretensions of chains, NaN if not known, and 0 elsewhere, (..., n_places), N."""
         tight = {chain.name: chain.pretension for chain in self.interface.chains}
-        static = [tight.get(name, 0.0) for name, _ in self.places]
-        shape = *configuration.angles.shape[:-1], len(static)
-        return np.broadcast_to(
-            np.array([math.nan if each is None else each for each in static]), shape
-        )
+        static = np.array([tight.get(name, 0.0) for name, _ in self.places], dtype=float)
+        return np.broadcast_to(static, (*configuration.angles.shape[:-1], len(static)))
 
 
 def _in_space(place: FloatArray, y: float) -> FloatArray:

@@ -78,13 +78,11 @@ class _Shape:
 
     def derivatives(self, s: ComplexArray) -> list[ComplexArray]:
         """Return the derivatives of the terms with respect to each parameter."""
-        derivatives = []
-        for i, value in enumerate(self.parameters):
-            step = _STEP * max(abs(value), 1e-3)
-            sides = np.repeat(self.parameters[np.newaxis], 2, axis=0)
-            sides[:, i] += step, -step
-            derivatives.append((self.terms(s, sides[0]) - self.terms(s, sides[1])) / (2.0 * step))
-        return derivatives
+        given, steps = self.parameters, _STEP * np.maximum(np.abs(self.parameters), 1e-3)
+        return [
+            (self.terms(s, given + step) - self.terms(s, given - step)) / (2.0 * step.max())
+            for step in np.diag(steps)
+        ]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -40,10 +40,6 @@ class KineticEnergy:
     shares: FloatArray  # (n_motions, n_modes), 1; each column adds up to 1
     mounts: FloatArray  # (n_modes,): share of the mounts in the strain energy, 1
 
-    def select(self, modes: IntArray) -> "KineticEnergy":
-        """Return the shares of the modes with these indices."""
-        return KineticEnergy(self.motions, self.rigid, self.shares[:, modes], self.mounts[modes])
-
     def group_shares(self) -> FloatArray:
         """Return the shares of the base, the rigid bodies and the links, (n_modes, 3)."""
         shares = np.zeros((self.shares.shape[1], len(GROUPS)))
@@ -52,7 +48,7 @@ class KineticEnergy:
         return shares
 
 
-def kinetic_energy(solution: Solution) -> KineticEnergy:
+def kinetic_energy(solution: Solution, modes: IntArray | slice = slice(None)) -> KineticEnergy:
     """Return the kinetic energy of modes, of rigid bodies by DoF, of links by direction."""
     motions: list[tuple[str, str]] = []
     rows: list[FloatArray] = []
@@ -73,7 +69,8 @@ def kinetic_energy(solution: Solution) -> KineticEnergy:
     first = len(joining.stiffness) - count
     stretch = joining.elongation[first:] @ solution.modes.shapes[: joining.elongation.shape[1]]
     mounts = joining.stiffness[first:] @ stretch**2 / omega**2
-    return KineticEnergy(tuple(motions), rigid, shares / shares.sum(axis=0), mounts)
+    shares = (shares / shares.sum(axis=0))[:, modes]
+    return KineticEnergy(tuple(motions), rigid, shares, mounts[modes])
 
 
 def _along(component: Component, shapes: FloatArray) -> FloatArray:

@@ -15,7 +15,6 @@ from functools import cached_property
 import numpy as np
 
 from linkage_vibration.mechanics.arrays import FloatArray
-from linkage_vibration.mechanics.base import mount_springs
 from linkage_vibration.mechanics.compatibility import CouplingError, InterfaceMap
 from linkage_vibration.mechanics.components import Component
 from linkage_vibration.mechanics.coupling import uncoupled_system
@@ -89,7 +88,7 @@ class Weight:
                 y = self.y.get(pin, 0.0) + link.slope
                 push = turning[link.name][..., np.newaxis] * configuration.turn(link.name)[..., 1]
                 loads.append((link.name, (away + 1.0, 0.0), y, np.insert(push, 1, 0.0, -1)))
-        for i, (mount, axis) in enumerate(mount_springs(mechanism.base), len(mechanism.springs)):
+        for i, (mount, axis) in enumerate(mechanism.mount_springs, len(mechanism.springs)):
             place = (mount.at[0], self.contacts[mount.name])
             loads.append((GROUND, place, 0.0, -pull[..., i, np.newaxis] * np.eye(3)[2 * axis]))
         return loads, tensions

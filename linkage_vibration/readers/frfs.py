@@ -197,12 +197,11 @@ def _receptance(data: Mapping[str, Any], where: str) -> _Function:
     if data["abscissa_spec_data_type"] not in _FREQUENCY or abscissa not in ("", "none", "hz"):
         raise FileError(f"{where} is not over frequency in Hz; export it that way.")
 
-    if "x" not in data or "data" not in data:
+    if not {"x", "data"} <= data.keys():
         raise FileError(f"{where} has no numbers that can be read; export it again.")
     x, y = np.asarray(data["x"], dtype=np.float64), np.asarray(data["data"])
-    if len(x) != data["num_pts"] or len(y) != data["num_pts"]:
-        problem = f"{where} has {len(y)} lines instead of {data['num_pts']}; export it again."
-        raise FileError(problem)
+    if {len(x), len(y)} != {n := data["num_pts"]}:
+        raise FileError(f"{where} has {len(y)} lines instead of {n}; export it again.")
     if y.dtype.kind != "c":
         raise FileError(f"{where} is not complex; export real and imaginary parts.")
     if power and len(x) and x[0] == 0.0:

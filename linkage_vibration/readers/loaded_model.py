@@ -28,7 +28,7 @@ from linkage_vibration.prediction.settings import ParameterError, Parameters
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.implements import read_implements
 from linkage_vibration.readers.mechanism import load_yaml, mechanism_of
-from linkage_vibration.support.commands import command
+from linkage_vibration.support.resources import command
 from linkage_vibration.table.table import Table, load_table, refuse_other
 
 

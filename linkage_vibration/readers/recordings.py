@@ -72,9 +72,8 @@ def read_table(path: Path) -> FloatArray:
     except UnicodeDecodeError:
         raise RecordingError(f"{path}: is not text in UTF-8; save it as CSV UTF-8.") from None
     except OSError as error:
-        raise RecordingError(
-            f"{path}: cannot be read ({error.strerror}); give a CSV file."
-        ) from None
+        text = f"{path}: cannot be read ({error.strerror}); give a CSV file."
+        raise RecordingError(text) from None
     lines = [(i, line) for i, line in enumerate(text.splitlines(), 1) if line.strip()]
     middle = lines[len(lines) // 2][1] if lines else ""
     separator = next((mark for mark in ";\t" if mark in middle), ",")
@@ -87,18 +86,15 @@ def read_table(path: Path) -> FloatArray:
         except ValueError:
             if not rows:  # names
                 continue
-            problem = f"{path}: line {i} is no line of numbers; correct or delete it."
-            raise RecordingError(problem) from None
+            problem = f"line {i} is no line of numbers"
+            raise RecordingError(f"{path}: {problem}; correct or delete it.") from None
         if rows and len(row) != len(rows[0]):
-            raise RecordingError(
-                f"{path}: line {i} has {len(row)} columns, and those before it {len(rows[0])}; "
-                "correct or delete it."
-            )
+            problem = f"line {i} has {len(row)} columns, and those before it {len(rows[0])}"
+            raise RecordingError(f"{path}: {problem}; correct or delete it.")
         rows.append(row)
     if not rows:
-        raise RecordingError(
-            f"{path}: has no line of numbers; give the time or distance, and what was measured."
-        )
+        hint = "give the time or distance, and what was measured"
+        raise RecordingError(f"{path}: has no line of numbers; {hint}.")
     return np.array(rows)
 
 

@@ -24,7 +24,7 @@ from linkage_vibration.mechanics.forces import GRAVITY
 from linkage_vibration.mechanics.keys import CheckedMapping
 from linkage_vibration.readers.mechanism import load_yaml
 from linkage_vibration.readers.recordings import ordered, read_table
-from linkage_vibration.support.commands import command
+from linkage_vibration.support.resources import command
 
 _UNITS = {
     "acceleration": {"m/s2": 1.0, "g": GRAVITY},
@@ -124,7 +124,7 @@ def _sensor(keys: CheckedMapping, name: str, folder: Path) -> Sensor:
         fields=fields,
         columns=columns,
         starts_at=keys.number("starts_at", default=0.0),
-        filtered=keys.flag("filtered") if "filtered" in keys else False,
+        filtered=keys.flag("filtered"),
     )
 
 

@@ -73,9 +73,8 @@ def make_folder(folder: Path, error: type[LinkageVibrationError]) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as problem:
-        raise error(
-            f"{folder}: the folder cannot be created ({problem.strerror}); give another one."
-        ) from None
+        text = f"{folder}: the folder cannot be created ({problem.strerror}); give another one."
+        raise error(text) from None
 
 
 def check_suffix(path: Path, suffix: str) -> None:
@@ -121,9 +120,8 @@ def _errors(path: Path, error: type[LinkageVibrationError]) -> Iterator[None]:
     except FileExistsError:
         raise error(f"{path} exists already; choose another name.") from None
     except OSError as problem:
-        raise error(
-            f"{path}: cannot be written ({problem.strerror or problem}); choose another folder."
-        ) from None
+        text = f"{path}: cannot be written ({problem.strerror or problem}); choose another folder."
+        raise error(text) from None
 
 
 @contextmanager
