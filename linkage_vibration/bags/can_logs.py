@@ -179,10 +179,8 @@ def _table(
         problem = f"has {lines.bad} lines that cannot be read: {lines.fault}"
         raise CanLogError(f"{problem}; correct or delete them, or record with `candump -l`.")
     if not len(frames):
-        raise CanLogError(
-            "has no frames that can be read: none was received, or the file has another format, "
-            "such as decimal commas; give another file."
-        )
+        why = "none was received, or the file has another format, such as decimal commas"
+        raise CanLogError(f"has no frames that can be read: {why}; give another file.")
     return list(names), frames
 
 
@@ -196,10 +194,9 @@ def _check_times(times: NDArray[np.int64]) -> None:
     behind = np.maximum.accumulate(times) - times
     if behind.max() > _DISORDER:
         at = int(np.argmax(behind > _DISORDER))
-        raise CanLogError(
-            f"goes back in time by {1e-9 * behind[at]:.3f} s at frame {at + 1}, as the clock was "
-            "set; split the log there, and replay the parts one by one."
-        )
+        problem = f"goes back in time by {1e-9 * behind[at]:.3f} s at frame {at + 1}"
+        hint = "split the log there, and replay the parts one by one"
+        raise CanLogError(f"{problem}, as the clock was set; {hint}.")
 
 
 def _rows(file: BinaryIO, suffix: str, lines: "_Lines") -> Iterator[_Row]:
@@ -289,10 +286,9 @@ def _dated(reader: Any) -> "Iterator[Message]":
     """Yield frames, of ASC in UTC, whose date python-can takes for local time, of TRC from 0."""
     for message in reader:
         if getattr(reader, "timestamps_format", "") == "relative":
-            raise CanLogError(
-                "has times since the previous event, which do not add up where events are missing; "
-                "save it with absolute times."
-            )
+            problem = "has times since the previous event"
+            why = "which do not add up where events are missing"
+            raise CanLogError(f"{problem}, {why}; save it with absolute times.")
         if isinstance(start := getattr(reader, "start_time", None), float) and start:
             date = datetime.fromtimestamp(start).replace(tzinfo=timezone.utc)
             message.timestamp += date.timestamp() - start

@@ -101,10 +101,9 @@ class CanSignal:
         value = float(self.scale * self.bits.numbers(data)[0] + self.offset)
         if not np.isfinite(value):
             return f"{self.name} is not a finite number ({value:g})."
-        return (
-            f"{self.name} is {value:g} {self.unit}, outside of its range from {self.range[0]:g} to "
-            f"{self.range[1]:g}."
-        )
+        least, greatest = self.range
+        where = f"outside of its range from {least:g} to {greatest:g}"
+        return f"{self.name} is {value:g} {self.unit}, {where}."
 
     @property
     def any_sender(self) -> bool:

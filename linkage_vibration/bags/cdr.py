@@ -32,10 +32,9 @@ class CdrMessage:
         if len(data) < ORIGIN:
             raise CdrError(f"{len(data)} bytes are not a {type_name} in plain CDR")
         if data[0] != 0 or data[1] > 1:
-            raise CdrError(
-                f"a {type_name} begins with 0x{data[:2].hex().upper()}, but 0x0000 or 0x0001 is "
-                "plain CDR; let its publisher use the encoding XCDR1 for a final type"
-            )
+            problem = f"begins with 0x{data[:2].hex().upper()}, but 0x0000 or 0x0001 is plain CDR"
+            hint = "let its publisher use the encoding XCDR1 for a final type"
+            raise CdrError(f"a {type_name} {problem}; {hint}")
         self._data, self._type = data, type_name
         self.order = "<" if data[1] else ">"
         self.position = ORIGIN

@@ -35,10 +35,9 @@ def dbc_signal(path: Path, name: str) -> CanSignal:
     signal = _choose(path, f"signal of {message_name}", signal_name, message.signals)
     j1939, key, mask = _identifier(message)
     if message.length > PAYLOAD and j1939:
-        raise FieldError(
-            f"Message {message_name} of {path} has {message.length} bytes, which J1939 sends in "
-            "several frames; choose a signal of a message with at most 8 bytes."
-        )
+        problem = f"has {message.length} bytes, which J1939 sends in several frames"
+        hint = "choose a signal of a message with at most 8 bytes"
+        raise FieldError(f"Message {message_name} of {path} {problem}; {hint}.")
     bits = _bits(path, message, signal)
     least = -np.inf if signal.minimum is None else float(signal.minimum)
     largest = np.inf if signal.maximum is None else float(signal.maximum)
@@ -124,11 +123,9 @@ def _bits(path: Path, message: "Message", signal: "Signal") -> Bits:
     before = 8 * (start // 8) + 7 - start % 8 if big else start
     n_bytes = (before + length + 7) // 8
     if n_bytes > min(message.length, PAYLOAD):
-        raise FieldError(
-            f"Signal {message.name}.{signal.name} of {path} reaches into byte {n_bytes}, but a "
-            f"frame has {min(message.length, PAYLOAD)} bytes; correct the file, or choose another "
-            "signal."
-        )
+        counts = f"byte {n_bytes}, but a frame has {min(message.length, PAYLOAD)} bytes"
+        problem = f"Signal {message.name}.{signal.name} of {path} reaches into {counts}"
+        raise FieldError(f"{problem}; correct the file, or choose another signal.")
     first = 8 * PAYLOAD - before - length if big else start
     real = signal.conversion.is_float
     return Bits(first, length, n_bytes, big, signal.is_signed and not real, real)

@@ -89,10 +89,9 @@ def _flat(path: Path, schema: Schema, type_name: str, prefix: str = "") -> Itera
                 yield from _flat(path, schema, field.type, f"{prefix}{field.name}[{i}].")
             continue
         if field.type not in _CODES and (field.type != _TEXT or field.length is not None):
-            raise BagError(
-                f"{path}: field {prefix}{field.name} of {type_name} is not a number, text or list "
-                "of numbers; read this topic with another tool."
-            )
+            name = f"{path}: field {prefix}{field.name} of {type_name}"
+            problem = f"{name} is not a number, text or list of numbers"
+            raise BagError(f"{problem}; read this topic with another tool.")
         yield replace(field, name=prefix + field.name)
 
 

@@ -351,10 +351,9 @@ class Recorder:
         for name, needed in (("split_size", least), ("disk_limit", shares * least)):
             if 0 < (limit := getattr(limits, name)) < needed:
                 # The parameters in the log have more digits with a larger limit.
-                raise _LimitError(
-                    f"{name} is {limit} bytes, but a log without messages already has "
-                    f"{least // 2}; set it to {needed + _MARGIN} or more."
-                )
+                empty = f"a log without messages already has {least // 2}"
+                hint = f"set it to {needed + _MARGIN} or more"
+                raise _LimitError(f"{name} is {limit} bytes, but {empty}; {hint}.")
         largest = limits.split_size or math.inf
         if not limits.disk_limit:
             return largest

@@ -51,6 +51,8 @@ _GATHERED = 1024  # messages in a part that rosbags reads one by one
 _ZSTD = b"\x28\xb5\x2f\xfd"
 
 _LATEST = 2**63 - 1  # ns, the year 2262; MCAP has unsigned times, whose upper half is meaningless
+_Channels: TypeAlias = Mapping[int, tuple[int, "Connection"]]
+"""The topic, an index in the requested names, and the connection of each channel."""
 _Convert: TypeAlias = Callable[["Connection", bytes], bytes]
 """It turns a message into plain CDR of ROS 2."""
 # Order of messages with the same time: number of the file, place in it.
@@ -120,10 +122,8 @@ class Bags:
             remedy = "read each recording by itself"
             if files[others[0]] == files[0]:
                 remedy = "write the messages of each channel to a file of their own"
-            raise BagError(
-                f"{files[0]} and {files[others[0]]} define the type of topic {name} in different "
-                f"ways; {remedy}."
-            )
+            problem = f"define the type of topic {name} in different ways"
+            raise BagError(f"{files[0]} and {files[others[0]]} {problem}; {remedy}.")
         return definitions[0] if definitions else None
 
     @property
@@ -197,8 +197,7 @@ def _ordered(parts: Iterable[_Part], as_written: bool) -> Iterator[Block]:
         held = waiting
         block = _joined(ready)
         if len(block):
-            order = np.argsort(block.log_times, kind="stable")
-            yield block if as_written else block.rows(order)
+            yield block if as_written else block.rows(np.argsort(block.log_times, kind="stable"))
 
 
 def _joined(blocks: Sequence[Block]) -> Block:
@@ -261,11 +260,7 @@ def _converter(connections: "Sequence[Connection]") -> _Convert:
 
 
 def _mcap_block(
-    path: Path,
-    stream: BinaryIO,
-    chunk: ChunkIndex,
-    channels: "Mapping[int, tuple[int, Connection]]",
-    convert: _Convert,
+    path: Path, stream: BinaryIO, chunk: ChunkIndex, channels: _Channels, convert: _Convert
 ) -> Block:
     with bag_errors(path):
         begins = _indexed(stream, chunk, channels)
@@ -311,9 +306,7 @@ def _indexed(file: BinaryIO, chunk: ChunkIndex, channels: Collection[int]) -> In
     return np.unique(np.concatenate(positions))
 
 
-def _chunk_block(
-    data: bytes, channels: "Mapping[int, tuple[int, Connection]]", begins: Integers
-) -> Block:
+def _chunk_block(data: bytes, channels: _Channels, begins: Integers) -> Block:
     """Return the messages of these channels (with their topics) that begin there in a chunk."""
     buffer = np.frombuffer(data, np.uint8)
     if not len(begins):

@@ -49,8 +49,7 @@ def run(options: argparse.Namespace) -> int:
     from linkage_vibration.studies.crossings import crossing_table, crossing_text, find_crossings
     from linkage_vibration.support.atomic_files import OutputError, check_output, write_text
 
-    files = filter(None, (options.mechanism, options.excitations))
-    check_output(options.csv, ".csv", list(files))
+    check_output(options.csv, ".csv", list(filter(None, (options.mechanism, options.excitations))))
     settings = read_settings(options, excitation_file=options.excitations)
     _, excitations, every = read_levels(settings, options.implement_mass)
     levels, limit = WorstLevels(every), settings.warning_limits().warning

@@ -67,8 +67,7 @@ def add_implement_mass(parser: argparse.ArgumentParser) -> None:
     """Declare the mass of the implement, or a range of it."""
     text = "predict as if the implement had this mass; of a range, as FIRST:LAST (five masses) or "
     text += "FIRST:LAST:STEP, the worst is shown (default: the mass of the mechanism)"
-    add = parser.add_argument
-    add("--implement-mass", type=_masses, default=[], metavar="KG", help=text)
+    parser.add_argument("--implement-mass", type=_masses, default=[], metavar="KG", help=text)
 
 
 def _masses(text: str) -> list[float]:
@@ -149,10 +148,8 @@ def mechanism_of_table(path: Path) -> Path:
         with suppress(LinkageVibrationError):
             if read_mechanism(file).model_hash == table.model_hash:
                 return file
-    raise TableError(
-        f"{path}: its mechanism, {table.mechanism_name}, is neither {beside} nor a shipped one; "
-        "give the YAML file of the mechanism."
-    )
+    problem = f"its mechanism, {table.mechanism_name}, is neither {beside} nor a shipped one"
+    raise TableError(f"{path}: {problem}; give the YAML file of the mechanism.")
 
 
 def _table_of(source: Path) -> Path | None:

@@ -76,8 +76,7 @@ def _files(options: argparse.Namespace, export: "Export") -> dict[Path, bytes]:
     contents = dict[Path, bytes]()
     if options.c is not None:
         _refuse_another_table(options.c / f"{options.name}.h", export.table.table_id)
-        texts = c_sources(export)
-        contents |= {options.c / name: text.encode() for name, text in texts.items()}
+        contents |= {options.c / name: text.encode() for name, text in c_sources(export).items()}
     if options.fmu is not None:
         contents[options.fmu] = fmu_bytes(export, compiled=not options.source_only)
     return contents

@@ -25,9 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("-o", "--output", type=Path, help=text)
     text = "also write the excitations with measured amplitudes and deviations to this file"
     add("--amplitudes", type=Path, metavar="FILE", help=text)
-    text = (
-        "also write the natural frequencies without doubts as targets of `calibrate` to this file"
-    )
+    text = "also write natural frequencies without doubts as targets of `calibrate` to this file"
     add("--targets", type=Path, metavar="FILE", help=text)
     add_mechanism(parser)
 

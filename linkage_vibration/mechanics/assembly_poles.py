@@ -12,14 +12,13 @@ to a strongly damped pole of the assembly. Such a pole is not there if the rates
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray
 from linkage_vibration.mechanics.compatibility import Joining
-from linkage_vibration.mechanics.components import Component, FrfComponent
+from linkage_vibration.mechanics.components import Components, FrfComponent
 from linkage_vibration.mechanics.fbs import held_frf, independent_rows
 
 _STEP = 1e-5  # step for the derivative, as a share of a pole
@@ -51,9 +50,7 @@ class AssemblyPole:
 class Assembly:
     """Components, some measured, in one configuration; the ground holds `held`, (n,)."""
 
-    def __init__(
-        self, components: Sequence[Component | FrfComponent], held: BoolArray, joining: Joining
-    ) -> None:
+    def __init__(self, components: Components, held: BoolArray, joining: Joining) -> None:
         kept = joining.compatibility[:, ~held].any(axis=1)
         rigid, _ = independent_rows(joining.compatibility[kept], 0.0)
         self._rows = np.vstack([rigid, joining.elongation])

@@ -165,8 +165,7 @@ def _descend(
     weight, columns = np.repeat(weights, 2), np.arange(pins.positions.shape[1]) % 3 != 2
     left, sizes, _ = np.linalg.svd(weight[:, np.newaxis] * pins.positions[:-1, columns])
     kept = left[:, int((sizes > 1e-12).sum()) :].T * weight
-    parts = pins.cosines, pins.sines, pins.ground
-    cosines, sines, ground = (kept @ part[:-1] for part in parts)
+    cosines, sines, ground = (kept @ part[:-1] for part in (pins.cosines, pins.sines, pins.ground))
 
     def gaps_at(angles: FloatArray) -> FloatArray:
         return np.asarray(np.cos(angles) @ cosines.T + np.sin(angles) @ sines.T + ground)

@@ -18,7 +18,7 @@ import numpy as np
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, side_by_side
-from linkage_vibration.mechanics.components import CENTRE_OF_GRAVITY, Component, FrfComponent
+from linkage_vibration.mechanics.components import CENTRE_OF_GRAVITY, Components
 from linkage_vibration.mechanics.description import GROUND, Mechanism, Spring
 from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.mechanics.kinematics import Configuration
@@ -79,9 +79,7 @@ class InterfaceMap:
     directions = "xz"  # of the displacement of a point, along the global axes
     _y: Mapping[str, float] = MappingProxyType({})  # of points that are not in the middle, m
 
-    def __init__(
-        self, mechanism: Mechanism, components: Sequence[Component | FrfComponent]
-    ) -> None:
+    def __init__(self, mechanism: Mechanism, components: Components) -> None:
         self._mechanism = mechanism
         dofs = [(component.name, dof) for component in components for dof in component.dofs]
         self._index = {dof: i for i, dof in enumerate(dofs)}

@@ -6,6 +6,7 @@ A component is invariant: its numbers are in its own axes and are computed once.
 compatibility matrix that couples the components changes with the configuration.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -65,3 +66,6 @@ class FrfComponent:
     measured: RegularisedFrfs  # receptances of the free body
     noise: float  # relative noise of the receptances as they were measured, 1
     gain: float  # relative standard deviation of a gain that all of them share, 1
+
+
+Components = Sequence[Component | FrfComponent]

@@ -203,8 +203,7 @@ class RigidBody:
         """Put the body on DoFs of its centre of gravity, with the mass or inertia of each, SI."""
         dofs = tuple(InterfaceDof(CENTRE_OF_GRAVITY, axis) for axis in inertias)
         mass, stiffness = np.diag([*inertias.values()]), np.zeros((len(dofs), len(dofs)))
-        viscous = rule.viscous(mass, stiffness)
-        return Component(self.name, dofs, mass, stiffness, viscous, 0.0, None)
+        return Component(self.name, dofs, mass, stiffness, rule.viscous(mass, stiffness), 0.0, None)
 
 
 @dataclass(frozen=True, slots=True)

@@ -98,8 +98,7 @@ def _at_rest(coupled: CoupledSystem, weight: FloatArray) -> FloatArray:
     scale = np.sqrt(np.maximum(size, _SINGULAR * size.max() or 1.0))
     scaled = coupled.stiffness / np.outer(scale, scale)
     moved = np.linalg.lstsq(scaled, load / scale, rcond=_SINGULAR)[0] / scale
-    unbalanced = np.abs(coupled.stiffness @ moved - load).max()
-    if not unbalanced <= _BALANCED * np.abs(weight).max():
+    if not np.abs(coupled.stiffness @ moved - load).max() <= _BALANCED * np.abs(weight).max():
         return np.full(len(weight), math.nan)
     return coupled.expand(moved[:, np.newaxis])[:, 0]
 

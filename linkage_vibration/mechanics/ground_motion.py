@@ -7,14 +7,13 @@ also its acceleration per acceleration. The soil moves under all mounts of the b
 under one, and acts through their stiffness and damping.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.forces import tyre_place
-from linkage_vibration.mechanics.model import ModelError, Place, Solution, pairs
+from linkage_vibration.mechanics.model import ModelError, Place, Places, Solution, pairs
 from linkage_vibration.mechanics.response import PoleResidue, pole_residue
 
 MOTION = "base"
@@ -29,9 +28,7 @@ def soil_places(mechanism: Mechanism) -> tuple[Place, ...]:
     return tuple((name, direction) for name in names for direction in ("x", "z"))
 
 
-def transmissibility(
-    solution: Solution, outputs: Sequence[Place | str], soil: Place | str
-) -> PoleResidue:
+def transmissibility(solution: Solution, outputs: Places, soil: Place | str) -> PoleResidue:
     """Return how points follow a motion of the soil: displacement per displacement, (n_out, 1).
 
     It is also acceleration per acceleration.

@@ -392,8 +392,7 @@ class Kinematics:
                 return None
             matrix[..., -1, :] = direction
             last = np.broadcast_to(np.eye(pose.shape[-1])[:, -1:], (*pose.shape, 1))
-            rate = np.linalg.solve(matrix, last)[..., 0]
-            return pose, np.asarray(rate)
+            return pose, np.asarray(np.linalg.solve(matrix, last)[..., 0])
         except np.linalg.LinAlgError:
             return None
 

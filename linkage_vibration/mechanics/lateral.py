@@ -13,7 +13,7 @@ also hold the rotation out of the plane.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
 
@@ -23,7 +23,7 @@ from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, symmetric
 from linkage_vibration.mechanics.bodies.beam import THETA, Beam, W, beam_matrices
 from linkage_vibration.mechanics.bodies.matrices import component_of
 from linkage_vibration.mechanics.compatibility import InterfaceMap, Joining, SpringRow
-from linkage_vibration.mechanics.components import CENTRE_OF_GRAVITY, Component, FrfComponent
+from linkage_vibration.mechanics.components import CENTRE_OF_GRAVITY, Component, Components
 from linkage_vibration.mechanics.coupling import uncoupled_system
 from linkage_vibration.mechanics.description import (
     GROUND,
@@ -129,10 +129,7 @@ class LateralMap(InterfaceMap):
     directions = "xyz"
 
     def __init__(
-        self,
-        mechanism: Mechanism,
-        components: Sequence[Component | FrfComponent],
-        plane: Forces | None = None,
+        self, mechanism: Mechanism, components: Components, plane: Forces | None = None
     ) -> None:
         super().__init__(mechanism, components)
         assert mechanism.lateral is not None

@@ -30,7 +30,7 @@ from linkage_vibration.mechanics.description import (
 )
 from linkage_vibration.mechanics.keys import DAMPEST, RIGID, CheckedMapping
 from linkage_vibration.mechanics.lateral_keys import with_lateral
-from linkage_vibration.mechanics.paths import number_at, split_paths, with_numbers
+from linkage_vibration.mechanics.paths import Data, number_at, split_paths, with_numbers
 from linkage_vibration.mechanics.springs import read_stiffness
 from linkage_vibration.mechanics.uncertainty import read_uncertainty
 
@@ -115,7 +115,7 @@ def _stroke(keys: CheckedMapping, alpha3: float, angles: list[float]) -> tuple[f
     return low, high
 
 
-def _uncertain(keys: CheckedMapping, mapping: dict[str, Any], read_body: BodyReader) -> Mechanism:
+def _uncertain(keys: CheckedMapping, mapping: Data, read_body: BodyReader) -> Mechanism:
     """Return the mechanism of a mapping with the uncertainty of its numbers."""
     exact = {key: value for key, value in mapping.items() if key != "uncertainty"}
     mechanism = mechanism_from_mapping(exact, read_body)
@@ -125,9 +125,7 @@ def _uncertain(keys: CheckedMapping, mapping: dict[str, Any], read_body: BodyRea
     return replace(mechanism, uncertainty=uncertainty)
 
 
-def again_from_mapping(
-    mapping: dict[str, Any], mechanism: Mechanism, *, drawn: bool = False
-) -> Mechanism:
+def again_from_mapping(mapping: Data, mechanism: Mechanism, *, drawn: bool = False) -> Mechanism:
     """Validate a mapping whose links from files have the bodies of a mechanism read before."""
     bodies = {f"links.{link.name}": link.body for link in mechanism.links}
     given = mapping["links"].items()
@@ -140,9 +138,7 @@ def again_from_mapping(
     return mechanism_from_mapping({**mapping, "links": links}, body, drawn=drawn)
 
 
-def with_values(
-    mapping: dict[str, Any], mechanism: Mechanism, values: Mapping[str, float]
-) -> Mechanism:
+def with_values(mapping: Data, mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
     """Return the mechanism that a mapping describes with other numbers at paths."""
     numbers = [(path, number) for paths, number in values.items() for path in split_paths(paths)]
     for path, _ in numbers:
@@ -255,8 +251,7 @@ def _damping(keys: CheckedMapping) -> Damping:
         return ModalRatio(_damping_ratio(keys))
     if rule == "loss_factor":
         return LossFactor(keys.number("factor", positive=True))
-    at = keys.interval("at_hz", positive=True)
-    return rayleigh_damping(_damping_ratio(keys), *at)
+    return rayleigh_damping(_damping_ratio(keys), *keys.interval("at_hz", positive=True))
 
 
 def _damping_ratio(keys: CheckedMapping) -> float:

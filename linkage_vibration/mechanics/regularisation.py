@@ -47,6 +47,10 @@ class MeasuredFrfs:
     leverage: FloatArray  # (n_freq,): from 0 to 1
 
 
+Blocks = Sequence[ComplexArray | MeasuredFrfs]
+"""The FRFs of components, measured or not, (n_freq, n_r, n_r) each."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class RegularisedFrfs(MeasuredFrfs):
     """Receptances whose elastic part is fitted, and the fit of the whole."""
@@ -54,7 +58,7 @@ class RegularisedFrfs(MeasuredFrfs):
     fit: LinkFit
 
 
-def receptances(blocks: Sequence[ComplexArray | MeasuredFrfs]) -> list[ComplexArray]:
+def receptances(blocks: Blocks) -> list[ComplexArray]:
     """Return the FRFs of components, measured or not, (n_freq, n_r, n_r) each."""
     return [block.frf if isinstance(block, MeasuredFrfs) else block for block in blocks]
 
@@ -135,7 +139,7 @@ def _check_consistent(
 
 
 def noise_gain(
-    blocks: Sequence[ComplexArray | MeasuredFrfs],
+    blocks: Blocks,
     compatibility: FloatArray,
     outputs: FloatArray,
     inputs: FloatArray,

@@ -6,7 +6,6 @@ import difflib
 import math
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -19,12 +18,16 @@ from linkage_vibration.mechanics.description import (
 )
 from linkage_vibration.mechanics.keys import CheckedMapping
 from linkage_vibration.mechanics.paths import (
+    Data,
     number_at,
     number_paths,
     refuse_shared,
     split_paths,
     with_numbers,
 )
+
+Parse = Callable[[Data], Mechanism]
+"""Returns the mechanism of a changed description."""
 
 INTERVAL = 1.96
 """Standard deviations that an interval of 95 % reaches to either side."""
@@ -77,9 +80,7 @@ def balanced(random: np.random.Generator, taken: FloatArray, n: int) -> FloatArr
     return np.asarray(math.sqrt(len(taken)) * rest)
 
 
-def read_uncertainty(
-    keys: CheckedMapping, mapping: dict[str, Any], parse: Callable[[dict[str, Any]], Mechanism]
-) -> Uncertainty:
+def read_uncertainty(keys: CheckedMapping, mapping: Data, parse: Parse) -> Uncertainty:
     """Read the deviations of numbers and correlations; ``parse`` reads a changed mapping."""
     numbers: dict[str, UncertainNumber] = {}
     # Counts are exact, and the file of a link is read as it is.
@@ -112,10 +113,7 @@ def read_uncertainty(
 
 
 def _described(
-    mapping: dict[str, Any],
-    paths: list[tuple[str, ...]],
-    parse: Callable[[dict[str, Any]], Mechanism],
-    values: Sequence[float],
+    mapping: Data, paths: list[tuple[str, ...]], parse: Parse, values: Sequence[float]
 ) -> Mechanism:
     """Return the mechanism with other values of the numbers at paths."""
     both = zip(paths, values, strict=True)
@@ -123,12 +121,7 @@ def _described(
 
 
 def _number(
-    keys: CheckedMapping,
-    path: str,
-    mapping: dict[str, Any],
-    valid: Sequence[str],
-    *,
-    relative: bool,
+    keys: CheckedMapping, path: str, mapping: Data, valid: Sequence[str], *, relative: bool
 ) -> UncertainNumber:
     """Read the standard deviation of one number, which is at valid paths."""
     hint = "5 % of the number are 0.05" if relative else "give a standard deviation"
@@ -148,11 +141,7 @@ def _number(
     return UncertainNumber(path, values[0], deviation, step, relative)
 
 
-def _vary(
-    mapping: dict[str, Any],
-    numbers: Sequence[UncertainNumber],
-    parse: Callable[[dict[str, Any]], Mechanism],
-) -> None:
+def _vary(mapping: Data, numbers: Sequence[UncertainNumber], parse: Parse) -> None:
     """Parse a mapping whose numbers are changed by their steps, up and down in turn, and back."""
     for sign in (-1.0, 1.0):
         steps = [sign * (-1.0) ** i * number.step for i, number in enumerate(numbers)]

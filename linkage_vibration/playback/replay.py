@@ -57,6 +57,7 @@ from linkage_vibration.prediction.resonance import Header, ReportedSpeed, Resona
 from linkage_vibration.prediction.settings import DECLARED, NODE_NAME, Parameters, with_values
 from linkage_vibration.readers.excitations import excitation_files
 from linkage_vibration.readers.loaded_model import (
+    Report,
     load_model,
     read_described,
     read_loads,
@@ -494,17 +495,13 @@ def _refuse_empty(done: Replayed, bags: Bags, read: CrankInput) -> None:
     if done.names:
         missing = read.reader.explain_missing(done.topic, sorted(done.names))
         raise ReplayError(f"{bag_paths(bags)}: {missing}")
-    raise ReplayError(
-        f"{bag_paths(bags)} has no reading of the hitch on {done.topic} that can be used: "
-        f"{done.fault or 'its messages name no joints'}"
-    )
+    problem = f"has no reading of the hitch on {done.topic} that can be used"
+    reason = done.fault or "its messages name no joints"
+    raise ReplayError(f"{bag_paths(bags)} {problem}: {reason}")
 
 
 def _monitor(
-    settings: Parameters,
-    topics: Mapping[str, BagTopic],
-    served: LoadedModel,
-    report: Callable[[str], object],
+    settings: Parameters, topics: Mapping[str, BagTopic], served: LoadedModel, report: Report
 ) -> ResonanceMonitor | None:
     """Return a monitor of resonance, None if no speed is known; `report` may get a sentence."""
     fixed = {source: settings.fixed_speed(source) for source in Source}
@@ -512,8 +509,7 @@ def _monitor(
         return None
     excitations = read_loads(settings, served, report)
     levels = kept_levels(served.predictor, served.mechanism, excitations)
-    limits = settings.warning_limits()
-    rules = limits, settings.stale_after, levels, settings.resonance_rate
+    rules = settings.warning_limits(), settings.stale_after, levels, settings.resonance_rate
     monitor = ResonanceMonitor(excitations, *rules)
     for source, speed in fixed.items():
         monitor.set_fixed(source, speed)

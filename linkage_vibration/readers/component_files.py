@@ -108,10 +108,9 @@ def parse_dofs(names: Sequence[object]) -> list[InterfaceDof | None]:
             continue
         parts = name.rsplit(None, 1)
         if len(parts) != 2 or parts[1] not in DIRECTIONS:
-            raise FileError(
-                f"entry {i + 1} of dofs is {name!r}; write a point and one of "
-                f"{', '.join(DIRECTIONS)}, such as 'P1 x', or {INNER} for an inner coordinate."
-            )
+            hint = f"write a point and one of {', '.join(DIRECTIONS)}, such as 'P1 x', or {INNER}"
+            problem = f"entry {i + 1} of dofs is {name!r}"
+            raise FileError(f"{problem}; {hint} for an inner coordinate.")
         dof = InterfaceDof(parts[0].strip(), parts[1])
         if dof in dofs:
             problem = f"entries {dofs.index(dof) + 1} and {i + 1} of dofs are both {dof}"

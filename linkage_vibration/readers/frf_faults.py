@@ -83,10 +83,9 @@ def _check_plausible_mass(dofs: Sequence[InterfaceDof], accelerance: ComplexArra
         if dof.direction != "theta" and not _MASSES[0] < mass < _MASSES[1]:
             light = "mm/N or um/N, an acceleration, or over rad/s"
             unit = light if mass <= _MASSES[0] else "m/kN"
-            raise FileError(
-                f"the FRF of {name_frf(dof, dof)} belongs to a mass of {mass:.2g} kg, which no "
-                f"link has; convert it to m/N over Hz if it is in {unit}."
-            )
+            problem = f"belongs to a mass of {mass:.2g} kg, which no link has"
+            hint = f"convert it to m/N over Hz if it is in {unit}"
+            raise FileError(f"the FRF of {name_frf(dof, dof)} {problem}; {hint}.")
 
 
 def _check_reciprocity(dofs: Sequence[InterfaceDof], accelerance: ComplexArray) -> None:
@@ -100,11 +99,10 @@ def _check_reciprocity(dofs: Sequence[InterfaceDof], accelerance: ComplexArray) 
             related = odd <= max(_RECIPROCITY * even, noise)
             if not related or (even > noise and unequal > _UNEQUAL):
                 how = f"differ by {100.0 * unequal:.0f} % on average"
-                raise FileError(
-                    f"the FRF of {name_frf(response, reference)} and its reverse "
-                    f"{how if related else 'are unrelated'} but should be equal; look for a wrong "
-                    "direction, sign, unit or gain, or measure them again."
-                )
+                both = f"the FRF of {name_frf(response, reference)} and its reverse"
+                problem = f"{both} {how if related else 'are unrelated'} but should be equal"
+                hint = "look for a wrong direction, sign, unit or gain, or measure them again"
+                raise FileError(f"{problem}; {hint}.")
 
 
 def _check_mass(

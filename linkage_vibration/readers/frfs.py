@@ -92,11 +92,9 @@ def _read_npz(path: Path) -> Frfs:
         raise FileError("has a real frf; give complex receptances in m/N.")
     labels = parse_dofs(np.ravel(arrays["dofs"]).tolist())
     if frf.shape != (len(frequencies), len(labels), len(labels)):
-        raise FileError(
-            f"has an frf of {' by '.join(map(str, frf.shape))}; write one of {len(frequencies)} "
-            f"by {len(labels)} by {len(labels)}, as there are {len(frequencies)} frequencies and "
-            f"{len(labels)} dofs."
-        )
+        lines, n = len(frequencies), len(labels)
+        hint = f"write one of {lines} by {n} by {n}, as there are {lines} frequencies and {n} dofs"
+        raise FileError(f"has an frf of {' by '.join(map(str, frf.shape))}; {hint}.")
     dofs, rows = choose_rows(labels)
     chosen = frf[:, rows][:, :, rows].astype(np.complex128)
     return Frfs(dofs, frequencies.astype(np.float64), chosen)
@@ -117,17 +115,15 @@ def _read_uff(path: Path, nodes: Mapping[int, str]) -> Frfs:
         functions[pair] = frequencies, sign * values
     dofs = tuple(dict.fromkeys(dof for pair in functions for dof in pair))
     if not dofs:
-        raise FileError(
-            "holds no FRF (function type 4) between nodes that are mapped to points "
-            f"({', '.join(f'{node}: {point}' for node, point in nodes.items()) or 'none'})."
-        )
+        given = ", ".join(f"{node}: {point}" for node, point in nodes.items()) or "none"
+        problem = "holds no FRF (function type 4) between nodes that are mapped to points"
+        raise FileError(f"{problem} ({given}).")
     first, (lines, _) = next(iter(functions.items()))
     for pair, (other, _) in functions.items():
         if len(other) != len(lines) or not np.allclose(other, lines, rtol=1e-5, atol=0.0):
-            raise FileError(
-                f"the FRF of {name_frf(*pair)} has other frequencies than that of "
-                f"{name_frf(*first)}; measure or resample them alike."
-            )
+            problem = f"has other frequencies than that of {name_frf(*first)}"
+            hint = "measure or resample them alike"
+            raise FileError(f"the FRF of {name_frf(*pair)} {problem}; {hint}.")
     frf = np.empty((len(lines), len(dofs), len(dofs)), dtype=np.complex128)
     for i, response in enumerate(dofs):
         for j, reference in enumerate(dofs):
@@ -186,10 +182,8 @@ def _receptance(data: Mapping[str, Any], where: str) -> _Function:
         hint = "export it as displacement (8), velocity (11) or acceleration (12)"
         raise FileError(f"{problem}; {hint}.")
     if data["orddenom_spec_data_type"] not in _FORCES:
-        raise FileError(
-            f"{where} has the ordinate denominator data type {data['orddenom_spec_data_type']}; "
-            "export it per excitation force (13)."
-        )
+        problem = f"has the ordinate denominator data type {data['orddenom_spec_data_type']}"
+        raise FileError(f"{where} {problem}; export it per excitation force (13).")
     quantity, power, labels = _RESPONSES[kind]
     _check_label(where, data["ordinate_axis_units_lab"], labels, quantity)
     _check_label(where, data["orddenom_axis_units_lab"], _FORCE_LABELS, "a force")

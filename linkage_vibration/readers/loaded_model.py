@@ -31,12 +31,17 @@ from linkage_vibration.readers.mechanism import load_yaml, mechanism_of
 from linkage_vibration.support.resources import command
 from linkage_vibration.table.table import Table, load_table, refuse_other
 
+Report = Callable[[str], object]
+"""It gets a sentence."""
+Keep = Callable[[Mechanism, Callable[[], Table]], Table]
+"""It returns the table of a mechanism, built before or by the function given."""
+
 
 def load_model(
     settings: Parameters,
-    report: Callable[[str], object] | None = None,
+    report: Report | None = None,
     progress: Callable[[float], object] | None = None,
-    keep: Callable[[Mechanism, Callable[[], Table]], Table] | None = None,
+    keep: Keep | None = None,
 ) -> LoadedModel:
     """Return a mechanism with its table, which is built if the parameters name none for it.
 
@@ -59,9 +64,8 @@ def load_model(
 
     def built() -> Table:
         if report:
-            saved = (
-                f"`{command(f'build {quote(str(path))}')}` saves a table, which then loads at once"
-            )
+            build = command(f"build {quote(str(path))}")
+            saved = f"`{build}` saves a table, which then loads at once"
             saved = "it is kept for the next time" if keep else saved
             report(f"Building the table of {path}, as {why}; {saved}.")
         return _built(LinkageModel(mechanism), progress)
@@ -70,10 +74,7 @@ def load_model(
 
 
 def load_variants(
-    settings: Parameters,
-    masses: Sequence[float],
-    report: Callable[[str], object],
-    keep: Callable[[Mechanism, Callable[[], Table]], Table],
+    settings: Parameters, masses: Sequence[float], report: Report, keep: Keep
 ) -> list[LoadedModel]:
     """Return a mechanism and its table, which `keep` may know, with each mass of a body, kg."""
     described, variants = read_described(settings), list[LoadedModel]()
@@ -111,8 +112,7 @@ def read_described(settings: Parameters) -> ModelWithoutTable:
     if not settings.implement:
         return ModelWithoutTable(mechanism, text, None, implements)
     implement = implements.find(settings.implement)
-    changed = with_implement(mechanism, text, implement)
-    return ModelWithoutTable(*changed, implement, implements)
+    return ModelWithoutTable(*with_implement(mechanism, text, implement), implement, implements)
 
 
 def with_other_body(
@@ -125,10 +125,9 @@ def with_other_body(
     """Return a mechanism and its YAML with another mass or inertia of its only rigid body."""
     mechanism = described.mechanism
     if len(mechanism.rigid_bodies) != 1:
-        raise ParameterError(
-            f"{path} has {len(mechanism.rigid_bodies)} rigid bodies; another mass or inertia can "
-            "be given only for a mechanism with exactly one rigid body."
-        )
+        hint = "another mass or inertia can be given only for a mechanism with exactly one"
+        problem = f"{path} has {len(mechanism.rigid_bodies)} rigid bodies"
+        raise ParameterError(f"{problem}; {hint} rigid body.")
     [body] = mechanism.rigid_bodies
     mass, inertia = (
         present if given is None else given
@@ -139,7 +138,7 @@ def with_other_body(
 
 
 def read_loads(
-    settings: Parameters, served: LoadedModel, report: Callable[[str], object] = lambda text: None
+    settings: Parameters, served: LoadedModel, report: Report = lambda text: None
 ) -> tuple[Excitation, ...]:
     """Return the excitations; default ones that do not fit the mechanism have no amplitude."""
     path = settings.excitation_path()
@@ -166,10 +165,8 @@ def _check_room(path: Path, **counts: int) -> None:
     for name, count in counts.items():
         if count > limits[name]:
             what = "modes" if name == "mode_names" else name
-            raise ParameterError(
-                f"{path} has {count} {what}, and the messages of the node have room for "
-                f"{limits[name]}; reduce their number."
-            )
+            room = f"the messages of the node have room for {limits[name]}"
+            raise ParameterError(f"{path} has {count} {what}, and {room}; reduce their number.")
 
 
 def _acts(excitation: Excitation, served: LoadedModel) -> bool:

@@ -53,10 +53,9 @@ _RESISTS = 1e-4
 def read_matrices(path: Path) -> Matrices:
     """Read and check the matrices of a component from ``.npz``; rows named y are held."""
     if path.suffix.lower() != ".npz":
-        raise ComponentFileError(
-            f"{path}: is not a file of matrices; give a .npz file, written by `numpy.savez` "
-            "(`scipy.io.loadmat` reads MATLAB files, `scipy.io.mmread` Matrix Market)."
-        )
+        hint = "give a .npz file, written by `numpy.savez` (`scipy.io.loadmat` reads MATLAB files, "
+        hint += "`scipy.io.mmread` Matrix Market)"
+        raise ComponentFileError(f"{path}: is not a file of matrices; {hint}.")
     with file_errors(path):
         arrays = load_npz(path, ("dofs", "mass", "stiffness"), ("damping",))
         names = np.ravel(arrays.pop("dofs")).tolist()
@@ -81,8 +80,7 @@ def _order(
         raise FileError(f"has {len(names)} entries in dofs for {n} rows; remove some.")
     named = parse_dofs(names)
     held = {row for row, dof in enumerate(named) if dof and dof.direction == "y"}
-    there = [None if row in held else dof for row, dof in enumerate(named)]
-    dofs, rows = choose_rows(there)
+    dofs, rows = choose_rows([None if row in held else dof for row, dof in enumerate(named)])
     order = np.array(rows + sorted(set(range(n)) - held.union(rows)))
     labels = [
         str(named[row])
@@ -135,11 +133,10 @@ def _check(labels: Sequence[str], name: str, matrix: FloatArray, mass: FloatArra
         sizes = np.abs(matrix - matrix.T) / scale / scale[:, np.newaxis]
     if sizes.max() > _ASYMMETRY:
         i, j = divmod(int(sizes.argmax()), len(sizes))
-        raise FileError(
-            f"{name} is not symmetric: {matrix[i, j]:.6g} at {labels[i]}, {labels[j]} and "
-            f"{matrix[j, i]:.6g} at {labels[j]}, {labels[i]} differ by {sizes[i, j]:.1e} of "
-            "their diagonal entries; write it again."
-        )
+        one, other = f"at {labels[i]}, {labels[j]}", f"at {labels[j]}, {labels[i]}"
+        both = f"{matrix[i, j]:.6g} {one} and {matrix[j, i]:.6g} {other}"
+        problem = f"differ by {sizes[i, j]:.1e} of their diagonal entries"
+        raise FileError(f"{name} is not symmetric: {both} {problem}; write it again.")
     _, info = dpotrf(whole)
     if info:
         raise _not_positive(name, labels[info - 1])

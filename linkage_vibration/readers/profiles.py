@@ -55,16 +55,12 @@ def _problem(table: FloatArray) -> str:
     steps = np.diff(distance)
     back = np.flatnonzero(steps <= 0.0)
     if len(back):
-        return (
-            f"the distance of {distance[back[0] + 1]:g} m follows {distance[back[0]]:g} m; sort "
-            "the samples by distance, and give each distance once."
-        )
+        problem = f"the distance of {distance[back[0] + 1]:g} m follows {distance[back[0]]:g} m"
+        return f"{problem}; sort the samples by distance, and give each distance once."
     gap = int(steps.argmax())
     if steps[gap] > _GAP * np.median(steps):
-        return (
-            f"there is a gap from {distance[gap]:g} m to {distance[gap + 1]:g} m; give a part "
-            "without gaps."
-        )
+        problem = f"there is a gap from {distance[gap]:g} m to {distance[gap + 1]:g} m"
+        return f"{problem}; give a part without gaps."
     if np.abs(table).max() > _LONGEST:
         return f"a number is beyond {_LONGEST:g}; distances and heights are in m."
     names = ["height"] if columns == 2 else ["mean of both heights", "difference of both heights"]

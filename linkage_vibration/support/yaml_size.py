@@ -13,10 +13,8 @@ def refuse_unbounded(root: yaml.Node) -> None:
     """Refuse a text of more values than characters with aliases expanded, or a value in itself."""
     limit = max(_ALWAYS, root.end_mark.index)
     if _unfolded(root, {}) > limit:
-        raise yaml.MarkedYAMLError(
-            problem=f"with its aliases (*) expanded it holds more than {limit} values",
-            problem_mark=root.start_mark,
-        )
+        problem = f"with its aliases (*) expanded it holds more than {limit} values"
+        raise yaml.MarkedYAMLError(problem=problem, problem_mark=root.start_mark)
 
 
 def _unfolded(node: yaml.Node, counts: dict[yaml.Node, float]) -> float:

@@ -35,8 +35,7 @@ class Matrices(Body):
                 at = link.positions((InterfaceDof(point, direction),), self.dofs)[0]
                 mass[at, at] += value
         body = Matrices(self.dofs, mass, self.stiffness, self.damping)
-        wanted = mechanism.interface_dofs(link)
-        return component_of(link, mechanism, body, wanted, reduced=reduced)
+        return component_of(link, mechanism, body, mechanism.interface_dofs(link), reduced=reduced)
 
 
 def component_of(
