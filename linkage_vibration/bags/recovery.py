@@ -124,11 +124,8 @@ def recovery_text(recovery: Recovery) -> str:
     topics = sorted(recovery.saved.keys() | recovery.lost.keys())
     lines = [f"{recovery.path}: {sum(recovery.saved.values())} messages saved."]
     for topic in topics:
-        lost = recovery.lost.get(topic, 0)
-        lines.append(
-            f"  {printable(topic)}: {recovery.saved.get(topic, 0)}"
-            + (f", {lost} lost" if lost else "")
-        )
+        lost = f", {recovery.lost[topic]} lost" if topic in recovery.lost else ""
+        lines.append(f"  {printable(topic)}: {recovery.saved.get(topic, 0)}{lost}")
     if recovery.damages:
         lines.append("Damaged places of the old file:")
         lines += [f"  {damage}" for damage in recovery.damages[:_DAMAGES_SHOWN]]

@@ -139,9 +139,7 @@ def _description(
             fix = "give its base mounts"
         aside = " along y" if half is table.lateral else ""
         fix = "give `lateral` chains, and axles with a stiffness" if aside else fix
-        yield (
-            f"Nothing holds {mechanism.name}{aside}: {left_out} left out of the table. To hold it, "
-            f"{fix}."
-        )
+        problem = f"Nothing holds {mechanism.name}{aside}: {left_out} left out of the table"
+        yield f"{problem}. To hold it, {fix}."
     if table.unknown_deviations:
         yield table.unknown_deviations

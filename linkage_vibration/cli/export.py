@@ -59,10 +59,8 @@ def run(options: argparse.Namespace) -> int:
     write_files({file: [data] for file, data in files.items()}, ExportError)
     for file in files:
         print(f"Written: {file}")
-    print(
-        f"Table {table.table_id} of {table.mechanism_name}: {len(constants.starts)} "
-        f"cells, {constants.size} bytes of constants. {export.accuracy}"
-    )
+    size = f"{len(constants.starts)} cells, {constants.size} bytes of constants"
+    print(f"Table {table.table_id} of {table.mechanism_name}: {size}. {export.accuracy}")
     if constants.gaps:
         print(constants.gap_text)
     return 0

@@ -86,16 +86,11 @@ def _print(predictor: "Predictor", degrees: list[float], options: argparse.Names
         prediction = predictor.predict(math.radians(angle))
         good = good and prediction.status.has_numbers
         missing = "overdamped" if prediction.status.has_numbers else "nan"
-        frequencies = [
-            f"{missing:>13}" if math.isnan(frequency) else f"{frequency:13.4f}"
-            for frequency in prediction.natural_frequencies
-        ]
-        print(
-            f"{angle:12.3f}"
-            + "".join(frequencies)
-            + f"{prediction.frf_peak_frequency:13.4f}{prediction.frf_peak_magnitude:13.4e}"
-            + ("" if prediction.status is Status.OK else f"  {prediction.status.name}")
-        )
+        natural = prediction.natural_frequencies
+        cells = [f"{missing:>13}" if math.isnan(hertz) else f"{hertz:13.4f}" for hertz in natural]
+        peak = f"{prediction.frf_peak_frequency:13.4f}{prediction.frf_peak_magnitude:13.4e}"
+        status = "" if prediction.status is Status.OK else f"  {prediction.status.name}"
+        print(f"{angle:12.3f}{''.join(cells)}{peak}{status}")
         if problem := fault(prediction, predictor.table.alpha3_range):
             print(f"  The {problem}.".replace("?.", "?"))
         if options.shares:

@@ -19,8 +19,7 @@ from linkage_vibration.mechanics.description import Mechanism, MechanismError
 NEAR = math.radians(5.0)
 """Angle of every body from those given, within which a pose is used without a search for others."""
 
-# The angles given are wrong if a body turns by more than this from them.
-_ROUGH = math.radians(20.0)
+_ROUGH = math.radians(20.0)  # Angles are wrong if a body turns by more than this from them.
 _AMBIGUOUS = 2.0  # A pose is clear if the others are so many times farther away.
 _STARTS = 200  # number of random starting angles, beside the angles given
 _ITERATIONS = 60

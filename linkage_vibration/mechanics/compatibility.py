@@ -179,14 +179,11 @@ class InterfaceMap:
         return springs + self._mounts(configuration)
 
     def _mounts(self, configuration: Configuration) -> list[SpringRow]:
-        return [
-            (
-                self.displacement(GROUND, mount.name, configuration)[..., axis, :],
-                mount.stiffness[axis],
-                mount.damping[axis],
-            )
-            for mount, axis in self._mechanism.mount_springs
-        ]
+        springs: list[SpringRow] = []
+        for mount, axis in self._mechanism.mount_springs:
+            row = self.displacement(GROUND, mount.name, configuration)[..., axis, :]
+            springs.append((row, mount.stiffness[axis], mount.damping[axis]))
+        return springs
 
     def _elongation(self, spring: Spring, configuration: Configuration) -> FloatArray:
         first, second = spring.bodies

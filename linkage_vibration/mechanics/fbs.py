@@ -27,10 +27,8 @@ from linkage_vibration.mechanics.components import Component
 Matrix = FloatArray | ComplexArray
 
 _CHUNK = 2**20  # complex numbers of dynamic stiffness that are held at a time, 16 MB
-# A body is free to move if the least eigenvalue of its scaled stiffness is smaller.
-_FLOATING = 1e-9
-# A smaller error by rounding, of the largest receptance, is not computed precisely.
-_HARMLESS = 1e-12
+_FLOATING = 1e-9  # least eigenvalue of the scaled stiffness of a body that is held
+_HARMLESS = 1e-12  # A smaller error, of the largest receptance, is not computed precisely.
 _ROUNDING_LIMIT = 1e-6  # A larger error by rounding, of the largest receptance, is refused.
 
 

@@ -31,8 +31,7 @@ from linkage_vibration.mechanics.springs import Values, has_force, tension_share
 GRAVITY = 9.80665
 """Standard acceleration of gravity, m/s2, by which static forces are computed."""
 
-# Least reference force of a place, as a share of the largest static force at that angle.
-_LEAST_REFERENCE = 0.1
+_LEAST_REFERENCE = 0.1  # least reference force, as a share of the largest static one at an angle
 _SINGULAR = 1e-13  # Nothing holds a motion whose scaled singular value, of the largest, is smaller.
 _BALANCED = 1e-6  # A larger part of the weight that nothing carries is more than rounding.
 

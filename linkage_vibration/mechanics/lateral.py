@@ -61,16 +61,12 @@ def lateral_components(mechanism: Mechanism, *, reduced: bool) -> tuple[Componen
     """Return the components of the lateral half, in the order of those of the vertical one."""
     assert mechanism.lateral is not None
     inertias = dict(mechanism.lateral.inertia)
-    links = [_link(link, mechanism, reduced=reduced) for link in mechanism.links]
-    rigid = [
-        body.on(
-            {"y": body.mass, "roll": inertias[body.name][0], "yaw": inertias[body.name][1]},
-            LossFactor(0.0) if body.name == GROUND else mechanism.damping,
-        )
-        for body in mechanism.rigid
-        if body.name in inertias
-    ]
-    return (*links, *rigid)
+    parts = [_link(link, mechanism, reduced=reduced) for link in mechanism.links]
+    for body in (each for each in mechanism.rigid if each.name in inertias):
+        roll, yaw = inertias[body.name]
+        rule = LossFactor(0.0) if body.name == GROUND else mechanism.damping
+        parts.append(body.on({"y": body.mass, "roll": roll, "yaw": yaw}, rule))
+    return tuple(parts)
 
 
 def _link(link: Link, mechanism: Mechanism, *, reduced: bool) -> Component:
@@ -347,12 +343,10 @@ class LateralForces(Forces):
     @cached_property
     def springs(self) -> list[tuple[str, str]]:
         """The name and direction of the force of each row of `Joining`; "" if it has no force."""
-        lines = [
-            len(each.points) == 2 and not isinstance(each.stiffness, Cylinder)
-            for each in self.mechanism.springs
-        ]
-        own = zip(self.mechanism.springs, lines, strict=True)
-        return [(each.name * line, "force") for each, line in own] + self.interface.held_by
+        springs = self.mechanism.springs
+        lines = [len(s.points) == 2 and not isinstance(s.stiffness, Cylinder) for s in springs]
+        own = [(s.name * line, "force") for s, line in zip(springs, lines, strict=True)]
+        return own + self.interface.held_by
 
     def tension_share(self, row: int, configuration: Configuration) -> float:
         """Return the force at the place of a row of `Joining`, per force that the row exerts."""

@@ -34,14 +34,12 @@ _ORDERS = 4  # largest number of terms for the modes above the lines
 _LOWEST = 0.02  # least pole of the deformation, over the last line; below it the link is rigid
 _NARROWEST = 0.5  # least bandwidth of a pole among the lines, in spacings of the lines
 _RELAXATIONS = 2.0 ** np.arange(-1, 6)  # real poles of the rigid motions, over the first line
-# factor of the real poles in the second fit, which lie between those of the first
-_SHIFT = math.sqrt(2.0)
+_SHIFT = math.sqrt(2.0)  # factor of the real poles in the second fit, between those of the first
 _CLEARLY = 20.0  # least advantage of a law other than the first, in the information criterion
 _STEPS = 4  # number of Gauss-Newton steps that improve the poles
 _NEGLIGIBLE = 1e-6  # The steps end if the sum of squares falls by less than this share.
 _STEP = 1e-6  # relative step of a parameter, for derivatives
-# Smaller singular values of the changes with the parameters are errors of differences.
-_RESOLVED = 1e-8
+_RESOLVED = 1e-8  # Smaller singular values of changes with parameters are errors of differences.
 _ROUNDING = 1e-9  # Computed FRFs leave no more than this share of what is fitted.
 _COMPUTED = 1e-4  # Measured FRFs leave more than this share of what is fitted.
 _SMALLEST = 1e-13  # Smaller singular values of the scaled terms are rounding.

@@ -53,8 +53,7 @@ from linkage_vibration.support.conversions import import_xarray
 
 _STILL = 1e-6  # A DoF is held if it moves by less than this share of the largest response.
 _NOISE = 0.5  # Coupled FRFs with a larger share of noise, root mean square over lines, are refused.
-# Lines with a larger error by rounding, of the largest response, are solved again.
-_ROUNDING = 1e-9
+_ROUNDING = 1e-9  # Lines with a larger error, of the largest response, are solved again.
 
 Place = tuple[str, str]
 """A point and a direction along the global axes, ("E1", "z"), or a force (see `forces`)."""

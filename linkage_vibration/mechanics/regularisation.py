@@ -26,8 +26,7 @@ from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.mechanics.link_fit import LinkFit, fit_link
 
 _LEAST_LINES = 30
-# A link with a larger systematic share, root mean square over lines, is not free.
-_SYSTEMATIC = 0.03
+_SYSTEMATIC = 0.03  # largest systematic share, root mean square over lines, of a free link
 
 
 class RegularisationError(LinkageVibrationError):

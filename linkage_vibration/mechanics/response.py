@@ -39,8 +39,7 @@ _NEWTON = 6  # largest number of steps to a maximum; three or four are enough
 _GRID = 200  # number of frequencies over the band at which a peak is sought first
 _STEPS = 12  # Each maximum is then found in so many steps.
 _BESIDE = 1e-6  # relative distance from 0 Hz at which a slope is evaluated
-# places, in quarter half-widths, at which a maximum is sought if Newton's method fails
-_WIDER = np.arange(-32.0, 33.0)
+_WIDER = np.arange(-32.0, 33.0)  # quarter half-widths in which a maximum is sought at last
 _AROUND = np.linspace(-2.0, 2.0, 9)  # lines about each resonance, in half-power half-widths
 
 

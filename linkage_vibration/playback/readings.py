@@ -101,11 +101,8 @@ def recorded_faults(
         topics = choose_topics(bags, settings, remaps)
         names = list(dict.fromkeys(topic.name for topic in topics.values()))
         read = JudgedInputs(bags, settings, topics, names, alpha3_range)
-        counts = [
-            len(read.read(block, SkippedMessages())[0])
-            for block in bags.blocks(names, bags.is_own_log)
-        ]
-        if not sum(counts):
+        blocks = bags.blocks(names, bags.is_own_log)
+        if not sum(len(read.read(block, SkippedMessages())[0]) for block in blocks):
             raise ReplayError(f"{log} has no reading of {read.crank.describe(names[0])}.")
         return read.judge.faults()
 

@@ -129,11 +129,8 @@ def with_other_body(
         problem = f"{path} has {len(mechanism.rigid_bodies)} rigid bodies"
         raise ParameterError(f"{problem}; {hint} rigid body.")
     [body] = mechanism.rigid_bodies
-    mass, inertia = (
-        present if given is None else given
-        for given, present in ((mass, body.mass), (inertia, body.inertia))
-    )
-    implement = Implement(body.name, mass, inertia, ())
+    mass = body.mass if mass is None else mass
+    implement = Implement(body.name, mass, body.inertia if inertia is None else inertia, ())
     return with_implement(mechanism, described.mechanism_text, implement)
 
 

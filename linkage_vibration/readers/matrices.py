@@ -78,16 +78,12 @@ def _order(
     """Return the interface DoFs, and the row and the name of each row to keep, theirs first."""
     if len(names) > n:
         raise FileError(f"has {len(names)} entries in dofs for {n} rows; remove some.")
-    named = parse_dofs(names)
+    named = [*parse_dofs(names), *[None] * (n - len(names))]
     held = {row for row, dof in enumerate(named) if dof and dof.direction == "y"}
     dofs, rows = choose_rows([None if row in held else dof for row, dof in enumerate(named)])
     order = np.array(rows + sorted(set(range(n)) - held.union(rows)))
-    labels = [
-        str(named[row])
-        if row < len(named) and named[row] is not None
-        else f"row {row + 1} (counted from 1, an inner coordinate)"
-        for row in order
-    ]
+    inner = "(counted from 1, an inner coordinate)"
+    labels = [str(named[row] or f"row {row + 1} {inner}") for row in order]
     return dofs, order, labels
 
 

@@ -74,11 +74,9 @@ class Beam:
     def component(self, link: Link, mechanism: Mechanism, *, reduced: bool) -> Component:
         """Return the component of the beam in true length; its DoFs are as seen from the side."""
         try:
-            matrices = beam_matrices(
-                *self.in_space(link.points, link.stretch),
-                rotations=mechanism.rotations(link.name),
-                masses=link.masses,
-            )
+            beam, points = self.in_space(link.points, link.stretch)
+            rotations = mechanism.rotations(link.name)
+            matrices = beam_matrices(beam, points, rotations=rotations, masses=link.masses)
         except MechanismError as error:
             raise MechanismError(f"links.{link.name}.{error.path}", error.problem) from None
         projected = _projected(matrices, link.stretch)
