@@ -124,17 +124,11 @@ def j1939_key(identifier: int) -> tuple[int, int]:
 
 
 def _signal(
-    name: str,
-    group: int,
-    first_byte: int,
-    n_bytes: int,
-    scale: float,
-    unit: str,
-    offset: float = 0.0,
+    name: str, group: int, first: int, n_bytes: int, scale: float, unit: str, offset: float = 0.0
 ) -> CanSignal:
     """Return a signal of a parameter group; bytes are counted from 1, as in the standards."""
     key, mask = j1939_key(group << 8)
-    bits = Bits(8 * (first_byte - 1), 8 * n_bytes, first_byte - 1 + n_bytes)
+    bits = Bits(8 * (first - 1), 8 * n_bytes, first - 1 + n_bytes)
     return CanSignal(name, unit, key, mask, bits, scale, offset, reserved=True)
 
 

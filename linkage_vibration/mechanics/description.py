@@ -21,7 +21,7 @@ from scipy.linalg import eigh
 from linkage_vibration.errors import LinkageVibrationError, check_type
 from linkage_vibration.mechanics.arrays import FloatArray, symmetric
 from linkage_vibration.mechanics.components import CENTRE_OF_GRAVITY, Component, FrfComponent
-from linkage_vibration.mechanics.dofs import InterfaceDof
+from linkage_vibration.mechanics.dofs import Dofs, InterfaceDof
 
 GROUND = "ground"
 """The name of the ground; a base that moves has it too."""
@@ -503,7 +503,7 @@ class Mechanism:
             (point, first, other) for point, (first, *others) in owners.items() for other in others
         )
 
-    def interface_dofs(self, link: Link) -> tuple[InterfaceDof, ...]:
+    def interface_dofs(self, link: Link) -> Dofs:
         """Return the DoFs at which one of the links is joined, point by point."""
         rotations = self.rotations(link.name)
         return tuple(

@@ -484,16 +484,13 @@ def oscillators(omega: ArrayLike, damping_ratios: ArrayLike, residues: ArrayLike
     """Return one FRF: the sum of viscously damped oscillators (rad/s, 1 and 1/kg)."""
     w = np.asarray(omega, dtype=float)
     above = np.asarray(residues, dtype=complex)[np.newaxis, np.newaxis]
-    return sum_of_modes(w**2 + 0j, 2.0 * np.asarray(damping_ratios, dtype=float) * w, above)
+    decay = 2.0 * np.asarray(damping_ratios, dtype=float) * w
+    return sum_of_modes(w**2 + 0j, decay, above, np.zeros_like(above))
 
 
 def sum_of_modes(
-    stiffness: ComplexArray,
-    decay: FloatArray,
-    residues: ComplexArray,
-    rates: ComplexArray | None = None,
+    stiffness: ComplexArray, decay: FloatArray, residues: ComplexArray, rates: ComplexArray
 ) -> PoleResidue:
     """Return FRFs of which every mode is known, so that they have no residual."""
-    rates = np.zeros_like(residues) if rates is None else rates
     residual = np.zeros(residues.shape[:2], dtype=complex)
     return PoleResidue(stiffness, decay, residues, rates, residual)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.dofs import DIRECTIONS, InterfaceDof
+from linkage_vibration.mechanics.dofs import DIRECTIONS, Dofs, InterfaceDof
 from linkage_vibration.mechanics.reduction import ReductionError
 
 INNER = "-"
@@ -119,9 +119,7 @@ def parse_dofs(names: Sequence[object]) -> list[InterfaceDof | None]:
     return dofs
 
 
-def choose_rows(
-    labels: Sequence[InterfaceDof | None],
-) -> tuple[tuple[InterfaceDof, ...], list[int]]:
+def choose_rows(labels: Sequence[InterfaceDof | None]) -> tuple[Dofs, list[int]]:
     """Return the interface DoFs and the row of each; a FileError is raised if there is none."""
     named = {dof: row for row, dof in enumerate(labels) if dof is not None}
     if not named:

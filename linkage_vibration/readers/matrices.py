@@ -24,7 +24,7 @@ from scipy.linalg.lapack import dpotrf
 
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.bodies.matrices import Matrices
-from linkage_vibration.mechanics.dofs import InterfaceDof
+from linkage_vibration.mechanics.dofs import Dofs, InterfaceDof
 from linkage_vibration.readers.component_files import (
     ComponentFileError,
     FileError,
@@ -72,9 +72,7 @@ def read_matrices(path: Path) -> Matrices:
     return Matrices(dofs, matrices["mass"], matrices["stiffness"], matrices.get("damping"))
 
 
-def _order(
-    names: Sequence[object], n: int
-) -> tuple[tuple[InterfaceDof, ...], NDArray[np.intp], list[str]]:
+def _order(names: Sequence[object], n: int) -> tuple[Dofs, NDArray[np.intp], list[str]]:
     """Return the interface DoFs, and the row and the name of each row to keep, theirs first."""
     if len(names) > n:
         raise FileError(f"has {len(names)} entries in dofs for {n} rows; remove some.")

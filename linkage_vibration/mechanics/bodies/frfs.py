@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 from linkage_vibration.mechanics.components import FrfComponent
 from linkage_vibration.mechanics.description import Body, Link, Mechanism, MechanismError
-from linkage_vibration.mechanics.dofs import InterfaceDof
+from linkage_vibration.mechanics.dofs import Dofs
 from linkage_vibration.mechanics.mass_lines import find_mass_lines, shown_mass
 from linkage_vibration.mechanics.regularisation import (
     RegularisationError,
@@ -22,7 +22,7 @@ from linkage_vibration.mechanics.regularisation import (
 class Frfs(Body):
     """An elastic body known by its frequency response functions alone, measured or computed."""
 
-    dofs: tuple[InterfaceDof, ...]  # (n_dofs,): rows (responses) and columns (forces)
+    dofs: Dofs  # (n_dofs,): rows (responses) and columns (forces)
     frequencies: FloatArray  # (n_freq,), Hz, ascending
     frf: ComplexArray  # (n_freq, n_dofs, n_dofs): receptances of the free body in its axes, m/N
     mass: float | None = None  # kg, on a scale

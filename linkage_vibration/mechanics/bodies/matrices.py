@@ -9,7 +9,7 @@ import numpy as np
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.components import Component, Drawing
 from linkage_vibration.mechanics.description import Body, Link, Mechanism, MechanismError
-from linkage_vibration.mechanics.dofs import InterfaceDof
+from linkage_vibration.mechanics.dofs import Dofs, InterfaceDof
 from linkage_vibration.mechanics.reduction import ReductionError, craig_bampton
 
 
@@ -17,7 +17,7 @@ from linkage_vibration.mechanics.reduction import ReductionError, craig_bampton
 class Matrices(Body):
     """An elastic body known by its matrices."""
 
-    dofs: tuple[InterfaceDof, ...]  # the first rows and columns; all others are inner coordinates
+    dofs: Dofs  # the first rows and columns; all others are inner coordinates
     mass: FloatArray  # (n, n), SI
     stiffness: FloatArray  # (n, n)
     damping: FloatArray | None = None  # (n, n), viscous; None leaves it to the damping rule
@@ -39,12 +39,7 @@ class Matrices(Body):
 
 
 def component_of(
-    link: Link,
-    mechanism: Mechanism,
-    body: Matrices,
-    wanted: tuple[InterfaceDof, ...],
-    *,
-    reduced: bool,
+    link: Link, mechanism: Mechanism, body: Matrices, wanted: Dofs, *, reduced: bool
 ) -> Component:
     """Put one of a link's equal bodies on the DoFs wanted, reduce it, and damp the result."""
     first = link.positions(wanted, body.dofs)
