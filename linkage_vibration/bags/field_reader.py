@@ -44,11 +44,7 @@ class _Places:
 
 
 class FieldReader(NumberReader):
-    """Reads a number of messages of any type, by a path; see `find_path`.
-
-    The rate of a named element is read from the list ``rates`` beside its own, if that is as long.
-    If ``flagged``, a flag follows the number, which is NaN where that is false.
-    """
+    """Reads a number by a path, its rate from a list ``rates``, and a flag behind it."""
 
     def __init__(
         self, schema: Schema, type_name: str, path: str, rates: str = "", flagged: bool = False

@@ -21,8 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("log", type=Path, metavar="LOG", help="MCAP file of predictions, of the node or a replay")
     add("--sensors", type=Path, required=True, metavar="FILE", help="YAML file of sensors")
-    text = "HTML file to write (default: LOG with _listen.html)"
-    add("-o", "--output", type=Path, help=text)
+    add("-o", "--output", type=Path, help="HTML file to write (default: LOG with _listen.html)")
     text = "also write the excitations with measured amplitudes and deviations to this file"
     add("--amplitudes", type=Path, metavar="FILE", help=text)
     text = "also write natural frequencies without doubts as targets of `calibrate` to this file"

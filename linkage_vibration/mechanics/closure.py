@@ -33,12 +33,9 @@ _REST = 0.02  # largest ratio of the gaps of the other pins to that of the opene
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pins:
-    """The gap between the two ends of every pin, with scaled lengths, (n_rows,).
+    """The gaps of all pins, scaled, which are linear in positions, cosines and sines of a pose."""
 
-    It is linear in positions, cosines and sines of a pose, with the same matrices in every pose:
-    two rows for each pin, and a last one that is free for another condition.
-    """
-
+    # Two rows for each pin, and a last one that is free for another condition.
     positions: FloatArray  # (n_rows, 3 n_bodies): d(gap)/d(pose); zero for the angles
     cosines: FloatArray  # (n_rows, n_bodies): d(gap)/d(cosine of each angle)
     sines: FloatArray  # (n_rows, n_bodies): the same of the sines

@@ -55,10 +55,7 @@ class IdentificationError(LinkageVibrationError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class IdentifiedModes:
-    """Modes found in a band, ascending.
-
-    H(w) = sum over modes of R / (i w - p) + conj(R) / (i w - conj(p)), plus modes outside the band.
-    """
+    """Modes in a band, ascending: sums of R / (i w - p) and conj(R) / (i w - conj(p))."""
 
     poles: ComplexArray  # (n_modes,): p = -zeta w0 + i w0 sqrt(1 - zeta^2), rad/s
     shapes: FloatArray  # (n_out, n_modes): real, mass-normalised, positive at the drive point

@@ -369,11 +369,7 @@ class Kinematics:
     def _close(
         self, pose: FloatArray, direction: FloatArray, target: float | FloatArray
     ) -> tuple[FloatArray, FloatArray] | None:
-        """Return closed poses with ``pose @ direction == target`` by Newton's method, or None.
-
-        They are (..., 3 n), of as many targets, (...). The second array is d(pose)/d(target), which
-        points along the curve of closed poses.
-        """
+        """Return closed poses, (..., 3 n), where ``pose @ direction == target``, and rates."""
         try:
             for _ in range(30):
                 gaps, matrix = self._pins.at(pose)

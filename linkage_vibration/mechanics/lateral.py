@@ -87,9 +87,8 @@ def _link(link: Link, mechanism: Mechanism, *, reduced: bool) -> Component:
         turned = mechanism.rotations(link.name) | held
         bodies.insert(0, beam_matrices(beam, points, rotations=turned, masses=masses))
     parts = [component_of(link, mechanism, b, b.dofs, reduced=reduced) for b in bodies]
-    dofs, both = tuple(dof for part in parts for dof in part.dofs), uncoupled_system(parts)
-    inner = np.concatenate([np.arange(len(part.mass)) >= len(part.dofs) for part in parts])
-    order = np.argsort(inner, kind="stable")
+    dofs = tuple(dof for part in parts for dof in part.dofs)
+    both = uncoupled_system([replace(part, name=str(i)) for i, part in enumerate(parts)])
     # Of each element, in both directions, what the square of its slope adds up to along it.
     drawings = [part.drawing for part in parts if part.drawing is not None]
     nodes = drawings[0].places[:, 0]
@@ -97,8 +96,7 @@ def _link(link: Link, mechanism: Mechanism, *, reduced: bool) -> Component:
     ends = [link.stretch * x for _, (x, _) in link.points]
     at = np.searchsorted(ends[1:-1], (nodes[1:] + nodes[:-1]) / 2.0)
     tightened = np.zeros((len(ends) - 1, *both.mass.shape))
-    columns = np.split(np.argsort(order), np.cumsum([len(part.mass) for part in parts])[:-1])
-    for each, own in zip(slopes, columns, strict=True):
+    for each, own in zip(slopes, both.rows.values(), strict=True):
         for piece, tight in enumerate(tightened):
             piece_slopes = each[:, at == piece].reshape(-1, len(own))
             tight[own[:, np.newaxis], own] = piece_slopes.T @ piece_slopes
@@ -183,12 +181,9 @@ class LateralMap(InterfaceMap):
     def _turned_force(
         self, body: str, place: Point, y: float, force: FloatArray, configuration: Configuration
     ) -> FloatArray:
-        """Return the stiffness of a load against roll and yaw of what carries it, (..., 2, 2).
-
-        A link in a bearing turns with the base; its tension has what turns its axis.
-        """
+        """Return the stiffness of a load against roll and yaw of what carries it, (..., 2, 2)."""
         start, held = self._centres.get(body), np.eye(3)
-        if start is None:
+        if start is None:  # A link in a bearing turns with the base; tension turns its axis.
             pin, axis = self._bearings[body], self.axes(body, configuration)[..., 0]
             start, y = self._mechanism.local_points(body)[pin], y - self._y.get(pin, 0.0)
             held = axis[..., :, np.newaxis] * axis[..., np.newaxis, :]

@@ -178,11 +178,7 @@ class LinkFit:
 def fit_link(
     omega: FloatArray, frf: ComplexArray, unit: FloatArray, motions: FloatArray
 ) -> LinkFit:
-    """Fit the receptances, (n_freq, n, n), m/N, of a free link at omega, (n_freq,), rad/s.
-
-    `unit`, (n,), normalises the DoFs; `motions`, (n, n_motions), are orthonormal rigid motions of
-    the normalised DoFs.
-    """
+    """Fit receptances, (n_freq, n, n), at omega, rad/s; `motions` are rigid, over `unit`, (n,)."""
     raw = frf / np.outer(unit, unit)
     lines = symmetric(raw)
     weights = 1.0 / np.linalg.norm(lines, axis=(1, 2))[:, np.newaxis]

@@ -88,11 +88,7 @@ def _along(component: Component, shapes: FloatArray) -> FloatArray:
 
 
 def name_modes(energy: KineticEnergy, given: Sequence[str] = ()) -> tuple[str, ...]:
-    """Return a name for each mode; no two are the same.
-
-    Motions of a rigid body are assigned so that their shares of energy have the largest sum, equal
-    ones in order; other modes are numbered. Names in `given` replace the first, unless empty.
-    """
+    """Return distinct names of modes, by the motions with most energy, or as `given`."""
     bodies = list(dict.fromkeys(body for body, _ in energy.motions))
     owners = np.array([body for body, _ in energy.motions])
     rows = {body: np.flatnonzero(owners == body) for body in bodies}

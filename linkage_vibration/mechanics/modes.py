@@ -124,11 +124,7 @@ def solve_modes(system: CoupledSystem) -> tuple[Modes, FloatArray]:
 
 
 def damp_modes(system: CoupledSystem, omega: FloatArray, vectors: FloatArray) -> DampedModes:
-    """Find the damped modes of a system from undamped ones, (..., k) and (..., m, k).
-
-    Viscous damping that is not proportional makes complex modes by the symmetric first-order form,
-    structural by K (1 + i eta); both together are refused if they couple the modes.
-    """
+    """Find the damped modes from undamped ones, (..., k) and (..., m, k); see `mixed_damping`."""
     viscous, loss = modal_damping(system, vectors)
     if not any(_beside_diagonal(each).any() for each in (viscous, loss)):
         return DampedModes(omega**2 + 1j * _diagonal(loss), _diagonal(viscous), None, None)
@@ -189,10 +185,7 @@ def _is_diagonal(modal: FloatArray, matrix: FloatArray, vectors: FloatArray) -> 
 
 
 def _viscous_modes(omega: FloatArray, viscous: FloatArray) -> DampedModes:
-    """Solve q'' + D q' + W^2 q = f with x = (W q, q'): x' = [[0, W], [-W, -D]] x + (0, f).
-
-    With this scaling, rounding of the highest modes does not affect the shapes of the lowest.
-    """
+    """Solve q'' + D q' + W^2 q = f by x = (W q, q'), which keeps the lowest shapes exact."""
     n, omega = omega.shape[-1], np.maximum(omega, _SLOWEST)
     matrix = np.zeros((*omega.shape[:-1], 2 * n, 2 * n))
     matrix[..., :n, n:] = omega[..., np.newaxis] * np.eye(n)

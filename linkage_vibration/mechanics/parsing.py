@@ -41,6 +41,9 @@ _WIDEST = 10.0  # largest radius of gyration of a rigid body, in m and in sizes 
 _HEAVIEST = 1e9  # kg; largest mass of a rigid body
 _SLOWEST = 0.1  # Hz; lowest frequency at which a spring has a loss factor
 
+_Ends = tuple[tuple[str, ...], tuple[str, str]]
+"""The points and the two bodies of a spring."""
+
 
 def _no_files(keys: CheckedMapping, _: dict[str, Point]) -> Body:
     """Refuse links from files, where nothing can read them."""
@@ -325,9 +328,7 @@ def _spring(keys: CheckedMapping, name: str, points: dict[str, dict[str, Point]]
     return Spring(name, bodies, ends, stiffness, damping, retardation)
 
 
-def _joint(
-    keys: CheckedMapping, owners: dict[str, list[str]]
-) -> tuple[tuple[str, ...], tuple[str, str]]:
+def _joint(keys: CheckedMapping, owners: dict[str, list[str]]) -> _Ends:
     """Read the joint on which a spring acts, and which two of its bodies."""
     point = keys.choice("joint", [point for point, bodies in owners.items() if len(bodies) > 1])
     bodies = owners[point]
@@ -339,9 +340,7 @@ def _joint(
     return (point,), (bodies[0], bodies[1])
 
 
-def _ends(
-    keys: CheckedMapping, owners: dict[str, list[str]]
-) -> tuple[tuple[str, ...], tuple[str, str]]:
+def _ends(keys: CheckedMapping, owners: dict[str, list[str]]) -> _Ends:
     """Read the two points between which a spring acts, and the bodies that have them."""
     ends = keys.words("between")
     if len(ends) != 2 or ends[0] == ends[1] or not set(ends) <= owners.keys():

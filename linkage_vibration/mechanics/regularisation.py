@@ -22,7 +22,7 @@ from scipy.linalg import block_diag, orth
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, solve_stack, symmetric
-from linkage_vibration.mechanics.dofs import InterfaceDof
+from linkage_vibration.mechanics.dofs import Dofs, InterfaceDof
 from linkage_vibration.mechanics.link_fit import LinkFit, fit_link
 
 _LEAST_LINES = 30
@@ -76,22 +76,18 @@ def rigid_motions(
 
 
 def noise_level(frequencies: FloatArray, frf: ComplexArray) -> float:
-    """Estimate the relative noise of receptances, (n_freq, n, n), from third differences of lines.
-
-    Anything resolved by the lines has small differences; noise of standard deviation s has
-    differences of sqrt(20) s. The median over lines excludes peaks.
-    """
+    """Estimate the relative noise of receptances, (n_freq, n, n), by third differences of lines."""
     accelerance = np.asarray(frequencies)[:, np.newaxis, np.newaxis] ** 2 * frf
     steps = np.median(np.abs(np.diff(accelerance, n=3, axis=0)), axis=0)
     size = np.median(np.abs(accelerance), axis=0)
     drive = np.diag(size)
     felt = size > 1e-3 * np.sqrt(np.outer(drive, drive))  # others may be only rounding
-    # The median of a complex normal number's modulus is sqrt(ln 2) of its standard deviation.
+    # Noise s has differences of sqrt(20) s, and the median of its modulus is sqrt(ln 2) s.
     return float(np.median(steps[felt] / size[felt]) / math.sqrt(20.0 * math.log(2.0)))
 
 
 def regularise(
-    dofs: Sequence[InterfaceDof], frequencies: FloatArray, frf: ComplexArray, motions: FloatArray
+    dofs: Dofs, frequencies: FloatArray, frf: ComplexArray, motions: FloatArray
 ) -> RegularisedFrfs:
     """Fit the elastic part of the receptances, (n_freq, n, n), of a free body by `fit_link`.
 
@@ -115,13 +111,8 @@ def regularise(
     return RegularisedFrfs(fitted * np.outer(unit, unit), kept, fit.elastic.leverage, fit)
 
 
-def _check_consistent(
-    dofs: Sequence[InterfaceDof], rest: ComplexArray, fitted: ComplexArray
-) -> None:
-    """Refuse FRFs if the rest of a fit is smooth over the lines, and so is not noise.
-
-    Half the mean square of the first difference is the power of noise (von Neumann 1941).
-    """
+def _check_consistent(dofs: Dofs, rest: ComplexArray, fitted: ComplexArray) -> None:
+    """Refuse FRFs if the rest of a fit is smooth over the lines, by von Neumann's ratio (1941)."""
     size = np.sqrt((np.abs(fitted) ** 2).mean(axis=(1, 2), keepdims=True))
     relative = rest / size
     noise = (np.abs(np.diff(relative, axis=0)) ** 2).mean(axis=0) / 2.0

@@ -449,10 +449,7 @@ def reach(band: tuple[float, float]) -> float:
 
 
 def pole_residue(damped: DampedModes, outputs: NDArray[Any], inputs: FloatArray) -> PoleResidue:
-    """Turn damped modes into FRFs; outputs, (n_out, n_modes), and inputs are on undamped modes.
-
-    Outputs may be (3, n_out, n_modes): constants, and factors of s and of s^2.
-    """
+    """Turn damped modes into FRFs; outputs, (n_out, n_modes), may be three, of 1, s and s^2."""
     if outputs.ndim == 2:
         outputs = np.array([outputs, 0.0 * outputs, 0.0 * outputs])
     if damped.shapes is None:

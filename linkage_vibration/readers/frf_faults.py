@@ -7,14 +7,14 @@ near a resonance, need lines below the first resonance of the link.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
 from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray
 from linkage_vibration.mechanics.bodies.frfs import Frfs
 from linkage_vibration.mechanics.description import Point
-from linkage_vibration.mechanics.dofs import InterfaceDof
+from linkage_vibration.mechanics.dofs import Dofs, InterfaceDof
 from linkage_vibration.mechanics.mass_lines import MassLines, find_mass_lines, shown_mass
 from linkage_vibration.mechanics.regularisation import noise_level
 from linkage_vibration.readers.component_files import FileError
@@ -64,7 +64,7 @@ def _gives_power(accelerance: ComplexArray, noise: float) -> BoolArray:
     return np.asarray(np.where(near.any(axis=0), 2.0 * share, lag) > 1.0)
 
 
-def _check_signs(dofs: Sequence[InterfaceDof], wrong: BoolArray) -> None:
+def _check_signs(dofs: Dofs, wrong: BoolArray) -> None:
     """Refuse drive points, (n,), that give out power, or follow the force as no free body does."""
     if wrong.any():
         names = ", ".join(str(dof) for dof, refused in zip(dofs, wrong, strict=True) if refused)
@@ -76,7 +76,7 @@ def _check_signs(dofs: Sequence[InterfaceDof], wrong: BoolArray) -> None:
         )
 
 
-def _check_plausible_mass(dofs: Sequence[InterfaceDof], accelerance: ComplexArray) -> None:
+def _check_plausible_mass(dofs: Dofs, accelerance: ComplexArray) -> None:
     """Refuse apparent masses of drive points that no link has, as it was not weighed."""
     for j, dof in enumerate(dofs):
         mass = 1.0 / max(float(np.median(np.abs(accelerance[:, j, j]))), 1e-300)
@@ -88,7 +88,7 @@ def _check_plausible_mass(dofs: Sequence[InterfaceDof], accelerance: ComplexArra
             raise FileError(f"the FRF of {name_frf(dof, dof)} {problem}; {hint}.")
 
 
-def _check_reciprocity(dofs: Sequence[InterfaceDof], accelerance: ComplexArray) -> None:
+def _check_reciprocity(dofs: Dofs, accelerance: ComplexArray) -> None:
     sizes = np.linalg.norm(np.diagonal(accelerance, axis1=1, axis2=2), axis=0)
     for i, response in enumerate(dofs):
         for j, reference in enumerate(dofs[:i]):
@@ -105,9 +105,7 @@ def _check_reciprocity(dofs: Sequence[InterfaceDof], accelerance: ComplexArray) 
                 raise FileError(f"{problem}; {hint}.")
 
 
-def _check_mass(
-    dofs: Sequence[InterfaceDof], lines: MassLines, points: Mapping[str, Point], mass: float
-) -> None:
+def _check_mass(dofs: Dofs, lines: MassLines, points: Mapping[str, Point], mass: float) -> None:
     """Refuse FRFs of a planar rigid body with these points that has another mass, kg."""
     weighed = shown_mass(dofs, lines, points)
     if weighed is None:
