@@ -11,6 +11,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from linkage_vibration.errors import LinkageVibrationError
+
 if TYPE_CHECKING:
     from linkage_vibration.mechanics.model import LinkageModel
     from linkage_vibration.prediction.answers import LoadedModel
@@ -119,10 +121,8 @@ def read_settings(options: argparse.Namespace, **more: Any) -> "Parameters":
     elif source is not None and table is None:
         table = _table_of(source)
     given = {"mechanism_file": source, **more, "table_file": table}
-    values = {name: value for name, value in given.items() if value is not None}
-    settings = with_values(
-        settings, {name: str(v) if isinstance(v, Path) else v for name, v in values.items()}
-    )
+    values = {k: str(v) if isinstance(v, Path) else v for k, v in given.items() if v is not None}
+    settings = with_values(settings, values)
     if not settings.mechanism_file:
         warn(f"No mechanism is given; this is the shipped {settings.mechanism_path()}.")
     return settings
@@ -138,7 +138,6 @@ def mechanism_file(options: argparse.Namespace) -> Path:
 
 def mechanism_of_table(path: Path) -> Path:
     """Return the file of the mechanism of a table: beside it, or one that is shipped."""
-    from linkage_vibration.errors import LinkageVibrationError
     from linkage_vibration.readers.mechanism import read_mechanism
     from linkage_vibration.support.resources import DEFAULT_MECHANISM, config_file
     from linkage_vibration.table.table import TableError, load_table
@@ -154,7 +153,6 @@ def mechanism_of_table(path: Path) -> Path:
 
 def _table_of(source: Path) -> Path | None:
     """Return the file of a table that was built from a mechanism, if there is one."""
-    from linkage_vibration.errors import LinkageVibrationError
     from linkage_vibration.readers.mechanism import read_mechanism
     from linkage_vibration.table.table import load_table
 

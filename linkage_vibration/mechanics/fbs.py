@@ -46,9 +46,11 @@ def component_frf(
 ) -> ComplexArray:
     """Return (K (1 + i eta) - w^2 M + i w C)^-1 of the first DoFs, (n_freq, n_dofs, n_dofs)."""
     omega = np.multiply(frequencies, 2.0 * math.pi)
-    if (omega == 0.0).any() and _is_floating(stiffness):
-        problem = "A component that is free to move has no receptance at 0 Hz"
-        raise FbsError(f"{problem}; begin above 0, at 0.1 Hz or more.")
+    if (omega == 0.0).any():
+        scale = np.sqrt(np.maximum(np.diag(stiffness), np.finfo(float).tiny))
+        if np.linalg.eigvalsh(stiffness / np.outer(scale, scale))[0] < _FLOATING:
+            problem = "A component that is free to move has no receptance at 0 Hz"
+            raise FbsError(f"{problem}; begin above 0, at 0.1 Hz or more.")
     lossy = np.asarray((1.0 + 1j * loss_factor) * stiffness, dtype=np.complex128)
     matrices: list[Matrix] = [lossy, mass, damping]
     frf = np.empty((len(omega), n_dofs, n_dofs), dtype=complex)
@@ -218,9 +220,3 @@ def _lost(lines: IntArray, share: float, frequencies: FloatArray | None) -> FbsE
         f"of {share:.0e} of the largest coupled FRF; leave these frequencies out, add damping, or "
         "describe the components by their matrices."
     )
-
-
-def _is_floating(stiffness: FloatArray) -> bool:
-    """Return whether a stiffness matrix lets its component move without a force."""
-    scale = np.sqrt(np.maximum(np.diag(stiffness), np.finfo(float).tiny))
-    return bool(np.linalg.eigvalsh(stiffness / np.outer(scale, scale))[0] < _FLOATING)

@@ -112,7 +112,14 @@ def identify(
 def fit_poles(omega: FloatArray, frf: ComplexArray) -> tuple[ComplexArray, BoolArray]:
     """Fit stable poles, (n,), rad/s, ascending, and return which recur; others fit noise."""
     order = min(_MAX_ORDER, len(omega) // _LINES_A_POLE)
-    return _recurring(list(_models(omega, frf, max(2, order // frf.shape[2]))))
+    models = list(_models(omega, frf, max(2, order // frf.shape[2])))
+    # The lowest of those with the most poles that most models of the upper half of orders have.
+    models = models[len(models) // 2 :]
+    shares = [np.mean([_recurs(model, other) for other in models], axis=0) for model in models]
+    flags = [share >= _RECURS for share in shares]
+    best = int(np.argmax([flag.sum() for flag in flags]))
+    ascending = np.argsort(np.abs(models[best].poles))
+    return models[best].poles[ascending], flags[best][ascending]
 
 
 def _in_band(
@@ -266,16 +273,6 @@ class _Fraction:
         numerators = self._numerators[:, : degree + 1, :size] @ coefficients
         shapes = numerators.reshape(-1, size) @ values.reshape(size, -1)
         return roots, shapes / np.maximum(np.linalg.norm(shapes, axis=0), np.finfo(float).tiny)
-
-
-def _recurring(models: list[_Model]) -> tuple[ComplexArray, BoolArray]:
-    """Return the poles of the model with the most recurring ones, ascending, and which recur."""
-    models = models[len(models) // 2 :]
-    shares = [np.mean([_recurs(model, other) for other in models], axis=0) for model in models]
-    flags = [share >= _RECURS for share in shares]
-    best = int(np.argmax([flag.sum() for flag in flags]))
-    order = np.argsort(np.abs(models[best].poles))
-    return models[best].poles[order], flags[best][order]
 
 
 def _recurs(model: _Model, other: _Model) -> BoolArray:

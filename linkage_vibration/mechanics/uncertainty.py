@@ -140,11 +140,10 @@ def _number(
 
 def _vary(mapping: Data, numbers: Sequence[UncertainNumber], parse: Parse) -> None:
     """Parse a mapping whose numbers are changed by their steps, up and down in turn, and back."""
+    paths = [split_paths(each.path) for each in numbers]
     for sign in (-1.0, 1.0):
-        steps = [sign * (-1.0) ** i * number.step for i, number in enumerate(numbers)]
-        pairs = zip(numbers, steps, strict=True)
-        changed = [(p, each.value + by) for each, by in pairs for p in split_paths(each.path)]
-        parse(with_numbers(mapping, changed))
+        values = [each.value + sign * (-1.0) ** i * each.step for i, each in enumerate(numbers)]
+        _described(mapping, paths, parse, values)
 
 
 def _most_like(path: str, paths: Sequence[str]) -> str:

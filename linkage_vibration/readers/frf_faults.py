@@ -43,7 +43,14 @@ def check_faults(frfs: Frfs, points: Mapping[str, Point] | None, mass: float | N
     wrong = _gives_power(accelerance, noise_level(frequencies, frf))
     if lines is not None:
         wrong |= np.diag(lines.accelerance) < 0.0
-    _check_signs(frfs.dofs, wrong)
+    if wrong.any():
+        names = ", ".join(str(dof) for dof, bad in zip(frfs.dofs, wrong, strict=True) if bad)
+        raise FileError(
+            f"the drive point {names} gives out power, or moves with the force below the first "
+            "resonance; change the sign of the sensor or of the force there. If these are all "
+            "points, all signs may be reversed, or the FRFs belong to "
+            "exp(-i omega t) (take the complex conjugates of all)."
+        )
     _check_reciprocity(frfs.dofs, accelerance)
     if points is not None and mass is not None and lines is not None:
         _check_mass(frfs.dofs, lines, points, mass)
@@ -62,18 +69,6 @@ def _gives_power(accelerance: ComplexArray, noise: float) -> BoolArray:
     share = lost.sum(axis=0) / np.maximum(np.abs(lost).sum(axis=0), np.finfo(float).tiny)
     lag = (drive.imag / size).mean(axis=0) / min(_LAG, 100.0 * noise + 1e-9)
     return np.asarray(np.where(near.any(axis=0), 2.0 * share, lag) > 1.0)
-
-
-def _check_signs(dofs: Dofs, wrong: BoolArray) -> None:
-    """Refuse drive points, (n,), that give out power, or follow the force as no free body does."""
-    if wrong.any():
-        names = ", ".join(str(dof) for dof, refused in zip(dofs, wrong, strict=True) if refused)
-        raise FileError(
-            f"the drive point {names} gives out power, or moves with the force below the first "
-            "resonance; change the sign of the sensor or of the force there. If these are all "
-            "points, all signs may be reversed, or the FRFs belong to "
-            "exp(-i omega t) (take the complex conjugates of all)."
-        )
 
 
 def _check_plausible_mass(dofs: Dofs, accelerance: ComplexArray) -> None:
