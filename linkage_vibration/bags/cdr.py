@@ -81,9 +81,8 @@ class Layout(Generic[Places]):
             mask[begin:end] = 0xFF
         shared = np.frombuffer(data[: self.needed].ljust(len(mask), b"\0"), np.uint8) & mask
         self.mask, self.shared = mask.view(np.uint64), shared.view(np.uint64)
-        self._mask, self._shared = (
-            int.from_bytes(part.tobytes(), "little") for part in (mask, shared)
-        )
+        self._mask = int.from_bytes(mask.tobytes(), "little")
+        self._shared = int.from_bytes(shared.tobytes(), "little")
 
     def fits(self, data: bytes) -> bool:
         """Return whether a message has its values here."""

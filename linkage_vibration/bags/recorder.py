@@ -179,12 +179,9 @@ class Recorder:
         self._wake.set()
         self._thread.join(DRAIN_TIME + 1.0)
         if self._thread.is_alive():
-            self.keep(
-                LogError(
-                    f"{self.path} is still being written, as its disk does not respond; complete "
-                    f"it with `{command(f'recover {self.path}')}` when the disk responds."
-                )
-            )
+            problem = f"{self.path} is still being written, as its disk does not respond"
+            hint = f"complete it with `{command(f'recover {self.path}')}` when the disk responds"
+            self.keep(LogError(f"{problem}; {hint}."))
 
     def _run(self) -> None:
         """Write messages until recording ends."""
@@ -194,9 +191,8 @@ class Recorder:
                 self._work()
             self._work()
         except Exception as defect:
-            self.keep(
-                LogError(f"Recording {self.path} failed: {defect!r}; please report this defect.")
-            )
+            problem = f"Recording {self.path} failed: {defect!r}"
+            self.keep(LogError(f"{problem}; please report this defect."))
             raise
         finally:
             with self._lock:

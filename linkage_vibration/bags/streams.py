@@ -90,9 +90,8 @@ class Bags:
         for file in files:
             for connection in file.reader.connections:
                 counts[connection.topic, _type(connection)] += connection.msgcount
-        logs = [
-            file.reader for file in files if isinstance(file.reader, CanLog) and file.reader.bad
-        ]
+        readers = [file.reader for file in files]
+        logs = [each for each in readers if isinstance(each, CanLog) and each.bad]
         self.bad_lines, self.fault = sum(log.bad for log in logs), logs[0].fault if logs else ""
         self.topics = tuple(BagTopic(*key, count) for key, count in sorted(counts.items()))
 

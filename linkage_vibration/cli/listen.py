@@ -68,9 +68,8 @@ def run(options: argparse.Namespace) -> int:
     if options.amplitudes:
         rows = [row for each in comparisons for row in each.rows]
         numbers = amplitude_numbers(rows, yaml.safe_load(log.excitations_text))
-        content[options.amplitudes] = [
-            edit_text(log.excitations_text, numbers, ReviewError).encode()
-        ]
+        text = edit_text(log.excitations_text, numbers, ReviewError)
+        content[options.amplitudes] = [text.encode()]
     if options.targets:
         assert log.table is not None
         text = drive_targets(modes, log.table, mechanism, options.targets)

@@ -499,9 +499,7 @@ class Mechanism:
     def joints(self) -> tuple[tuple[str, str, str], ...]:
         """Every pin as (point, one body, other body); k bodies at a point make k - 1 pins."""
         owners = {point: self.owners(point) for places in self._points.values() for point in places}
-        return tuple(
-            (point, first, other) for point, (first, *others) in owners.items() for other in others
-        )
+        return tuple((point, a, b) for point, (a, *others) in owners.items() for b in others)
 
     def interface_dofs(self, link: Link) -> Dofs:
         """Return the DoFs at which one of the links is joined, point by point."""

@@ -201,9 +201,7 @@ def _solve(matrices: ComplexArray, right: Matrix) -> ComplexArray:
         columns = np.broadcast_to(right, (len(matrices), *right.shape[-2:]))
         if len(matrices) == 1:
             return np.full(columns.shape, np.nan, dtype=complex)
-        return np.concatenate(
-            [_solve(matrices[i : i + 1], columns[i]) for i in range(len(columns))]
-        )
+        return np.concatenate([_solve(matrices[[i]], columns[i]) for i in range(len(columns))])
 
 
 def _lost(lines: IntArray, share: float, frequencies: FloatArray | None) -> FbsError:

@@ -79,9 +79,8 @@ def _link(link: Link, mechanism: Mechanism, *, reduced: bool) -> Component:
     held, masses = {point for point in [bearing(link, mechanism)] if point}, link.masses
     # Where the ground does not move, its bearing holds chi, so it is no DoF.
     free, clamped = (held, set[str]()) if mechanism.base else (set[str](), held)
-    bodies = [
-        beam_matrices(beam, points, rotations=free, masses=masses, across=True, clamped=clamped)
-    ]
+    aside = beam_matrices(beam, points, rotations=free, masses=masses, across=True, clamped=clamped)
+    bodies = [aside]
     if link.count > 1:
         link = replace(link, modes=-(-link.modes // 2))  # half of them in each direction
         turned = mechanism.rotations(link.name) | held
@@ -129,11 +128,9 @@ class LateralMap(InterfaceMap):
         assert mechanism.lateral is not None
         self._system = uncoupled_system([c for c in components if isinstance(c, Component)])
         self._lateral = mechanism.lateral
-        mounts = (
-            zip(mechanism.base.mounts, self._lateral.axles, strict=True) if mechanism.base else ()
-        )
-        # A mount is at its left wheel.
-        wheels = {mount.name: axle.track / 2.0 for mount, axle in mounts}
+        mounts = mechanism.base.mounts if mechanism.base else ()
+        both = zip(mounts, self._lateral.axles, strict=True)
+        wheels = {mount.name: axle.track / 2.0 for mount, axle in both}  # of the left one
         self._y = dict(self._lateral.y) | wheels
         self.chains = self._lateral.chains
         self._links = {link.name: link for link in mechanism.links}

@@ -22,10 +22,7 @@ from linkage_vibration.mechanics.modes import MECHANISM
 
 _EQUAL = 1e-9  # of all energy: shares of symmetric bodies differ by rounding alone
 
-_MOTIONS = {
-    **{"x": "surge", "z": "heave", "theta": "pitch"},
-    **{"y": "sway", "roll": "roll", "yaw": "yaw"},
-}
+_MOTIONS = {"x": "surge", "y": "sway", "z": "heave", "theta": "pitch", "roll": "roll", "yaw": "yaw"}
 
 GROUPS = ("base", "rigid_bodies", "links")
 """The groups of bodies in the columns of `group_shares`."""

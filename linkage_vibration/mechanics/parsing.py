@@ -60,10 +60,8 @@ def mechanism_from_mapping(
         return _uncertain(top["uncertainty"], mapping, read_body)
     ground = _points(top, "ground")
     links = tuple(_link(top["links"][name], name, ground, read_body) for name in top["links"])
-    rigid_keys = [(top["rigid_bodies"][name], name) for name in top.names("rigid_bodies")]
-    rigid_bodies = tuple(
-        read_rigid(keys, name, _points(keys, "points")) for keys, name in rigid_keys
-    )
+    rigid = [(top["rigid_bodies"][name], name) for name in top.names("rigid_bodies")]
+    rigid_bodies = tuple(read_rigid(keys, name, _points(keys, "points")) for keys, name in rigid)
     taken = {point for body in links + rigid_bodies for point, _ in body.points} | ground.keys()
     base = _base(top["base"], ground, taken) if "base" in top else None
     points = {GROUND: ground if base is None else dict(base.body.points)}
@@ -159,9 +157,7 @@ def _response(
     band: tuple[float, float] | None = None,
 ) -> Response:
     """Read a response; that of the lateral half is in the band of the vertical one."""
-    movable = dict.fromkeys(
-        point for name in points if name != GROUND or base for point in points[name]
-    )
+    movable = dict.fromkeys(p for name in points if name != GROUND or base for p in points[name])
     directions: tuple[Literal["x", "y", "z"], ...] = ("x", "z") if band is None else ("x", "y", "z")
     direction = directions[directions.index(keys.choice("direction", directions))]
     band = band or keys.interval("band_hz")

@@ -23,6 +23,5 @@ def excitation_files(path: Path) -> dict[str, bytes]:
     content: dict[str, dict[str, Any]] = load_yaml(path)[0]
     grounds = [entry["terrain"] for entry in content.values() if "terrain" in entry]
     names = [ground["profile"] for ground in grounds if "profile" in ground]
-    return {EXCITATIONS: path.read_bytes()} | {
-        name: (path.parent / name).read_bytes() for name in names
-    }
+    profiles = {name: (path.parent / name).read_bytes() for name in names}
+    return {EXCITATIONS: path.read_bytes()} | profiles

@@ -190,7 +190,6 @@ def _receptance(data: Mapping[str, Any], where: str) -> _Function:
     abscissa = _plain_label(data["abscissa_axis_units_lab"])
     if data["abscissa_spec_data_type"] not in _FREQUENCY or abscissa not in ("", "none", "hz"):
         raise FileError(f"{where} is not over frequency in Hz; export it that way.")
-
     if not {"x", "data"} <= data.keys():
         raise FileError(f"{where} has no numbers that can be read; export it again.")
     x, y = np.asarray(data["x"], dtype=np.float64), np.asarray(data["data"])

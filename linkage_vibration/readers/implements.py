@@ -16,12 +16,11 @@ def read_implements(path: str | Path, mechanism: Mechanism) -> dict[str, Impleme
     path = Path(path)
     try:
         top = CheckedMapping("", load_yaml(path)[0])
-        implements = {
-            name: _implement(top["implements"][name], mechanism) for name in top["implements"]
-        }
+        keys = top["implements"]
+        implements = {name: _implement(keys[name], mechanism) for name in keys}
         for name in implements:
             if not name.strip() or name != name.strip():
-                raise top["implements"].error(name, f"{name!r} has spaces around it or no letters.")
+                raise keys.error(name, f"{name!r} has spaces around it or no letters.")
         top.refuse_unknown()
     except MechanismError as error:
         where = error.path if str(path) in error.path else f"{path}: {error.path}"
@@ -40,6 +39,5 @@ def _implement(keys: CheckedMapping, mechanism: Mechanism) -> Implement:
         raise keys.error("rigid_body", str(error)) from None
     body = next(body for body in mechanism.rigid_bodies if body.name == name)
     rigid = read_rigid(keys, name, dict(body.points))
-
     label = keys.path.partition(".")[2]
     return Implement(name, rigid.mass, rigid.inertia, rigid.centre_of_gravity, label)

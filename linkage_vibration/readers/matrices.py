@@ -117,7 +117,6 @@ def _check(labels: Sequence[str], name: str, matrix: FloatArray, mass: FloatArra
     if not np.isfinite(matrix).all():
         i, j = np.argwhere(~np.isfinite(matrix))[0]
         raise FileError(f"{name} is not finite at {labels[i]}, {labels[j]}; write it again.")
-
     whole = matrix if name == "mass" else matrix + _accepted(name, matrix, mass)
     diagonal = whole.diagonal()
     if diagonal.min() <= 0.0:

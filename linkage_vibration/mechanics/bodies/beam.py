@@ -226,9 +226,8 @@ def _projected(matrices: Matrices, stretch: float) -> Matrices:
     displacement = matrices.drawing.displacement * scale
     displacement[:, 0] *= stretch
     drawing = Drawing(matrices.drawing.places / [stretch, 1.0], displacement)
-    mass, stiffness = (
-        scale[:, np.newaxis] * each * scale for each in (matrices.mass, matrices.stiffness)
-    )
+    column = scale[:, np.newaxis]
+    mass, stiffness = column * matrices.mass * scale, column * matrices.stiffness * scale
     return Matrices(matrices.dofs, mass, stiffness, drawing=drawing)
 
 

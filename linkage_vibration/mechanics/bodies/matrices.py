@@ -49,9 +49,8 @@ def component_of(
     block = np.ix_(order, order)
     mass, stiffness = body.mass[block], body.stiffness[block]
     viscous = None if body.damping is None else body.damping[block]
-    drawing = body.drawing and replace(
-        body.drawing, displacement=body.drawing.displacement[:, :, order]
-    )
+    drawing = body.drawing
+    drawing = drawing and replace(drawing, displacement=drawing.displacement[:, :, order])
     if reduced:
         try:
             reduction = craig_bampton(mass, stiffness, len(wanted), link.modes)
