@@ -118,7 +118,10 @@ class Layouts(Generic[Places]):
     def groups(
         self, block: Block, rows: Integers, left_out: SkippedMessages | None = None
     ) -> Iterator[tuple[Layout[Places], Integers, Bytes]]:
-        """Yield layouts, rows of their messages, and bytes; count others, or raise a `CdrError`."""
+        """Yield the messages of each layout: it, their rows, and their bytes up to what it needs.
+
+        Messages that are not of the type are counted, or raise a `CdrError`.
+        """
         kept = iter(list(self._kept))
         while len(rows):
             layout = next(kept, None)

@@ -206,7 +206,7 @@ class Messages:
 
 
 class ChunkLog(LogWriter):
-    """A log that a replay writes by the chunk, compressed on another thread, or an OSError."""
+    """A log that a replay writes by the chunk; it compresses on a thread, and raises OSErrors."""
 
     def __init__(
         self,

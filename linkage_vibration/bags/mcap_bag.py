@@ -86,7 +86,7 @@ class McapBag:
 
 
 def read_mcap(path: Path, stack: ExitStack) -> McapBag:
-    """Return what a file contains, or a copy that the stack deletes; damage may raise anything."""
+    """Return what a file contains, or a copy that the stack deletes; damage may raise any error."""
     summary = None
     with path.open("rb") as file:
         end = file.seek(-len(MAGIC), os.SEEK_END)

@@ -195,7 +195,7 @@ def _compressed(compression: str, content: bytes) -> tuple[bytes, bytes]:
 
 
 def decompressed(compression: bytes, data: bytes, most: int) -> bytes:
-    """Return what can be decompressed of a chunk, of one frame or more, up to so many bytes."""
+    """Return what can be decompressed of the frames of a chunk, up to so many bytes."""
     if not compression:
         return data
     pieces, size = [], 0

@@ -96,7 +96,7 @@ def _flat(path: Path, schema: Schema, type_name: str, prefix: str = "") -> Itera
 
 
 class _Table:
-    """The columns of a topic, as long as the log states, as small pieces would fragment memory."""
+    """The columns of a topic, allocated for the number of messages that the log states."""
 
     def __init__(
         self, type_name: str, fields: list[SchemaField], unused: Collection[str], stated: int

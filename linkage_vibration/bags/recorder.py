@@ -148,7 +148,7 @@ class Recorder:
         self._thread.start()
 
     def write(self, messages: Sequence[tuple[str, bytes, int, int]]) -> None:
-        """Queue messages (topic, CDR, log and publish time, ns), or count all as dropped."""
+        """Queue messages (topic, CDR, log and publish time in ns), or count all as dropped."""
         size = sum(len(data) for _, data, _, _ in messages)
         with self._lock:
             if not self.active:

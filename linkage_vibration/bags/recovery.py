@@ -393,7 +393,7 @@ class _Rescue:
 
 
 def _parse(opcode: int, body: bytes) -> records.McapRecord | None:
-    """Return a record, or None unless it is written again as the same bytes, but for a few more."""
+    """Return a record, or None if writing it again gives other bytes, except a few at its end."""
     try:
         kind: Any = getattr(records, Opcode(opcode).name.title().replace("_", ""))
         record: records.McapRecord = kind.read(ReadDataStream(io.BytesIO(body)))

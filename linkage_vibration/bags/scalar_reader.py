@@ -77,7 +77,7 @@ class NumberReader(ABC):
 
     @abstractmethod
     def read_one(self, data: bytes) -> Scalar | None:
-        """Return a message's number, None without; raise `CdrError`, or `ReadingError` in doubt."""
+        """Return the number of a message or None; a `CdrError` or `ReadingError` refuses it."""
 
     @abstractmethod
     def read(

@@ -48,7 +48,7 @@ class AssemblyPole:
 
 
 class Assembly:
-    """Components, some measured, in one configuration; the ground holds `held`, (n,)."""
+    """Components, some measured, that are joined; the ground holds the DoFs `held`, (n,)."""
 
     def __init__(self, components: Components, held: BoolArray, joining: Joining) -> None:
         kept = joining.compatibility[:, ~held].any(axis=1)
@@ -63,7 +63,7 @@ class Assembly:
         self._parts = list(zip(components, np.split(held, ends), rows, strict=True))
 
     def confirm(self, poles: ComplexArray) -> BoolArray:
-        """Return which poles, (n,), rad/s, are modes, made neither by noise nor by the fit."""
+        """Return which poles, (n,), rad/s, are modes, and not caused by noise or the fit."""
         self.modes.clear()
         kept = np.zeros(len(poles), dtype=np.bool_)
         for i, start in enumerate(poles):
@@ -80,7 +80,7 @@ class Assembly:
         return kept
 
     def _variances(self, mode: AssemblyPole) -> FloatArray:
-        """Return variances of frequency (Hz) and damping ratio by noise, by gain, (2, 2)."""
+        """Return variances of frequency (Hz) and damping ratio by noise and gain, (2, 2)."""
         power = np.zeros((2, 2))
         for component, _, rows in self._parts:
             if isinstance(component, FrfComponent):

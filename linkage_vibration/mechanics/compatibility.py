@@ -94,7 +94,7 @@ class InterfaceMap:
 
     @cached_property
     def held(self) -> BoolArray:
-        """Which DoFs of links the ground holds at every angle, (n,): pins, and clamps."""
+        """Which DoFs of links the ground holds at every angle, (n,), by pins and clamps."""
         held = np.zeros(len(self), dtype=bool)
         if GROUND in self._centres:
             return held

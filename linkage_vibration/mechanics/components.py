@@ -42,7 +42,10 @@ class Component:
     tightened: FloatArray | None = None
 
     def translation(self, along: FloatArray, turn: FloatArray) -> FloatArray:
-        """Return coordinates, (..., n), for a motion (2,), global, m; (..., 2, 2) turn axes."""
+        """Return the coordinates, (..., n), if a body moves by (2,) along the global axes, m.
+
+        The matrices, (..., 2, 2), turn its components into global ones.
+        """
         if self.dofs[0].point != CENTRE_OF_GRAVITY:  # a rigid body has the global axes
             along = along @ turn
         return np.asarray(along @ self._moved)

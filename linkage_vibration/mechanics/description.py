@@ -250,7 +250,11 @@ class Cylinder:
 
 @dataclass(frozen=True, slots=True)
 class Spring:
-    """A massless spring or damper between two points, or on the rotation at one, of two bodies."""
+    """A massless spring, damper or both between two bodies.
+
+    ``points`` names its two ends, and it acts along the line between them; or one point that the
+    two bodies share, and it acts on the rotation of the one against the other.
+    """
 
     name: str
     bodies: tuple[str, str]

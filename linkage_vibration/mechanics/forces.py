@@ -241,7 +241,7 @@ class Forces:
         coupled: CoupledSystem | None = None,
         rows: NDArray[Any] | None = None,
     ) -> FloatArray:
-        """Return forces at `places` by the weight, (..., n_places), N; NaN if not carried."""
+        """Return static forces at `places`, (..., n_places), N; NaN if nothing carries them."""
         moved, falling = self.moved_by_weight(configuration, joining, coupled)
         rows = self.rows(self.places, configuration, joining) if rows is None else rows
         forces = rows[..., 0, :, :].real @ moved[..., np.newaxis]
@@ -251,7 +251,7 @@ class Forces:
     def moved_by_weight(
         self, configuration: Configuration, joining: Joining, coupled: CoupledSystem | None = None
     ) -> tuple[FloatArray, FloatArray]:
-        """Return how the weight moves components, NaN if not carried, and gravity, (..., n)."""
+        """Return motions by the weight, NaN if nothing carries it, and gravity, (..., n)."""
         shape, down = configuration.angles.shape[:-1], np.array([0.0, -GRAVITY])
         falling = np.zeros((*shape, len(self.system.mass)))
         for part in self.system.components:

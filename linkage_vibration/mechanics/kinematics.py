@@ -162,7 +162,10 @@ def unit_question(alpha3: float, low: float, high: float) -> str:
 
 
 def rotation(angle: float | FloatArray) -> FloatArray:
-    """Return the matrices, (2, 2), or (n, k, 2, 2) of (k, n), from own axes to global ones."""
+    """Return the (2, 2) matrix that turns a body's own components into global ones.
+
+    Of angles, (k, n), those of one column after the other are returned, (n, k, 2, 2).
+    """
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, s], [-s, c]]).T
 
@@ -195,7 +198,7 @@ def _pins(mechanism: Mechanism, length: float) -> Pins:
 
 
 def _spline(x: FloatArray, y: FloatArray) -> "_Spline":
-    """Return the not-a-knot spline through values, (n, m), as CubicSpline, which imports slowly."""
+    """Return the not-a-knot spline through values, (n, m), like CubicSpline, which loads slowly."""
     steps = np.diff(x)
     step, slope = steps[:, np.newaxis], np.diff(y, axis=0) / steps[:, np.newaxis]
     ends = np.array([x[2] - x[0], x[-1] - x[-3]])
@@ -369,7 +372,7 @@ class Kinematics:
     def _close(
         self, pose: FloatArray, direction: FloatArray, target: float | FloatArray
     ) -> tuple[FloatArray, FloatArray] | None:
-        """Return closed poses, (..., 3 n), where ``pose @ direction == target``, and rates."""
+        """Return closed poses, (..., 3 n), with ``pose @ direction == target``, and rates."""
         try:
             for _ in range(30):
                 gaps, matrix = self._pins.at(pose)

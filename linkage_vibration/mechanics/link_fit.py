@@ -108,7 +108,7 @@ class _Fit:
         return np.asarray(np.tensordot(terms @ self.tail, self.coefficients, axes=1))
 
     def changes(self, rates: ComplexArray, rate: ComplexArray, terms: ComplexArray) -> ComplexArray:
-        """Return how the fit changes with a parameter, by rates of terms at lines and there."""
+        """Return changes of the fit with a parameter, by ``rates`` of terms at lines and there."""
         plain = np.tensordot(self.tail, self.coefficients, axes=1)
         moved = real_equations(self.weights * rates)
         again = np.tensordot(self.basis.T @ moved, plain, axes=1)
@@ -141,7 +141,10 @@ class LinkFit:
         return self.at(np.asarray(1j * self.omega, dtype=np.complex128))
 
     def at(self, s: ComplexArray, *, shifted: bool = False) -> ComplexArray:
-        """Return receptances, (n_s, n, n), m/N, at s, (n_s,), rad/s; `shifted` by another fit."""
+        """Return the receptances, (n_s, n, n), m/N, at points s, (n_s,), rad/s.
+
+        `shifted` takes the real poles of the second fit for the rigid block.
+        """
         scaled = s[:, np.newaxis] / self.omega[-1]
         terms = self.shape.terms(scaled)
         both = _rigid_terms(scaled, terms, self.omega, shifted=shifted)
@@ -178,7 +181,11 @@ class LinkFit:
 def fit_link(
     omega: FloatArray, frf: ComplexArray, unit: FloatArray, motions: FloatArray
 ) -> LinkFit:
-    """Fit receptances, (n_freq, n, n), at omega, rad/s; `motions` are rigid, over `unit`, (n,)."""
+    """Fit the receptances, (n_freq, n, n), m/N, of a free link at omega, (n_freq,), rad/s.
+
+    `unit`, (n,), normalises the DoFs; `motions`, (n, n_motions), are orthonormal rigid motions of
+    the normalised DoFs.
+    """
     raw = frf / np.outer(unit, unit)
     lines = symmetric(raw)
     weights = 1.0 / np.linalg.norm(lines, axis=(1, 2))[:, np.newaxis]

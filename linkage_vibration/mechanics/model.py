@@ -59,7 +59,7 @@ Place = tuple[str, str]
 """A point and a direction along the global axes, ("E1", "z"), or a force (see `forces`)."""
 
 Places = Sequence[Place | str]
-"""Places as arguments, of which "E1.z" names the same one."""
+"""Where places are arguments, "E1.z" names ("E1", "z")."""
 
 
 class ModelError(LinkageVibrationError):
@@ -77,7 +77,7 @@ def pairs(places: Places) -> list[Place]:
 
 
 def excite_lateral(outputs: Sequence[Place], inputs: Sequence[Place]) -> bool:
-    """Return whether inputs excite the lateral half, as those along y do; refuse mixtures."""
+    """Return whether inputs excite the lateral half, as those along y do; refuse both kinds."""
     across = {direction == "y" for _, direction in inputs}
     if len(across) > 1:
         problem = "Inputs along y excite the lateral half, and others the vertical one"

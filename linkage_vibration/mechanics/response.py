@@ -340,7 +340,11 @@ class PoleResidue:
 def find_maxima(
     grid: FloatArray, size: FloatArray, slope: Callable[[IntArray, FloatArray], FloatArray]
 ) -> tuple[IntArray, FloatArray, BoolArray]:
-    """Find the highest maxima on a grid, (n, k): curves, places, and whether they turn."""
+    """Find the maxima of curves that are nearly the highest, from their sizes on a grid, (n, k).
+
+    `slope` returns the slopes of curves, by their indices, at places. The result is, for each
+    maximum, the index of its curve, its place, and whether the curve turns there.
+    """
     rises = np.diff(size, axis=1, prepend=-1.0) > 0.0
     falls = np.diff(size, axis=1, append=-1.0) <= 0.0
     row, top = np.nonzero(rises & falls & (size >= RIVAL * size.max(axis=1)[:, np.newaxis]))
@@ -449,7 +453,7 @@ def reach(band: tuple[float, float]) -> float:
 
 
 def pole_residue(damped: DampedModes, outputs: NDArray[Any], inputs: FloatArray) -> PoleResidue:
-    """Turn damped modes into FRFs; outputs, (n_out, n_modes), may be three, of 1, s and s^2."""
+    """Turn damped modes into FRFs; outputs are (n_out, n_modes), or three by powers of s."""
     if outputs.ndim == 2:
         outputs = np.array([outputs, 0.0 * outputs, 0.0 * outputs])
     if damped.shapes is None:

@@ -42,7 +42,7 @@ _SINGULAR = 1e-9  # The correlations contradict one another below this eigenvalu
 
 
 def across(uncertainty: Uncertainty) -> BoolArray:
-    """Return on which numbers, (n,), no vertical mode depends; on y it does, by link lengths."""
+    """Return on which numbers, (n,), no vertical mode depends; y changes lengths of links."""
     paths = [split_paths(number.path) for number in uncertainty.numbers]
     return np.array([all(map(_is_across, each)) for each in paths], dtype=bool)
 

@@ -110,7 +110,7 @@ def recorded_faults(
 def read_numbers(
     bags: Sequence[Path], settings: Parameters, remaps: Mapping[str, str] = MappingProxyType({})
 ) -> tuple[Integers, NDArray[np.float64]]:
-    """Return log times, (n,), ns, ascending, and numbers of the hitch input, (n,), or NaN."""
+    """Return log times, (n,), ns, ascending, and numbers of the hitch, (n,), NaN for none."""
     left_out, columns = SkippedMessages(), []
     with open_bags(list(bags)) as opened:
         topic = choose_topics(opened, settings, remaps)[HITCH]

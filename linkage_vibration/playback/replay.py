@@ -389,7 +389,7 @@ class _Replay:
 
 
 class _Sensors:
-    """The sensors that parameters describe, and what they measure; bags lack ``missing`` topics."""
+    """The sensors of the parameters, and what they measure; ``missing`` topics are absent."""
 
     def __init__(self, bags: Bags, settings: Parameters, served: LoadedModel) -> None:
         path = settings.sensor_path()

@@ -72,7 +72,11 @@ def read_frfs(
     points: Mapping[str, Point] | None = None,
     mass: float | None = None,
 ) -> Frfs:
-    """Read receptances, which points, m, and the mass of one link, kg, must not contradict."""
+    """Read and check the receptances of a component from ``.npz``, ``.uff`` or ``.unv``.
+
+    ``nodes`` are the points of a UFF file's nodes. A ComponentFileError says how FRFs contradict
+    the points, m, or the mass, kg, of one equal link.
+    """
     kind = path.suffix.lower()
     if kind not in (".npz", ".uff", ".unv"):
         raise ComponentFileError(f"{path}: is not a file of FRFs; give a .npz, .uff or .unv file.")

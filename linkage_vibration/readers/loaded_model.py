@@ -32,9 +32,9 @@ from linkage_vibration.support.resources import command
 from linkage_vibration.table.table import Table, load_table, refuse_other
 
 Report = Callable[[str], object]
-"""It gets a sentence."""
+"""Takes a sentence, to show it."""
 Keep = Callable[[Mechanism, Callable[[], Table]], Table]
-"""It returns the table of a mechanism, built before or by the function given."""
+"""Returns the table of a mechanism, kept from before or built by the function given."""
 
 
 def load_model(
@@ -76,7 +76,7 @@ def load_model(
 def load_variants(
     settings: Parameters, masses: Sequence[float], report: Report, keep: Keep
 ) -> list[LoadedModel]:
-    """Return a mechanism and its table, which `keep` may know, with each mass of a body, kg."""
+    """Return a mechanism and its table, perhaps by `keep`, with each mass of its implement, kg."""
     described, variants = read_described(settings), list[LoadedModel]()
     words = ", ".join(f"{mass:.5g}" for mass in masses)
     report(f"The implement has {words} kg, with the centre of gravity and the inertia of the file.")

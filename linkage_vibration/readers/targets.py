@@ -72,7 +72,10 @@ def targets_text(
     output: Path,
     source: str,
 ) -> str:
-    """Return a calibration, written to output, to modes: each with rad, Hz, relative deviation."""
+    """Return the text of a calibration (written to output) of rigid bodies to measured modes.
+
+    Each has the mode of the model, the angle in rad, Hz, and a relative standard deviation.
+    """
     targets = [
         {
             **({"half": mode.half} if mode.half != HALVES[0] else {}),

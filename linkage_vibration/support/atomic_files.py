@@ -29,7 +29,11 @@ def check_output(path: Path | None, suffix: str, inputs: Sequence[Path]) -> None
 
 
 def check_outputs(outputs: Sequence[Path], inputs: Sequence[Path]) -> None:
-    """Refuse outputs that cannot be written, are inputs or files that these name, or one file."""
+    """Refuse outputs that cannot be written, before the work begins whose result goes there.
+
+    By name or by link, an output must not be an input or another output; the files of a folder, and
+    those that a YAML file names, are inputs, too.
+    """
     read: dict[Path, None] = {}
     for path in inputs:
         _add_files(path, read)

@@ -10,7 +10,7 @@ _ALWAYS = 10_000  # values that any text may hold
 
 
 def refuse_unbounded(root: yaml.Node) -> None:
-    """Refuse a text of more values than characters with aliases expanded, or a value in itself."""
+    """Refuse more values than characters after expanding aliases, or a value that holds itself."""
     limit = max(_ALWAYS, root.end_mark.index)
     if _unfolded(root, {}) > limit:
         problem = f"with its aliases (*) expanded it holds more than {limit} values"

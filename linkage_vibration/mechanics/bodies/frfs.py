@@ -45,7 +45,7 @@ class Frfs(Body):
         return FrfComponent(link.name, wanted, frequencies, measured, noise, gain)
 
     def _gain_stddev(self, link: Link) -> float:
-        """Return the relative error of a gain of all FRFs, by the mass that they show, or 0."""
+        """Return the relative error of a gain of all FRFs by the mass that they show, or 0."""
         if self.mass is None:
             return 0.0
         moving = self.frequencies > 0.0
