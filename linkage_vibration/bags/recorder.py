@@ -363,11 +363,9 @@ class Recorder:
         largest = min(largest, limits.disk_limit - taken)
         if largest < least:
             fix = "" if limits.delete_oldest else "delete logs, set delete_oldest, or "
-            raise FullFolderError(
-                f"Nothing more is recorded, as the logs in {self._folder} have reached disk_limit, "
-                f"{limits.disk_limit} bytes; {fix}raise it to {taken + least} or more, and start "
-                "again."
-            )
+            full = f"the logs in {self._folder} have reached disk_limit, {limits.disk_limit} bytes"
+            hint = f"{fix}raise it to {taken + least} or more, and start again"
+            raise FullFolderError(f"Nothing more is recorded, as {full}; {hint}.")
         return largest
 
     def _delete(self, path: Path) -> bool:

@@ -49,6 +49,7 @@ BLOCK = 4096
 _HEADER, _TIME = "std_msgs/msg/Header", "builtin_interfaces/msg/Time"
 _GATHERED = 1024  # messages in a part that rosbags reads one by one
 _ZSTD = b"\x28\xb5\x2f\xfd"
+_CONVERT = "write them as messages of ROS 2 in CDR"
 
 _LATEST = 2**63 - 1  # ns, the year 2262; MCAP has unsigned times, whose upper half is meaningless
 _Channels: TypeAlias = Mapping[int, tuple[int, "Connection"]]
@@ -107,10 +108,8 @@ class Bags:
             with bag_errors(file.path):
                 for connection in file.reader.connections:
                     if connection.topic == name and _is_foreign(connection):
-                        raise BagError(
-                            f"{file.path}: topic {name} holds {_type(connection)}, which cannot be "
-                            "read; write them as messages of ROS 2 in CDR."
-                        )
+                        problem = f"topic {name} holds {_type(connection)}, which cannot be read"
+                        raise BagError(f"{file.path}: {problem}; {_CONVERT}.")
                     if connection.topic == name and connection.msgdef.data:
                         store, kind = _store([connection]), _type(connection)
                         text = _definition(store, connection)
@@ -154,10 +153,9 @@ def open_bags(paths: Sequence[Path]) -> Iterator[Bags]:
         connections = [each for file in files for each in file.reader.connections]
         foreign = [each for each in connections if _is_foreign(each)]
         if foreign and len(foreign) == len(connections):
-            raise BagError(
-                f"{', '.join(map(str, paths))} holds no messages of ROS: {foreign[0].topic} holds "
-                f"{_type(foreign[0])}; write them as messages of ROS 2 in CDR."
-            )
+            problem = f"{', '.join(map(str, paths))} holds no messages of ROS"
+            reason = f"{foreign[0].topic} holds {_type(foreign[0])}"
+            raise BagError(f"{problem}: {reason}; {_CONVERT}.")
         yield Bags(paths, files)
 
 

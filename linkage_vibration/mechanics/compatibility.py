@@ -9,10 +9,9 @@ displacement of its centre of gravity plus its rotation times the arm. A spring 
 whose value is the elongation of the spring.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from types import MappingProxyType
 
 import numpy as np
 
@@ -65,11 +64,10 @@ def row_space(compatibility: FloatArray, labels: Sequence[str]) -> tuple[FloatAr
         at = tuple(row)
         shares = np.abs(left[at][:, :rank][:, unclear[at]]).max(axis=1)
         names = dict.fromkeys(np.array(labels)[shares > _INVOLVED].tolist())
-        raise CouplingError(
-            f"Some constraints nearly repeat others ({values[at][rank - 1] / values[at][0]:.1e} of "
-            f"the largest singular value): {'; '.join(names)}. Close each joint once, and let the "
-            "two sides of a repeated one agree to the last digit."
-        )
+        share = f"{values[at][rank - 1] / values[at][0]:.1e} of the largest singular value"
+        problem = f"Some constraints nearly repeat others ({share}): {'; '.join(names)}"
+        hint = "let the two sides of a repeated one agree to the last digit"
+        raise CouplingError(f"{problem}. Close each joint once, and {hint}.")
     return right[..., :rank, :], right[..., rank:, :].swapaxes(-1, -2)
 
 
@@ -77,10 +75,10 @@ class InterfaceMap:
     """The position of every interface DoF in the vector u, (n,), one component after the other."""
 
     directions = "xz"  # of the displacement of a point, along the global axes
-    _y: Mapping[str, float] = MappingProxyType({})  # of points that are not in the middle, m
 
     def __init__(self, mechanism: Mechanism, components: Components) -> None:
         self._mechanism = mechanism
+        self._y: dict[str, float] = {}  # of points that are not in the middle, m
         dofs = [(component.name, dof) for component in components for dof in component.dofs]
         self._index = {dof: i for i, dof in enumerate(dofs)}
         self._places: dict[tuple[str, str], list[int]] = {}  # of x, z and, if there is one, theta

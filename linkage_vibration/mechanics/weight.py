@@ -102,12 +102,11 @@ class Weight:
         moved, falling = plane.moved_by_weight(configuration, joining)
         unknown = np.isnan(moved).any(axis=-1)
         for alpha3 in np.extract(unknown, configuration.alpha3)[:1]:
-            raise CouplingError(
-                f"Nothing carries the weight of {self.mechanism.name} at {math.degrees(alpha3):g} "
-                "deg, which stiffens its lateral half; hold its crank with `clamped` or a spring "
-                "at its joint, give mounts stiffness along z, or write `weight: ignored` under "
-                "`lateral`."
-            )
+            where = f"{self.mechanism.name} at {math.degrees(alpha3):g} deg"
+            problem = f"Nothing carries the weight of {where}, which stiffens its lateral half"
+            hint = "hold its crank with `clamped` or a spring at its joint, give mounts stiffness "
+            hint += "along z, or write `weight: ignored` under `lateral`"
+            raise CouplingError(f"{problem}; {hint}.")
         elastic, stretch = (moved @ plane.system.stiffness)[..., :n], joining.elongation
         pull = joining.stiffness * _times(stretch, moved[..., :n])
         load, parts = (falling @ plane.system.mass)[..., :n], plane.system.components

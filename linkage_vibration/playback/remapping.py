@@ -108,10 +108,8 @@ def _bag_topic(bags: Bags, name: str, kind: str, remap: str) -> BagTopic:
     listing = ", ".join(f"{topic.name} ({topic.type})" for topic in bags.topics)
     remedy = f"name the right one with `--remap {remap}:=TOPIC`"
     if not named:
-        raise ReplayError(
-            f"{bag_paths(bags)} has no topic {name} of type {kind}; "
-            + (f"its topics are: {listing}; {remedy}." if listing else "it has no topics at all.")
-        )
+        topics = f"its topics are: {listing}; {remedy}" if listing else "it has no topics at all"
+        raise ReplayError(f"{bag_paths(bags)} has no topic {name} of type {kind}; {topics}.")
     if [topic.type for topic in named] != [kind]:
         types = " and ".join(topic.type for topic in named)
         raise ReplayError(f"Topic {name} of {bag_paths(bags)} holds {types}, not {kind}; {remedy}.")

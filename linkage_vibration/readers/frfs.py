@@ -158,10 +158,9 @@ def _check_system(units: Mapping[str, Any]) -> None:
     """Raise an error unless the units are SI; the factors of the set divide values into SI."""
     code = units["units_code"]
     if code in _UNITS or abs(units["length"] - 1.0) > 1e-6 or abs(units["force"] - 1.0) > 1e-6:
-        raise FileError(
-            f"has units of {_UNITS.get(code, 'its own')} in data set 164 (code {code}, length "
-            f"factor {units['length']:g}, force factor {units['force']:g}); export it in SI."
-        )
+        factors = f"length factor {units['length']:g}, force factor {units['force']:g}"
+        system = f"{_UNITS.get(code, 'its own')} in data set 164 (code {code}, {factors})"
+        raise FileError(f"has units of {system}; export it in SI.")
 
 
 def _pair(data: Mapping[str, Any], nodes: Mapping[int, str]) -> tuple[_Pair | None, float]:

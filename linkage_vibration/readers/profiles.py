@@ -42,10 +42,8 @@ def _problem(table: FloatArray) -> str:
     """Return what is wrong with a profile and how to fix it; empty if nothing is."""
     n, columns = table.shape
     if columns not in _COLUMNS:
-        return (
-            f"has {columns} columns; give the distance, the height and, if it was measured, that "
-            "of the other track, in m."
-        )
+        hint = "give the distance, the height and, if it was measured, that of the other track"
+        return f"has {columns} columns; {hint}, in m."
     if n < _FEWEST:
         return f"has {n} samples; give at least {_FEWEST}, for a spectrum."
     lost = np.flatnonzero(~np.isfinite(table).all(axis=1))
@@ -74,9 +72,7 @@ def _problem(table: FloatArray) -> str:
         height = density[2:-2] / np.sqrt(density[:-4] * density[4:])
     most = int(height.argmax())
     if height[most] > _LINE:
-        return (
-            f"waves of about {1.0 / at[2 + most]:.3g} m repeat evenly, for which a spectrum of "
-            "random waves gives a wrong level; give them as an order with `base_displacement`, and "
-            "a profile without them."
-        )
+        why = "for which a spectrum of random waves gives a wrong level"
+        hint = "give them as an order with `base_displacement`, and a profile without them"
+        return f"waves of about {1.0 / at[2 + most]:.3g} m repeat evenly, {why}; {hint}."
     return ""
