@@ -108,12 +108,8 @@ def recover(source: Path, output: Path) -> Recovery:
     except OSError as error:
         raise RecoveryError(f"{source} cannot be read: {error.strerror}; give a file.") from None
     bar = shown_bar(source, source.stat().st_size)
-    with (
-        file,
-        bar as shown,
-        replacement(output, RecoveryError, new_only=True) as new,
-        new.open("wb") as stream,
-    ):
+    whole = replacement(output, RecoveryError, new_only=True)
+    with file, bar as shown, whole as new, new.open("wb") as stream:
         rescue = _Rescue(source, file, stream)
         rescue.scan(shown.update)
         return rescue.finish(output)

@@ -220,10 +220,8 @@ def replay(
             REPLAY_METADATA: {"inputs": " ".join(path.name for path in paths)},
         }
         total = sum(topic.count for topic in run.topics.values())
-        with (
-            replacement(output, ReplayError) as unfinished,
-            shown_bar(output, total, " messages") as bar,
-        ):
+        shown = shown_bar(output, total, " messages")
+        with replacement(output, ReplayError) as unfinished, shown as bar:
             with ChunkLog(unfinished, [*log_topics, *outputs], files, metadata) as log:
                 for block in bags.blocks(list(run.topics), bags.is_own_log):
                     log.write(run.messages(block))
