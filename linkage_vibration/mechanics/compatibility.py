@@ -94,7 +94,7 @@ class InterfaceMap:
     def held(self) -> BoolArray:
         """Which DoFs of links the ground holds at every angle, (n,), by pins and clamps."""
         held = np.zeros(len(self), dtype=bool)
-        if GROUND in self._centres:
+        if GROUND in self._centres:  # A base moves.
             return held
         for point, first, second in self._mechanism.joints:
             if first == GROUND and second not in self._centres:
