@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from scipy.linalg import eig, null_space
 from scipy.optimize import linear_sum_assignment
 
-from linkage_vibration.mechanics.base import mount_springs
 from linkage_vibration.mechanics.compatibility import Joining
 from linkage_vibration.mechanics.coupling import UncoupledSystem
 from linkage_vibration.mechanics.description import GROUND
@@ -246,7 +245,7 @@ class PinForces:
 
     def _mount(self, place: str) -> int:
         """Return the row of a mount among springs and mounts, such as that of base:rear_axle.z."""
-        mounts = mount_springs(self._model.mechanism.base)
+        mounts = self._model.mechanism.mount_springs
         names = [f"base:{mount.name}.{'xz'[axis]}" for mount, axis in mounts]
         return len(self._springs) + names.index(place)
 

@@ -83,10 +83,7 @@ def _joined_key(page: Any, source: Any, high: Any, low: Any) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class FrameType:
-    """How the messages of a type contain frames: their fields, and the functions that decode them.
-
-    A type without a header does not say how many bytes a frame has, and has 8 of them.
-    """
+    """How messages of a type contain frames; without a header, every frame has 8 bytes."""
 
     fields: list[str]
     places: Callable[[CdrMessage], FramePlaces]

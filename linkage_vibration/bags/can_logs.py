@@ -176,15 +176,11 @@ def _table(
         progress()
     frames = np.concatenate(parts)
     if lines.bad > len(frames):
-        raise CanLogError(
-            f"has {lines.bad} lines that cannot be read: {lines.fault}; correct or delete them, or "
-            "record with `candump -l`."
-        )
+        problem = f"has {lines.bad} lines that cannot be read: {lines.fault}"
+        raise CanLogError(f"{problem}; correct or delete them, or record with `candump -l`.")
     if not len(frames):
-        raise CanLogError(
-            "has no frames that can be read: none was received, or the file has another format, "
-            "such as decimal commas; give another file."
-        )
+        why = "none was received, or the file has another format, such as decimal commas"
+        raise CanLogError(f"has no frames that can be read: {why}; give another file.")
     return list(names), frames
 
 
@@ -198,10 +194,9 @@ def _check_times(times: NDArray[np.int64]) -> None:
     behind = np.maximum.accumulate(times) - times
     if behind.max() > _DISORDER:
         at = int(np.argmax(behind > _DISORDER))
-        raise CanLogError(
-            f"goes back in time by {1e-9 * behind[at]:.3f} s at frame {at + 1}, as the clock was "
-            "set; split the log there, and replay the parts one by one."
-        )
+        problem = f"goes back in time by {1e-9 * behind[at]:.3f} s at frame {at + 1}"
+        hint = "split the log there, and replay the parts one by one"
+        raise CanLogError(f"{problem}, as the clock was set; {hint}.")
 
 
 def _rows(file: BinaryIO, suffix: str, lines: "_Lines") -> Iterator[_Row]:
@@ -291,10 +286,9 @@ def _dated(reader: Any) -> "Iterator[Message]":
     """Yield frames, of ASC in UTC, whose date python-can takes for local time, of TRC from 0."""
     for message in reader:
         if getattr(reader, "timestamps_format", "") == "relative":
-            raise CanLogError(
-                "has times since the previous event, which do not add up where events are missing; "
-                "save it with absolute times."
-            )
+            problem = "has times since the previous event"
+            why = "which do not add up where events are missing"
+            raise CanLogError(f"{problem}, {why}; save it with absolute times.")
         if isinstance(start := getattr(reader, "start_time", None), float) and start:
             date = datetime.fromtimestamp(start).replace(tzinfo=timezone.utc)
             message.timestamp += date.timestamp() - start
@@ -304,10 +298,7 @@ def _dated(reader: Any) -> "Iterator[Message]":
 
 
 class _Lines(io.TextIOBase):
-    """The lines of a text, those of BusMaster and GVRET in the form of candump.
-
-    A last line that was cut off is left out, as it may end within a number.
-    """
+    """The lines of a text, all as candump writes them, without a last line that was cut off."""
 
     def __init__(self, file: BinaryIO, suffix: str) -> None:
         self._file, self._suffix, self._held, self._midnight = file, suffix, "", 0.0
@@ -344,10 +335,8 @@ class _Lines(io.TextIOBase):
             day, month, year = map(int, date.groups())
             self._midnight = datetime(year, month, day, tzinfo=timezone.utc).timestamp()
         elif line.startswith(_REFUSED):
-            raise CanLogError(
-                "has decimal numbers or no times of day; save it with `***HEX***` and "
-                "`***SYSTEM MODE***`."
-            )
+            problem = "has decimal numbers or no times of day"
+            raise CanLogError(f"{problem}; save it with `***HEX***` and `***SYSTEM MODE***`.")
         if line.startswith(("***", "Time Stamp,")):
             return ""
         match = _BUSMASTER.match(line) or _GVRET.match(line)

@@ -30,34 +30,26 @@ _LAST_ADDRESS = 253  # 254 is that of a sender without an address, and 255 stand
 
 
 def find_signal(field: str, database: str) -> CanSignal:
-    """Return the signal that a field names, or raise a `FieldError`.
-
-    It is a built-in signal, or MESSAGE.SIGNAL of the DBC file whose path is ``database``. An ``@``
-    and a source address choose one sender, as in ``engine_speed@0``.
-    """
+    """Return a built-in signal, or MESSAGE.SIGNAL of a DBC file; ``@0`` chooses a sender."""
     name, at, address = field.partition("@")
     if name in SIGNALS:
         signal = SIGNALS[name]
     elif database:
         signal = dbc_signal(Path(database).expanduser(), name)
     else:
-        raise FieldError(
-            f"There is no CAN signal {name!r}; choose one of {', '.join(SIGNALS)}, or name a DBC "
-            "file in can_database and its signal as MESSAGE.SIGNAL."
-        )
+        hint = f"choose one of {', '.join(SIGNALS)}, or name a DBC file in can_database"
+        problem = f"There is no CAN signal {name!r}"
+        raise FieldError(f"{problem}; {hint} and its signal as MESSAGE.SIGNAL.")
     if not at:
         return signal
     chosen = int(address, 0) if re.fullmatch(r"\d{1,3}|0x[0-9a-fA-F]{1,2}", address) else -1
     if not 0 <= chosen <= _LAST_ADDRESS:
-        raise FieldError(
-            f"{field!r} does not end with a source address; write one from 0 to {_LAST_ADDRESS}, "
-            f"such as {name}@0."
-        )
+        problem = f"{field!r} does not end with a source address"
+        raise FieldError(f"{problem}; write one from 0 to {_LAST_ADDRESS}, such as {name}@0.")
     if not signal.any_sender:
-        raise FieldError(
-            f"{field!r} chooses a source address, but the frames of {name} are recognised by their "
-            f"whole identifier; write {name} without an address."
-        )
+        why = f"the frames of {name} are recognised by their whole identifier"
+        problem = f"{field!r} chooses a source address, but {why}"
+        raise FieldError(f"{problem}; write {name} without an address.")
     return signal.from_address(chosen)
 
 
@@ -71,10 +63,8 @@ class CanReader(NumberReader):
         self.has_header = self._frames.fields[0] == "header"
         self._signal, self.what = signal, f"CAN signal {signal.name}"
         page = " whose multiplexer selects it" if signal.selectors else ""
-        self.remedy = (
-            f"It is in frames of {_name(signal.key)}{page}; check the source address and the "
-            "channel, or choose another signal."
-        )
+        hint = "check the source address and the channel, or choose another signal"
+        self.remedy = f"It is in frames of {_name(signal.key)}{page}; {hint}."
         self._layouts = Layouts(type_name, self._frames.places)
 
     def read_one(self, data: bytes) -> Scalar | None:

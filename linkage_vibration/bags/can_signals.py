@@ -53,11 +53,7 @@ class Bits:
 
 @dataclass(frozen=True, slots=True)
 class CanSignal:
-    """A signal: value = scale * number + offset.
-
-    A frame contains it if the bits of its key under the mask are these (`can_frames`), and if each
-    multiplexer has one of its values.
-    """
+    """A signal, scale * number + offset, of frames whose keys have these bits under the mask."""
 
     name: str
     unit: str  # of the values
@@ -84,10 +80,7 @@ class CanSignal:
         return np.asarray(present)
 
     def values(self, dlc: NDArray[np.uint8], payload: NDArray[np.uint8]) -> FloatArray:
-        """Return the values in frames that contain the signal, (n,), with NaN for no value.
-
-        The arguments are those of `Frames`.
-        """
+        """Return the values in frames that contain the signal, (n,), with NaN for no value."""
         values = self.scale * self.bits.numbers(payload) + self.offset
         valid = dlc >= self.bits.n_bytes
         valid &= (self.range[0] <= values) & (values <= self.range[1])
@@ -108,10 +101,9 @@ class CanSignal:
         value = float(self.scale * self.bits.numbers(data)[0] + self.offset)
         if not np.isfinite(value):
             return f"{self.name} is not a finite number ({value:g})."
-        return (
-            f"{self.name} is {value:g} {self.unit}, outside of its range from {self.range[0]:g} to "
-            f"{self.range[1]:g}."
-        )
+        least, greatest = self.range
+        where = f"outside of its range from {least:g} to {greatest:g}"
+        return f"{self.name} is {value:g} {self.unit}, {where}."
 
     @property
     def any_sender(self) -> bool:
@@ -124,29 +116,19 @@ class CanSignal:
 
 
 def j1939_key(identifier: int) -> tuple[int, int]:
-    """Return key and mask of the frames of a parameter group, from any sender with any priority.
-
-    The identifier, 29 bits, is that of one frame of the group. Below 0xF000 a group is sent to one
-    destination, which is not compared.
-    """
+    """Return key and mask of a parameter group, of any sender, by the identifier of one frame."""
     mask = 0x1FFFFFFF & ~(_PRIORITY | _ADDRESS)
-    if identifier >> 16 & 0xFF < 0xF0:
+    if identifier >> 16 & 0xFF < 0xF0:  # to one destination, which is not compared
         mask &= ~0xFF00
     return EXTENDED | identifier & mask, FLAGS | mask
 
 
 def _signal(
-    name: str,
-    group: int,
-    first_byte: int,
-    n_bytes: int,
-    scale: float,
-    unit: str,
-    offset: float = 0.0,
+    name: str, group: int, first: int, n_bytes: int, scale: float, unit: str, offset: float = 0.0
 ) -> CanSignal:
     """Return a signal of a parameter group; bytes are counted from 1, as in the standards."""
     key, mask = j1939_key(group << 8)
-    bits = Bits(8 * (first_byte - 1), 8 * n_bytes, first_byte - 1 + n_bytes)
+    bits = Bits(8 * (first - 1), 8 * n_bytes, first - 1 + n_bytes)
     return CanSignal(name, unit, key, mask, bits, scale, offset, reserved=True)
 
 

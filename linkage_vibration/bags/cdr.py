@@ -26,19 +26,15 @@ Places = TypeVar("Places")
 
 
 class CdrMessage:
-    """A message that is being parsed: the next byte, and the bytes on which positions depend.
-
-    ``order`` is "<" or ">", and ``spans`` has the first byte and the end of each such part.
-    """
+    """A message that is being parsed; ``spans`` are the bytes on which positions depend."""
 
     def __init__(self, data: bytes, type_name: str) -> None:
         if len(data) < ORIGIN:
             raise CdrError(f"{len(data)} bytes are not a {type_name} in plain CDR")
         if data[0] != 0 or data[1] > 1:
-            raise CdrError(
-                f"a {type_name} begins with 0x{data[:2].hex().upper()}, but 0x0000 or 0x0001 is "
-                "plain CDR; let its publisher use the encoding XCDR1 for a final type"
-            )
+            problem = f"begins with 0x{data[:2].hex().upper()}, but 0x0000 or 0x0001 is plain CDR"
+            hint = "let its publisher use the encoding XCDR1 for a final type"
+            raise CdrError(f"a {type_name} {problem}; {hint}")
         self._data, self._type = data, type_name
         self.order = "<" if data[1] else ">"
         self.position = ORIGIN
@@ -63,9 +59,8 @@ class CdrMessage:
         self.spans.append((begin, self.position))
         [count] = struct.unpack_from(f"{self.order}I", self._data, begin)
         if count > len(self._data):  # each element has at least one byte
-            raise CdrError(
-                f"{len(self._data)} bytes are not a {self._type}: a list or text is longer"
-            )
+            problem = f"{len(self._data)} bytes are not a {self._type}: a list or text is longer"
+            raise CdrError(problem)
         return int(count)
 
     def text(self) -> str:
@@ -86,9 +81,8 @@ class Layout(Generic[Places]):
             mask[begin:end] = 0xFF
         shared = np.frombuffer(data[: self.needed].ljust(len(mask), b"\0"), np.uint8) & mask
         self.mask, self.shared = mask.view(np.uint64), shared.view(np.uint64)
-        self._mask, self._shared = (
-            int.from_bytes(part.tobytes(), "little") for part in (mask, shared)
-        )
+        self._mask = int.from_bytes(mask.tobytes(), "little")
+        self._shared = int.from_bytes(shared.tobytes(), "little")
 
     def fits(self, data: bytes) -> bool:
         """Return whether a message has its values here."""

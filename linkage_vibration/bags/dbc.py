@@ -26,11 +26,7 @@ _NULL_ADDRESS = 0xFE  # the source address that stands for any in DBC files of J
 
 
 def dbc_signal(path: Path, name: str) -> CanSignal:
-    """Return a signal that a DBC file describes, such as "RearHitch.Position".
-
-    A message of J1939, by its attribute ``VFrameFormat`` or its source address 254, is recognised
-    by its parameter group. A frame of 8 bytes that cannot contain the signal is a `FieldError`.
-    """
+    """Return a signal of a DBC file, such as "RearHitch.Position", or raise a `FieldError`."""
     message_name, _, signal_name = name.partition(".")
     if not signal_name:
         raise FieldError(f"{name!r} is not the name of a signal; write MESSAGE.SIGNAL.")
@@ -39,10 +35,9 @@ def dbc_signal(path: Path, name: str) -> CanSignal:
     signal = _choose(path, f"signal of {message_name}", signal_name, message.signals)
     j1939, key, mask = _identifier(message)
     if message.length > PAYLOAD and j1939:
-        raise FieldError(
-            f"Message {message_name} of {path} has {message.length} bytes, which J1939 sends in "
-            "several frames; choose a signal of a message with at most 8 bytes."
-        )
+        problem = f"has {message.length} bytes, which J1939 sends in several frames"
+        hint = "choose a signal of a message with at most 8 bytes"
+        raise FieldError(f"Message {message_name} of {path} {problem}; {hint}.")
     bits = _bits(path, message, signal)
     least = -np.inf if signal.minimum is None else float(signal.minimum)
     largest = np.inf if signal.maximum is None else float(signal.maximum)
@@ -90,10 +85,8 @@ def _text(path: Path) -> str:
 def _choose(path: Path, what: str, name: str, among: Sequence[Named]) -> Named:
     named = [each for each in among if each.name == name]
     if len(named) > 1:
-        raise FieldError(
-            f"{path} has {what} {name} {len(named)} times; give each a name of its own, or keep "
-            "one."
-        )
+        problem = f"{path} has {what} {name} {len(named)} times"
+        raise FieldError(f"{problem}; give each a name of its own, or keep one.")
     if named:
         return named[0]
     similar = ", ".join(get_close_matches(name, [each.name for each in among], 5, 0.0))
@@ -130,11 +123,9 @@ def _bits(path: Path, message: "Message", signal: "Signal") -> Bits:
     before = 8 * (start // 8) + 7 - start % 8 if big else start
     n_bytes = (before + length + 7) // 8
     if n_bytes > min(message.length, PAYLOAD):
-        raise FieldError(
-            f"Signal {message.name}.{signal.name} of {path} reaches into byte {n_bytes}, but a "
-            f"frame has {min(message.length, PAYLOAD)} bytes; correct the file, or choose another "
-            "signal."
-        )
+        counts = f"byte {n_bytes}, but a frame has {min(message.length, PAYLOAD)} bytes"
+        problem = f"Signal {message.name}.{signal.name} of {path} reaches into {counts}"
+        raise FieldError(f"{problem}; correct the file, or choose another signal.")
     first = 8 * PAYLOAD - before - length if big else start
     real = signal.conversion.is_float
     return Bits(first, length, n_bytes, big, signal.is_signed and not real, real)

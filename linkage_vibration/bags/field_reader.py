@@ -44,11 +44,7 @@ class _Places:
 
 
 class FieldReader(NumberReader):
-    """Reads a number of messages of any type, by a path; see `find_path`.
-
-    The rate of a named element is read from the list ``rates`` beside its own, if that is as long.
-    If ``flagged``, a flag follows the number, which is NaN where that is false.
-    """
+    """Reads a number by a path, its rate from a list ``rates``, and a flag behind it."""
 
     def __init__(
         self, schema: Schema, type_name: str, path: str, rates: str = "", flagged: bool = False
@@ -144,11 +140,9 @@ class FieldReader(NumberReader):
                     return -1, names, fault
                 index = names.index(step.name)
             if index >= count:
-                fault = (
-                    f"A message has {count} elements in {step.field.name}, so {self._path} is "
-                    "missing; choose another element."
-                )
-                return -1, names, fault
+                fault = f"A message has {count} elements in {step.field.name}"
+                hint = f"so {self._path} is missing; choose another element."
+                return -1, names, f"{fault}, {hint}"
             self._skip_elements(message, step.field.type, index)
             inside = step.field.type
         size = _SIZES[inside]
@@ -192,10 +186,8 @@ class FieldReader(NumberReader):
                 for field in self._schema[type_name]:
                     self._skip_field(message, field)
             else:
-                raise CdrError(
-                    f"{self._path} lies behind a {type_name.rpartition('/')[2]}, whose size is not "
-                    "known; choose a field before it"
-                )
+                what = f"{type_name.rpartition('/')[2]}, whose size is not known"
+                raise CdrError(f"{self._path} lies behind a {what}; choose a field before it")
 
 
 def _name_fault(step: Step, names: Sequence[str], count: int) -> str:
@@ -204,8 +196,7 @@ def _name_fault(step: Step, names: Sequence[str], count: int) -> str:
     if times > 1:
         return f"A message contains the name {step.name} {times} times; publish each name once."
     if len(names) != count:
-        return (
-            f"A message has {len(names)} names but {count} elements in {step.field.name}, so the "
-            f"one of {step.name} is unknown; publish one element for each name."
-        )
+        counts = f"{len(names)} names but {count} elements in {step.field.name}"
+        problem = f"A message has {counts}, so the one of {step.name} is unknown"
+        return f"{problem}; publish one element for each name."
     return ""

@@ -27,7 +27,7 @@ from linkage_vibration.bags.writing import (
     Topic,
     rosbag2_metadata,
 )
-from linkage_vibration.support.commands import command
+from linkage_vibration.support.resources import command
 
 # A chunk is compressed and written at once, so its size limits how long `write` can take.
 CHUNK_BYTES = 64 * 1024
@@ -43,11 +43,7 @@ Log = TypeVar("Log", bound="LogWriter")
 
 
 class LogWriter:
-    """An MCAP log that is being written, in chunks of 64 KiB; not thread-safe.
-
-    Its owner calls `flush` once a second, so that a killed process loses no more. Each method, and
-    a file that exists, raises a `LogError`; then only `abandon` may follow.
-    """
+    """An MCAP log that is written in chunks; after a `LogError` only `abandon` may follow."""
 
     def __init__(
         self,
@@ -68,13 +64,11 @@ class LogWriter:
         try:
             self._stream = path.open("xb")
         except FileExistsError:
-            raise LogExistsError(
-                f"{path} exists already; choose another name, as a log never replaces a file."
-            ) from None
+            problem = f"{path} exists already; choose another name, as a log never replaces a file."
+            raise LogExistsError(problem) from None
         except OSError as error:
-            raise LogError(
-                f"{path} cannot be created: {error.strerror}; choose a writable folder."
-            ) from None
+            problem = f"{path} cannot be created: {error.strerror}; choose a writable folder."
+            raise LogError(problem) from None
         # Other recorders see by this that they must not delete the file; some disks have no locks.
         with contextlib.suppress(OSError):
             fcntl.flock(self._stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -190,16 +184,14 @@ class LogWriter:
         try:
             yield
         except FileNotFoundError:
-            raise LogError(
-                f"{self.path} was removed during the recording; keep the log until it is complete."
-            ) from None
+            text = f"{self.path} was removed during the recording"
+            raise LogError(f"{text}; keep the log until it is complete.") from None
         except (OSError, MemoryError) as error:
             problem = getattr(error, "strerror", "there is not enough memory")
             repair = f", and complete this log with `{command(f'recover {self.path}')}`"
-            raise LogError(
-                f"{self.path} could not be written any further: {problem}; make room on its disk"
-                f"{repair if self.written else ''}."
-            ) from None
+            hint = "make room on its disk" + repair * bool(self.written)
+            text = f"{self.path} could not be written any further: {problem}; {hint}."
+            raise LogError(text) from None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -214,10 +206,7 @@ class Messages:
 
 
 class ChunkLog(LogWriter):
-    """A log that a replay writes by the chunk, 800,000 messages in a second.
-
-    It compresses on another thread. Methods raise an OSError if the file cannot be written.
-    """
+    """A log that a replay writes by the chunk; it compresses on a thread, and raises OSErrors."""
 
     def __init__(
         self,

@@ -86,10 +86,7 @@ class McapBag:
 
 
 def read_mcap(path: Path, stack: ExitStack) -> McapBag:
-    """Return what a file contains, or a copy of it that the stack deletes.
-
-    Damage may raise any exception.
-    """
+    """Return what a file contains, or a copy that the stack deletes; damage may raise any error."""
     summary = None
     with path.open("rb") as file:
         end = file.seek(-len(MAGIC), os.SEEK_END)
@@ -101,8 +98,7 @@ def read_mcap(path: Path, stack: ExitStack) -> McapBag:
             summary = SeekingReader(file, record_size_limit=LONGEST_RECORD).get_summary()
         if summary is not None and file.tell() == end and McapBag(path, summary).is_complete:
             return McapBag(path, summary)
-    folder = Path(stack.enter_context(TemporaryDirectory()))
-    result = recover(path, folder / path.name)
+    result = recover(path, Path(stack.enter_context(TemporaryDirectory()), path.name))
     if result.rest:
         raise JoinedError(path, result.rest)
     if result.damages or result.lost:

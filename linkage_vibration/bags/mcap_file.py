@@ -40,18 +40,14 @@ def message_heads(content: bytes, begins: Integers) -> NDArray[np.void]:
 
 
 class McapFile:
-    """An MCAP file that is being written; `close` completes it, and its stream remains open.
-
-    The stream is empty at the beginning. ``channels`` are by topic, ``counts`` of messages by
-    channel, and ``first`` and ``last`` the least and greatest log time, ns, 0 without messages.
-    """
+    """An MCAP file that is being written to an empty stream, which remains open after `close`."""
 
     def __init__(self, stream: BinaryIO, profile: str, compression: str = "zstd") -> None:
         self.stream = stream
         self.profile = profile
-        self.channels: dict[str, int] = {}
-        self.counts: Counter[int] = Counter()
-        self.first = self.last = 0
+        self.channels: dict[str, int] = {}  # by topic
+        self.counts: Counter[int] = Counter()  # of messages, by channel
+        self.first = self.last = 0  # least and greatest log time, ns
         self.metadata: set[str] = set()
         self._compression = compression
         self._types: dict[tuple[str, str], int] = {}
@@ -106,11 +102,7 @@ class McapFile:
         self.metadata.add(name)
 
     def add_chunk(self, content: bytes, begins: Integers) -> None:
-        """Add a chunk and the indexes of its messages.
-
-        It contains messages, and schemas and channels that were defined before. The messages begin
-        at ``begins``, (n,), ascending, at least one.
-        """
+        """Add a chunk, whose messages begin at ``begins``, (n,), ascending, and its indexes."""
         heads = message_heads(content, begins)
         times, order = heads["log_time"], np.argsort(heads["channel"], kind="stable")
         channels = heads["channel"][order]
@@ -203,10 +195,7 @@ def _compressed(compression: str, content: bytes) -> tuple[bytes, bytes]:
 
 
 def decompressed(compression: bytes, data: bytes, most: int) -> bytes:
-    """Return the records of a chunk, as far as they can be decompressed, up to so many bytes.
-
-    Several frames may follow one another, and need not state their sizes.
-    """
+    """Return what can be decompressed of the frames of a chunk, up to so many bytes."""
     if not compression:
         return data
     pieces, size = [], 0

@@ -55,10 +55,8 @@ def read_columns(
                 try:
                     table.add(block, rows, done)
                 except ValueError as error:
-                    raise BagError(
-                        f"{path}: a message on {names[i]} does not match its type: {error}; record "
-                        "it again."
-                    ) from None
+                    problem = f"{path}: a message on {names[i]} does not match its type: {error}"
+                    raise BagError(f"{problem}; record it again.") from None
             done += len(block)
     return {name: table.columns() for name, table in zip(names, tables, strict=True)}
 
@@ -91,18 +89,14 @@ def _flat(path: Path, schema: Schema, type_name: str, prefix: str = "") -> Itera
                 yield from _flat(path, schema, field.type, f"{prefix}{field.name}[{i}].")
             continue
         if field.type not in _CODES and (field.type != _TEXT or field.length is not None):
-            raise BagError(
-                f"{path}: field {prefix}{field.name} of {type_name} is not a number, text or list "
-                "of numbers; read this topic with another tool."
-            )
+            name = f"{path}: field {prefix}{field.name} of {type_name}"
+            problem = f"{name} is not a number, text or list of numbers"
+            raise BagError(f"{problem}; read this topic with another tool.")
         yield replace(field, name=prefix + field.name)
 
 
 class _Table:
-    """The columns of a topic, which grow from the number of messages that the log states.
-
-    Columns of thousands of small pieces would fragment the memory.
-    """
+    """The columns of a topic, allocated for the number of messages that the log states."""
 
     def __init__(
         self, type_name: str, fields: list[SchemaField], unused: Collection[str], stated: int

@@ -33,9 +33,9 @@ from linkage_vibration.bags.mcap_records import MAGIC
 from linkage_vibration.bags.recovery import JoinedError, repair
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.support.atomic_files import read_text, refuse_pipe
-from linkage_vibration.support.commands import command
 from linkage_vibration.support.missing_library import needed
 from linkage_vibration.support.progress import read_with_bar
+from linkage_vibration.support.resources import command
 from linkage_vibration.support.version import check_versions
 from linkage_vibration.support.yaml_size import refuse_unbounded
 
@@ -145,10 +145,9 @@ def _kind(path: Path) -> str:
         raise BagError(f"There is no bag {path}; check the path.")
     suffix = _suffix(path)
     if suffix not in (*_MAGIC, *SUFFIXES):
-        raise BagError(
-            f"{path} is not a bag; give a .bag, .mcap or .db3 file, or a log of a CAN bus "
-            f"({', '.join(SUFFIXES)})."
-        )
+        problem = f"{path} is not a bag"
+        hint = f"give a .bag, .mcap or .db3 file, or a log of a CAN bus ({', '.join(SUFFIXES)})"
+        raise BagError(f"{problem}; {hint}.")
     refuse_pipe(path)
     return suffix
 
@@ -198,9 +197,8 @@ def bag_errors(path: Path) -> Iterator[None]:
     except (LinkageVibrationError, ImportError):
         raise
     except OSError as error:
-        raise BagError(
-            f"{path} cannot be opened: {error.strerror or error}; check it and its permissions."
-        ) from None
+        problem = f"{path} cannot be opened: {error.strerror or error}"
+        raise BagError(f"{problem}; check it and its permissions.") from None
     # A damaged file makes rosbags raise errors of its own, of struct, SQLite, zstd and others.
     except Exception as error:
         text = " ".join(str(error).split()) or type(error).__name__

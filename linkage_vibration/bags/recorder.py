@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 from linkage_vibration.bags.writing import Attachment, LogError, LogExistsError, Topic
-from linkage_vibration.support.commands import command
 from linkage_vibration.support.missing_library import missing_library
+from linkage_vibration.support.resources import command
 
 if TYPE_CHECKING:
     from linkage_vibration.bags.log_writer import LogWriter
@@ -49,16 +49,12 @@ _NAME = re.compile(r"linkage_vibration_((\d{6,})_\d{8}-\d{6}|\d{8}-\d{6}(_\d+)?)
 
 @dataclass(frozen=True, slots=True)
 class LogLimits:
-    """Limits of the size of logs; 0 is no limit.
-
-    Beyond the limit of the disk, recording ends, or the oldest logs of the folder are deleted; a
-    file then has at most a quarter of that limit.
-    """
+    """Limits of the size of logs; 0 is no limit."""
 
     split_size: int = 0  # bytes of a file
     split_duration: float = 0.0  # s of a file
-    disk_limit: int = 0  # bytes of all logs in the folder
-    delete_oldest: bool = False
+    disk_limit: int = 0  # bytes of all logs in the folder, at which recording ends,
+    delete_oldest: bool = False  # or the oldest are deleted; a file then has at most a quarter
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,11 +82,7 @@ class FullFolderError(_LimitError):
 
 
 class Recorder:
-    """Logs messages to files in a folder, from `start` to `stop`, on a thread of its own.
-
-    Messages that do not fit into its queue are counted in records `RECORDING_METADATA`. `error` is
-    the failure that lasts; `news` has failures and sentences about deleted logs, to take out.
-    """
+    """Logs messages to files in a folder, from `start` to `stop`, on a thread of its own."""
 
     def __init__(
         self,
@@ -103,8 +95,8 @@ class Recorder:
         self.path: Path | None = None
         self.active = self.recording = False
         self.written = self.deleted = 0
-        self.error: LogError | None = None
-        self.news: deque[LogError | str] = deque()
+        self.error: LogError | None = None  # the failure that lasts
+        self.news: deque[LogError | str] = deque()  # failures and deleted logs, to take out
         self._folder = folder
         self._topics = {topic.name: topic for topic in topics}
         self._provenance = provenance
@@ -156,11 +148,7 @@ class Recorder:
         self._thread.start()
 
     def write(self, messages: Sequence[tuple[str, bytes, int, int]]) -> None:
-        """Queue messages in CDR, all or none of them, or count them as dropped if it is full.
-
-        Each has its topic, its bytes, and its times of receiving and of sending, ns, which need not
-        ascend. Messages are ignored if nothing is recorded, whichever thread calls `stop`.
-        """
+        """Queue messages (topic, CDR, log and publish time in ns), or count all as dropped."""
         size = sum(len(data) for _, data, _, _ in messages)
         with self._lock:
             if not self.active:
@@ -191,12 +179,9 @@ class Recorder:
         self._wake.set()
         self._thread.join(DRAIN_TIME + 1.0)
         if self._thread.is_alive():
-            self.keep(
-                LogError(
-                    f"{self.path} is still being written, as its disk does not respond; complete "
-                    f"it with `{command(f'recover {self.path}')}` when the disk responds."
-                )
-            )
+            problem = f"{self.path} is still being written, as its disk does not respond"
+            hint = f"complete it with `{command(f'recover {self.path}')}` when the disk responds"
+            self.keep(LogError(f"{problem}; {hint}."))
 
     def _run(self) -> None:
         """Write messages until recording ends."""
@@ -206,9 +191,8 @@ class Recorder:
                 self._work()
             self._work()
         except Exception as defect:
-            self.keep(
-                LogError(f"Recording {self.path} failed: {defect!r}; please report this defect.")
-            )
+            problem = f"Recording {self.path} failed: {defect!r}"
+            self.keep(LogError(f"{problem}; please report this defect."))
             raise
         finally:
             with self._lock:
@@ -312,10 +296,7 @@ class Recorder:
                 return log_writer()(self._folder / name, topics, files, self._compression)
 
     def _end_file(self, error: LogError | None = None) -> None:
-        """Complete the current file, if there is one.
-
-        After an error, only close it; nothing is recorded then until another file works.
-        """
+        """Complete the current file, if there is one; after an error, only close it."""
         log, self._log = self._log, None
         if log is not None:
             if error is None:
@@ -359,20 +340,16 @@ class Recorder:
         return True
 
     def _make_room(self, logs: Sequence[_Found]) -> float:
-        """Return the greatest size of the next file; delete old files if `delete_oldest` is set.
-
-        A `LogError` is raised if a limit leaves no room for a file.
-        """
+        """Return the greatest size of the next file, for which old ones may be deleted."""
         limits = self._limits
         least = 2 * self._empty_size()
         shares = _SHARES if limits.delete_oldest else 1
         for name, needed in (("split_size", least), ("disk_limit", shares * least)):
             if 0 < (limit := getattr(limits, name)) < needed:
                 # The parameters in the log have more digits with a larger limit.
-                raise _LimitError(
-                    f"{name} is {limit} bytes, but a log without messages already has "
-                    f"{least // 2}; set it to {needed + _MARGIN} or more."
-                )
+                empty = f"a log without messages already has {least // 2}"
+                hint = f"set it to {needed + _MARGIN} or more"
+                raise _LimitError(f"{name} is {limit} bytes, but {empty}; {hint}.")
         largest = limits.split_size or math.inf
         if not limits.disk_limit:
             return largest
@@ -386,11 +363,9 @@ class Recorder:
         largest = min(largest, limits.disk_limit - taken)
         if largest < least:
             fix = "" if limits.delete_oldest else "delete logs, set delete_oldest, or "
-            raise FullFolderError(
-                f"Nothing more is recorded, as the logs in {self._folder} have reached disk_limit, "
-                f"{limits.disk_limit} bytes; {fix}raise it to {taken + least} or more, and start "
-                "again."
-            )
+            full = f"the logs in {self._folder} have reached disk_limit, {limits.disk_limit} bytes"
+            hint = f"{fix}raise it to {taken + least} or more, and start again"
+            raise FullFolderError(f"Nothing more is recorded, as {full}; {hint}.")
         return largest
 
     def _delete(self, path: Path) -> bool:
@@ -443,10 +418,7 @@ def log_writer() -> "type[LogWriter]":
 
 
 def _logs(folder: Path) -> list[_Found]:
-    """Return the logs in a folder, the oldest first: those without a number, then by number.
-
-    Links are none. If the folder cannot be read, there are none, and writing to it gives the error.
-    """
+    """Return the logs in a folder, the oldest first: those without a number, then by number."""
     logs = []
     with contextlib.suppress(OSError):
         for entry in os.scandir(folder):

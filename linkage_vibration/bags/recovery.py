@@ -101,22 +101,15 @@ class Recovery:
 
 
 def recover(source: Path, output: Path) -> Recovery:
-    """Write the readable part of an MCAP file to a new one, or raise a `RecoveryError`.
-
-    A chunk with a wrong CRC is lost. A bar on a terminal shows the progress.
-    """
+    """Write the readable part of an MCAP file to a new one, or raise a `RecoveryError`."""
     try:
         refuse_pipe(source)
         file = source.open("rb", buffering=_BLOCK)
     except OSError as error:
         raise RecoveryError(f"{source} cannot be read: {error.strerror}; give a file.") from None
     bar = shown_bar(source, source.stat().st_size)
-    with (
-        file,
-        bar as shown,
-        replacement(output, RecoveryError, new_only=True) as new,
-        new.open("wb") as stream,
-    ):
+    whole = replacement(output, RecoveryError, new_only=True)
+    with file, bar as shown, whole as new, new.open("wb") as stream:
         rescue = _Rescue(source, file, stream)
         rescue.scan(shown.update)
         return rescue.finish(output)
@@ -127,11 +120,8 @@ def recovery_text(recovery: Recovery) -> str:
     topics = sorted(recovery.saved.keys() | recovery.lost.keys())
     lines = [f"{recovery.path}: {sum(recovery.saved.values())} messages saved."]
     for topic in topics:
-        lost = recovery.lost.get(topic, 0)
-        lines.append(
-            f"  {printable(topic)}: {recovery.saved.get(topic, 0)}"
-            + (f", {lost} lost" if lost else "")
-        )
+        lost = f", {recovery.lost[topic]} lost" if topic in recovery.lost else ""
+        lines.append(f"  {printable(topic)}: {recovery.saved.get(topic, 0)}{lost}")
     if recovery.damages:
         lines.append("Damaged places of the old file:")
         lines += [f"  {damage}" for damage in recovery.damages[:_DAMAGES_SHOWN]]
@@ -149,9 +139,8 @@ class _Rescue:
         self._path, self._file, self._stream = path, file, stream
         size = file.seek(0, os.SEEK_END)
         if size == 0:
-            raise RecoveryError(
-                f"{path} is empty, as its recording ended before anything was written."
-            )
+            problem = f"{path} is empty, as its recording ended before anything was written."
+            raise RecoveryError(problem)
         self._start = len(MAGIC) if self._read(0, len(MAGIC)) == MAGIC else 0
         ends = size > self._start and self._read(size - len(MAGIC), len(MAGIC)) == MAGIC
         self._complete, self._end = ends, size - len(MAGIC) * ends
@@ -178,10 +167,9 @@ class _Rescue:
             self._file.seek(offset)
             return self._file.read(count)
         except OSError as error:
-            raise RecoveryError(
-                f"{self._path} cannot be read at byte {offset}: {error.strerror}; copy it with "
-                "`ddrescue` first if its disk fails."
-            ) from None
+            problem = f"{self._path} cannot be read at byte {offset}: {error.strerror}"
+            hint = "copy it with `ddrescue` first if its disk fails"
+            raise RecoveryError(f"{problem}; {hint}.") from None
 
     def scan(self, progress: Callable[[int], object]) -> None:
         """Save the intact records, and resume behind damage."""
@@ -260,10 +248,7 @@ class _Rescue:
         return bool(opcode != Opcode.CHUNK or length == before + data)
 
     def _take(self, offset: int) -> tuple[int, str]:
-        """Save the record at an offset; return its end and, if it is damaged, what it is.
-
-        Only a chunk may end behind the end of the file, if that is missing.
-        """
+        """Save the record at an offset; return its end and its damage; a last chunk may be cut."""
         head = self._read(offset, RECORD.size).ljust(RECORD.size, b"\0")
         opcode, length = RECORD.unpack(head)
         end = offset + RECORD.size + length
@@ -404,11 +389,7 @@ class _Rescue:
 
 
 def _parse(opcode: int, body: bytes) -> records.McapRecord | None:
-    """Return a record, or None unless it gives the same bytes when it is written again.
-
-    A few unknown bytes may follow. If there are many, its length is damaged, or it is a record of
-    another kind whose opcode is damaged.
-    """
+    """Return a record, or None if writing it again gives other bytes, except a few at its end."""
     try:
         kind: Any = getattr(records, Opcode(opcode).name.title().replace("_", ""))
         record: records.McapRecord = kind.read(ReadDataStream(io.BytesIO(body)))

@@ -77,30 +77,20 @@ class NumberReader(ABC):
 
     @abstractmethod
     def read_one(self, data: bytes) -> Scalar | None:
-        """Return the number of a message in plain CDR; None if it does not contain it.
-
-        It raises a `CdrError` if the bytes are not such a message, and a `ReadingError` if its
-        number is not reliable.
-        """
+        """Return the number of a message or None; a `CdrError` or `ReadingError` refuses it."""
 
     @abstractmethod
     def read(
         self, block: Block, rows: Integers, left_out: SkippedMessages
     ) -> Iterator[ScalarBatch]:
-        """Read messages of a bag, (n,), which gives the same numbers as `read_one` for each.
-
-        Those without a number are counted in ``left_out``.
-        """
+        """Read messages of a bag, as `read_one` does each; count those without a number."""
 
     def other_names(self, data: bytes) -> Sequence[str]:
         """Return what a message contains instead of the number, by names."""
         return ()
 
     def explain_missing(self, topic: str, names: Sequence[str]) -> str:
-        """Return why no number may have come, and the remedy; empty if that is unknown.
-
-        The names are those that `other_names` returns for messages on the topic.
-        """
+        """Return why no number came, by `other_names`, and the remedy; empty if unknown."""
         if names:
             listed = (f"{n[:_LONG]}..." if len(n) > _LONG else n or "''" for n in sorted(names))
             listing = ", ".join(islice(listed, LISTED_NAMES))

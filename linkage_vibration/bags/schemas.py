@@ -54,10 +54,7 @@ class Step:
 
 
 def schema_of_store(store: Any, type_name: str) -> Schema:
-    """Return the fields of a type that a type store of rosbags knows.
-
-    Types that it does not know are left out.
-    """
+    """Return the fields of a type in a type store of rosbags, without types that it lacks."""
     known = store.fielddefs
     return schema_by(
         type_name,
@@ -104,11 +101,7 @@ def has_header(schema: Schema, type_name: str) -> bool:
 
 
 def find_path(schema: Schema, type_name: str, path: str) -> tuple[Step, ...]:
-    """Return the steps of a path to a number, such as "twist.linear.x" or "position[boom]".
-
-    An element has its place, or its name in the only list of names beside it; a name that is a
-    number is in double quotes. A `FieldError` lists the numbers of the type.
-    """
+    """Return the steps of a path to a number, such as "twist.linear.x" or "position[boom]"."""
     steps: list[Step] = []
     at, inside = 0, type_name
     while at < len(path) or not steps:

@@ -49,8 +49,11 @@ BLOCK = 4096
 _HEADER, _TIME = "std_msgs/msg/Header", "builtin_interfaces/msg/Time"
 _GATHERED = 1024  # messages in a part that rosbags reads one by one
 _ZSTD = b"\x28\xb5\x2f\xfd"
+_CONVERT = "write them as messages of ROS 2 in CDR"
 
 _LATEST = 2**63 - 1  # ns, the year 2262; MCAP has unsigned times, whose upper half is meaningless
+_Channels: TypeAlias = Mapping[int, tuple[int, "Connection"]]
+"""The topic, an index in the requested names, and the connection of each channel."""
 _Convert: TypeAlias = Callable[["Connection", bytes], bytes]
 """It turns a message into plain CDR of ROS 2."""
 # Order of messages with the same time: number of the file, place in it.
@@ -88,9 +91,8 @@ class Bags:
         for file in files:
             for connection in file.reader.connections:
                 counts[connection.topic, _type(connection)] += connection.msgcount
-        logs = [
-            file.reader for file in files if isinstance(file.reader, CanLog) and file.reader.bad
-        ]
+        readers = [file.reader for file in files]
+        logs = [each for each in readers if isinstance(each, CanLog) and each.bad]
         self.bad_lines, self.fault = sum(log.bad for log in logs), logs[0].fault if logs else ""
         self.topics = tuple(BagTopic(*key, count) for key, count in sorted(counts.items()))
 
@@ -106,10 +108,8 @@ class Bags:
             with bag_errors(file.path):
                 for connection in file.reader.connections:
                     if connection.topic == name and _is_foreign(connection):
-                        raise BagError(
-                            f"{file.path}: topic {name} holds {_type(connection)}, which cannot be "
-                            "read; write them as messages of ROS 2 in CDR."
-                        )
+                        problem = f"topic {name} holds {_type(connection)}, which cannot be read"
+                        raise BagError(f"{file.path}: {problem}; {_CONVERT}.")
                     if connection.topic == name and connection.msgdef.data:
                         store, kind = _store([connection]), _type(connection)
                         text = _definition(store, connection)
@@ -120,10 +120,8 @@ class Bags:
             remedy = "read each recording by itself"
             if files[others[0]] == files[0]:
                 remedy = "write the messages of each channel to a file of their own"
-            raise BagError(
-                f"{files[0]} and {files[others[0]]} define the type of topic {name} in different "
-                f"ways; {remedy}."
-            )
+            problem = f"define the type of topic {name} in different ways"
+            raise BagError(f"{files[0]} and {files[others[0]]} {problem}; {remedy}.")
         return definitions[0] if definitions else None
 
     @property
@@ -155,10 +153,9 @@ def open_bags(paths: Sequence[Path]) -> Iterator[Bags]:
         connections = [each for file in files for each in file.reader.connections]
         foreign = [each for each in connections if _is_foreign(each)]
         if foreign and len(foreign) == len(connections):
-            raise BagError(
-                f"{', '.join(map(str, paths))} holds no messages of ROS: {foreign[0].topic} holds "
-                f"{_type(foreign[0])}; write them as messages of ROS 2 in CDR."
-            )
+            problem = f"{', '.join(map(str, paths))} holds no messages of ROS"
+            reason = f"{foreign[0].topic} holds {_type(foreign[0])}"
+            raise BagError(f"{problem}: {reason}; {_CONVERT}.")
         yield Bags(paths, files)
 
 
@@ -197,8 +194,7 @@ def _ordered(parts: Iterable[_Part], as_written: bool) -> Iterator[Block]:
         held = waiting
         block = _joined(ready)
         if len(block):
-            order = np.argsort(block.log_times, kind="stable")
-            yield block if as_written else block.rows(order)
+            yield block if as_written else block.rows(np.argsort(block.log_times, kind="stable"))
 
 
 def _joined(blocks: Sequence[Block]) -> Block:
@@ -261,11 +257,7 @@ def _converter(connections: "Sequence[Connection]") -> _Convert:
 
 
 def _mcap_block(
-    path: Path,
-    stream: BinaryIO,
-    chunk: ChunkIndex,
-    channels: "Mapping[int, tuple[int, Connection]]",
-    convert: _Convert,
+    path: Path, stream: BinaryIO, chunk: ChunkIndex, channels: _Channels, convert: _Convert
 ) -> Block:
     with bag_errors(path):
         begins = _indexed(stream, chunk, channels)
@@ -286,10 +278,9 @@ def _uncompressed(file: BinaryIO, chunk: ChunkIndex) -> bytes:
     file.seek(chunk.chunk_start_offset + RECORD.size)
     record = Chunk.read(ReadDataStream(file))
     if record.compression.encode() not in KNOWN_COMPRESSIONS:
-        raise BagError(
-            f"A chunk is compressed with {record.compression}, which no reader here knows; "
-            "compress the file with zstd or lz4, such as with `mcap compress`."
-        )
+        problem = f"A chunk is compressed with {record.compression}, which no reader here knows"
+        hint = "compress the file with zstd or lz4, such as with `mcap compress`"
+        raise BagError(f"{problem}; {hint}.")
     size, crc = record.uncompressed_size, record.uncompressed_crc
     data = decompressed(record.compression.encode(), record.data, size)
     if len(data) != size or (crc and zlib.crc32(data) != crc):
@@ -312,9 +303,7 @@ def _indexed(file: BinaryIO, chunk: ChunkIndex, channels: Collection[int]) -> In
     return np.unique(np.concatenate(positions))
 
 
-def _chunk_block(
-    data: bytes, channels: "Mapping[int, tuple[int, Connection]]", begins: Integers
-) -> Block:
+def _chunk_block(data: bytes, channels: _Channels, begins: Integers) -> Block:
     """Return the messages of these channels (with their topics) that begin there in a chunk."""
     buffer = np.frombuffer(data, np.uint8)
     if not len(begins):

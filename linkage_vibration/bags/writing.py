@@ -75,11 +75,7 @@ def offered_qos_profiles(*, latched: bool = False) -> str:
 
 
 def rosbag2_metadata() -> dict[str, str]:
-    """Return the content of the record `ROSBAG2_METADATA`, by whose version rosbag2 reads the QoS.
-
-    All other keys are needed, but replaced: rosbag2 lists and counts what the summary of a file
-    has.
-    """
+    """Return the content of the record `ROSBAG2_METADATA`; rosbag2 replaces all but the version."""
     metadata = {
         "version": ROSBAG2_METADATA_VERSION,
         "storage_identifier": "mcap",

@@ -49,8 +49,7 @@ def run(options: argparse.Namespace) -> int:
     from linkage_vibration.studies.crossings import crossing_table, crossing_text, find_crossings
     from linkage_vibration.support.atomic_files import OutputError, check_output, write_text
 
-    files = filter(None, (options.mechanism, options.excitations))
-    check_output(options.csv, ".csv", list(files))
+    check_output(options.csv, ".csv", list(filter(None, (options.mechanism, options.excitations))))
     settings = read_settings(options, excitation_file=options.excitations)
     _, excitations, every = read_levels(settings, options.implement_mass)
     levels, limit = WorstLevels(every), settings.warning_limits().warning
@@ -80,10 +79,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _described(advice: "Advice", masses: Sequence[str]) -> str:
-    """Return advice as lines of text: a row for each quieter place, and what is refused.
-
-    Masses of the implement are those with which the places are loaded most, empty if there is one.
-    """
+    """Return advice as lines: a row for each quieter place, with its mass if there are several."""
     import numpy as np
 
     from linkage_vibration.prediction.advice import NOW, is_quieter

@@ -11,6 +11,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from linkage_vibration.errors import LinkageVibrationError
+
 if TYPE_CHECKING:
     from linkage_vibration.mechanics.model import LinkageModel
     from linkage_vibration.prediction.answers import LoadedModel
@@ -67,8 +69,7 @@ def add_implement_mass(parser: argparse.ArgumentParser) -> None:
     """Declare the mass of the implement, or a range of it."""
     text = "predict as if the implement had this mass; of a range, as FIRST:LAST (five masses) or "
     text += "FIRST:LAST:STEP, the worst is shown (default: the mass of the mechanism)"
-    add = parser.add_argument
-    add("--implement-mass", type=_masses, default=[], metavar="KG", help=text)
+    parser.add_argument("--implement-mass", type=_masses, default=[], metavar="KG", help=text)
 
 
 def _masses(text: str) -> list[float]:
@@ -100,9 +101,8 @@ def _numbers(text: str, what: str) -> list[float]:
         raise argparse.ArgumentTypeError(f"{text!r} is no {what} and no FIRST:LAST:STEP.")
     count = (more[0] - first) / more[1] * (1.0 + 1e-9)
     if not count < _MOST_ANGLES:
-        raise argparse.ArgumentTypeError(
-            f"{text!r} has over {_MOST_ANGLES} numbers; widen the step."
-        )
+        problem = f"{text!r} has over {_MOST_ANGLES} numbers; widen the step."
+        raise argparse.ArgumentTypeError(problem)
     return [first + i * more[1] for i in range(int(count) + 1)]
 
 
@@ -121,10 +121,8 @@ def read_settings(options: argparse.Namespace, **more: Any) -> "Parameters":
     elif source is not None and table is None:
         table = _table_of(source)
     given = {"mechanism_file": source, **more, "table_file": table}
-    values = {name: value for name, value in given.items() if value is not None}
-    settings = with_values(
-        settings, {name: str(v) if isinstance(v, Path) else v for name, v in values.items()}
-    )
+    values = {k: str(v) if isinstance(v, Path) else v for k, v in given.items() if v is not None}
+    settings = with_values(settings, values)
     if not settings.mechanism_file:
         warn(f"No mechanism is given; this is the shipped {settings.mechanism_path()}.")
     return settings
@@ -140,7 +138,6 @@ def mechanism_file(options: argparse.Namespace) -> Path:
 
 def mechanism_of_table(path: Path) -> Path:
     """Return the file of the mechanism of a table: beside it, or one that is shipped."""
-    from linkage_vibration.errors import LinkageVibrationError
     from linkage_vibration.readers.mechanism import read_mechanism
     from linkage_vibration.support.resources import DEFAULT_MECHANISM, config_file
     from linkage_vibration.table.table import TableError, load_table
@@ -150,15 +147,12 @@ def mechanism_of_table(path: Path) -> Path:
         with suppress(LinkageVibrationError):
             if read_mechanism(file).model_hash == table.model_hash:
                 return file
-    raise TableError(
-        f"{path}: its mechanism, {table.mechanism_name}, is neither {beside} nor a shipped one; "
-        "give the YAML file of the mechanism."
-    )
+    problem = f"its mechanism, {table.mechanism_name}, is neither {beside} nor a shipped one"
+    raise TableError(f"{path}: {problem}; give the YAML file of the mechanism.")
 
 
 def _table_of(source: Path) -> Path | None:
     """Return the file of a table that was built from a mechanism, if there is one."""
-    from linkage_vibration.errors import LinkageVibrationError
     from linkage_vibration.readers.mechanism import read_mechanism
     from linkage_vibration.table.table import load_table
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from linkage_vibration.cli.arguments import add_mechanism, mechanism_file, read_model
-from linkage_vibration.support.commands import command
+from linkage_vibration.support.resources import command
 
 if TYPE_CHECKING:
     from linkage_vibration.mechanics.description import Mechanism
@@ -139,9 +139,7 @@ def _description(
             fix = "give its base mounts"
         aside = " along y" if half is table.lateral else ""
         fix = "give `lateral` chains, and axles with a stiffness" if aside else fix
-        yield (
-            f"Nothing holds {mechanism.name}{aside}: {left_out} left out of the table. To hold it, "
-            f"{fix}."
-        )
+        problem = f"Nothing holds {mechanism.name}{aside}: {left_out} left out of the table"
+        yield f"{problem}. To hold it, {fix}."
     if table.unknown_deviations:
         yield table.unknown_deviations

@@ -49,10 +49,8 @@ def run(options: argparse.Namespace) -> int:
     if options.times or options.readings:
         return _calibrate_sensor(options)
     if len(options.files) != 1:
-        raise study.CalibrationError(
-            "Give one YAML file of parameters and targets, or for the sensor of the hitch --times "
-            "or --readings."
-        )
+        other = "for the sensor of the hitch --times or --readings"
+        raise study.CalibrationError(f"Give one YAML file of parameters and targets, or {other}.")
     [source], starts = options.files, options.starts
     if starts < 1:
         raise study.CalibrationError(f"--starts is {starts}; give 1 or more starting points.")

@@ -59,42 +59,32 @@ def run(options: argparse.Namespace) -> int:
     write_files({file: [data] for file, data in files.items()}, ExportError)
     for file in files:
         print(f"Written: {file}")
-    print(
-        f"Table {table.table_id} of {table.mechanism_name}: {len(constants.starts)} "
-        f"cells, {constants.size} bytes of constants. {export.accuracy}"
-    )
+    size = f"{len(constants.starts)} cells, {constants.size} bytes of constants"
+    print(f"Table {table.table_id} of {table.mechanism_name}: {size}. {export.accuracy}")
     if constants.gaps:
         print(constants.gap_text)
     return 0
 
 
 def _files(options: argparse.Namespace, export: "Export") -> dict[Path, bytes]:
-    """Return the contents of the files to write."""
-    from linkage_vibration.export.c_source import c_sources
+    """Return the contents of the files to write; another export is not replaced."""
+    from linkage_vibration.export.c_source import c_sources, existing_table
+    from linkage_vibration.export.constants import ExportError
     from linkage_vibration.export.fmu import fmu_bytes
 
     contents = dict[Path, bytes]()
     if options.c is not None:
-        _refuse_another_table(options.c / f"{options.name}.h", export.table.table_id)
-        texts = c_sources(export)
-        contents |= {options.c / name: text.encode() for name, text in texts.items()}
+        header = options.c / f"{options.name}.h"
+        if header.exists():
+            other = existing_table(header.read_text(encoding="utf-8", errors="replace"))
+            if other != export.table.table_id:
+                what = f"an export of the table {other}" if other else "another file"
+                problem = f"{header} is {what}, and is kept"
+                raise ExportError(f"{problem}; give another --name or folder, or delete it.")
+        contents |= {options.c / name: text.encode() for name, text in c_sources(export).items()}
     if options.fmu is not None:
         contents[options.fmu] = fmu_bytes(export, compiled=not options.source_only)
     return contents
-
-
-def _refuse_another_table(header: Path, table_id: str) -> None:
-    """Raise an ExportError if a header is not an export of this table."""
-    from linkage_vibration.export.c_source import existing_table
-    from linkage_vibration.export.constants import ExportError
-
-    if header.exists():
-        other = existing_table(header.read_text(encoding="utf-8", errors="replace"))
-        if other != table_id:
-            what = f"an export of the table {other}" if other else "another file"
-            raise ExportError(
-                f"{header} is {what}, and is kept; give another --name or folder, or delete it."
-            )
 
 
 def _export(options: argparse.Namespace, path: Path) -> "Export":

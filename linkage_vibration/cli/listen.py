@@ -21,13 +21,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("log", type=Path, metavar="LOG", help="MCAP file of predictions, of the node or a replay")
     add("--sensors", type=Path, required=True, metavar="FILE", help="YAML file of sensors")
-    text = "HTML file to write (default: LOG with _listen.html)"
-    add("-o", "--output", type=Path, help=text)
+    add("-o", "--output", type=Path, help="HTML file to write (default: LOG with _listen.html)")
     text = "also write the excitations with measured amplitudes and deviations to this file"
     add("--amplitudes", type=Path, metavar="FILE", help=text)
-    text = (
-        "also write the natural frequencies without doubts as targets of `calibrate` to this file"
-    )
+    text = "also write natural frequencies without doubts as targets of `calibrate` to this file"
     add("--targets", type=Path, metavar="FILE", help=text)
     add_mechanism(parser)
 
@@ -71,9 +68,8 @@ def run(options: argparse.Namespace) -> int:
     if options.amplitudes:
         rows = [row for each in comparisons for row in each.rows]
         numbers = amplitude_numbers(rows, yaml.safe_load(log.excitations_text))
-        content[options.amplitudes] = [
-            edit_text(log.excitations_text, numbers, ReviewError).encode()
-        ]
+        text = edit_text(log.excitations_text, numbers, ReviewError)
+        content[options.amplitudes] = [text.encode()]
     if options.targets:
         assert log.table is not None
         text = drive_targets(modes, log.table, mechanism, options.targets)

@@ -110,8 +110,7 @@ def argument_parser() -> "argparse.ArgumentParser":
             (file or sys.stderr).write(message)  # argparse would hide that the disk is full
 
     described = "Predict how a linkage vibrates in each of its configurations."
-    raw = argparse.RawDescriptionHelpFormatter
-    parser = Parser(prog="linkage-vibration", formatter_class=raw)
+    parser = Parser(prog="linkage-vibration", formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--version", action="version", version=VERSION)
     subparsers = parser.add_subparsers(required=True, metavar="COMMAND")
     for route, names in ROUTES.items():

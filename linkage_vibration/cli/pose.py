@@ -29,9 +29,8 @@ def run(options: argparse.Namespace) -> int:
     check_output(options.output, ".png", [source])
     model = read_model(source)
     mechanism, kinematics = model.mechanism, model.kinematics
-    angles = np.radians(
-        options.angles_deg or np.degrees(np.linspace(*mechanism.stroke, 9))
-    ).tolist()
+    nine = np.linspace(*mechanism.stroke, 9)
+    angles = np.radians(options.angles_deg or np.degrees(nine)).tolist()
     print(f"{angle_rows(mechanism, kinematics, angles)}\n\n{cylinder_rows(model, angles)}")
     if mechanism.base is not None:
         print("\n" + axle_rows(model, angles))

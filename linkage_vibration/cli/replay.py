@@ -35,8 +35,7 @@ def run(options: argparse.Namespace) -> int:
     from linkage_vibration.playback.replay import WhatIf, problems, replay, replay_summary
     from linkage_vibration.support.atomic_files import check_output
 
-    inputs = [*options.bags, *filter(None, [options.params_file])]
-    check_output(options.output, ".mcap", inputs)
+    check_output(options.output, ".mcap", [*options.bags, *filter(None, [options.params_file])])
     given = {f"hitch_{name}": getattr(options, name) for name in ("sign", "scale", "offset")}
     given |= {"joint_name": options.joint, "table_file": options.table}
     given["sensor_file"] = options.sensors

@@ -97,9 +97,8 @@ def _outputs(
     from linkage_vibration.support.atomic_files import check_outputs, check_suffix
 
     if several and any((options.csv, options.png, options.against, options.limits)):
-        raise ReviewError(
-            "--csv, --png, --against and --limits take one log; give one, or leave them out."
-        )
+        problem = "--csv, --png, --against and --limits take one log; give one, or leave them out."
+        raise ReviewError(problem)
     if (options.junit or options.baseline) and not options.limits:
         raise ReviewError("--junit and --baseline belong to --limits; give its file.")
     output, pages = options.output, list[Path]()

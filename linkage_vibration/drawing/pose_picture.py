@@ -59,7 +59,7 @@ def shapes_figure(shapes: Sequence[ModeShape]) -> "Figure":
         model = LinkageModel(model.mechanism, kinematics=model.kinematics)
     figure, panels = _panels(model, alpha3, len(shapes))
     modes = lowest_modes(solution)
-    named = name_modes(kinetic_energy(solution).select(np.array(modes)))
+    named = name_modes(kinetic_energy(solution, np.array(modes)))
     names = dict(zip(modes, named, strict=True))
     for panel, shape in zip(panels, shapes, strict=True):
         moved, frequency = _moved(shape, model), solution.modes.omega[shape.mode] / (2.0 * math.pi)

@@ -89,18 +89,14 @@ def product(factors: NDArray[Any], terms: ComplexArray) -> ComplexArray:
 def solve_stack(matrices: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:
     """Solve equations, (n, m, m), whose right side is the same for all, (m, k), or not, (n, m, k).
 
-    NumPy 1 takes a right side of two dimensions as one vector for each equation, but NumPy 2 takes
-    it as one matrix, so it always gets three dimensions.
+    NumPy 1 would take a right side of two dimensions as one vector for each equation.
     """
     right = np.broadcast_to(right, (len(matrices), *right.shape[-2:]))
     return np.asarray(np.linalg.solve(matrices, right))
 
 
 def runs(flags: BoolArray, *columns: NDArray[Any]) -> list[tuple[int, int]]:
-    """Return the start and the end (exclusive) of each run of true flags, (n,).
-
-    A run also ends where the value of a column, (n,), changes.
-    """
+    """Return start and end (exclusive) of runs of true flags, (n,), in which no column changes."""
     changed = np.ones(len(flags) + 1, dtype=bool)
     changed[1:-1] = np.any([c[1:] != c[:-1] for c in (flags, *columns)], axis=0)
     edges = np.flatnonzero(changed).tolist()

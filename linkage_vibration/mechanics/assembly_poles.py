@@ -12,14 +12,13 @@ to a strongly damped pole of the assembly. Such a pole is not there if the rates
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray
 from linkage_vibration.mechanics.compatibility import Joining
-from linkage_vibration.mechanics.components import Component, FrfComponent
+from linkage_vibration.mechanics.components import Components, FrfComponent
 from linkage_vibration.mechanics.fbs import held_frf, independent_rows
 
 _STEP = 1e-5  # step for the derivative, as a share of a pole
@@ -49,18 +48,13 @@ class AssemblyPole:
 
 
 class Assembly:
-    """Components, (n,) interface DoFs in all, some of them measured, joined in one configuration.
+    """Components, some measured, that are joined; the ground holds the DoFs `held`, (n,)."""
 
-    `held` marks the DoFs that the ground holds. `modes` are those that `confirm` kept last: poles,
-    rad/s, and standard deviations of their natural frequencies, Hz, and damping ratios.
-    """
-
-    def __init__(
-        self, components: Sequence[Component | FrfComponent], held: BoolArray, joining: Joining
-    ) -> None:
+    def __init__(self, components: Components, held: BoolArray, joining: Joining) -> None:
         kept = joining.compatibility[:, ~held].any(axis=1)
         rigid, _ = independent_rows(joining.compatibility[kept], 0.0)
         self._rows = np.vstack([rigid, joining.elongation])
+        # That `confirm` kept: poles, rad/s, deviations of natural frequencies, Hz, and ratios.
         self.modes: list[tuple[complex, float, float]] = []
         self._rigid = np.zeros(len(rigid))
         self._joining = joining
@@ -69,11 +63,7 @@ class Assembly:
         self._parts = list(zip(components, np.split(held, ends), rows, strict=True))
 
     def confirm(self, poles: ComplexArray) -> BoolArray:
-        """Return which of some identified poles, (n,), rad/s, are modes of the assembly.
-
-        The others are not poles of the assembly, or noise makes them: their standard deviation
-        exceeds a tenth of their natural frequency, or other rates in the fits move them as far.
-        """
+        """Return which poles, (n,), rad/s, are modes, and not caused by noise or the fit."""
         self.modes.clear()
         kept = np.zeros(len(poles), dtype=np.bool_)
         for i, start in enumerate(poles):
@@ -90,10 +80,7 @@ class Assembly:
         return kept
 
     def _variances(self, mode: AssemblyPole) -> FloatArray:
-        """Return variances of the natural frequency (Hz) and the damping ratio, (2, 2).
-
-        Those in the first row are caused by noise, those in the second by errors of gain.
-        """
+        """Return variances of frequency (Hz) and damping ratio by noise and gain, (2, 2)."""
         power = np.zeros((2, 2))
         for component, _, rows in self._parts:
             if isinstance(component, FrfComponent):

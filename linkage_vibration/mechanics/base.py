@@ -9,21 +9,11 @@ freedom.
 
 import re
 
-from linkage_vibration.mechanics.description import GROUND, Base, Mount
+from linkage_vibration.mechanics.description import GROUND, Mount
 from linkage_vibration.mechanics.keys import DAMPEST, RIGID, STIFFEST, CheckedMapping
 
 # The width is in mm if the ratio of height to width follows, else in inches: 420/85R34, 16.9R38.
 _SIZE = re.compile(r"(?:IF|VF)? ?(\d+(?:\.\d+)?)(/\d+)? ?[R-] ?(\d+(?:\.\d+)?)")
-
-
-def mount_springs(base: Base | None) -> tuple[tuple[Mount, int], ...]:
-    """Return each mount with 0 for its spring along x or 1 for that along z, if it has one."""
-    return tuple(
-        (mount, axis)
-        for mount in (base.mounts if base else ())
-        for axis in (0, 1)
-        if mount.stiffness[axis] or mount.damping[axis]
-    )
 
 
 def read_mounts(keys: CheckedMapping, taken: set[str]) -> tuple[Mount, ...]:
@@ -31,9 +21,8 @@ def read_mounts(keys: CheckedMapping, taken: set[str]) -> tuple[Mount, ...]:
     mounts = []
     for name in keys.names("mounts"):
         if name in taken or name == GROUND:
-            raise keys["mounts"].error(
-                name, "a point has this name already; give the mount another one."
-            )
+            problem = "a point has this name already; give the mount another one."
+            raise keys["mounts"].error(name, problem)
         mount = keys["mounts"][name]
         if "tyre" in mount:
             if not mount.is_mapping("tyre"):

@@ -19,8 +19,7 @@ from linkage_vibration.mechanics.description import Mechanism, MechanismError
 NEAR = math.radians(5.0)
 """Angle of every body from those given, within which a pose is used without a search for others."""
 
-# The angles given are wrong if a body turns by more than this from them.
-_ROUGH = math.radians(20.0)
+_ROUGH = math.radians(20.0)  # Angles are wrong if a body turns by more than this from them.
 _AMBIGUOUS = 2.0  # A pose is clear if the others are so many times farther away.
 _STARTS = 200  # number of random starting angles, beside the angles given
 _ITERATIONS = 60
@@ -34,12 +33,9 @@ _REST = 0.02  # largest ratio of the gaps of the other pins to that of the opene
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pins:
-    """The gap between the two ends of every pin, with scaled lengths, (n_rows,).
+    """The gaps of all pins, scaled, which are linear in positions, cosines and sines of a pose."""
 
-    It is linear in positions, cosines and sines of a pose, with the same matrices in every pose:
-    two rows for each pin, and a last one that is free for another condition.
-    """
-
+    # Two rows for each pin, and a last one that is free for another condition.
     positions: FloatArray  # (n_rows, 3 n_bodies): d(gap)/d(pose); zero for the angles
     cosines: FloatArray  # (n_rows, n_bodies): d(gap)/d(cosine of each angle)
     sines: FloatArray  # (n_rows, n_bodies): the same of the sines
@@ -56,10 +52,7 @@ class Pins:
         return gaps, jacobian
 
     def placed(self, angles: FloatArray, weights: FloatArray | float = 1.0) -> FloatArray:
-        """Return the pose, (3 n_bodies,), with given angles (rad) and the smallest gaps.
-
-        `weights`, (n_pins,), say how much the gap of each pin counts.
-        """
+        """Return the pose, (3 n_bodies,), of angles, rad, with the least weighted gaps."""
         pose = np.zeros(3 * len(angles))
         pose[2::3] = angles
         gaps, jacobian = self.at(pose)
@@ -71,11 +64,7 @@ class Pins:
 
 
 def closed_angles(pins: Pins, guess: FloatArray, free: BoolArray) -> FloatArray:
-    """Return the angles of every closed pose that is found, (n_poses, n_bodies), rad.
-
-    The free bodies, (n_bodies,), turn from a guess. The first pose has the smallest root mean
-    square of turns; of two that are equally near, the lower angle of the first body.
-    """
+    """Return the angles of closed poses, (n_poses, n_bodies), rad, nearest to a guess first."""
     angles, gaps = _descend(pins, np.ones(len(pins.ground) // 2), guess, free)
     angles = angles[gaps < _CLOSED]
     turned = turns(angles - guess)
@@ -89,11 +78,7 @@ def closed_angles(pins: Pins, guess: FloatArray, free: BoolArray) -> FloatArray:
 
 
 def pose_notice(mechanism: Mechanism, poses: Sequence[FloatArray], chosen: int) -> str:
-    """Return how the chosen pose differs from the angles given; empty if those are clear.
-
-    Poses are angles of the bodies, (n_bodies,), rad, the nearest first. The chosen one is the
-    nearest whose branch reaches over the stroke.
-    """
+    """Return how the chosen pose, (n_bodies,), rad, differs from the angles; empty if clear."""
     names = [body.name for body in mechanism.bodies]
     held, given = names.index(mechanism.input_body), mechanism.assembly_alpha3
     angles = dict(mechanism.assembly_angles)
@@ -144,11 +129,7 @@ def distance(turned: FloatArray, free: BoolArray) -> FloatArray:
 def cannot_close(
     pins: Pins, mechanism: Mechanism, guess: FloatArray, free: BoolArray, length: float
 ) -> MechanismError:
-    """Return the error that loops, whose lengths were divided by `length` (m), cannot close.
-
-    It says by how much each pin stays open where all others close. The search is that of
-    `closed_angles`.
-    """
+    """Return the error that loops cannot close, with the gap of each pin if all others close."""
     gaps = [_opened(pins, pin, guess, free) for pin in range(len(mechanism.joints))]
     open_pins = [
         f"{point} by {gap * length:.4g} m"
@@ -164,10 +145,7 @@ def cannot_close(
 
 
 def _opened(pins: Pins, pin: int, guess: FloatArray, free: BoolArray) -> float:
-    """Return the smallest distance between the ends of a pin where all others are closed.
-
-    It is infinite if they cannot be closed.
-    """
+    """Return the smallest gap of a pin where all others are closed, or infinity."""
     weights = np.ones(len(pins.ground) // 2)
     weights[pin] = _OPEN
     angles, norms = _descend(pins, weights, guess, free)
@@ -179,15 +157,11 @@ def _opened(pins: Pins, pin: int, guess: FloatArray, free: BoolArray) -> float:
 def _descend(
     pins: Pins, weights: FloatArray, guess: FloatArray, free: BoolArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return angles where gaps are smallest, (n, n_bodies), and the norms of the gaps, (n,).
-
-    The gaps are those of weighted pins, without what positions of the bodies remove.
-    """
+    """Return angles with the least weighted gaps, (n, n_bodies), and the norms of gaps, (n,)."""
     weight, columns = np.repeat(weights, 2), np.arange(pins.positions.shape[1]) % 3 != 2
     left, sizes, _ = np.linalg.svd(weight[:, np.newaxis] * pins.positions[:-1, columns])
     kept = left[:, int((sizes > 1e-12).sum()) :].T * weight
-    parts = pins.cosines, pins.sines, pins.ground
-    cosines, sines, ground = (kept @ part[:-1] for part in parts)
+    cosines, sines, ground = (kept @ part[:-1] for part in (pins.cosines, pins.sines, pins.ground))
 
     def gaps_at(angles: FloatArray) -> FloatArray:
         return np.asarray(np.cos(angles) @ cosines.T + np.sin(angles) @ sines.T + ground)

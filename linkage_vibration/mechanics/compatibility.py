@@ -17,8 +17,7 @@ import numpy as np
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, side_by_side
-from linkage_vibration.mechanics.base import mount_springs
-from linkage_vibration.mechanics.components import CENTRE_OF_GRAVITY, Component, FrfComponent
+from linkage_vibration.mechanics.components import CENTRE_OF_GRAVITY, Components
 from linkage_vibration.mechanics.description import GROUND, Mechanism, Spring
 from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.mechanics.kinematics import Configuration
@@ -39,10 +38,7 @@ class CouplingError(LinkageVibrationError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Joining:
-    """All that joins the components in one configuration, on the interface DoFs u.
-
-    In a stack of configurations, each array has an axis before.
-    """
+    """What joins the components on the DoFs u; in a stack, each array has an axis before."""
 
     compatibility: FloatArray  # (n_constraints, n): B, of B u = 0
     labels: tuple[str, ...]  # (n_constraints,): what each row of B belongs to
@@ -68,11 +64,10 @@ def row_space(compatibility: FloatArray, labels: Sequence[str]) -> tuple[FloatAr
         at = tuple(row)
         shares = np.abs(left[at][:, :rank][:, unclear[at]]).max(axis=1)
         names = dict.fromkeys(np.array(labels)[shares > _INVOLVED].tolist())
-        raise CouplingError(
-            f"Some constraints nearly repeat others ({values[at][rank - 1] / values[at][0]:.1e} of "
-            f"the largest singular value): {'; '.join(names)}. Close each joint once, and let the "
-            "two sides of a repeated one agree to the last digit."
-        )
+        share = f"{values[at][rank - 1] / values[at][0]:.1e} of the largest singular value"
+        problem = f"Some constraints nearly repeat others ({share}): {'; '.join(names)}"
+        hint = "let the two sides of a repeated one agree to the last digit"
+        raise CouplingError(f"{problem}. Close each joint once, and {hint}.")
     return right[..., :rank, :], right[..., rank:, :].swapaxes(-1, -2)
 
 
@@ -81,10 +76,9 @@ class InterfaceMap:
 
     directions = "xz"  # of the displacement of a point, along the global axes
 
-    def __init__(
-        self, mechanism: Mechanism, components: Sequence[Component | FrfComponent]
-    ) -> None:
+    def __init__(self, mechanism: Mechanism, components: Components) -> None:
         self._mechanism = mechanism
+        self._y: dict[str, float] = {}  # of points that are not in the middle, m
         dofs = [(component.name, dof) for component in components for dof in component.dofs]
         self._index = {dof: i for i, dof in enumerate(dofs)}
         self._places: dict[tuple[str, str], list[int]] = {}  # of x, z and, if there is one, theta
@@ -98,13 +92,9 @@ class InterfaceMap:
 
     @cached_property
     def held(self) -> BoolArray:
-        """Which interface DoFs of links the ground holds in every configuration, (n,).
-
-        A pin to the ground holds a point at every angle of the link, and a clamp its rotation. A
-        base moves, and so holds nothing.
-        """
+        """Which DoFs of links the ground holds at every angle, (n,), by pins and clamps."""
         held = np.zeros(len(self), dtype=bool)
-        if GROUND in self._centres:
+        if GROUND in self._centres:  # A base moves.
             return held
         for point, first, second in self._mechanism.joints:
             if first == GROUND and second not in self._centres:
@@ -115,19 +105,28 @@ class InterfaceMap:
         return held
 
     def displacement(self, body: str, point: str, configuration: Configuration) -> FloatArray:
-        """Return the (..., 2, n) matrix that turns u into a point's global x and z displacement."""
+        """Return the (..., n_directions, n) matrix that turns u into a point's displacement."""
+        if body == GROUND or body in self._centres:
+            place = configuration.place(body, self._mechanism.local_points(body)[point])
+            return self._carried(body, place, self._y.get(point, 0.0), configuration)
+        axes = self.axes(body, configuration)
+        rows = np.zeros((*axes.shape[:-1], len(self)))
+        for i, direction in enumerate(self.directions):
+            at = self._index.get((body, InterfaceDof(point, direction)))
+            if at is not None:
+                rows[..., at] = axes[..., i]
+        return rows
+
+    def _carried(
+        self, body: str, place: FloatArray, y: float, configuration: Configuration
+    ) -> FloatArray:
+        """Return the displacement of a place, (..., 2), that a rigid body carries, (..., 2, n)."""
         rows = np.zeros((*configuration.angles.shape[:-1], 2, len(self)))
         if body in self._centres:
-            local, centre = self._mechanism.local_points(body)[point], self._centres[body]
-            arm = configuration.place(body, local) - configuration.place(body, centre)
+            arm = place - configuration.place(body, self._centres[body])
             x, z, theta = self._places[body, CENTRE_OF_GRAVITY]
             rows[..., 0, x] = rows[..., 1, z] = 1.0
             rows[..., 0, theta], rows[..., 1, theta] = -arm[..., 1], arm[..., 0]
-            return rows
-        if body == GROUND:
-            return rows
-        x, z = self._places[body, point][:2]
-        rows[..., [x, z]] = configuration.turn(body)
         return rows
 
     def axes(self, link: str, configuration: Configuration) -> FloatArray:
@@ -137,7 +136,7 @@ class InterfaceMap:
     @property
     def n_mounts(self) -> int:
         """How many of the last rows of the elongations belong to mounts."""
-        return len(mount_springs(self._mechanism.base))
+        return len(self._mechanism.mount_springs)
 
     def join(self, configuration: Configuration) -> Joining:
         """Return what joins the components in a configuration."""
@@ -153,16 +152,20 @@ class InterfaceMap:
 
     def _constraints(self, configuration: Configuration) -> dict[str, FloatArray]:
         """Return the rows of B with their labels."""
-        rows: dict[str, FloatArray] = {}
-        for point, first, second in self._mechanism.joints:
-            apart = self.displacement(first, point, configuration)
-            apart -= self.displacement(second, point, configuration)
-            for i, direction in enumerate("xz"):
-                rows[f"pin {point} of {first} and {second} in {direction}"] = apart[..., i, :]
+        rows = self._pins(configuration)
         for link in self._mechanism.links:
             if link.clamped is not None:
                 turn = self._turn(link.name, link.clamped) - self._turn(GROUND, link.clamped)
                 rows[f"clamp of {link.name} at {link.clamped}"] = turn
+        return rows
+
+    def _pins(self, configuration: Configuration) -> dict[str, FloatArray]:
+        rows: dict[str, FloatArray] = {}
+        for point, first, second in self._mechanism.joints:
+            apart = self.displacement(first, point, configuration)
+            apart -= self.displacement(second, point, configuration)
+            for i, direction in enumerate(self.directions):
+                rows[f"pin {point} of {first} and {second} in {direction}"] = apart[..., i, :]
         return rows
 
     def _springs(self, configuration: Configuration) -> list[SpringRow]:
@@ -174,14 +177,11 @@ class InterfaceMap:
         return springs + self._mounts(configuration)
 
     def _mounts(self, configuration: Configuration) -> list[SpringRow]:
-        return [
-            (
-                self.displacement(GROUND, mount.name, configuration)[..., axis, :],
-                mount.stiffness[axis],
-                mount.damping[axis],
-            )
-            for mount, axis in mount_springs(self._mechanism.base)
-        ]
+        springs: list[SpringRow] = []
+        for mount, axis in self._mechanism.mount_springs:
+            row = self.displacement(GROUND, mount.name, configuration)[..., axis, :]
+            springs.append((row, mount.stiffness[axis], mount.damping[axis]))
+        return springs
 
     def _elongation(self, spring: Spring, configuration: Configuration) -> FloatArray:
         first, second = spring.bodies

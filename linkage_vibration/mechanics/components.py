@@ -6,13 +6,14 @@ A component is invariant: its numbers are in its own axes and are computed once.
 compatibility matrix that couples the components changes with the configuration.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from linkage_vibration.mechanics.arrays import FloatArray
-from linkage_vibration.mechanics.dofs import InterfaceDof
+from linkage_vibration.mechanics.dofs import Dofs
 from linkage_vibration.mechanics.regularisation import RegularisedFrfs
 
 CENTRE_OF_GRAVITY = "centre of gravity"
@@ -31,7 +32,7 @@ class Component:
     """A body known by its matrices."""
 
     name: str  # of the body
-    dofs: tuple[InterfaceDof, ...]  # the first rows and columns; all others are inner coordinates
+    dofs: Dofs  # the first rows and columns; all others are inner coordinates
     mass: FloatArray  # (n, n), SI; damping is viscous
     stiffness: FloatArray  # (n, n)
     damping: FloatArray  # (n, n)
@@ -63,8 +64,11 @@ class FrfComponent:
     """A body known by its FRFs alone."""
 
     name: str  # of the body
-    dofs: tuple[InterfaceDof, ...]  # (n_interface,): rows and columns
+    dofs: Dofs  # (n_interface,): rows and columns
     frequencies: FloatArray  # (n_freq,), Hz, ascending, above 0
     measured: RegularisedFrfs  # receptances of the free body
     noise: float  # relative noise of the receptances as they were measured, 1
     gain: float  # relative standard deviation of a gain that all of them share, 1
+
+
+Components = Sequence[Component | FrfComponent]

@@ -73,10 +73,7 @@ def uncoupled_system(components: Sequence[Component]) -> UncoupledSystem:
 
 
 def couple(system: UncoupledSystem, joining: Joining) -> CoupledSystem:
-    """Assemble on the null space of B: M = L^T M L, K = L^T (K + W + G^T k G) L, B L = 0.
-
-    Constraints that repeat others have no effect.
-    """
+    """Assemble on the null space of B: M = L^T M L, K = L^T (K + W + G^T k G) L, B L = 0."""
     _, basis = row_space(joining.compatibility, joining.labels)
     stretch, none = joining.elongation @ basis, np.zeros((1, 1))
     springs, dampers = (
@@ -134,10 +131,7 @@ def assembled_frf(
 def _congruent(
     system: UncoupledSystem, matrix: FloatArray, basis: FloatArray, springs: FloatArray
 ) -> FloatArray:
-    """Return L^T A L of a matrix A, (..., n, n), symmetric to the last bit.
-
-    `springs`, (m, m), are added on the coordinates of the basis.
-    """
+    """Return L^T A L of a matrix, (..., n, n), with `springs`, (m, m), exactly symmetric."""
     n, m, across = system.n_interface, basis.shape[-1], basis.swapaxes(-1, -2)
     size = matrix.shape[-1] - n + m
     result = np.zeros((*basis.shape[:-2], size, size))

@@ -21,7 +21,7 @@ import scipy
 from linkage_vibration.errors import LinkageVibrationError, check_type
 from linkage_vibration.mechanics.arrays import FloatArray, symmetric
 from linkage_vibration.mechanics.components import CENTRE_OF_GRAVITY, Component, FrfComponent
-from linkage_vibration.mechanics.dofs import InterfaceDof
+from linkage_vibration.mechanics.dofs import Dofs, InterfaceDof
 
 GROUND = "ground"
 """The name of the ground; a base that moves has it too."""
@@ -149,10 +149,7 @@ class Body(Protocol):
     def component(
         self, link: "Link", mechanism: "Mechanism", *, reduced: bool
     ) -> Component | FrfComponent:
-        """Put the body on its interface DoFs.
-
-        `reduced=False` keeps every DoF of the body instead of `link.modes` fixed-interface modes.
-        """
+        """Put the body on its interface DoFs; if not `reduced`, with every other DoF."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,18 +196,14 @@ class RigidBody:
     inertia: float  # kg m2, about the centre of gravity
 
     def component(self, rule: Damping) -> Component:
-        """Put the body on the three DoFs of its centre of gravity, along the global axes.
-
-        The mass matrix is the same in all axes, so the global axes serve as the body's own.
-        """
+        """Put the body on the three DoFs of its centre of gravity, along the global axes."""
         return self.on({"x": self.mass, "z": self.mass, "theta": self.inertia}, rule)
 
     def on(self, inertias: Mapping[str, float], rule: Damping) -> Component:
         """Put the body on DoFs of its centre of gravity, with the mass or inertia of each, SI."""
         dofs = tuple(InterfaceDof(CENTRE_OF_GRAVITY, axis) for axis in inertias)
         mass, stiffness = np.diag([*inertias.values()]), np.zeros((len(dofs), len(dofs)))
-        viscous = rule.viscous(mass, stiffness)
-        return Component(self.name, dofs, mass, stiffness, viscous, 0.0, None)
+        return Component(self.name, dofs, mass, stiffness, rule.viscous(mass, stiffness), 0.0, None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,11 +226,8 @@ class Base:
     mounts: tuple[Mount, ...]
 
     def component(self) -> Component:
-        """Put the base on the three DoFs of its centre of gravity.
-
-        The damping rule of the linkage does not apply: its term in the mass would damp the base
-        against a frame that does not exist.
-        """
+        """Put the base on the three DoFs of its centre of gravity."""
+        # A rule's term in the mass would damp it against a frame that does not exist.
         return self.body.component(LossFactor(0.0))
 
 
@@ -297,10 +287,7 @@ class Response:
         return self.band if self.peak_part is None else self.peak_part
 
     def with_band(self, band: tuple[float, float]) -> "Response":
-        """Return the response with another band (Hz), and the peak sought in the common part.
-
-        If the bands have no common part, the peak is sought in the whole new band.
-        """
+        """Return the response in another band (Hz), the peak sought in the common part or all."""
         low, high = max(band[0], self.peak_band[0]), min(band[1], self.peak_band[1])
         whole = self.peak_part is None or low >= high or (low, high) == band
         return dataclasses.replace(self, band=band, peak_part=None if whole else (low, high))
@@ -471,6 +458,16 @@ class Mechanism:
         return self.rigid_bodies + (() if self.base is None else (self.base.body,))
 
     @cached_property
+    def mount_springs(self) -> tuple[tuple[Mount, int], ...]:
+        """Each mount of the base with 0 for its spring along x or 1 for that along z, if any."""
+        return tuple(
+            (mount, axis)
+            for mount in (self.base.mounts if self.base else ())
+            for axis in (0, 1)
+            if mount.stiffness[axis] or mount.damping[axis]
+        )
+
+    @cached_property
     def model_hash(self) -> str:
         """Hash of every number that a prediction depends on, 64 hexadecimal digits.
 
@@ -506,11 +503,9 @@ class Mechanism:
     def joints(self) -> tuple[tuple[str, str, str], ...]:
         """Every pin as (point, one body, other body); k bodies at a point make k - 1 pins."""
         owners = {point: self.owners(point) for places in self._points.values() for point in places}
-        return tuple(
-            (point, first, other) for point, (first, *others) in owners.items() for other in others
-        )
+        return tuple((point, a, b) for point, (a, *others) in owners.items() for b in others)
 
-    def interface_dofs(self, link: Link) -> tuple[InterfaceDof, ...]:
+    def interface_dofs(self, link: Link) -> Dofs:
         """Return the DoFs at which one of the links is joined, point by point."""
         rotations = self.rotations(link.name)
         return tuple(

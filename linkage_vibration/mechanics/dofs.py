@@ -22,3 +22,6 @@ class InterfaceDof:
     def __str__(self) -> str:
         """Return the DoF as files and errors write it, such as ``P1 x``."""
         return f"{self.point} {self.direction}"
+
+
+Dofs = tuple[InterfaceDof, ...]

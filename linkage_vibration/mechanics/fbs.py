@@ -27,10 +27,8 @@ from linkage_vibration.mechanics.components import Component
 Matrix = FloatArray | ComplexArray
 
 _CHUNK = 2**20  # complex numbers of dynamic stiffness that are held at a time, 16 MB
-# A body is free to move if the least eigenvalue of its scaled stiffness is smaller.
-_FLOATING = 1e-9
-# A smaller error by rounding, of the largest receptance, is not computed precisely.
-_HARMLESS = 1e-12
+_FLOATING = 1e-9  # least eigenvalue of the scaled stiffness of a body that is held
+_HARMLESS = 1e-12  # A smaller error, of the largest receptance, is not computed precisely.
 _ROUNDING_LIMIT = 1e-6  # A larger error by rounding, of the largest receptance, is refused.
 
 
@@ -46,15 +44,13 @@ def component_frf(
     frequencies: FloatArray | ComplexArray,
     loss_factor: float = 0.0,
 ) -> ComplexArray:
-    """Return receptances of a component, (K (1 + i eta) - w^2 M + i w C)^-1, on its first DoFs.
-
-    They are (n_freq, n_dofs, n_dofs), m/N, symmetric. Below 1 Hz a free body's rounding leaves
-    errors in an assembly: 4e-9 of the paper linkage's largest FRF at 0.1 Hz, 1e-7 at 0.01 Hz.
-    """
+    """Return (K (1 + i eta) - w^2 M + i w C)^-1 of the first DoFs, (n_freq, n_dofs, n_dofs)."""
     omega = np.multiply(frequencies, 2.0 * math.pi)
-    if (omega == 0.0).any() and _is_floating(stiffness):
-        problem = "A component that is free to move has no receptance at 0 Hz"
-        raise FbsError(f"{problem}; begin above 0, at 0.1 Hz or more.")
+    if (omega == 0.0).any():
+        scale = np.sqrt(np.maximum(np.diag(stiffness), np.finfo(float).tiny))
+        if np.linalg.eigvalsh(stiffness / np.outer(scale, scale))[0] < _FLOATING:
+            problem = "A component that is free to move has no receptance at 0 Hz"
+            raise FbsError(f"{problem}; begin above 0, at 0.1 Hz or more.")
     lossy = np.asarray((1.0 + 1j * loss_factor) * stiffness, dtype=np.complex128)
     matrices: list[Matrix] = [lossy, mass, damping]
     frf = np.empty((len(omega), n_dofs, n_dofs), dtype=complex)
@@ -82,11 +78,7 @@ def held_frf(component: Component, frequencies: Matrix, held: BoolArray) -> Comp
 
 
 def _inverse(matrices: Sequence[Matrix], n_dofs: int, omega: Matrix) -> ComplexArray:
-    """Return the part of (K - w^2 M + i w C)^-1 that belongs to the first DoFs, line by line.
-
-    Inner coordinates that are not coupled to one another, such as fixed-interface modes, are first
-    eliminated one by one: Z_bb - sum over i of Z_bi Z_ib / Z_ii.
-    """
+    """Return (K - w^2 M + i w C)^-1 of the first DoFs; uncoupled others are eliminated first."""
     n = len(matrices[0])
     b, i = slice(n_dofs), slice(n_dofs, n)
     pick = np.eye(n, n_dofs)
@@ -209,9 +201,7 @@ def _solve(matrices: ComplexArray, right: Matrix) -> ComplexArray:
         columns = np.broadcast_to(right, (len(matrices), *right.shape[-2:]))
         if len(matrices) == 1:
             return np.full(columns.shape, np.nan, dtype=complex)
-        return np.concatenate(
-            [_solve(matrices[i : i + 1], columns[i]) for i in range(len(columns))]
-        )
+        return np.concatenate([_solve(matrices[[i]], columns[i]) for i in range(len(columns))])
 
 
 def _lost(lines: IntArray, share: float, frequencies: FloatArray | None) -> FbsError:
@@ -228,9 +218,3 @@ def _lost(lines: IntArray, share: float, frequencies: FloatArray | None) -> FbsE
         f"of {share:.0e} of the largest coupled FRF; leave these frequencies out, add damping, or "
         "describe the components by their matrices."
     )
-
-
-def _is_floating(stiffness: FloatArray) -> bool:
-    """Return whether a stiffness matrix lets its component move without a force."""
-    scale = np.sqrt(np.maximum(np.diag(stiffness), np.finfo(float).tiny))
-    return bool(np.linalg.eigvalsh(stiffness / np.outer(scale, scale))[0] < _FLOATING)

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray, rows_of
-from linkage_vibration.mechanics.base import mount_springs
 from linkage_vibration.mechanics.compatibility import CouplingError, InterfaceMap, Joining
 from linkage_vibration.mechanics.components import Component
 from linkage_vibration.mechanics.coupling import CoupledSystem, UncoupledSystem, couple
@@ -32,8 +31,7 @@ from linkage_vibration.mechanics.springs import Values, has_force, tension_share
 GRAVITY = 9.80665
 """Standard acceleration of gravity, m/s2, by which static forces are computed."""
 
-# Least reference force of a place, as a share of the largest static force at that angle.
-_LEAST_REFERENCE = 0.1
+_LEAST_REFERENCE = 0.1  # least reference force, as a share of the largest static one at an angle
 _SINGULAR = 1e-13  # Nothing holds a motion whose scaled singular value, of the largest, is smaller.
 _BALANCED = 1e-6  # A larger part of the weight that nothing carries is more than rounding.
 
@@ -59,10 +57,7 @@ def tyre_place(mount: str) -> tuple[str, str]:
 
 
 def magnitudes(places: Sequence[tuple[str, str]], forces: FloatArray) -> FloatArray:
-    """Return magnitudes of forces at each name, (n_names, ...), from their components at places.
-
-    The components, (n_places, ...), are those of `Forces.places`.
-    """
+    """Return magnitudes of forces, (n_names, ...), from components at `Forces.places`."""
     names = [name for name, _ in places]
     first = [i for i, name in enumerate(names) if name not in names[:i]]
     return np.sqrt(np.add.reduceat(forces**2, first)) if first else forces
@@ -102,8 +97,7 @@ def _at_rest(coupled: CoupledSystem, weight: FloatArray) -> FloatArray:
     scale = np.sqrt(np.maximum(size, _SINGULAR * size.max() or 1.0))
     scaled = coupled.stiffness / np.outer(scale, scale)
     moved = np.linalg.lstsq(scaled, load / scale, rcond=_SINGULAR)[0] / scale
-    unbalanced = np.abs(coupled.stiffness @ moved - load).max()
-    if not unbalanced <= _BALANCED * np.abs(weight).max():
+    if not np.abs(coupled.stiffness @ moved - load).max() <= _BALANCED * np.abs(weight).max():
         return np.full(len(weight), math.nan)
     return coupled.expand(moved[:, np.newaxis])[:, 0]
 
@@ -118,11 +112,7 @@ class Forces:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Names of all force places: pins, by a link of beams, springs and cylinders, then tyres.
-
-        Both sides of a pin carry the same force, so each is named once, by the first such link; a
-        point that joins more than two bodies is named by each link.
-        """
+        """Names of all force places: pins, by the first link of beams, springs, then tyres."""
         named: dict[str, str] = {}  # with the point of each
         for link in self.mechanism.links:
             for point, _ in link.points if link.name in self._ends else ():
@@ -164,11 +154,7 @@ class Forces:
     def rows(
         self, places: Sequence[tuple[str, str]], configuration: Configuration, joining: Joining
     ) -> NDArray[Any]:
-        """Return the forces at places per coordinate of the uncoupled components.
-
-        They are (3, n_places, n): constants, and factors of s and of s^2; complex if links have
-        structural damping.
-        """
+        """Return forces at places per coordinate, (3, n_places, n): factors of 1, s and s^2."""
         shape = *configuration.angles.shape[:-1], 3, len(self.system.mass)
         rows = np.zeros((len(places), *shape), complex if self.system.loss.any() else float)
         names = dict.fromkeys(name for name, _ in places)
@@ -229,7 +215,7 @@ class Forces:
         own = [(each.name if has_force(each) else "", "force") for each in self.mechanism.springs]
         return own + [
             tyre_place(mount.name) if axis else ("", "")
-            for mount, axis in mount_springs(self.mechanism.base)
+            for mount, axis in self.mechanism.mount_springs
         ]
 
     def tension_share(self, row: int, configuration: Configuration) -> Values:
@@ -255,11 +241,7 @@ class Forces:
         coupled: CoupledSystem | None = None,
         rows: NDArray[Any] | None = None,
     ) -> FloatArray:
-        """Return the forces at `places` under the weight, (..., n_places), N.
-
-        They are NaN where nothing carries the weight, and negative of tyres that carry some. The
-        coupled system and the rows of the places are given if they are known.
-        """
+        """Return static forces at `places`, (..., n_places), N; NaN if nothing carries them."""
         moved, falling = self.moved_by_weight(configuration, joining, coupled)
         rows = self.rows(self.places, configuration, joining) if rows is None else rows
         forces = rows[..., 0, :, :].real @ moved[..., np.newaxis]
@@ -269,10 +251,7 @@ class Forces:
     def moved_by_weight(
         self, configuration: Configuration, joining: Joining, coupled: CoupledSystem | None = None
     ) -> tuple[FloatArray, FloatArray]:
-        """Return how the weight moves the components, NaN where nothing carries it, and gravity.
-
-        Both are (..., n) on the coordinates, m and m/s2.
-        """
+        """Return motions by the weight, NaN if nothing carries it, and gravity, (..., n)."""
         shape, down = configuration.angles.shape[:-1], np.array([0.0, -GRAVITY])
         falling = np.zeros((*shape, len(self.system.mass)))
         for part in self.system.components:

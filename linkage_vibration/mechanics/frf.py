@@ -58,10 +58,7 @@ class Frf:
     def units(self) -> list[list[str]]:
         """The unit of each output per input, such as "m/N", (n_out, n_in)."""
         per = ["m" if f"{point}:".startswith(SOIL) else "N" for point, _ in self.inputs]
-        of = [
-            ("N m" if place[1] == "moment" else "N") if is_force(place) else "m"
-            for place in self.outputs
-        ]
+        of = ["m" if not is_force(p) else "N m" if p[1] == "moment" else "N" for p in self.outputs]
         return [[f"{unit}/{each}" for each in per] for unit in of]
 
     def to_xarray(self) -> Any:

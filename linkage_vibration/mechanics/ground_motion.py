@@ -7,15 +7,13 @@ also its acceleration per acceleration. The soil moves under all mounts of the b
 under one, and acts through their stiffness and damping.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from linkage_vibration.mechanics.base import mount_springs
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.forces import tyre_place
-from linkage_vibration.mechanics.model import ModelError, Place, Solution, pairs
+from linkage_vibration.mechanics.model import ModelError, Place, Places, Solution, pairs
 from linkage_vibration.mechanics.response import PoleResidue, pole_residue
 
 MOTION = "base"
@@ -23,20 +21,14 @@ MOTION = "base"
 
 
 def soil_places(mechanism: Mechanism) -> tuple[Place, ...]:
-    """Return the inputs that move the soil: ("base", "z"), ("base:rear_axle", "z") and so on.
-
-    The first of them moves all of it, the second moves it under one mount of the base. Without a
-    base there are none.
-    """
+    """Return inputs that move all soil, or that under a mount: ("base:rear_axle", "z")."""
     if mechanism.base is None:
         return ()
     names = [MOTION, *(f"{MOTION}:{mount.name}" for mount in mechanism.base.mounts)]
     return tuple((name, direction) for name in names for direction in ("x", "z"))
 
 
-def transmissibility(
-    solution: Solution, outputs: Sequence[Place | str], soil: Place | str
-) -> PoleResidue:
+def transmissibility(solution: Solution, outputs: Places, soil: Place | str) -> PoleResidue:
     """Return how points follow a motion of the soil: displacement per displacement, (n_out, 1).
 
     It is also acceleration per acceleration.
@@ -64,7 +56,7 @@ def transmissibility(
         places = places or "none, as the mechanism has no base"
         raise ModelError(f"The soil has no motion {'.'.join(soil)}; name one of: {places}.")
     out = solution.powers(outputs)
-    springs, axis = mount_springs(mechanism.base), "xz".index(soil[1])
+    springs, axis = mechanism.mount_springs, "xz".index(soil[1])
     first = len(solution.joining.stiffness) - len(springs)
     which = [
         first + i

@@ -55,10 +55,7 @@ class IdentificationError(LinkageVibrationError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class IdentifiedModes:
-    """Modes found in a band, ascending.
-
-    H(w) = sum over modes of R / (i w - p) + conj(R) / (i w - conj(p)), plus modes outside the band.
-    """
+    """Modes in a band, ascending: sums of R / (i w - p) and conj(R) / (i w - conj(p))."""
 
     poles: ComplexArray  # (n_modes,): p = -zeta w0 + i w0 sqrt(1 - zeta^2), rad/s
     shapes: FloatArray  # (n_out, n_modes): real, mass-normalised, positive at the drive point
@@ -113,13 +110,16 @@ def identify(
 
 
 def fit_poles(omega: FloatArray, frf: ComplexArray) -> tuple[ComplexArray, BoolArray]:
-    """Fit stable poles, (n,), rad/s, ascending, to receptances, (n_freq, n_out, n_in), at omega.
-
-    Some of them only fit noise; the second array says which recur in most models of the upper half
-    of orders.
-    """
+    """Fit stable poles, (n,), rad/s, ascending, and return which recur; others fit noise."""
     order = min(_MAX_ORDER, len(omega) // _LINES_A_POLE)
-    return _recurring(list(_models(omega, frf, max(2, order // frf.shape[2]))))
+    models = list(_models(omega, frf, max(2, order // frf.shape[2])))
+    # The lowest of those with the most poles that most models of the upper half of orders have.
+    models = models[len(models) // 2 :]
+    shares = [np.mean([_recurs(model, other) for other in models], axis=0) for model in models]
+    flags = [share >= _RECURS for share in shares]
+    best = int(np.argmax([flag.sum() for flag in flags]))
+    ascending = np.argsort(np.abs(models[best].poles))
+    return models[best].poles[ascending], flags[best][ascending]
 
 
 def _in_band(
@@ -141,10 +141,7 @@ def _in_band(
 
 
 def _check_complete(omega: FloatArray, frf: ComplexArray, poles: ComplexArray) -> None:
-    """Refuse modes that leave most of the FRFs unexplained near any frequency.
-
-    Near a missing peak nearly everything is left; noise of 10 % leaves 10 %.
-    """
+    """Refuse modes that leave more of the FRFs unexplained near any frequency than noise would."""
     size = _line_sizes(omega, frf)
     fitted = _residues(omega, frf, poles, 1.0 / size)[1]
     power = (_line_sizes(omega, frf, frf - fitted) / size) ** 2
@@ -278,20 +275,6 @@ class _Fraction:
         return roots, shapes / np.maximum(np.linalg.norm(shapes, axis=0), np.finfo(float).tiny)
 
 
-def _recurring(models: list[_Model]) -> tuple[ComplexArray, BoolArray]:
-    """Return the poles of one model, ascending, and which of them recur.
-
-    The model is the lowest of those with the largest number of poles that most models of the upper
-    half of orders have as well.
-    """
-    models = models[len(models) // 2 :]
-    shares = [np.mean([_recurs(model, other) for other in models], axis=0) for model in models]
-    flags = [share >= _RECURS for share in shares]
-    best = int(np.argmax([flag.sum() for flag in flags]))
-    order = np.argsort(np.abs(models[best].poles))
-    return models[best].poles[order], flags[best][order]
-
-
 def _recurs(model: _Model, other: _Model) -> BoolArray:
     """Return which poles of a model another one has as well, one for one, (n,)."""
     if not (len(model.poles) and len(other.poles)):
@@ -308,11 +291,7 @@ def _recurs(model: _Model, other: _Model) -> BoolArray:
 def _residues(
     omega: FloatArray, frf: ComplexArray, poles: ComplexArray, weights: FloatArray
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Fit the residues of poles, (n, n_out, n_in), and return the fitted FRFs, too (LSFD).
-
-    Each line has a weight. Residual terms are L / s^2 and U + V s^2. Poles that are no modes take
-    part, so that their share does not go to the modes.
-    """
+    """Fit residues, (n, n_out, n_in), beside L / s^2 and U + V s^2; return the fit, too."""
     scale = omega[-1]
     s = 1j * omega[:, np.newaxis] / scale
     upper, lower = 1.0 / (s - poles / scale), 1.0 / (s - poles.conj() / scale)

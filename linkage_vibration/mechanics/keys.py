@@ -17,10 +17,7 @@ RIGID = "give SI units, or join the bodies rigidly instead"
 
 
 class CheckedMapping:
-    """A mapping with its path, such as ``links.crank``. It remembers which keys were read.
-
-    Every method that reads a key raises `MechanismError` if the key is missing or invalid.
-    """
+    """A mapping with its path, such as ``links.crank``; reading an invalid key is an error."""
 
     def __init__(self, path: str, value: Any) -> None:
         where = path or "(top)"

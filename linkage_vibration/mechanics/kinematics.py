@@ -60,11 +60,7 @@ class Toggle:
 
 
 class KinematicsError(LinkageVibrationError):
-    """The linkage cannot close at the requested angle alpha3, rad.
-
-    `nearest` is the end of the range in which it closes, on that side; None if the requested value
-    is not a finite angle. `question` is that of `unit_question`.
-    """
+    """The linkage cannot close at alpha3, rad; `nearest` is a toggle, None if it is not finite."""
 
     def __init__(self, alpha3: float, nearest: Toggle | None, question: str = "") -> None:
         text = f"alpha3 = {alpha3} is not an angle; give a finite one."
@@ -201,10 +197,7 @@ def _pins(mechanism: Mechanism, length: float) -> Pins:
 
 
 def _spline(x: FloatArray, y: FloatArray) -> "_Spline":
-    """Return the not-a-knot spline through values, (n, m), at n places, which are at least four.
-
-    It equals SciPy's CubicSpline but for rounding. Its module takes half a second to import.
-    """
+    """Return the not-a-knot spline through values, (n, m), like CubicSpline, which loads slowly."""
     steps = np.diff(x)
     step, slope = steps[:, np.newaxis], np.diff(y, axis=0) / steps[:, np.newaxis]
     ends = np.array([x[2] - x[0], x[-1] - x[-3]])
@@ -358,10 +351,7 @@ class Kinematics:
         return other
 
     def _evenly(self, alpha3: float | FloatArray) -> FloatArray:
-        """Turn alpha3 into a variable over which poses are smooth, up to the toggles.
-
-        Near a toggle they change as the square root of the distance, as an arc sine does.
-        """
+        """Turn alpha3 into a variable over which poses are smooth, also at toggles."""
         if self.toggles is None:
             return np.asarray(alpha3)
         low, high = self.closable_range
@@ -379,11 +369,7 @@ class Kinematics:
     def _close(
         self, pose: FloatArray, direction: FloatArray, target: float | FloatArray
     ) -> tuple[FloatArray, FloatArray] | None:
-        """Return closed poses with ``pose @ direction == target`` by Newton's method, or None.
-
-        They are (..., 3 n), of as many targets, (...). The second array is d(pose)/d(target), which
-        points along the curve of closed poses.
-        """
+        """Return closed poses, (..., 3 n), with ``pose @ direction == target``, and rates."""
         try:
             for _ in range(30):
                 gaps, matrix = self._pins.at(pose)
@@ -402,8 +388,7 @@ class Kinematics:
                 return None
             matrix[..., -1, :] = direction
             last = np.broadcast_to(np.eye(pose.shape[-1])[:, -1:], (*pose.shape, 1))
-            rate = np.linalg.solve(matrix, last)[..., 0]
-            return pose, np.asarray(rate)
+            return pose, np.asarray(np.linalg.solve(matrix, last)[..., 0])
         except np.linalg.LinAlgError:
             return None
 
@@ -421,9 +406,8 @@ class Kinematics:
     def _follow(self, mechanism: Mechanism, start: tuple[FloatArray, FloatArray]) -> None:
         """Keep the branch of a closed pose, between its toggles, if it reaches over the stroke."""
         if np.linalg.norm(start[1]) > _FASTEST:
-            raise MechanismError(
-                "assembly.alpha3_deg", "the linkage is at a toggle there; give another angle."
-            )
+            problem = "the linkage is at a toggle there; give another angle."
+            raise MechanismError("assembly.alpha3_deg", problem)
         tangent = start[1] / np.linalg.norm(start[1])
         above, high = self._walk(mechanism, start[0], tangent)
         below, low = self._walk(mechanism, start[0], -tangent)

@@ -13,7 +13,7 @@ also hold the rotation out of the plane.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
 
@@ -23,7 +23,7 @@ from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, symmetric
 from linkage_vibration.mechanics.bodies.beam import THETA, Beam, W, beam_matrices
 from linkage_vibration.mechanics.bodies.matrices import component_of
 from linkage_vibration.mechanics.compatibility import InterfaceMap, Joining, SpringRow
-from linkage_vibration.mechanics.components import CENTRE_OF_GRAVITY, Component, FrfComponent
+from linkage_vibration.mechanics.components import CENTRE_OF_GRAVITY, Component, Components
 from linkage_vibration.mechanics.coupling import uncoupled_system
 from linkage_vibration.mechanics.description import (
     GROUND,
@@ -61,16 +61,12 @@ def lateral_components(mechanism: Mechanism, *, reduced: bool) -> tuple[Componen
     """Return the components of the lateral half, in the order of those of the vertical one."""
     assert mechanism.lateral is not None
     inertias = dict(mechanism.lateral.inertia)
-    links = [_link(link, mechanism, reduced=reduced) for link in mechanism.links]
-    rigid = [
-        body.on(
-            {"y": body.mass, "roll": inertias[body.name][0], "yaw": inertias[body.name][1]},
-            LossFactor(0.0) if body.name == GROUND else mechanism.damping,
-        )
-        for body in mechanism.rigid
-        if body.name in inertias
-    ]
-    return (*links, *rigid)
+    parts = [_link(link, mechanism, reduced=reduced) for link in mechanism.links]
+    for body in (each for each in mechanism.rigid if each.name in inertias):
+        roll, yaw = inertias[body.name]
+        rule = LossFactor(0.0) if body.name == GROUND else mechanism.damping
+        parts.append(body.on({"y": body.mass, "roll": roll, "yaw": yaw}, rule))
+    return tuple(parts)
 
 
 def _link(link: Link, mechanism: Mechanism, *, reduced: bool) -> Component:
@@ -83,17 +79,15 @@ def _link(link: Link, mechanism: Mechanism, *, reduced: bool) -> Component:
     held, masses = {point for point in [bearing(link, mechanism)] if point}, link.masses
     # Where the ground does not move, its bearing holds chi, so it is no DoF.
     free, clamped = (held, set[str]()) if mechanism.base else (set[str](), held)
-    bodies = [
-        beam_matrices(beam, points, rotations=free, masses=masses, across=True, clamped=clamped)
-    ]
+    aside = beam_matrices(beam, points, rotations=free, masses=masses, across=True, clamped=clamped)
+    bodies = [aside]
     if link.count > 1:
         link = replace(link, modes=-(-link.modes // 2))  # half of them in each direction
         turned = mechanism.rotations(link.name) | held
         bodies.insert(0, beam_matrices(beam, points, rotations=turned, masses=masses))
     parts = [component_of(link, mechanism, b, b.dofs, reduced=reduced) for b in bodies]
-    dofs, both = tuple(dof for part in parts for dof in part.dofs), uncoupled_system(parts)
-    inner = np.concatenate([np.arange(len(part.mass)) >= len(part.dofs) for part in parts])
-    order = np.argsort(inner, kind="stable")
+    dofs = tuple(dof for part in parts for dof in part.dofs)
+    both = uncoupled_system([replace(part, name=str(i)) for i, part in enumerate(parts)])
     # Of each element, in both directions, what the square of its slope adds up to along it.
     drawings = [part.drawing for part in parts if part.drawing is not None]
     nodes = drawings[0].places[:, 0]
@@ -101,8 +95,7 @@ def _link(link: Link, mechanism: Mechanism, *, reduced: bool) -> Component:
     ends = [link.stretch * x for _, (x, _) in link.points]
     at = np.searchsorted(ends[1:-1], (nodes[1:] + nodes[:-1]) / 2.0)
     tightened = np.zeros((len(ends) - 1, *both.mass.shape))
-    columns = np.split(np.argsort(order), np.cumsum([len(part.mass) for part in parts])[:-1])
-    for each, own in zip(slopes, columns, strict=True):
+    for each, own in zip(slopes, both.rows.values(), strict=True):
         for piece, tight in enumerate(tightened):
             piece_slopes = each[:, at == piece].reshape(-1, len(own))
             tight[own[:, np.newaxis], own] = piece_slopes.T @ piece_slopes
@@ -129,20 +122,15 @@ class LateralMap(InterfaceMap):
     directions = "xyz"
 
     def __init__(
-        self,
-        mechanism: Mechanism,
-        components: Sequence[Component | FrfComponent],
-        plane: Forces | None = None,
+        self, mechanism: Mechanism, components: Components, plane: Forces | None = None
     ) -> None:
         super().__init__(mechanism, components)
         assert mechanism.lateral is not None
         self._system = uncoupled_system([c for c in components if isinstance(c, Component)])
         self._lateral = mechanism.lateral
-        mounts = (
-            zip(mechanism.base.mounts, self._lateral.axles, strict=True) if mechanism.base else ()
-        )
-        # A mount is at its left wheel.
-        wheels = {mount.name: axle.track / 2.0 for mount, axle in mounts}
+        mounts = mechanism.base.mounts if mechanism.base else ()
+        both = zip(mounts, self._lateral.axles, strict=True)
+        wheels = {mount.name: axle.track / 2.0 for mount, axle in both}  # of the left one
         self._y = dict(self._lateral.y) | wheels
         self.chains = self._lateral.chains
         self._links = {link.name: link for link in mechanism.links}
@@ -190,12 +178,9 @@ class LateralMap(InterfaceMap):
     def _turned_force(
         self, body: str, place: Point, y: float, force: FloatArray, configuration: Configuration
     ) -> FloatArray:
-        """Return the stiffness of a load against roll and yaw of what carries it, (..., 2, 2).
-
-        A link in a bearing turns with the base; its tension has what turns its axis.
-        """
+        """Return the stiffness of a load against roll and yaw of what carries it, (..., 2, 2)."""
         start, held = self._centres.get(body), np.eye(3)
-        if start is None:
+        if start is None:  # A link in a bearing turns with the base; tension turns its axis.
             pin, axis = self._bearings[body], self.axes(body, configuration)[..., 0]
             start, y = self._mechanism.local_points(body)[pin], y - self._y.get(pin, 0.0)
             held = axis[..., :, np.newaxis] * axis[..., np.newaxis, :]
@@ -213,19 +198,6 @@ class LateralMap(InterfaceMap):
     def held(self) -> BoolArray:
         """None of the interface DoFs, (n,): FRFs of all components are those of free ones."""
         return np.zeros(len(self), dtype=bool)
-
-    def displacement(self, body: str, point: str, configuration: Configuration) -> FloatArray:
-        """Return the (..., 3, n) matrix that turns u into a point's displacement along x, y, z."""
-        if body not in self._links:
-            place = configuration.place(body, self._mechanism.local_points(body)[point])
-            return self._carried(body, place, self._y.get(point, 0.0), configuration)
-        rows = np.zeros((*configuration.angles.shape[:-1], 3, len(self)))
-        axes = self.axes(body, configuration)
-        for i, direction in enumerate(self.directions):
-            at = self._index.get((body, InterfaceDof(point, direction)))
-            if at is not None:
-                rows[..., at] = axes[..., i]
-        return rows
 
     def axes(self, link: str, configuration: Configuration) -> FloatArray:
         """Return the (..., 3, 3) matrix whose columns are the axes of the left of the links."""
@@ -249,17 +221,12 @@ class LateralMap(InterfaceMap):
         return rows
 
     def _constraints(self, configuration: Configuration) -> dict[str, FloatArray]:
-        rows: dict[str, FloatArray] = {}
-        for point, first, second in self._mechanism.joints:
-            apart = self.displacement(first, point, configuration)
-            apart = apart - self.displacement(second, point, configuration)
-            for i, direction in enumerate(self.directions):
-                if apart[..., i, :].any():  # What is in the middle moves along y alone.
-                    rows[f"pin {point} of {first} and {second} in {direction}"] = apart[..., i, :]
+        rows = self._pins(configuration)
         for link, point in self._bearings.items():
             for direction in ("theta", "chi") if self._rigid_shaft else ("chi",):
                 turned = self._turned(link, direction, configuration)
                 rows[f"bearing of {link} at {point}, {direction}"] = turned
+        # What is in the middle moves along y alone.
         return {label: row for label, row in rows.items() if row.any()}
 
     def _turned(self, link: str, direction: str, configuration: Configuration) -> FloatArray:
@@ -368,12 +335,10 @@ class LateralForces(Forces):
     @cached_property
     def springs(self) -> list[tuple[str, str]]:
         """The name and direction of the force of each row of `Joining`; "" if it has no force."""
-        lines = [
-            len(each.points) == 2 and not isinstance(each.stiffness, Cylinder)
-            for each in self.mechanism.springs
-        ]
-        own = zip(self.mechanism.springs, lines, strict=True)
-        return [(each.name * line, "force") for each, line in own] + self.interface.held_by
+        springs = self.mechanism.springs
+        lines = [len(s.points) == 2 and not isinstance(s.stiffness, Cylinder) for s in springs]
+        own = [(s.name * line, "force") for s, line in zip(springs, lines, strict=True)]
+        return own + self.interface.held_by
 
     def tension_share(self, row: int, configuration: Configuration) -> float:
         """Return the force at the place of a row of `Joining`, per force that the row exerts."""
@@ -381,16 +346,10 @@ class LateralForces(Forces):
         return 0.5 if first <= row < first + len(self.interface.chains) else 1.0
 
     def at_rest(self, configuration: Configuration, *_: object) -> FloatArray:
-        """Return the pretension of chains, NaN if not known, and 0 elsewhere, (..., n_places), N.
-
-        What the weight exerts on both sides alike belongs to the vertical half.
-        """
+        """Return pretensions of chains, NaN if not known, and 0 elsewhere, (..., n_places), N."""
         tight = {chain.name: chain.pretension for chain in self.interface.chains}
-        static = [tight.get(name, 0.0) for name, _ in self.places]
-        shape = *configuration.angles.shape[:-1], len(static)
-        return np.broadcast_to(
-            np.array([math.nan if each is None else each for each in static]), shape
-        )
+        static = np.array([tight.get(name, 0.0) for name, _ in self.places], dtype=float)
+        return np.broadcast_to(static, (*configuration.angles.shape[:-1], len(static)))
 
 
 def _in_space(place: FloatArray, y: float) -> FloatArray:

@@ -34,14 +34,12 @@ _ORDERS = 4  # largest number of terms for the modes above the lines
 _LOWEST = 0.02  # least pole of the deformation, over the last line; below it the link is rigid
 _NARROWEST = 0.5  # least bandwidth of a pole among the lines, in spacings of the lines
 _RELAXATIONS = 2.0 ** np.arange(-1, 6)  # real poles of the rigid motions, over the first line
-# factor of the real poles in the second fit, which lie between those of the first
-_SHIFT = math.sqrt(2.0)
+_SHIFT = math.sqrt(2.0)  # factor of the real poles in the second fit, between those of the first
 _CLEARLY = 20.0  # least advantage of a law other than the first, in the information criterion
 _STEPS = 4  # number of Gauss-Newton steps that improve the poles
 _NEGLIGIBLE = 1e-6  # The steps end if the sum of squares falls by less than this share.
 _STEP = 1e-6  # relative step of a parameter, for derivatives
-# Smaller singular values of the changes with the parameters are errors of differences.
-_RESOLVED = 1e-8
+_RESOLVED = 1e-8  # Smaller singular values of changes with parameters are errors of differences.
 _ROUNDING = 1e-9  # Computed FRFs leave no more than this share of what is fitted.
 _COMPUTED = 1e-4  # Measured FRFs leave more than this share of what is fitted.
 _SMALLEST = 1e-13  # Smaller singular values of the scaled terms are rounding.
@@ -78,13 +76,11 @@ class _Shape:
 
     def derivatives(self, s: ComplexArray) -> list[ComplexArray]:
         """Return the derivatives of the terms with respect to each parameter."""
-        derivatives = []
-        for i, value in enumerate(self.parameters):
-            step = _STEP * max(abs(value), 1e-3)
-            sides = np.repeat(self.parameters[np.newaxis], 2, axis=0)
-            sides[:, i] += step, -step
-            derivatives.append((self.terms(s, sides[0]) - self.terms(s, sides[1])) / (2.0 * step))
-        return derivatives
+        given, steps = self.parameters, _STEP * np.maximum(np.abs(self.parameters), 1e-3)
+        return [
+            (self.terms(s, given + step) - self.terms(s, given - step)) / (2.0 * step.max())
+            for step in np.diag(steps)
+        ]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,10 +108,7 @@ class _Fit:
         return np.asarray(np.tensordot(terms @ self.tail, self.coefficients, axes=1))
 
     def changes(self, rates: ComplexArray, rate: ComplexArray, terms: ComplexArray) -> ComplexArray:
-        """Return how the fit changes with a parameter where the terms have these values.
-
-        ``rates`` and ``rate`` are the derivatives of the terms at the lines and there.
-        """
+        """Return changes of the fit with a parameter, by ``rates`` of terms at lines and there."""
         plain = np.tensordot(self.tail, self.coefficients, axes=1)
         moved = real_equations(self.weights * rates)
         again = np.tensordot(self.basis.T @ moved, plain, axes=1)
@@ -160,10 +153,7 @@ class LinkFit:
         return np.asarray(receptances * np.outer(self.unit, self.unit))
 
     def variances(self, s: complex, forces: ComplexArray, turns: ComplexArray) -> FloatArray:
-        """Return the variance of Re(t f^T H(s) f) per squared relative noise, (n_turns,).
-
-        f are forces on the DoFs, (n,), N, and t are the turns, (n_turns,); s is in rad/s.
-        """
+        """Return variances of Re(t f^T H(s) f) per squared noise, (n_turns,); f, (n,), in N."""
         at, lines = np.array([[s / self.omega[-1]]]), 1j * self.omega[:, np.newaxis]
         lines = lines / self.omega[-1]
         terms = self.shape.terms(at)
@@ -296,10 +286,7 @@ def _refined(
 def _columns(
     s: ComplexArray, shape: _Shape, weights: FloatArray, right: FloatArray
 ) -> tuple[FloatArray, float, FloatArray]:
-    """Return what a fit leaves, its square, and its change with the parameters.
-
-    The change, (n_parameters, n_equations), is that of the part that the coefficients cannot undo.
-    """
+    """Return the rest of a fit, its square, and what coefficients cannot undo of each parameter."""
     basis, triangle = np.linalg.qr(real_equations(weights * shape.terms(s)))
     shares = basis.T @ right
     rest = right - basis @ shares

@@ -39,11 +39,7 @@ class MassLines:
 
 
 def find_mass_lines(frequencies: FloatArray, frf: ComplexArray) -> MassLines | None:
-    """Find the lines in which a body moves almost as a rigid one, or None.
-
-    They lie between the resonances of its suspension and its own first one, and show A best.
-    Receptances are (n_freq, n, n); frequencies ascend from above 0 Hz.
-    """
+    """Find the lines below the first resonance of a body that show A best, or None."""
     omega = 2.0 * math.pi * frequencies
     drive = -(omega[:, np.newaxis] ** 2) * np.einsum("kii->ki", frf)
     windows: list[tuple[float, slice]] = []
@@ -78,10 +74,7 @@ def _windows(frequencies: FloatArray) -> Iterator[slice]:
 def _expand(
     omega: FloatArray, values: ComplexArray
 ) -> tuple[ComplexArray, FloatArray, ComplexArray]:
-    """Fit terms in 1, w^2, 1 / w^2 and w^4.
-
-    It returns them, the standard deviations of their real parts, and the rest of the values.
-    """
+    """Fit 1, w^2, 1 / w^2 and w^4; return factors, deviations of their real parts, and the rest."""
     x = omega / math.sqrt(omega[0] * omega[-1])
     terms = np.stack([np.ones_like(x), x**2, x**-2.0, x**4][: 4 if len(x) >= 16 else 3], axis=1)
     basis, upper = np.linalg.qr(terms)
@@ -112,11 +105,7 @@ def _doubt(omega: FloatArray, drive: ComplexArray) -> float | None:
 def shown_mass(
     dofs: Sequence[InterfaceDof], lines: MassLines, points: Mapping[str, tuple[float, float]]
 ) -> tuple[float, float] | None:
-    """Return the mass (kg) of the planar body with about this accelerance A, and a misfit.
-
-    The misfit is the largest difference of A_ij, of sqrt(A_ii A_jj); it is infinite if no body has
-    this A. The result is None if too few DoFs are in the plane.
-    """
+    """Return the mass (kg) of a planar body with this A, and the largest misfit; or None."""
     used = [i for i, dof in enumerate(dofs) if dof.direction != "y" and dof.point in points]
     planar = [dofs[i] for i in used]
     if len(planar) < 3 or not {"x", "z"} <= {dof.direction for dof in planar}:

@@ -22,10 +22,7 @@ from linkage_vibration.mechanics.modes import MECHANISM
 
 _EQUAL = 1e-9  # of all energy: shares of symmetric bodies differ by rounding alone
 
-_MOTIONS = {
-    **{"x": "surge", "z": "heave", "theta": "pitch"},
-    **{"y": "sway", "roll": "roll", "yaw": "yaw"},
-}
+_MOTIONS = {"x": "surge", "y": "sway", "z": "heave", "theta": "pitch", "roll": "roll", "yaw": "yaw"}
 
 GROUPS = ("base", "rigid_bodies", "links")
 """The groups of bodies in the columns of `group_shares`."""
@@ -40,10 +37,6 @@ class KineticEnergy:
     shares: FloatArray  # (n_motions, n_modes), 1; each column adds up to 1
     mounts: FloatArray  # (n_modes,): share of the mounts in the strain energy, 1
 
-    def select(self, modes: IntArray) -> "KineticEnergy":
-        """Return the shares of the modes with these indices."""
-        return KineticEnergy(self.motions, self.rigid, self.shares[:, modes], self.mounts[modes])
-
     def group_shares(self) -> FloatArray:
         """Return the shares of the base, the rigid bodies and the links, (n_modes, 3)."""
         shares = np.zeros((self.shares.shape[1], len(GROUPS)))
@@ -52,12 +45,8 @@ class KineticEnergy:
         return shares
 
 
-def kinetic_energy(solution: Solution) -> KineticEnergy:
-    """Return where the kinetic energy of the undamped modes is.
-
-    The energy of a rigid body is split by its DoFs. That of a link is split by whether most of its
-    points move across it or along it.
-    """
+def kinetic_energy(solution: Solution, modes: IntArray | slice = slice(None)) -> KineticEnergy:
+    """Return the kinetic energy of modes, of rigid bodies by DoF, of links by direction."""
     motions: list[tuple[str, str]] = []
     rows: list[FloatArray] = []
     rigid = tuple(body.name for body in solution.model.mechanism.rigid_bodies)
@@ -77,7 +66,8 @@ def kinetic_energy(solution: Solution) -> KineticEnergy:
     first = len(joining.stiffness) - count
     stretch = joining.elongation[first:] @ solution.modes.shapes[: joining.elongation.shape[1]]
     mounts = joining.stiffness[first:] @ stretch**2 / omega**2
-    return KineticEnergy(tuple(motions), rigid, shares / shares.sum(axis=0), mounts)
+    shares = (shares / shares.sum(axis=0))[:, modes]
+    return KineticEnergy(tuple(motions), rigid, shares, mounts[modes])
 
 
 def _along(component: Component, shapes: FloatArray) -> FloatArray:
@@ -95,11 +85,7 @@ def _along(component: Component, shapes: FloatArray) -> FloatArray:
 
 
 def name_modes(energy: KineticEnergy, given: Sequence[str] = ()) -> tuple[str, ...]:
-    """Return a name for each mode; no two are the same.
-
-    Motions of a rigid body are assigned so that their shares of energy have the largest sum, equal
-    ones in order; other modes are numbered. Names in `given` replace the first, unless empty.
-    """
+    """Return distinct names of modes, by the motions with most energy, or as `given`."""
     bodies = list(dict.fromkeys(body for body, _ in energy.motions))
     owners = np.array([body for body, _ in energy.motions])
     rows = {body: np.flatnonzero(owners == body) for body in bodies}

@@ -40,7 +40,7 @@ from linkage_vibration.mechanics.identification import IdentifiedModes, identify
 from linkage_vibration.mechanics.kinematics import Configuration, Kinematics
 from linkage_vibration.mechanics.lateral import LateralForces, LateralMap, lateral_components
 from linkage_vibration.mechanics.modes import MECHANISM, DampedModes, Modes, damp_modes, solve_modes
-from linkage_vibration.mechanics.regularisation import MeasuredFrfs, noise_gain, receptances
+from linkage_vibration.mechanics.regularisation import Blocks, MeasuredFrfs, noise_gain, receptances
 from linkage_vibration.mechanics.response import (
     Peak,
     PoleResidue,
@@ -53,21 +53,20 @@ from linkage_vibration.support.conversions import import_xarray
 
 _STILL = 1e-6  # A DoF is held if it moves by less than this share of the largest response.
 _NOISE = 0.5  # Coupled FRFs with a larger share of noise, root mean square over lines, are refused.
-# Lines with a larger error by rounding, of the largest response, are solved again.
-_ROUNDING = 1e-9
+_ROUNDING = 1e-9  # Lines with a larger error, of the largest response, are solved again.
 
 Place = tuple[str, str]
-"""A point and a direction along the global axes, ("E1", "z"), or a force (see `forces`).
+"""A point and a direction along the global axes, ("E1", "z"), or a force (see `forces`)."""
 
-Where places are arguments, "E1.z" names the same one.
-"""
+Places = Sequence[Place | str]
+"""Where places are arguments, "E1.z" names ("E1", "z")."""
 
 
 class ModelError(LinkageVibrationError):
     """The model cannot answer the request."""
 
 
-def pairs(places: Sequence[Place | str]) -> list[Place]:
+def pairs(places: Places) -> list[Place]:
     """Return places as pairs, of which some may be written like "E1.z"."""
     split = [p.rpartition(".")[::2] if isinstance(p, str) else tuple(p) for p in places]
     for place, pair in zip(places, split, strict=True):
@@ -78,18 +77,13 @@ def pairs(places: Sequence[Place | str]) -> list[Place]:
 
 
 def excite_lateral(outputs: Sequence[Place], inputs: Sequence[Place]) -> bool:
-    """Return whether forces at inputs excite the lateral half: those along y do, others do not.
-
-    A `ModelError` says that some do and others do not, or that they move no output.
-    """
+    """Return whether inputs excite the lateral half, as those along y do; refuse both kinds."""
     across = {direction == "y" for _, direction in inputs}
     if len(across) > 1:
         problem = "Inputs along y excite the lateral half, and others the vertical one"
         raise ModelError(f"{problem}; give one kind at a time.")
     if True not in across and any(direction == "y" for _, direction in outputs):
-        problem = (
-            "Inputs along x and z act alike on the left and the right, so nothing moves along y"
-        )
+        problem = "Inputs along x and z act alike on both sides, so nothing moves along y"
         raise ModelError(f"{problem}; give inputs along y, or other outputs.")
     return True in across
 
@@ -175,7 +169,7 @@ class LinkageModel:
             raise ModelError(f"links.{component.name} is known by its FRFs alone; {hint}.")
         return uncoupled_system([c for c in self.components if isinstance(c, Component)])
 
-    def rows(self, places: Sequence[Place | str], configuration: Configuration) -> FloatArray:
+    def rows(self, places: Places, configuration: Configuration) -> FloatArray:
         """Return the displacements at places per interface DoF, (..., n_places, n_interface).
 
         Parameters
@@ -271,10 +265,7 @@ class LinkageModel:
         return reference(self.forces.places, self._at_rest(alpha3), given)
 
     def output_rows(
-        self,
-        places: Sequence[Place | str],
-        configuration: Configuration,
-        joining: Joining | None = None,
+        self, places: Places, configuration: Configuration, joining: Joining | None = None
     ) -> NDArray[Any]:
         """Return displacements or forces at places per coordinate of the components.
 
@@ -334,11 +325,7 @@ class LinkageModel:
         return Solution(self, configuration, joining, coupled, modes, vectors)
 
     def coupled_frf(
-        self,
-        alpha3: float,
-        frequencies: Reals,
-        outputs: Sequence[Place | str],
-        inputs: Sequence[Place | str],
+        self, alpha3: float, frequencies: Reals, outputs: Places, inputs: Places
     ) -> Frf:
         """Couple the components by their FRFs (LM-FBS), whether they have matrices or FRFs.
 
@@ -445,11 +432,7 @@ class LinkageModel:
         return IdentifiedSolution(configuration, place, IdentifiedModes(poles, shapes), *stddev)
 
     def _check_noise(
-        self,
-        blocks: Sequence[ComplexArray | MeasuredFrfs],
-        rows: FloatArray,
-        inputs: FloatArray,
-        compliance: ComplexArray,
+        self, blocks: Blocks, rows: FloatArray, inputs: FloatArray, compliance: ComplexArray
     ) -> None:
         """Refuse measured FRFs whose noise dominates the coupled ones where the forces act."""
         link = max(self._measured, key=lambda c: c.noise)
@@ -623,7 +606,7 @@ class Solution:
         """Damping ratios that belong to `natural_frequencies`, 1; NaN at 0 Hz."""
         return self.damped.damping_ratios
 
-    def mode_shapes(self, places: Sequence[Place | str]) -> FloatArray:
+    def mode_shapes(self, places: Places) -> FloatArray:
         """Displacement of the shape of each of the `natural_frequencies`, (n_places, n).
 
         Where damping couples the modes, it is the real part of the complex shape.
@@ -631,12 +614,12 @@ class Solution:
         shapes = self.participation(places)
         return shapes if self.damped.shapes is None else shapes @ self.damped.real_shapes
 
-    def participation(self, places: Sequence[Place | str]) -> FloatArray:
+    def participation(self, places: Places) -> FloatArray:
         """Displacement or force of each undamped, mass-normalised shape, (n_places, n_modes)."""
         constant, _, inertia = np.moveaxis(self.powers(places).real, -3, 0)
         return np.asarray(constant - self.modes.omega[..., np.newaxis, :] ** 2 * inertia)
 
-    def powers(self, places: Sequence[Place | str]) -> NDArray[Any]:
+    def powers(self, places: Places) -> NDArray[Any]:
         """Return what undamped shapes cause at places, (3, n_places, n_modes).
 
         It is constant, and factors of s = i w and of s^2, as `LinkageModel.output_rows` has them.
@@ -645,10 +628,7 @@ class Solution:
         return np.asarray(rows @ self.modes.shapes[..., np.newaxis, :, :])
 
     def frf(
-        self,
-        outputs: Sequence[Place | str],
-        inputs: Sequence[Place | str],
-        band: tuple[float, float] | None = None,
+        self, outputs: Places, inputs: Places, band: tuple[float, float] | None = None
     ) -> PoleResidue:
         """Receptances between points, or forces at places per force at points.
 

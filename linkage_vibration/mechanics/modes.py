@@ -56,10 +56,7 @@ class DampedModes:
 
     @property
     def oscillating(self) -> ComplexArray:
-        """Poles of the modes that oscillate, where damping couples modes: (n,), rad/s, ascending.
-
-        A mode that damping keeps from oscillating has two real roots instead, and is left out.
-        """
+        """Poles that oscillate, where damping couples modes: (n,), rad/s, ascending."""
         return np.asarray(self._upper_poles[oscillating_indices(self._upper_poles)])
 
     @property
@@ -81,11 +78,7 @@ class DampedModes:
 
     @property
     def damping_ratios(self) -> FloatArray:
-        """Damping ratios, 1; NaN for a mechanism mode (0 Hz), which has none.
-
-        There is one for each undamped mode, or one for each of the oscillating poles where damping
-        couples the modes.
-        """
+        """Damping ratios of the undamped or the oscillating modes, 1; NaN of a mechanism mode."""
         if self.shapes is not None:
             poles = self.oscillating
             return np.asarray(-poles.real / np.abs(poles))
@@ -102,11 +95,7 @@ def oscillating_indices(poles: ComplexArray) -> IntArray:
 
 
 def paired(poles: ComplexArray) -> tuple[IntArray, IntArray]:
-    """Return the indices of the first and of the second pole of each term of the second order.
-
-    They are conjugate, or two real ones that are neighbours in magnitude. The last of an odd number
-    of real ones is without a second.
-    """
+    """Return the indices of both poles of each term: conjugate, or real neighbours in magnitude."""
     real = np.flatnonzero(poles.imag == 0.0)
     real = real[np.argsort(np.abs(poles[real]), kind="stable")]
     upper, lower = np.flatnonzero(poles.imag > 0.0), np.flatnonzero(poles.imag < 0.0)
@@ -135,11 +124,7 @@ def solve_modes(system: CoupledSystem) -> tuple[Modes, FloatArray]:
 
 
 def damp_modes(system: CoupledSystem, omega: FloatArray, vectors: FloatArray) -> DampedModes:
-    """Find the damped modes of a system from undamped ones, (..., k) and (..., m, k).
-
-    Viscous damping that is not proportional makes complex modes by the symmetric first-order form,
-    structural by K (1 + i eta); both together are refused if they couple the modes.
-    """
+    """Find the damped modes from undamped ones, (..., k) and (..., m, k); see `mixed_damping`."""
     viscous, loss = modal_damping(system, vectors)
     if not any(_beside_diagonal(each).any() for each in (viscous, loss)):
         return DampedModes(omega**2 + 1j * _diagonal(loss), _diagonal(viscous), None, None)
@@ -200,10 +185,7 @@ def _is_diagonal(modal: FloatArray, matrix: FloatArray, vectors: FloatArray) -> 
 
 
 def _viscous_modes(omega: FloatArray, viscous: FloatArray) -> DampedModes:
-    """Solve q'' + D q' + W^2 q = f with x = (W q, q'): x' = [[0, W], [-W, -D]] x + (0, f).
-
-    With this scaling, rounding of the highest modes does not affect the shapes of the lowest.
-    """
+    """Solve q'' + D q' + W^2 q = f by x = (W q, q'), which keeps the lowest shapes exact."""
     n, omega = omega.shape[-1], np.maximum(omega, _SLOWEST)
     matrix = np.zeros((*omega.shape[:-1], 2 * n, 2 * n))
     matrix[..., :n, n:] = omega[..., np.newaxis] * np.eye(n)

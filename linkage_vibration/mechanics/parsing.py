@@ -30,7 +30,7 @@ from linkage_vibration.mechanics.description import (
 )
 from linkage_vibration.mechanics.keys import DAMPEST, RIGID, CheckedMapping
 from linkage_vibration.mechanics.lateral_keys import with_lateral
-from linkage_vibration.mechanics.paths import number_at, split_paths, with_numbers
+from linkage_vibration.mechanics.paths import Data, number_at, split_paths, with_numbers
 from linkage_vibration.mechanics.springs import read_stiffness
 from linkage_vibration.mechanics.uncertainty import read_uncertainty
 
@@ -41,31 +41,27 @@ _WIDEST = 10.0  # largest radius of gyration of a rigid body, in m and in sizes 
 _HEAVIEST = 1e9  # kg; largest mass of a rigid body
 _SLOWEST = 0.1  # Hz; lowest frequency at which a spring has a loss factor
 
+_Ends = tuple[tuple[str, ...], tuple[str, str]]
+"""The points and the two bodies of a spring."""
+
 
 def _no_files(keys: CheckedMapping, _: dict[str, Point]) -> Body:
     """Refuse links from files, where nothing can read them."""
-    raise MechanismError(
-        keys.path, "a file cannot be read here; describe a beam, or read the mechanism from a file."
-    )
+    problem = "a file cannot be read here; describe a beam, or read the mechanism from a file."
+    raise MechanismError(keys.path, problem)
 
 
 def mechanism_from_mapping(
     mapping: Any, read_body: BodyReader = _no_files, *, drawn: bool = False
 ) -> Mechanism:
-    """Validate a mapping, as read from YAML, and return the mechanism that it describes.
-
-    Keys that end in ``_deg`` are in degrees, all else is SI. `read_body` reads the body of a link
-    with a ``file``, from its keys and its points. Inertias that are `drawn` may be impossible.
-    """
+    """Validate the mapping of a mechanism; `drawn` inertias may be impossible."""
     top = CheckedMapping("", mapping)
     if "uncertainty" in top:  # of numbers that are valid
         return _uncertain(top["uncertainty"], mapping, read_body)
     ground = _points(top, "ground")
     links = tuple(_link(top["links"][name], name, ground, read_body) for name in top["links"])
-    rigid_keys = [(top["rigid_bodies"][name], name) for name in top.names("rigid_bodies")]
-    rigid_bodies = tuple(
-        read_rigid(keys, name, _points(keys, "points")) for keys, name in rigid_keys
-    )
+    rigid = [(top["rigid_bodies"][name], name) for name in top.names("rigid_bodies")]
+    rigid_bodies = tuple(read_rigid(keys, name, _points(keys, "points")) for keys, name in rigid)
     taken = {point for body in links + rigid_bodies for point, _ in body.points} | ground.keys()
     base = _base(top["base"], ground, taken) if "base" in top else None
     points = {GROUND: ground if base is None else dict(base.body.points)}
@@ -120,7 +116,7 @@ def _stroke(keys: CheckedMapping, alpha3: float, angles: list[float]) -> tuple[f
     return low, high
 
 
-def _uncertain(keys: CheckedMapping, mapping: dict[str, Any], read_body: BodyReader) -> Mechanism:
+def _uncertain(keys: CheckedMapping, mapping: Data, read_body: BodyReader) -> Mechanism:
     """Return the mechanism of a mapping with the uncertainty of its numbers."""
     exact = {key: value for key, value in mapping.items() if key != "uncertainty"}
     mechanism = mechanism_from_mapping(exact, read_body)
@@ -130,9 +126,7 @@ def _uncertain(keys: CheckedMapping, mapping: dict[str, Any], read_body: BodyRea
     return replace(mechanism, uncertainty=uncertainty)
 
 
-def again_from_mapping(
-    mapping: dict[str, Any], mechanism: Mechanism, *, drawn: bool = False
-) -> Mechanism:
+def again_from_mapping(mapping: Data, mechanism: Mechanism, *, drawn: bool = False) -> Mechanism:
     """Validate a mapping whose links from files have the bodies of a mechanism read before."""
     bodies = {f"links.{link.name}": link.body for link in mechanism.links}
     given = mapping["links"].items()
@@ -145,9 +139,7 @@ def again_from_mapping(
     return mechanism_from_mapping({**mapping, "links": links}, body, drawn=drawn)
 
 
-def with_values(
-    mapping: dict[str, Any], mechanism: Mechanism, values: Mapping[str, float]
-) -> Mechanism:
+def with_values(mapping: Data, mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
     """Return the mechanism that a mapping describes with other numbers at paths."""
     numbers = [(path, number) for paths, number in values.items() for path in split_paths(paths)]
     for path, _ in numbers:
@@ -165,9 +157,7 @@ def _response(
     band: tuple[float, float] | None = None,
 ) -> Response:
     """Read a response; that of the lateral half is in the band of the vertical one."""
-    movable = dict.fromkeys(
-        point for name in points if name != GROUND or base for point in points[name]
-    )
+    movable = dict.fromkeys(p for name in points if name != GROUND or base for p in points[name])
     directions: tuple[Literal["x", "y", "z"], ...] = ("x", "z") if band is None else ("x", "y", "z")
     direction = directions[directions.index(keys.choice("direction", directions))]
     band = band or keys.interval("band_hz")
@@ -260,8 +250,7 @@ def _damping(keys: CheckedMapping) -> Damping:
         return ModalRatio(_damping_ratio(keys))
     if rule == "loss_factor":
         return LossFactor(keys.number("factor", positive=True))
-    at = keys.interval("at_hz", positive=True)
-    return rayleigh_damping(_damping_ratio(keys), *at)
+    return rayleigh_damping(_damping_ratio(keys), *keys.interval("at_hz", positive=True))
 
 
 def _damping_ratio(keys: CheckedMapping) -> float:
@@ -335,9 +324,7 @@ def _spring(keys: CheckedMapping, name: str, points: dict[str, dict[str, Point]]
     return Spring(name, bodies, ends, stiffness, damping, retardation)
 
 
-def _joint(
-    keys: CheckedMapping, owners: dict[str, list[str]]
-) -> tuple[tuple[str, ...], tuple[str, str]]:
+def _joint(keys: CheckedMapping, owners: dict[str, list[str]]) -> _Ends:
     """Read the joint on which a spring acts, and which two of its bodies."""
     point = keys.choice("joint", [point for point, bodies in owners.items() if len(bodies) > 1])
     bodies = owners[point]
@@ -349,9 +336,7 @@ def _joint(
     return (point,), (bodies[0], bodies[1])
 
 
-def _ends(
-    keys: CheckedMapping, owners: dict[str, list[str]]
-) -> tuple[tuple[str, ...], tuple[str, str]]:
+def _ends(keys: CheckedMapping, owners: dict[str, list[str]]) -> _Ends:
     """Read the two points between which a spring acts, and the bodies that have them."""
     ends = keys.words("between")
     if len(ends) != 2 or ends[0] == ends[1] or not set(ends) <= owners.keys():

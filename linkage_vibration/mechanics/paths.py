@@ -13,6 +13,9 @@ from typing import Any
 
 from linkage_vibration.mechanics.description import MechanismError
 
+Data = dict[str, Any]
+"""A description, as read from YAML."""
+
 
 def split_paths(path: str) -> tuple[str, ...]:
     """Return the paths that a parameter's name consists of."""
@@ -26,16 +29,15 @@ def number_at(mapping: Any, path: str) -> float:
         try:
             below = _below(below, key)
         except (KeyError, IndexError, ValueError, TypeError):
-            raise MechanismError(
-                f"parameters.{path}", f"the mechanism has no key {key!r} there; check the path."
-            ) from None
+            problem = f"the mechanism has no key {key!r} there; check the path."
+            raise MechanismError(f"parameters.{path}", problem) from None
     if isinstance(below, bool) or not isinstance(below, int | float):
         what = f"{below!r} is not a number; give the path of a number."
         raise MechanismError(f"parameters.{path}", what)
     return below
 
 
-def with_numbers(mapping: dict[str, Any], numbers: Iterable[tuple[str, float]]) -> dict[str, Any]:
+def with_numbers(mapping: Data, numbers: Iterable[tuple[str, float]]) -> Data:
     """Return a copy of a description with other numbers at paths, each of which has to exist."""
     changed = copy.deepcopy(mapping)
     for path, number in numbers:
@@ -45,7 +47,7 @@ def with_numbers(mapping: dict[str, Any], numbers: Iterable[tuple[str, float]]) 
     return changed
 
 
-def refuse_shared(mapping: dict[str, Any], names: Sequence[str], where: str) -> None:
+def refuse_shared(mapping: Data, names: Sequence[str], where: str) -> None:
     """Refuse two parameters that are one number, perhaps by an alias."""
     marks = [(path, float(i)) for i, name in enumerate(names) for path in split_paths(name)]
     for path, _ in marks:

@@ -22,12 +22,11 @@ import scipy
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, solve_stack, symmetric
-from linkage_vibration.mechanics.dofs import InterfaceDof
+from linkage_vibration.mechanics.dofs import Dofs, InterfaceDof
 from linkage_vibration.mechanics.link_fit import LinkFit, fit_link
 
 _LEAST_LINES = 30
-# A link with a larger systematic share, root mean square over lines, is not free.
-_SYSTEMATIC = 0.03
+_SYSTEMATIC = 0.03  # largest systematic share, root mean square over lines, of a free link
 
 
 class RegularisationError(LinkageVibrationError):
@@ -47,6 +46,10 @@ class MeasuredFrfs:
     leverage: FloatArray  # (n_freq,): from 0 to 1
 
 
+Blocks = Sequence[ComplexArray | MeasuredFrfs]
+"""The FRFs of components, measured or not, (n_freq, n_r, n_r) each."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class RegularisedFrfs(MeasuredFrfs):
     """Receptances whose elastic part is fitted, and the fit of the whole."""
@@ -54,7 +57,7 @@ class RegularisedFrfs(MeasuredFrfs):
     fit: LinkFit
 
 
-def receptances(blocks: Sequence[ComplexArray | MeasuredFrfs]) -> list[ComplexArray]:
+def receptances(blocks: Blocks) -> list[ComplexArray]:
     """Return the FRFs of components, measured or not, (n_freq, n_r, n_r) each."""
     return [block.frf if isinstance(block, MeasuredFrfs) else block for block in blocks]
 
@@ -62,10 +65,7 @@ def receptances(blocks: Sequence[ComplexArray | MeasuredFrfs]) -> list[ComplexAr
 def rigid_motions(
     dofs: Sequence[InterfaceDof], points: Sequence[tuple[str, tuple[float, float]]]
 ) -> FloatArray:
-    """Return how DoFs move with a rigid body, (n, 3): along x, along z, by theta.
-
-    `points` have names and places in the body's own axes, m.
-    """
+    """Return how DoFs move with a rigid body by x, z and theta, (n, 3); points in m."""
     places = dict(points)
     rows = []
     for dof in dofs:
@@ -76,22 +76,18 @@ def rigid_motions(
 
 
 def noise_level(frequencies: FloatArray, frf: ComplexArray) -> float:
-    """Estimate the relative noise of receptances, (n_freq, n, n), from third differences of lines.
-
-    Anything resolved by the lines has small differences; noise of standard deviation s has
-    differences of sqrt(20) s. The median over lines excludes peaks.
-    """
+    """Estimate the relative noise of receptances, (n_freq, n, n), by third differences of lines."""
     accelerance = np.asarray(frequencies)[:, np.newaxis, np.newaxis] ** 2 * frf
     steps = np.median(np.abs(np.diff(accelerance, n=3, axis=0)), axis=0)
     size = np.median(np.abs(accelerance), axis=0)
     drive = np.diag(size)
     felt = size > 1e-3 * np.sqrt(np.outer(drive, drive))  # others may be only rounding
-    # The median of a complex normal number's modulus is sqrt(ln 2) of its standard deviation.
+    # Noise s has differences of sqrt(20) s, and the median of its modulus is sqrt(ln 2) s.
     return float(np.median(steps[felt] / size[felt]) / math.sqrt(20.0 * math.log(2.0)))
 
 
 def regularise(
-    dofs: Sequence[InterfaceDof], frequencies: FloatArray, frf: ComplexArray, motions: FloatArray
+    dofs: Dofs, frequencies: FloatArray, frf: ComplexArray, motions: FloatArray
 ) -> RegularisedFrfs:
     """Fit the elastic part of the receptances, (n_freq, n, n), of a free body by `fit_link`.
 
@@ -115,13 +111,8 @@ def regularise(
     return RegularisedFrfs(fitted * np.outer(unit, unit), kept, fit.elastic.leverage, fit)
 
 
-def _check_consistent(
-    dofs: Sequence[InterfaceDof], rest: ComplexArray, fitted: ComplexArray
-) -> None:
-    """Refuse FRFs if the rest of a fit is smooth over the lines, and so is not noise.
-
-    Half the mean square of the first difference is the power of noise (von Neumann 1941).
-    """
+def _check_consistent(dofs: Dofs, rest: ComplexArray, fitted: ComplexArray) -> None:
+    """Refuse FRFs if the rest of a fit is smooth over the lines, by von Neumann's ratio (1941)."""
     size = np.sqrt((np.abs(fitted) ** 2).mean(axis=(1, 2), keepdims=True))
     relative = rest / size
     noise = (np.abs(np.diff(relative, axis=0)) ** 2).mean(axis=0) / 2.0
@@ -138,7 +129,7 @@ def _check_consistent(
 
 
 def noise_gain(
-    blocks: Sequence[ComplexArray | MeasuredFrfs],
+    blocks: Blocks,
     compatibility: FloatArray,
     outputs: FloatArray,
     inputs: FloatArray,

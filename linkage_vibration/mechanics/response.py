@@ -40,8 +40,7 @@ _NEWTON = 6  # largest number of steps to a maximum; three or four are enough
 _GRID = 200  # number of frequencies over the band at which a peak is sought first
 _STEPS = 12  # Each maximum is then found in so many steps.
 _BESIDE = 1e-6  # relative distance from 0 Hz at which a slope is evaluated
-# places, in quarter half-widths, at which a maximum is sought if Newton's method fails
-_WIDER = np.arange(-32.0, 33.0)
+_WIDER = np.arange(-32.0, 33.0)  # quarter half-widths in which a maximum is sought at last
 _AROUND = np.linspace(-2.0, 2.0, 9)  # lines about each resonance, in half-power half-widths
 
 
@@ -262,15 +261,8 @@ class PoleResidue:
         every = np.clip([*np.linspace(low, high, count), *near.ravel()], low, high)
         return np.asarray(np.unique(every) / (2.0 * math.pi))
 
-    def local_peaks(
-        self, modes: IntArray, band: tuple[float, float] = (0.0, math.inf)
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return the maximum near the resonance of some modes, of a single FRF.
-
-        Parameters
-        ----------
-        modes, band
-            Indices, (n,), and Hz: maxima that other modes shifted are only sought in the band.
+    def local_peaks(self, modes: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Return the maximum near the resonance of some modes, indices (n,), of a single FRF.
 
         Returns
         -------
@@ -281,9 +273,7 @@ class PoleResidue:
         k, width = np.abs(self.stiffness[modes]), self._half_widths(modes)
         start = np.sqrt(np.maximum(k - 2.0 * width**2, 0.0))
         omega, settled = self._climb(start, width, 3.0 * width)
-        low, high = 2.0 * math.pi * real_numbers(band, "band")
-        inside = (start >= low) & (start <= high)
-        lost = np.flatnonzero(~settled & inside)
+        lost = np.flatnonzero(~settled)
         if len(lost):
             # Other modes have shifted the maximum: look for the nearest one.
             step = width[lost] / 4.0
@@ -421,11 +411,7 @@ class FarPoles:
         return weights[:, 0] + parts.sum(axis=1), np.asarray(slopes.sum(axis=1))
 
     def fit(self, sums: ComplexArray, *, real: bool, rates: bool = False) -> ComplexArray:
-        """Return the weights of sums, (n_lines, k): static flexibility, every a, every b.
-
-        They are (1 + 2 n_far, k). Undamped shapes have real ones, and only viscous damping that
-        couples modes has rates b; the others are zero.
-        """
+        """Return the weights of sums, (1 + 2 n_far, k): static flexibility, every a, every b."""
         scale = np.concatenate([[1.0], self.stiffness, np.sqrt(self.stiffness)])
         used = slice(None if rates else 1 + len(self.decay))
         rows = (self.basis(2.0 * math.pi * self.frequencies) * scale)[:, used]
@@ -466,10 +452,7 @@ def peak_search_band(band: tuple[float, float], *, free: bool) -> tuple[float, f
 def in_reach(
     stiffness: FloatArray | ComplexArray, band: tuple[float, float], decay: FloatArray | None = None
 ) -> BoolArray:
-    """Return which modes are in a band (Hz), or too close above it for far poles, (n_modes,).
-
-    The slower root of an overdamped mode decides, if the decay c, rad/s, is given.
-    """
+    """Return which modes, (n_modes,), by their slower roots, are in or close above a band (Hz)."""
     size = np.sqrt(np.abs(stiffness))
     if decay is not None:
         slow = decay > 2.0 * size
@@ -484,10 +467,7 @@ def reach(band: tuple[float, float]) -> float:
 
 
 def pole_residue(damped: DampedModes, outputs: NDArray[Any], inputs: FloatArray) -> PoleResidue:
-    """Turn damped modes into FRFs; outputs, (n_out, n_modes), and inputs are on undamped modes.
-
-    Outputs may be (3, n_out, n_modes): constants, and factors of s and of s^2.
-    """
+    """Turn damped modes into FRFs; outputs are (n_out, n_modes), or three by powers of s."""
     if outputs.ndim == 2:
         outputs = np.array([outputs, 0.0 * outputs, 0.0 * outputs])
     if damped.shapes is None:
@@ -519,16 +499,13 @@ def oscillators(omega: ArrayLike, damping_ratios: ArrayLike, residues: ArrayLike
     """Return one FRF: the sum of viscously damped oscillators (rad/s, 1 and 1/kg)."""
     w = np.asarray(omega, dtype=float)
     above = np.asarray(residues, dtype=complex)[np.newaxis, np.newaxis]
-    return sum_of_modes(w**2 + 0j, 2.0 * np.asarray(damping_ratios, dtype=float) * w, above)
+    decay = 2.0 * np.asarray(damping_ratios, dtype=float) * w
+    return sum_of_modes(w**2 + 0j, decay, above, np.zeros_like(above))
 
 
 def sum_of_modes(
-    stiffness: ComplexArray,
-    decay: FloatArray,
-    residues: ComplexArray,
-    rates: ComplexArray | None = None,
+    stiffness: ComplexArray, decay: FloatArray, residues: ComplexArray, rates: ComplexArray
 ) -> PoleResidue:
     """Return FRFs of which every mode is known, so that they have no residual."""
-    rates = np.zeros_like(residues) if rates is None else rates
     residual = np.zeros(residues.shape[:2], dtype=complex)
     return PoleResidue(stiffness, decay, residues, rates, residual)

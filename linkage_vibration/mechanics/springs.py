@@ -78,7 +78,6 @@ def _read_cylinder(keys: CheckedMapping, *, on_joint: bool) -> Cylinder:
     most = _MOST_HOSE * math.pi / 4.0 * bore**2 * stroke
     hint = f"the cylinder has {most / _MOST_HOSE:.3g} m3, and a litre is 1.0e-3"
     hose = keys.number("hose_volume", default=0.0, least=0.0, most=most, hint=hint)
-    modulus = keys.number("bulk_modulus", least=_SOFTEST, hint="mineral oil has 1.6e+9 Pa")
     return Cylinder(
         ends=(keys.point("base_end"), keys.point("rod_end")) if on_joint else None,
         count=keys.integer("count", default=1),
@@ -87,7 +86,7 @@ def _read_cylinder(keys: CheckedMapping, *, on_joint: bool) -> Cylinder:
         stroke=stroke,
         closed_length=closed,
         hose_volume=hose,
-        bulk_modulus=modulus,
+        bulk_modulus=keys.number("bulk_modulus", least=_SOFTEST, hint="mineral oil has 1.6e+9 Pa"),
     )
 
 
@@ -130,10 +129,7 @@ def length_and_rate(
 
 
 def oil_pressure(cylinder: Cylinder, tension: float) -> float:
-    """Return the pressure of the oil, Pa, in one cylinder under a tension, N.
-
-    It is NaN where the cylinder would have to pull, and no oil is locked on the side of its rod.
-    """
+    """Return the oil pressure, Pa, of one cylinder under a tension, N; NaN if it cannot pull."""
     area = math.pi / 4.0 * cylinder.bore**2
     if tension > 0.0:
         area -= math.pi / 4.0 * (cylinder.rod or cylinder.bore) ** 2

@@ -6,7 +6,6 @@ import difflib
 import math
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -19,12 +18,16 @@ from linkage_vibration.mechanics.description import (
 )
 from linkage_vibration.mechanics.keys import CheckedMapping
 from linkage_vibration.mechanics.paths import (
+    Data,
     number_at,
     number_paths,
     refuse_shared,
     split_paths,
     with_numbers,
 )
+
+Parse = Callable[[Data], Mechanism]
+"""Returns the mechanism of a changed description."""
 
 INTERVAL = 1.96
 """Standard deviations that an interval of 95 % reaches to either side."""
@@ -39,10 +42,7 @@ _SINGULAR = 1e-9  # The correlations contradict one another below this eigenvalu
 
 
 def across(uncertainty: Uncertainty) -> BoolArray:
-    """Return on which numbers no mode of the vertical half depends, (n,).
-
-    Distances from the middle do not count, as they change the lengths of links.
-    """
+    """Return on which numbers, (n,), no vertical mode depends; y changes lengths of links."""
     paths = [split_paths(number.path) for number in uncertainty.numbers]
     return np.array([all(map(_is_across, each)) for each in paths], dtype=bool)
 
@@ -71,23 +71,14 @@ def paired_draws(uncertainty: Uncertainty, seed: int) -> FloatArray:
 
 
 def balanced(random: np.random.Generator, taken: FloatArray, n: int) -> FloatArray:
-    """Return n columns of random numbers, (m, n), that are not correlated with those taken, (m, k).
-
-    They are not correlated with one another, and their mean square is 1.
-    """
+    """Return random numbers, (m, n), of mean square 1, not correlated with those taken, (m, k)."""
     normal, basis = random.standard_normal((len(taken), n)), np.linalg.qr(taken)[0]
     rest = np.linalg.qr(normal - basis @ (basis.T @ normal))[0]
     return np.asarray(math.sqrt(len(taken)) * rest)
 
 
-def read_uncertainty(
-    keys: CheckedMapping, mapping: dict[str, Any], parse: Callable[[dict[str, Any]], Mechanism]
-) -> Uncertainty:
-    """Read ``relative`` and ``absolute`` standard deviations of numbers, and ``correlations``.
-
-    Deviations are by the paths of numbers; correlations are a list of ``between`` (two paths) and
-    ``value``. ``parse`` returns the mechanism of a changed mapping.
-    """
+def read_uncertainty(keys: CheckedMapping, mapping: Data, parse: Parse) -> Uncertainty:
+    """Read the deviations of numbers and correlations; ``parse`` reads a changed mapping."""
     numbers: dict[str, UncertainNumber] = {}
     # Counts are exact, and the file of a link is read as it is.
     split = [place.split(".") for place in number_paths(mapping)]
@@ -119,10 +110,7 @@ def read_uncertainty(
 
 
 def _described(
-    mapping: dict[str, Any],
-    paths: list[tuple[str, ...]],
-    parse: Callable[[dict[str, Any]], Mechanism],
-    values: Sequence[float],
+    mapping: Data, paths: list[tuple[str, ...]], parse: Parse, values: Sequence[float]
 ) -> Mechanism:
     """Return the mechanism with other values of the numbers at paths."""
     both = zip(paths, values, strict=True)
@@ -130,12 +118,7 @@ def _described(
 
 
 def _number(
-    keys: CheckedMapping,
-    path: str,
-    mapping: dict[str, Any],
-    valid: Sequence[str],
-    *,
-    relative: bool,
+    keys: CheckedMapping, path: str, mapping: Data, valid: Sequence[str], *, relative: bool
 ) -> UncertainNumber:
     """Read the standard deviation of one number, which is at valid paths."""
     hint = "5 % of the number are 0.05" if relative else "give a standard deviation"
@@ -155,17 +138,12 @@ def _number(
     return UncertainNumber(path, values[0], deviation, step, relative)
 
 
-def _vary(
-    mapping: dict[str, Any],
-    numbers: Sequence[UncertainNumber],
-    parse: Callable[[dict[str, Any]], Mechanism],
-) -> None:
+def _vary(mapping: Data, numbers: Sequence[UncertainNumber], parse: Parse) -> None:
     """Parse a mapping whose numbers are changed by their steps, up and down in turn, and back."""
+    paths = [split_paths(each.path) for each in numbers]
     for sign in (-1.0, 1.0):
-        steps = [sign * (-1.0) ** i * number.step for i, number in enumerate(numbers)]
-        pairs = zip(numbers, steps, strict=True)
-        changed = [(p, each.value + by) for each, by in pairs for p in split_paths(each.path)]
-        parse(with_numbers(mapping, changed))
+        values = [each.value + sign * (-1.0) ** i * each.step for i, each in enumerate(numbers)]
+        _described(mapping, paths, parse, values)
 
 
 def _most_like(path: str, paths: Sequence[str]) -> str:

@@ -15,7 +15,6 @@ from functools import cached_property
 import numpy as np
 
 from linkage_vibration.mechanics.arrays import FloatArray
-from linkage_vibration.mechanics.base import mount_springs
 from linkage_vibration.mechanics.compatibility import CouplingError, InterfaceMap
 from linkage_vibration.mechanics.components import Component
 from linkage_vibration.mechanics.coupling import uncoupled_system
@@ -89,7 +88,7 @@ class Weight:
                 y = self.y.get(pin, 0.0) + link.slope
                 push = turning[link.name][..., np.newaxis] * configuration.turn(link.name)[..., 1]
                 loads.append((link.name, (away + 1.0, 0.0), y, np.insert(push, 1, 0.0, -1)))
-        for i, (mount, axis) in enumerate(mount_springs(mechanism.base), len(mechanism.springs)):
+        for i, (mount, axis) in enumerate(mechanism.mount_springs, len(mechanism.springs)):
             place = (mount.at[0], self.contacts[mount.name])
             loads.append((GROUND, place, 0.0, -pull[..., i, np.newaxis] * np.eye(3)[2 * axis]))
         return loads, tensions
@@ -97,21 +96,17 @@ class Weight:
     def _in_the_plane(
         self, configuration: Configuration
     ) -> tuple[dict[str, FloatArray], FloatArray, FloatArray, dict[str, FloatArray]]:
-        """Return the forces at rest along each link at its points, of springs, and of pins, N.
-
-        The last are the moments of the weight of links about their bearings, N m seen from aside.
-        """
+        """Return forces along links, of springs and of pins, N, and moments about bearings, N m."""
         plane, n = self._plane, len(self._plane.interface)
         joining = plane.interface.join(configuration)
         moved, falling = plane.moved_by_weight(configuration, joining)
         unknown = np.isnan(moved).any(axis=-1)
         for alpha3 in np.extract(unknown, configuration.alpha3)[:1]:
-            raise CouplingError(
-                f"Nothing carries the weight of {self.mechanism.name} at {math.degrees(alpha3):g} "
-                "deg, which stiffens its lateral half; hold its crank with `clamped` or a spring "
-                "at its joint, give mounts stiffness along z, or write `weight: ignored` under "
-                "`lateral`."
-            )
+            where = f"{self.mechanism.name} at {math.degrees(alpha3):g} deg"
+            problem = f"Nothing carries the weight of {where}, which stiffens its lateral half"
+            hint = "hold its crank with `clamped` or a spring at its joint, give mounts stiffness "
+            hint += "along z, or write `weight: ignored` under `lateral`"
+            raise CouplingError(f"{problem}; {hint}.")
         elastic, stretch = (moved @ plane.system.stiffness)[..., :n], joining.elongation
         pull = joining.stiffness * _times(stretch, moved[..., :n])
         load, parts = (falling @ plane.system.mass)[..., :n], plane.system.components
@@ -139,11 +134,7 @@ class Weight:
     def _across(
         self, along: Mapping[str, FloatArray], sideways: Mapping[tuple[str, str], FloatArray]
     ) -> FloatArray:
-        """Return what pins exert on their first bodies across the plane, (..., n_joints), N.
-
-        With forces along links and sideways ones of springs, each pair of links is at rest across
-        the plane, and about its own z axis if it is not in a bearing.
-        """
+        """Return what pins exert across the plane, (..., n_joints), N, if links are at rest."""
         # The first row is empty, as there may be no pairs of links.
         rows, right = [[0.0] * len(self.mechanism.joints)], [sideways["", ""]]
         for link in (each for each in self.mechanism.links if each.count > 1):

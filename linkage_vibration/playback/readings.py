@@ -27,10 +27,7 @@ SpeedRow: TypeAlias = tuple[int, Source, float, int]  # row, speed, value, time 
 
 
 class JudgedInputs:
-    """The crank angle and the speeds of bags, which are judged by a range of angles, rad.
-
-    ``topics`` has the topics by their inputs, and ``names`` those of the blocks.
-    """
+    """The crank angle and the speeds of bags, which are judged by a range of angles, rad."""
 
     def __init__(
         self,
@@ -93,10 +90,7 @@ class JudgedInputs:
 def recorded_faults(
     log: Path, settings: Parameters, alpha3_range: tuple[float, float]
 ) -> list[InputFault]:
-    """Return the faults of the inputs in a log of the node, as a replay of it finds them.
-
-    A `ReplayError` says that it holds no reading.
-    """
+    """Return the faults of the inputs in a log of the node, as a replay of it finds them."""
     with open_bags([log]) as bags:
         inputs = [settings.source(HITCH), *settings.speed_sources().values()]
         remaps = dict[str, str]()  # The node may have a namespace.
@@ -107,11 +101,8 @@ def recorded_faults(
         topics = choose_topics(bags, settings, remaps)
         names = list(dict.fromkeys(topic.name for topic in topics.values()))
         read = JudgedInputs(bags, settings, topics, names, alpha3_range)
-        counts = [
-            len(read.read(block, SkippedMessages())[0])
-            for block in bags.blocks(names, bags.is_own_log)
-        ]
-        if not sum(counts):
+        blocks = bags.blocks(names, bags.is_own_log)
+        if not sum(len(read.read(block, SkippedMessages())[0]) for block in blocks):
             raise ReplayError(f"{log} has no reading of {read.crank.describe(names[0])}.")
         return read.judge.faults()
 
@@ -119,11 +110,7 @@ def recorded_faults(
 def read_numbers(
     bags: Sequence[Path], settings: Parameters, remaps: Mapping[str, str] = MappingProxyType({})
 ) -> tuple[Integers, NDArray[np.float64]]:
-    """Return the log times, (n,), ns, ascending, and the numbers of the hitch input, (n,).
-
-    A number is NaN where it is not available. A `ReplayError` with the names that exist is raised
-    if the bags have no such number.
-    """
+    """Return log times, (n,), ns, ascending, and numbers of the hitch, (n,), NaN for none."""
     left_out, columns = SkippedMessages(), []
     with open_bags(list(bags)) as opened:
         topic = choose_topics(opened, settings, remaps)[HITCH]

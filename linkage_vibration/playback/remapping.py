@@ -35,11 +35,7 @@ def remappings(words: Sequence[str]) -> dict[str, str]:
 def choose_topics(
     bags: Bags, settings: Parameters, remaps: Mapping[str, str]
 ) -> dict[str, BagTopic]:
-    """Return the topics to read by the inputs, of which the hitch comes first.
-
-    Several inputs may read one topic. A `ReplayError` is raised if a remapping is unknown, or a
-    topic is missing or ambiguous.
-    """
+    """Return the topics to read by the inputs, of which the hitch comes first."""
     speeds = settings.speed_sources()
     sources = {HITCH: settings.source(HITCH)}
     sources |= {s.value: source for s, source in speeds.items() if settings.fixed_speed(s) is None}
@@ -47,9 +43,8 @@ def choose_topics(
     names |= dict.fromkeys(each.name for each in INPUT_TOPICS)
     unknown = sorted(set(remaps) - set(names))
     if unknown:
-        raise ReplayError(
-            f"--remap: the node has no topic {unknown[0]}; use one of: {', '.join(names)}."
-        )
+        problem = f"--remap: the node has no topic {unknown[0]}; use one of: {', '.join(names)}."
+        raise ReplayError(problem)
     topics: dict[str, BagTopic] = {}
     for name, source in sources.items():
         topic = remaps.get(source.topic) or _only_topic(bags, source)
@@ -74,27 +69,22 @@ def _only_topic(bags: Bags, source: SourceSettings) -> str | None:
         return None
     alike = sorted({each.name for each in bags.topics if each.type == source.type})
     if len(alike) > 1:
-        raise ReplayError(
-            f"{bag_paths(bags)} has {len(alike)} topics of type {source.type}; choose one, as in "
-            f"`--remap {source.topic}:={alike[0]}`: {', '.join(alike)}."
-        )
+        problem = f"{bag_paths(bags)} has {len(alike)} topics of type {source.type}"
+        hint = f"choose one, as in `--remap {source.topic}:={alike[0]}`: {', '.join(alike)}"
+        raise ReplayError(f"{problem}; {hint}.")
     return alike[0] if alike else None
 
 
 def topic_schema(bags: Bags, topic: BagTopic) -> Schema:
-    """Return the fields of a topic's messages, as the bags or an installed package define them.
-
-    A `ReplayError` is raised if neither defines the type.
-    """
+    """Return the fields of a topic's messages, as the bags or an installed package define them."""
     defined = bags.defined(topic.name)
     if defined is not None:
         return defined[2]
     try:
         return schema_of_text(message_definition(topic.type), topic.type)
     except DefinitionError as error:
-        raise ReplayError(
-            f"{bag_paths(bags)} does not define the type of topic {topic.name}. {error}"
-        ) from None
+        problem = f"{bag_paths(bags)} does not define the type of topic {topic.name}. {error}"
+        raise ReplayError(problem) from None
 
 
 def logged_topic(bags: Bags, topic: BagTopic) -> Topic:
@@ -118,10 +108,8 @@ def _bag_topic(bags: Bags, name: str, kind: str, remap: str) -> BagTopic:
     listing = ", ".join(f"{topic.name} ({topic.type})" for topic in bags.topics)
     remedy = f"name the right one with `--remap {remap}:=TOPIC`"
     if not named:
-        raise ReplayError(
-            f"{bag_paths(bags)} has no topic {name} of type {kind}; "
-            + (f"its topics are: {listing}; {remedy}." if listing else "it has no topics at all.")
-        )
+        topics = f"its topics are: {listing}; {remedy}" if listing else "it has no topics at all"
+        raise ReplayError(f"{bag_paths(bags)} has no topic {name} of type {kind}; {topics}.")
     if [topic.type for topic in named] != [kind]:
         types = " and ".join(topic.type for topic in named)
         raise ReplayError(f"Topic {name} of {bag_paths(bags)} holds {types}, not {kind}; {remedy}.")

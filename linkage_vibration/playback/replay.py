@@ -57,6 +57,7 @@ from linkage_vibration.prediction.resonance import Header, ReportedSpeed, Resona
 from linkage_vibration.prediction.settings import DECLARED, NODE_NAME, Parameters, with_values
 from linkage_vibration.readers.excitations import excitation_files
 from linkage_vibration.readers.loaded_model import (
+    Report,
     load_model,
     read_described,
     read_loads,
@@ -219,10 +220,8 @@ def replay(
             REPLAY_METADATA: {"inputs": " ".join(path.name for path in paths)},
         }
         total = sum(topic.count for topic in run.topics.values())
-        with (
-            replacement(output, ReplayError) as unfinished,
-            shown_bar(output, total, " messages") as bar,
-        ):
+        shown = shown_bar(output, total, " messages")
+        with replacement(output, ReplayError) as unfinished, shown as bar:
             with ChunkLog(unfinished, [*log_topics, *outputs], files, metadata) as log:
                 for block in bags.blocks(list(run.topics), bags.is_own_log):
                     log.write(run.messages(block))
@@ -253,10 +252,7 @@ def _outputs(run: "_Replay", settings: Parameters) -> tuple[list[Topic], dict[st
 
 
 class _Replay:
-    """Turns blocks of input messages into the messages of the log.
-
-    The attribute ``topics`` has the topics that are read by their names.
-    """
+    """Turns blocks of messages of ``topics`` into the messages of the log."""
 
     def __init__(
         self, bags: Bags, settings: Parameters, topics: Mapping[str, BagTopic], served: LoadedModel
@@ -376,10 +372,7 @@ class _Replay:
     def _velocities(
         self, readings: MessageColumns, due: BoolArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the velocities of the readings that are due, and bounds of their errors.
-
-        They are as reported, or else as estimated.
-        """
+        """Return velocities of readings that are due, reported or estimated, and their errors."""
         velocity, error = readings.velocity.copy(), np.zeros(len(readings))
         unknown = np.flatnonzero(np.isnan(velocity))
         if len(unknown):
@@ -394,10 +387,7 @@ class _Replay:
 
 
 class _Sensors:
-    """The sensors that parameters describe, and what they measure in blocks of messages.
-
-    A topic that the bags lack has a sentence in ``missing``.
-    """
+    """The sensors of the parameters, and what they measure; ``missing`` topics are absent."""
 
     def __init__(self, bags: Bags, settings: Parameters, served: LoadedModel) -> None:
         path = settings.sensor_path()
@@ -424,10 +414,7 @@ class _Sensors:
         used: list[Integers],
         left_out: SkippedMessages,
     ) -> Iterator[Messages]:
-        """Yield what sensors measure in a block, and add their rows to the used ones.
-
-        As in the node, the sensors of a message follow its speeds and precede its crank angle.
-        """
+        """Yield what sensors measure, after speeds and before angles, and add rows to used ones."""
         monitor = self.monitor
         if monitor is None:
             return
@@ -504,29 +491,21 @@ def _refuse_empty(done: Replayed, bags: Bags, read: CrankInput) -> None:
     if done.names:
         missing = read.reader.explain_missing(done.topic, sorted(done.names))
         raise ReplayError(f"{bag_paths(bags)}: {missing}")
-    raise ReplayError(
-        f"{bag_paths(bags)} has no reading of the hitch on {done.topic} that can be used: "
-        f"{done.fault or 'its messages name no joints'}"
-    )
+    problem = f"has no reading of the hitch on {done.topic} that can be used"
+    reason = done.fault or "its messages name no joints"
+    raise ReplayError(f"{bag_paths(bags)} {problem}: {reason}")
 
 
 def _monitor(
-    settings: Parameters,
-    topics: Mapping[str, BagTopic],
-    served: LoadedModel,
-    report: Callable[[str], object],
+    settings: Parameters, topics: Mapping[str, BagTopic], served: LoadedModel, report: Report
 ) -> ResonanceMonitor | None:
-    """Return a monitor of resonance; None if no speed is known.
-
-    `report` is called with a sentence if amplitudes cannot be used.
-    """
+    """Return a monitor of resonance, None if no speed is known; `report` may get a sentence."""
     fixed = {source: settings.fixed_speed(source) for source in Source}
     if set(fixed.values()) == {None} and topics.keys() == {HITCH}:
         return None
     excitations = read_loads(settings, served, report)
     levels = kept_levels(served.predictor, served.mechanism, excitations)
-    limits = settings.warning_limits()
-    rules = limits, settings.stale_after, levels, settings.resonance_rate
+    rules = settings.warning_limits(), settings.stale_after, levels, settings.resonance_rate
     monitor = ResonanceMonitor(excitations, *rules)
     for source, speed in fixed.items():
         monitor.set_fixed(source, speed)

@@ -11,12 +11,11 @@ import numpy as np
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray, IntArray
-from linkage_vibration.mechanics.base import mount_springs
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.ground_motion import soil_places
 from linkage_vibration.mechanics.kinematics import Kinematics
 from linkage_vibration.mechanics.model import Place
-from linkage_vibration.support.commands import command
+from linkage_vibration.support.resources import command
 from linkage_vibration.table.table import Table
 
 Weights = Callable[[float], tuple[FloatArray, FloatArray]]
@@ -148,7 +147,7 @@ def soil_motion(name: str, mechanism: Mechanism, where: str = "") -> UnitLoad:
     axis = "xz".index(direction)
     mounts = [
         mount
-        for mount, along in mount_springs(mechanism.base)
+        for mount, along in mechanism.mount_springs
         if along == axis and point in ("base", f"base:{mount.name}")
     ]
     weights = (

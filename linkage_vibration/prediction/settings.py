@@ -37,11 +37,11 @@ from linkage_vibration.prediction.inputs.units import (
     InputError,
 )
 from linkage_vibration.prediction.severity import WarningLimits
-from linkage_vibration.support.commands import command
 from linkage_vibration.support.resources import (
     DEFAULT_EXCITATIONS,
     DEFAULT_MECHANISM,
     DEFAULT_TABLE,
+    command,
     config_file,
 )
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.dofs import DIRECTIONS, InterfaceDof
+from linkage_vibration.mechanics.dofs import DIRECTIONS, Dofs, InterfaceDof
 from linkage_vibration.mechanics.reduction import ReductionError
 
 INNER = "-"
@@ -31,10 +31,7 @@ class FileError(LinkageVibrationError):
 
 @contextmanager
 def file_errors(path: Path, *damage: type[Exception]) -> Iterator[None]:
-    """Turn each error of reading a file into a `ComponentFileError` that names the file.
-
-    `damage` are the errors that a damaged file makes its reader raise.
-    """
+    """Turn errors of reading a file, and those that `damage` raises, into `ComponentFileError`s."""
     try:
         yield
     except ComponentFileError:
@@ -43,9 +40,8 @@ def file_errors(path: Path, *damage: type[Exception]) -> Iterator[None]:
         raise ComponentFileError(f"{path}: {error}") from None
     except damage as error:
         text = " ".join(str(error).split()) or type(error).__name__
-        raise ComponentFileError(
-            f"{path}: is damaged or has another format than its name says ({text}); write it again."
-        ) from None
+        problem = f"{path}: is damaged or has another format than its name says ({text})"
+        raise ComponentFileError(f"{problem}; write it again.") from None
     except OSError as error:
         raise ComponentFileError(f"{path}: cannot be opened: {error.strerror}.") from None
 
@@ -60,19 +56,14 @@ def check_file(path: Path) -> None:
 def check_size(size: int) -> None:
     """Raise a FileError for a file that has more bytes than `MAX_BYTES` after unpacking."""
     if size > MAX_BYTES:
-        raise FileError(
-            f"holds {size / 2**20:.0f} MiB, more than {MAX_BYTES / 2**20:.0f} MiB; reduce the "
-            "component before you write the file."
-        )
+        problem = f"holds {size / 2**20:.0f} MiB, more than {MAX_BYTES / 2**20:.0f} MiB"
+        raise FileError(f"{problem}; reduce the component before you write the file.")
 
 
 def load_npz(
     path: Path, required: Sequence[str], optional: Sequence[str] = ()
 ) -> dict[str, NDArray[Any]]:
-    """Read the arrays of an ``.npz`` file without unpickling anything.
-
-    Any other name is an error, as it may be misspelt.
-    """
+    """Read the arrays of an ``.npz`` file without unpickling; other names are refused."""
     names = *required, *optional
     check_file(path)
     with file_errors(path, Exception):  # of zipfile, zlib, struct, tokenize and NumPy
@@ -82,16 +73,14 @@ def load_npz(
             with np.load(path, allow_pickle=False) as arrays:
                 for name in arrays.files:
                     if name not in names:
-                        raise FileError(
-                            f"holds {name!r}, which is unknown; use only {', '.join(names)}."
-                        )
+                        problem = f"holds {name!r}, which is unknown; use only {', '.join(names)}."
+                        raise FileError(problem)
                 contents = {name: np.asarray(arrays[name]) for name in arrays.files}
         except ValueError as error:
             if "allow_pickle" not in str(error):
                 raise
-            raise FileError(
-                "holds pickled objects, which can run code; save plain numbers and text."
-            ) from None
+            problem = "holds pickled objects, which can run code; save plain numbers and text."
+            raise FileError(problem) from None
         if not all(map(_is_text, contents.values())):
             raise FileError("holds text that is not Unicode; write it again.")
         for name in required:
@@ -101,10 +90,7 @@ def load_npz(
 
 
 def _is_text(array: NDArray[Any]) -> bool:
-    """Return whether an array holds no text, or only characters that exist.
-
-    NumPy accepts any four bytes as a character, and some of them crash Python.
-    """
+    """Return whether all characters exist; some others, which NumPy accepts, crash Python."""
     if array.dtype.kind != "U" or array.dtype.itemsize == 0:
         return True
     codes = np.ascontiguousarray(array).view(array.dtype.byteorder + "u4")
@@ -122,22 +108,18 @@ def parse_dofs(names: Sequence[object]) -> list[InterfaceDof | None]:
             continue
         parts = name.rsplit(None, 1)
         if len(parts) != 2 or parts[1] not in DIRECTIONS:
-            raise FileError(
-                f"entry {i + 1} of dofs is {name!r}; write a point and one of "
-                f"{', '.join(DIRECTIONS)}, such as 'P1 x', or {INNER} for an inner coordinate."
-            )
+            hint = f"write a point and one of {', '.join(DIRECTIONS)}, such as 'P1 x', or {INNER}"
+            problem = f"entry {i + 1} of dofs is {name!r}"
+            raise FileError(f"{problem}; {hint} for an inner coordinate.")
         dof = InterfaceDof(parts[0].strip(), parts[1])
         if dof in dofs:
-            raise FileError(
-                f"entries {dofs.index(dof) + 1} and {i + 1} of dofs are both {dof}; remove one."
-            )
+            problem = f"entries {dofs.index(dof) + 1} and {i + 1} of dofs are both {dof}"
+            raise FileError(f"{problem}; remove one.")
         dofs.append(dof)
     return dofs
 
 
-def choose_rows(
-    labels: Sequence[InterfaceDof | None],
-) -> tuple[tuple[InterfaceDof, ...], list[int]]:
+def choose_rows(labels: Sequence[InterfaceDof | None]) -> tuple[Dofs, list[int]]:
     """Return the interface DoFs and the row of each; a FileError is raised if there is none."""
     named = {dof: row for row, dof in enumerate(labels) if dof is not None}
     if not named:

@@ -12,11 +12,7 @@ from linkage_vibration.readers.profiles import read_spectra
 
 
 def read_excitations(path: Path) -> tuple[Excitation, ...]:
-    """Read and validate the excitations of a linkage.
-
-    An ExcitationError names the file, the key and the fix. The profile of a terrain is a file
-    beside this one.
-    """
+    """Read the excitations of a linkage, and the profile of a terrain from a file beside them."""
     return excitations_from_mapping(
         load_yaml(path)[0], f"{path}: excitations", lambda name: read_spectra(path.parent / name)
     )
@@ -27,6 +23,5 @@ def excitation_files(path: Path) -> dict[str, bytes]:
     content: dict[str, dict[str, Any]] = load_yaml(path)[0]
     grounds = [entry["terrain"] for entry in content.values() if "terrain" in entry]
     names = [ground["profile"] for ground in grounds if "profile" in ground]
-    return {EXCITATIONS: path.read_bytes()} | {
-        name: (path.parent / name).read_bytes() for name in names
-    }
+    profiles = {name: (path.parent / name).read_bytes() for name in names}
+    return {EXCITATIONS: path.read_bytes()} | profiles

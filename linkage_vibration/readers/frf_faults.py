@@ -7,14 +7,14 @@ near a resonance, need lines below the first resonance of the link.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
 from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray
 from linkage_vibration.mechanics.bodies.frfs import Frfs
 from linkage_vibration.mechanics.description import Point
-from linkage_vibration.mechanics.dofs import InterfaceDof
+from linkage_vibration.mechanics.dofs import Dofs, InterfaceDof
 from linkage_vibration.mechanics.mass_lines import MassLines, find_mass_lines, shown_mass
 from linkage_vibration.mechanics.regularisation import noise_level
 from linkage_vibration.readers.component_files import FileError
@@ -29,10 +29,7 @@ _WEIGHED = 0.2  # relative difference of a mass by its FRFs and by its scale
 
 
 def check_faults(frfs: Frfs, points: Mapping[str, Point] | None, mass: float | None) -> None:
-    """Refuse FRFs that no free, passive link of this mass has, with a FileError.
-
-    The points of the link (x, z) are in m, and its mass on a scale in kg, if they are known.
-    """
+    """Refuse FRFs that no free, passive link with these points (x, z), m, and mass, kg, has."""
     moving = frfs.frequencies > 0.0
     frequencies, frf = frfs.frequencies[moving], frfs.frf[moving]
     # Accelerances have about the same noise at every frequency.
@@ -46,7 +43,14 @@ def check_faults(frfs: Frfs, points: Mapping[str, Point] | None, mass: float | N
     wrong = _gives_power(accelerance, noise_level(frequencies, frf))
     if lines is not None:
         wrong |= np.diag(lines.accelerance) < 0.0
-    _check_signs(frfs.dofs, wrong)
+    if wrong.any():
+        names = ", ".join(str(dof) for dof, bad in zip(frfs.dofs, wrong, strict=True) if bad)
+        raise FileError(
+            f"the drive point {names} gives out power, or moves with the force below the first "
+            "resonance; change the sign of the sensor or of the force there. If these are all "
+            "points, all signs may be reversed, or the FRFs belong to "
+            "exp(-i omega t) (take the complex conjugates of all)."
+        )
     _check_reciprocity(frfs.dofs, accelerance)
     if points is not None and mass is not None and lines is not None:
         _check_mass(frfs.dofs, lines, points, mass)
@@ -67,32 +71,19 @@ def _gives_power(accelerance: ComplexArray, noise: float) -> BoolArray:
     return np.asarray(np.where(near.any(axis=0), 2.0 * share, lag) > 1.0)
 
 
-def _check_signs(dofs: Sequence[InterfaceDof], wrong: BoolArray) -> None:
-    """Refuse drive points, (n,), that give out power, or follow the force as no free body does."""
-    if wrong.any():
-        names = ", ".join(str(dof) for dof, refused in zip(dofs, wrong, strict=True) if refused)
-        raise FileError(
-            f"the drive point {names} gives out power, or moves with the force below the first "
-            "resonance; change the sign of the sensor or of the force there. If these are all "
-            "points, all signs may be reversed, or the FRFs belong to "
-            "exp(-i omega t) (take the complex conjugates of all)."
-        )
-
-
-def _check_plausible_mass(dofs: Sequence[InterfaceDof], accelerance: ComplexArray) -> None:
+def _check_plausible_mass(dofs: Dofs, accelerance: ComplexArray) -> None:
     """Refuse apparent masses of drive points that no link has, as it was not weighed."""
     for j, dof in enumerate(dofs):
         mass = 1.0 / max(float(np.median(np.abs(accelerance[:, j, j]))), 1e-300)
         if dof.direction != "theta" and not _MASSES[0] < mass < _MASSES[1]:
             light = "mm/N or um/N, an acceleration, or over rad/s"
             unit = light if mass <= _MASSES[0] else "m/kN"
-            raise FileError(
-                f"the FRF of {name_frf(dof, dof)} belongs to a mass of {mass:.2g} kg, which no "
-                f"link has; convert it to m/N over Hz if it is in {unit}."
-            )
+            problem = f"belongs to a mass of {mass:.2g} kg, which no link has"
+            hint = f"convert it to m/N over Hz if it is in {unit}"
+            raise FileError(f"the FRF of {name_frf(dof, dof)} {problem}; {hint}.")
 
 
-def _check_reciprocity(dofs: Sequence[InterfaceDof], accelerance: ComplexArray) -> None:
+def _check_reciprocity(dofs: Dofs, accelerance: ComplexArray) -> None:
     sizes = np.linalg.norm(np.diagonal(accelerance, axis1=1, axis2=2), axis=0)
     for i, response in enumerate(dofs):
         for j, reference in enumerate(dofs[:i]):
@@ -103,16 +94,13 @@ def _check_reciprocity(dofs: Sequence[InterfaceDof], accelerance: ComplexArray) 
             related = odd <= max(_RECIPROCITY * even, noise)
             if not related or (even > noise and unequal > _UNEQUAL):
                 how = f"differ by {100.0 * unequal:.0f} % on average"
-                raise FileError(
-                    f"the FRF of {name_frf(response, reference)} and its reverse "
-                    f"{how if related else 'are unrelated'} but should be equal; look for a wrong "
-                    "direction, sign, unit or gain, or measure them again."
-                )
+                both = f"the FRF of {name_frf(response, reference)} and its reverse"
+                problem = f"{both} {how if related else 'are unrelated'} but should be equal"
+                hint = "look for a wrong direction, sign, unit or gain, or measure them again"
+                raise FileError(f"{problem}; {hint}.")
 
 
-def _check_mass(
-    dofs: Sequence[InterfaceDof], lines: MassLines, points: Mapping[str, Point], mass: float
-) -> None:
+def _check_mass(dofs: Dofs, lines: MassLines, points: Mapping[str, Point], mass: float) -> None:
     """Refuse FRFs of a planar rigid body with these points that has another mass, kg."""
     weighed = shown_mass(dofs, lines, points)
     if weighed is None:

@@ -96,11 +96,9 @@ def _read_npz(path: Path) -> Frfs:
         raise FileError("has a real frf; give complex receptances in m/N.")
     labels = parse_dofs(np.ravel(arrays["dofs"]).tolist())
     if frf.shape != (len(frequencies), len(labels), len(labels)):
-        raise FileError(
-            f"has an frf of {' by '.join(map(str, frf.shape))}; write one of {len(frequencies)} "
-            f"by {len(labels)} by {len(labels)}, as there are {len(frequencies)} frequencies and "
-            f"{len(labels)} dofs."
-        )
+        lines, n = len(frequencies), len(labels)
+        hint = f"write one of {lines} by {n} by {n}, as there are {lines} frequencies and {n} dofs"
+        raise FileError(f"has an frf of {' by '.join(map(str, frf.shape))}; {hint}.")
     dofs, rows = choose_rows(labels)
     chosen = frf[:, rows][:, :, rows].astype(np.complex128)
     return Frfs(dofs, frequencies.astype(np.float64), chosen)
@@ -121,25 +119,22 @@ def _read_uff(path: Path, nodes: Mapping[int, str]) -> Frfs:
         functions[pair] = frequencies, sign * values
     dofs = tuple(dict.fromkeys(dof for pair in functions for dof in pair))
     if not dofs:
-        raise FileError(
-            "holds no FRF (function type 4) between nodes that are mapped to points "
-            f"({', '.join(f'{node}: {point}' for node, point in nodes.items()) or 'none'})."
-        )
+        given = ", ".join(f"{node}: {point}" for node, point in nodes.items()) or "none"
+        problem = "holds no FRF (function type 4) between nodes that are mapped to points"
+        raise FileError(f"{problem} ({given}).")
     first, (lines, _) = next(iter(functions.items()))
     for pair, (other, _) in functions.items():
         if len(other) != len(lines) or not np.allclose(other, lines, rtol=1e-5, atol=0.0):
-            raise FileError(
-                f"the FRF of {name_frf(*pair)} has other frequencies than that of "
-                f"{name_frf(*first)}; measure or resample them alike."
-            )
+            problem = f"has other frequencies than that of {name_frf(*first)}"
+            hint = "measure or resample them alike"
+            raise FileError(f"the FRF of {name_frf(*pair)} {problem}; {hint}.")
     frf = np.empty((len(lines), len(dofs), len(dofs)), dtype=np.complex128)
     for i, response in enumerate(dofs):
         for j, reference in enumerate(dofs):
             there = functions.get((response, reference)) or functions.get((reference, response))
             if there is None:
-                raise FileError(
-                    f"has no FRF of {name_frf(response, reference)}, nor the reverse; measure one."
-                )
+                problem = f"has no FRF of {name_frf(response, reference)}, nor the reverse"
+                raise FileError(f"{problem}; measure one.")
             frf[:, i, j] = there[1]
     return Frfs(dofs, lines, frf)
 
@@ -163,10 +158,9 @@ def _check_system(units: Mapping[str, Any]) -> None:
     """Raise an error unless the units are SI; the factors of the set divide values into SI."""
     code = units["units_code"]
     if code in _UNITS or abs(units["length"] - 1.0) > 1e-6 or abs(units["force"] - 1.0) > 1e-6:
-        raise FileError(
-            f"has units of {_UNITS.get(code, 'its own')} in data set 164 (code {code}, length "
-            f"factor {units['length']:g}, force factor {units['force']:g}); export it in SI."
-        )
+        factors = f"length factor {units['length']:g}, force factor {units['force']:g}"
+        system = f"{_UNITS.get(code, 'its own')} in data set 164 (code {code}, {factors})"
+        raise FileError(f"has units of {system}; export it in SI.")
 
 
 def _pair(data: Mapping[str, Any], nodes: Mapping[int, str]) -> tuple[_Pair | None, float]:
@@ -187,29 +181,23 @@ def _receptance(data: Mapping[str, Any], where: str) -> _Function:
     """Return a data set 58 as receptance; `where` begins its errors."""
     kind = data["ordinate_spec_data_type"]
     if kind not in _RESPONSES:
-        raise FileError(
-            f"{where} has the ordinate data type {kind}; export it as displacement (8), velocity "
-            "(11) or acceleration (12)."
-        )
+        problem = f"{where} has the ordinate data type {kind}"
+        hint = "export it as displacement (8), velocity (11) or acceleration (12)"
+        raise FileError(f"{problem}; {hint}.")
     if data["orddenom_spec_data_type"] not in _FORCES:
-        raise FileError(
-            f"{where} has the ordinate denominator data type {data['orddenom_spec_data_type']}; "
-            "export it per excitation force (13)."
-        )
+        problem = f"has the ordinate denominator data type {data['orddenom_spec_data_type']}"
+        raise FileError(f"{where} {problem}; export it per excitation force (13).")
     quantity, power, labels = _RESPONSES[kind]
     _check_label(where, data["ordinate_axis_units_lab"], labels, quantity)
     _check_label(where, data["orddenom_axis_units_lab"], _FORCE_LABELS, "a force")
     abscissa = _plain_label(data["abscissa_axis_units_lab"])
     if data["abscissa_spec_data_type"] not in _FREQUENCY or abscissa not in ("", "none", "hz"):
         raise FileError(f"{where} is not over frequency in Hz; export it that way.")
-
-    if "x" not in data or "data" not in data:
+    if not {"x", "data"} <= data.keys():
         raise FileError(f"{where} has no numbers that can be read; export it again.")
     x, y = np.asarray(data["x"], dtype=np.float64), np.asarray(data["data"])
-    if len(x) != data["num_pts"] or len(y) != data["num_pts"]:
-        raise FileError(
-            f"{where} has {len(y)} lines instead of {data['num_pts']}; export it again."
-        )
+    if {len(x), len(y)} != {n := data["num_pts"]}:
+        raise FileError(f"{where} has {len(y)} lines instead of {n}; export it again.")
     if y.dtype.kind != "c":
         raise FileError(f"{where} is not complex; export real and imaginary parts.")
     if power and len(x) and x[0] == 0.0:
@@ -222,9 +210,8 @@ def _check_label(where: str, label: str, allowed: Sequence[str], what: str) -> N
     """Raise an error if a label names a unit that is not the SI unit of the quantity."""
     # A function per newton may be labelled as 1/N times a unit.
     if re.sub("^1/n(?=.)", "", _plain_label(label)).split("/n")[0] not in ("", "none", *allowed):
-        raise FileError(
-            f"{where} has the unit {label.strip()!r}, not the SI unit of {what}; export it in SI."
-        )
+        problem = f"{where} has the unit {label.strip()!r}, not the SI unit of {what}"
+        raise FileError(f"{problem}; export it in SI.")
 
 
 def _plain_label(label: str) -> str:
@@ -245,7 +232,5 @@ def _check_values(frfs: Frfs) -> None:
     wrong = np.argwhere(~finite)
     if len(wrong):
         k, i, j = wrong[0]
-        raise FileError(
-            f"the FRF of {name_frf(frfs.dofs[i], frfs.dofs[j])} is not finite at {f[k]:g} Hz; "
-            "remove that line from all FRFs."
-        )
+        problem = f"the FRF of {name_frf(frfs.dofs[i], frfs.dofs[j])} is not finite at {f[k]:g} Hz"
+        raise FileError(f"{problem}; remove that line from all FRFs.")

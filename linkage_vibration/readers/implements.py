@@ -12,20 +12,15 @@ from linkage_vibration.readers.mechanism import load_yaml
 
 
 def read_implements(path: str | Path, mechanism: Mechanism) -> dict[str, Implement]:
-    """Read the implements that a rigid body of a mechanism can stand for, by their names.
-
-    The YAML file has ``implements: {NAME: {mass, inertia, centre_of_gravity, rigid_body}}``, in the
-    units and axes of ``rigid_bodies``; the last key is needed if there are several of these.
-    """
+    """Read the implements that a rigid body of a mechanism can stand for, by their names."""
     path = Path(path)
     try:
         top = CheckedMapping("", load_yaml(path)[0])
-        implements = {
-            name: _implement(top["implements"][name], mechanism) for name in top["implements"]
-        }
+        keys = top["implements"]
+        implements = {name: _implement(keys[name], mechanism) for name in keys}
         for name in implements:
             if not name.strip() or name != name.strip():
-                raise top["implements"].error(name, f"{name!r} has spaces around it or no letters.")
+                raise keys.error(name, f"{name!r} has spaces around it or no letters.")
         top.refuse_unknown()
     except MechanismError as error:
         where = error.path if str(path) in error.path else f"{path}: {error.path}"
@@ -44,6 +39,5 @@ def _implement(keys: CheckedMapping, mechanism: Mechanism) -> Implement:
         raise keys.error("rigid_body", str(error)) from None
     body = next(body for body in mechanism.rigid_bodies if body.name == name)
     rigid = read_rigid(keys, name, dict(body.points))
-
     label = keys.path.partition(".")[2]
     return Implement(name, rigid.mass, rigid.inertia, rigid.centre_of_gravity, label)

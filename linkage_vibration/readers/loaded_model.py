@@ -28,15 +28,20 @@ from linkage_vibration.prediction.settings import ParameterError, Parameters
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.implements import read_implements
 from linkage_vibration.readers.mechanism import load_yaml, mechanism_of
-from linkage_vibration.support.commands import command
+from linkage_vibration.support.resources import command
 from linkage_vibration.table.table import Table, load_table, refuse_other
+
+Report = Callable[[str], object]
+"""Takes a sentence, to show it."""
+Keep = Callable[[Mechanism, Callable[[], Table]], Table]
+"""Returns the table of a mechanism, kept from before or built by the function given."""
 
 
 def load_model(
     settings: Parameters,
-    report: Callable[[str], object] | None = None,
+    report: Report | None = None,
     progress: Callable[[float], object] | None = None,
-    keep: Callable[[Mechanism, Callable[[], Table]], Table] | None = None,
+    keep: Keep | None = None,
 ) -> LoadedModel:
     """Return a mechanism with its table, which is built if the parameters name none for it.
 
@@ -62,9 +67,8 @@ def load_model(
 
     def built() -> Table:
         if report:
-            saved = (
-                f"`{command(f'build {quote(str(path))}')}` saves a table, which then loads at once"
-            )
+            build = command(f"build {quote(str(path))}")
+            saved = f"`{build}` saves a table, which then loads at once"
             saved = "it is kept for the next time" if keep else saved
             report(f"Building the table of {path}, as {why}; {saved}.")
         return _built(LinkageModel(mechanism), progress)
@@ -73,15 +77,9 @@ def load_model(
 
 
 def load_variants(
-    settings: Parameters,
-    masses: Sequence[float],
-    report: Callable[[str], object],
-    keep: Callable[[Mechanism, Callable[[], Table]], Table],
+    settings: Parameters, masses: Sequence[float], report: Report, keep: Keep
 ) -> list[LoadedModel]:
-    """Return a mechanism and its table with each mass of its implement, kg.
-
-    `report` is called with each doubt, and `keep` may know a table built before.
-    """
+    """Return a mechanism and its table, perhaps by `keep`, with each mass of its implement, kg."""
     described, variants = read_described(settings), list[LoadedModel]()
     words = ", ".join(f"{mass:.5g}" for mass in masses)
     report(f"The implement has {words} kg, with the centre of gravity and the inertia of the file.")
@@ -110,17 +108,14 @@ def read_described(settings: Parameters) -> ModelWithoutTable:
     _check_room(path, mode_names=mechanism.response.modes)
     if file is None:
         if settings.implement:
-            raise ParameterError(
-                f"Parameter implement is {settings.implement}, but implement_file is empty; give "
-                "the file of the implements."
-            )
+            problem = f"Parameter implement is {settings.implement}, but implement_file is empty"
+            raise ParameterError(f"{problem}; give the file of the implements.")
         return ModelWithoutTable(mechanism, text)
     implements = Implements(mechanism, text, read_implements(file, mechanism))
     if not settings.implement:
         return ModelWithoutTable(mechanism, text, None, implements)
     implement = implements.find(settings.implement)
-    changed = with_implement(mechanism, text, implement)
-    return ModelWithoutTable(*changed, implement, implements)
+    return ModelWithoutTable(*with_implement(mechanism, text, implement), implement, implements)
 
 
 def with_other_body(
@@ -133,27 +128,19 @@ def with_other_body(
     """Return a mechanism and its YAML with another mass or inertia of its only rigid body."""
     mechanism = described.mechanism
     if len(mechanism.rigid_bodies) != 1:
-        raise ParameterError(
-            f"{path} has {len(mechanism.rigid_bodies)} rigid bodies; another mass or inertia can "
-            "be given only for a mechanism with exactly one rigid body."
-        )
+        hint = "another mass or inertia can be given only for a mechanism with exactly one"
+        problem = f"{path} has {len(mechanism.rigid_bodies)} rigid bodies"
+        raise ParameterError(f"{problem}; {hint} rigid body.")
     [body] = mechanism.rigid_bodies
-    mass, inertia = (
-        present if given is None else given
-        for given, present in ((mass, body.mass), (inertia, body.inertia))
-    )
-    implement = Implement(body.name, mass, inertia, ())
+    mass = body.mass if mass is None else mass
+    implement = Implement(body.name, mass, body.inertia if inertia is None else inertia, ())
     return with_implement(mechanism, described.mechanism_text, implement)
 
 
 def read_loads(
-    settings: Parameters, served: LoadedModel, report: Callable[[str], object] = lambda text: None
+    settings: Parameters, served: LoadedModel, report: Report = lambda text: None
 ) -> tuple[Excitation, ...]:
-    """Return the excitations that the parameters name, as far as the mechanism can bear them.
-
-    Where a mechanism lacks a place of the default file, which describes a tractor with a hitch, the
-    excitation has no amplitude, and `report` gets a sentence.
-    """
+    """Return the excitations; default ones that do not fit the mechanism have no amplitude."""
     path = settings.excitation_path()
     excitations = read_excitations(path)
     _check_room(path, excitations=len(excitations))
@@ -178,10 +165,8 @@ def _check_room(path: Path, **counts: int) -> None:
     for name, count in counts.items():
         if count > limits[name]:
             what = "modes" if name == "mode_names" else name
-            raise ParameterError(
-                f"{path} has {count} {what}, and the messages of the node have room for "
-                f"{limits[name]}; reduce their number."
-            )
+            room = f"the messages of the node have room for {limits[name]}"
+            raise ParameterError(f"{path} has {count} {what}, and {room}; reduce their number.")
 
 
 def _acts(excitation: Excitation, served: LoadedModel) -> bool:

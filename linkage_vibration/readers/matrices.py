@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.bodies.matrices import Matrices
-from linkage_vibration.mechanics.dofs import InterfaceDof
+from linkage_vibration.mechanics.dofs import Dofs, InterfaceDof
 from linkage_vibration.readers.component_files import (
     ComponentFileError,
     FileError,
@@ -50,15 +50,11 @@ _RESISTS = 1e-4
 
 
 def read_matrices(path: Path) -> Matrices:
-    """Read and check the matrices of a component from ``.npz``.
-
-    Rows named y are held. A ComponentFileError names the file and the fix.
-    """
+    """Read and check the matrices of a component from ``.npz``; rows named y are held."""
     if path.suffix.lower() != ".npz":
-        raise ComponentFileError(
-            f"{path}: is not a file of matrices; give a .npz file, written by `numpy.savez` "
-            "(`scipy.io.loadmat` reads MATLAB files, `scipy.io.mmread` Matrix Market)."
-        )
+        hint = "give a .npz file, written by `numpy.savez` (`scipy.io.loadmat` reads MATLAB files, "
+        hint += "`scipy.io.mmread` Matrix Market)"
+        raise ComponentFileError(f"{path}: is not a file of matrices; {hint}.")
     with file_errors(path):
         arrays = load_npz(path, ("dofs", "mass", "stiffness"), ("damping",))
         names = np.ravel(arrays.pop("dofs")).tolist()
@@ -75,23 +71,16 @@ def read_matrices(path: Path) -> Matrices:
     return Matrices(dofs, matrices["mass"], matrices["stiffness"], matrices.get("damping"))
 
 
-def _order(
-    names: Sequence[object], n: int
-) -> tuple[tuple[InterfaceDof, ...], NDArray[np.intp], list[str]]:
+def _order(names: Sequence[object], n: int) -> tuple[Dofs, NDArray[np.intp], list[str]]:
     """Return the interface DoFs, and the row and the name of each row to keep, theirs first."""
     if len(names) > n:
         raise FileError(f"has {len(names)} entries in dofs for {n} rows; remove some.")
-    named = parse_dofs(names)
+    named = [*parse_dofs(names), *[None] * (n - len(names))]
     held = {row for row, dof in enumerate(named) if dof and dof.direction == "y"}
-    there = [None if row in held else dof for row, dof in enumerate(named)]
-    dofs, rows = choose_rows(there)
+    dofs, rows = choose_rows([None if row in held else dof for row, dof in enumerate(named)])
     order = np.array(rows + sorted(set(range(n)) - held.union(rows)))
-    labels = [
-        str(named[row])
-        if row < len(named) and named[row] is not None
-        else f"row {row + 1} (counted from 1, an inner coordinate)"
-        for row in order
-    ]
+    inner = "(counted from 1, an inner coordinate)"
+    labels = [str(named[row] or f"row {row + 1} {inner}") for row in order]
     return dofs, order, labels
 
 
@@ -99,18 +88,16 @@ def _check_kind(name: str, matrix: NDArray[Any], mass: str) -> None:
     """Raise an error unless a matrix is square and real, and as large as the mass."""
     if matrix.dtype.kind not in "fiu":
         what = "complex" if matrix.dtype.kind == "c" else "not of numbers"
-        raise FileError(
-            f"{name} is {what}; write real numbers, and damping as a matrix of its own."
-        )
+        problem = f"{name} is {what}; write real numbers, and damping as a matrix of its own."
+        raise FileError(problem)
     if matrix.ndim != 2 or len(set(matrix.shape)) != 1 or not matrix.size:
         raise FileError(f"{name} is {_size(matrix)}; write a square matrix.")
     if _size(matrix) != mass:
         raise FileError(f"{name} is {_size(matrix)}, but mass is {mass}; correct one.")
     if len(matrix) > MAX_ROWS:
-        raise FileError(
-            f"{name} has {len(matrix)} rows, more than {MAX_ROWS}; reduce the component before you "
-            "write the file (Craig and Bampton)."
-        )
+        problem = f"{name} has {len(matrix)} rows, more than {MAX_ROWS}"
+        hint = "reduce the component before you write the file (Craig and Bampton)"
+        raise FileError(f"{problem}; {hint}.")
 
 
 def _size(matrix: NDArray[Any]) -> str:
@@ -129,7 +116,6 @@ def _check(labels: Sequence[str], name: str, matrix: FloatArray, mass: FloatArra
     if not np.isfinite(matrix).all():
         i, j = np.argwhere(~np.isfinite(matrix))[0]
         raise FileError(f"{name} is not finite at {labels[i]}, {labels[j]}; write it again.")
-
     whole = matrix if name == "mass" else matrix + _accepted(name, matrix, mass)
     diagonal = whole.diagonal()
     if diagonal.min() <= 0.0:
@@ -139,11 +125,10 @@ def _check(labels: Sequence[str], name: str, matrix: FloatArray, mass: FloatArra
         sizes = np.abs(matrix - matrix.T) / scale / scale[:, np.newaxis]
     if sizes.max() > _ASYMMETRY:
         i, j = divmod(int(sizes.argmax()), len(sizes))
-        raise FileError(
-            f"{name} is not symmetric: {matrix[i, j]:.6g} at {labels[i]}, {labels[j]} and "
-            f"{matrix[j, i]:.6g} at {labels[j]}, {labels[i]} differ by {sizes[i, j]:.1e} of "
-            "their diagonal entries; write it again."
-        )
+        one, other = f"at {labels[i]}, {labels[j]}", f"at {labels[j]}, {labels[i]}"
+        both = f"{matrix[i, j]:.6g} {one} and {matrix[j, i]:.6g} {other}"
+        problem = f"differ by {sizes[i, j]:.1e} of their diagonal entries"
+        raise FileError(f"{name} is not symmetric: {both} {problem}; write it again.")
     _, info = scipy.linalg.lapack.dpotrf(whole)
     if info:
         raise _not_positive(name, labels[info - 1])
@@ -161,10 +146,7 @@ def _not_positive(name: str, label: str) -> FileError:
 def _condensed(
     dofs: Sequence[InterfaceDof], mass: FloatArray, stiffness: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return what a free component may resist at most, and the condensed (n, n) stiffness.
-
-    An error is raised if a component can still move when its interface DoFs are held.
-    """
+    """Return what a free component may resist at most, and its condensed stiffness, (n, n)."""
     first, inner = slice(len(dofs)), slice(len(dofs), None)
     held, cross = stiffness[inner, inner], stiffness[inner, first]
     at_most = (_RESISTS * stiffness + _ACCEPTED["stiffness"] * mass).diagonal()[first]
@@ -175,10 +157,9 @@ def _condensed(
         scipy.linalg.cho_factor(held - _accepted("stiffness", held, mass[inner, inner]))
         inward = scipy.linalg.cho_solve(scipy.linalg.cho_factor(held), cross)
     except np.linalg.LinAlgError:
-        raise FileError(
-            f"can still move when {', '.join(map(str, dofs))} are held; make more rows "
-            "interface DoFs, or fix them before you write the matrices."
-        ) from None
+        problem = f"can still move when {', '.join(map(str, dofs))} are held"
+        hint = "make more rows interface DoFs, or fix them before you write the matrices"
+        raise FileError(f"{problem}; {hint}.") from None
     return at_most, stiffness[first, first] - cross.T @ inward
 
 
@@ -187,7 +168,6 @@ def _check_free(dofs: Sequence[InterfaceDof], at_most: FloatArray, stiffness: Fl
     for direction in ("x", "z"):
         moved = np.array([float(dof.direction == direction) for dof in dofs])
         if moved @ stiffness @ moved > moved @ at_most:
-            raise FileError(
-                f"resists a translation along {direction}, as if it were held; write the matrices "
-                "of the free component, without boundary conditions."
-            )
+            problem = f"resists a translation along {direction}, as if it were held"
+            hint = "write the matrices of the free component, without boundary conditions"
+            raise FileError(f"{problem}; {hint}.")

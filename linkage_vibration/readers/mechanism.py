@@ -46,31 +46,25 @@ def load_yaml(path: Path) -> tuple[Any, str]:
     try:
         text = read_text(path)
     except OSError as error:
-        raise MechanismError(
-            str(path), f"cannot be opened: {error.strerror}; give the path of a YAML file."
-        ) from None
+        problem = f"cannot be opened: {error.strerror}; give the path of a YAML file."
+        raise MechanismError(str(path), problem) from None
     except UnicodeDecodeError:
         raise MechanismError(str(path), "is not text in UTF-8; give a YAML file.") from None
     except ValueError:  # a null character
-        raise MechanismError(
-            repr(str(path)), "is not a path; give the path of a YAML file."
-        ) from None
+        problem = "is not a path; give the path of a YAML file."
+        raise MechanismError(repr(str(path)), problem) from None
     try:
         return yaml.load(text, _StrictLoader), text
     except yaml.YAMLError as error:
         raise MechanismError(str(path), f"is not valid YAML: {_one_line(error)}") from None
     # A value that does not fit its tag makes PyYAML raise any exception.
     except Exception as error:
-        raise MechanismError(
-            str(path), f"is not valid YAML ({type(error).__name__}: {error}); fix that value."
-        ) from None
+        problem = f"is not valid YAML ({type(error).__name__}: {error}); fix that value."
+        raise MechanismError(str(path), problem) from None
 
 
 def mechanism_of(mapping: Any, path: Path) -> Mechanism:
-    """Return the mechanism that the data of a YAML file describe.
-
-    The path is the file that errors name; paths in the data are relative to its folder.
-    """
+    """Return the mechanism that the data of the YAML file at a path describe."""
 
     def read(keys: CheckedMapping, points: dict[str, Point]) -> Body:
         file = keys["file"]
@@ -86,10 +80,8 @@ def mechanism_of(mapping: Any, path: Path) -> Mechanism:
     except MechanismError as error:
         raise MechanismError(f"{path}: {error.path}", error.problem) from None
     except ArithmeticError:
-        raise MechanismError(
-            str(path),
-            "has a number that is too large or too small to compute with; check the units.",
-        ) from None
+        problem = "has a number that is too large or too small to compute with; check the units."
+        raise MechanismError(str(path), problem) from None
 
 
 def _matrices(keys: CheckedMapping, points: dict[str, Point], path: Path) -> Body:

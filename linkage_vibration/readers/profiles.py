@@ -25,11 +25,7 @@ def read_spectra(path: Path) -> tuple[Spectrum, Spectrum | None]:
 
 
 def read_profile(path: Path) -> list[FloatArray]:
-    """Return distances, ascending, and heights, or two means and half differences, each (n,), m.
-
-    The columns of the file are the distance, the height, and that of the other track, if it was
-    measured.
-    """
+    """Return distances, ascending, and heights, or two means and half differences, each (n,), m."""
     table = read_numbers(path)
     if problem := _problem(table):
         raise RecordingError(f"{path}: {problem}")
@@ -46,10 +42,8 @@ def _problem(table: FloatArray) -> str:
     """Return what is wrong with a profile and how to fix it; empty if nothing is."""
     n, columns = table.shape
     if columns not in _COLUMNS:
-        return (
-            f"has {columns} columns; give the distance, the height and, if it was measured, that "
-            "of the other track, in m."
-        )
+        hint = "give the distance, the height and, if it was measured, that of the other track"
+        return f"has {columns} columns; {hint}, in m."
     if n < _FEWEST:
         return f"has {n} samples; give at least {_FEWEST}, for a spectrum."
     lost = np.flatnonzero(~np.isfinite(table).all(axis=1))
@@ -59,16 +53,12 @@ def _problem(table: FloatArray) -> str:
     steps = np.diff(distance)
     back = np.flatnonzero(steps <= 0.0)
     if len(back):
-        return (
-            f"the distance of {distance[back[0] + 1]:g} m follows {distance[back[0]]:g} m; sort "
-            "the samples by distance, and give each distance once."
-        )
+        problem = f"the distance of {distance[back[0] + 1]:g} m follows {distance[back[0]]:g} m"
+        return f"{problem}; sort the samples by distance, and give each distance once."
     gap = int(steps.argmax())
     if steps[gap] > _GAP * np.median(steps):
-        return (
-            f"there is a gap from {distance[gap]:g} m to {distance[gap + 1]:g} m; give a part "
-            "without gaps."
-        )
+        problem = f"there is a gap from {distance[gap]:g} m to {distance[gap + 1]:g} m"
+        return f"{problem}; give a part without gaps."
     if np.abs(table).max() > _LONGEST:
         return f"a number is beyond {_LONGEST:g}; distances and heights are in m."
     names = ["height"] if columns == 2 else ["mean of both heights", "difference of both heights"]
@@ -82,9 +72,7 @@ def _problem(table: FloatArray) -> str:
         height = density[2:-2] / np.sqrt(density[:-4] * density[4:])
     most = int(height.argmax())
     if height[most] > _LINE:
-        return (
-            f"waves of about {1.0 / at[2 + most]:.3g} m repeat evenly, for which a spectrum of "
-            "random waves gives a wrong level; give them as an order with `base_displacement`, and "
-            "a profile without them."
-        )
+        why = "for which a spectrum of random waves gives a wrong level"
+        hint = "give them as an order with `base_displacement`, and a profile without them"
+        return f"waves of about {1.0 / at[2 + most]:.3g} m repeat evenly, {why}; {hint}."
     return ""

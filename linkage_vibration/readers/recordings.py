@@ -24,11 +24,7 @@ class RecordingError(LinkageVibrationError):
 
 
 def read_recording(path: Path, topic: str | None = None) -> tuple[FloatArray, FloatArray]:
-    """Return times (s), (n,), ascending, and signals, (n, n_channels).
-
-    The first column of a CSV file is the time in s. A bag has messages of ``sensor_msgs/msg/Imu``;
-    the topic chooses one of several.
-    """
+    """Return times (s), (n,), and signals, (n, n_channels), of a CSV file or an IMU in a bag."""
     if path.suffix.lower() == ".csv":
         table = read_numbers(path)
         if table.shape[1] < _FEWEST:
@@ -64,27 +60,20 @@ def shows_sides(path: Path) -> bool:
 
 
 def read_numbers(path: Path) -> FloatArray:
-    """Return the lines of numbers of a CSV file, (n, n_columns), as `read_table` does.
-
-    Columns that are empty are left out, except the first.
-    """
+    """Return the lines of `read_table`, (n, n_columns), without columns that are empty."""
     table = read_table(path)
     return np.hstack([table[:, :1], table[:, 1:][:, ~np.isnan(table[:, 1:]).all(axis=0)]])
 
 
 def read_table(path: Path) -> FloatArray:
-    """Read a CSV file with commas, semicolons or tabs, with or without lines of names.
-
-    It returns the lines of numbers, (n, n_columns); an empty cell is NaN.
-    """
+    """Return the lines of numbers of a CSV file, (n, n_columns); an empty cell is NaN."""
     try:
         text = read_text(path, "utf-8-sig")
     except UnicodeDecodeError:
         raise RecordingError(f"{path}: is not text in UTF-8; save it as CSV UTF-8.") from None
     except OSError as error:
-        raise RecordingError(
-            f"{path}: cannot be read ({error.strerror}); give a CSV file."
-        ) from None
+        text = f"{path}: cannot be read ({error.strerror}); give a CSV file."
+        raise RecordingError(text) from None
     lines = [(i, line) for i, line in enumerate(text.splitlines(), 1) if line.strip()]
     middle = lines[len(lines) // 2][1] if lines else ""
     separator = next((mark for mark in ";\t" if mark in middle), ",")
@@ -97,18 +86,15 @@ def read_table(path: Path) -> FloatArray:
         except ValueError:
             if not rows:  # names
                 continue
-            problem = f"{path}: line {i} is no line of numbers; correct or delete it."
-            raise RecordingError(problem) from None
+            problem = f"line {i} is no line of numbers"
+            raise RecordingError(f"{path}: {problem}; correct or delete it.") from None
         if rows and len(row) != len(rows[0]):
-            raise RecordingError(
-                f"{path}: line {i} has {len(row)} columns, and those before it {len(rows[0])}; "
-                "correct or delete it."
-            )
+            problem = f"line {i} has {len(row)} columns, and those before it {len(rows[0])}"
+            raise RecordingError(f"{path}: {problem}; correct or delete it.")
         rows.append(row)
     if not rows:
-        raise RecordingError(
-            f"{path}: has no line of numbers; give the time or distance, and what was measured."
-        )
+        hint = "give the time or distance, and what was measured"
+        raise RecordingError(f"{path}: has no line of numbers; {hint}.")
     return np.array(rows)
 
 
@@ -123,8 +109,7 @@ def ordered(path: Path, times: FloatArray, signals: FloatArray) -> tuple[FloatAr
     times, signals = times[kept], signals[kept]
     back = float(-np.diff(times).min(initial=0.0))
     if back > _BACK:
-        raise RecordingError(
-            f"{path}: the times go back by {back:.3g} s; give one recording, in their order."
-        )
+        problem = f"{path}: the times go back by {back:.3g} s; give one recording, in their order."
+        raise RecordingError(problem)
     order = np.argsort(times, kind="stable")
     return times[order], signals[order]

@@ -24,7 +24,7 @@ from linkage_vibration.mechanics.forces import GRAVITY
 from linkage_vibration.mechanics.keys import CheckedMapping
 from linkage_vibration.readers.mechanism import load_yaml
 from linkage_vibration.readers.recordings import ordered, read_table
-from linkage_vibration.support.commands import command
+from linkage_vibration.support.resources import command
 
 _UNITS = {
     "acceleration": {"m/s2": 1.0, "g": GRAVITY},
@@ -46,10 +46,7 @@ class SensorError(LinkageVibrationError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sensor:
-    """What a sensor measures, where, and how it is read.
-
-    A bag has topic, type and fields; a CSV file has columns, of which the first is the time.
-    """
+    """What a sensor measures, where, and how it is read: by topic, or by columns of a CSV file."""
 
     name: str
     at: str  # a point, or a force such as "lift_cylinders.force"
@@ -127,7 +124,7 @@ def _sensor(keys: CheckedMapping, name: str, folder: Path) -> Sensor:
         fields=fields,
         columns=columns,
         starts_at=keys.number("starts_at", default=0.0),
-        filtered=keys.flag("filtered") if "filtered" in keys else False,
+        filtered=keys.flag("filtered"),
     )
 
 
@@ -201,11 +198,7 @@ def _read_csv(sensor: Sensor, path: Path) -> tuple[FloatArray, FloatArray]:
 
 
 class SensorReader:
-    """Reads the numbers of a sensor from messages; the schema has the fields of their type.
-
-    A `SensorError` is raised for a field that is no number. The stamp of a sample is that in the
-    header of its message, or its receipt.
-    """
+    """Reads the numbers of a sensor from messages, with the stamps of headers, or of receipt."""
 
     def __init__(self, sensor: Sensor, type_name: str, schema: Schema) -> None:
         self.name, usual = sensor.name, list[str]()
@@ -236,10 +229,7 @@ class SensorReader:
     def read(
         self, block: Block, rows: Integers, left_out: SkippedMessages
     ) -> Iterator[tuple[Integers, Integers, FloatArray, str]]:
-        """Yield rows, stamps, ns, numbers, (n, k), and the frame of messages of a bag.
-
-        They are those that `read_one` returns for each.
-        """
+        """Yield rows, stamps, ns, numbers, (n, k), and frames of messages, as `read_one` does."""
         values, parts = np.full((len(block), len(self._readers)), math.nan), []
         for column, reader in enumerate(self._readers):
             for part in reader.read(block, rows, left_out):

@@ -14,7 +14,7 @@ from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, IntArray
 from linkage_vibration.prediction.verdict import Drive, above_and_below
 from linkage_vibration.review.log import Log, ReviewError
 from linkage_vibration.review.review_page import DEG, clock
-from linkage_vibration.support.commands import command
+from linkage_vibration.support.resources import command
 
 _SAME_ANGLE = math.radians(2.0)  # largest difference of the crank angles of one moment in two logs
 _MOST_APART = 0.05  # largest share of the moments with a larger difference

@@ -49,7 +49,7 @@ from linkage_vibration.prediction.settings import Parameters, with_values
 from linkage_vibration.prediction.verdict import Drive, drive_of
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.support.commands import command
+from linkage_vibration.support.resources import command
 from linkage_vibration.table.interpolation import angles_in_table, covers_a_turn
 from linkage_vibration.table.table import Table, TableError, load_table
 

@@ -25,7 +25,7 @@ from linkage_vibration.prediction.verdict import (
 from linkage_vibration.review.findings import first_sentence, is_calm
 from linkage_vibration.review.html import plain_html, table_tag
 from linkage_vibration.review.log import Log, ReviewError, gaps, read_log
-from linkage_vibration.support.parallel import Map, gathered
+from linkage_vibration.support.progress import Map, gathered
 
 _TIME = "in_warning_s"
 _BAG_FILE = "metadata.yaml"  # a folder with this file is one bag

@@ -23,7 +23,7 @@ from linkage_vibration.prediction.inputs.presets import PLAIN_TYPES, PRESETS
 from linkage_vibration.prediction.settings import NODE_NAME, Parameters, with_values
 from linkage_vibration.ros.command_line import start_errors
 from linkage_vibration.ros.endpoints import message_class
-from linkage_vibration.support.commands import command
+from linkage_vibration.support.resources import command
 from linkage_vibration_interfaces.msg import LoadState, TableInfo, VibrationPrediction
 
 SETTLING = 1.0  # s; a subscriber finds a publisher somewhat later than the publisher finds it

@@ -97,7 +97,7 @@ def _modes(
         names = response.mode_names
         if half.mechanism.lateral:
             few = np.arange(min(count, response.modes))
-            names = name_modes(kinetic_energy(solution).select(few), names)
+            names = name_modes(kinetic_energy(solution, few), names)
         padded = [*names, *[""] * count][:count]
         modes += [ModelMode(half.half, i, name) for i, name in enumerate(padded)]
     every = np.hstack(numbers)

@@ -15,7 +15,7 @@ from linkage_vibration.mechanics.arrays import FloatArray, Reals, real_numbers
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.support.conversions import import_xarray
-from linkage_vibration.support.parallel import Map, gathered
+from linkage_vibration.support.progress import Map, gathered
 
 UNITS = {
     "natural_frequencies": "Hz",

@@ -14,6 +14,8 @@ import yaml
 
 from linkage_vibration.errors import LinkageVibrationError
 
+ErrorType = type[LinkageVibrationError]
+
 
 class OutputError(LinkageVibrationError):
     """A file cannot be written, or would replace an input or another output."""
@@ -68,14 +70,13 @@ def read_text(path: Path, encoding: str = "utf-8") -> str:
     return path.read_text(encoding)
 
 
-def make_folder(folder: Path, error: type[LinkageVibrationError]) -> None:
+def make_folder(folder: Path, error: ErrorType) -> None:
     """Create a folder if it is missing, and those above it; raise the error if that fails."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as problem:
-        raise error(
-            f"{folder}: the folder cannot be created ({problem.strerror}); give another one."
-        ) from None
+        text = f"{folder}: the folder cannot be created ({problem.strerror}); give another one."
+        raise error(text) from None
 
 
 def check_suffix(path: Path, suffix: str) -> None:
@@ -86,9 +87,7 @@ def check_suffix(path: Path, suffix: str) -> None:
 
 
 @contextmanager
-def replacement(
-    path: Path, error: type[LinkageVibrationError], *, new_only: bool = False
-) -> Iterator[Path]:
+def replacement(path: Path, error: ErrorType, *, new_only: bool = False) -> Iterator[Path]:
     """Give the path of a new file, whose content goes to another path when the context ends.
 
     A file is replaced at once and keeps its mode; links are followed; a device, a pipe and, if
@@ -99,7 +98,7 @@ def replacement(
         _move(new, target, new_only)
 
 
-def write_files(files: Mapping[Path, Iterable[bytes]], error: type[LinkageVibrationError]) -> None:
+def write_files(files: Mapping[Path, Iterable[bytes]], error: ErrorType) -> None:
     """Write the parts of files as `replacement` does, or none of the files if one has no room."""
     with ExitStack() as stack:
         moves = []
@@ -114,22 +113,19 @@ def write_files(files: Mapping[Path, Iterable[bytes]], error: type[LinkageVibrat
 
 
 @contextmanager
-def _errors(path: Path, error: type[LinkageVibrationError]) -> Iterator[None]:
+def _errors(path: Path, error: ErrorType) -> Iterator[None]:
     """Turn a failure to write a file into this kind of error."""
     try:
         yield
     except FileExistsError:
         raise error(f"{path} exists already; choose another name.") from None
     except OSError as problem:
-        raise error(
-            f"{path}: cannot be written ({problem.strerror or problem}); choose another folder."
-        ) from None
+        text = f"{path}: cannot be written ({problem.strerror or problem}); choose another folder."
+        raise error(text) from None
 
 
 @contextmanager
-def _new_file(
-    path: Path, error: type[LinkageVibrationError], new_only: bool = False
-) -> Iterator[tuple[Path, Path]]:
+def _new_file(path: Path, error: ErrorType, new_only: bool = False) -> Iterator[tuple[Path, Path]]:
     """Give the paths of a new file and of the one that it becomes; see `replacement`."""
     target = Path(os.path.realpath(path))
     if target.exists() and not target.is_file():
@@ -154,12 +150,12 @@ def _move(new: Path, target: Path, new_only: bool = False) -> None:
         new.replace(target)
 
 
-def write_bytes(path: Path, data: bytes, error: type[LinkageVibrationError]) -> None:
+def write_bytes(path: Path, data: bytes, error: ErrorType) -> None:
     """Write a file at once, as `replacement` does."""
     write_files({path: [data]}, error)
 
 
-def write_text(path: Path, text: str, error: type[LinkageVibrationError]) -> None:
+def write_text(path: Path, text: str, error: ErrorType) -> None:
     """Write a text file in UTF-8, as `write_bytes` does."""
     write_bytes(path, text.encode(), error)
 

@@ -26,10 +26,7 @@ def add_strict(parser: "ArgumentParser", problems: str) -> None:
 
 
 def exit_code(problems: Sequence[str], strict: bool) -> int:
-    """Print the problems of a finished command, a sentence each, to the standard error.
-
-    Return its exit code, that of a failure if there are problems and it is ``strict``.
-    """
+    """Print problems, a sentence each, to the standard error; return the exit code."""
     for problem in problems:
         print(f"linkage-vibration: {printable(problem)}", file=sys.stderr)
     return INCOMPLETE if problems and strict else 0

@@ -24,15 +24,11 @@ def missing_library(error: ImportError) -> str:
     """Return a sentence about a library that cannot be imported."""
     name = (error.name or "").partition(".")[0]
     if name == _INTERFACES:
-        remedy = (
-            "build it with colcon and source install/setup.bash, or run "
-            f"`pip install ./{_INTERFACES}` in a checkout"
-        )
+        remedy = "build it with colcon and source install/setup.bash, or run "
+        remedy += f"`pip install ./{_INTERFACES}` in a checkout"
     elif name == "rclpy" or name.endswith(("_msgs", "_srvs", "_interfaces")):
-        remedy = (
-            "source a ROS 2 installation (Jazzy or later), or run `pip install "
-            "linkage_vibration[ros]`"
-        )
+        remedy = "source a ROS 2 installation (Jazzy or later), or run "
+        remedy += "`pip install linkage_vibration[ros]`"
     else:
         remedy = f"run `pip install {_PIP_NAMES.get(name, name)}`"
     return f"Python cannot import {name or 'a library'} ({error}); {remedy}."

@@ -23,10 +23,7 @@ class ProcessError(LinkageVibrationError):
 
 
 def call_in_process(function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
-    """Call a picklable function in a new process with one BLAS thread.
-
-    A `ProcessError` is raised if it dies, or cannot be started.
-    """
+    """Call a picklable function in a new process with one BLAS thread; see `ProcessError`."""
     with ProcessPoolExecutor(1, get_context("spawn"), _begin_process) as pool:
         try:
             with _one_blas_thread():  # the process starts here
@@ -38,10 +35,7 @@ def call_in_process(function: Callable[P, T], *args: P.args, **kwargs: P.kwargs)
 
 @contextmanager
 def _one_blas_thread() -> Iterator[None]:
-    """Let new processes have one BLAS thread, also if their main module imports NumPy at once.
-
-    Several threads wait for each other, on a busy machine for most of the time.
-    """
+    """Let new processes have one BLAS thread, as several would mostly wait for each other."""
     name = "OPENBLAS_NUM_THREADS"
     before, os.environ[name] = os.environ.get(name), "1"
     try:

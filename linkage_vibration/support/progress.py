@@ -1,11 +1,14 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Shows on a terminal how much of a table is built, or of a file is read, if that takes long."""
+"""Shows on a terminal how much of a table, a file or a list of results is done, if that is slow."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+Map = Callable[..., Iterable[Any]]
+"""A function like `map`: it may return futures, as that of a Dask client does."""
 
 _LAYOUT = "{desc}: {percentage:3.0f} % of the table |{bar}| {elapsed}, {postfix}"
 
@@ -51,3 +54,11 @@ def read_with_bar(path: Path) -> Iterator[Any]:
 
     with path.open("rb") as file, shown_bar(path, path.stat().st_size) as bar:
         yield CallbackIOWrapper(bar.update, file, "read")
+
+
+def gathered(results: Iterable[Any], total: int) -> list[Any]:
+    """Return results, of which those of a cluster are futures."""
+    from tqdm import tqdm
+
+    bar = tqdm(results, total=total, disable=None, delay=2.0)
+    return [each.result() if hasattr(each, "result") else each for each in bar]

@@ -1,8 +1,9 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Finds the files that ship with the package, however it was installed."""
+"""Finds the files and the commands of the package, however it was installed."""
 
 import os
+import shutil
 import sys
 from pathlib import Path
 
@@ -24,11 +25,7 @@ class ResourceError(LinkageVibrationError):
 
 
 def share_directory() -> Path:
-    """Return the folder that holds ``config`` and ``launch``, or raise a `ResourceError`.
-
-    A checkout comes first, so that an editable install uses its own files; then come the prefixes
-    of a sourced ROS 2 in their order, and then the Python environment.
-    """
+    """Return the folder of ``config``: of a checkout, else of a sourced ROS 2, else of Python."""
     checkout = Path(__file__).resolve().parents[2]
     if (checkout / "package.xml").is_file():
         return checkout
@@ -36,18 +33,28 @@ def share_directory() -> Path:
         share = prefix / "share" / PACKAGE
         if (share / "config").is_dir():
             return share
-    raise ResourceError(
-        f"No share/{PACKAGE}/config was found under {', '.join(map(str, prefixes()))}; "
-        "install the package again, or source the workspace that holds it."
-    )
+    problem = f"No share/{PACKAGE}/config was found under {', '.join(map(str, prefixes()))}"
+    hint = "install the package again, or source the workspace that holds it"
+    raise ResourceError(f"{problem}; {hint}.")
 
 
 def prefixes() -> list[Path]:
     """Return the folders in which a sourced ROS 2 and Python install packages, in their order."""
-    sourced = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
-    return [Path(prefix) for prefix in (*sourced, sys.prefix) if prefix]
+    return [*_sourced_prefixes(), Path(sys.prefix)]
+
+
+def _sourced_prefixes() -> list[Path]:
+    return [Path(p) for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p]
 
 
 def config_file(name: str) -> Path:
     """Return the path of a file below ``config``, such as ``three_point_linkage.yaml``."""
     return share_directory() / "config" / name
+
+
+def command(arguments: str, program: str = "linkage-vibration") -> str:
+    """Return a command line that works here: colcon puts programs where only `ros2 run` looks."""
+    installed = any((p / "lib" / PACKAGE / program).is_file() for p in _sourced_prefixes())
+    if installed and shutil.which(program) is None:
+        program = f"ros2 run {PACKAGE} {program}"
+    return f"{program} {arguments}"

@@ -39,10 +39,9 @@ def check_versions(*optional: str) -> None:
             continue  # the import says that it is missing
         oldest = OLDEST[name]
         if _numbers(installed) < _numbers(oldest):
-            raise OldLibraryError(
-                f"linkage_vibration needs {name} {oldest} or later, but {installed} is installed; "
-                f"run `pip install '{name}>={oldest}'`."
-            )
+            needs = f"linkage_vibration needs {name} {oldest} or later"
+            fix = f"run `pip install '{name}>={oldest}'`"
+            raise OldLibraryError(f"{needs}, but {installed} is installed; {fix}.")
 
 
 def _numbers(text: str) -> list[int]:

@@ -10,16 +10,11 @@ _ALWAYS = 10_000  # values that any text may hold
 
 
 def refuse_unbounded(root: yaml.Node) -> None:
-    """Refuse a text that holds more values, with its aliases expanded, than characters.
-
-    A MarkedYAMLError is raised then, and if a value contains itself.
-    """
+    """Refuse more values than characters after expanding aliases, or a value that holds itself."""
     limit = max(_ALWAYS, root.end_mark.index)
     if _unfolded(root, {}) > limit:
-        raise yaml.MarkedYAMLError(
-            problem=f"with its aliases (*) expanded it holds more than {limit} values",
-            problem_mark=root.start_mark,
-        )
+        problem = f"with its aliases (*) expanded it holds more than {limit} values"
+        raise yaml.MarkedYAMLError(problem=problem, problem_mark=root.start_mark)
 
 
 def _unfolded(node: yaml.Node, counts: dict[yaml.Node, float]) -> float:

@@ -35,8 +35,7 @@ from linkage_vibration.mechanics.model import Place, excite_lateral, pairs
 from linkage_vibration.mechanics.response import PoleResidue
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.support.atomic_files import check_suffix, refuse_pipe, write_bytes
-from linkage_vibration.support.commands import command
-from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
+from linkage_vibration.support.resources import DEFAULT_TABLE, command, config_file
 from linkage_vibration.table.cells import Cells, JoinedCells
 from linkage_vibration.table.interpolation import interpolation_matrix, stroke_variable
 from linkage_vibration.table.packing import PACKED, pack, unpack

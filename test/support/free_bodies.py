@@ -12,7 +12,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from linkage_vibration.mechanics.base import mount_springs
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.springs import tension_share
 
@@ -82,7 +81,7 @@ def places_of(model: LinkageModel, alpha3: float) -> tuple[Array, Array]:
             continue
         link, point = name.split(":")
         if link == "base":
-            mounts = [(mount.name, axis) for mount, axis in mount_springs(mechanism.base)]
+            mounts = [(mount.name, axis) for mount, axis in mechanism.mount_springs]
             shares[row, len(springs) + mounts.index((point, 1))] = 1.0
             continue
         [label] = [

@@ -32,7 +32,6 @@ from linkage_vibration.mechanics.description import (
 )
 from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.mechanics.keys import CheckedMapping
-from linkage_vibration.mechanics.material import read_material
 from linkage_vibration.mechanics.sections import SHAPES
 
 U, W, THETA = range(3)
@@ -45,6 +44,10 @@ _ACROSS = {"y": W, "chi": THETA}
 _SAME_PLACE = 1e-9  # Places that are nearer, as a share of the beam's length, are one place.
 _REMEMBERED = 64  # Elements of one kind occur often in a link, and again in its forces.
 _HEAVIEST = 1e6  # kg; no link is heavier, but numbers in millimetres or tonnes give more
+_SOFTEST = 1e6  # Pa, of rubber; the moduli of metals in N/mm2 are lower
+_STIFFEST = 1e18  # Pa; beside a stiffer link, rounding moves the first mode by more than 1e-5
+_LIGHTEST = 1e-9  # kg/m3; below, products of masses become zero
+_STIFF, _FLIMSY = 1e9, (0.5, 25.0)  # Pa, and kg/m3 that no solid so stiff has; in g/cm3 all have
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,16 +71,11 @@ class Beam:
         return replace(self, elements=elements)
 
     def component(self, link: Link, mechanism: Mechanism, *, reduced: bool) -> Component:
-        """Return the component of the beam, as `description.Body.component` says.
-
-        It has its true length; its DoFs along x are as seen from the side, without motions aside.
-        """
+        """Return the component of the beam in true length; its DoFs are as seen from the side."""
         try:
-            matrices = beam_matrices(
-                *self.in_space(link.points, link.stretch),
-                rotations=mechanism.rotations(link.name),
-                masses=link.masses,
-            )
+            beam, points = self.in_space(link.points, link.stretch)
+            rotations = mechanism.rotations(link.name)
+            matrices = beam_matrices(beam, points, rotations=rotations, masses=link.masses)
         except MechanismError as error:
             raise MechanismError(f"links.{link.name}.{error.path}", error.problem) from None
         projected = _projected(matrices, link.stretch)
@@ -111,7 +109,7 @@ class Beam:
 
 def read(keys: CheckedMapping, places: dict[str, Point]) -> Beam:
     """Read a beam from the keys of a link and the places of its points, x and z, m."""
-    material = read_material(keys["material"])
+    material = _material(keys["material"])
     poisson = material.poisson_ratio
     end = max(x for x, _ in places.values())
     if "sections" not in keys:
@@ -129,6 +127,20 @@ def read(keys: CheckedMapping, places: dict[str, Point]) -> Beam:
         raise MechanismError(f"{keys.path}.{error.path}", error.problem) from None
     _check_proportions(keys, segments, float(nodes[0]), material.density)
     return beam
+
+
+def _material(keys: CheckedMapping) -> Material:
+    """Read an isotropic material, and refuse numbers that suggest another unit."""
+    poisson = keys.number("poisson_ratio")
+    if not -1.0 < poisson < 0.5:
+        raise keys.error("poisson_ratio", f"{poisson:g} is not between -1 and 0.5; steel has 0.3.")
+    hint = "write it in Pa (steel: 210.0e+9), and describe what is rigid under rigid_bodies"
+    modulus = keys.number("youngs_modulus", least=_SOFTEST, most=_STIFFEST, hint=hint)
+    hint = "write it in kg/m3 (steel: 7800.0; 0.001 for a link without mass)"
+    density = keys.number("density", positive=True, least=_LIGHTEST, hint=hint)
+    if modulus > _STIFF and _FLIMSY[0] < density < _FLIMSY[1]:
+        raise keys.error("density", f"no such solid weighs {density:g} kg/m3; {hint}.")
+    return Material(modulus, density, poisson)
 
 
 def _check_proportions(
@@ -213,9 +225,8 @@ def _projected(matrices: Matrices, stretch: float) -> Matrices:
     displacement = matrices.drawing.displacement * scale
     displacement[:, 0] *= stretch
     drawing = Drawing(matrices.drawing.places / [stretch, 1.0], displacement)
-    mass, stiffness = (
-        scale[:, np.newaxis] * each * scale for each in (matrices.mass, matrices.stiffness)
-    )
+    column = scale[:, np.newaxis]
+    mass, stiffness = column * matrices.mass * scale, column * matrices.stiffness * scale
     return Matrices(matrices.dofs, mass, stiffness, drawing=drawing)
 
 

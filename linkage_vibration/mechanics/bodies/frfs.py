@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 from linkage_vibration.mechanics.components import FrfComponent
 from linkage_vibration.mechanics.description import Body, Link, Mechanism, MechanismError
-from linkage_vibration.mechanics.dofs import InterfaceDof
+from linkage_vibration.mechanics.dofs import Dofs
 from linkage_vibration.mechanics.mass_lines import find_mass_lines, shown_mass
 from linkage_vibration.mechanics.regularisation import (
     RegularisationError,
@@ -22,16 +22,13 @@ from linkage_vibration.mechanics.regularisation import (
 class Frfs(Body):
     """An elastic body known by its frequency response functions alone, measured or computed."""
 
-    dofs: tuple[InterfaceDof, ...]  # (n_dofs,): rows (responses) and columns (forces)
+    dofs: Dofs  # (n_dofs,): rows (responses) and columns (forces)
     frequencies: FloatArray  # (n_freq,), Hz, ascending
     frf: ComplexArray  # (n_freq, n_dofs, n_dofs): receptances of the free body in its axes, m/N
     mass: float | None = None  # kg, on a scale
 
     def component(self, link: Link, mechanism: Mechanism, *, reduced: bool) -> FrfComponent:
-        """Return the component of the body, as `description.Body.component` says.
-
-        FRFs that contradict one another are refused.
-        """
+        """Return the component of the body; FRFs that contradict one another are refused."""
         wanted = mechanism.interface_dofs(link)
         order = link.positions(wanted, self.dofs)
         if link.masses:
@@ -48,11 +45,7 @@ class Frfs(Body):
         return FrfComponent(link.name, wanted, frequencies, measured, noise, gain)
 
     def _gain_stddev(self, link: Link) -> float:
-        """Return the relative standard deviation of a gain that all FRFs share; 0 if not known.
-
-        It is the logarithm of the ratio of the mass by the FRFs to that on the scale, together with
-        the misfit of the mass by the FRFs.
-        """
+        """Return the relative error of a gain of all FRFs by the mass that they show, or 0."""
         if self.mass is None:
             return 0.0
         moving = self.frequencies > 0.0

@@ -9,7 +9,7 @@ import numpy as np
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.components import Component, Drawing
 from linkage_vibration.mechanics.description import Body, Link, Mechanism, MechanismError
-from linkage_vibration.mechanics.dofs import InterfaceDof
+from linkage_vibration.mechanics.dofs import Dofs, InterfaceDof
 from linkage_vibration.mechanics.reduction import ReductionError, craig_bampton
 
 
@@ -17,7 +17,7 @@ from linkage_vibration.mechanics.reduction import ReductionError, craig_bampton
 class Matrices(Body):
     """An elastic body known by its matrices."""
 
-    dofs: tuple[InterfaceDof, ...]  # the first rows and columns; all others are inner coordinates
+    dofs: Dofs  # the first rows and columns; all others are inner coordinates
     mass: FloatArray  # (n, n), SI
     stiffness: FloatArray  # (n, n)
     damping: FloatArray | None = None  # (n, n), viscous; None leaves it to the damping rule
@@ -35,17 +35,11 @@ class Matrices(Body):
                 at = link.positions((InterfaceDof(point, direction),), self.dofs)[0]
                 mass[at, at] += value
         body = Matrices(self.dofs, mass, self.stiffness, self.damping)
-        wanted = mechanism.interface_dofs(link)
-        return component_of(link, mechanism, body, wanted, reduced=reduced)
+        return component_of(link, mechanism, body, mechanism.interface_dofs(link), reduced=reduced)
 
 
 def component_of(
-    link: Link,
-    mechanism: Mechanism,
-    body: Matrices,
-    wanted: tuple[InterfaceDof, ...],
-    *,
-    reduced: bool,
+    link: Link, mechanism: Mechanism, body: Matrices, wanted: Dofs, *, reduced: bool
 ) -> Component:
     """Put one of a link's equal bodies on the DoFs wanted, reduce it, and damp the result."""
     first = link.positions(wanted, body.dofs)
@@ -55,9 +49,8 @@ def component_of(
     block = np.ix_(order, order)
     mass, stiffness = body.mass[block], body.stiffness[block]
     viscous = None if body.damping is None else body.damping[block]
-    drawing = body.drawing and replace(
-        body.drawing, displacement=body.drawing.displacement[:, :, order]
-    )
+    drawing = body.drawing
+    drawing = drawing and replace(drawing, displacement=drawing.displacement[:, :, order])
     if reduced:
         try:
             reduction = craig_bampton(mass, stiffness, len(wanted), link.modes)

@@ -9,10 +9,7 @@ from linkage_vibration.mechanics.keys import CheckedMapping
 
 
 def tube(outer: float, inner: float, poisson_ratio: float) -> Section:
-    """Return a round tube with its diameters in m, or a full bar if the inner one is 0.
-
-    The shear coefficient is Cowper's (J. Appl. Mech. 33, 1966, 335-340).
-    """
+    """Return a round tube or bar, diameters in m, with Cowper's shear coefficient (1966)."""
     area = math.pi * (outer**2 - inner**2) / 4.0
     second_moment = math.pi * (outer**4 - inner**4) / 64.0
     nu, m2 = poisson_ratio, (inner / outer) ** 2

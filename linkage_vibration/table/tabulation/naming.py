@@ -32,7 +32,7 @@ def with_mode_names(table: Table, sampler: Sampler) -> Table:
     for point in np.unique(points).tolist():
         solution = sampler.solution(float(table.alpha3[point]))
         modes = _same_modes(table.natural_frequencies[point], solution.modes.omega)
-        energies.append(kinetic_energy(solution).select(modes))
+        energies.append(kinetic_energy(solution, modes))
     shares = np.mean([energy.shares for energy in energies], axis=0)
     mounts = np.mean([energy.mounts for energy in energies], axis=0)
     mean = replace(energies[0], shares=shares, mounts=mounts)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from linkage_vibration.support.commands import command
+from linkage_vibration.support.resources import command
 from linkage_vibration.table.table import TableError, load_table
 
 
