@@ -89,10 +89,7 @@ def mode_curves(solution: Solution, mode: int) -> Curves:
 
 
 def left_curves(solution: Solution, mode: int, vertical: LinkageModel) -> Curves:
-    """Return what `mode_curves` does, of the left side in a mode of the lateral half.
-
-    Links are drawn straight between their points. The curves are those of the vertical half.
-    """
+    """Return `mode_curves` of the left side in a lateral mode; links are drawn straight."""
     model, shapes = solution.model, dict[str, FloatArray]()
     u = solution.modes.shapes[: len(model.interface), mode]
     for component in vertical.system.components:
@@ -109,10 +106,7 @@ def left_curves(solution: Solution, mode: int, vertical: LinkageModel) -> Curves
 
 
 def _beside(axis: FloatArray, points: Mapping[str, Point]) -> list[tuple[int, str]]:
-    """Return the points beside an axis, each with the index of its nearest node, in falling order.
-
-    In this order, points can be inserted after a node without a change of the indices before it.
-    """
+    """Return points beside an axis with their nearest nodes, in falling order for insertions."""
     nearest = []
     for name, point in points.items():
         apart = np.linalg.norm(axis - np.array(point), axis=1)
@@ -122,10 +116,7 @@ def _beside(axis: FloatArray, points: Mapping[str, Point]) -> list[tuple[int, st
 
 
 def nearest_mode(solution: Solution, frequency: float) -> int:
-    """Return the index of the undamped mode whose frequency is nearest to a frequency, Hz.
-
-    The frequency of a prediction gives the mode that the table tracks, even where modes crossed.
-    """
+    """Return the undamped mode nearest to a frequency of a table, whose modes may have crossed."""
     return int(np.abs(solution.modes.omega - 2.0 * math.pi * frequency).argmin())
 
 

@@ -52,11 +52,7 @@ def export_of(
     *,
     name: str = NAME,
 ) -> Export:
-    """Return what to export of a table, and of excitations of its mechanism.
-
-    An ExportError is also raised for a name that cannot begin names in C that differ in their first
-    31 characters.
-    """
+    """Return what to export; an ExportError refuses names that C may not tell apart."""
     if not _VALID_NAME.fullmatch(name):
         raise ExportError(
             f"{name!r} cannot begin names in C; give up to 20 lower-case letters, digits and "

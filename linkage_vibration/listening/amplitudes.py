@@ -114,10 +114,7 @@ def measure_orders(
     transfer: SensorResponse,
     fewest: int = FEWEST,
 ) -> list[MeasuredOrder]:
-    """Return each order that any window has, measured and predicted; units: `unit_responses`.
-
-    An order is detected in at least the fewest windows.
-    """
+    """Return orders, by `unit_responses`; one is detected in at least the fewest windows."""
     n_members, rows = units.shape[1] - 1, []
     for i, excitation in enumerate(excitations):
         squares, noise = orders.squares[:, i], orders.noise[:, i]
@@ -188,11 +185,7 @@ def _amplitude(net: FloatArray, noise: FloatArray, scale: FloatArray) -> tuple[f
 def amplitude_numbers(
     rows: Sequence[MeasuredOrder], content: dict[str, dict[str, object]]
 ) -> list[tuple[list[str], list[str]]]:
-    """Return keys and words of the amplitudes and deviations of a file of excitations to change.
-
-    The content is that of the file. Orders that were not detected, or that are not known within
-    their own size, keep their numbers.
-    """
+    """Return keys and words to change in a file of excitations, of orders that are well known."""
     sure = {row.excitation.name: row for row in rows if row.relative_stddev <= _SURE}
     numbers = []
     for name, entry in content.items():

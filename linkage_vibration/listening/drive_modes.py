@@ -125,10 +125,7 @@ def search_signals(
     *,
     damped: bool = True,
 ) -> PausableTask[tuple[DriveMode, ...]]:
-    """Return the modes that accelerations of several sensors show together, as `search_modes`.
-
-    The angle and the speeds are times, s, and values, rad, rpm or m/s.
-    """
+    """Return what `search_modes` does, for sensors; angle and speeds are times, s, and values."""
     # A clock that is set far into the future makes no time at which the angle is known.
     first = max(crank_angle[0][0], *(s.times[0] for s in signals))
     last = min(crank_angle[0][-1], *(s.times[-1] for s in signals))

@@ -118,10 +118,7 @@ class SensorMonitor:
         self._angles.add(stamp, alpha3 if abs(alpha3) < LARGEST else math.nan)
 
     def take(self, sensor: int, stamp: int, values: tuple[float, ...]) -> MessageColumns | None:
-        """Take a sample; return a message if it is the first in a second of the stamps, ns.
-
-        The fields are those of ``MeasuredVibration`` without the header; `second` gives its stamp.
-        """
+        """Take a sample; return ``MeasuredVibration`` if it is the first in a second, ns."""
         channel = self._channels[sensor]
         samples, message = channel.samples, None
         if samples.times:

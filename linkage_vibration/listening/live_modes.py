@@ -41,10 +41,7 @@ _NAMED = 2  # numbers that may explain a difference
 
 
 class LiveModes:
-    """Seeks modes every half minute of the stamps, in the last minutes at the present angle.
-
-    All accelerations on the linkage are used together.
-    """
+    """Seeks modes by all accelerations, every half minute of the stamps, at the present angle."""
 
     def __init__(self, sensors: Sequence[Sensor], excitations: Sequence[Excitation]) -> None:
         self._sensors, self._excitations = tuple(sensors), tuple(excitations)
@@ -68,10 +65,7 @@ class LiveModes:
         times: FloatArray,
         readings: FloatArray,
     ) -> None:
-        """Take the window that ends at a time, ns, of a sensor; begin a search if it is due.
-
-        Angles are those at `NOTED`, and the times of readings begin with the window.
-        """
+        """Take a sensor's window that ends at a time, ns, with angles at `NOTED`; search if due."""
         if self._notes and end < self._notes[-1][0]:  # the clock was set back
             self._modes, self._search = (), None
             for each in (self._notes, *self._parts):

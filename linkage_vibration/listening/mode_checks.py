@@ -96,10 +96,7 @@ def wheelbase_lines(
 
 
 def line_doubt(frequency: float, predicted: float, lines: FloatArray) -> str:
-    """Return that a line of the wheelbase explains a frequency better than a mode; else nothing.
-
-    Lines that are NaN may be anywhere.
-    """
+    """Return that a line, Hz (NaN: anywhere), explains a frequency better than a mode; else ""."""
     if np.isnan(lines).any():
         return "the table has no FRFs at the wheels, whose lines may be there; add --frf-points"
     away = np.abs(np.log(lines / frequency))
@@ -120,10 +117,7 @@ def damping_doubt(ratio: float) -> str:
 
 
 def low_damping_doubt(ratio: float, stddev: float, predicted: float) -> str:
-    """Return that a damping ratio is so far below the prediction that it may be a tone's, or "".
-
-    A tone, as of a pump that no excitation describes, looks like a mode with hardly any damping.
-    """
+    """Return that a damping ratio is as low as that of a tone, such as of a pump; else ""."""
     if not ratio + _ABOVE * stddev < _LESS * predicted:
         return ""
     measured = f"{100.0 * ratio:.2g} +- {100.0 * stddev:.1g} %"

@@ -81,10 +81,7 @@ def verdict(mode: DriveMode) -> str:
 
 
 def drive_targets(modes: Sequence[DriveMode], table: Table, mechanism: Path, output: Path) -> str:
-    """Return the text of a calibration, to be written to output, from the modes without doubts.
-
-    It raises DriveError if there are none. A calibration counts modes as they ascend.
-    """
+    """Return the text of a calibration to the modes without doubts, counted as they ascend."""
     targets = []
     for each in modes:
         if not each.doubt:

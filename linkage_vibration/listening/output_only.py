@@ -146,10 +146,7 @@ def _candidate(
     without: Sequence[Sequence[_Poles]],
     scale: FloatArray,
 ) -> Candidate | None:
-    """Return the mode of a stable pole, or None if too many blocks are needed to show it.
-
-    There is a diagram without each block; the scales, (n_channels,), are those of the signals.
-    """
+    """Return the mode of a pole, None if too few blocks show it; scales are (n_channels,)."""
     ratios = []
     for order, k in cluster:
         pole, shape = diagram[order][0][k], diagram[order][1][:, k]
@@ -199,10 +196,7 @@ def nearest(
 def stable_poles(
     diagram: Sequence[tuple[ComplexArray, ComplexArray]], band: tuple[float, float]
 ) -> list[list[tuple[int, int]]]:
-    """Return chains of poles that hardly change from an order to the next.
-
-    Each is a list of indices: of the order, and of the pole in it.
-    """
+    """Return chains of poles that hardly change, as indices of an order and of a pole in it."""
     chains: list[list[tuple[int, int]]] = []
     for i, (poles, shapes) in enumerate(diagram):
         frequencies, ratios = _values(poles)

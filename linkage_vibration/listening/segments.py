@@ -21,10 +21,7 @@ _ROOM = 3.0  # half of the rate of resampled signals, over the frequency of the 
 
 
 def find_segments(times: FloatArray, crank_angle: FloatArray) -> list[list[slice]]:
-    """Return the segments of each height; a height is a group of segments at similar angles.
-
-    Times, (n,), s, are even; crank angles, (n,), rad, are NaN where they are not known.
-    """
+    """Return segments by height, of even times, s, and angles, rad, (n,), NaN if not known."""
     if times[-1] - times[0] < SHORTEST:
         return []
     step = max(1, round(1.0 / (_LOOKS * float(times[1] - times[0]))))

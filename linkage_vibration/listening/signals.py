@@ -54,10 +54,7 @@ class Signal:
         return np.stack([np.interp(times, self.times, each) for each in self.values.T], axis=-1)
 
     def windows(self, seconds: float) -> tuple[FloatArray, FloatArray]:
-        """Return times of samples, (m, n), and samples without their means, (m, n, k).
-
-        The windows follow each other, and their samples are even; none contains a gap.
-        """
+        """Return times, (m, n), and samples less means, (m, n, k), of windows without gaps."""
         n = max(round(seconds * self.rate), 2)
         whole = [times[: len(times) // n * n] for times in self.stretches()]
         times = np.concatenate(whole).reshape(-1, n)
@@ -76,10 +73,7 @@ def known_at(times: FloatArray, since: FloatArray, values: FloatArray) -> FloatA
 def measured_signal(
     sensor: Sensor, times: FloatArray, readings: FloatArray, highest: float
 ) -> Signal:
-    """Return the signal of readings, (n, k), in units of the sensor, with what is doubtful.
-
-    Modes of interest are up to the highest frequency, Hz.
-    """
+    """Return the signal of readings, (n, k), with doubts about modes up to the highest, Hz."""
     distinct = np.diff(times, prepend=-math.inf) > 0.0
     times, readings = times[distinct], readings[distinct]
     if len(times) < _FEWEST:

@@ -13,10 +13,7 @@ _LEAST = 1.0  # Hz: below, an integrated acceleration is drift
 
 
 def spectrogram(signal: Signal, seconds: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return times, s, (m,), frequencies, Hz, (n,), and power spectral densities, (m, n).
-
-    The densities are sums over the axes, (m/s^2)^2/Hz or N^2/Hz, in windows of Hann.
-    """
+    """Return s, (m,), Hz, (n,), and densities by Hann's window, (m, n), summed over axes."""
     times, values = signal.windows(seconds)
     n = values.shape[1]
     window = np.hanning(n)[:, np.newaxis]

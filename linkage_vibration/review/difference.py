@@ -63,10 +63,7 @@ class Quantity:
         return float(np.fmax.reduce(np.abs(self.change) / size, initial=math.nan))
 
     def beyond(self, tolerance: float) -> BoolArray:
-        """Return where the logs differ by more than a share of A, (n,), or only one has a number.
-
-        A value in A counts as a tenth of the largest one at least.
-        """
+        """Return where B differs from A by more than a share, (n,), or only one has a number."""
         size = np.abs(np.where(np.isfinite(self.a), self.a, 0.0))
         allowed = tolerance * np.maximum(size, _SMALL * size.max(initial=0.0))
         one_sided = (self.known_a != self.known_b) | (np.isfinite(self.a) != np.isfinite(self.b))
@@ -110,10 +107,7 @@ class Difference:
 
 
 def compare(a: Log, b: Log) -> Difference:
-    """Compare two logs of the same drive.
-
-    A `ReviewError` is raised if they have no moment or no mode in common.
-    """
+    """Compare two logs of the same drive; a `ReviewError` says what they do not have in common."""
     modes, unmatched = _same_modes(a, b)
     offset, rows_a, rows_b = _same_moments(a, b)
     differences = _angle_differences(a.crank_angle[rows_a], b.crank_angle[rows_b])
@@ -159,10 +153,7 @@ def compare(a: Log, b: Log) -> Difference:
 
 
 def _same_modes(a: Log, b: Log) -> tuple[list[tuple[int, int]], tuple[str, ...]]:
-    """Return pairs of modes, counted from 0, that have one name, and the labels of all others.
-
-    Numbers are compared in place of names only for one table, or for modes of one mechanism.
-    """
+    """Return pairs of modes, from 0, of one name, or number in one mechanism, and other labels."""
     if a.table_id == b.table_id:
         return [(mode, mode) for mode in range(a.n_modes)], ()
     if a.table is None or b.table is None:
@@ -231,10 +222,7 @@ def _angle_differences(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def _rows_of_same_stamps(a: IntArray, b: IntArray) -> tuple[IntArray, IntArray]:
-    """Return the rows of equal stamps in A and in B, in the order of A.
-
-    Of messages with the same stamp, the first of A matches the first of B, and so on.
-    """
+    """Return rows of equal stamps in A and B, in the order of A; repeated ones match in turn."""
     _, distinct = np.unique(np.concatenate([a, b]), return_inverse=True)
 
     def keys(stamps: IntArray) -> IntArray:
@@ -261,10 +249,7 @@ def _load_ratio(a: Drive | None, rows_a: IntArray, b: Drive | None, rows_b: IntA
 
 
 def _load_of(drive: Drive | None, rows: IntArray) -> tuple[FloatArray, BoolArray, BoolArray]:
-    """Return the load ratio at predictions, whether all of it is known, and of which excitations.
-
-    The first two are (n,), the last is (n, n_excitations). The latest message counts.
-    """
+    """Return the latest load ratios, (n,), if all is known, and of which excitations, (n, k)."""
     if drive is None:
         never = np.zeros(len(rows), np.bool_)
         return np.full(len(rows), math.nan), never, never[:, np.newaxis]

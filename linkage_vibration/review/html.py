@@ -95,10 +95,7 @@ def table_tag(
     links: Sequence[str] = (),
     calm: Sequence[bool] = (),
 ) -> str:
-    """Return a table of texts; if there are links, the first cell of each row leads to its own.
-
-    Rows are marked as calm or not, if that is given.
-    """
+    """Return a table of texts; links lead from first cells, and rows are marked as calm or not."""
     lines = []
     for row, link, its in zip_longest(rows, links, calm):
         first, *others = map(html.escape, row)
@@ -111,10 +108,7 @@ def table_tag(
 
 
 def plain_html(title: str, sentences: Sequence[str], main: str, *, calm: bool | None = None) -> str:
-    """Return the text of a page without scripts; the main part is HTML.
-
-    The first sentence is marked as an answer, which is calm or not, if that is given.
-    """
+    """Return a page without scripts; its first sentence is an answer if that is calm or not."""
     texts = {"title": html.escape(title), "css": page_file("page.css"), "main": main}
     lines = [f"<p>{html.escape(text)}</p>" for text in sentences]
     if calm is not None:
@@ -150,11 +144,7 @@ def packed(values: NDArray[Any]) -> dict[str, Any]:
 def thinned(
     quantities: Sequence[FloatArray], edges: IntArray, limit: int = MAX_SAMPLES
 ) -> IntArray:
-    """Return the indices of the samples that a page keeps, (n_kept,); all up to a limit.
-
-    The lowest and the highest value of each quantity, (n,), in every stretch of samples are kept,
-    and the samples at the edges, (m,).
-    """
+    """Return indices of samples to keep, (n_kept,): all up to a limit, or extremes and edges."""
     n = len(quantities[0])
     if n <= limit:
         return np.arange(n)

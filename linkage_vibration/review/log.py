@@ -307,10 +307,7 @@ def _read_messages(path: Path) -> tuple[Columns, Columns, dict[Source, Columns]]
 
 
 def _together(assessed: Sequence[Columns]) -> Columns:
-    """Return the columns of the messages about assessed readings, as far as each has all of them.
-
-    Those that belong together have the same stamp; a recorder may have missed one of them.
-    """
+    """Return the columns of messages about assessed readings, at the stamps that all have."""
     if not all(len(columns.get(PLACE, ())) for columns in assessed):
         return {}
     stamps, rows = [header_stamps(columns) for columns in assessed], []
@@ -360,10 +357,7 @@ def _input_faults(log: Log) -> tuple[InputFault, ...]:
 
 
 def _doubted(log: Log, drive: Drive) -> BoolArray:
-    """Return which assessments are of readings that are doubted, (n,).
-
-    An assessment is one of the readings since the one before it.
-    """
+    """Return which assessments, (n,), have a doubted reading since the assessment before."""
     times = getattr(drive.resonances, LOG_TIME)
     before = np.append(min(times[0], log.received[0]) - 1, np.minimum(times[:-1], times[1:] - 1))
     return doubted_between(log, before, times)
@@ -396,10 +390,7 @@ def problems(log: Log) -> list[str]:
 
 
 def csv_text(log: Log) -> str:
-    """Return a log as CSV: one line for each prediction, with the fields of the messages.
-
-    The numbers of an overdamped mode, and those that are not known, are "nan".
-    """
+    """Return a log as CSV, a line for each prediction; numbers that are not known are "nan"."""
     return table_text(log_table(log))
 
 
@@ -445,11 +436,7 @@ def _speed_times(speeds: Columns, predictions: Columns, passes: IntArray) -> Flo
 def _resonances(
     columns: Columns, predictions: Columns, passes: IntArray, names: Sequence[str], why: str
 ) -> tuple[Drive | None, MessageColumns | None]:
-    """Return all resonances, and the latest at each prediction; None if there are none.
-
-    Resonances belong to the pass within which they were written, and `why` is the reason of factors
-    that are NaN.
-    """
+    """Return all assessments, and the latest at each prediction; `why` says why factors are NaN."""
     if not len(columns.get("state", ())):
         return None, None
     stamps, places = header_stamps(predictions), predictions[PLACE]
@@ -489,10 +476,7 @@ def _resonances(
 
 
 def resonance_fields() -> list[Field]:
-    """Return the fields that a log shows of an assessment for each prediction, in their order.
-
-    They are the numbers and texts of the messages, and what follows from them.
-    """
+    """Return the fields that a log shows of an assessment: numbers, texts, and what follows."""
     fields = {f.name: f for kind in reversed(ASSESSED) for f in message_fields(kind)}
     return [
         *(

@@ -32,10 +32,7 @@ _BAG_FILE = "metadata.yaml"  # a folder with this file is one bag
 
 
 def logs_of(paths: Sequence[Path]) -> list[Path]:
-    """Return the logs among files and folders; a folder that is no bag stands for its MCAP files.
-
-    A ReviewError says that a folder holds no MCAP file.
-    """
+    """Return logs among files and folders; a folder that is no bag stands for its MCAP files."""
     logs: list[Path] = []
     for path in paths:
         if not path.is_dir() or (path / _BAG_FILE).exists():
@@ -49,10 +46,7 @@ def logs_of(paths: Sequence[Path]) -> list[Path]:
 
 
 def drive_summary(log: Log) -> dict[str, Any]:
-    """Return a drive as values that JSON holds; what is not known is None.
-
-    docs/review.md describes them.
-    """
+    """Return a drive as JSON holds it, as docs/review.md describes; what is not known is None."""
     drive = log.drive
     warnings = [] if drive is None else episodes(drive)
     parts = [] if drive is None else contributions(drive)
@@ -151,10 +145,7 @@ def _summary(path: Path) -> dict[str, Any]:
 
 
 def overview_html(drives: Sequence[tuple[dict[str, Any], str]], failures: Sequence[str]) -> str:
-    """Return a page with one row for each drive, and a sentence for each log that failed.
-
-    Each drive is a dict of `drive_summary` with the relative address of its page.
-    """
+    """Return a page with a row for each drive and a link to its page, and with each failure."""
     head = ["drive", "what happened", "warnings", "in warning [s]", "largest load ratio"]
     head += ["start, UTC", "duration [s]", "model"]
     files = [Path(drive["log"]) for drive, _ in drives]

@@ -175,10 +175,7 @@ def _draw_modes(ax: "Axes", log: Log) -> FloatArray:
 def _draw_excitations(
     ax: "Axes", log: Log, drive: Drive, limits: WarningLimits
 ) -> list[tuple[str, float]]:
-    """Draw the orders as lines as wide as their load ratio, red where it exceeds the limit.
-
-    The names of the largest are returned with the frequencies at which they end, Hz.
-    """
+    """Draw orders as wide as their load, red above the limit; return names, and their ends, Hz."""
     from matplotlib.collections import LineCollection
 
     times, speeds = drive.times, speeds_at_drive(log)

@@ -155,10 +155,7 @@ def provenance_rows(log: Log) -> list[list[str]]:
 
 
 def clock(time: float, whole: float) -> str:
-    """Return a time, s, as the axes of the page show it: in s, or with minutes and hours.
-
-    The duration of the log decides on the form.
-    """
+    """Return a time, s, as the axes of a page show it that is so long: in s, or with min and h."""
     if whole < 120.0:
         return f"{time:.2f}"
     minutes, seconds = divmod(round(time, 1), 60.0)
@@ -529,10 +526,7 @@ def _spans(log: Log, flags: BoolArray, axis: TimeAxis) -> list[list[float]]:
 
 
 def _excitations(log: Log, axis: TimeAxis) -> dict[str, Any]:
-    """Return the speeds, and for each excitation the ratio of its frequency, Hz, to its speed.
-
-    There are none if the log lacks their file.
-    """
+    """Return the speeds, and of each excitation the ratio of its frequency, Hz, to its speed."""
     shown, speeds = _excitations_shown(log), dict[str, Any]()
     for source, (times, values) in all_speeds(log).items():
         fixed = {"fixed": float(values[0])}  # at all times of the page

@@ -113,10 +113,7 @@ def _worst(
 def crossing_table(
     crossings: Sequence[Crossing], speeds: Speeds, ends: tuple[float, float], why: str
 ) -> tuple[str, list[list[str]], str]:
-    """Return the title of a table of crossings, its rows with the head, and what is not in it.
-
-    Speeds and ends are those of `find_crossings`; ``why`` says why a factor is not known.
-    """
+    """Return title, rows with head, and what is left out; ``why`` a factor is not known."""
     where = "from {:.4g} to {:.4g} deg".format(*np.degrees(ends))
     for source, pair in speeds.items():
         low, high = (speed_words(source, source.si * speed) for speed in pair)

@@ -118,11 +118,7 @@ def _steps(model: LinkageModel, alpha3: float) -> list[float]:
 
 
 def calibration_text(modes: Sequence[ComparedMode], mechanism: Path, output: Path) -> str:
-    """Return the text of a calibration (written to output) of rigid bodies to modes at all heights.
-
-    Doubtful pairs are left out. It raises MeasurementError if no measured mode belongs to one of
-    the mechanism.
-    """
+    """Return the text of a calibration to measured modes that belong to one mode for sure."""
     targets = [
         (each.mode, each.alpha3, each.measured.frequency, each.deviation)
         for each in modes

@@ -51,10 +51,7 @@ def needed_tolerance(
 
 
 def log_changes(model: LinkageModel, angles: Sequence[float], highest: float) -> list[FloatArray]:
-    """Return changes of ln(frequency) by one standard deviation of each uncertain number.
-
-    They are (n_numbers, n_modes) at each angle, rad, of the undamped modes up to a frequency, Hz.
-    """
+    """Return changes of ln(frequency) by one deviation, (n_numbers, n_modes), at angles, rad."""
     uncertainty = model.mechanism.uncertainty
     assert uncertainty is not None
     limit, modes = 2.0 * math.pi * highest, [model.solve(alpha3).modes for alpha3 in angles]
