@@ -236,21 +236,10 @@ def _at_height(drive: _Drive, segments: Sequence[slice]) -> PausableTask[list[Dr
         doubt = doubt or (yield from _tone_doubt(drive, segments, mean)) or too_damped
         if not doubt and len(rolling):
             doubt = yield from _line_doubt(drive, rolling, alpha3, best, mean)
-        modes.append(
-            DriveMode(
-                alpha3,
-                mode,
-                mean,
-                deviations[mode],
-                INCLINOMETER * abs(slopes[mode]) / mean,
-                best.frequency,
-                best.frequency_stddev,
-                best.ratio,
-                best.ratio_stddev,
-                tuple(float(drive.times[each].mean()) for each in segments),
-                doubt,
-            )
-        )
+        predicted_values = mean, deviations[mode], INCLINOMETER * abs(slopes[mode]) / mean
+        measured = best.frequency, best.frequency_stddev, best.ratio, best.ratio_stddev
+        times = tuple(float(drive.times[each].mean()) for each in segments)
+        modes.append(DriveMode(alpha3, mode, *predicted_values, *measured, times, doubt))
     return modes
 
 

@@ -35,8 +35,14 @@ _EVERY, _LONGEST = 30 * _SECOND, 120 * _SECOND  # ns, of searches
 _PART = _SECOND // 50  # ns of the stamps, between two parts of a search
 _LEAST = 60.0  # s, for which the crank hardly moves
 _FASTEST = 1000  # Hz of a sensor
-_BY_MODE = ["frequencies", "stddevs", "damping_ratios", "damping_stddevs"]
-_BY_MODE += ["predictions", "differences"]
+_BY_MODE = {  # ends of fields of messages, and fields of `DriveMode`
+    "frequencies": "frequency",
+    "stddevs": "frequency_stddev",
+    "damping_ratios": "ratio",
+    "damping_stddevs": "ratio_stddev",
+    "predictions": "predicted",
+    "differences": "difference",
+}
 _NAMED = 2  # numbers that may explain a difference
 
 
@@ -131,16 +137,10 @@ class LiveModes:
         if self._modes:
             message.modes_crank_angle = self._modes[0].alpha3
             message.modes_age = (end - self._searched) / _SECOND
-        columns = {name: np.full(self._table.n_modes, math.nan) for name in _BY_MODE}
-        for each in self._modes:
-            if not each.doubt:
-                numbers = each.frequency, each.frequency_stddev, each.ratio, each.ratio_stddev
-                every = zip(
-                    columns.values(), (*numbers, each.predicted, each.difference), strict=True
-                )
-                for column, number in every:
-                    column[each.mode] = number
-        for name, column in columns.items():
+        sure = [mode for mode in self._modes if not mode.doubt]
+        for name, number in _BY_MODE.items():
+            column = np.full(self._table.n_modes, math.nan)
+            column[[mode.mode for mode in sure]] = [getattr(mode, number) for mode in sure]
             setattr(message, f"mode_{name}", column)
         label = self._table.mode_label
         doubts = [f"{label(each.mode)}: {each.doubt}." for each in self._modes if each.doubt]

@@ -24,6 +24,7 @@ ALIKE = 0.8
 """Least MAC of two shapes of one mode."""
 
 _ROWS = 18  # block rows of the Hankel matrix
+_BLOCK = 4.0  # s, the shortest block that a jackknife leaves out
 _STABLE, _STABLE_RATIO = 0.02, 0.3  # relative changes from an order to the next
 _FEWEST_ORDERS = 3  # at which a mode is stable
 _LARGEST_RATIO = 0.2  # damping ratio of a mode; beyond it a pole describes the noise
@@ -101,11 +102,7 @@ def poles_and_shapes(
 
 
 def identify(
-    windows: Sequence[FloatArray],
-    rate: float,
-    band: tuple[float, float],
-    first_lag: int = 1,
-    block_seconds: float = 4.0,
+    windows: Sequence[FloatArray], rate: float, band: tuple[float, float], first_lag: int = 1
 ) -> PausableTask[list[Candidate]]:
     """Return the stable modes within a band, ascending, with deviations of a jackknife.
 
@@ -117,7 +114,7 @@ def identify(
         return []
     yield
     windows = [window / scale for window in windows]
-    sums, counts = covariances(windows, first_lag, round(block_seconds * rate))
+    sums, counts = covariances(windows, first_lag, round(_BLOCK * rate))
     n = len(counts)
     if n < 4:  # The deviation of fewer blocks says nothing.
         return []

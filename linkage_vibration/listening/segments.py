@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.mechanics.arrays import FloatArray, runs
 
 SHORTEST, LONGEST = 8.0, 20.0
 """Seconds of a segment."""
@@ -30,7 +30,8 @@ def find_segments(times: FloatArray, crank_angle: FloatArray) -> list[list[slice
     segments: list[slice] = []
     start, low, high = 0, math.inf, -math.inf
     for i in range(len(t) + 1):
-        if i < len(t) and not moves[i] and math.isfinite(angle[i]):
+        still = i < len(t) and not moves[i] and math.isfinite(angle[i])
+        if still:
             low, high = min(low, angle[i]), max(high, angle[i])
             if high - low <= ACROSS / 2.0:
                 continue
@@ -38,9 +39,8 @@ def find_segments(times: FloatArray, crank_angle: FloatArray) -> list[list[slice
             parts = math.ceil((t[i - 1] - t[start]) / LONGEST)
             edges = (np.linspace(start, i - 1, parts + 1).astype(int) * step).tolist()
             segments += [slice(a, b) for a, b in pairwise(edges)]
-        again = i < len(t) and not moves[i] and math.isfinite(angle[i])
-        start = i if again else i + 1
-        low, high = (angle[i], angle[i]) if again else (math.inf, -math.inf)
+        start = i if still else i + 1
+        low, high = (angle[i], angle[i]) if still else (math.inf, -math.inf)
     heights: list[list[slice]] = []
     for segment in sorted(segments, key=lambda each: float(crank_angle[each].mean())):
         here = crank_angle[segment].mean()
@@ -54,8 +54,7 @@ def find_segments(times: FloatArray, crank_angle: FloatArray) -> list[list[slice
 def longest_still(times: FloatArray, crank_angle: FloatArray) -> float:
     """Return the longest time, s, in which the crank does not move, of even times, (n,), s."""
     still = np.abs(np.gradient(crank_angle, times)) <= _FASTEST
-    starts, ends = np.flatnonzero(np.diff(still, prepend=False, append=False)).reshape(-1, 2).T
-    return float((times[ends - 1] - times[starts]).max(initial=0.0))
+    return max((float(times[j - 1] - times[i]) for i, j in runs(still)), default=0.0)
 
 
 def phase_rate(mean: float, given: float) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 
 from linkage_vibration.drawing.intervals import gap_starts
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
+from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, runs
 from linkage_vibration.mechanics.forces import GRAVITY
 from linkage_vibration.readers.sensors import Sensor
 
@@ -148,8 +148,7 @@ def _is_flat(size: FloatArray) -> bool:
     levels = np.unique(size)
     if len(levels) < _FLAT:
         return False
-    edges = np.flatnonzero(np.diff(size == levels[-1], prepend=False, append=False))
-    starts, ends = edges.reshape(-1, 2).T
+    starts, ends = np.array(runs(size == levels[-1])).T
     n = ends - starts
     beside = np.pad(size, 1, constant_values=-math.inf)  # sample i is at i + 1
     fall = levels[-1] - np.maximum(beside[starts], beside[ends + 1])

@@ -36,32 +36,16 @@ class Page:
     """What a page shows; its scripts read the content, whose arrays are packed."""
 
     title: str
-    subtitle: str
     columns: Mapping[str, NDArray[Any]]  # (n,), float64, float32 or uint8; "time" (s) ascends
-    start_ns: int  # stamp at time 0
-    breaks: Sequence[int]  # indices of the samples before which samples are missing
-    modes: Sequence[str]  # colours of the modes, whose columns are "f1", "f2" and so on
     content: Mapping[str, Any]
 
 
 def page_parts(page: Page) -> Iterator[bytes]:
-    """Yield the text of a page, which needs no other file and no network, in UTF-8.
-
-    It comes in parts, as the columns of a long log are large.
-    """
+    """Yield a page that needs no other file and no network, in parts, as columns may be large."""
     return (part.encode(errors="backslashreplace") for part in _parts(page))
 
 
 def _parts(page: Page) -> Iterator[str]:
-    data = {
-        "n": len(page.columns["time"]),
-        "start_ms": page.start_ns / 1e6,
-        "breaks": [int(i) for i in page.breaks],
-        "modes": list(page.modes),
-        "coverage": COVERAGE,
-        "subtitle": page.subtitle,
-        **page.content,
-    }
     # The parts of the page's own script are in one function, so that nothing in them is global.
     script = "\n".join(page_file(f"{name}.js") for name in _SCRIPTS)
     texts = {
@@ -78,7 +62,7 @@ def _parts(page: Page) -> Iterator[str]:
     for name, values in page.columns.items():
         yield f"{before}{_json(name)}: {_json(_column(values))}"
         before = ", "
-    yield "}, " + _json(data).removeprefix("{")
+    yield "}, " + _json(page.content).removeprefix("{")
     yield filled(end, texts)
 
 

@@ -27,7 +27,6 @@ from linkage_vibration.review.html import plain_html, table_tag
 from linkage_vibration.review.log import Log, ReviewError, gaps, read_log
 from linkage_vibration.support.parallel import Map, gathered
 
-_TIME = "in_warning_s"
 _BAG_FILE = "metadata.yaml"  # a folder with this file is one bag
 
 
@@ -35,10 +34,8 @@ def logs_of(paths: Sequence[Path]) -> list[Path]:
     """Return logs among files and folders; a folder that is no bag stands for its MCAP files."""
     logs: list[Path] = []
     for path in paths:
-        if not path.is_dir() or (path / _BAG_FILE).exists():
-            logs.append(path)
-            continue
-        inside = sorted(path.glob("*.mcap"))
+        several = path.is_dir() and not (path / _BAG_FILE).exists()
+        inside = sorted(path.glob("*.mcap")) if several else [path]
         if not inside:
             raise ReviewError(f"{path} holds no .mcap file; give logs, or a folder of logs.")
         logs += inside
@@ -162,8 +159,8 @@ def overview_html(drives: Sequence[tuple[dict[str, Any], str]], failures: Sequen
 
 
 def _cells(drive: dict[str, Any], name: str) -> list[str]:
-    worst, unknown = drive["worst"], "not known"
-    shown = [unknown if drive[key] is None else str(drive[key]) for key in ("warnings", _TIME)]
+    worst, unknown, keys = drive["worst"], "not known", ("warnings", "in_warning_s")
+    shown = [unknown if drive[key] is None else str(drive[key]) for key in keys]
     shown += [unknown if worst is None else f"{worst['load_ratio']:.2g}"]
     shown += [drive["start"][:19].replace("T", " ")]
     model = drive["model"]["mechanism"] or "not in the log"

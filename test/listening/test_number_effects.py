@@ -4,7 +4,7 @@
 
 import numpy as np
 
-from linkage_vibration.listening.number_effects import number_effects
+from linkage_vibration.listening.model_check import number_effects
 from linkage_vibration.mechanics.model import LinkageModel
 from test.support.first_order import first_order
 from test.support.in_plane import plane_mechanism, plane_table
