@@ -16,8 +16,7 @@ from scipy.signal import lfilter
 from linkage_vibration.cli.main import main
 from linkage_vibration.drawing.geometry import curves, left_curves
 from linkage_vibration.drawing.pose_picture import pose_figure
-from linkage_vibration.export.constants import ExportError
-from linkage_vibration.export.exported import export_of
+from linkage_vibration.export.constants import ExportError, export_of
 from linkage_vibration.listening.amplitudes import predicted_levels, unit_responses
 from linkage_vibration.listening.drive_modes import model_shapes, search_modes
 from linkage_vibration.listening.model_check import drive_targets

@@ -45,11 +45,7 @@ def scene(model: LinkageModel, configuration: Configuration) -> Outline:
 
 
 def curves(model: LinkageModel, configuration: Configuration) -> Curves:
-    """Return the curve of each body, m.
-
-    The curve of a link is its axis, with a detour to each point beside the axis. The curve of a
-    rigid body is closed and connects its points and its centre of gravity.
-    """
+    """Return curves, m: axes of links with detours to points beside them, closed rigid bodies."""
     lines = {}
     for component in model.components:
         name = component.name

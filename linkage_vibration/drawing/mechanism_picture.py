@@ -86,19 +86,10 @@ def draw_modes(
     lateral: BoolArray | None = None,
 ) -> None:
     """Draw modes over the angle, for each mass; those that are lateral, (n_modes,), are dashed."""
-    angles, words = (
-        np.degrees(every[0].crank_angle),
-        [
-            draw_bands(
-                ax,
-                np.degrees(of.crank_angle),
-                of.natural_frequencies,
-                of.frequency_stddevs,
-                lateral,
-            )
-            for of in every
-        ],
-    )
+    angles, words = np.degrees(every[0].crank_angle), list[str]()
+    for of in every:
+        bands = of.natural_frequencies, of.frequency_stddevs
+        words.append(draw_bands(ax, np.degrees(of.crank_angle), *bands, lateral))
     frequency_axis(ax, np.concatenate([of.natural_frequencies for of in every]))
     name_modes(ax, every[0].natural_frequencies[-1], names, fontsize=10)
     ax.set(xlabel="crank angle α₃ [deg]", xlim=(angles[0], angles[-1]))

@@ -15,6 +15,7 @@ from linkage_vibration.drawing import palette
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.support.atomic_files import write_bytes
+from linkage_vibration.support.missing_library import needed
 from linkage_vibration.support.version import check_versions
 
 if TYPE_CHECKING:
@@ -30,12 +31,8 @@ class PlotError(LinkageVibrationError):
 def require_matplotlib() -> None:
     """Import matplotlib before anything long begins; raise a PlotError or an OldLibraryError."""
     check_versions("matplotlib")
-    try:
+    with needed("plots", "Drawing needs matplotlib", PlotError):
         import matplotlib.figure  # noqa: F401
-    except ImportError:
-        raise PlotError(
-            "Drawing needs matplotlib; `pip install linkage_vibration[plots]`."
-        ) from None
 
 
 def write_png(figure: "Figure", picture: Path) -> None:

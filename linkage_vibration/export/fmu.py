@@ -16,8 +16,7 @@ from pathlib import Path
 from xml.sax.saxutils import escape
 
 from linkage_vibration.export.c_source import c_sources, common_values, filled, literal
-from linkage_vibration.export.constants import NUMBERS, PER_MODE, ExportError
-from linkage_vibration.export.exported import Export
+from linkage_vibration.export.constants import NUMBERS, PER_MODE, Export, ExportError
 from linkage_vibration.messages.fields import message_constants, message_fields
 from linkage_vibration.messages.topics import LEVELS, PREDICTION, RESONANCE
 from linkage_vibration.support.version import VERSION

@@ -163,11 +163,7 @@ def _row(
 
 
 def _amplitude(net: FloatArray, noise: FloatArray, scale: FloatArray) -> tuple[float, float]:
-    """Return the amplitude of an excitation, and its relative standard deviation.
-
-    Windows are weighted by what noise and the members of the table leave of them. The deviation has
-    three parts: noise, the scatter of the windows, and that of the members.
-    """
+    """Return an amplitude, weighted by windows, and its relative scatter over them and members."""
     each = net[:, np.newaxis] / scale**2  # (m, k): squares of the amplitude
     members = np.log(scale[:, 1:]).std(axis=1) if scale.shape[1] > 1 else np.zeros(len(net))
     size = max(float(np.median(np.abs(each[:, 0]))), _LEAST)

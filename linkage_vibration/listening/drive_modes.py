@@ -274,11 +274,8 @@ def _line_doubt(
 def _best(
     candidates: Sequence[Candidate], mode: int, means: FloatArray, shapes: ComplexArray
 ) -> Candidate | None:
-    """Return the candidate that fits a mode best, and no other mode better; or None.
-
-    Estimates are not chosen by their deviations: those that are too small would be preferred.
-    """
-    scored = []
+    """Return the candidate that fits a mode best, and no other mode better; or None."""
+    scored = []  # not by their deviations: those that are too small would be preferred
     for each in candidates:
         alike = mac(each.shape, shapes)
         scores = alike * np.exp(-0.5 * (np.log(each.frequency / means) / _MODEL) ** 2)

@@ -6,6 +6,8 @@ import math
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from operator import itemgetter
+from typing import Any
 
 import numpy as np
 
@@ -42,24 +44,20 @@ _BY_ORDER = {  # fields of messages, and those of `MeasuredOrder`
 class _History:
     """The latest numbers by their times, ns."""
 
-    times: deque[int] = field(default_factory=lambda: deque(maxlen=_MOST))
-    values: deque[float | tuple[float, ...]] = field(default_factory=lambda: deque(maxlen=_MOST))
+    pairs: deque[tuple[int, Any]] = field(default_factory=lambda: deque(maxlen=_MOST))
 
     def add(self, time: int, value: float | tuple[float, ...]) -> None:
-        if self.times and time < self.times[-1] - _SECOND:  # the clock was set back
-            self.times.clear()
-            self.values.clear()
-        self.times.append(time)
-        self.values.append(value)
-        while self.times[0] < time - _KEPT:
-            self.times.popleft()
-            self.values.popleft()
+        if self.pairs and time < self.pairs[-1][0] - _SECOND:  # the clock was set back
+            self.pairs.clear()
+        self.pairs.append((time, value))
+        while self.pairs[0][0] < time - _KEPT:
+            self.pairs.popleft()
 
     def since(self, start: int) -> tuple[FloatArray, FloatArray]:
         """Return ascending times since a start, s, (n,), and the values, (n,) or (n, k)."""
-        times = np.array(self.times, np.int64)
-        order = np.argsort(times, kind="stable")
-        return (times[order] - start) / _SECOND, np.array(self.values, float)[order]
+        pairs = sorted(self.pairs, key=itemgetter(0))
+        times = np.array([time for time, _ in pairs], np.int64)
+        return (times - start) / _SECOND, np.array([value for _, value in pairs], float)
 
 
 @dataclass(slots=True)
@@ -71,11 +69,7 @@ class _Channel:
 
 
 class SensorMonitor:
-    """Compares the latest samples of sensors with the table, at the speeds and angles of the time.
-
-    Speeds, rpm or m/s, are ``fixed`` or known for ``stale_after`` s. A `SignalError` names a place
-    at which the table has no response.
-    """
+    """Compares samples of sensors with the table; speeds, rpm or m/s, go stale after a time, s."""
 
     def __init__(
         self,
@@ -120,8 +114,8 @@ class SensorMonitor:
         """Take a sample; return ``MeasuredVibration`` if it is the first in a second, ns."""
         channel = self._channels[sensor]
         samples, message = channel.samples, None
-        if samples.times:
-            last, end = samples.times[-1], second(stamp)
+        if samples.pairs:
+            last, end = samples.pairs[-1][0], second(stamp)
             if not -_SECOND <= stamp - last <= _KEPT:
                 channel.began = stamp
             elif end > second(last) and end - _WINDOW - _LEAD >= channel.began:

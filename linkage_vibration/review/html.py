@@ -111,11 +111,7 @@ def _json(value: object) -> str:
 
 
 def packed(values: NDArray[Any]) -> dict[str, Any]:
-    """Return an array as the page's script reads it: compressed, in base64.
-
-    The first bytes of all little-endian numbers precede all second ones, and so on. Each byte is
-    the difference to that of the number before, as neighbours are alike.
-    """
+    """Return an array for the page's script: differences of each byte, as neighbours are alike."""
     kind = {"f": f"f{values.dtype.itemsize}", "u": "u1"}[values.dtype.kind]
     data = np.ascontiguousarray(values).astype(f"<{kind}").reshape(-1, 1).view(np.uint8).T
     differences = np.diff(data, axis=1, prepend=np.uint8(0))

@@ -326,10 +326,7 @@ def gaps(log: Log) -> list[tuple[float, float]]:
 
 
 def _input_faults(log: Log) -> tuple[InputFault, ...]:
-    """Return what the diagnostics of the node say of the inputs, from what a log holds of them.
-
-    A replay has written what it found. Of another log without inputs, only the answers are judged.
-    """
+    """Return the faults of the inputs: those that a replay wrote, or by what the log holds."""
     if FAULTS_METADATA in log.metadata:
         texts = log.metadata[FAULTS_METADATA].values()
         return tuple(InputFault(**json.loads(text)) for text in texts)

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, get_args
 import numpy as np
 
 from linkage_vibration.drawing import palette
-from linkage_vibration.drawing.frf_picture import draw_frf
 from linkage_vibration.drawing.intervals import gap_starts
 from linkage_vibration.drawing.mechanism_picture import draw_modes
 from linkage_vibration.drawing.plots import (
@@ -21,7 +20,7 @@ from linkage_vibration.drawing.plots import (
     write_png,
 )
 from linkage_vibration.drawing.pose_picture import lowest_modes, pose_figure, shapes_figure
-from linkage_vibration.drawing.sweep_picture import draw_sweep, is_sweep
+from linkage_vibration.drawing.result_pictures import draw_frf, draw_sweep, is_sweep
 from linkage_vibration.errors import check_type
 from linkage_vibration.mechanics.arrays import FloatArray, runs
 from linkage_vibration.mechanics.description import Mechanism

@@ -391,20 +391,14 @@ def _result(
         stated[at] = number.deviation / (abs(number.value) if logarithmic else 1.0)
         moved[at] = change
         units[at] = stated[at] if at >= len(unknowns.parameters) else 1.0
+    relative = [True] * len(unknowns.parameters) + [each.relative for each in unknowns.others]
+    covariance = np.linalg.inv(information) * np.outer(units, units)
+    numbers = names, unknowns.values(x), np.array(relative), covariance, stated, moved
     mapping = with_numbers(_exact(calibration.mapping), unknowns.numbers(x))
     model = LinkageModel(mechanism_from_mapping(mapping))
-    return CalibrationResult(
-        names,
-        unknowns.values(x),
-        np.array([True] * len(unknowns.parameters) + [each.relative for each in unknowns.others]),
-        np.linalg.inv(information) * np.outer(units, units),
-        stated,
-        moved,
-        _natural_frequencies(model, calibration.targets),
-        scatter,
-        undetermined,
-        tuple(names[i] for i in np.flatnonzero(bound)),
-    )
+    frequencies = _natural_frequencies(model, calibration.targets)
+    on_bound = tuple(names[i] for i in np.flatnonzero(bound))
+    return CalibrationResult(*numbers, frequencies, scatter, undetermined, on_bound)
 
 
 def _scatter(fit: OptimizeResult, n_targets: int, flat: IntArray) -> float:

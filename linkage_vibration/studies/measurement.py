@@ -65,19 +65,14 @@ def compare(
     deviations = np.hypot(spreads[:, np.newaxis], np.nan_to_num(turned, posinf=0.0))
     lateral = np.array([mode.half == "lateral" for mode in every])
     modes = pair_modes(measured, predicted, ratios, deviations, lateral)
-    return [
-        ComparedMode(alpha3, mode, None, math.nan, math.nan)
-        if j is None
-        else ComparedMode(
-            alpha3,
-            mode,
-            every[j],
-            float(predicted[j]),
-            float(deviations[i, j]),
-            tuple(None if k is None else every[k] for k in rival),
-        )
-        for i, (mode, (j, *rival)) in enumerate(zip(measured, modes, strict=True))
-    ]
+    compared = []
+    for i, (mode, (j, *rival)) in enumerate(zip(measured, modes, strict=True)):
+        found: tuple[ModelMode | None, float, float] = None, math.nan, math.nan
+        if j is not None:
+            found = every[j], float(predicted[j]), float(deviations[i, j])
+        rivals = tuple(None if k is None else every[k] for k in rival)
+        compared.append(ComparedMode(alpha3, mode, *found, rivals))
+    return compared
 
 
 def _modes(

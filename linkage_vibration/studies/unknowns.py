@@ -24,11 +24,7 @@ _EQUAL = 1e-6  # of the variance; only rounding may distinguish shares that diff
 def needed_tolerance(
     mechanism: Mechanism, band: tuple[float, float], angles: Sequence[float]
 ) -> tuple[float, str]:
-    """Return the relative error below which a finer model is no more accurate, and why.
-
-    The reason names the number to measure next; it is empty if no number is uncertain. The band is
-    in Hz, and the angles in rad.
-    """
+    """Return the error below which a finer model is no more accurate, and what to measure next."""
     uncertainty = mechanism.uncertainty
     if uncertainty is None or not uncertainty.numbers:
         return EXACT, ""

@@ -5,7 +5,7 @@
 import numpy as np
 import pytest
 
-from linkage_vibration.export.cubics import joined_cells, largest_sizes
+from linkage_vibration.export.orders import joined_cells, largest_sizes
 from linkage_vibration.support.resources import PAPER_TABLE, config_file
 from linkage_vibration.table.cells import Cells
 from linkage_vibration.table.table import load_table

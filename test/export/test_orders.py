@@ -15,7 +15,7 @@ import pytest
 
 from linkage_vibration.cli.main import main
 from linkage_vibration.export.c_source import c_sources
-from linkage_vibration.export.exported import NAME, Export, export_of
+from linkage_vibration.export.constants import NAME, Export, export_of
 from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
 from linkage_vibration.prediction.levels import LevelTable, kept_levels
 from linkage_vibration.prediction.loads import FORCE, Load, LoadKind
