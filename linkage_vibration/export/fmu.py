@@ -154,10 +154,9 @@ def _outputs(names: Sequence[str], labels: Sequence[str] = ()) -> list[_Variable
     variables = []
     for name in names:
         text, limits = comments[name], (None, None) if name in _SIGNED else (0.0, None)
-        if not labels:
-            variables.append(_Variable(name, "output", text, None, limits))
-        for i, label in enumerate(labels, 1):
-            variables.append(_Variable(f"{name}[{i}]", "output", f"{text}; {label}", None, limits))
+        parts = [(f"{name}[{i}]", f"{text}; {label}") for i, label in enumerate(labels, 1)]
+        for each, about in parts or [(name, text)]:
+            variables.append(_Variable(each, "output", about, None, limits))
     return variables
 
 

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from benchmark.listening.simulation import GRID, HEAVE, SENSORS, Scene, modes, simulate
-from linkage_vibration.listening.drive_modes import DriveMode, search_modes
+from linkage_vibration.listening.drive_modes import DriveMode, MeasuredDrive, search_modes
 from linkage_vibration.listening.model_check import (
     DriveError,
     difference_text,
@@ -81,7 +81,8 @@ def test_targets_of_a_drive_calibrate(tmp_path: Path) -> None:
     table, mechanism = plane_table(), plane_mechanism()
     speeds = {Source(name): values for name, values in drive.speeds.items()}
     given = drive.times, drive.signals, SENSORS, drive.crank_angle, speeds
-    actual = [mode for mode in finish(search_modes(table, mechanism, *given)) if mode.mode == HEAVE]
+    found = finish(search_modes(MeasuredDrive(table, mechanism, *given)))
+    actual = [mode for mode in found if mode.mode == HEAVE]
     described, path, fitted = (tmp_path / f"{each}.yaml" for each in ("own", "targets", "fitted"))
     numbers = {MASS: 0.1, "rigid_bodies.implement.inertia": 0.1}
     uncertainty = {"uncertainty": {"relative": numbers}}
