@@ -3,7 +3,7 @@
 """Computes the points and curves that show a linkage and its modes in the plane."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,9 +39,9 @@ def scene(model: LinkageModel, configuration: Configuration) -> Outline:
     place = configuration.place
     joints = [place(body, mechanism.local_points(body)[point]) for point, body in pins.items()]
     centres = [place(body.name, body.centre_of_gravity) for body in mechanism.rigid]
-    bodies = curves(model, configuration)
-    names = (*pins, *ground)
-    return Outline(bodies, _rows(joints), _rows(list(ground.values())), _rows(centres), names)
+    every = joints, list(ground.values()), centres
+    moving, fixed, gravity = (np.reshape(places, (-1, 2)) for places in every)
+    return Outline(curves(model, configuration), moving, fixed, gravity, (*pins, *ground))
 
 
 def curves(model: LinkageModel, configuration: Configuration) -> Curves:
@@ -124,8 +124,3 @@ def largest(displacements: Curves) -> float:
 def size(curves: Curves) -> float:
     """Return the diagonal of the box around all curves, m."""
     return float(np.linalg.norm(np.ptp(np.vstack(list(curves.values())), axis=0)))
-
-
-def _rows(places: Sequence[Point | FloatArray]) -> FloatArray:
-    """Return a possibly empty list of positions as an array, (n, 2)."""
-    return np.array(places, dtype=float).reshape(-1, 2)

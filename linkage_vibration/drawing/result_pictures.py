@@ -34,9 +34,8 @@ def draw_sweep(ax: "Axes", sweep: Any) -> None:
         raise PlotError(f"{len(modes)} modes cannot be told apart; `sel` at most {most} of them.")
     along = max(axes, key=lambda name: int(frequencies.sizes[name]))
     others = [name for name in axes if name != along]
-    rows = frequencies.transpose(*others, along, "mode").values.reshape(
-        -1, frequencies.sizes[along], len(modes)
-    )
+    rows = frequencies.transpose(*others, along, "mode").values
+    rows = rows.reshape(-1, *rows.shape[-2:])
     if not 0 < len(rows) <= len(_STYLES):
         problem = f"{len(rows)} combinations of {' and '.join(others)} cannot be told apart"
         raise PlotError(f"{problem}; choose at most {len(_STYLES)} of them with `sel`.")

@@ -126,22 +126,16 @@ def measure_orders(
         if excitation.load is not None:
             valid &= np.isfinite(scale).all(axis=1) & (scale > 0.0).all(axis=1)
         if valid.any():
-            factors = transfer.amplitudes[i, :n_members]
-            rows.append(
-                _row(excitation, squares[valid], noise[valid], scale[valid], factors, fewest)
-            )
+            windows = squares[valid], noise[valid], scale[valid]
+            rows.append(_row(excitation, windows, transfer.amplitudes[i, :n_members], fewest))
     return rows
 
 
 def _row(
-    excitation: Excitation,
-    squares: FloatArray,
-    noise: FloatArray,
-    scale: FloatArray,
-    factors: FloatArray,
-    fewest: int,
+    excitation: Excitation, windows: tuple[FloatArray, ...], factors: FloatArray, fewest: int
 ) -> MeasuredOrder:
-    """Return an order from squares of amplitudes, (m,), and amplitudes per unit, (m, k)."""
+    """Return an order by squares of amplitudes and noise, (m,), and amplitudes per unit, (m, k)."""
+    squares, noise, scale = windows
     m, net = len(squares), squares - noise
     mean = float(net.mean())
     # A line of amplitude a in complex noise of variance s: var |A|^2 = 2 a^2 s + s^2.

@@ -63,11 +63,6 @@ class Scene:
         return self.angles[0] == self.angles[1]
 
     @property
-    def points(self) -> list[str]:
-        """The points of the places, each once."""
-        return list(dict.fromkeys(point for point, _ in self.places))
-
-    @property
     def allowed(self) -> FloatArray:
         """The errors that meet the tolerance, (3,)."""
         return self.tolerance * np.array([1.0, LOOSER, LOOSER])
@@ -150,9 +145,9 @@ class _Trials:
         within = [int((each.frequencies < top).sum()) for each in self.exact.values()]
         self.n_modes = max(1, *within)
 
-    def model(self, elements: int, modes: int, n_modes: int = 1) -> LinkageModel:
+    def model(self, elements: int, modes: int) -> LinkageModel:
         """Return a model with these elements and modes a link."""
-        mechanism = self.scene.with_settings(elements, modes, n_modes)
+        mechanism = self.scene.with_settings(elements, modes, 1)
         return LinkageModel(mechanism, kinematics=self.kinematics)
 
     def cheapest(self) -> tuple[int, int, FloatArray]:

@@ -114,10 +114,8 @@ class Limits:
         for status in statuses if isinstance(statuses, list | tuple) else [statuses]:
             if status not in list(Status):
                 names = ", ".join(Status.__members__)
-                raise TestKitError(
-                    f"statuses contains {status!r}; use Status, as Status.OK, or in a file one of "
-                    f"{names}."
-                )
+                hint = "use Status, as Status.OK, or in a file one of"
+                raise TestKitError(f"statuses contains {status!r}; {hint} {names}.")
         self._check_ranges()
         concerned = {"excitation": OF_LOADS, "place": OF_LOADS[:1]}
         for name, limits in concerned.items():
