@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _Drawable = Mechanism | Solution | ModeShape | Frf | Table | MessageColumns | Log
-_FAINT = 0.02  # An order whose load ratio stays below this share of the limit is drawn in grey.
 _LEAST_LOAD = 0.1  # A smaller share of the limit is drawn as a smaller width.
 _FAINT_COLOUR = "#bdbdbd"
 _WIDEST = 7.0  # points, the width of the line of the largest load
@@ -182,7 +181,7 @@ def _draw_excitations(
     loads = np.nan_to_num(ratios)
     largest = max(float(loads.max(initial=0.0)), _LEAST_LOAD * limits.warning)
     loudest = np.argsort(-loads.max(axis=0, initial=0.0))[:_LABELLED].tolist()
-    shown = [i for i in loudest if loads[:, i].max(initial=0.0) >= _FAINT * limits.warning]
+    shown = [i for i in loudest if loads[:, i].max(initial=0.0) >= palette.FAINT * limits.warning]
     low, high = ax.get_ylim()
     ends = list[tuple[str, float]]()
     words = ["as wide as its load", "red above the limit", "dotted: load not known"]
@@ -197,7 +196,7 @@ def _draw_excitations(
         places = np.column_stack([times, frequencies])
         segments = np.stack([places[:-1], places[1:]], axis=1)
         segments[drive.broken[1:]] = np.nan
-        faint = load[1:] < _FAINT * limits.warning
+        faint = load[1:] < palette.FAINT * limits.warning
         colours = np.where(faint, _FAINT_COLOUR, palette.INK)
         colours = np.where(load[1:] > limits.warning, palette.ABOVE, colours)
         widths = 0.7 + _WIDEST * load[1:] / largest

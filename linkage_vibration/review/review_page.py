@@ -52,7 +52,6 @@ _INVALID = (Status.OUT_OF_RANGE, Status.INVALID_ANGLE)
 MAX_WARNINGS = 1000  # rows of the table of warnings
 _SOURCES = 3  # the largest, which the first screen names
 _SHADES = {"unknown": "#f3f3f3", "above": palette.ABOVE_SHADE}
-_FAINT = 0.02  # An order whose load ratio stays below this share of the limit is drawn in grey.
 _PARTS = {"ground_ratio": "ground", "orders_ratio": "orders together, at most"}  # of the load ratio
 _STALE_AFTER = 1.0  # s, if the log does not hold this parameter
 
@@ -211,7 +210,7 @@ def _load_levels(ratios: FloatArray, limit: float) -> NDArray[np.uint8]:
     """Return load ratios in steps: 0 unknown, 1 weak, 128 the limit, 255 twice the limit, (n,)."""
     shares = ratios.astype(float) / limit
     above = 128.0 + np.ceil(127.0 * np.minimum(shares - 1.0, 1.0))
-    cases = [np.isnan(shares), shares < _FAINT, shares <= 1.0]
+    cases = [np.isnan(shares), shares < palette.FAINT, shares <= 1.0]
     steps = np.select(cases, [np.zeros_like(shares), 1.0, 2.0 + np.floor(126.0 * shares)], above)
     return steps.astype(np.uint8)
 
@@ -300,9 +299,9 @@ def _mode_chart(log: Log) -> dict[str, Any]:
         shares = log.drive.resonances.load_ratios[:, shown] / log_limits(log).warning
         weak = {"colour": "#b0b0b0"}
         words = (
-            ("as wide as its load", {"colour": palette.INK}, (shares >= _FAINT).any()),
+            ("as wide as its load", {"colour": palette.INK}, (shares >= palette.FAINT).any()),
             ("above the limit", {"colour": palette.ABOVE}, (shares > 1.0).any()),
-            ("weak", weak, (shares < _FAINT).any()),
+            ("weak", weak, (shares < palette.FAINT).any()),
             ("load not known", weak | {"style": "dotted"}, np.isnan(shares).any()),
         )
         key = [{"label": f"order, {word}", **style} for word, style, there in words if there]
