@@ -16,8 +16,7 @@ from linkage_vibration.mechanics.model import LinkageModel, Solution
 
 _ON = 1e-6  # of the length of an axis; a point that is nearer to a node lies on the axis
 
-Curves = dict[str, FloatArray]
-"""The points of each body's curve, (n, 2), along x and z."""
+Curves = dict[str, FloatArray]  # the points of each body's curve, (n, 2), along x and z
 
 
 @dataclass(frozen=True, slots=True, eq=False)

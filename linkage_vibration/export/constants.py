@@ -19,10 +19,8 @@ from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.table.interpolation import covers_a_turn
 from linkage_vibration.table.table import Table, widened
 
-NAME = "linkage_vibration"
-"""How names begin unless another name is wanted."""
-FARTHEST = 1e6
-"""A larger angle, rad, is too coarse to remove whole turns."""
+NAME = "linkage_vibration"  # how names begin unless another name is wanted
+FARTHEST = 1e6  # rad; a larger angle is too coarse to remove whole turns
 
 PER_MODE = (
     "natural_frequencies",

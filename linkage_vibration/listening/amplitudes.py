@@ -14,13 +14,11 @@ from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.loads import given_kinds
 
-FEWEST = 5
-"""Windows of a drive in which an order is detected."""
+FEWEST = 5  # windows of a drive in which an order is detected
 # An order is detected if what noise leaves of its mean square exceeds so many standard deviations,
 # and if its mean square exceeds noise so many times: a mode that noise shakes is a line, too.
 _DETECTED, _ABOVE = 2.0, 4.0
-AGREES = 2.0
-"""Standard deviations within which measured and predicted agree."""
+AGREES = 2.0  # standard deviations within which measured and predicted agree
 _SURE = 1.0  # the largest relative standard deviation in a file of excitations
 _LEAST = 1e-300
 

@@ -24,8 +24,7 @@ from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.readers.sensors import Sensor
 from linkage_vibration.table.table import Table
 
-OFF = 2.0
-"""Standard deviations beyond which an order or a mode is named."""
+OFF = 2.0  # standard deviations beyond which an order or a mode is named
 _SETTLED = SECONDS - 2.0  # s: the second of a window whose readings have all arrived begins here
 NOTED = _SETTLED + np.arange(10) / 10.0
 """s since the beginning of a window: when the angle and the speeds are noted."""

@@ -26,12 +26,9 @@ from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.ground import Terrain, ground_spectrum, vertical_mounts
 from linkage_vibration.table.table import Table
 
-NEAR, MOST_NEAR = 0.05, 0.02
-"""Relative distance at which an order hides a mode, and the share of a stretch that it may, 1."""
-WINDOWS = 2
-"""Windows that must show a mode."""
-MOST_DAMPED = 0.04
-"""Damping ratio of a prediction above which intervals of measured frequencies did not hold, 1."""
+NEAR, MOST_NEAR = 0.05, 0.02  # relative distance at which an order hides a mode; share that it may
+WINDOWS = 2  # windows that must show a mode
+MOST_DAMPED = 0.04  # predicted damping ratio above which intervals of frequencies did not hold
 
 _LINE = 0.05  # relative distance of a line to what it explains
 _PROMINENT = 1.0  # dB of a line

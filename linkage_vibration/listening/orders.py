@@ -12,8 +12,7 @@ from linkage_vibration.listening.signals import HIGHEST, Signal
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.prediction.excitation import Excitation, Source
 
-SECONDS = 4.0
-"""Length of a window, s, which resolves 0.25 Hz; the windows follow each other."""
+SECONDS = 4.0  # length of a window, s, which resolves 0.25 Hz; the windows follow each other
 _LEAST = 1.0  # Hz: below, an integrated acceleration is drift
 _APART = 2.0 / SECONDS  # Hz: orders closer than that are one line
 _BESIDE = np.array([-5.0, -4.0, -3.0, 3.0, 4.0, 5.0]) / SECONDS  # Hz, where only noise remains

@@ -20,8 +20,7 @@ from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 from linkage_vibration.mechanics.uncertainty import INTERVAL
 
 ORDERS = range(4, 25, 2)  # numbers of poles that the stability diagram compares
-ALIKE = 0.8
-"""Least MAC of two shapes of one mode."""
+ALIKE = 0.8  # least MAC of two shapes of one mode
 
 _ROWS = 18  # block rows of the Hankel matrix
 _BLOCK = 4.0  # s, the shortest block that a jackknife leaves out

@@ -10,10 +10,8 @@ from scipy.interpolate import CubicSpline
 
 from linkage_vibration.mechanics.arrays import FloatArray, runs
 
-SHORTEST, LONGEST = 8.0, 20.0
-"""Seconds of a segment."""
-ACROSS = math.radians(8.0)
-"""Largest difference between the angles of segments that belong to one height, rad."""
+SHORTEST, LONGEST = 8.0, 20.0  # seconds of a segment
+ACROSS = math.radians(8.0)  # largest difference between angles of segments of one height, rad
 
 _FASTEST = math.radians(1.0)  # rad/s; a crank that moves faster drives what it moves
 _LOOKS = 10.0  # Hz at which the angle is looked at

@@ -20,8 +20,7 @@ _UNEVEN, _BURSTS = 0.1, 1.0  # of a step: standard deviation of stamps that is n
 _DRIFT = 2.0  # s, over which the clock of a sensor is even
 _SHORT = 0.5  # s between gaps, on average, below which samples come in bursts
 _STAMP = "stamp each sample when it is taken."
-HIGHEST = 0.45
-"""Highest frequency that is believed, as a share of the rate."""
+HIGHEST = 0.45  # highest frequency that is believed, as a share of the rate
 _TOP, _FOLDED = 0.9, 0.05  # of half of the rate; of the variance that may be above
 _GRAVITY = 0.15  # by which the mean acceleration may differ from gravity
 _NO_GRAVITY = 1.0  # m/s^2: a mean below it contains none

@@ -19,8 +19,7 @@ from linkage_vibration.studies.pose import aligned
 Speeds = Mapping[Source, tuple[float, float]]
 """The lowest and the highest speed of each source, rpm or m/s; the same twice for a fixed one."""
 
-Curve = tuple[FloatArray, FloatArray]
-"""Angles, rad, and speeds, (n,) each."""
+Curve = tuple[FloatArray, FloatArray]  # angles, rad, and speeds, (n,) each
 
 _ANGLES = 181  # of the heights, between which natural frequencies are nearly straight
 _ROWS = 10  # of a printed table

@@ -11,11 +11,8 @@ from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
 
-NUMERICAL = 0.1
-"""Numerical error that is small enough, of the standard deviation by the uncertain numbers."""
-
-EXACT = 1e-4
-"""Numerical error that is small enough if no number is uncertain."""
+NUMERICAL = 0.1  # numerical error that is small enough, of the deviation by uncertain numbers
+EXACT = 1e-4  # numerical error that is small enough if no number is uncertain
 
 _STEP = 0.1  # standard deviations to both sides: hardly a curve, and more than a mesh changes
 _EQUAL = 1e-6  # of the variance; only rounding may distinguish shares that differ by less
