@@ -43,11 +43,6 @@ class Signal:
     rate: float  # Hz
     doubts: tuple[str, ...]  # sentences about what may be wrong
 
-    def stretches(self) -> list[FloatArray]:
-        """Return the even times, s, (n,), of each stretch without gaps."""
-        edges = [0, *(gap_starts(self.times) + 1).tolist(), len(self.times)]
-        return [self.times[a:b] for a, b in pairwise(edges)]
-
     def at(self, times: FloatArray) -> FloatArray:
         """Return values at times, (..., k)."""
         return np.stack([np.interp(times, self.times, each) for each in self.values.T], axis=-1)
@@ -55,7 +50,8 @@ class Signal:
     def windows(self, seconds: float) -> tuple[FloatArray, FloatArray]:
         """Return times, (m, n), and samples less means, (m, n, k), of windows without gaps."""
         n = max(round(seconds * self.rate), 2)
-        whole = [times[: len(times) // n * n] for times in self.stretches()]
+        edges = [0, *(gap_starts(self.times) + 1).tolist(), len(self.times)]
+        whole = [self.times[a : b - (b - a) % n] for a, b in pairwise(edges)]
         times = np.concatenate(whole).reshape(-1, n)
         values = self.at(times)
         return times, values - values.mean(axis=1, keepdims=True)
