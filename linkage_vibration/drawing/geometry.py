@@ -111,7 +111,7 @@ def _beside(axis: FloatArray, points: Mapping[str, Point]) -> list[tuple[int, st
 
 
 def nearest_mode(solution: Solution, frequency: float) -> int:
-    """Return the undamped mode nearest to a frequency of a table, whose modes may have crossed."""
+    """Return the undamped mode nearest to a frequency, Hz, also where modes of a table crossed."""
     return int(np.abs(solution.modes.omega - 2.0 * math.pi * frequency).argmin())
 
 

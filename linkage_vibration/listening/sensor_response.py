@@ -18,7 +18,7 @@ from linkage_vibration.table.table import Table
 
 
 class SensorResponse:
-    """Amplitudes at a sensor per unit of each excitation; a `SignalError` says it has none."""
+    """Amplitudes at a sensor per unit of each excitation; a `SignalError` names a lacking place."""
 
     def __init__(
         self, table: Table, mechanism: Mechanism, excitations: Sequence[Excitation], sensor: Sensor

@@ -142,7 +142,7 @@ def compare(a: Log, b: Log) -> Difference:
 
 
 def _same_modes(a: Log, b: Log) -> tuple[list[tuple[int, int]], tuple[str, ...]]:
-    """Return pairs of modes, from 0, of one name, or number in one mechanism, and other labels."""
+    """Return pairs of modes, from 0, with one name (or one number), and the labels of others."""
     if a.table_id == b.table_id:
         return [(mode, mode) for mode in range(a.n_modes)], ()
     if a.table is None or b.table is None:
@@ -237,7 +237,7 @@ def _load_ratio(a: Drive | None, rows_a: IntArray, b: Drive | None, rows_b: IntA
 
 
 def _load_of(drive: Drive | None, rows: IntArray) -> tuple[FloatArray, BoolArray, BoolArray]:
-    """Return the latest load ratios, (n,), if all is known, and of which excitations, (n, k)."""
+    """Return the latest load ratios, (n,), if all of each is known, and its parts, (n, k)."""
     if drive is None:
         never = np.zeros(len(rows), np.bool_)
         return np.full(len(rows), math.nan), never, never[:, np.newaxis]

@@ -92,7 +92,7 @@ def table_tag(
 
 
 def plain_html(title: str, sentences: Sequence[str], main: str, *, calm: bool | None = None) -> str:
-    """Return a page without scripts; its first sentence is an answer if that is calm or not."""
+    """Return a page without scripts; a first sentence that is calm or not is marked as answer."""
     texts = {"title": html.escape(title), "css": page_file("page.css"), "main": main}
     lines = [f"<p>{html.escape(text)}</p>" for text in sentences]
     if calm is not None:

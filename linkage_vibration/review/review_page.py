@@ -151,7 +151,7 @@ def provenance_rows(log: Log) -> list[list[str]]:
 
 
 def clock(time: float, whole: float) -> str:
-    """Return a time, s, as the axes of a page show it that is so long: in s, or with min and h."""
+    """Return a time, s, as axes of this duration show it: in s, or with minutes and hours."""
     if whole < 120.0:
         return f"{time:.2f}"
     minutes, seconds = divmod(round(time, 1), 60.0)

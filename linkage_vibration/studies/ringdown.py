@@ -269,7 +269,7 @@ def _changes(decays: Decays, fit: DecayFit, rate: float) -> FloatArray:
 
 
 def _stddevs(decays: Decays, fit: DecayFit) -> FloatArray:
-    """Return deviations of Hz and damping ratios, (2, n_poles), by white noise or a jackknife."""
+    """Return deviations of Hz and damping ratios, (2, n_poles), by noise or a larger jackknife."""
     n, count, size = len(decays), len(fit.poles), np.abs(fit.poles)
     curvature = fit.curvatures.sum(axis=0)
     with np.errstate(invalid="ignore"):  # a pole at zero has neither
