@@ -12,7 +12,6 @@ import numpy as np
 
 from linkage_vibration.listening.output_only import (
     ALIKE,
-    ORDERS,
     Candidate,
     PausableTask,
     covariances,
@@ -179,7 +178,7 @@ def window_doubt(
         if not len(counts):
             continue
         orders = 0
-        for poles, shapes in poles_and_shapes(sums[0] / counts[0], rate, ORDERS):
+        for poles, shapes in poles_and_shapes(sums[0] / counts[0], rate):
             hertz, damping = np.abs(poles) / (2.0 * np.pi), -poles.real / np.abs(poles)
             near = np.abs(hertz / candidate.frequency - 1.0) < _ALIKE_HZ
             alike = mac(candidate.shape / scale, shapes) > ALIKE

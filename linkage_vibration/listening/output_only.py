@@ -19,7 +19,7 @@ from scipy.special import stdtrit
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 from linkage_vibration.mechanics.uncertainty import INTERVAL
 
-ORDERS = range(4, 25, 2)  # numbers of poles that the stability diagram compares
+_ORDERS = range(4, 25, 2)  # numbers of poles that the stability diagram compares
 ALIKE = 0.8  # least MAC of two shapes of one mode
 
 _ROWS = 18  # block rows of the Hankel matrix
@@ -77,21 +77,18 @@ def covariances(
     return np.array(sums), np.array(counts, dtype=float)
 
 
-def poles_and_shapes(
-    covariance: FloatArray, rate: float, orders: Sequence[int] = ORDERS
-) -> list[tuple[ComplexArray, ComplexArray]]:
+def poles_and_shapes(covariance: FloatArray, rate: float) -> list[_Poles]:
     """Return the oscillating poles, rad/s, (n,), and shapes, (n_channels, n), of each order.
 
-    The covariances, (2 `_ROWS`, n_channels, n_channels), are one sample apart, at a rate in Hz; an
-    order is a number of poles.
+    The covariances, (2 `_ROWS`, n_channels, n_channels), are one sample apart, at a rate in Hz.
     """
     n = covariance.shape[1]
     at = np.add.outer(np.arange(_ROWS), np.arange(_ROWS))
     hankel = covariance[at].transpose(0, 2, 1, 3).reshape(_ROWS * n, _ROWS * n)
-    left = np.linalg.svd(hankel)[0][:, : max(orders)]  # observability, but for scales of columns
+    left = np.linalg.svd(hankel)[0][:, : max(_ORDERS)]  # observability, but for scales of columns
     gram, shifted = left[:-n].T @ left[:-n], left[:-n].T @ left[n:]
     results = []
-    for order in orders:
+    for order in _ORDERS:
         step = np.linalg.lstsq(gram[:order, :order], shifted[:order, :order], rcond=None)[0]
         values, vectors = np.linalg.eig(step)
         kept = (values.imag > 0.0) & (np.abs(values) > 0.0)
@@ -190,7 +187,7 @@ def nearest(
 
 
 def stable_poles(
-    diagram: Sequence[tuple[ComplexArray, ComplexArray]], band: tuple[float, float]
+    diagram: Sequence[_Poles], band: tuple[float, float]
 ) -> list[list[tuple[int, int]]]:
     """Return chains of poles that hardly change, as indices of an order and of a pole in it."""
     chains: list[list[tuple[int, int]]] = []
