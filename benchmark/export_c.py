@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from benchmark.report import machine, publish, table
 from linkage_vibration.cli.main import main as command
 from linkage_vibration.drawing.palette import INK, mode_colours
-from linkage_vibration.export.constants import NUMBERS
-from linkage_vibration.export.exported import Export, export_of
+from linkage_vibration.export.constants import NUMBERS, Export, export_of
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.predictor import Predictor, predict_many

@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmark.report import machine, publish, table
-from linkage_vibration.export.constants import NUMBERS
-from linkage_vibration.export.exported import export_of
+from linkage_vibration.export.constants import NUMBERS, export_of
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.prediction.levels import kept_levels
 from linkage_vibration.prediction.predictor import Predictor, predict_many

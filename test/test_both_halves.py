@@ -16,10 +16,9 @@ from scipy.signal import lfilter
 from linkage_vibration.cli.main import main
 from linkage_vibration.drawing.geometry import curves, left_curves
 from linkage_vibration.drawing.pose_picture import pose_figure
-from linkage_vibration.export.constants import ExportError
-from linkage_vibration.export.exported import export_of
+from linkage_vibration.export.constants import ExportError, export_of
 from linkage_vibration.listening.amplitudes import predicted_levels, unit_responses
-from linkage_vibration.listening.drive_modes import model_shapes, search_modes
+from linkage_vibration.listening.drive_modes import MeasuredDrive, model_shapes, search_modes
 from linkage_vibration.listening.model_check import drive_targets
 from linkage_vibration.listening.output_only import finish
 from linkage_vibration.listening.sensor_response import SensorResponse
@@ -220,7 +219,8 @@ def test_listening_names_lateral_modes(table: Table, served: LoadedModel) -> Non
         shape = shapes[:, mode] / np.abs(shapes[:, mode]).max()
         signals += np.outer(motion / motion.std(), shape)
     angle, still = np.full(len(times), alpha3), {Source.GROUND: np.zeros(len(times))}
-    found = finish(search_modes(table, served.mechanism, times, signals, places, angle, still))
+    drive = MeasuredDrive(table, served.mechanism, times, signals, places, angle, still)
+    found = finish(search_modes(drive))
     sure = {each.mode: each for each in found if not each.doubt}
     assert sure.keys() == true.keys()
     for mode, each in sure.items():

@@ -13,7 +13,7 @@ import numpy as np
 
 from benchmark.listening.simulation import HEAVE, RATE, SENSORS, Drive, Scene, simulate
 from benchmark.report import machine, publish, table
-from linkage_vibration.listening.drive_modes import model_shapes, search_modes
+from linkage_vibration.listening.drive_modes import MeasuredDrive, model_shapes, search_modes
 from linkage_vibration.listening.output_only import finish
 from linkage_vibration.listening.segments import find_segments, over_phase, phase_rate
 from linkage_vibration.mechanics.arrays import FloatArray
@@ -86,7 +86,7 @@ def estimates_of(
         if seed < FIRST + OTHER_DRIVES:
             for mode, frequency, stddev in of_pyoma(drive, segments, predicted, true):
                 result.append(estimate(OTHER, what.soil, mode, true, frequency, stddev))
-    for each in finish(search_modes(prediction, mechanism, *arguments)):
+    for each in finish(search_modes(MeasuredDrive(prediction, mechanism, *arguments))):
         true = heights[each.alpha3]
         values = each.mode, true, each.frequency, each.frequency_stddev, each.doubt
         result.append(estimate(OURS, what.soil, *values))

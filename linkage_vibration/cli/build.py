@@ -103,7 +103,8 @@ def _plan(options: argparse.Namespace, source: Path) -> int:
         write_planned(chosen, load_yaml(source)[1], options.output)
         print(f"\nWritten: {options.output}")
         if not scene.one_angle:
-            at = " ".join(["", "--frf-points", *scene.points]) if places else ""
+            points = " ".join(dict.fromkeys(point for point, _ in places))
+            at = f" --frf-points {points}" if places else ""
             build = f"build {options.output} --tolerance {chosen.table_tolerance:.3g}{at}"
             print(f"To build its table: {command(build)}")
     return 0

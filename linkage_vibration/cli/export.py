@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from linkage_vibration.cli.arguments import mechanism_of_table
 
 if TYPE_CHECKING:
-    from linkage_vibration.export.exported import Export
+    from linkage_vibration.export.constants import Export
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -89,7 +89,7 @@ def _files(options: argparse.Namespace, export: "Export") -> dict[Path, bytes]:
 
 def _export(options: argparse.Namespace, path: Path) -> "Export":
     """Return the table and the excitations of the options, as they are exported."""
-    from linkage_vibration.export.exported import export_of
+    from linkage_vibration.export.constants import export_of
     from linkage_vibration.readers.excitations import read_excitations
     from linkage_vibration.readers.mechanism import read_mechanism
     from linkage_vibration.table.table import load_table

@@ -3,7 +3,7 @@
 """Computes the points and curves that show a linkage and its modes in the plane."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,8 +16,7 @@ from linkage_vibration.mechanics.model import LinkageModel, Solution
 
 _ON = 1e-6  # of the length of an axis; a point that is nearer to a node lies on the axis
 
-Curves = dict[str, FloatArray]
-"""The points of each body's curve, (n, 2), along x and z."""
+Curves = dict[str, FloatArray]  # the points of each body's curve, (n, 2), along x and z
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,17 +38,13 @@ def scene(model: LinkageModel, configuration: Configuration) -> Outline:
     place = configuration.place
     joints = [place(body, mechanism.local_points(body)[point]) for point, body in pins.items()]
     centres = [place(body.name, body.centre_of_gravity) for body in mechanism.rigid]
-    bodies = curves(model, configuration)
-    names = (*pins, *ground)
-    return Outline(bodies, _rows(joints), _rows(list(ground.values())), _rows(centres), names)
+    every = joints, list(ground.values()), centres
+    moving, fixed, gravity = (np.reshape(places, (-1, 2)) for places in every)
+    return Outline(curves(model, configuration), moving, fixed, gravity, (*pins, *ground))
 
 
 def curves(model: LinkageModel, configuration: Configuration) -> Curves:
-    """Return the curve of each body, m.
-
-    The curve of a link is its axis, with a detour to each point beside the axis. The curve of a
-    rigid body is closed and connects its points and its centre of gravity.
-    """
+    """Return curves, m: axes of links with detours to points beside them, closed rigid bodies."""
     lines = {}
     for component in model.components:
         name = component.name
@@ -89,10 +84,7 @@ def mode_curves(solution: Solution, mode: int) -> Curves:
 
 
 def left_curves(solution: Solution, mode: int, vertical: LinkageModel) -> Curves:
-    """Return what `mode_curves` does, of the left side in a mode of the lateral half.
-
-    Links are drawn straight between their points. The curves are those of the vertical half.
-    """
+    """Return `mode_curves` of the left side in a lateral mode; links are drawn straight."""
     model, shapes = solution.model, dict[str, FloatArray]()
     u = solution.modes.shapes[: len(model.interface), mode]
     for component in vertical.system.components:
@@ -109,10 +101,7 @@ def left_curves(solution: Solution, mode: int, vertical: LinkageModel) -> Curves
 
 
 def _beside(axis: FloatArray, points: Mapping[str, Point]) -> list[tuple[int, str]]:
-    """Return the points beside an axis, each with the index of its nearest node, in falling order.
-
-    In this order, points can be inserted after a node without a change of the indices before it.
-    """
+    """Return points beside an axis with their nearest nodes, in falling order for insertions."""
     nearest = []
     for name, point in points.items():
         apart = np.linalg.norm(axis - np.array(point), axis=1)
@@ -122,10 +111,7 @@ def _beside(axis: FloatArray, points: Mapping[str, Point]) -> list[tuple[int, st
 
 
 def nearest_mode(solution: Solution, frequency: float) -> int:
-    """Return the index of the undamped mode whose frequency is nearest to a frequency, Hz.
-
-    The frequency of a prediction gives the mode that the table tracks, even where modes crossed.
-    """
+    """Return the undamped mode nearest to a frequency, Hz, also where modes of a table crossed."""
     return int(np.abs(solution.modes.omega - 2.0 * math.pi * frequency).argmin())
 
 
@@ -137,8 +123,3 @@ def largest(displacements: Curves) -> float:
 def size(curves: Curves) -> float:
     """Return the diagonal of the box around all curves, m."""
     return float(np.linalg.norm(np.ptp(np.vstack(list(curves.values())), axis=0)))
-
-
-def _rows(places: Sequence[Point | FloatArray]) -> FloatArray:
-    """Return a possibly empty list of positions as an array, (n, 2)."""
-    return np.array(places, dtype=float).reshape(-1, 2)

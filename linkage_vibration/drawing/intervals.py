@@ -18,11 +18,7 @@ def gap_starts(times: NDArray[np.float64]) -> NDArray[np.int64]:
 
 
 def pass_starts(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the samples before which the clock jumps back, (n_jumps,).
-
-    A single sample that comes late is no jump. The stamps (n,) are in ns, in the order in which the
-    samples were written.
-    """
+    """Return samples before which stamps, (n,), ns, jump back; a single late one is no jump."""
     steps = np.diff(stamps)
     limit = max(1e9 * _LEAST_GAP, _GAP * _usual(np.abs(steps)))
     after = np.flatnonzero(steps < -limit) + 1
@@ -47,10 +43,7 @@ def in_passes(stamps: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.
 def one_after_the_other(
     stamps: NDArray[np.int64], starts: NDArray[np.int64]
 ) -> NDArray[np.float64]:
-    """Return times since the first stamp, s, (n,), at which each pass begins after the one before.
-
-    The stamps (n,), ns, ascend within each pass; the starts are as `pass_starts` returns them.
-    """
+    """Return times, s, (n,), at which passes follow each other; starts are as in `pass_starts`."""
     steps = np.diff(stamps, prepend=stamps[:1])
     if len(starts):
         steps[starts] = int(np.median(steps))

@@ -54,10 +54,7 @@ class LiveLine:
 
 
 def _line(prediction: Any) -> str:
-    """Return a line of constant width, whose end a narrow terminal cuts.
-
-    An overdamped mode ("overd.") has no frequency.
-    """
+    """Return a line of constant width, whose end a narrow terminal cuts."""
     missing = "overd." if prediction.status in (Status.OK, Status.NEAR_TOGGLE) else "nan"
     frequencies = "".join(
         f"{missing:>7}" if math.isnan(frequency) else f"{frequency:7.2f}"

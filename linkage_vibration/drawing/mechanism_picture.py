@@ -85,24 +85,11 @@ def draw_modes(
     every: Sequence[MessageColumns],
     lateral: BoolArray | None = None,
 ) -> None:
-    """Draw each natural frequency with its standard deviation over the crank angle.
-
-    Predictions are those with each mass of the implement. Modes that are lateral, (n_modes,), are
-    dashed.
-    """
-    angles, words = (
-        np.degrees(every[0].crank_angle),
-        [
-            draw_bands(
-                ax,
-                np.degrees(of.crank_angle),
-                of.natural_frequencies,
-                of.frequency_stddevs,
-                lateral,
-            )
-            for of in every
-        ],
-    )
+    """Draw modes over the angle, for each mass; those that are lateral, (n_modes,), are dashed."""
+    angles, words = np.degrees(every[0].crank_angle), list[str]()
+    for of in every:
+        bands = of.natural_frequencies, of.frequency_stddevs
+        words.append(draw_bands(ax, np.degrees(of.crank_angle), *bands, lateral))
     frequency_axis(ax, np.concatenate([of.natural_frequencies for of in every]))
     name_modes(ax, every[0].natural_frequencies[-1], names, fontsize=10)
     ax.set(xlabel="crank angle α₃ [deg]", xlim=(angles[0], angles[-1]))
@@ -118,10 +105,7 @@ def _draw_orders(
     frequencies: FloatArray,
     lateral: BoolArray,
 ) -> None:
-    """Draw a Campbell plot: the orders over their speed, and the range of each mode.
-
-    Frequencies are (n, n_modes), Hz. Those of lateral modes, (n_modes,), are hatched.
-    """
+    """Draw orders over speed, and ranges of modes, (n, n_modes), Hz, hatched if lateral."""
     label, low, high, unit = SPEEDS[source]
     colours = palette.mode_colours(frequencies.shape[1])
     for values, colour, aside in zip(frequencies.T, colours, lateral.tolist(), strict=True):
@@ -151,10 +135,7 @@ def _draw_loads(
     scale: tuple[float, float],
     levels: WorstLevels,
 ) -> str:
-    """Draw the load ratio by one source over height and speed; return where it is largest.
-
-    The scale is the limit and the largest value of the colour bar, which all sources share.
-    """
+    """Draw the load ratio by a source on a scale, limit and maximum; return the worst in words."""
     (label, low, high, unit), (limit, top) = SPEEDS[source], scale
     angles, speeds, ratios, known = drawn
     degrees, name = np.degrees(angles), label.split(" speed")[0]

@@ -8,6 +8,7 @@ INK, GREY = "#222222", "#6b6b6b"
 PEAK = "#AA4499"  # the FRF peak, and mode 6
 ABOVE, ABOVE_SHADE = "#CC3311", "#f8ddd6"  # what exceeds its limit
 GAP_SHADE, INVALID_SHADE, TOGGLE_SHADE = "#e4e4e4", "#f9e08b", "#d9e6f2"
+FAINT = 0.02  # of the limit: an order whose load ratio stays below this share is drawn in grey
 
 
 def mode_colours(n_modes: int) -> list[str]:

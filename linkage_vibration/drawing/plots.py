@@ -15,6 +15,7 @@ from linkage_vibration.drawing import palette
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.support.atomic_files import write_bytes
+from linkage_vibration.support.missing_library import needed
 from linkage_vibration.support.version import check_versions
 
 if TYPE_CHECKING:
@@ -30,12 +31,8 @@ class PlotError(LinkageVibrationError):
 def require_matplotlib() -> None:
     """Import matplotlib before anything long begins; raise a PlotError or an OldLibraryError."""
     check_versions("matplotlib")
-    try:
+    with needed("plots", "Drawing needs matplotlib", PlotError):
         import matplotlib.figure  # noqa: F401
-    except ImportError:
-        raise PlotError(
-            "Drawing needs matplotlib; `pip install linkage_vibration[plots]`."
-        ) from None
 
 
 def write_png(figure: "Figure", picture: Path) -> None:
@@ -92,10 +89,7 @@ def draw_bands(
     stddevs: FloatArray,
     lateral: BoolArray | None = None,
 ) -> str:
-    """Draw each mode, (n, n_modes), Hz, over x as a line with a band of one standard deviation.
-
-    Modes that are lateral, (n_modes,), are dashed. The end of a title that says so is returned.
-    """
+    """Draw modes, (n, n_modes), Hz, over x with one deviation; return words for the title."""
     for mode, colour in enumerate(palette.mode_colours(frequencies.shape[1])):
         values, deviation = frequencies[:, mode], np.nan_to_num(stddevs[:, mode])
         low = np.maximum(values - deviation, 0.5 * values)
@@ -134,10 +128,7 @@ def name_modes(
     least: float = 0.06,
     fontsize: int = 12,
 ) -> None:
-    """Write the names of modes, and of orders, on the right where their curves end, Hz, (n_modes,).
-
-    Names are apart by at least a share of the height. A mode that ends with NaN has none.
-    """
+    """Write names where curves end, Hz, (n_modes,), the least share of the height apart."""
     low, high = np.log(ax.get_ylim())
     n_modes, ends = len(names), np.append(ends, [end for _, end in orders])
     names = [*(name or f"mode {i + 1}" for i, name in enumerate(names)), *(n for n, _ in orders)]

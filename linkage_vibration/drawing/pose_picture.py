@@ -141,10 +141,7 @@ def _draw_views(
 def draw_linkage(
     ax: "Axes", model: LinkageModel, alpha3: float, moved: Moved | None = None
 ) -> None:
-    """Draw a linkage at an angle, rad, with the names of its pins, into axes.
-
-    In a shape, the linkage at rest is dashed.
-    """
+    """Draw a linkage at an angle, rad, with the names of its pins; below a shape it is dashed."""
     mechanism, configuration = model.mechanism, model.kinematics.at(alpha3)
     drawn = scene(model, configuration)
     names = [body.name for body in mechanism.bodies]

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from linkage_vibration.export.constants import FARTHEST, Constants
-from linkage_vibration.export.exported import Export
+from linkage_vibration.export.constants import FARTHEST, Constants, Export
 from linkage_vibration.export.orders import ForceConstants, OrderConstants
 from linkage_vibration.messages.fields import message_constants, message_fields
 from linkage_vibration.messages.topics import LEVELS, LOAD_STATE, PREDICTION, RESONANCE
@@ -168,26 +167,16 @@ def _facts(export: Export) -> str:
     return "\n".join(f" * {line}".rstrip() for line in wrapped)
 
 
-def _literals(values: Iterable[float]) -> str:
-    """Return numbers in C with commas between them."""
-    return ", ".join(map(literal, values))
-
-
 def _rows(values: NDArray[np.floating[Any]], indent: str = "    ") -> str:
     """Return the inside of an array's braces."""
     if values.ndim == 1:
         suffix = "f" if values.dtype == np.float32 else ""
-        return _wrapped((literal(value, suffix) for value in values.tolist()), indent)
+        text = indent + ", ".join(literal(value, suffix) for value in values.tolist())
+        return textwrap.fill(text, _WIDTH, subsequent_indent=indent, break_on_hyphens=False)
     inside = (_rows(row, f"{indent} ") for row in values)
     if values.ndim == 2:
         return ",\n".join(f"{indent}{{{row.lstrip()}}}" for row in inside)
     return ",\n".join(f"{indent}{{\n{rows}}}" for rows in inside)
-
-
-def _wrapped(words: Iterable[str], indent: str = "    ") -> str:
-    """Return words with commas between them, in lines of the usual width."""
-    text = indent + ", ".join(words)
-    return textwrap.fill(text, _WIDTH, subsequent_indent=indent, break_on_hyphens=False)
 
 
 def _order_values(orders: OrderConstants) -> dict[str, str]:
@@ -200,7 +189,7 @@ def _order_values(orders: OrderConstants) -> dict[str, str]:
             rms, speed, exponent = load.amplitude / math.sqrt(2.0), load.speed, load.exponent
             power = load.kind.power
         ratio = excitation.ratio
-        numbers = _literals([ratio, 2.0 * math.pi * ratio, rms, speed, exponent])
+        numbers = ", ".join(map(literal, (ratio, 2.0 * math.pi * ratio, rms, speed, exponent)))
         last = f"{power}, {which}u, {excitation.warns:d}u"
         rows.append(f"    {{{sources.index(excitation.source)}u, {numbers}, {last}}}")
     components = orders.forces.components if orders.forces else ()
@@ -214,7 +203,7 @@ def _order_values(orders: OrderConstants) -> dict[str, str]:
         "n_totals": str(len(components) or 1),
         "n_components": str(sum(components)),
         "components": ", ".join(f"{count}u" for count in components),
-        "limits": f"{_literals([limits.warning, limits.note, limits.near])}, {dwell}",
+        "limits": ", ".join([*map(literal, (limits.warning, limits.note, limits.near)), dwell]),
         "gap": gap,
         "back": back,
         "highest_omega": literal(2.0 * math.pi * orders.highest_frequency),

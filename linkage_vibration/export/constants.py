@@ -1,20 +1,26 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The numbers of a table that its export contains."""
+"""What one export contains: a table, its numbers, and how its names begin."""
 
 import math
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.export.orders import OrderConstants
-from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
+from linkage_vibration.export.orders import OrderConstants, orders_of
+from linkage_vibration.mechanics.arrays import FloatArray, runs
+from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.prediction.excitation import Excitation
+from linkage_vibration.prediction.levels import kept_levels
+from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.table.interpolation import covers_a_turn
 from linkage_vibration.table.table import Table, widened
 
-FARTHEST = 1e6
-"""A larger angle, rad, is too coarse to remove whole turns."""
+NAME = "linkage_vibration"  # how names begin unless another name is wanted
+FARTHEST = 1e6  # rad; a larger angle is too coarse to remove whole turns
 
 PER_MODE = (
     "natural_frequencies",
@@ -27,6 +33,12 @@ NUMBERS = (*PER_MODE, "frf_peak_frequency", "frf_peak_magnitude", "interpolation
 """The numbers of a prediction beside the status, in their order in C."""
 
 _MOST_GAPS = 1e-3  # of the range
+_VALID_NAME = re.compile(r"[a-z][0-9a-z_]{0,19}")
+_EQUAL = "The numbers are those of the table, to the last bit."
+_LOAD_RATIOS = (
+    " Load ratios come from numbers of their own in single precision, of which each differs by at "
+    "most 1 % of its largest value."
+)
 
 
 class ExportError(LinkageVibrationError):
@@ -85,7 +97,8 @@ def constants_of(table: Table, orders: OrderConstants | None = None) -> Constant
     """
     starts, cubics = table.cells.arrays
     without = np.isposinf(cubics[:, 3])
-    gaps = _gaps(np.append(starts, table.alpha3_range[1]), np.asarray(without.any(axis=1)))
+    ends = np.append(starts, table.alpha3_range[1]).tolist()
+    gaps = tuple((ends[i], ends[j]) for i, j in runs(np.asarray(without.any(axis=1))))
     width = sum(end - start for start, end in gaps)
     if width > _MOST_GAPS * float(np.ptp(table.alpha3_range)):
         first = math.degrees(gaps[0][0])
@@ -120,7 +133,45 @@ def constants_of(table: Table, orders: OrderConstants | None = None) -> Constant
     )
 
 
-def _gaps(ends: FloatArray, without: BoolArray) -> tuple[tuple[float, float], ...]:
-    """Return where cells without cubics begin and end; neighbours are one gap."""
-    changes = np.flatnonzero(np.diff(without, prepend=False, append=False))
-    return tuple((float(a), float(b)) for a, b in ends[changes].reshape(-1, 2))
+@dataclass(frozen=True, eq=False)
+class Export:
+    """A table to export."""
+
+    name: str  # begins the names of files and of everything in C
+    table: Table
+    constants: Constants
+
+    @property
+    def mode_labels(self) -> list[str]:
+        """How the modes are called, (n_modes,)."""
+        return [self.table.mode_label(mode) for mode in range(self.table.n_modes)]
+
+    @property
+    def accuracy(self) -> str:
+        """Sentences about how the numbers differ from those of the table."""
+        orders = self.constants.orders
+        return f"{_EQUAL}{_LOAD_RATIOS if orders and orders.forces else ''}"
+
+
+def export_of(
+    table: Table,
+    mechanism: Mechanism | None = None,
+    excitations: Sequence[Excitation] = (),
+    *,
+    name: str = NAME,
+) -> Export:
+    """Return what to export; an ExportError refuses names that C may not tell apart."""
+    if not _VALID_NAME.fullmatch(name):
+        raise ExportError(
+            f"{name!r} cannot begin names in C; give up to 20 lower-case letters, digits and "
+            "underscores, of which the first is a letter."
+        )
+    orders = None
+    if mechanism is not None and excitations:
+        levels = kept_levels(Predictor(table), mechanism, excitations)
+        for each in excitations:
+            if each.load is not None and each.load.across:
+                problem = f"excitation {each.name} acts across the plane"
+                raise ExportError(f"{problem}, which exports leave out; remove its amplitude.")
+        orders = orders_of(table, levels, excitations)
+    return Export(name, table, constants_of(table, orders))

@@ -16,8 +16,7 @@ from pathlib import Path
 from xml.sax.saxutils import escape
 
 from linkage_vibration.export.c_source import c_sources, common_values, filled, literal
-from linkage_vibration.export.constants import NUMBERS, PER_MODE, ExportError
-from linkage_vibration.export.exported import Export
+from linkage_vibration.export.constants import NUMBERS, PER_MODE, Export, ExportError
 from linkage_vibration.messages.fields import message_constants, message_fields
 from linkage_vibration.messages.topics import LEVELS, PREDICTION, RESONANCE
 from linkage_vibration.support.version import VERSION
@@ -52,10 +51,7 @@ _PLATFORMS = {3: "linux32", 40: "aarch32-linux", 62: "linux64", 183: "aarch64-li
 
 @dataclass(frozen=True)
 class _Variable:
-    """A variable of the FMU; its value reference is its place in the list.
-
-    The description begins with the unit, as comments in messages do.
-    """
+    """A variable of the FMU, whose reference is its place; the description begins with the unit."""
 
     name: str
     causality: str
@@ -88,10 +84,7 @@ class _Variable:
 
 
 def fmu_bytes(export: Export, *, compiled: bool) -> bytes:
-    """Return an FMU, with a library for this machine beside its sources if it is compiled.
-
-    An ExportError is raised if a library is wanted and there is no C compiler, or if it fails.
-    """
+    """Return an FMU, with a library for this machine beside its sources if it is compiled."""
     prefix, constants = export.name, export.constants
     reals, integers = _variables(export)
     sources = c_sources(export)
@@ -152,10 +145,7 @@ def _variables(export: Export) -> tuple[list[_Variable], list[_Variable]]:
 
 
 def _outputs(names: Sequence[str], labels: Sequence[str] = ()) -> list[_Variable]:
-    """Return outputs with the descriptions of the fields of messages.
-
-    The labels name what the elements of each field belong to.
-    """
+    """Return outputs that fields of messages describe; labels name what elements belong to."""
     kinds = PREDICTION, RESONANCE, LEVELS
     comments = {field.name: field.comment for kind in kinds for field in message_fields(kind)}
     comments["frequency_slopes"] = "Hz/rad, change of the natural frequencies with crank_angle"
@@ -164,18 +154,14 @@ def _outputs(names: Sequence[str], labels: Sequence[str] = ()) -> list[_Variable
     variables = []
     for name in names:
         text, limits = comments[name], (None, None) if name in _SIGNED else (0.0, None)
-        if not labels:
-            variables.append(_Variable(name, "output", text, None, limits))
-        for i, label in enumerate(labels, 1):
-            variables.append(_Variable(f"{name}[{i}]", "output", f"{text}; {label}", None, limits))
+        parts = [(f"{name}[{i}]", f"{text}; {label}") for i, label in enumerate(labels, 1)]
+        for each, about in parts or [(name, text)]:
+            variables.append(_Variable(each, "output", about, None, limits))
     return variables
 
 
 def platform_of(library: bytes) -> str:
-    """Return the folder of a compiled library in an FMU, as its header says.
-
-    An ExportError is raised if no platform of FMI with Linux has such a library.
-    """
+    """Return the folder of a compiled library in an FMU, as its ELF header says."""
     processor = int.from_bytes(library[18:20], "little") if library[:4] == b"\x7fELF" else 0
     if processor not in _PLATFORMS:
         raise ExportError(

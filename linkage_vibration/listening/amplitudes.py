@@ -14,13 +14,11 @@ from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.loads import given_kinds
 
-FEWEST = 5
-"""Windows of a drive in which an order is detected."""
+FEWEST = 5  # windows of a drive in which an order is detected
 # An order is detected if what noise leaves of its mean square exceeds so many standard deviations,
 # and if its mean square exceeds noise so many times: a mode that noise shakes is a line, too.
 _DETECTED, _ABOVE = 2.0, 4.0
-AGREES = 2.0
-"""Standard deviations within which measured and predicted agree."""
+AGREES = 2.0  # standard deviations within which measured and predicted agree
 _SURE = 1.0  # the largest relative standard deviation in a file of excitations
 _LEAST = 1e-300
 
@@ -114,10 +112,7 @@ def measure_orders(
     transfer: SensorResponse,
     fewest: int = FEWEST,
 ) -> list[MeasuredOrder]:
-    """Return each order that any window has, measured and predicted; units: `unit_responses`.
-
-    An order is detected in at least the fewest windows.
-    """
+    """Return orders, by `unit_responses`; one is detected in at least the fewest windows."""
     n_members, rows = units.shape[1] - 1, []
     for i, excitation in enumerate(excitations):
         squares, noise = orders.squares[:, i], orders.noise[:, i]
@@ -129,22 +124,16 @@ def measure_orders(
         if excitation.load is not None:
             valid &= np.isfinite(scale).all(axis=1) & (scale > 0.0).all(axis=1)
         if valid.any():
-            factors = transfer.amplitudes[i, :n_members]
-            rows.append(
-                _row(excitation, squares[valid], noise[valid], scale[valid], factors, fewest)
-            )
+            windows = squares[valid], noise[valid], scale[valid]
+            rows.append(_row(excitation, windows, transfer.amplitudes[i, :n_members], fewest))
     return rows
 
 
 def _row(
-    excitation: Excitation,
-    squares: FloatArray,
-    noise: FloatArray,
-    scale: FloatArray,
-    factors: FloatArray,
-    fewest: int,
+    excitation: Excitation, windows: tuple[FloatArray, ...], factors: FloatArray, fewest: int
 ) -> MeasuredOrder:
-    """Return an order from squares of amplitudes, (m,), and amplitudes per unit, (m, k)."""
+    """Return an order by squares of amplitudes and noise, (m,), and amplitudes per unit, (m, k)."""
+    squares, noise, scale = windows
     m, net = len(squares), squares - noise
     mean = float(net.mean())
     # A line of amplitude a in complex noise of variance s: var |A|^2 = 2 a^2 s + s^2.
@@ -166,11 +155,7 @@ def _row(
 
 
 def _amplitude(net: FloatArray, noise: FloatArray, scale: FloatArray) -> tuple[float, float]:
-    """Return the amplitude of an excitation, and its relative standard deviation.
-
-    Windows are weighted by what noise and the members of the table leave of them. The deviation has
-    three parts: noise, the scatter of the windows, and that of the members.
-    """
+    """Return an amplitude, weighted by windows, and its relative scatter over them and members."""
     each = net[:, np.newaxis] / scale**2  # (m, k): squares of the amplitude
     members = np.log(scale[:, 1:]).std(axis=1) if scale.shape[1] > 1 else np.zeros(len(net))
     size = max(float(np.median(np.abs(each[:, 0]))), _LEAST)
@@ -188,11 +173,7 @@ def _amplitude(net: FloatArray, noise: FloatArray, scale: FloatArray) -> tuple[f
 def amplitude_numbers(
     rows: Sequence[MeasuredOrder], content: dict[str, dict[str, object]]
 ) -> list[tuple[list[str], list[str]]]:
-    """Return keys and words of the amplitudes and deviations of a file of excitations to change.
-
-    The content is that of the file. Orders that were not detected, or that are not known within
-    their own size, keep their numbers.
-    """
+    """Return keys and words to change in a file of excitations, of orders that are well known."""
     sure = {row.excitation.name: row for row in rows if row.relative_stddev <= _SURE}
     numbers = []
     for name, entry in content.items():

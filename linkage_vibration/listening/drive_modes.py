@@ -79,39 +79,43 @@ class DriveMode:
         return None if math.isnan(self.difference) else abs(self.difference) <= INTERVAL
 
 
-def search_modes(
-    table: Table,
-    mechanism: Mechanism,
-    times: FloatArray,
-    signals: FloatArray,
-    places: Sequence[Place],
-    crank_angle: FloatArray,
-    speeds: Mapping[Source, FloatArray],
-    excitations: Sequence[Excitation] = (),
-    *,
-    damped: bool = True,
-) -> PausableTask[tuple[DriveMode, ...]]:
-    """Return the modes at each height of a drive; it yields between parts of some milliseconds.
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasuredDrive:
+    """The arguments of `search_modes`."""
 
-    Times, (n,), are even; accelerations, (n, n_channels), have no gaps; angles, rad, and speeds,
-    rpm and m/s, may be NaN. Without a terrain, wheels roll on a usual one.
-    """
+    table: Table
+    mechanism: Mechanism
+    times: FloatArray  # (n,), s, even
+    signals: FloatArray  # (n, n_channels), accelerations without gaps, m/s^2
+    places: Sequence[Place]  # (n_channels,)
+    angle: FloatArray  # (n,), rad; NaN if not known
+    speeds: Mapping[Source, FloatArray]  # (n,), rpm or m/s; NaN if not known
+    excitations: Sequence[Excitation] = ()  # without a terrain, wheels roll on a usual one
+    damped: bool = True  # also modes whose damping leaves their deviation unknown
+
+    @property
+    def rate(self) -> float:
+        """The rate of the signals, Hz."""
+        return 1.0 / float(self.times[1] - self.times[0])
+
+
+def search_modes(drive: MeasuredDrive) -> PausableTask[tuple[DriveMode, ...]]:
+    """Return the modes at each height of a drive; it yields between parts of some milliseconds."""
+    table, excitations = drive.table, drive.excitations
     low, high = table.alpha3_range
-    angle = np.where((crank_angle >= low) & (crank_angle <= high), crank_angle, np.nan)
-    predicted = np.full((len(times), table.n_modes), np.nan)
+    angle = np.where((drive.angle >= low) & (drive.angle <= high), drive.angle, np.nan)
+    predicted = np.full((len(angle), table.n_modes), np.nan)
     known = np.isfinite(angle)
     predicted[known] = table.evaluate(angle[known])[:, : table.n_modes]
     yield
-    if wheelbase(mechanism) and not any(each.terrain for each in excitations):
+    if wheelbase(drive.mechanism) and not any(each.terrain for each in excitations):
         excitations = *excitations, _GROUND
-    speeds = {source: np.abs(speed) for source, speed in speeds.items()}  # also in reverse
-    drive = _Drive(
-        *(table, mechanism, times, signals, places, angle, predicted, speeds, excitations, damped)
-    )
+    speeds = {source: np.abs(speed) for source, speed in drive.speeds.items()}  # also in reverse
+    drive = replace(drive, angle=angle, speeds=speeds, excitations=excitations)
     modes: list[DriveMode] = []
-    for segments in find_segments(times, angle):
+    for segments in find_segments(drive.times, angle):
         yield
-        modes += yield from _at_height(drive, segments)
+        modes += yield from _at_height(drive, predicted, segments)
     return tuple(modes)
 
 
@@ -125,10 +129,7 @@ def search_signals(
     *,
     damped: bool = True,
 ) -> PausableTask[tuple[DriveMode, ...]]:
-    """Return the modes that accelerations of several sensors show together, as `search_modes`.
-
-    The angle and the speeds are times, s, and values, rad, rpm or m/s.
-    """
+    """Return what `search_modes` does, for sensors; angle and speeds are times, s, and values."""
     # A clock that is set far into the future makes no time at which the angle is known.
     first = max(crank_angle[0][0], *(s.times[0] for s in signals))
     last = min(crank_angle[0][-1], *(s.times[-1] for s in signals))
@@ -148,8 +149,9 @@ def search_signals(
         return ()
     yield
     known = {source: known_at(times, *each) for source, each in speeds.items()}
-    drive = times, values[:, alive], [places[i] for i in alive], angle, known, excitations
-    return (yield from search_modes(table, mechanism, *drive, damped=damped))
+    measured = times, values[:, alive], [places[i] for i in alive], angle, known
+    drive = MeasuredDrive(table, mechanism, *measured, excitations, damped)
+    return (yield from search_modes(drive))
 
 
 def why_no_modes(
@@ -181,55 +183,36 @@ def why_no_modes(
     return "No estimate fits a predicted mode in frequency and shape; drive on rougher ground."
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Drive:
-    """The arguments of `search_modes`, with positive speeds, and the predicted frequencies."""
-
-    table: Table
-    mechanism: Mechanism
-    times: FloatArray
-    signals: FloatArray
-    places: Sequence[Place]
-    angle: FloatArray
-    predicted: FloatArray  # (n, n_modes), Hz
-    speeds: Mapping[Source, FloatArray]
-    excitations: Sequence[Excitation]
-    damped: bool
-
-    @property
-    def rate(self) -> float:
-        """The rate of the signals, Hz."""
-        return 1.0 / float(self.times[1] - self.times[0])
-
-
-def _at_height(drive: _Drive, segments: Sequence[slice]) -> PausableTask[list[DriveMode]]:
-    """Return the modes that segments at one height show."""
+def _at_height(
+    drive: MeasuredDrive, predicted: FloatArray, segments: Sequence[slice]
+) -> PausableTask[list[DriveMode]]:
+    """Return the modes that segments at one height show; predicted are Hz, (n, n_modes)."""
     table, rows = drive.table, np.concatenate([np.r_[each] for each in segments])
     alpha3 = float(drive.angle[rows].mean())
     ground = drive.speeds.get(Source.GROUND, np.zeros(len(drive.times)))[rows]
     rolling = ground[ground > _STANDS]
     slowest = float(np.quantile(rolling, 0.05)) if len(rolling) else math.inf
     shapes = model_shapes(table, alpha3, drive.places)
-    means = drive.predicted[rows].mean(axis=0)
+    means = predicted[rows].mean(axis=0)
     slopes, deviations = table.slopes(alpha3), table.parameter_deviations(alpha3)
     ratios = table.evaluate(np.array([alpha3]))[0, table.n_modes : 2 * table.n_modes]
     modes = []
     for mode in np.flatnonzero((means > _LOWEST) & (means < _HIGHEST * drive.rate)).tolist():
-        mean = float(np.mean([drive.predicted[part, mode].mean() for part in segments]))
+        mean = float(np.mean([predicted[part, mode].mean() for part in segments]))
         too_damped = damping_doubt(float(ratios[mode]))
         if too_damped and not drive.damped:
             continue
         windows, rate = [], phase_rate(mean, drive.rate)
         for part in segments:
             yield
-            predicted = drive.predicted[part, mode]
-            windows.append(over_phase(drive.signals[part], predicted, mean, drive.rate))
+            signals, expected = drive.signals[part], predicted[part, mode]
+            windows.append(over_phase(signals, expected, mean, drive.rate))
         lag = 1 + math.ceil(rate * wheelbase(drive.mechanism) / slowest)
         candidates = yield from identify(windows, rate, (_AROUND[0] * mean, _AROUND[1] * mean), lag)
         best = _best(candidates, mode, means, shapes)
         if best is None:
             continue
-        doubt, over_time = "", best.frequency / mean * drive.predicted[:, mode]
+        doubt, over_time = "", best.frequency / mean * predicted[:, mode]
         for part in segments:
             yield
             there = {source: speed[part] for source, speed in drive.speeds.items()}
@@ -239,25 +222,14 @@ def _at_height(drive: _Drive, segments: Sequence[slice]) -> PausableTask[list[Dr
         doubt = doubt or (yield from _tone_doubt(drive, segments, mean)) or too_damped
         if not doubt and len(rolling):
             doubt = yield from _line_doubt(drive, rolling, alpha3, best, mean)
-        modes.append(
-            DriveMode(
-                alpha3,
-                mode,
-                mean,
-                deviations[mode],
-                INCLINOMETER * abs(slopes[mode]) / mean,
-                best.frequency,
-                best.frequency_stddev,
-                best.ratio,
-                best.ratio_stddev,
-                tuple(float(drive.times[each].mean()) for each in segments),
-                doubt,
-            )
-        )
+        calculated = mean, deviations[mode], INCLINOMETER * abs(slopes[mode]) / mean
+        measured = best.frequency, best.frequency_stddev, best.ratio, best.ratio_stddev
+        times = tuple(float(drive.times[each].mean()) for each in segments)
+        modes.append(DriveMode(alpha3, mode, *calculated, *measured, times, doubt))
     return modes
 
 
-def _tone_doubt(drive: _Drive, segments: Sequence[slice], mean: float) -> PausableTask[str]:
+def _tone_doubt(drive: MeasuredDrive, segments: Sequence[slice], mean: float) -> PausableTask[str]:
     """Return that a tone that no excitation describes is in the band of a mode; else ""."""
     speeds = drive.speeds
     known = [each for each in drive.excitations if not each.terrain and each.source in speeds]
@@ -271,7 +243,7 @@ def _tone_doubt(drive: _Drive, segments: Sequence[slice], mean: float) -> Pausab
 
 
 def _line_doubt(
-    drive: _Drive, rolling: FloatArray, alpha3: float, best: Candidate, predicted: float
+    drive: MeasuredDrive, rolling: FloatArray, alpha3: float, best: Candidate, predicted: float
 ) -> PausableTask[str]:
     """Return that a line of the wheelbase, at the speeds of rolling, m/s, is there; else ""."""
     speeds = np.quantile(rolling, (0.05, 0.35, 0.65, 0.95)).tolist()
@@ -288,11 +260,8 @@ def _line_doubt(
 def _best(
     candidates: Sequence[Candidate], mode: int, means: FloatArray, shapes: ComplexArray
 ) -> Candidate | None:
-    """Return the candidate that fits a mode best, and no other mode better; or None.
-
-    Estimates are not chosen by their deviations: those that are too small would be preferred.
-    """
-    scored = []
+    """Return the candidate that fits a mode best, and no other mode better; or None."""
+    scored = []  # not by their deviations: those that are too small would be preferred
     for each in candidates:
         alike = mac(each.shape, shapes)
         scores = alike * np.exp(-0.5 * (np.log(each.frequency / means) / _MODEL) ** 2)

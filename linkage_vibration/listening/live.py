@@ -6,15 +6,16 @@ import math
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from operator import itemgetter
+from typing import Any
 
 import numpy as np
 
 from linkage_vibration.listening.amplitudes import measure_orders, predicted_levels, unit_responses
 from linkage_vibration.listening.live_modes import NOTED, OFF, LiveModes
-from linkage_vibration.listening.orders import SECONDS, Orders, track_orders
+from linkage_vibration.listening.orders import SECONDS, Orders, levels, track_orders
 from linkage_vibration.listening.sensor_response import SensorResponse
 from linkage_vibration.listening.signals import SignalError, measured_signal
-from linkage_vibration.listening.spectra import levels
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.messages.columns import MessageColumns
@@ -31,48 +32,45 @@ _BEFORE = 0.05  # s before a window that its even samples may need
 _LEAD = round(_BEFORE * _SECOND)
 _KEPT = 2 * _WINDOW
 _MOST = 100_000  # samples of a sensor that are kept; so many in 8 s are 12.5 kHz
-_BY_ORDER = ["order_levels", "order_stddevs", "predicted_levels", "predicted_factors"]
-_BY_ORDER += ["differences"]
+_BY_ORDER = {  # fields of messages, and those of `MeasuredOrder`
+    "order_levels": "measured",
+    "order_stddevs": "measured_stddev",
+    "predicted_levels": "predicted",
+    "predicted_factors": "predicted_factor",
+    "differences": "difference",
+}
 
 
 @dataclass(slots=True)
 class _History:
     """The latest numbers by their times, ns."""
 
-    times: deque[int] = field(default_factory=lambda: deque(maxlen=_MOST))
-    values: deque[float | tuple[float, ...]] = field(default_factory=lambda: deque(maxlen=_MOST))
+    pairs: deque[tuple[int, Any]] = field(default_factory=lambda: deque(maxlen=_MOST))
 
     def add(self, time: int, value: float | tuple[float, ...]) -> None:
-        if self.times and time < self.times[-1] - _SECOND:  # the clock was set back
-            self.times.clear()
-            self.values.clear()
-        self.times.append(time)
-        self.values.append(value)
-        while self.times[0] < time - _KEPT:
-            self.times.popleft()
-            self.values.popleft()
+        if self.pairs and time < self.pairs[-1][0] - _SECOND:  # the clock was set back
+            self.pairs.clear()
+        self.pairs.append((time, value))
+        while self.pairs[0][0] < time - _KEPT:
+            self.pairs.popleft()
 
     def since(self, start: int) -> tuple[FloatArray, FloatArray]:
         """Return ascending times since a start, s, (n,), and the values, (n,) or (n, k)."""
-        times = np.array(self.times, np.int64)
-        order = np.argsort(times, kind="stable")
-        return (times[order] - start) / _SECOND, np.array(self.values, float)[order]
+        pairs = sorted(self.pairs, key=itemgetter(0))
+        times = np.array([time for time, _ in pairs], np.int64)
+        return (times - start) / _SECOND, np.array([value for _, value in pairs], float)
 
 
 @dataclass(slots=True)
 class _Channel:
     sensor: Sensor
-    transfer: SensorResponse
-    samples: _History
+    transfer: SensorResponse = field(init=False)
+    samples: _History = field(default_factory=_History)
     began: int = 0  # stamp of the first sample, ns
 
 
 class SensorMonitor:
-    """Compares the latest samples of sensors with the table, at the speeds and angles of the time.
-
-    Speeds, rpm or m/s, are ``fixed`` or known for ``stale_after`` s. A `SignalError` names a place
-    at which the table has no response.
-    """
+    """Compares samples of sensors with the table; speeds, rpm or m/s, go stale after a time, s."""
 
     def __init__(
         self,
@@ -85,30 +83,25 @@ class SensorMonitor:
     ) -> None:
         self.fixed, self.stale_after = dict(fixed), stale_after
         self.modes = LiveModes(sensors, excitations)
-        self._sensors, self._excitations = tuple(sensors), tuple(excitations)
+        self._channels, self._excitations = list(map(_Channel, sensors)), tuple(excitations)
         self._speeds = {source: _History() for source in Source}
         self._angles = _History()
-        self._channels: list[_Channel] = []
         self.use(predictor, mechanism)
 
     @property
     def names(self) -> tuple[str, ...]:
         """The names of the sensors."""
-        return tuple(sensor.name for sensor in self._sensors)
+        return tuple(channel.sensor.name for channel in self._channels)
 
     def use(self, predictor: Predictor, mechanism: Mechanism) -> None:
         """Predict from another table from now on; samples are kept."""
         self._predictor, table = predictor, predictor.table
         self._highest = float(np.nanmax(table.evaluate(table.alpha3)[:, : table.n_modes]))
         self.modes.use(table, mechanism, self._highest)
-        transfers = [
-            SensorResponse(table, mechanism, self._excitations, sensor) for sensor in self._sensors
-        ]
-        pairs = zip(self._sensors, transfers, strict=True)
-        kept = self._channels or [_Channel(*pair, _History()) for pair in pairs]
-        self._channels = [
-            replace(old, transfer=transfer) for old, transfer in zip(kept, transfers, strict=True)
-        ]
+        given = table, mechanism, self._excitations
+        transfers = [SensorResponse(*given, channel.sensor) for channel in self._channels]
+        for channel, transfer in zip(self._channels, transfers, strict=True):
+            channel.transfer = transfer
 
     def set_speed(self, source: Source, value: float, time: int) -> None:
         """Take a speed, rpm or m/s, at a time, ns."""
@@ -119,14 +112,11 @@ class SensorMonitor:
         self._angles.add(stamp, alpha3 if abs(alpha3) < LARGEST else math.nan)
 
     def take(self, sensor: int, stamp: int, values: tuple[float, ...]) -> MessageColumns | None:
-        """Take a sample; return a message if it is the first in a second of the stamps, ns.
-
-        The fields are those of ``MeasuredVibration`` without the header; `second` gives its stamp.
-        """
+        """Take a sample; return ``MeasuredVibration`` if it is the first in a second, ns."""
         channel = self._channels[sensor]
         samples, message = channel.samples, None
-        if samples.times:
-            last, end = samples.times[-1], second(stamp)
+        if samples.pairs:
+            last, end = samples.pairs[-1][0], second(stamp)
             if not -_SECOND <= stamp - last <= _KEPT:
                 channel.began = stamp
             elif end > second(last) and end - _WINDOW - _LEAD >= channel.began:
@@ -165,7 +155,7 @@ class SensorMonitor:
         if not speeds:
             doubts.append("No speed is known in its window; check the speeds, and its stamps.")
         if len(orders.times):
-            message.level = float(levels(signal, SECONDS)[0])
+            message.level = float(levels(signal)[0])
             self._compare_orders(channel, message, orders, speeds)
         if math.isnan(message.level):
             doubts.append("Readings are missing in its window, so that no level is known.")
@@ -190,9 +180,8 @@ class SensorMonitor:
             excitations = tuple(replace(excitation, load=None) for excitation in excitations)
         names = [excitation.name for excitation in excitations]
         for row in measure_orders(excitations, orders, units, transfer, fewest=1):
-            numbers = row.measured, row.measured_stddev, row.predicted, row.predicted_factor
-            for name, number in zip(_BY_ORDER, (*numbers, row.difference), strict=True):
-                getattr(message, name)[names.index(row.excitation.name)] = number
+            for name, number in _BY_ORDER.items():
+                getattr(message, name)[names.index(row.excitation.name)] = getattr(row, number)
 
     def _known_speeds(self, start: int) -> dict[Source, tuple[FloatArray, FloatArray]]:
         """Return times, s, and speeds, rpm or m/s, of those that are known in a whole window."""

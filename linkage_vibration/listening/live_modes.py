@@ -24,8 +24,7 @@ from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.readers.sensors import Sensor
 from linkage_vibration.table.table import Table
 
-OFF = 2.0
-"""Standard deviations beyond which an order or a mode is named."""
+OFF = 2.0  # standard deviations beyond which an order or a mode is named
 _SETTLED = SECONDS - 2.0  # s: the second of a window whose readings have all arrived begins here
 NOTED = _SETTLED + np.arange(10) / 10.0
 """s since the beginning of a window: when the angle and the speeds are noted."""
@@ -35,16 +34,19 @@ _EVERY, _LONGEST = 30 * _SECOND, 120 * _SECOND  # ns, of searches
 _PART = _SECOND // 50  # ns of the stamps, between two parts of a search
 _LEAST = 60.0  # s, for which the crank hardly moves
 _FASTEST = 1000  # Hz of a sensor
-_BY_MODE = ["frequencies", "stddevs", "damping_ratios", "damping_stddevs"]
-_BY_MODE += ["predictions", "differences"]
+_BY_MODE = {  # ends of fields of messages, and fields of `DriveMode`
+    "frequencies": "frequency",
+    "stddevs": "frequency_stddev",
+    "damping_ratios": "ratio",
+    "damping_stddevs": "ratio_stddev",
+    "predictions": "predicted",
+    "differences": "difference",
+}
 _NAMED = 2  # numbers that may explain a difference
 
 
 class LiveModes:
-    """Seeks modes every half minute of the stamps, in the last minutes at the present angle.
-
-    All accelerations on the linkage are used together.
-    """
+    """Seeks modes by all accelerations, every half minute of the stamps, at the present angle."""
 
     def __init__(self, sensors: Sequence[Sensor], excitations: Sequence[Excitation]) -> None:
         self._sensors, self._excitations = tuple(sensors), tuple(excitations)
@@ -68,10 +70,7 @@ class LiveModes:
         times: FloatArray,
         readings: FloatArray,
     ) -> None:
-        """Take the window that ends at a time, ns, of a sensor; begin a search if it is due.
-
-        Angles are those at `NOTED`, and the times of readings begin with the window.
-        """
+        """Take a sensor's window that ends at a time, ns, with angles at `NOTED`; search if due."""
         if self._notes and end < self._notes[-1][0]:  # the clock was set back
             self._modes, self._search = (), None
             for each in (self._notes, *self._parts):
@@ -137,16 +136,10 @@ class LiveModes:
         if self._modes:
             message.modes_crank_angle = self._modes[0].alpha3
             message.modes_age = (end - self._searched) / _SECOND
-        columns = {name: np.full(self._table.n_modes, math.nan) for name in _BY_MODE}
-        for each in self._modes:
-            if not each.doubt:
-                numbers = each.frequency, each.frequency_stddev, each.ratio, each.ratio_stddev
-                every = zip(
-                    columns.values(), (*numbers, each.predicted, each.difference), strict=True
-                )
-                for column, number in every:
-                    column[each.mode] = number
-        for name, column in columns.items():
+        sure = [mode for mode in self._modes if not mode.doubt]
+        for name, number in _BY_MODE.items():
+            column = np.full(self._table.n_modes, math.nan)
+            column[[mode.mode for mode in sure]] = [getattr(mode, number) for mode in sure]
             setattr(message, f"mode_{name}", column)
         label = self._table.mode_label
         doubts = [f"{label(each.mode)}: {each.doubt}." for each in self._modes if each.doubt]

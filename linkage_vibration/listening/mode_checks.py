@@ -12,7 +12,6 @@ import numpy as np
 
 from linkage_vibration.listening.output_only import (
     ALIKE,
-    ORDERS,
     Candidate,
     PausableTask,
     covariances,
@@ -26,12 +25,9 @@ from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.ground import Terrain, ground_spectrum, vertical_mounts
 from linkage_vibration.table.table import Table
 
-NEAR, MOST_NEAR = 0.05, 0.02
-"""Relative distance at which an order hides a mode, and the share of a stretch that it may, 1."""
-WINDOWS = 2
-"""Windows that must show a mode."""
-MOST_DAMPED = 0.04
-"""Damping ratio of a prediction above which intervals of measured frequencies did not hold, 1."""
+NEAR, MOST_NEAR = 0.05, 0.02  # relative distance at which an order hides a mode; share that it may
+WINDOWS = 2  # windows that must show a mode
+MOST_DAMPED = 0.04  # predicted damping ratio above which intervals of frequencies did not hold
 
 _LINE = 0.05  # relative distance of a line to what it explains
 _PROMINENT = 1.0  # dB of a line
@@ -96,10 +92,7 @@ def wheelbase_lines(
 
 
 def line_doubt(frequency: float, predicted: float, lines: FloatArray) -> str:
-    """Return that a line of the wheelbase explains a frequency better than a mode; else nothing.
-
-    Lines that are NaN may be anywhere.
-    """
+    """Return that a line, Hz (NaN: anywhere), explains a frequency better than a mode; else ""."""
     if np.isnan(lines).any():
         return "the table has no FRFs at the wheels, whose lines may be there; add --frf-points"
     away = np.abs(np.log(lines / frequency))
@@ -120,10 +113,7 @@ def damping_doubt(ratio: float) -> str:
 
 
 def low_damping_doubt(ratio: float, stddev: float, predicted: float) -> str:
-    """Return that a damping ratio is so far below the prediction that it may be a tone's, or "".
-
-    A tone, as of a pump that no excitation describes, looks like a mode with hardly any damping.
-    """
+    """Return that a damping ratio is as low as that of a tone, such as of a pump; else ""."""
     if not ratio + _ABOVE * stddev < _LESS * predicted:
         return ""
     measured = f"{100.0 * ratio:.2g} +- {100.0 * stddev:.1g} %"
@@ -188,7 +178,7 @@ def window_doubt(
         if not len(counts):
             continue
         orders = 0
-        for poles, shapes in poles_and_shapes(sums[0] / counts[0], rate, ORDERS):
+        for poles, shapes in poles_and_shapes(sums[0] / counts[0], rate):
             hertz, damping = np.abs(poles) / (2.0 * np.pi), -poles.real / np.abs(poles)
             near = np.abs(hertz / candidate.frequency - 1.0) < _ALIKE_HZ
             alike = mac(candidate.shape / scale, shapes) > ALIKE

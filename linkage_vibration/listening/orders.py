@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Order tracking: how strongly each order of a speed is in a measured signal."""
+"""Spectra and levels of a measured signal over time, and how strongly each order is in it."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -12,8 +12,8 @@ from linkage_vibration.listening.signals import HIGHEST, Signal
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.prediction.excitation import Excitation, Source
 
-SECONDS = 4.0
-"""Length of a window, s, which resolves 0.25 Hz; the windows follow each other."""
+SECONDS = 4.0  # length of a window, s, which resolves 0.25 Hz; the windows follow each other
+_LEAST = 1.0  # Hz: below, an integrated acceleration is drift
 _APART = 2.0 / SECONDS  # Hz: orders closer than that are one line
 _BESIDE = np.array([-5.0, -4.0, -3.0, 3.0, 4.0, 5.0]) / SECONDS  # Hz, where only noise remains
 
@@ -71,3 +71,24 @@ def track_orders(
         noise[k, at] = np.where(alone, (np.abs(lines) ** 2).sum(axis=2).mean(axis=1), math.nan)
         squares[k, at] = np.where(alone, (parts**2).sum(axis=(0, 2)), math.nan)
     return Orders(times.mean(axis=1), mean, hertz, squares, noise)
+
+
+def spectrogram(signal: Signal) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return s, (m,), Hz, (n,), and densities by Hann's window, (m, n), summed over axes."""
+    times, values = signal.windows(SECONDS)
+    n = values.shape[1]
+    window = np.hanning(n)[:, np.newaxis]
+    spectrum = np.fft.rfft(values * window, axis=1)
+    power = 2.0 * (np.abs(spectrum) ** 2).sum(axis=2) / (signal.rate * (window**2).sum())
+    frequencies = np.asarray(np.fft.rfftfreq(n, 1.0 / signal.rate), dtype=float)
+    return times.mean(axis=1), frequencies, power
+
+
+def levels(signal: Signal) -> FloatArray:
+    """Return the rms in each window, m/s or N, (m,), from 1 Hz to 0.45 of the rate."""
+    _, frequencies, power = spectrogram(signal)
+    band = (frequencies >= _LEAST) & (frequencies <= HIGHEST * signal.rate)
+    power = power[:, band] * frequencies[1]
+    if signal.sensor.accelerates:
+        power = power / (2.0 * math.pi * frequencies[band]) ** 2
+    return np.asarray(np.sqrt(power.sum(axis=1)))

@@ -19,11 +19,11 @@ from scipy.special import stdtrit
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 from linkage_vibration.mechanics.uncertainty import INTERVAL
 
-ORDERS = range(4, 25, 2)  # numbers of poles that the stability diagram compares
-ALIKE = 0.8
-"""Least MAC of two shapes of one mode."""
+_ORDERS = range(4, 25, 2)  # numbers of poles that the stability diagram compares
+ALIKE = 0.8  # least MAC of two shapes of one mode
 
 _ROWS = 18  # block rows of the Hankel matrix
+_BLOCK = 4.0  # s, the shortest block that a jackknife leaves out
 _STABLE, _STABLE_RATIO = 0.02, 0.3  # relative changes from an order to the next
 _FEWEST_ORDERS = 3  # at which a mode is stable
 _LARGEST_RATIO = 0.2  # damping ratio of a mode; beyond it a pole describes the noise
@@ -77,21 +77,18 @@ def covariances(
     return np.array(sums), np.array(counts, dtype=float)
 
 
-def poles_and_shapes(
-    covariance: FloatArray, rate: float, orders: Sequence[int] = ORDERS
-) -> list[tuple[ComplexArray, ComplexArray]]:
+def poles_and_shapes(covariance: FloatArray, rate: float) -> list[_Poles]:
     """Return the oscillating poles, rad/s, (n,), and shapes, (n_channels, n), of each order.
 
-    The covariances, (2 `_ROWS`, n_channels, n_channels), are one sample apart, at a rate in Hz; an
-    order is a number of poles.
+    The covariances, (2 `_ROWS`, n_channels, n_channels), are one sample apart, at a rate in Hz.
     """
     n = covariance.shape[1]
     at = np.add.outer(np.arange(_ROWS), np.arange(_ROWS))
     hankel = covariance[at].transpose(0, 2, 1, 3).reshape(_ROWS * n, _ROWS * n)
-    left = np.linalg.svd(hankel)[0][:, : max(orders)]  # observability, but for scales of columns
+    left = np.linalg.svd(hankel)[0][:, : max(_ORDERS)]  # observability, but for scales of columns
     gram, shifted = left[:-n].T @ left[:-n], left[:-n].T @ left[n:]
     results = []
-    for order in orders:
+    for order in _ORDERS:
         step = np.linalg.lstsq(gram[:order, :order], shifted[:order, :order], rcond=None)[0]
         values, vectors = np.linalg.eig(step)
         kept = (values.imag > 0.0) & (np.abs(values) > 0.0)
@@ -101,11 +98,7 @@ def poles_and_shapes(
 
 
 def identify(
-    windows: Sequence[FloatArray],
-    rate: float,
-    band: tuple[float, float],
-    first_lag: int = 1,
-    block_seconds: float = 4.0,
+    windows: Sequence[FloatArray], rate: float, band: tuple[float, float], first_lag: int = 1
 ) -> PausableTask[list[Candidate]]:
     """Return the stable modes within a band, ascending, with deviations of a jackknife.
 
@@ -117,7 +110,7 @@ def identify(
         return []
     yield
     windows = [window / scale for window in windows]
-    sums, counts = covariances(windows, first_lag, round(block_seconds * rate))
+    sums, counts = covariances(windows, first_lag, round(_BLOCK * rate))
     n = len(counts)
     if n < 4:  # The deviation of fewer blocks says nothing.
         return []
@@ -146,10 +139,7 @@ def _candidate(
     without: Sequence[Sequence[_Poles]],
     scale: FloatArray,
 ) -> Candidate | None:
-    """Return the mode of a stable pole, or None if too many blocks are needed to show it.
-
-    There is a diagram without each block; the scales, (n_channels,), are those of the signals.
-    """
+    """Return the mode of a pole, None if too few blocks show it; scales are (n_channels,)."""
     ratios = []
     for order, k in cluster:
         pole, shape = diagram[order][0][k], diagram[order][1][:, k]
@@ -197,12 +187,9 @@ def nearest(
 
 
 def stable_poles(
-    diagram: Sequence[tuple[ComplexArray, ComplexArray]], band: tuple[float, float]
+    diagram: Sequence[_Poles], band: tuple[float, float]
 ) -> list[list[tuple[int, int]]]:
-    """Return chains of poles that hardly change from an order to the next.
-
-    Each is a list of indices: of the order, and of the pole in it.
-    """
+    """Return chains of poles that hardly change, as indices of an order and of a pole in it."""
     chains: list[list[tuple[int, int]]] = []
     for i, (poles, shapes) in enumerate(diagram):
         frequencies, ratios = _values(poles)

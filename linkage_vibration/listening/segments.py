@@ -8,12 +8,10 @@ from itertools import pairwise
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.mechanics.arrays import FloatArray, runs
 
-SHORTEST, LONGEST = 8.0, 20.0
-"""Seconds of a segment."""
-ACROSS = math.radians(8.0)
-"""Largest difference between the angles of segments that belong to one height, rad."""
+SHORTEST, LONGEST = 8.0, 20.0  # seconds of a segment
+ACROSS = math.radians(8.0)  # largest difference between angles of segments of one height, rad
 
 _FASTEST = math.radians(1.0)  # rad/s; a crank that moves faster drives what it moves
 _LOOKS = 10.0  # Hz at which the angle is looked at
@@ -21,10 +19,7 @@ _ROOM = 3.0  # half of the rate of resampled signals, over the frequency of the 
 
 
 def find_segments(times: FloatArray, crank_angle: FloatArray) -> list[list[slice]]:
-    """Return the segments of each height; a height is a group of segments at similar angles.
-
-    Times, (n,), s, are even; crank angles, (n,), rad, are NaN where they are not known.
-    """
+    """Return segments by height, of even times, s, and angles, rad, (n,), NaN if not known."""
     if times[-1] - times[0] < SHORTEST:
         return []
     step = max(1, round(1.0 / (_LOOKS * float(times[1] - times[0]))))
@@ -33,7 +28,8 @@ def find_segments(times: FloatArray, crank_angle: FloatArray) -> list[list[slice
     segments: list[slice] = []
     start, low, high = 0, math.inf, -math.inf
     for i in range(len(t) + 1):
-        if i < len(t) and not moves[i] and math.isfinite(angle[i]):
+        still = i < len(t) and not moves[i] and math.isfinite(angle[i])
+        if still:
             low, high = min(low, angle[i]), max(high, angle[i])
             if high - low <= ACROSS / 2.0:
                 continue
@@ -41,9 +37,8 @@ def find_segments(times: FloatArray, crank_angle: FloatArray) -> list[list[slice
             parts = math.ceil((t[i - 1] - t[start]) / LONGEST)
             edges = (np.linspace(start, i - 1, parts + 1).astype(int) * step).tolist()
             segments += [slice(a, b) for a, b in pairwise(edges)]
-        again = i < len(t) and not moves[i] and math.isfinite(angle[i])
-        start = i if again else i + 1
-        low, high = (angle[i], angle[i]) if again else (math.inf, -math.inf)
+        start = i if still else i + 1
+        low, high = (angle[i], angle[i]) if still else (math.inf, -math.inf)
     heights: list[list[slice]] = []
     for segment in sorted(segments, key=lambda each: float(crank_angle[each].mean())):
         here = crank_angle[segment].mean()
@@ -57,8 +52,7 @@ def find_segments(times: FloatArray, crank_angle: FloatArray) -> list[list[slice
 def longest_still(times: FloatArray, crank_angle: FloatArray) -> float:
     """Return the longest time, s, in which the crank does not move, of even times, (n,), s."""
     still = np.abs(np.gradient(crank_angle, times)) <= _FASTEST
-    starts, ends = np.flatnonzero(np.diff(still, prepend=False, append=False)).reshape(-1, 2).T
-    return float((times[ends - 1] - times[starts]).max(initial=0.0))
+    return max((float(times[j - 1] - times[i]) for i, j in runs(still)), default=0.0)
 
 
 def phase_rate(mean: float, given: float) -> float:

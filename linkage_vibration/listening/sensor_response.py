@@ -18,10 +18,7 @@ from linkage_vibration.table.table import Table
 
 
 class SensorResponse:
-    """Amplitudes at the place of a sensor per unit of each excitation that has an amplitude.
-
-    A `SignalError` says that the table has no response there.
-    """
+    """Amplitudes at a sensor per unit of each excitation; a `SignalError` names a lacking place."""
 
     def __init__(
         self, table: Table, mechanism: Mechanism, excitations: Sequence[Excitation], sensor: Sensor

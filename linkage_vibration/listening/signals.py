@@ -11,7 +11,7 @@ import numpy as np
 
 from linkage_vibration.drawing.intervals import gap_starts
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
+from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, runs
 from linkage_vibration.mechanics.forces import GRAVITY
 from linkage_vibration.readers.sensors import Sensor
 
@@ -20,8 +20,7 @@ _UNEVEN, _BURSTS = 0.1, 1.0  # of a step: standard deviation of stamps that is n
 _DRIFT = 2.0  # s, over which the clock of a sensor is even
 _SHORT = 0.5  # s between gaps, on average, below which samples come in bursts
 _STAMP = "stamp each sample when it is taken."
-HIGHEST = 0.45
-"""Highest frequency that is believed, as a share of the rate."""
+HIGHEST = 0.45  # highest frequency that is believed, as a share of the rate
 _TOP, _FOLDED = 0.9, 0.05  # of half of the rate; of the variance that may be above
 _GRAVITY = 0.15  # by which the mean acceleration may differ from gravity
 _NO_GRAVITY = 1.0  # m/s^2: a mean below it contains none
@@ -44,22 +43,15 @@ class Signal:
     rate: float  # Hz
     doubts: tuple[str, ...]  # sentences about what may be wrong
 
-    def stretches(self) -> list[FloatArray]:
-        """Return the even times, s, (n,), of each stretch without gaps."""
-        edges = [0, *(gap_starts(self.times) + 1).tolist(), len(self.times)]
-        return [self.times[a:b] for a, b in pairwise(edges)]
-
     def at(self, times: FloatArray) -> FloatArray:
         """Return values at times, (..., k)."""
         return np.stack([np.interp(times, self.times, each) for each in self.values.T], axis=-1)
 
     def windows(self, seconds: float) -> tuple[FloatArray, FloatArray]:
-        """Return times of samples, (m, n), and samples without their means, (m, n, k).
-
-        The windows follow each other, and their samples are even; none contains a gap.
-        """
+        """Return times, (m, n), and samples less means, (m, n, k), of windows without gaps."""
         n = max(round(seconds * self.rate), 2)
-        whole = [times[: len(times) // n * n] for times in self.stretches()]
+        edges = [0, *(gap_starts(self.times) + 1).tolist(), len(self.times)]
+        whole = [self.times[a : b - (b - a) % n] for a, b in pairwise(edges)]
         times = np.concatenate(whole).reshape(-1, n)
         values = self.at(times)
         return times, values - values.mean(axis=1, keepdims=True)
@@ -76,10 +68,7 @@ def known_at(times: FloatArray, since: FloatArray, values: FloatArray) -> FloatA
 def measured_signal(
     sensor: Sensor, times: FloatArray, readings: FloatArray, highest: float
 ) -> Signal:
-    """Return the signal of readings, (n, k), in units of the sensor, with what is doubtful.
-
-    Modes of interest are up to the highest frequency, Hz.
-    """
+    """Return the signal of readings, (n, k), with doubts about modes up to the highest, Hz."""
     distinct = np.diff(times, prepend=-math.inf) > 0.0
     times, readings = times[distinct], readings[distinct]
     if len(times) < _FEWEST:
@@ -154,8 +143,7 @@ def _is_flat(size: FloatArray) -> bool:
     levels = np.unique(size)
     if len(levels) < _FLAT:
         return False
-    edges = np.flatnonzero(np.diff(size == levels[-1], prepend=False, append=False))
-    starts, ends = edges.reshape(-1, 2).T
+    starts, ends = np.array(runs(size == levels[-1])).T
     n = ends - starts
     beside = np.pad(size, 1, constant_values=-math.inf)  # sample i is at i + 1
     fall = levels[-1] - np.maximum(beside[starts], beside[ends + 1])

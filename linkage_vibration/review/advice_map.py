@@ -18,11 +18,7 @@ _BEYOND = 1.15  # of the highest speed of the drive
 
 
 def advice_map(log: Log) -> dict[str, Any] | None:
-    """Return the map of loads over angles, deg, and speeds, km/h; None if none is known.
-
-    Beside ``loads``, ``reasons`` and their ``texts`` it has the places, speed and angle, of the
-    ``drive``, of its worst moment, ``now``, and of the quietest height then, ``best``.
-    """
+    """Return the map of loads over angles, deg, and speeds, km/h; None if none is known."""
     speeds = {} if log.drive is None else speeds_at_drive(log)
     fastest = float(np.nanmax(speeds.get(Source.GROUND, [0.0]), initial=0.0))
     levels = log_levels(log) if fastest > 0.0 else None

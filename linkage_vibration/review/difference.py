@@ -28,7 +28,6 @@ class Quantity:
 
     name: str
     unit: str  # in which it is shown
-    factor: float  # shown value over value in the log
     a: FloatArray  # (n,), values in log A
     b: FloatArray  # (n,), values in log B
     known_a: BoolArray  # (n,): the whole of it is known in log A
@@ -37,8 +36,7 @@ class Quantity:
     @property
     def change(self) -> FloatArray:
         """B less A, (n,), in the unit of the logs; NaN where one of both has no number."""
-        change = self.b - self.a
-        return np.where(np.isfinite(change), change, math.nan)
+        return np.asarray(self.b - self.a)
 
     @property
     def one_sided(self) -> int:
@@ -63,10 +61,7 @@ class Quantity:
         return float(np.fmax.reduce(np.abs(self.change) / size, initial=math.nan))
 
     def beyond(self, tolerance: float) -> BoolArray:
-        """Return where the logs differ by more than a share of A, (n,), or only one has a number.
-
-        A value in A counts as a tenth of the largest one at least.
-        """
+        """Return where B differs from A by more than a share, (n,), or only one has a number."""
         size = np.abs(np.where(np.isfinite(self.a), self.a, 0.0))
         allowed = tolerance * np.maximum(size, _SMALL * size.max(initial=0.0))
         one_sided = (self.known_a != self.known_b) | (np.isfinite(self.a) != np.isfinite(self.b))
@@ -110,10 +105,7 @@ class Difference:
 
 
 def compare(a: Log, b: Log) -> Difference:
-    """Compare two logs of the same drive.
-
-    A `ReviewError` is raised if they have no moment or no mode in common.
-    """
+    """Compare two logs of the same drive; a `ReviewError` says what they do not have in common."""
     modes, unmatched = _same_modes(a, b)
     offset, rows_a, rows_b = _same_moments(a, b)
     differences = _angle_differences(a.crank_angle[rows_a], b.crank_angle[rows_b])
@@ -132,37 +124,25 @@ def compare(a: Log, b: Log) -> Difference:
 
     def quantity(name: str, unit: str, x: FloatArray, y: FloatArray) -> Quantity:
         x, y = (np.where(np.isfinite(each), each, math.nan) for each in (x[rows_a], y[rows_b]))
-        factor = DEG if unit == "deg" else 1.0
-        return Quantity(name, unit, factor, x, y, np.isfinite(x), np.isfinite(y))
+        return Quantity(name, unit, x, y, np.isfinite(x), np.isfinite(y))
 
     frequencies = []
     for mode, other in modes:
         name = a.mode_label(mode) + (f", {other + 1} in B" if other != mode else "")
         values = a.natural_frequencies[:, mode], b.natural_frequencies[:, other]
         frequencies.append(quantity(name, "Hz", *values))
-    return Difference(
-        a,
-        b,
-        rows_a,
-        rows_b,
-        quantity("crank angle", "deg", a.crank_angle, b.crank_angle),
-        tuple(frequencies),
-        (
-            quantity("FRF peak frequency", "Hz", a.peak_frequency, b.peak_frequency),
-            quantity("FRF peak", "m/N", a.peak_magnitude, b.peak_magnitude),
-            _load_ratio(a.drive, rows_a, b.drive, rows_b),
-        ),
-        offset,
-        int((~same).sum()),
-        unmatched,
+    angle = quantity("crank angle", "deg", a.crank_angle, b.crank_angle)
+    others = (
+        quantity("FRF peak frequency", "Hz", a.peak_frequency, b.peak_frequency),
+        quantity("FRF peak", "m/N", a.peak_magnitude, b.peak_magnitude),
+        _load_ratio(a.drive, rows_a, b.drive, rows_b),
     )
+    compared, apart = (angle, tuple(frequencies), others), int((~same).sum())
+    return Difference(a, b, rows_a, rows_b, *compared, offset, apart, unmatched)
 
 
 def _same_modes(a: Log, b: Log) -> tuple[list[tuple[int, int]], tuple[str, ...]]:
-    """Return pairs of modes, counted from 0, that have one name, and the labels of all others.
-
-    Numbers are compared in place of names only for one table, or for modes of one mechanism.
-    """
+    """Return pairs of modes, from 0, with one name (or one number), and the labels of others."""
     if a.table_id == b.table_id:
         return [(mode, mode) for mode in range(a.n_modes)], ()
     if a.table is None or b.table is None:
@@ -185,10 +165,9 @@ def _same_modes(a: Log, b: Log) -> tuple[list[tuple[int, int]], tuple[str, ...]]
             f"{', '.join(b.table.mode_names)}; give logs of one linkage, name its modes by "
             f"`mode_names` in its mechanism, or show each log by `{command('review')}`."
         )
-    sides = (a, "A", [mode for mode, _ in pairs]), (b, "B", [mode for _, mode in pairs])
     return pairs, tuple(
         f"{log.mode_label(mode)} of {side}"
-        for log, side, known in sides
+        for log, side, known in zip((a, b), "AB", zip(*pairs, strict=True), strict=True)
         for mode in range(log.n_modes)
         if mode not in known
     )
@@ -231,10 +210,7 @@ def _angle_differences(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def _rows_of_same_stamps(a: IntArray, b: IntArray) -> tuple[IntArray, IntArray]:
-    """Return the rows of equal stamps in A and in B, in the order of A.
-
-    Of messages with the same stamp, the first of A matches the first of B, and so on.
-    """
+    """Return rows of equal stamps in A and B, in the order of A; repeated ones match in turn."""
     _, distinct = np.unique(np.concatenate([a, b]), return_inverse=True)
 
     def keys(stamps: IntArray) -> IntArray:
@@ -257,14 +233,11 @@ def _load_ratio(a: Drive | None, rows_a: IntArray, b: Drive | None, rows_b: IntA
     if a is not None and b is not None and a.names == b.names:
         same |= (parts_a == parts_b).all(axis=1)
     ratios_a, ratios_b = (np.where(same, each, math.nan) for each in (ratios_a, ratios_b))
-    return Quantity("load ratio", "1", 1.0, ratios_a, ratios_b, known_a, known_b)
+    return Quantity("load ratio", "1", ratios_a, ratios_b, known_a, known_b)
 
 
 def _load_of(drive: Drive | None, rows: IntArray) -> tuple[FloatArray, BoolArray, BoolArray]:
-    """Return the load ratio at predictions, whether all of it is known, and of which excitations.
-
-    The first two are (n,), the last is (n, n_excitations). The latest message counts.
-    """
+    """Return the latest load ratios, (n,), if all of each is known, and its parts, (n, k)."""
     if drive is None:
         never = np.zeros(len(rows), np.bool_)
         return np.full(len(rows), math.nan), never, never[:, np.newaxis]
@@ -322,7 +295,8 @@ def difference_summary(delta: Difference) -> str:
     lines += [_matched(delta), sentence(delta)]
     rows = [["B - A", "largest", "at [s]", "relative", "not known", "unit"]]
     for each in delta.quantities:
-        pair = f"{each.factor * each.largest:.6g}", f"{each.largest_relative:.3g}"
+        shown = (DEG if each.unit == "deg" else 1.0) * each.largest
+        pair = f"{shown:.6g}", f"{each.largest_relative:.3g}"
         at = "" if each.farthest is None or not each.largest else delta.clock(each.farthest)
         largest, relative = (text.replace("nan", "") for text in pair)
         unknown = 1.0 - float((each.known_a & each.known_b).mean())
@@ -343,10 +317,8 @@ def _matched(delta: Difference) -> str:
     only_a, only_b = (len(log.stamps) - n - delta.apart for _, log, _ in delta.sides)
     later = f"{1e-9 * abs(delta.offset):.9g} s {'later' if delta.offset > 0 else 'earlier'}"
     clocks = f", with the clock of B {later}, as the crank angles show" if delta.offset else ""
-    text = (
-        f"{n} moments are in both logs{clocks}; {only_a} are only in A, {only_b} are only in B; "
-        f"{int(delta.other_status.sum())} differ in status."
-    )
+    text = f"{n} moments are in both logs{clocks}; {only_a} are only in A, {only_b} are only in B; "
+    text += f"{int(delta.other_status.sum())} differ in status."
     if delta.apart:
         text += f" {delta.apart} more have crank angles above {DEG * _SAME_ANGLE:g} deg apart, and "
         text += "are not compared."

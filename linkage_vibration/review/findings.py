@@ -3,7 +3,7 @@
 """Applies the verdict about a drive to a log: limits, speeds and the model come from the log."""
 
 import math
-from dataclasses import replace
+from dataclasses import astuple, replace
 from functools import lru_cache, partial
 
 import numpy as np
@@ -25,6 +25,7 @@ from linkage_vibration.prediction.levels import LevelTable, kept_levels
 from linkage_vibration.prediction.predictor import Predictor, Status
 from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.prediction.severity import (
+    DEFAULT_LIMITS,
     SPEED_BITS,
     ResonanceState,
     WarningLimits,
@@ -52,13 +53,9 @@ _OUTSIDE = Status.OUT_OF_RANGE, Status.INVALID_ANGLE
 
 def log_limits(log: Log) -> WarningLimits:
     """Return when excitations warned; the defaults where the log does not hold parameters."""
-    usual = WarningLimits()
-    return WarningLimits(
-        warning=number(log, "warning_load_ratio", usual.warning),
-        note=number(log, "note_load_ratio", usual.note),
-        dwell=number(log, "warning_dwell", usual.dwell),
-        near=number(log, "near_margin", usual.near),
-    )
+    names = "warning_load_ratio", "note_load_ratio", "warning_dwell", "near_margin"
+    usual = zip(names, astuple(DEFAULT_LIMITS), strict=True)
+    return WarningLimits(*(number(log, name, value) for name, value in usual))
 
 
 def never_in_table(log: Log) -> str:

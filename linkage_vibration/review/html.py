@@ -36,32 +36,16 @@ class Page:
     """What a page shows; its scripts read the content, whose arrays are packed."""
 
     title: str
-    subtitle: str
     columns: Mapping[str, NDArray[Any]]  # (n,), float64, float32 or uint8; "time" (s) ascends
-    start_ns: int  # stamp at time 0
-    breaks: Sequence[int]  # indices of the samples before which samples are missing
-    modes: Sequence[str]  # colours of the modes, whose columns are "f1", "f2" and so on
     content: Mapping[str, Any]
 
 
 def page_parts(page: Page) -> Iterator[bytes]:
-    """Yield the text of a page, which needs no other file and no network, in UTF-8.
-
-    It comes in parts, as the columns of a long log are large.
-    """
+    """Yield a page that needs no other file and no network, in parts, as columns may be large."""
     return (part.encode(errors="backslashreplace") for part in _parts(page))
 
 
 def _parts(page: Page) -> Iterator[str]:
-    data = {
-        "n": len(page.columns["time"]),
-        "start_ms": page.start_ns / 1e6,
-        "breaks": [int(i) for i in page.breaks],
-        "modes": list(page.modes),
-        "coverage": COVERAGE,
-        "subtitle": page.subtitle,
-        **page.content,
-    }
     # The parts of the page's own script are in one function, so that nothing in them is global.
     script = "\n".join(page_file(f"{name}.js") for name in _SCRIPTS)
     texts = {
@@ -78,7 +62,7 @@ def _parts(page: Page) -> Iterator[str]:
     for name, values in page.columns.items():
         yield f"{before}{_json(name)}: {_json(_column(values))}"
         before = ", "
-    yield "}, " + _json(data).removeprefix("{")
+    yield "}, " + _json(page.content).removeprefix("{")
     yield filled(end, texts)
 
 
@@ -95,10 +79,7 @@ def table_tag(
     links: Sequence[str] = (),
     calm: Sequence[bool] = (),
 ) -> str:
-    """Return a table of texts; if there are links, the first cell of each row leads to its own.
-
-    Rows are marked as calm or not, if that is given.
-    """
+    """Return a table of texts; links lead from first cells, and rows are marked as calm or not."""
     lines = []
     for row, link, its in zip_longest(rows, links, calm):
         first, *others = map(html.escape, row)
@@ -111,10 +92,7 @@ def table_tag(
 
 
 def plain_html(title: str, sentences: Sequence[str], main: str, *, calm: bool | None = None) -> str:
-    """Return the text of a page without scripts; the main part is HTML.
-
-    The first sentence is marked as an answer, which is calm or not, if that is given.
-    """
+    """Return a page without scripts; a first sentence that is calm or not is marked as answer."""
     texts = {"title": html.escape(title), "css": page_file("page.css"), "main": main}
     lines = [f"<p>{html.escape(text)}</p>" for text in sentences]
     if calm is not None:
@@ -133,11 +111,7 @@ def _json(value: object) -> str:
 
 
 def packed(values: NDArray[Any]) -> dict[str, Any]:
-    """Return an array as the page's script reads it: compressed, in base64.
-
-    The first bytes of all little-endian numbers precede all second ones, and so on. Each byte is
-    the difference to that of the number before, as neighbours are alike.
-    """
+    """Return an array for the page's script: differences of each byte, as neighbours are alike."""
     kind = {"f": f"f{values.dtype.itemsize}", "u": "u1"}[values.dtype.kind]
     data = np.ascontiguousarray(values).astype(f"<{kind}").reshape(-1, 1).view(np.uint8).T
     differences = np.diff(data, axis=1, prepend=np.uint8(0))
@@ -150,11 +124,7 @@ def packed(values: NDArray[Any]) -> dict[str, Any]:
 def thinned(
     quantities: Sequence[FloatArray], edges: IntArray, limit: int = MAX_SAMPLES
 ) -> IntArray:
-    """Return the indices of the samples that a page keeps, (n_kept,); all up to a limit.
-
-    The lowest and the highest value of each quantity, (n,), in every stretch of samples are kept,
-    and the samples at the edges, (m,).
-    """
+    """Return indices of samples to keep, (n_kept,): all up to a limit, or extremes and edges."""
     n = len(quantities[0])
     if n <= limit:
         return np.arange(n)

@@ -27,11 +27,10 @@ from linkage_vibration.listening.model_check import (
     explanations,
     verdict,
 )
-from linkage_vibration.listening.orders import SECONDS, Orders, track_orders
+from linkage_vibration.listening.orders import Orders, levels, spectrogram, track_orders
 from linkage_vibration.listening.output_only import finish
 from linkage_vibration.listening.sensor_response import SensorResponse
 from linkage_vibration.listening.signals import Signal, known_at
-from linkage_vibration.listening.spectra import levels, spectrogram
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.prediction.verdict import KNOWN
 from linkage_vibration.review.findings import all_speeds, log_limits
@@ -84,16 +83,16 @@ def compare_sensor(log: Log, signal: Signal) -> SensorComparison:
     heard = np.isfinite(orders.squares) & [each.name in names for each in log.excitations]
     known = np.isfinite(predicted)
     every = float(squares[known].sum())
-    compared = float(known.mean() * squares[known][heard[known]].sum() / every) if every else 0.0
-    measured = levels(signal, SECONDS)
+    share = float(known.mean() * squares[known][heard[known]].sum() / every) if every else 0.0
+    measured = levels(signal)
     reference = np.full(len(angles), np.nan)
     if not signal.sensor.accelerates:
         place = log.table.force_places.index(signal.sensor.at.partition(".")[0])
         low, high = log.table.alpha3_range
         inside = (angles >= low) & (angles <= high)
         reference[inside] = log.table.reference_forces(angles[inside])[place]
-    compared = 0.0 if unknown else compared
-    return SensorComparison(signal, orders, rows, measured, predicted, compared, unknown, reference)
+    both = measured, predicted, 0.0 if unknown else share
+    return SensorComparison(signal, orders, rows, *both, unknown, reference)
 
 
 def heard_modes(log: Log, sensors: Sequence[SensorComparison]) -> tuple[DriveMode, ...]:
@@ -130,13 +129,9 @@ def answers(log: Log, sensors: Sequence[SensorComparison], modes: Sequence[Drive
     off.sort(key=lambda pair: -abs(math.log(pair[1].measured / pair[1].predicted)))
     first = " ".join(_contradiction(*pair) for pair in off)
     each = [f"{_orders_answer(sensor)}{_load_answer(sensor)}" for sensor in sensors]
-    return [*([first] if first else []), modes_answer(log, modes, sensors), *each, *_unknown(log)]
-
-
-def _unknown(log: Log) -> list[str]:
-    """Return why standard deviations of the predictions are not known, if any is not."""
-    why = log.table.unknown_deviations if log.table else ""
-    return [why] if why and np.isnan(log.damping_ratio_stddevs).any() else []
+    unknown = log.table is not None and np.isnan(log.damping_ratio_stddevs).any()
+    why = log.table.unknown_deviations if log.table and unknown else ""
+    return list(filter(None, [first, modes_answer(log, modes, sensors), *each, why]))
 
 
 def is_calm(sensors: Sequence[SensorComparison], modes: Sequence[DriveMode]) -> bool:
@@ -252,10 +247,8 @@ def _picture(log: Log, sensors: Sequence[SensorComparison], modes: Sequence[Driv
             hertz, deviation = mode.frequency, COVERAGE * mode.frequency * mode.deviation
             colour = palette.mode_colours(log.n_modes)[mode.mode]
             style = {"fmt": "o", "ms": 5.0, "mec": palette.INK, "capsize": 4.0, "color": colour}
-            n = len(mode.times)
-            axes[2 * i].errorbar(
-                mode.times, [hertz] * n, [deviation] * n, ecolor=palette.INK, **style
-            )
+            style["ecolor"] = palette.INK
+            axes[2 * i].errorbar(mode.times, [hertz] * len(mode.times), deviation, **style)
         _draw_levels(axes[2 * i + 1], sensor, log_limits(log).warning)
         axes[2 * i + 1].set_xlabel("time since the first prediction [s]")
         axes[2 * i + 1].tick_params(labelbottom=True)
@@ -264,7 +257,7 @@ def _picture(log: Log, sensors: Sequence[SensorComparison], modes: Sequence[Driv
 
 def _draw_spectrogram(ax: "Axes", log: Log, sensor: SensorComparison) -> None:
     """Draw the measured spectrum over time under predicted modes and orders."""
-    times, frequencies, power = spectrogram(sensor.signal, SECONDS)
+    times, frequencies, power = spectrogram(sensor.signal)
     decibels = 10.0 * np.log10(np.maximum(power[:, 1:], 1e-12))
     low, high = np.percentile(decibels, [30.0, 99.8])
     style = {"shading": "nearest", "cmap": "Greys", "vmin": low, "vmax": high}
@@ -286,10 +279,9 @@ def _draw_spectrogram(ax: "Axes", log: Log, sensor: SensorComparison) -> None:
     names, orders = [each.name for each in log.excitations], list[tuple[str, float]]()
     for row in rows[:_LABELLED]:
         hertz = sensor.orders.frequencies[:, names.index(row.excitation.name)]
-        ax.plot(
-            sensor.orders.times, np.where(hertz > 0.0, hertz, np.nan), color=palette.INK, ls=":"
-        )
-        if (turning := hertz[hertz > 0.0]).size:
+        hertz = np.where(hertz > 0.0, hertz, np.nan)
+        ax.plot(sensor.orders.times, hertz, color=palette.INK, ls=":")
+        if (turning := hertz[np.isfinite(hertz)]).size:
             orders.append((row.excitation.name, float(turning[-1])))
     name_modes(ax, ends, [log.mode_name(mode) for mode in range(log.n_modes)], orders, least=0.05)
     title = f"{sensor.signal.sensor.name}: measured spectrum (grey), predicted (bands) and measured"
@@ -311,11 +303,8 @@ def _draw_levels(ax: "Axes", sensor: SensorComparison, limit: float) -> None:
     times = sensor.orders.times
     band = predicted / factor, predicted * factor
     ax.fill_between(times, *band, color=palette.COLOURS[1], alpha=0.25, step="mid")
-    lacking = (
-        f" (without {', '.join(sensor.unknown)}, whose speed the log lacks)"
-        if sensor.unknown
-        else ""
-    )
+    without = ", ".join(sensor.unknown)
+    lacking = f" (without {without}, whose speed the log lacks)" if without else ""
     label = f"predicted, orders alone{lacking}, with one standard deviation"
     ax.step(times, predicted, where="mid", color=palette.COLOURS[1], label=label)
     label = "measured, everything from 1 Hz"
@@ -336,12 +325,13 @@ def _orders_table(sensor: SensorComparison) -> str:
     head += ["difference / standard deviation", "amplitude of the excitation"]
     rows = []
     for row in sensor.rows:
-        bound = f"{_short(row.measured, 3)} ± {_short(row.measured_stddev)}"
+        detected = f"{_short(row.measured, 3)} ± {_short(row.measured_stddev)}"
         cells = [row.excitation.name, str(row.windows)]
-        cells.append(bound if row.is_detected else f"below {_short(row.measured)} (noise)")
+        cells.append(detected if row.is_detected else f"below {_short(row.measured)} (noise)")
         factor = f"{_short(row.predicted, 3)} (× or ÷ {_short(row.predicted_factor)})"
         cells.append("not known" if math.isnan(row.predicted) else factor)
-        cells.append(_deviations(row))
+        bound = "" if row.is_detected else "at most "
+        cells.append("" if math.isnan(row.difference) else f"{bound}{row.difference:+.1f}")
         text, load = "", row.excitation.load
         if load is not None and not math.isnan(row.amplitude):
             text = f"{_short(row.amplitude, 3)} ± {100.0 * row.relative_stddev:.0f} %, not "
@@ -353,13 +343,6 @@ def _orders_table(sensor: SensorComparison) -> str:
 def _short(value: float, digits: int = 2) -> str:
     """Return the first digits of a number, without an exponent if it is large."""
     return f"{float(f'{value:.{digits}g}'):g}"
-
-
-def _deviations(row: MeasuredOrder) -> str:
-    """Return the difference in standard deviations in words; empty if it is not known."""
-    if math.isnan(row.difference):
-        return ""
-    return f"{row.difference:+.1f}" if row.is_detected else f"at most {row.difference:+.1f}"
 
 
 def _table(title: str, head: Sequence[str], rows: Iterable[Sequence[str]], note: str = "") -> str:

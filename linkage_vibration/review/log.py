@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads a log: its predictions, its resonances and speeds, and what made them."""
 
+import functools
 import itertools
 import json
 import math
@@ -49,6 +50,7 @@ from linkage_vibration.prediction.settings import Parameters, with_values
 from linkage_vibration.prediction.verdict import Drive, drive_of
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.support.missing_library import needed
 from linkage_vibration.support.resources import command
 from linkage_vibration.table.interpolation import angles_in_table, covers_a_turn
 from linkage_vibration.table.table import Table, TableError, load_table
@@ -182,11 +184,8 @@ class Log:
         LinkageVibrationError
             If pandas is not installed.
         """
-        try:
+        with needed("xarray", "A data frame needs pandas", LinkageVibrationError):
             import pandas
-        except ImportError:
-            hint = "install it with `pip install linkage_vibration[xarray]`"
-            raise LinkageVibrationError(f"pandas is not installed; {hint}.") from None
         table = log_table(self)
         index = pandas.to_datetime(table.pop("stamp_ns"), utc=True).rename("time")
         return pandas.DataFrame(table, index=index)
@@ -302,30 +301,21 @@ def _read_messages(path: Path) -> tuple[Columns, Columns, dict[Source, Columns]]
                 f"{path} was written by another version, whose {kind.split('/')[-1]} has no "
                 f"{', '.join(sorted(lacking))}; replay the log with this one."
             )
-    speed_columns = {source: columns[topic] for source, topic in speeds.items()}
-    return predictions, _together(assessed), speed_columns
+    of_speeds = {source: columns[topic] for source, topic in speeds.items()}
+    return predictions, _together(assessed), of_speeds
 
 
-def _together(assessed: Sequence[Columns]) -> Columns:
-    """Return the columns of the messages about assessed readings, as far as each has all of them.
-
-    Those that belong together have the same stamp; a recorder may have missed one of them.
-    """
+def _together(assessed: list[Columns]) -> Columns:
+    """Return the columns of messages about assessed readings, at the stamps that all have."""
     if not all(len(columns.get(PLACE, ())) for columns in assessed):
         return {}
-    stamps, rows = [header_stamps(columns) for columns in assessed], []
+    stamps = [header_stamps(columns) for columns in assessed]
     if len({each.tobytes() for each in stamps}) > 1:
-        shared = stamps[0]
-        for each in stamps[1:]:
-            shared = np.intersect1d(shared, each)
-        for each in stamps:
-            _, first = np.unique(each, return_index=True)
-            first = first[np.isin(each[first], shared)]
-            rows.append(np.sort(first))
-        assessed = [
-            {name: column[which] for name, column in columns.items()}
-            for columns, which in zip(assessed, rows, strict=True)
-        ]
+        shared = functools.reduce(np.intersect1d, stamps)
+        for i, each in enumerate(stamps):
+            first = np.sort(np.unique(each, return_index=True)[1])
+            rows = first[np.isin(each[first], shared)]
+            assessed[i] = {name: column[rows] for name, column in assessed[i].items()}
     return {name: column for columns in reversed(assessed) for name, column in columns.items()}
 
 
@@ -336,10 +326,7 @@ def gaps(log: Log) -> list[tuple[float, float]]:
 
 
 def _input_faults(log: Log) -> tuple[InputFault, ...]:
-    """Return what the diagnostics of the node say of the inputs, from what a log holds of them.
-
-    A replay has written what it found. Of another log without inputs, only the answers are judged.
-    """
+    """Return the faults of the inputs: those that a replay wrote, or by what the log holds."""
     if FAULTS_METADATA in log.metadata:
         texts = log.metadata[FAULTS_METADATA].values()
         return tuple(InputFault(**json.loads(text)) for text in texts)
@@ -360,10 +347,7 @@ def _input_faults(log: Log) -> tuple[InputFault, ...]:
 
 
 def _doubted(log: Log, drive: Drive) -> BoolArray:
-    """Return which assessments are of readings that are doubted, (n,).
-
-    An assessment is one of the readings since the one before it.
-    """
+    """Return which assessments, (n,), have a doubted reading since the assessment before."""
     times = getattr(drive.resonances, LOG_TIME)
     before = np.append(min(times[0], log.received[0]) - 1, np.minimum(times[:-1], times[1:] - 1))
     return doubted_between(log, before, times)
@@ -396,10 +380,7 @@ def problems(log: Log) -> list[str]:
 
 
 def csv_text(log: Log) -> str:
-    """Return a log as CSV: one line for each prediction, with the fields of the messages.
-
-    The numbers of an overdamped mode, and those that are not known, are "nan".
-    """
+    """Return a log as CSV, a line for each prediction; numbers that are not known are "nan"."""
     return table_text(log_table(log))
 
 
@@ -407,16 +388,14 @@ def log_table(log: Log) -> dict[str, NDArray[Any]]:
     """Return the columns of a log, (n,), by the names of their fields, as its CSV file has them."""
     why = "" if log.table is None else log.table.unknown_deviations
     table = {"stamp_ns": log.stamps} | prediction_table(_predictions(log), why)
-    if log.resonances is not None and log.drive is not None:
+    if (of := log.resonances) is not None and log.drive is not None:
         for field in resonance_fields():
             name = "resonance_state" if field.name == "state" else field.name
-            table[name + unit_suffix(field)] = getattr(log.resonances, field.name)
-        of = log.resonances
+            table[name + unit_suffix(field)] = getattr(of, field.name)
         lost = np.isnan(of.load_ratio_factor) & np.isfinite(of.load_ratio)
         lost |= np.isnan(of.total_load_ratio_factor) & np.isfinite(of.total_load_ratio)
         table["unknown_factors"] = np.where(lost, log.drive.resonances.unknown_factors, "")
-        near = np.isfinite(log.resonances.natural_frequency)
-        modes = np.where(near, log.resonances.mode + 1, 0)
+        modes = np.where(np.isfinite(of.natural_frequency), of.mode + 1, 0)
         names = np.array(["", *(log.mode_name(mode) for mode in range(log.n_modes))])
         table |= {"mode": modes, "mode_name": names[np.minimum(modes, log.n_modes)]}
     return table
@@ -445,11 +424,7 @@ def _speed_times(speeds: Columns, predictions: Columns, passes: IntArray) -> Flo
 def _resonances(
     columns: Columns, predictions: Columns, passes: IntArray, names: Sequence[str], why: str
 ) -> tuple[Drive | None, MessageColumns | None]:
-    """Return all resonances, and the latest at each prediction; None if there are none.
-
-    Resonances belong to the pass within which they were written, and `why` is the reason of factors
-    that are NaN.
-    """
+    """Return all assessments, and the latest at each prediction; `why` says why factors are NaN."""
     if not len(columns.get("state", ())):
         return None, None
     stamps, places = header_stamps(predictions), predictions[PLACE]
@@ -489,19 +464,11 @@ def _resonances(
 
 
 def resonance_fields() -> list[Field]:
-    """Return the fields that a log shows of an assessment for each prediction, in their order.
-
-    They are the numbers and texts of the messages, and what follows from them.
-    """
+    """Return the fields that a log shows of an assessment: numbers, texts, and what follows."""
     fields = {f.name: f for kind in reversed(ASSESSED) for f in message_fields(kind)}
-    return [
-        *(
-            field
-            for name, field in fields.items()
-            if not (field.is_sequence or name.startswith("header.") or name == "table_id")
-        ),
-        *_DERIVED,
-    ]
+    hidden = {name for name, field in fields.items() if field.is_sequence} | {"table_id"}
+    shown = [f for f in fields.values() if f.name not in hidden and "header." not in f.name]
+    return [*shown, *_DERIVED]
 
 
 def _read_provenance(path: Path) -> tuple[dict[str, bytes], dict[str, dict[str, str]]]:

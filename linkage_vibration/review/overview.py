@@ -27,21 +27,15 @@ from linkage_vibration.review.html import plain_html, table_tag
 from linkage_vibration.review.log import Log, ReviewError, gaps, read_log
 from linkage_vibration.support.progress import Map, gathered
 
-_TIME = "in_warning_s"
 _BAG_FILE = "metadata.yaml"  # a folder with this file is one bag
 
 
 def logs_of(paths: Sequence[Path]) -> list[Path]:
-    """Return the logs among files and folders; a folder that is no bag stands for its MCAP files.
-
-    A ReviewError says that a folder holds no MCAP file.
-    """
+    """Return logs among files and folders; a folder that is no bag stands for its MCAP files."""
     logs: list[Path] = []
     for path in paths:
-        if not path.is_dir() or (path / _BAG_FILE).exists():
-            logs.append(path)
-            continue
-        inside = sorted(path.glob("*.mcap"))
+        several = path.is_dir() and not (path / _BAG_FILE).exists()
+        inside = sorted(path.glob("*.mcap")) if several else [path]
         if not inside:
             raise ReviewError(f"{path} holds no .mcap file; give logs, or a folder of logs.")
         logs += inside
@@ -49,10 +43,7 @@ def logs_of(paths: Sequence[Path]) -> list[Path]:
 
 
 def drive_summary(log: Log) -> dict[str, Any]:
-    """Return a drive as values that JSON holds; what is not known is None.
-
-    docs/review.md describes them.
-    """
+    """Return a drive as JSON holds it, as docs/review.md describes; what is not known is None."""
     drive = log.drive
     warnings = [] if drive is None else episodes(drive)
     parts = [] if drive is None else contributions(drive)
@@ -151,10 +142,7 @@ def _summary(path: Path) -> dict[str, Any]:
 
 
 def overview_html(drives: Sequence[tuple[dict[str, Any], str]], failures: Sequence[str]) -> str:
-    """Return a page with one row for each drive, and a sentence for each log that failed.
-
-    Each drive is a dict of `drive_summary` with the relative address of its page.
-    """
+    """Return a page with a row for each drive and a link to its page, and with each failure."""
     head = ["drive", "what happened", "warnings", "in warning [s]", "largest load ratio"]
     head += ["start, UTC", "duration [s]", "model"]
     files = [Path(drive["log"]) for drive, _ in drives]
@@ -171,8 +159,8 @@ def overview_html(drives: Sequence[tuple[dict[str, Any], str]], failures: Sequen
 
 
 def _cells(drive: dict[str, Any], name: str) -> list[str]:
-    worst, unknown = drive["worst"], "not known"
-    shown = [unknown if drive[key] is None else str(drive[key]) for key in ("warnings", _TIME)]
+    worst, unknown, keys = drive["worst"], "not known", ("warnings", "in_warning_s")
+    shown = [unknown if drive[key] is None else str(drive[key]) for key in keys]
     shown += [unknown if worst is None else f"{worst['load_ratio']:.2g}"]
     shown += [drive["start"][:19].replace("T", " ")]
     model = drive["model"]["mechanism"] or "not in the log"

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, get_args
 import numpy as np
 
 from linkage_vibration.drawing import palette
-from linkage_vibration.drawing.frf_picture import draw_frf
 from linkage_vibration.drawing.intervals import gap_starts
 from linkage_vibration.drawing.mechanism_picture import draw_modes
 from linkage_vibration.drawing.plots import (
@@ -21,7 +20,7 @@ from linkage_vibration.drawing.plots import (
     write_png,
 )
 from linkage_vibration.drawing.pose_picture import lowest_modes, pose_figure, shapes_figure
-from linkage_vibration.drawing.sweep_picture import draw_sweep, is_sweep
+from linkage_vibration.drawing.result_pictures import draw_frf, draw_sweep, is_sweep
 from linkage_vibration.errors import check_type
 from linkage_vibration.mechanics.arrays import FloatArray, runs
 from linkage_vibration.mechanics.description import Mechanism
@@ -40,7 +39,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _Drawable = Mechanism | Solution | ModeShape | Frf | Table | MessageColumns | Log
-_FAINT = 0.02  # An order whose load ratio stays below this share of the limit is drawn in grey.
 _LEAST_LOAD = 0.1  # A smaller share of the limit is drawn as a smaller width.
 _FAINT_COLOUR = "#bdbdbd"
 _WIDEST = 7.0  # points, the width of the line of the largest load
@@ -175,10 +173,7 @@ def _draw_modes(ax: "Axes", log: Log) -> FloatArray:
 def _draw_excitations(
     ax: "Axes", log: Log, drive: Drive, limits: WarningLimits
 ) -> list[tuple[str, float]]:
-    """Draw the orders as lines as wide as their load ratio, red where it exceeds the limit.
-
-    The names of the largest are returned with the frequencies at which they end, Hz.
-    """
+    """Draw orders as wide as their load, red above the limit; return names, and their ends, Hz."""
     from matplotlib.collections import LineCollection
 
     times, speeds = drive.times, speeds_at_drive(log)
@@ -186,7 +181,7 @@ def _draw_excitations(
     loads = np.nan_to_num(ratios)
     largest = max(float(loads.max(initial=0.0)), _LEAST_LOAD * limits.warning)
     loudest = np.argsort(-loads.max(axis=0, initial=0.0))[:_LABELLED].tolist()
-    shown = [i for i in loudest if loads[:, i].max(initial=0.0) >= _FAINT * limits.warning]
+    shown = [i for i in loudest if loads[:, i].max(initial=0.0) >= palette.FAINT * limits.warning]
     low, high = ax.get_ylim()
     ends = list[tuple[str, float]]()
     words = ["as wide as its load", "red above the limit", "dotted: load not known"]
@@ -201,7 +196,7 @@ def _draw_excitations(
         places = np.column_stack([times, frequencies])
         segments = np.stack([places[:-1], places[1:]], axis=1)
         segments[drive.broken[1:]] = np.nan
-        faint = load[1:] < _FAINT * limits.warning
+        faint = load[1:] < palette.FAINT * limits.warning
         colours = np.where(faint, _FAINT_COLOUR, palette.INK)
         colours = np.where(load[1:] > limits.warning, palette.ABOVE, colours)
         widths = 0.7 + _WIDEST * load[1:] / largest

@@ -36,7 +36,7 @@ from linkage_vibration.review.findings import (
     remedy,
     verdict,
 )
-from linkage_vibration.review.html import Page, page_parts, plain_html, thinned
+from linkage_vibration.review.html import COVERAGE, Page, page_parts, plain_html, thinned
 from linkage_vibration.review.log import Log, gaps
 from linkage_vibration.review.model_grid import linkage_grid
 from linkage_vibration.review.overview import drive_summary
@@ -52,7 +52,6 @@ _INVALID = (Status.OUT_OF_RANGE, Status.INVALID_ANGLE)
 MAX_WARNINGS = 1000  # rows of the table of warnings
 _SOURCES = 3  # the largest, which the first screen names
 _SHADES = {"unknown": "#f3f3f3", "above": palette.ABOVE_SHADE}
-_FAINT = 0.02  # An order whose load ratio stays below this share of the limit is drawn in grey.
 _PARTS = {"ground_ratio": "ground", "orders_ratio": "orders together, at most"}  # of the load ratio
 _STALE_AFTER = 1.0  # s, if the log does not hold this parameter
 
@@ -83,7 +82,15 @@ def review_page(log: Log) -> Page:
     rows = _kept(log, [] if log.drive is None else log.drive.predictions[marked].tolist())
     summary, missing, axis = drive_summary(log), gaps(log), time_axis(log)
     answer, rest = verdict(log, summary["sentence"])
+    breaks = [np.searchsorted(log.times[rows], [end for _, end in missing])]
+    breaks += [np.searchsorted(rows, log.passes)]
     content: dict[str, Any] = {
+        "n": len(rows),
+        "start_ms": int(log.stamps[0]) / 1e6,
+        "breaks": np.union1d(*breaks).tolist(),
+        "modes": palette.mode_colours(log.n_modes),
+        "coverage": COVERAGE,
+        "subtitle": f"{log.path.name}: {len(log.stamps):,} predictions of table {log.table_id}",
         "charts": _charts(log, axis),
         "overview": {"column": "crank_angle", "factor": DEG, "label": "α3"},
         "readings": _readings(log),
@@ -103,18 +110,7 @@ def review_page(log: Log) -> Page:
     }
     if log.mechanism and log.table and (grid := linkage_grid(log.mechanism, log.table)):
         content["linkage"] = grid
-    return Page(
-        title=_title(log),
-        subtitle=f"{log.path.name}: {len(log.stamps):,} predictions of table {log.table_id}",
-        columns=_columns(log, rows, axis),
-        start_ns=int(log.stamps[0]),
-        breaks=np.union1d(
-            np.searchsorted(log.times[rows], [end for _, end in missing]),
-            np.searchsorted(rows, log.passes),
-        ).tolist(),
-        modes=palette.mode_colours(log.n_modes),
-        content=content,
-    )
+    return Page(_title(log), _columns(log, rows, axis), content)
 
 
 def _mode_name(log: Log, mode: int) -> str:
@@ -155,10 +151,7 @@ def provenance_rows(log: Log) -> list[list[str]]:
 
 
 def clock(time: float, whole: float) -> str:
-    """Return a time, s, as the axes of the page show it: in s, or with minutes and hours.
-
-    The duration of the log decides on the form.
-    """
+    """Return a time, s, as axes of this duration show it: in s, or with minutes and hours."""
     if whole < 120.0:
         return f"{time:.2f}"
     minutes, seconds = divmod(round(time, 1), 60.0)
@@ -170,8 +163,7 @@ def clock(time: float, whole: float) -> str:
 def _kept(log: Log, needed: list[int]) -> IntArray:
     """Return the indices of the predictions that the page holds."""
     quantities = [log.crank_angle, *log.natural_frequencies.T, log.peak_magnitude]
-    changes = [np.flatnonzero(np.diff(log.status)), np.array(needed, np.int64)]
-    changes += [log.passes - 1]
+    changes = [np.flatnonzero(np.diff(log.status)), np.array(needed, np.int64), log.passes - 1]
     changes += [np.searchsorted(log.times, [start for start, _ in gaps(log)])]
     changes += [np.flatnonzero(np.diff(np.isnan(values))) for values in log.natural_frequencies.T]
     if log.resonances is not None:
@@ -195,19 +187,16 @@ def _columns(log: Log, rows: IntArray, axis: TimeAxis) -> dict[str, NDArray[Any]
         columns[f"f{mode + 1}"] = log.natural_frequencies[rows, mode].astype(np.float32)
         columns[f"s{mode + 1}"] = log.frequency_stddevs[rows, mode].astype(np.float32)
     if log.resonances is not None:
-        r, names = log.resonances.rows(rows), _excitation_names(log)
-        counts = {"state": r.state}
-        counts["excitation"] = np.searchsorted(names, r.excitation)
-        columns |= {name: values.astype(np.uint8) for name, values in counts.items()}
         assert log.drive is not None
-        part = ~_latest(log, all_counted(log.drive))[rows]
-        numbers = {"load_ratio": r.total_load_ratio}
-        numbers["load_known"] = np.where(part, np.nan, r.total_load_ratio)
-        numbers["load_part"] = np.where(part, r.total_load_ratio, np.nan)
-        columns["load_of"] = part.astype(np.uint8)
-        columns |= {name: values.astype(np.float32) for name, values in numbers.items()}
         at = np.searchsorted(log.drive.predictions, rows, side="right") - 1
-        there = at >= 0
+        r, there = log.resonances.rows(rows), at >= 0
+        ratio, part = r.total_load_ratio.astype(np.float32), ~(there & all_counted(log.drive)[at])
+        columns["state"] = r.state.astype(np.uint8)
+        names = _excitation_names(log)
+        columns["excitation"] = np.searchsorted(names, r.excitation).astype(np.uint8)
+        columns |= {"load_of": part.astype(np.uint8), "load_ratio": ratio}
+        columns["load_known"] = np.where(part, np.float32(np.nan), ratio)
+        columns["load_part"] = np.where(part, ratio, np.float32(np.nan))
         parts = ground_and_orders(log.drive, log.excitations) or ()
         for name, values in zip(_PARTS, parts, strict=False):
             columns[name] = np.where(there, values[at], np.nan).astype(np.float32)
@@ -221,7 +210,7 @@ def _load_levels(ratios: FloatArray, limit: float) -> NDArray[np.uint8]:
     """Return load ratios in steps: 0 unknown, 1 weak, 128 the limit, 255 twice the limit, (n,)."""
     shares = ratios.astype(float) / limit
     above = 128.0 + np.ceil(127.0 * np.minimum(shares - 1.0, 1.0))
-    cases = [np.isnan(shares), shares < _FAINT, shares <= 1.0]
+    cases = [np.isnan(shares), shares < palette.FAINT, shares <= 1.0]
     steps = np.select(cases, [np.zeros_like(shares), 1.0, 2.0 + np.floor(126.0 * shares)], above)
     return steps.astype(np.uint8)
 
@@ -310,9 +299,9 @@ def _mode_chart(log: Log) -> dict[str, Any]:
         shares = log.drive.resonances.load_ratios[:, shown] / log_limits(log).warning
         weak = {"colour": "#b0b0b0"}
         words = (
-            ("as wide as its load", {"colour": palette.INK}, (shares >= _FAINT).any()),
+            ("as wide as its load", {"colour": palette.INK}, (shares >= palette.FAINT).any()),
             ("above the limit", {"colour": palette.ABOVE}, (shares > 1.0).any()),
-            ("weak", weak, (shares < _FAINT).any()),
+            ("weak", weak, (shares < palette.FAINT).any()),
             ("load not known", weak | {"style": "dotted"}, np.isnan(shares).any()),
         )
         key = [{"label": f"order, {word}", **style} for word, style, there in words if there]
@@ -408,28 +397,18 @@ def _tables(
         warnings.append(place(episode.worst) | row)
     unknown = any(math.isnan(part.load_ratio) for part in parts)
     more = f", of which the {MAX_WARNINGS} with the largest loads" * (len(every) > len(shown))
-    titles = {
-        "sources": "The largest sources" + " that are known" * unknown,
-        "contributions": f"All sources ({len(loads)})",
-        "moments": f"Warnings ({len(every)}{more})",
-    }
-    load, when = "load ratio [1]", f"[{unit}]"
-    heads = {
-        "sources": ["source", load, f"largest at {when}", "what would end it"],
-        "contributions": [
-            "source",
-            load,
-            f"at {when}",
-            "in warning [s]",
-            "warnings",
-            "in note [s]",
-        ],
-        "moments": [f"start {when}", load, "in", "most severe", "at [Hz]", "duration [s]"],
-    }
-    each = largest[:_SOURCES], loads, warnings
+    title, head = "The largest sources" + " that are known" * unknown, ["source", "load ratio [1]"]
+    sources = [*head, f"largest at [{unit}]", "what would end it"]
+    of_all = [*head, f"at [{unit}]", "in warning [s]", "warnings", "in note [s]"]
+    starts = [f"start [{unit}]", head[1], "in", "most severe", "at [Hz]", "duration [s]"]
+    tables = (
+        ("sources", title, sources, largest[:_SOURCES]),
+        ("contributions", f"All sources ({len(loads)})", of_all, loads),
+        ("moments", f"Warnings ({len(every)}{more})", starts, warnings),
+    )
     return [
-        {"id": name, "title": title, "head": heads[name], "rows": rows, "first": name == "sources"}
-        for (name, title), rows in zip(titles.items(), each, strict=True)
+        {"id": name, "title": title, "head": head, "rows": rows, "first": name == "sources"}
+        for name, title, head, rows in tables
     ]
 
 
@@ -529,10 +508,7 @@ def _spans(log: Log, flags: BoolArray, axis: TimeAxis) -> list[list[float]]:
 
 
 def _excitations(log: Log, axis: TimeAxis) -> dict[str, Any]:
-    """Return the speeds, and for each excitation the ratio of its frequency, Hz, to its speed.
-
-    There are none if the log lacks their file.
-    """
+    """Return the speeds, and of each excitation the ratio of its frequency, Hz, to its speed."""
     shown, speeds = _excitations_shown(log), dict[str, Any]()
     for source, (times, values) in all_speeds(log).items():
         fixed = {"fixed": float(values[0])}  # at all times of the page

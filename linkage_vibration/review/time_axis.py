@@ -43,12 +43,8 @@ def time_axis(log: Log) -> TimeAxis:
     recorded = float(times[-1]) - sum(end - start for start, end in missing)
     least, width = max(_LEAST, _SHARE * recorded), _WIDTH * recorded
     shortened = tuple((start, end) for start, end in missing if end - start > least)
-    knots = [0, len(times) - 1]
-    for k in log.passes.tolist():
-        knots += [k - 1, k]
-    for start, end in shortened:
-        knots += np.searchsorted(times, [start, end]).tolist()
-    rows = np.unique(knots)
+    knots = np.searchsorted(times, np.ravel(shortened))
+    rows = np.unique([0, len(times) - 1, *(log.passes - 1), *log.passes, *knots])
     steps = np.diff(times[rows], prepend=times[rows[:1]])
     ends = {end for _, end in shortened}
     steps[[float(time) in ends for time in times[rows]]] = width

@@ -60,10 +60,7 @@ def prior_section(mapping: Mapping[str, Any], names: Sequence[str]) -> dict[str,
 def posterior_section(
     names: Sequence[str], relative: Sequence[bool] | BoolArray, covariance: FloatArray
 ) -> dict[str, Any]:
-    """Return a section ``uncertainty`` of numbers with a covariance, (n, n).
-
-    It is that of the logarithms of the numbers that are relative.
-    """
+    """Return a section ``uncertainty`` of a covariance, (n, n), by logarithms where relative."""
     deviations = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(deviations, deviations)
     correlation[np.abs(correlation) < _NEGLIGIBLE] = 0.0
@@ -86,10 +83,7 @@ def posterior_section(
 def replace_section(
     text: str, claims: Mapping[str, Any], error: type[LinkageVibrationError]
 ) -> str:
-    """Return the text of a mechanism with another section ``uncertainty``.
-
-    The error is raised if the YAML file is one mapping in braces.
-    """
+    """Return a mechanism's text, which is not all in braces, with another ``uncertainty``."""
     root: Any = yaml.compose(text, yaml.SafeLoader)
     if root.flow_style:
         raise error("The mechanism is in braces; write its first level with one key on a line.")

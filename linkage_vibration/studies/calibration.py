@@ -153,10 +153,7 @@ class _Unknowns:
 
 
 def read_calibration(path: Path) -> CalibrationTask:
-    """Read a calibration and the description that it starts from.
-
-    A CalibrationError names the file, the key and the fix.
-    """
+    """Read a calibration and its description; a CalibrationError names the file, key and fix."""
     try:
         keys = CheckedMapping("", load_yaml(path)[0])
         mapping, text = load_yaml(path.parent / keys.text("mechanism"))
@@ -261,11 +258,7 @@ def fit_report(calibration: CalibrationTask, result: CalibrationResult) -> str:
 
 
 def write_mechanism(calibration: CalibrationTask, result: CalibrationResult, path: Path) -> None:
-    """Write the description with the fitted numbers; its comments and order stay.
-
-    The section ``uncertainty`` is new, and comes last. A `CalibrationError` is raised if an alias
-    in the file makes one number of two parameters.
-    """
+    """Write the description with the fitted numbers, and last a new section ``uncertainty``."""
     edits = []
     for i, (name, value) in enumerate(zip(result.names, result.values.tolist(), strict=True)):
         word, places = f"{value:.6g}", split_paths(name)
@@ -361,10 +354,7 @@ def _fit(
 def _misfits(
     calibration: CalibrationTask, mechanism: Mechanism, near: Kinematics | None
 ) -> FloatArray:
-    """Return ln(frequency / wanted) / deviation, (n_targets,), of a coarse mesh.
-
-    `near` is the kinematics of a mechanism that differs little, if they are known.
-    """
+    """Return ln(frequency / wanted) / deviation, (n_targets,); `near` is of a similar mechanism."""
     mechanism, closed = coarser(mechanism, COARSE_ELEMENTS, COARSE_MODES), calibration.kinematics
     geometry = mechanism.ground, tuple((body.name, body.points) for body in mechanism.bodies)
     if near is None and geometry not in closed:
@@ -401,20 +391,14 @@ def _result(
         stated[at] = number.deviation / (abs(number.value) if logarithmic else 1.0)
         moved[at] = change
         units[at] = stated[at] if at >= len(unknowns.parameters) else 1.0
+    relative = [True] * len(unknowns.parameters) + [each.relative for each in unknowns.others]
+    covariance = np.linalg.inv(information) * np.outer(units, units)
+    numbers = names, unknowns.values(x), np.array(relative), covariance, stated, moved
     mapping = with_numbers(_exact(calibration.mapping), unknowns.numbers(x))
     model = LinkageModel(mechanism_from_mapping(mapping))
-    return CalibrationResult(
-        names,
-        unknowns.values(x),
-        np.array([True] * len(unknowns.parameters) + [each.relative for each in unknowns.others]),
-        np.linalg.inv(information) * np.outer(units, units),
-        stated,
-        moved,
-        _natural_frequencies(model, calibration.targets),
-        scatter,
-        undetermined,
-        tuple(names[i] for i in np.flatnonzero(bound)),
-    )
+    frequencies = _natural_frequencies(model, calibration.targets)
+    on_bound = tuple(names[i] for i in np.flatnonzero(bound))
+    return CalibrationResult(*numbers, frequencies, scatter, undetermined, on_bound)
 
 
 def _scatter(fit: OptimizeResult, n_targets: int, flat: IntArray) -> float:

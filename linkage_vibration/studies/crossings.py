@@ -19,8 +19,7 @@ from linkage_vibration.studies.pose import aligned
 Speeds = Mapping[Source, tuple[float, float]]
 """The lowest and the highest speed of each source, rpm or m/s; the same twice for a fixed one."""
 
-Curve = tuple[FloatArray, FloatArray]
-"""Angles, rad, and speeds, (n,) each."""
+Curve = tuple[FloatArray, FloatArray]  # angles, rad, and speeds, (n,) each
 
 _ANGLES = 181  # of the heights, between which natural frequencies are nearly straight
 _ROWS = 10  # of a printed table
@@ -113,10 +112,7 @@ def _worst(
 def crossing_table(
     crossings: Sequence[Crossing], speeds: Speeds, ends: tuple[float, float], why: str
 ) -> tuple[str, list[list[str]], str]:
-    """Return the title of a table of crossings, its rows with the head, and what is not in it.
-
-    Speeds and ends are those of `find_crossings`; ``why`` says why a factor is not known.
-    """
+    """Return title, rows with head, and what is left out; ``why`` a factor is not known."""
     where = "from {:.4g} to {:.4g} deg".format(*np.degrees(ends))
     for source, pair in speeds.items():
         low, high = (speed_words(source, source.si * speed) for speed in pair)

@@ -58,10 +58,7 @@ def fit_decays(decays: Decays, rate: float) -> DecayFit:
 
 
 def gains(decays: Decays, fit: DecayFit, rate: float) -> FloatArray:
-    """Return by how much each pole lowers the sum of squares of each decay, (n_decays, n_poles).
-
-    The unit is the variance of the residuals.
-    """
+    """Return what poles take off the squares of decays, in variances, (n_decays, n_poles)."""
     count, lowered = len(fit.poles), []
     for signals, (_, columns) in zip(decays, _bases(decays, fit.poles, rate), strict=True):
         basis, upper = np.linalg.qr(columns)

@@ -65,19 +65,14 @@ def compare(
     deviations = np.hypot(spreads[:, np.newaxis], np.nan_to_num(turned, posinf=0.0))
     lateral = np.array([mode.half == "lateral" for mode in every])
     modes = pair_modes(measured, predicted, ratios, deviations, lateral)
-    return [
-        ComparedMode(alpha3, mode, None, math.nan, math.nan)
-        if j is None
-        else ComparedMode(
-            alpha3,
-            mode,
-            every[j],
-            float(predicted[j]),
-            float(deviations[i, j]),
-            tuple(None if k is None else every[k] for k in rival),
-        )
-        for i, (mode, (j, *rival)) in enumerate(zip(measured, modes, strict=True))
-    ]
+    compared = []
+    for i, (mode, (j, *rival)) in enumerate(zip(measured, modes, strict=True)):
+        found: tuple[ModelMode | None, float, float] = None, math.nan, math.nan
+        if j is not None:
+            found = every[j], float(predicted[j]), float(deviations[i, j])
+        rivals = tuple(None if k is None else every[k] for k in rival)
+        compared.append(ComparedMode(alpha3, mode, *found, rivals))
+    return compared
 
 
 def _modes(
@@ -118,11 +113,7 @@ def _steps(model: LinkageModel, alpha3: float) -> list[float]:
 
 
 def calibration_text(modes: Sequence[ComparedMode], mechanism: Path, output: Path) -> str:
-    """Return the text of a calibration (written to output) of rigid bodies to modes at all heights.
-
-    Doubtful pairs are left out. It raises MeasurementError if no measured mode belongs to one of
-    the mechanism.
-    """
+    """Return the text of a calibration to measured modes that belong to one mode for sure."""
     targets = [
         (each.mode, each.alpha3, each.measured.frequency, each.deviation)
         for each in modes

@@ -63,11 +63,6 @@ class Scene:
         return self.angles[0] == self.angles[1]
 
     @property
-    def points(self) -> list[str]:
-        """The points of the places, each once."""
-        return list(dict.fromkeys(point for point, _ in self.places))
-
-    @property
     def allowed(self) -> FloatArray:
         """The errors that meet the tolerance, (3,)."""
         return self.tolerance * np.array([1.0, LOOSER, LOOSER])
@@ -77,11 +72,7 @@ class Scene:
         return float((errors / self.allowed).max())
 
     def with_settings(self, elements: int, modes: int, n_modes: int) -> Mechanism:
-        """Return the mechanism with other settings, and with the band and range of the scene.
-
-        These are the elements of each beam, the fixed-interface modes of each link, and the number
-        of natural frequencies that a prediction reports.
-        """
+        """Return the mechanism for the scene with elements and modes a link, and `n_modes`."""
         mechanism = self.mechanism
         links = [link.meshed(elements, modes) for link in mechanism.links]
         stroke = mechanism.stroke if self.one_angle else self.angles
@@ -109,11 +100,7 @@ class Plan:
 
 
 def plan(scene: Scene, solved: Callable[[], object] = lambda: None) -> Plan:
-    """Choose the cheapest settings that meet a tolerance; `solved` is called after each solve.
-
-    A `PlanError` is raised if the scene is invalid or no setting meets its tolerance, and a
-    `KinematicsError` or a `ModelError` if the linkage cannot be solved there.
-    """
+    """Choose the cheapest settings that meet a tolerance; `solved` is called after each solve."""
     _check(scene)
     trials = _Trials(scene, solved)
     elements, modes, errors = trials.cheapest()
@@ -158,9 +145,9 @@ class _Trials:
         within = [int((each.frequencies < top).sum()) for each in self.exact.values()]
         self.n_modes = max(1, *within)
 
-    def model(self, elements: int, modes: int, n_modes: int = 1) -> LinkageModel:
+    def model(self, elements: int, modes: int) -> LinkageModel:
         """Return a model with these elements and modes a link."""
-        mechanism = self.scene.with_settings(elements, modes, n_modes)
+        mechanism = self.scene.with_settings(elements, modes, 1)
         return LinkageModel(mechanism, kinematics=self.kinematics)
 
     def cheapest(self) -> tuple[int, int, FloatArray]:
@@ -249,10 +236,7 @@ def plan_report(plan: Plan) -> str:
 
 
 def write_planned(plan: Plan, text: str, path: Path) -> None:
-    """Write the text of a mechanism's file with a plan's settings; its comments and its order stay.
-
-    A `PlanError` is raised if an alias in it makes one number of two that differ in the plan.
-    """
+    """Write the text of a mechanism's file with a plan's settings; its comments and order stay."""
     mechanism = plan.mechanism
     numbers: dict[tuple[str, ...], Sequence[float]] = {
         ("response", "band_hz"): mechanism.response.band,

@@ -40,10 +40,7 @@ def angle_rows(mechanism: Mechanism, kinematics: Kinematics, angles: Sequence[fl
 
 
 def cylinder_rows(model: LinkageModel, angles: Sequence[float]) -> str:
-    """Return a table for each cylinder at crank angles, rad: its length, lever, load and oil.
-
-    The load is the thrust of one cylinder under the weight.
-    """
+    """Return tables of cylinders at crank angles, rad: length, lever, thrust of one, and oil."""
     tables, mechanism = [], model.mechanism
     for spring in mechanism.springs:
         if not isinstance(spring.stiffness, Cylinder):

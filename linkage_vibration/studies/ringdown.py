@@ -64,11 +64,7 @@ class RingdownError(LinkageVibrationError):
 
 @dataclass(frozen=True, slots=True)
 class MeasuredMode:
-    """A mode of decays.
-
-    The standard deviations are NaN from less than three decays, which cannot tell. A mode with a
-    doubt is not sure; its deviations do not hold.
-    """
+    """A mode of decays; deviations are NaN from less than three, and do not hold with a doubt."""
 
     frequency: float  # Hz
     ratio: float  # damping ratio, 1
@@ -133,10 +129,7 @@ def _resampled(times: FloatArray, signals: FloatArray) -> tuple[float, FloatArra
 
 
 def find_decays(signals: FloatArray, rate: float) -> list[slice]:
-    """Return the parts of a recording in which a blow decays.
-
-    The signals, (n, n_channels), have no means, and the noise of each channel is their unit.
-    """
+    """Return the parts in which blows decay, of signals in units of noise, (n, n_channels)."""
     level = np.linalg.norm(signals, axis=1)
     quiet = float(np.median(level))
     gap, longest, forced = (int(each * rate) for each in (_APART, _LONGEST, _FORCED))
@@ -259,10 +252,7 @@ def _values(poles: ComplexArray) -> FloatArray:
 
 
 def _changes(decays: Decays, fit: DecayFit, rate: float) -> FloatArray:
-    """Return how far other windows and fewer poles move the values, (n_variants, 2, n_poles).
-
-    A pole that fewer poles do without is NaN.
-    """
+    """Return how other windows and fewer poles move values, (n_variants, 2, n_poles); NaN: lost."""
     late = min(int(_FORCED * rate), min(map(len, decays)) // 4)
     early = [each[: int(_EARLIER * len(each))] for each in decays]
     windows = [each[late:] for each in decays], early
@@ -279,10 +269,7 @@ def _changes(decays: Decays, fit: DecayFit, rate: float) -> FloatArray:
 
 
 def _stddevs(decays: Decays, fit: DecayFit) -> FloatArray:
-    """Return standard deviations of frequencies and damping ratios, (2, n_poles).
-
-    They are the larger of what white noise makes, and of what leaving out a decay changes.
-    """
+    """Return deviations of Hz and damping ratios, (2, n_poles), by noise or a larger jackknife."""
     n, count, size = len(decays), len(fit.poles), np.abs(fit.poles)
     curvature = fit.curvatures.sum(axis=0)
     with np.errstate(invalid="ignore"):  # a pole at zero has neither

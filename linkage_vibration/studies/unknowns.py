@@ -11,11 +11,8 @@ from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
 
-NUMERICAL = 0.1
-"""Numerical error that is small enough, of the standard deviation by the uncertain numbers."""
-
-EXACT = 1e-4
-"""Numerical error that is small enough if no number is uncertain."""
+NUMERICAL = 0.1  # numerical error that is small enough, of the deviation by uncertain numbers
+EXACT = 1e-4  # numerical error that is small enough if no number is uncertain
 
 _STEP = 0.1  # standard deviations to both sides: hardly a curve, and more than a mesh changes
 _EQUAL = 1e-6  # of the variance; only rounding may distinguish shares that differ by less
@@ -24,11 +21,7 @@ _EQUAL = 1e-6  # of the variance; only rounding may distinguish shares that diff
 def needed_tolerance(
     mechanism: Mechanism, band: tuple[float, float], angles: Sequence[float]
 ) -> tuple[float, str]:
-    """Return the relative error below which a finer model is no more accurate, and why.
-
-    The reason names the number to measure next; it is empty if no number is uncertain. The band is
-    in Hz, and the angles in rad.
-    """
+    """Return the error below which a finer model is no more accurate, and what to measure next."""
     uncertainty = mechanism.uncertainty
     if uncertainty is None or not uncertainty.numbers:
         return EXACT, ""
@@ -51,10 +44,7 @@ def needed_tolerance(
 
 
 def log_changes(model: LinkageModel, angles: Sequence[float], highest: float) -> list[FloatArray]:
-    """Return changes of ln(frequency) by one standard deviation of each uncertain number.
-
-    They are (n_numbers, n_modes) at each angle, rad, of the undamped modes up to a frequency, Hz.
-    """
+    """Return changes of ln(frequency) by one deviation, (n_numbers, n_modes), at angles, rad."""
     uncertainty = model.mechanism.uncertainty
     assert uncertainty is not None
     limit, modes = 2.0 * math.pi * highest, [model.solve(alpha3).modes for alpha3 in angles]

@@ -24,8 +24,7 @@ from linkage_vibration.review.findings import first_sentence
 from linkage_vibration.review.log import Log, doubted_between
 from linkage_vibration.testing.limits import OF_LOADS, Limits, Range, TestKitError
 
-NOTHING = -1.0
-"""The known share of a quantity that is never known, not even in part."""
+NOTHING = -1.0  # the known share of a quantity that is never known, not even in part
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from linkage_vibration.cli.main import main
+from linkage_vibration.listening.orders import levels
 from linkage_vibration.listening.signals import Signal
-from linkage_vibration.listening.spectra import levels
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.readers.excitations import read_excitations
@@ -29,7 +29,7 @@ def test_levels_of_a_tone() -> None:
     """A tone of 1 m/s2 at 10 Hz moves with 1 / (2 pi 10 sqrt(2)) = 0.01125 m/s rms."""
     times = np.arange(0.0, 20.0, 0.005)
     values = np.outer(np.sin(2.0 * np.pi * 10.0 * times), [0.0, 0.0, 1.0])
-    actual = levels(Signal(sensor(), times, values, 200.0, ()), 4.0)
+    actual = levels(Signal(sensor(), times, values, 200.0, ()))
     np.testing.assert_allclose(actual, 0.01125, rtol=0.01)
 
 

@@ -17,8 +17,15 @@ import yaml
 
 from linkage_vibration.cli.main import main
 from linkage_vibration.export.c_source import c_sources
-from linkage_vibration.export.constants import NUMBERS, Constants, ExportError, _gaps, constants_of
-from linkage_vibration.export.exported import NAME, Export, export_of
+from linkage_vibration.export.constants import (
+    NAME,
+    NUMBERS,
+    Constants,
+    Export,
+    ExportError,
+    constants_of,
+    export_of,
+)
 from linkage_vibration.export.fmu import fmu_bytes
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
@@ -176,13 +183,6 @@ def equal_numbers(export: Export, folder: Path, compiler: str, *flags: str, **mo
 def test_sanitizers(table: Table, tmp_path: Path) -> None:
     """With the sanitizers of gcc, which find no fault, every number equals that of the node."""
     assert equal_numbers(export_of(table), tmp_path, require("gcc"), *SANITIZERS) == 1.0
-
-
-def test_gaps_of_neighbouring_cells() -> None:
-    """Cells without cubics that touch are one gap."""
-    ends, without = np.arange(6.0), np.array([True, False, True, True, False])
-    assert _gaps(ends, without) == ((0.0, 1.0), (2.0, 4.0))
-    assert _gaps(ends, ~without) == ((1.0, 2.0), (4.0, 5.0))
 
 
 @pytest.mark.parametrize("target", TARGETS)

@@ -15,7 +15,8 @@ import pytest
 
 from linkage_vibration.cli.main import main
 from linkage_vibration.export.c_source import c_sources
-from linkage_vibration.export.exported import NAME, Export, export_of
+from linkage_vibration.export.constants import NAME, Export, export_of
+from linkage_vibration.export.orders import joined_cells, largest_sizes
 from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
 from linkage_vibration.prediction.levels import LevelTable, kept_levels
 from linkage_vibration.prediction.loads import FORCE, Load, LoadKind
@@ -31,6 +32,7 @@ from linkage_vibration.support.resources import (
     PAPER_TABLE,
     config_file,
 )
+from linkage_vibration.table.cells import Cells
 from linkage_vibration.table.table import Table, load_table
 from test.support.c_code import Library, compile_c, misra_rules, write
 from test.support.programs import require
@@ -324,3 +326,26 @@ def test_table_of_another_mechanism(tmp_path: Path, capsys: Any) -> None:
     other = ["--mechanism", str(config_file(DEFAULT_MECHANISM)), "--c", str(tmp_path / "x")]
     assert main(["export", table, "--excitations", orders, *other]) == 1
     assert "was built from another mechanism" in capsys.readouterr().err
+
+
+def test_largest_sizes() -> None:
+    """They are magnitudes, and those of cells without cubics do not count."""
+    cubics = np.array([[0.0, 0.0, 2.0, -7.0], [np.nan] * 4, [0.0, 0.0, 1.0, 4.0]])[..., np.newaxis]
+    np.testing.assert_array_equal(largest_sizes(cubics), [7.0])
+    np.testing.assert_array_equal(largest_sizes(cubics[1:2]), [0.0])
+
+
+@pytest.mark.parametrize(("share", "left"), [(1e-8, 1.0), (1e-5, 0.5), (1e-2, 0.5)])
+def test_joined_cells(share: float, left: float) -> None:
+    """Fewer cells differ from those of a table by no more than the limits, which they use."""
+    table = load_table(config_file(PAPER_TABLE))
+    starts, cubics = table.cells.arrays
+    ends = np.append(starts, table.alpha3_range[1])
+    limits = share * largest_sizes(cubics)
+    fewer = Cells(*joined_cells(ends, cubics, limits))
+    angles = np.linspace(*table.alpha3_range, 20_001)
+    off = np.abs(fewer.many_values(angles) - table.cells.many_values(angles)) / limits
+    assert 0.5 < off.max() <= 1.0
+    assert len(fewer.arrays[0]) < left * len(starts)
+    same = joined_cells(ends, cubics, 0.0 * limits)
+    assert len(same[0]) == len(starts)

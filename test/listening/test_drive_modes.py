@@ -12,7 +12,13 @@ import pytest
 
 from benchmark.listening.simulation import HEAVE, SENSORS, Drive, Scene, simulate
 from linkage_vibration.listening import drive_modes
-from linkage_vibration.listening.drive_modes import DriveMode, _best, model_shapes, search_modes
+from linkage_vibration.listening.drive_modes import (
+    DriveMode,
+    MeasuredDrive,
+    _best,
+    model_shapes,
+    search_modes,
+)
 from linkage_vibration.listening.output_only import Candidate, PausableTask, finish, mac
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import Mechanism
@@ -24,7 +30,7 @@ from test.support.in_plane import plane_mechanism, plane_table
 
 def listen_modes(*given: Any) -> tuple[DriveMode, ...]:
     """Return the modes of a drive without pauses."""
-    return finish(search_modes(*given))
+    return finish(search_modes(MeasuredDrive(*given)))
 
 
 @pytest.fixture(scope="module")

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from linkage_vibration.listening.orders import levels, spectrogram
 from linkage_vibration.listening.signals import Signal, SignalError, known_at, measured_signal
-from linkage_vibration.listening.spectra import levels, spectrogram
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.readers.sensors import Sensor
 
@@ -141,10 +141,10 @@ def test_spectra_are_those_of_a_tone() -> None:
     times = np.arange(0.0, 8.0, 0.005)
     values = np.outer(np.sin(2.0 * np.pi * 20.0 * times), [0.0, 0.6, 0.8])
     signal = Signal(sensor(), times, values, 200.0, ())
-    _, frequencies, power = spectrogram(signal, 2.0)
+    _, frequencies, power = spectrogram(signal)
     np.testing.assert_allclose(power.sum(axis=1) * frequencies[1], 0.5, rtol=1e-3)
     expected = 1.0 / (2.0 * math.pi * 20.0 * math.sqrt(2.0))
-    np.testing.assert_allclose(levels(signal, 2.0), expected, rtol=0.01)
+    np.testing.assert_allclose(levels(signal), expected, rtol=0.01)
 
 
 def test_stamps_that_are_rounded_or_late_cost_nothing() -> None:

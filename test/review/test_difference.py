@@ -331,6 +331,6 @@ def test_folders_of_bags(drive: Path, tmp_path: Path) -> None:
 def test_tolerance(a: float, b: float, beyond: bool) -> None:
     """Numbers may differ by 5 % of one or of a tenth of the largest; both logs have one or none."""
     values = np.array([10.0, a]), np.array([10.0, b])
-    each = Quantity("mode 1", "Hz", 1.0, *values, *map(np.isfinite, values))
+    each = Quantity("mode 1", "Hz", *values, *map(np.isfinite, values))
     assert each.beyond(0.05).tolist() == [False, beyond]
     assert each.beyond(0.0).tolist() == [False, a != b and not (math.isnan(a) and math.isnan(b))]

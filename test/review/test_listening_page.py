@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from linkage_vibration.listening import drive_modes
 from linkage_vibration.listening.amplitudes import MeasuredOrder
-from linkage_vibration.listening.drive_modes import DriveMode, why_no_modes
+from linkage_vibration.listening.drive_modes import DriveMode, MeasuredDrive, why_no_modes
 from linkage_vibration.listening.output_only import PausableTask
 from linkage_vibration.listening.signals import Signal
 from linkage_vibration.mechanics.model import LinkageModel
@@ -202,10 +202,10 @@ def test_silence_is_explained(log: Log) -> None:
 @pytest.mark.parametrize("gap", [0.0, 2.0])
 def test_no_mode_is_sought_in_a_gap(log: Log, gap: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two sensors share their times, and the angle is not known in a gap of one of them."""
-    given: list[np.ndarray] = []
+    given: list[MeasuredDrive] = []
 
-    def listen(*arguments: np.ndarray, damped: bool) -> PausableTask[tuple[DriveMode, ...]]:
-        given.extend(arguments)
+    def listen(drive: MeasuredDrive) -> PausableTask[tuple[DriveMode, ...]]:
+        given.append(drive)
         yield
         return ()
 
@@ -214,9 +214,8 @@ def test_no_mode_is_sought_in_a_gap(log: Log, gap: float, monkeypatch: pytest.Mo
     kept = (whole.times < 10.0) | (whole.times > 10.0 + gap)
     whole = replace(whole, times=whole.times[kept], values=whole.values[kept])
     heard_modes(log, [compare_sensor(log, each) for each in (whole, late)])
-    times, values, angle = given[2], given[3], given[5]
-    assert (times[0], values.shape[1]) == (5.0, 4)
-    unknown = np.isnan(angle)
+    times, unknown = given[0].times, np.isnan(given[0].angle)
+    assert (times[0], given[0].signals.shape[1]) == (5.0, 4)
     assert unknown.any() == (gap > 0.0)
     np.testing.assert_array_equal(unknown[(times > 9.81) & (times < 12.19)], gap > 0.0)
     assert not unknown[(times < 9.79) | (times > 12.21)].any()
@@ -249,8 +248,8 @@ def test_a_dead_axis_and_sensors_that_hardly_meet(
     """An axis of zeros is left out; no mode is sought without signals, or in less than 8 s."""
     places: list[object] = []
 
-    def listen(*arguments: object, damped: bool) -> PausableTask[tuple[DriveMode, ...]]:
-        places.append(arguments[4])
+    def listen(drive: MeasuredDrive) -> PausableTask[tuple[DriveMode, ...]]:
+        places.append(drive.places)
         yield
         return ()
 

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkage_vibration.export.c_source import c_sources
-from linkage_vibration.export.constants import FARTHEST, NUMBERS, PER_MODE, Constants
-from linkage_vibration.export.exported import Export
+from linkage_vibration.export.constants import FARTHEST, NUMBERS, PER_MODE, Constants, Export
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.prediction.severity import WarningLimits
 from test.support.programs import require

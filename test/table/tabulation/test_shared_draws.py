@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.listening.number_effects import number_effects
+from linkage_vibration.listening.model_check import number_effects
 from linkage_vibration.mechanics.description import UncertainNumber, Uncertainty, coarser
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.uncertainty import paired_draws
