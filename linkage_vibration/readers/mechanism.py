@@ -128,7 +128,7 @@ class _Strict(yaml.constructor.SafeConstructor):
         return super().construct_mapping(node, deep)
 
 
-def _whole_number(loader: _Strict, node: Any) -> int:
+def _whole_number(loader: Any, node: Any) -> int:
     """Return a whole number that a float can hold."""
     value = loader.construct_yaml_int(node)
     try:
