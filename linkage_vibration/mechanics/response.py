@@ -258,28 +258,15 @@ class PoleResidue:
         every = np.clip([*np.linspace(low, high, count), *near.ravel()], low, high)
         return np.asarray(np.unique(every) / (2.0 * math.pi))
 
-    def local_peaks(
-        self, modes: IntArray, band: tuple[float, float] = (0.0, math.inf)
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return the maximum near the resonance of some modes, of a single FRF.
+    def local_peaks(self, modes: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Return the maximum near the resonance of some modes, of a single FRF: Hz and m/N, (n,).
 
-        Parameters
-        ----------
-        modes, band
-            Indices, (n,), and Hz: maxima that other modes shifted are only sought in the band.
-
-        Returns
-        -------
-        frequencies, magnitudes : ndarray, (n,)
-            Hz and m/N; NaN where there is no maximum, infinite if a mode is undamped. Modes close
-            to one another may share a maximum.
+        It is NaN where there is none, and infinite if a mode is undamped. Close modes may share it.
         """
         k, width = np.abs(self.stiffness[modes]), self._half_widths(modes)
         start = np.sqrt(np.maximum(k - 2.0 * width**2, 0.0))
         omega, settled = self._climb(start, width, 3.0 * width)
-        low, high = 2.0 * math.pi * real_numbers(band, "band")
-        inside = (start >= low) & (start <= high)
-        lost = np.flatnonzero(~settled & inside)
+        lost = np.flatnonzero(~settled)
         if len(lost):
             # Other modes have shifted the maximum: look for the nearest one.
             step = width[lost] / 4.0

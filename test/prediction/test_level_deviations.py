@@ -22,7 +22,7 @@ from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.mechanics.paths import number_at, split_paths, with_numbers
 from linkage_vibration.prediction.ensemble import EnsembleResponses, GroundMembers
 from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
-from linkage_vibration.prediction.ground import Terrain, ground_spectrum
+from linkage_vibration.prediction.ground import GroundLevels, Terrain, ground_spectrum
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.loads import UnitLoad
 from linkage_vibration.prediction.predictor import Predictor
@@ -163,6 +163,12 @@ def test_the_ground_belongs_to_the_members(models: list[LinkageModel]) -> None:
     shares = members.shares(np.full(2, ALPHA3), np.array(slow_and_fast))
     stated = np.log(shares).std(axis=1)
     assert within_samples(stated, np.log(squares))
+    # A road that is twice as high has four times the mean squares.
+    one, two = np.ones(2), np.ones((2, 2))
+    unit = GroundLevels(one, one, two, two, two, one, np.zeros(2, np.int8))
+    every = members.levels(unit, np.full(2, ALPHA3), np.array(slow_and_fast), np.full(MEMBERS, 2.0))
+    found = np.array([every.velocity**2, *every.forces2])
+    np.testing.assert_allclose(found, 4.0 * shares.reshape(-1, 3).T)
     nominal = LinkageModel(coarse(mechanism), reduced=False)
     for share, speed in zip(shares, slow_and_fast, strict=True):
         lines, density = ground_spectrum(nominal, mechanism, terrain, places[0], ALPHA3, speed)
