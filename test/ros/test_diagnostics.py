@@ -313,8 +313,8 @@ def test_gaps_of_sequence_numbers(numbers: list[int], publishers: int, missing: 
 
 
 def test_wall_clock_that_was_set() -> None:
-    """A step of the wall clock against the steady clock is counted as a jump, once."""
+    """A step by more than 0.5 s against the steady clock is counted as a jump, once."""
     statistics = Statistics()
-    for wall, steady in ((100.0, 1.0), (101.0, 2.0), (98.0, 3.0), (99.0, 4.0)):
+    for wall, steady in ((100.0, 1.0), (101.4, 2.0), (98.0, 3.0), (99.0, 4.0), (100.6, 5.0)):
         statistics.watch_wall_clock(wall, steady)
-    assert statistics.clock_jumps == 1
+    assert statistics.clock_jumps == 2
