@@ -6,6 +6,7 @@ import gzip
 import random
 import struct
 import sys
+from contextlib import nullcontext
 from datetime import datetime, timezone
 from pathlib import Path
 from time import tzset
@@ -463,6 +464,11 @@ def test_slight_disorder_is_sorted(tmp_path: Path) -> None:
     random.Random(1).shuffle(lines)
     path.write_text("".join(lines))
     assert [(time, frame) for time, _, frame in frames_of(path)] == expected(frames)
+    for late, words in (("0.999", ""), ("1.009", "goes back in time by 1.009 s")):
+        times = (f"170000000{each}" for each in (late, "0.000", "0.090"))
+        path.write_text("".join(f"({time}) can0 123#11\n" for time in times))
+        with pytest.raises(BagError, match=words) if words else nullcontext():
+            assert len(frames_of(path)) == 3
 
 
 def test_relative_times(tmp_path: Path) -> None:

@@ -91,7 +91,7 @@ def test_noise_beside_an_order() -> None:
 def test_a_tone_beside_an_order_is_noise(bins: int, share: float) -> None:
     """It is so at 3 to 5 bins of 0.25 Hz on both sides, of which six the mean is taken.
 
-    The square of a Hann window passes 1, 2/3 and 1/6 of a tone at 0, 1 and 2 bins, and nothing else.
+    The square of a Hann window passes 1, 2/3 and 1/6 of a tone at 0, 1 and 2 bins, no others.
     """
     actual = tracked(3.0 * np.cos(2.0 * math.pi * (9.0 + 0.25 * bins) * TIMES))
     np.testing.assert_allclose(actual.noise[:, 1], 9.0 * share, atol=0.01)

@@ -154,7 +154,7 @@ def test_i_section_is_read(mapping: Any) -> None:
         (change("links", "upper_link", "section", "inner_diameter", to=0.1), "inner", "fit"),
         (change("links", "lift_rod", "material", "poisson_ratio", to=0.7), "poisson", "0.5"),
         (
-            change("rigid_bodies", "implement", "centre_of_gravity", "E1", to=0.1),
+            change("rigid_bodies", "implement", "centre_of_gravity", "E1", to=0.65),
             "gravity",
             "no po",
         ),

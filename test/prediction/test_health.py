@@ -697,13 +697,16 @@ def test_a_spike_is_said_for_ten_seconds() -> None:
     assert faults[9][0].sentence.endswith("cable. This was 9 s ago.")
 
 
-@pytest.mark.parametrize(("taken", "faulty"), [(1.0, True), (0.5, False), (0.3, False)])
-def test_what_is_left_out_is_no_fault_of_the_rate(taken: float, faulty: bool) -> None:
+@pytest.mark.parametrize(
+    ("taken", "count", "faulty"),
+    [(1.0, 50, True), (0.5, 50, False), (0.3, 30, False), (0.5, 9, False), (0.5, 10, True)],
+)
+def test_what_is_left_out_is_no_fault_of_the_rate(taken: float, count: int, faulty: bool) -> None:
     """The readings that were left out or lost count; a few readings say nothing about the rate."""
     watch = ReadingWatch()
     before, after = judged(seconds(100, 5), [2.0] * 500, watch=watch), []
     for second in range(5, 8):
-        for i in range(30 if taken == 0.3 else 50):
+        for i in range(count):
             watch.take(second + i / 60, START, START, 2.0, math.nan, known=True)
         expected = replace(EXPECTED, taken=taken)
         after = watch.judge(second + 1.0, 1.0, expected)
