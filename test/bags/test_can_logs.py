@@ -471,6 +471,16 @@ def test_slight_disorder_is_sorted(tmp_path: Path) -> None:
             assert len(frames_of(path)) == 3
 
 
+@pytest.mark.parametrize(("back", "refused"), [(10, False), (11, True)])
+def test_a_tenth_of_relative_times_may_descend(tmp_path: Path, back: int, refused: bool) -> None:
+    """More of them are differences of times."""
+    times = np.cumsum([1.0] + [0.01, -0.005] * back + [0.01] * (100 - 2 * back))
+    path = tmp_path / "bus.log"
+    path.write_text("".join(f"({time:010.6f}) can0 123#11\n" for time in times.tolist()))
+    with pytest.raises(BagError, match="differences of times") if refused else nullcontext():
+        assert len(frames_of(path)) == 101
+
+
 def test_relative_times(tmp_path: Path) -> None:
     """A log whose times begin at 0 keeps them, unless they are differences."""
     path = tmp_path / "bus.log"

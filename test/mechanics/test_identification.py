@@ -304,6 +304,14 @@ def test_lines_short_of_the_band(model: LinkageModel, lines: FloatArray, words: 
         identify(lines, frf, BAND)
 
 
+@pytest.mark.parametrize(("highest", "refused"), [(198.1, False), (197.9, True)])
+def test_lines_may_end_a_little_before_the_band(highest: float, refused: bool) -> None:
+    """One percent of a band of 200 Hz may be missing at an end."""
+    lines = np.linspace(0.1, highest, 2000)
+    with pytest.raises(IdentificationError, match="not the whole") if refused else nullcontext():
+        assert len(identify(lines, single(lines), BAND).omega) == 1
+
+
 @pytest.mark.parametrize("share", [0.0, 1e-3, 1e-2])
 def test_lines_too_coarse_for_light_damping(model: LinkageModel, share: float) -> None:
     """Lines 0.1 Hz apart and damping ratios of 0.02 %: refused in any noise, with both widths."""

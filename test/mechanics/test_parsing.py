@@ -161,6 +161,7 @@ def test_i_section_is_read(mapping: Any) -> None:
         (change("rigid_bodies", "implement", "centre_of_gravity", to=[1]), "gravity", "point [x"),
         (change("ground", "P4", to=[0, 0]), "ground.P4", "no body"),
         (change("ground", "P1", to=[0, 0, 0]), "ground.P1", "[x, z]"),
+        (change("ground", "P1", to=[0, 102]), "ground", "m apart; lengths are in m"),
         (change("ground", "P1", to=["a", 0]), "ground.P1[0]", "text"),
         (change("input", "link", to="implement"), "input.link", "lower_link"),
         (
