@@ -324,7 +324,7 @@ def test_the_only_candidate_is_not_quieter() -> None:
         (0.0, 0.0, ""),
         (1.0, 0.0, "less than 1 %"),
         (1.0, 0.0049, "less than 1 %"),
-        (1.0, 0.0051, "1 %"),
+        (1.0, 0.0051, "loaded 1 %"),
     ],
 )
 def test_sentences_at_rest(now: float, least: float, words: str) -> None:
