@@ -23,7 +23,7 @@ from linkage_vibration.mechanics.paths import number_at, split_paths, with_numbe
 from linkage_vibration.prediction.ensemble import EnsembleResponses, GroundMembers
 from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
 from linkage_vibration.prediction.ground import GroundLevels, Terrain, ground_spectrum
-from linkage_vibration.prediction.levels import LevelTable
+from linkage_vibration.prediction.levels import LevelTable, _mean
 from linkage_vibration.prediction.loads import UnitLoad
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.resonance import ResonanceMonitor, described
@@ -211,6 +211,13 @@ def test_without_uncertainty_nothing_is_stated() -> None:
     assert levels.member_totals(*at)[0].shape == (0, 1)
     assert all(np.isnan(values).all() for values in level_factors(levels, *at, 0.3).values())
     assert not len(table.ensemble_alpha3)
+
+
+def test_factors_need_nearly_all_members() -> None:
+    """Of 64 members three may be unknown; the mean is then that of the others."""
+    values = np.ones((2, MEMBERS, 1))
+    values[0, :3] = values[1, :4] = np.nan
+    np.testing.assert_array_equal(_mean(values), [[1.0], [np.nan]])
 
 
 def test_factors_are_held_for_a_second() -> None:

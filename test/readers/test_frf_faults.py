@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from linkage_vibration.mechanics.bodies.beam import Beam
 from linkage_vibration.mechanics.components import Component
 from linkage_vibration.mechanics.description import MechanismError
+from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.mechanics.fbs import component_frf
-from linkage_vibration.mechanics.mass_lines import find_mass_lines, shown_mass
+from linkage_vibration.mechanics.mass_lines import MassLines, find_mass_lines, shown_mass
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.readers.mechanism import read_mechanism
 from test.support.measured_links import (
@@ -174,6 +175,16 @@ def test_mass_from_noisy_lines() -> None:
         assert lines.last < link.lowest
     assert actual > 4
     assert above > 0
+
+
+def test_three_dofs_show_a_mass() -> None:
+    """12 kg with 0.5 kg m2 about (0.3, 0.1) m have A = R M^-1 R^T; two DoFs show no mass."""
+    points = {"P": (0.0, 0.0), "Q": (0.6, 0.0)}
+    dofs = [InterfaceDof("P", "x"), InterfaceDof("P", "z"), InterfaceDof("Q", "z")]
+    rows = np.array([[1.0, 0.0, 0.1], [0.0, 1.0, -0.3], [0.0, 1.0, 0.3]])
+    a = rows @ np.diag([1.0 / 12.0, 1.0 / 12.0, 1.0 / 0.5]) @ rows.T
+    assert shown_mass(dofs, MassLines(1.0, 9.0, a), points) == pytest.approx((12.0, 0.0), abs=1e-9)
+    assert shown_mass(dofs[:2], MassLines(1.0, 9.0, a[:2, :2]), points) is None
 
 
 def test_dofs_that_the_link_does_not_have() -> None:
