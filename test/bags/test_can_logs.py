@@ -236,6 +236,7 @@ FAULTS = {
         " (1700000000.000100)  can0  RX - -  0CFE45F0   [1]  7D\n",
         r"cannot be read: line 1 is .*candump -l",
     ),
+    "a hundred bad lines": (LINE + "x\n" * 300, r"has 101 lines that cannot be read: line 2 is"),
     "one long line": ("x" * 10**6, r"cannot be read: line 1 is"),
     "a long line between others": (LINE + "x" * 10**4 + "\n" + LINE, r"cannot be read: line 2 is"),
 }

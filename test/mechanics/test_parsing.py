@@ -11,6 +11,7 @@ import pytest
 
 from linkage_vibration.mechanics.bodies.beam import Beam
 from linkage_vibration.mechanics.description import Mechanism, MechanismError
+from linkage_vibration.mechanics.keys import CheckedMapping
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.prediction.doubts import linkage_doubts
@@ -197,6 +198,14 @@ def test_wrong_descriptions_are_refused(
         mechanism_from_mapping(mapping)
     assert path in raised.value.path
     assert words in raised.value.problem
+
+
+def test_the_largest_whole_number() -> None:
+    """Ten thousand elements or modes may be given, and not one more."""
+    keys = CheckedMapping("", {"modes": 10_000, "elements": 10_001})
+    assert keys.integer("modes") == 10_000
+    with pytest.raises(MechanismError, match="10001 is not a whole number from 1 to 10000"):
+        keys.integer("elements")
 
 
 def test_a_misspelt_ground_point_of_the_crank(mapping: Any) -> None:
