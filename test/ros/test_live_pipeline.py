@@ -299,7 +299,8 @@ def test_names_expire(bench: Bench) -> None:
 
 def test_a_sensor_is_silent_after_5_s(bench: Bench) -> None:
     """What it measured is then no longer shown."""
-    bench.path.measured = {"imu": (bench.now, SimpleNamespace())}
+    sample: Any = SimpleNamespace()
+    bench.path.measured = {"imu": (bench.now, sample)}
     for pause, kept in ((4.8, True), (0.1, False)):
         bench.now += pause
         bench.faults()
