@@ -655,7 +655,7 @@ for _bad, _good, _words in (
     ((DBC.replace("0|16", "56|16"), "M.S"), (DBC, "M.S"), "into byte 9, .*; correct the file"),
     ((LONG, "M.S"), (LONG + DBC[DBC.index("BO_") :].replace("M", "N"), "N.S"),
      "has 9 bytes, which J1939 .*; choose a signal of a message with at most 8 bytes"),
-    ((DBC, "engine_speed@300"), (DBC, "engine_speed@0"), "write one from 0 to 253, such as"),
+    ((DBC, "engine_speed@254"), (DBC, "engine_speed@253"), "write one from 0 to 253, such as"),
     ((DBC, "M.S@0"), (DBC, "M.S"), "write M.S without an address"),
 ):  # fmt: skip
     add(f"signal: {_words[:30]}", _words, read_signal, _bad, _good)

@@ -192,7 +192,7 @@ def _draw_from_behind(ax: "Axes", model: LinkageModel, alpha3: float, moved: Mov
     for chain in () if moved else mechanism.lateral.chains:
         link = next(link for link in mechanism.links if link.name == chain.link)
         (first, (begin, _)), (_, aside, z) = link.points[0], chain.end
-        at = y.get(first, 0.0) + link.slope * (chain.at - begin)
+        at = y[first] + link.slope * (chain.at - begin)
         left = np.array([(at, configuration.place(link.name, (chain.at, 0.0))[1]), (aside, z)])
         for line in (left, left * both):
             ax.plot(*line.T, ":", color=palette.INK, lw=2, zorder=3)

@@ -119,11 +119,11 @@ def remedy(log: Log, row: int) -> str:
     message = drive_advice(log, levels, _HEIGHTS, row=row).message
     if not is_quieter(message)[HEIGHT] or not at.total_load_ratio > at.load_ratio_limit:
         return "no speed or height alone that is known"
-    degrees = round(math.degrees(message.crank_angles[HEIGHT]), 1)  # as it is written
+    degrees = f"{math.degrees(message.crank_angles[HEIGHT]):.1f}"  # as it is written
     speeds = {source: float(values[row]) for source, values in speeds_at_drive(log).items()}
-    there = _assessed(log, at, math.radians(degrees), speeds)
+    there = _assessed(log, at, math.radians(float(degrees)), speeds)
     calm = there.total_load_ratio <= at.load_ratio_limit and there.state != ResonanceState.WARNING
-    leaves = f"a crank angle of {degrees:.1f} deg would leave {ratio_words(there.total_load_ratio)}"
+    leaves = f"a crank angle of {degrees} deg would leave {ratio_words(there.total_load_ratio)}"
     return f"{leaves}; {enough if calm else 'this is not enough'}"
 
 

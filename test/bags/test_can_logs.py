@@ -6,6 +6,7 @@ import gzip
 import random
 import struct
 import sys
+from contextlib import nullcontext
 from datetime import datetime, timezone
 from pathlib import Path
 from time import tzset
@@ -235,6 +236,7 @@ FAULTS = {
         " (1700000000.000100)  can0  RX - -  0CFE45F0   [1]  7D\n",
         r"cannot be read: line 1 is .*candump -l",
     ),
+    "a hundred bad lines": (LINE + "x\n" * 300, r"has 101 lines that cannot be read: line 2 is"),
     "one long line": ("x" * 10**6, r"cannot be read: line 1 is"),
     "a long line between others": (LINE + "x" * 10**4 + "\n" + LINE, r"cannot be read: line 2 is"),
 }
@@ -463,6 +465,21 @@ def test_slight_disorder_is_sorted(tmp_path: Path) -> None:
     random.Random(1).shuffle(lines)
     path.write_text("".join(lines))
     assert [(time, frame) for time, _, frame in frames_of(path)] == expected(frames)
+    for late, words in (("0.999", ""), ("1.009", "goes back in time by 1.009 s")):
+        times = (f"170000000{each}" for each in (late, "0.000", "0.090"))
+        path.write_text("".join(f"({time}) can0 123#11\n" for time in times))
+        with pytest.raises(BagError, match=words) if words else nullcontext():
+            assert len(frames_of(path)) == 3
+
+
+@pytest.mark.parametrize(("back", "refused"), [(10, False), (11, True)])
+def test_a_tenth_of_relative_times_may_descend(tmp_path: Path, back: int, refused: bool) -> None:
+    """More of them are differences of times."""
+    times = np.cumsum([1.0] + [0.01, -0.005] * back + [0.01] * (100 - 2 * back))
+    path = tmp_path / "bus.log"
+    path.write_text("".join(f"({time:010.6f}) can0 123#11\n" for time in times.tolist()))
+    with pytest.raises(BagError, match="differences of times") if refused else nullcontext():
+        assert len(frames_of(path)) == 101
 
 
 def test_relative_times(tmp_path: Path) -> None:

@@ -143,6 +143,7 @@ def test_reserved_numbers_are_not_values(name: str) -> None:
 
     last = 0xFA if width == 1 else 0xFAFF
     assert value(signal, frame(last)) == pytest.approx(signal.scale * last + signal.offset)
+    assert "reserved" not in explain(signal, frame(last))
     for raw in range(last + 1, 1 << 8 * width):
         assert np.isnan(value(signal, frame(raw)))
     low = (width - 1) * 8

@@ -233,11 +233,16 @@ def test_elements_by_name(names: list[str], count: int) -> None:
 
 
 def test_names_are_listed_in_short() -> None:
-    """A name of 60 characters is listed, of a longer one its beginning, and an empty one as ''."""
-    words = FieldReader(JOINTS, JOINT_STATE, "position[up]").explain_missing(
-        "/joints", [60 * "x", 61 * "y", ""]
-    )
+    """A name of 60 characters is listed, of a longer one its beginning, and an empty one as ''.
+
+    Of more than twenty names, the first twenty are listed.
+    """
+    explain = FieldReader(JOINTS, JOINT_STATE, "position[up]").explain_missing
+    words = explain("/joints", [60 * "x", 61 * "y", ""])
     assert f"it has '', {60 * 'x'}, {60 * 'y'}..." in words
+    names = "abcdefghijklmnopqrstu"
+    assert "s, t. " in explain("/joints", names[:20])
+    assert "s, t and 1 more. " in explain("/joints", names)
 
 
 @given(st.lists(st.tuples(NAMES, st.integers(0, 4), st.booleans()), min_size=1, max_size=6))

@@ -87,6 +87,16 @@ def test_noise_beside_an_order() -> None:
     assert actual.squares.mean() == pytest.approx(expected, rel=0.1)
 
 
+@pytest.mark.parametrize(("bins", "share"), [(-4, 17.0 / 54.0), (4, 17.0 / 54.0), (8, 0.0)])
+def test_a_tone_beside_an_order_is_noise(bins: int, share: float) -> None:
+    """It is so at 3 to 5 bins of 0.25 Hz on both sides, of which six the mean is taken.
+
+    The square of a Hann window passes 1, 2/3 and 1/6 of a tone at 0, 1 and 2 bins, no others.
+    """
+    actual = tracked(3.0 * np.cos(2.0 * math.pi * (9.0 + 0.25 * bins) * TIMES))
+    np.testing.assert_allclose(actual.noise[:, 1], 9.0 * share, atol=0.01)
+
+
 @pytest.mark.parametrize(("apart", "known"), [(0.6, True), (0.4, False)])
 def test_orders_that_meet_are_not_known(apart: float, known: bool) -> None:
     """Two lines less than 0.5 Hz apart cannot be told from each other in 4 s."""

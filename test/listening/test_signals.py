@@ -180,10 +180,26 @@ def test_bursts_are_refused(within: float, apart: float) -> None:
         measured_signal(sensor(), stamps, values, 20.0)
 
 
-def test_stretches_between_gaps_are_no_bursts() -> None:
-    """A sensor that is silent for 1 s after each second is used, with a doubt about its gaps."""
-    stamps = (np.arange(20)[:, np.newaxis] * 2.0 + np.arange(200) / RATE).ravel()
-    assert "19 gaps" in doubts(readings(), stamps)
+@pytest.mark.parametrize(
+    ("stretches", "samples", "lost", "words"),
+    [
+        (20, 200, 200, "19 gaps"),  # silent for 1 s after each second
+        (20, 105, 200, "19 gaps"),  # 20 x 104 x 5 ms is more than 0.5 s for each gap
+        (20, 94, 200, "come in bursts"),  # 20 x 93 x 5 ms is less
+        (2, 40, 200, "gap"),  # one gap makes no bursts
+        (3, 40, 200, "come in bursts"),
+        (100, 10, 9, ""),  # half of the samples may be missing
+        (100, 10, 11, "come in bursts"),
+    ],
+)
+def test_long_stretches_are_no_bursts(stretches: int, samples: int, lost: int, words: str) -> None:
+    """A sensor that falls silent again and again is used, with a doubt, if it mostly samples."""
+    at = np.add.outer(np.arange(stretches) * (samples + lost), np.arange(samples)).ravel()
+    try:
+        text = doubts(readings()[: len(at)], at / RATE)
+    except SignalError as error:
+        text = str(error)
+    assert words in text if words else not text
 
 
 @pytest.mark.parametrize(("highest", "named"), [(99.0, False), (101.0, True)])

@@ -3,6 +3,7 @@
 """Modes identified from FRFs, against the modes that the FRFs were made from."""
 
 import math
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -244,6 +245,10 @@ def test_too_few_lines_for_a_peak() -> None:
     lines = np.linspace(1.0, 200.0, 100)
     with pytest.raises(IdentificationError, match=r"peak at 50 Hz is 0.1 Hz wide.*2 Hz apart"):
         identify(lines, single(lines, 0.001), BAND)
+    for spacings, refused in ((4.9, False), (5.1, True)):  # of 0.1 Hz, in half-power bandwidths
+        frf = single(LINES, 0.1 / (2.0 * 50.0 * spacings))
+        with pytest.raises(IdentificationError) if refused else nullcontext():
+            assert len(identify(LINES, frf, BAND).omega) == 1
 
 
 def test_too_few_lines_in_the_band() -> None:
@@ -297,6 +302,14 @@ def test_lines_short_of_the_band(model: LinkageModel, lines: FloatArray, words: 
     frf = model.coupled_frf(math.radians(140.0), lines, PLACES, PLACES[:1]).values
     with pytest.raises(IdentificationError, match=words):
         identify(lines, frf, BAND)
+
+
+@pytest.mark.parametrize(("highest", "refused"), [(198.1, False), (197.9, True)])
+def test_lines_may_end_a_little_before_the_band(highest: float, refused: bool) -> None:
+    """One percent of a band of 200 Hz may be missing at an end."""
+    lines = np.linspace(0.1, highest, 2000)
+    with pytest.raises(IdentificationError, match="not the whole") if refused else nullcontext():
+        assert len(identify(lines, single(lines), BAND).omega) == 1
 
 
 @pytest.mark.parametrize("share", [0.0, 1e-3, 1e-2])

@@ -86,7 +86,7 @@ def test_a_general_section_needs_its_other_second_moment(mapping: Any) -> None:
     [
         (change("links", "lift_rod", "count", to=3), "links.lift_rod.count", "not symmetric"),
         (change("links", "lift_rod", "points", "V1", to=[0.534, 0.01]), "points.V1", "axis"),
-        (change("lateral", "y", "V1", to=0.30), "lateral.y.V1", "not on one line"),
+        (change("lateral", "y", "V1", to=0.29037156), "lateral.y.V1", "not on one line"),  # 1.2 um
         (change("lateral", "y", "P2", to=0.10), "lateral.y.P2", "one link in the middle"),
         (change("lateral", "y", "Q", to=0.10), "lateral.y.Q", "no such point"),
         (change("lateral", "y", "rear_axle", to=0.1), "lateral.y.rear_axle", "track"),

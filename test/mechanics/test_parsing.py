@@ -11,6 +11,7 @@ import pytest
 
 from linkage_vibration.mechanics.bodies.beam import Beam
 from linkage_vibration.mechanics.description import Mechanism, MechanismError
+from linkage_vibration.mechanics.keys import CheckedMapping
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.prediction.doubts import linkage_doubts
@@ -154,13 +155,14 @@ def test_i_section_is_read(mapping: Any) -> None:
         (change("links", "upper_link", "section", "inner_diameter", to=0.1), "inner", "fit"),
         (change("links", "lift_rod", "material", "poisson_ratio", to=0.7), "poisson", "0.5"),
         (
-            change("rigid_bodies", "implement", "centre_of_gravity", "E1", to=0.1),
+            change("rigid_bodies", "implement", "centre_of_gravity", "E1", to=0.65),
             "gravity",
             "no po",
         ),
         (change("rigid_bodies", "implement", "centre_of_gravity", to=[1]), "gravity", "point [x"),
         (change("ground", "P4", to=[0, 0]), "ground.P4", "no body"),
         (change("ground", "P1", to=[0, 0, 0]), "ground.P1", "[x, z]"),
+        (change("ground", "P1", to=[0, 102]), "ground", "m apart; lengths are in m"),
         (change("ground", "P1", to=["a", 0]), "ground.P1[0]", "text"),
         (change("input", "link", to="implement"), "input.link", "lower_link"),
         (
@@ -196,6 +198,14 @@ def test_wrong_descriptions_are_refused(
         mechanism_from_mapping(mapping)
     assert path in raised.value.path
     assert words in raised.value.problem
+
+
+def test_the_largest_whole_number() -> None:
+    """Ten thousand elements or modes may be given, and not one more."""
+    keys = CheckedMapping("", {"modes": 10_000, "elements": 10_001})
+    assert keys.integer("modes") == 10_000
+    with pytest.raises(MechanismError, match="10001 is not a whole number from 1 to 10000"):
+        keys.integer("elements")
 
 
 def test_a_misspelt_ground_point_of_the_crank(mapping: Any) -> None:

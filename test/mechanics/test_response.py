@@ -119,6 +119,8 @@ def test_far_poles_stand_for_the_modes_above_a_band(
             worst[name] = max(worst[name], (apart / np.linalg.norm(exact, axis=0)).max())
     assert worst["left out"] > 0.99
     assert worst["far poles"] < bound
+    none = far_poles(np.empty(0, complex), np.empty(0), band, n_far)  # as no mode is above it
+    assert (len(none.stiffness), len(none.decay)) == (0, 0)
 
 
 @pytest.mark.parametrize("rule", [LossFactor(0.03), ModalRatio(0.02)])

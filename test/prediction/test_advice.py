@@ -318,7 +318,15 @@ def test_the_only_candidate_is_not_quieter() -> None:
     assert is_quieter(message).tolist() == [False, True, False, True]
 
 
-@pytest.mark.parametrize(("now", "least", "words"), [(0.0, 0.0, ""), (1.0, 0.0, "less than 1 %")])
+@pytest.mark.parametrize(
+    ("now", "least", "words"),
+    [
+        (0.0, 0.0, ""),
+        (1.0, 0.0, "less than 1 %"),
+        (1.0, 0.0049, "less than 1 %"),
+        (1.0, 0.0051, "loaded 1 %"),
+    ],
+)
 def test_sentences_at_rest(now: float, least: float, words: str) -> None:
     """Nothing is quieter than no load, and no load is less than a percent of any other."""
     message = MessageColumns(

@@ -126,6 +126,17 @@ def test_stamps() -> None:
     assert watch.stamp_age == pytest.approx(-0.5)
 
 
+@pytest.mark.parametrize(("repeats", "faulty"), [(1, False), (2, True)])
+def test_stamps_that_are_repeated(repeats: int, faulty: bool) -> None:
+    """One of ten readings may have the stamp of the one before."""
+    watch = ReadingWatch()
+    for i in range(10):
+        stamp = START + max(i - repeats, 0) * SECOND // 10
+        watch.take(0.1 * i, stamp, START + i * SECOND // 10, 2.0, math.nan, known=True)
+    sentences = [fault.sentence for fault in watch.judge(1.0, 1.0, EXPECTED)]
+    assert any("are those of the reading before" in each for each in sentences) == faulty
+
+
 def test_healthy_speeds_have_no_fault() -> None:
     """The speeds of the shipped drive, a start of the engine, and reverse are no faults."""
     times, engine, pto = engine_and_pto_speed()
@@ -657,14 +668,20 @@ def test_one_angle_in_the_table_is_enough() -> None:
     assert judged(seconds(50, 1), [2.0] * 49 + [math.nan])[-1] == []
 
 
-@pytest.mark.parametrize(("apart", "contradicts"), [(0.9, True), (1.1, False)])
-def test_motion_in_a_gap_contradicts_nothing(apart: float, contradicts: bool) -> None:
-    """What a velocity means over more than a second without a reading is not known."""
+@pytest.mark.parametrize(
+    ("apart", "taken", "contradicts"),
+    [(0.9, 1.0, True), (1.1, 1.0, False), (0.14, 0.5, True), (0.16, 0.5, False)],
+)
+def test_motion_in_a_gap_contradicts_nothing(apart: float, taken: float, contradicts: bool) -> None:
+    """What a velocity means over more than a second without a reading is not known.
+
+    Where the node leaves out readings, that is so over more than 0.15 s.
+    """
     watch = ReadingWatch()
-    for i in range(3):
+    for i in range(round(2.0 / apart) + 1):
         stamp = START + round(1e9 * apart * i)
         watch.take(apart * i, stamp, stamp, 2.0, 0.2, known=True)
-    faults = watch.judge(2.0 * apart, 2.0 * apart, EXPECTED)
+    faults = watch.judge(apart * i, apart * i, replace(EXPECTED, taken=taken))
     assert any("turned the crank by" in fault.sentence for fault in faults) == contradicts
 
 
@@ -697,13 +714,16 @@ def test_a_spike_is_said_for_ten_seconds() -> None:
     assert faults[9][0].sentence.endswith("cable. This was 9 s ago.")
 
 
-@pytest.mark.parametrize(("taken", "faulty"), [(1.0, True), (0.5, False), (0.3, False)])
-def test_what_is_left_out_is_no_fault_of_the_rate(taken: float, faulty: bool) -> None:
+@pytest.mark.parametrize(
+    ("taken", "count", "faulty"),
+    [(1.0, 50, True), (0.5, 50, False), (0.3, 30, False), (0.5, 9, False), (0.5, 10, True)],
+)
+def test_what_is_left_out_is_no_fault_of_the_rate(taken: float, count: int, faulty: bool) -> None:
     """The readings that were left out or lost count; a few readings say nothing about the rate."""
     watch = ReadingWatch()
     before, after = judged(seconds(100, 5), [2.0] * 500, watch=watch), []
     for second in range(5, 8):
-        for i in range(30 if taken == 0.3 else 50):
+        for i in range(count):
             watch.take(second + i / 60, START, START, 2.0, math.nan, known=True)
         expected = replace(EXPECTED, taken=taken)
         after = watch.judge(second + 1.0, 1.0, expected)

@@ -22,8 +22,8 @@ from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.mechanics.paths import number_at, split_paths, with_numbers
 from linkage_vibration.prediction.ensemble import EnsembleResponses, GroundMembers
 from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
-from linkage_vibration.prediction.ground import Terrain, ground_spectrum
-from linkage_vibration.prediction.levels import LevelTable
+from linkage_vibration.prediction.ground import GroundLevels, Terrain, ground_spectrum
+from linkage_vibration.prediction.levels import LevelTable, _mean
 from linkage_vibration.prediction.loads import UnitLoad
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.resonance import ResonanceMonitor, described
@@ -163,6 +163,12 @@ def test_the_ground_belongs_to_the_members(models: list[LinkageModel]) -> None:
     shares = members.shares(np.full(2, ALPHA3), np.array(slow_and_fast))
     stated = np.log(shares).std(axis=1)
     assert within_samples(stated, np.log(squares))
+    # A road that is twice as high has four times the mean squares.
+    one, two = np.ones(2), np.ones((2, 2))
+    unit = GroundLevels(one, one, two, two, two, one, np.zeros(2, np.int8))
+    every = members.levels(unit, np.full(2, ALPHA3), np.array(slow_and_fast), np.full(MEMBERS, 2.0))
+    found = np.array([every.velocity**2, *every.forces2])
+    np.testing.assert_allclose(found, 4.0 * shares.reshape(-1, 3).T)
     nominal = LinkageModel(coarse(mechanism), reduced=False)
     for share, speed in zip(shares, slow_and_fast, strict=True):
         lines, density = ground_spectrum(nominal, mechanism, terrain, places[0], ALPHA3, speed)
@@ -205,6 +211,13 @@ def test_without_uncertainty_nothing_is_stated() -> None:
     assert levels.member_totals(*at)[0].shape == (0, 1)
     assert all(np.isnan(values).all() for values in level_factors(levels, *at, 0.3).values())
     assert not len(table.ensemble_alpha3)
+
+
+def test_factors_need_nearly_all_members() -> None:
+    """Of 64 members three may be unknown; the mean is then that of the others."""
+    values = np.ones((2, MEMBERS, 1))
+    values[0, :3] = values[1, :4] = np.nan
+    np.testing.assert_array_equal(_mean(values), [[1.0], [np.nan]])
 
 
 def test_factors_are_held_for_a_second() -> None:

@@ -11,7 +11,6 @@ import pytest
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs.units import HitchCurve, HitchScale
 from linkage_vibration.prediction.motion import (
-    GAP,
     RateFilter,
     crank_filter,
     crank_resolution,
@@ -21,6 +20,7 @@ from linkage_vibration.prediction.motion import (
 from test.support.motions import MOTIONS, SENSORS, Sensor, read
 
 SECOND = 10**9  # ns
+GAP = SECOND // 2  # ns
 
 
 @pytest.mark.parametrize("name", SENSORS)

@@ -185,8 +185,11 @@ BAD = {
     "complex": (change("stiffness", lambda k: k * (1 + 0.01j)), "stiffness is complex; write real"),
     "not finite": (entry("A x", "A x", np.nan), "stiffness is not finite at A x, A x"),
     "not symmetric": (
-        change("stiffness", lambda k: k + 1e-3 * np.triu(k, 1)),
-        r"stiffness is not symmetric: .* at .*, .* differ by \d\.\de-04 of",
+        change(
+            "stiffness",
+            lambda k: k + 1.3e-6 * np.eye(27, k=1) * np.outer(d := np.sqrt(np.diag(k)), d),
+        ),
+        r"stiffness is not symmetric: .* at .*, .* differ by 1\.3e-06 of",
     ),
     "too large": (
         lambda content: {**content, **dict.fromkeys(("mass", "stiffness"), np.eye(3001))},

@@ -9,7 +9,12 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from linkage_vibration.readers.recordings import read_recording, shows_sides
+from linkage_vibration.readers.recordings import (
+    RecordingError,
+    ordered,
+    read_recording,
+    shows_sides,
+)
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 TYPES = STORE.types
@@ -86,3 +91,12 @@ def test_titles_without_y_are_in_the_plane(tmp_path: Path, titles: str, sides: b
     path.write_text(f"\ufeff{titles}\n0.1,3.0,4.0\n", encoding="utf-8")
     assert shows_sides(path) is sides
     assert shows_sides(tmp_path / "bag.mcap")
+
+
+def test_messages_may_overtake_one_another() -> None:
+    """Times that go back by up to half a second are sorted; by more, they are of two recordings."""
+    times, signals = ordered(Path("a"), np.array([0.0, 1.0, 0.51]), np.eye(3))
+    assert times.tolist() == [0.0, 0.51, 1.0]
+    assert signals.argmax(axis=1).tolist() == [0, 2, 1]
+    with pytest.raises(RecordingError, match=r"a: the times go back by 0\.51 s; give one"):
+        ordered(Path("a"), np.array([0.0, 1.0, 0.49]), np.eye(3))

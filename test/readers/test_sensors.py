@@ -10,8 +10,9 @@ import pytest
 from rosbags.typesys import Stores, get_typestore
 
 from linkage_vibration.bags.log_writer import LogWriter
+from linkage_vibration.bags.schemas import schema_of_store
 from linkage_vibration.messages.topics import log_topic
-from linkage_vibration.readers.sensors import SensorError, read_measured, read_sensors
+from linkage_vibration.readers.sensors import SensorError, SensorReader, read_measured, read_sensors
 from test.support.can_bus import EPOCH, BusFrame, identifier, write_candump
 
 ACCEL = "geometry_msgs/msg/AccelStamped"
@@ -58,20 +59,29 @@ def test_other_columns_of_a_csv_change_nothing(tmp_path: Path) -> None:
 
 
 def test_fields_of_a_message(tmp_path: Path) -> None:
-    """The fields of an AccelStamped are known, and its stamps are the times."""
+    """The fields of an AccelStamped are known, and its stamps are the times.
+
+    Numbers of 1e12 and more are no readings, in a bag and in a message of a running node.
+    """
     store = get_typestore(Stores.ROS2_HUMBLE)
     kind, vector = store.types[ACCEL], store.types["geometry_msgs/msg/Vector3"]
     header, stamp = (
         store.types[name] for name in ("std_msgs/msg/Header", "builtin_interfaces/msg/Time")
     )
+    messages = list[bytes]()
     with LogWriter(tmp_path / "log.mcap", [log_topic("/a", ACCEL)]) as log:
-        for second in (3, 2):
+        for second, z in ((3, 3.0), (2, 2.0), (4, -1e12), (5, 1e12)):
             accel = store.types["geometry_msgs/msg/Accel"](
-                vector(1.0, 2.0, float(second)), vector(0.0, 0.0, 0.0)
+                vector(1.0, 2.0, z), vector(0.0, 0.0, 0.0)
             )
             message = kind(header(stamp(second, 5 * 10**8), ""), accel)
-            log.write("/a", bytes(store.serialize_cdr(message, ACCEL)), 10**9, 10**9)
+            messages.append(bytes(store.serialize_cdr(message, ACCEL)))
+            log.write("/a", messages[-1], 10**9, 10**9)
     [sensor] = read_sensors(sensors(tmp_path, "topic: /a, unit: m/s2, at: E1"))
+    reader = SensorReader(sensor, ACCEL, schema_of_store(store, ACCEL))
+    newest, *others = (reader.read_one(data, 10**9) for data in messages)
+    assert newest == (3_500_000_000, "", (1.0, 2.0, 3.0))
+    assert [each is None for each in others] == [False, True, True]
     times, values = read_measured(sensor, tmp_path / "log.mcap", 10**9)
     assert times.tolist() == [1.5, 2.5]
     assert values.tolist() == [[1.0, 2.0, 2.0], [1.0, 2.0, 3.0]]

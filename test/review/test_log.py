@@ -87,6 +87,7 @@ def test_provenance_is_found(drive: Path) -> None:
     table = load_table(config_file(PAPER_TABLE))
     assert log.table is not None
     assert log.table.table_id == table.table_id == log.table_id
+    assert len(bytes.fromhex(log.table_id)) == 8
     assert log.mechanism is not None
     assert log.mechanism.model_hash == table.model_hash
     assert log.mechanism_text == config_file(PAPER_MECHANISM).read_text()

@@ -297,6 +297,16 @@ def test_names_expire(bench: Bench) -> None:
     assert words in bench.faults()
 
 
+def test_a_sensor_is_silent_after_5_s(bench: Bench) -> None:
+    """What it measured is then no longer shown."""
+    sample: Any = SimpleNamespace()
+    bench.path.measured = {"imu": (bench.now, sample)}
+    for pause, kept in ((4.8, True), (0.1, False)):
+        bench.now += pause
+        bench.faults()
+        assert ("imu" in bench.path.measured) is kept
+
+
 def test_publishers_that_cannot_be_received(bench: Bench) -> None:
     """Another type or QoS of the publishers is named as the cause only if it is one."""
     bench.publishers = [publisher("std_msgs/msg/String")]
@@ -336,8 +346,8 @@ def test_joint_states_without_names(bench: Bench) -> None:
 
 def test_a_joint_that_never_comes_is_logged(bench: Bench) -> None:
     """A warning in the log names it after 5 s of messages without it, and none before."""
-    for warned in (False, True):
-        for _ in range(24):
+    for warned, steps in ((False, 24), (True, 2)):  # of 0.2 s
+        for _ in range(steps):
             bench.now += 0.1
             bench.give(0.0, joint="other")
             bench.faults()
@@ -373,6 +383,19 @@ def test_speeds_may_arrive_one_after_the_other(bench: Bench) -> None:
     bench.spin()
     bench.faults()
     assert bench.path.speed_faults[-1].level is Level.STALE
+
+
+@pytest.mark.parametrize(
+    ("wait", "why"), [(0.49, "check its publisher"), (0.51, "messages wait for the node")]
+)
+def test_a_speed_that_waits_has_not_stopped(bench: Bench, wait: float, why: str) -> None:
+    """Messages that wait for more than half a second may have a later speed."""
+    bench.put_speed(0.0)
+    bench.spin()
+    bench.now += 1.5
+    bench.statistics.wait = wait
+    bench.faults()
+    assert f"stopped 1.6 s ago; {why}" in bench.path.speed_faults[0].sentence
 
 
 def test_speeds_that_did_not_arrive(bench: Bench) -> None:

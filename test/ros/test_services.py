@@ -26,7 +26,7 @@ from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.ros.lifecycle import _table_info
-from linkage_vibration.ros.services import MAX_WAITING, Services
+from linkage_vibration.ros.services import Services
 from linkage_vibration.support.resources import config_file, share_directory
 from linkage_vibration.table.table import load_table
 from linkage_vibration_interfaces.action import SetImplement
@@ -167,11 +167,18 @@ def test_advise(bench: Bench) -> None:
 
 
 def test_more_than_can_wait(bench: Bench) -> None:
-    """All of a flood of requests are answered; those beyond the limit say what to do."""
-    futures = [bench.ask("get_mode_shapes", crank_angle=2.0) for _ in range(5 * MAX_WAITING)]
-    answers = [bench.wait(future) for future in futures[-MAX_WAITING // 2 :]]
-    assert all(a.success or "ask again later" in a.message for a in answers)
-    assert bench.call("get_mode_shapes", crank_angle=2.0).success
+    """While both threads are busy, sixteen requests wait, and one more says what to do."""
+    free = threading.Event()
+    for _ in range(2):
+        bench.services._threads.submit(free.wait, LIMIT)
+    futures = list[Any]()
+    for _ in range(16):
+        futures.append(bench.ask("get_mode_shapes", crank_angle=2.0))
+        until(lambda: bench.services._waiting == len(futures), "a request")
+    refused = bench.call("get_mode_shapes", crank_angle=2.0)
+    free.set()
+    assert refused.message == "16 requests are waiting already; ask again later."
+    assert all(bench.wait(future).success for future in futures)
 
 
 SERVING_NODE = """
@@ -221,9 +228,11 @@ def serving_node(
 
 def test_close_while_building(bench: Bench) -> None:
     """A waiting caller gets an answer; the building process and the services end."""
+    assert not bench.services.busy
     future = bench.goal(mass=1200.0, inertia=300.0)
     while not multiprocessing.active_children() and not future.done():
         bench.spin(0.01)
+    assert bench.services.busy
     bench.run(bench.services.close)
     answer = bench.wait(future).result
     assert not answer.success

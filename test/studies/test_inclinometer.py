@@ -133,12 +133,13 @@ def test_a_wrong_point_is_named() -> None:
     assert bad.stddev > 2.0 * good.stddev
 
 
-@pytest.mark.parametrize("scatter", [0.5, 3.0])
+@pytest.mark.parametrize("scatter", [0.5, 1.9, 2.1])
 def test_deviation_of_a_cubic(scatter: float) -> None:
     """The residuals of five points are those of the fourth difference, (1, -4, 6, -4, 1).
 
     The deviation at an end is then sqrt(69 / 70) of that of a point, as the residual is
-    sqrt(1 / 70). Residuals that are larger than the inclinometer explains scale it.
+    sqrt(1 / 70). Residuals that are larger than the inclinometer explains scale it, and are named
+    if they are twice as large.
     """
     readings, away = np.arange(5.0), np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / math.sqrt(70.0)
     degrees = 180.0 - 20.0 * readings + scatter * math.degrees(ERROR) * away
@@ -146,6 +147,8 @@ def test_deviation_of_a_cubic(scatter: float) -> None:
     assert line.residuals == pytest.approx(scatter * ERROR * away, rel=1e-9)
     assert line.excess == pytest.approx(scatter, rel=1e-9)
     assert line.stddev == pytest.approx(ERROR * math.sqrt(69.0 / 70.0) * max(scatter, 1.0))
+    text = report(["a point"] * 5, readings, np.radians(degrees), line)
+    assert ("times as large as the inclinometer explains" in text) == (scatter > 2.0)
 
 
 def test_noise_of_the_reading_adds_by_the_slope() -> None:

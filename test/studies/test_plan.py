@@ -262,7 +262,9 @@ def test_numbers_that_are_not_known_limit_the_accuracy(mapping: Any) -> None:
     assert f"Measure next: {modulus}, which causes 100 % of the variance" in reason
     del mapping["uncertainty"]
     exact = mechanism_from_mapping(mapping)
-    assert needed_tolerance(exact, (0.0, 200.0), [2.0]) == (1e-4, "")
+    mapping["uncertainty"] = {"relative": {"damping.ratio": 0.3}}  # it moves no frequency
+    for same in (exact, mechanism_from_mapping(mapping)):
+        assert needed_tolerance(same, (0.0, 200.0), [2.0]) == (1e-4, "")
 
 
 @pytest.mark.parametrize(

@@ -206,6 +206,9 @@ def test_windows_that_a_drive_does_not_cover(tmp_path: Path) -> None:
     [failure] = failures(tmp_path, drive, load_ratio=1.0, windows=((3.0, 9.0),))
     assert failure.limit == "known_share"  # the gap of 3.1 s lasts for 0.1 s as a message does
     assert "known for 50 % of the drive" in str(failure)
+    assert "No message states the load for 3.0 s" in str(failure)
+    [failure] = failures(tmp_path, drive, load_ratio=1.0, windows=((6.0, 9.0),))
+    assert "No load is known for the first 2.0 s" in str(failure)
 
 
 def test_gaps_in_windows(tmp_path: Path) -> None:
