@@ -25,11 +25,7 @@ class DefinitionError(LinkageVibrationError):
 
 
 def message_definition(type_name: str) -> str:
-    """Return a type such as ``sensor_msgs/msg/JointState`` as the text of an MCAP schema.
-
-    The ``ros2msg`` text is its own ``.msg``, then that of each type that it contains, after a line
-    of 80 ``=`` and one ``MSG: package/Type``. A DefinitionError names a type that is not installed.
-    """
+    """Return the ``ros2msg`` schema of a type: its ``.msg``, and that of each type it contains."""
     texts = {type_name: message_text(type_name)}
     waiting = [type_name]
     while waiting:
@@ -45,10 +41,7 @@ def message_definition(type_name: str) -> str:
 
 
 def message_text(type_name: str) -> str:
-    """Return the ``.msg`` text of a message type.
-
-    A DefinitionError says that the type is not installed, and unknown to rosbags.
-    """
+    """Return the ``.msg`` text of a type, or raise a `DefinitionError` if it is not found."""
     package, _, name = type_name.split("/")
     installed = _shipped(type_name) or _installed(type_name)
     if installed is not None:
@@ -70,11 +63,7 @@ def message_text(type_name: str) -> str:
 
 
 def type_hash(type_name: str) -> str:
-    """Return the RIHS01 hash of a message type (REP 2016).
-
-    It is empty where neither rosbags nor a ROS 2 since Iron has the type. A DefinitionError names a
-    type that it contains and that is not installed.
-    """
+    """Return the RIHS01 hash of a type (REP 2016); empty without rosbags and a ROS 2 since Iron."""
     installed = _installed(type_name)
     # Another version of our interface package may be installed.
     if installed is not None and installed.read_text(encoding="utf-8") == message_text(type_name):

@@ -93,10 +93,7 @@ OUTPUT_TOPICS = (
 
 
 def log_topic(name: str, type_name: str, *, latched: bool = False) -> Topic:
-    """Return what a log stores about a topic; ``latched`` ones give late subscribers old messages.
-
-    A DefinitionError says that the type is not installed, and unknown to rosbags.
-    """
+    """Return what a log stores about a topic; a latched one keeps its last message."""
     # `ros2 bag play` then publishes as reliable, which reaches subscribers of both kinds.
     qos = offered_qos_profiles(latched=latched)
     return Topic(name, type_name, message_definition(type_name), type_hash(type_name), qos)
