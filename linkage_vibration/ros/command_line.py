@@ -47,10 +47,7 @@ def help_text() -> str:
 
 
 def check_arguments(arguments: Sequence[str]) -> None:
-    """Raise a `StartError` about the first argument that is not behind ``--ros-args``.
-
-    rcl would take some of them for remappings, in the syntax of ROS 1.
-    """
+    """Refuse arguments before ``--ros-args``, of which rcl takes some for remappings of ROS 1."""
     of_ros = False
     for argument in arguments:
         if argument == "--ros-args":
@@ -70,17 +67,13 @@ def _unknown(argument: str) -> StartError:
 
 
 def unused_files(arguments: Sequence[str], node_name: str) -> list[str]:
-    """Return a sentence about each file of parameters that has none for the node of this name.
-
-    If none has any, the node would run on its defaults, so this raises a `ParameterError`; single
-    parameters do not change that, whether they come by ``-p`` or from a launch file.
-    """
+    """Return a sentence about each file without parameters for the node; raise it if all are so."""
     files = [Path(file) for option, file in pairwise(arguments) if option == "--params-file"]
     files = [file for file in files if not file.name.startswith(LAUNCH_PREFIX)]
     unused = [
         missing_section(file, node_name) for file in files if not has_parameters(file, node_name)
     ]
-    if files and len(unused) == len(files):
+    if files and len(unused) == len(files):  # The node would run on its defaults.
         raise ParameterError(unused[0])
     return unused
 

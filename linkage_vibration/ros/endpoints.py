@@ -58,11 +58,7 @@ def _overrides() -> QoSOverridingOptions:
 def subscribe(
     node: Node, kind: Any, topic: str, on_message: Callable[..., None], depth: int
 ) -> Any:
-    """Return a subscription, which matches publishers of every QoS and waits for no lost message.
-
-    ``on_message`` gets the bytes and the `MessageInfo`. So many messages wait, and parameters can
-    override the QoS.
-    """
+    """Return a best-effort subscription, whose callback gets the bytes and the `MessageInfo`."""
 
     @wraps(on_message)
     def call(*args: Any) -> None:
@@ -82,10 +78,7 @@ def subscribe(
 
 
 def unmatched(own: Any, others: Iterable[TopicEndpointInfo], kind: str) -> list[str]:
-    """Return a sentence about each other endpoint whose QoS does not match our own.
-
-    The kind of the others is ``"publisher"`` or ``"subscriber"``.
-    """
+    """Return a sentence about each "publisher" or "subscriber" whose QoS does not match our own."""
     sentences = []
     for other in others:
         pair = own.qos_profile, other.qos_profile
@@ -123,10 +116,7 @@ def _qos(*, reliable: bool, latched: bool, depth: int) -> QoSProfile:
 
 
 class Throttle:
-    """Logs warnings, at most one in WARN_PERIOD about each subject.
-
-    The throttle of rclpy takes longer to suppress a message than a whole prediction takes.
-    """
+    """Logs at most one warning in WARN_PERIOD about each subject; rclpy takes longer for that."""
 
     def __init__(self, logger: RcutilsLogger) -> None:
         self._logger = logger
@@ -141,10 +131,7 @@ class Throttle:
             self._logger.warning(printable(text))
 
     def report(self, subject: str, problem: str) -> None:
-        """Log a problem once, until it has ended, which an empty sentence says.
-
-        One that comes and goes is logged at most once in WARN_PERIOD.
-        """
+        """Log a problem once, until it has ended, which an empty sentence says."""
         if not problem:
             self._lasting.discard(subject)
         elif subject not in self._lasting and time.monotonic() >= self._next.get(subject, 0.0):

@@ -138,10 +138,7 @@ class LinkageVibrationNode(LifecycleNode):
     def set_parameters_atomically(
         self, parameter_list: "list[Parameter[Any]]"
     ) -> SetParametersResult:
-        """Set parameters; a request says in our words why it is refused.
-
-        Parameter services call this method, before rclpy checks types and ranges.
-        """
+        """Set parameters for a service, before rclpy checks them, so that refusals are ours."""
         asked, settings = new_values(self, parameter_list), self._settings
         result = SetParametersResult(successful=True)
         try:
@@ -226,10 +223,7 @@ class LinkageVibrationNode(LifecycleNode):
         return super().create_service(kind, name, self._guarded(callback), **options)
 
     def _guarded(self, callback: Callable[..., Any]) -> Callable[..., Any]:
-        """Return a callback that logs the errors which rclpy raises for invalid requests.
-
-        Such a request has for example a parameter of an unknown type. Coroutines are ours.
-        """
+        """Return a callback that logs rclpy's errors for invalid requests; coroutines are ours."""
 
         def call(request: Any, response: Any) -> Any:
             try:
@@ -242,10 +236,7 @@ class LinkageVibrationNode(LifecycleNode):
         return callback if iscoroutinefunction(callback) else call
 
     def _fulfilling(self, callback: Callable[..., Any]) -> Callable[..., Any]:
-        """Return a callback that accepts what a node which starts by itself has done already.
-
-        A manager or a launch file can therefore configure and activate it without knowing that.
-        """
+        """Return a callback that accepts what a node with autostart has done before a manager."""
 
         def call(request: ChangeState.Request, response: ChangeState.Response) -> Any:
             wanted = request.transition.label or TRANSITIONS.get(request.transition.id, "")
@@ -415,10 +406,7 @@ class LinkageVibrationNode(LifecycleNode):
         return Provenance(files, {**package_versions(), **facts, **implement_facts(served)})
 
     def _use(self, settings: Parameters) -> None:
-        """Use other parameters from now on, unless they are in use already.
-
-        If a topic cannot be subscribed to, the parameters before have to be used again.
-        """
+        """Use other parameters from now on; after an error, those before have to be used again."""
         if settings == self._settings:
             return
         predicting, recording = self._predicting, self._recording

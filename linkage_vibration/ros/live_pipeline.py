@@ -293,10 +293,7 @@ class LivePipeline:
         return faults
 
     def _share_taken(self, now: float) -> float:
-        """Return the share of the messages of the hitch since the last call that were not lost.
-
-        Those that the node left out count as lost. Names of what arrives instead are updated.
-        """
+        """Return the share of new messages of the hitch that are used; update what else came."""
         counts, names = self._statistics, self._other_names
         self._other_names = set()
         self._names = {n: at for n, at in self._names.items() if now - at <= NAMES_FOR}

@@ -9,8 +9,5 @@ LONGEST_REST = 0.1  # s
 
 
 def rest(worked: float) -> None:
-    """Leave the processor and Python's lock to the readings after work of so many seconds.
-
-    Clients that wait for their responses are slowed down, and so leave the processor, too.
-    """
+    """Leave the processor and Python's lock to the readings after work of so many seconds."""
     time.sleep(min(RESTING * worked, LONGEST_REST))

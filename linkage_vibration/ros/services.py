@@ -109,11 +109,7 @@ class Services:
         self._threads.shutdown(wait=False, cancel_futures=True)
 
     def close(self) -> None:
-        """Stop building, answer the waiting requests, and destroy the services.
-
-        This is called in the executor's thread, or after that has ended. It may take as long as
-        the start of a process or one solution of the model.
-        """
+        """Stop building, answer what waits, and destroy the services, in the executor's thread."""
         self.refuse()
         self._threads.shutdown()
         self._destroy()
@@ -269,10 +265,7 @@ class Services:
                 self._wanted = None
 
     async def _away(self, work: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
-        """Call a function in a thread, and wait for it while the executor continues.
-
-        Whatever it raises becomes a LinkageVibrationError, so that no request ends the node.
-        """
+        """Call a function in a thread while the executor continues; all its errors become ours."""
         if self._waiting >= MAX_WAITING:
             raise ServiceError(f"{self._waiting} requests are waiting already; ask again later.")
         ready: Future[None] = Future()
@@ -341,10 +334,7 @@ def _reporting(answer: Callable[[Any, Any], Awaitable[str | None]]) -> Callable[
 def _predict(
     predictor: Predictor, request: srv.PredictVibration.Request, stamp: tuple[int, int]
 ) -> tuple[list[VibrationPrediction], list[int], NDArray[np.float64]]:
-    """Return predictions, the indices of angles without one, and shares; rest between them.
-
-    The shares are (n_angles, 4, 2, n_modes), in the order of `Shares`, or none if none are wanted.
-    """
+    """Return predictions, indices of angles without one, and shares, (n or 0, 4, 2, n_modes)."""
     messages, failed, shares = [], [], []
     stddev, began = request.crank_angle_stddev, time.thread_time()
     for i, angle in enumerate(request.crank_angles):
@@ -365,10 +355,7 @@ def _predict(
 def _rebuild(
     changed: answers.ModelWithoutTable, like: Table, excitations: Sequence[Excitation], wanted: Path
 ) -> tuple[LoadedModel, LevelTable]:
-    """Build the tables of a changed mechanism in a process.
-
-    A thread would block the interpreter, and so the live predictions, again and again.
-    """
+    """Build the tables of a changed mechanism in a process; a thread would hold up the readings."""
     predictor, levels = call_in_process(
         answers.rebuilt, changed.mechanism, like, excitations, wanted
     )
