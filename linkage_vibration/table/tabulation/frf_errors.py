@@ -15,11 +15,7 @@ N_LINES = 201
 
 
 def frf_lines(exact: PoleResidue, band: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
-    """Return where FRFs are compared, Hz, (n_freq,), and weights, (n_freq, 1, 1).
-
-    The sum of the squares of weighted values is the integral of the squares over the band. The
-    resonances of the exact FRFs have more lines.
-    """
+    """Return lines, Hz, (n_freq,), denser at resonances, and L2 weights, (n_freq, 1, 1)."""
     lines = exact.lines(band, N_LINES)
     return lines, np.sqrt(np.gradient(lines))[:, np.newaxis, np.newaxis]
 

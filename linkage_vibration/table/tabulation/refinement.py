@@ -53,10 +53,7 @@ def refine_pieces(
     refined: Callable[[list[float]], P | str],
     accuracy: Accuracy,
 ) -> list[P]:
-    """Refine pieces from their first points, the last first, and halve those that cannot be.
-
-    The function that refines a piece returns it, or the reason why it must be halved.
-    """
+    """Refine pieces from their first points; halve those for which ``refined`` returns why."""
     pieces, suspicious = list[P](), sampler.length
     while waiting:
         points = waiting.pop()

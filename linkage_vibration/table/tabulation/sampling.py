@@ -45,10 +45,7 @@ class Rounding:
 
 
 class Sampler:
-    """Solves a model at stroke variables (`interpolation.stroke_variable`), each once.
-
-    The place that is `seen` is the first of those where it moves without loads.
-    """
+    """Solves a model at stroke variables, each once; ``seen`` is the first of the outputs alone."""
 
     def __init__(
         self,
@@ -244,10 +241,7 @@ class Sampler:
 def _places(
     model: LinkageModel, points: Sequence[str] | None
 ) -> tuple[tuple[Place, ...], tuple[Place, ...]]:
-    """Return the places between which the table has FRFs, and others that are outputs alone.
-
-    They are points, each in every direction. Loads excite the lateral half along y, and soil at z.
-    """
+    """Return the places between which the table has FRFs, and others that are outputs alone."""
     mechanism = model.mechanism
     mounts = () if mechanism.base is None else mechanism.base.mounts
     if points is None:

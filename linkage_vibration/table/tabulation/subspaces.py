@@ -56,11 +56,7 @@ class Subspace:
     shapes: Numbers  # (n_rows, k): at the places and of the forces
 
     def on(self, left: Numbers) -> "Subspace":
-        """Return it on the basis to which ``left``, (k, n_states), leads.
-
-        This ``left`` is that of one subspace nearby, for all angles. A `LinAlgError` says that the
-        basis is poor.
-        """
+        """Return it on the basis of a nearby ``left``, (k, n_states), or raise a `LinAlgError`."""
         turn = left @ self.states
         if not np.isfinite(turn).all() or np.linalg.cond(turn) > _POOR:
             raise np.linalg.LinAlgError
@@ -145,10 +141,7 @@ def mass_root(model: LinkageModel) -> FloatArray:
 def sample_poles(
     solution: Solution, root: FloatArray, places: Sequence[Place], forces: Sequence[Place] = ()
 ) -> PoleSample:
-    """Find the poles in wide reach of the band, and their subspace.
-
-    The root is that of `mass_root`; the places and forces are those for which FRFs are needed.
-    """
+    """Find the poles in wide reach of the band, and their subspace; the root is a `mass_root`."""
     coupled, vectors = solution.coupled, solution.vectors
     viscous, loss = modal_damping(coupled, vectors)
     if loss.any() and viscous.any():
@@ -166,10 +159,7 @@ def sample_poles(
 
 
 def sample_identified(identified: IdentifiedSolution, response: Response) -> PoleSample:
-    """Return the poles that are identified from FRFs, and their subspace.
-
-    The only place is that of the highest peak; no mass makes the shapes orthogonal.
-    """
+    """Return poles identified from FRFs, and their subspace; shapes are not orthogonal."""
     modes = identified.identified
     omega = modes.omega
     viscous, loss = np.diag(2.0 * modes.damping_ratios * omega), np.zeros((len(omega), len(omega)))
@@ -270,10 +260,7 @@ class _Motion:
     def _moved_beside(
         self, states: Numbers, left: Numbers, t: Numbers, lines: FloatArray, lowest: float
     ) -> ComplexArray:
-        """Return what `_moved` returns, from the poles of a subspace and a series for the others.
-
-        The series is one of powers of s over the lowest of the other poles, rad/s.
-        """
+        """Return `_moved` by the poles of a subspace, and a series in s over the lowest other."""
         n, s = len(self.omega), 1j * lines[:, np.newaxis, np.newaxis]
         into = self.rows[0, : self.n_inputs].T
         near = left[:, n:] @ into
