@@ -127,11 +127,7 @@ class Terrain:
     def share(
         self, n: FloatArray, tracks: tuple[float, float], *, difference: bool = False
     ) -> FloatArray:
-        """Return the cross density of what two axles feel of their tracks, over `psd`, at 1/m.
-
-        An axle of a track, m, feels the mean of the heights of both wheels, or half of their
-        ``difference``, which rolls it and does not correlate with any mean.
-        """
+        """Return the cross density of two axles over `psd`: of means, or half differences."""
         if self.spectrum and self.difference:
             one = np.ones_like(n)
             return self._measured(self.difference, n) / self.psd(n, one) if difference else one
@@ -169,10 +165,7 @@ def profile_spectrum(distance: FloatArray, height: FloatArray) -> Spectrum:
 def _mean_spectrum(
     heights: FloatArray, spacing: float, length: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Return wavenumbers, 1/m, and one-sided densities, m3, of heights, m, in segments of a length.
-
-    Segments overlap by half; each is without its straight line, and under a Hann window.
-    """
+    """Return wavenumbers, 1/m, and densities, m3, by segments that overlap by half."""
     segments = sliding_window_view(heights, length)[:: length - length // 2]
     line, _ = np.linalg.qr(np.vander(np.arange(length) / length, 2))
     window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length)
@@ -226,11 +219,7 @@ class GroundLevels:
 
 
 def off_ground_share(loads: Reals, forces2: Reals) -> FloatArray:
-    """Return the largest share of the time that a tyre is off the ground, (n,), 1.
-
-    Static loads, N, and mean squares of the forces by all excitations, N2, are (n_tyres, n). The
-    sum of these forces is taken as normally distributed.
-    """
+    """Return the largest share of time off the ground, (n,), of tyres under normal forces."""
     if not len(loads):
         return np.full(loads.shape[1], math.nan)
     with np.errstate(divide="ignore", invalid="ignore"):  # no force
@@ -299,10 +288,7 @@ def ground_lines(terrain: Terrain, count: int = N_FREQUENCIES) -> FloatArray:
 def ground_transfer(
     frf: PoleResidue, mounts: Sequence[Mount], frequencies: FloatArray, outputs: Sequence[Place]
 ) -> ComplexArray:
-    """Return responses per displacement of the soil under each mount, (n_out, n_mounts, n_f).
-
-    The FRFs of the outputs, (n_out, n_mounts), are those to forces at the mounts along z.
-    """
+    """Return responses per displacement of the soil under each mount, (n_out, n_mounts, n_f)."""
     stiffness, damping = np.array([(m.stiffness[1], m.damping[1]) for m in mounts]).T
     impedance = stiffness[:, np.newaxis] + 2j * math.pi * np.multiply.outer(damping, frequencies)
     # A tyre is compressed by the motion of the soil under it, too.
@@ -318,11 +304,7 @@ def ground_squares(
     frequencies: FloatArray,
     difference: bool = False,
 ) -> GroundSquares:
-    """Return the coefficients of mean squares of responses to the mean or difference of tracks.
-
-    `ground_transfer` returns (n_out, n_mounts, n_f) at `ground_lines`; the orders, (n_out,), say
-    how often each response is differentiated: 1 for a velocity, 2 for an acceleration.
-    """
+    """Return the coefficients of mean squares of a `ground_transfer`, differentiated so often."""
     transfer = transfer * (2.0 * math.pi * frequencies) ** np.reshape(orders, (-1, 1, 1))
     tracks, pairs = terrain.tracks(mounts), list(combinations(range(len(mounts)), 2))
     crossed = [2.0 * transfer[:, i] * transfer[:, j].conj() for i, j in pairs]
@@ -398,11 +380,7 @@ def ground_spectrum(
     alpha3: float,
     speed: float,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return frequencies, Hz, and the density of a velocity, m2/s2/Hz, or of a force, N2/Hz.
-
-    Both are (N_FREQUENCIES,), NaN at waves that the terrain does not know. A GroundError is raised
-    without a base on two mounts, with a tool in the soil, or if the speed, m/s, is not above 0.
-    """
+    """Return frequencies, Hz, and a density, m2/s2/Hz or N2/Hz; NaN at waves that are not known."""
     halves, f = halves_of(source, mechanism), ground_lines(terrain)
     if refused := _refusal(halves[0].mounts, terrain) or (0 if 0.0 < speed < math.inf else _SPEED):
         raise GroundError(REASONS[refused])
@@ -540,10 +518,7 @@ class GroundTable:
         return ground_squares(transfer, orders, half.mounts, self._terrain, f, half.difference)
 
     def _column(self, speeds: FloatArray) -> FloatArray:
-        """Return where speeds are among those of the table, as a number of steps from a place.
-
-        Fast, the steps are even in ln(speed); slow, in the delay, as long as that matters.
-        """
+        """Return steps of speeds from a place: even in ln(speed), and slow ones in the delay."""
         slowness = 1.0 / speeds
         low, high = self._terrain.band
         period = self._longest * high
@@ -569,10 +544,7 @@ class GroundTable:
         return levels.with_share(off_ground_share(levels.loads, levels.tyres2))
 
     def at_table_angles(self, angles: FloatArray, speed: FloatArray) -> GroundLevels:
-        """Return the levels at n angles of the table, NaN where there are none, and speeds.
-
-        It is not known yet whether tyres are off the ground: `GroundLevels.with_share` follows.
-        """
+        """Return the levels at table angles or NaN; `GroundLevels.with_share` follows."""
         speed = speed + 0.0  # -0.0 would be faster than all speeds
         outside, unknown = np.isnan(angles), ~((speed >= 0.0) & (speed <= FASTEST))
         n, m, lost = len(self._outputs), len(self._mounts), outside | unknown

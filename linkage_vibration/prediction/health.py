@@ -92,10 +92,7 @@ class Recent:
 
 
 def overall(faults: Sequence[Fault], sound: str) -> tuple[Level, str]:
-    """Return the highest level of faults, and their sentences with the most serious first.
-
-    Without a fault, the sentence is ``sound``.
-    """
+    """Return the highest level, and all sentences, the most serious first; ``sound`` if none."""
     if not faults:
         return Level.OK, sound
     ordered = sorted(faults, key=lambda fault: -fault.level)
@@ -464,10 +461,7 @@ class SpeedWatch:
         self._level, self._change, self._changed = 0.0, 0.0, math.nan
 
     def take(self, now: float, value: float, sender: str = "", age: float = 0.0) -> None:
-        """Take a value (rpm or m/s) that arrived at ``now`` by the steady clock, s.
-
-        The age of its stamp at the arrival is in s.
-        """
+        """Take a value, rpm or m/s, at ``now`` (steady clock, s), when its stamp had an age, s."""
         low, high = _PLAUSIBLE[self._source]
         self._age = age
         # In another unit a shaft of a PTO never reaches 120; in rpm it passes there as it starts.
@@ -499,11 +493,7 @@ class SpeedWatch:
     def judge(
         self, now: float, stale_after: float, publishers: _Nodes, delay: str = ""
     ) -> list[Fault]:
-        """Return what was wrong since the last call; nothing if the speed never arrived.
-
-        The speed is too old after ``stale_after`` (s); ``publishers`` returns the node of each
-        publisher of its topic; ``delay`` why the node itself may not have taken the latest values.
-        """
+        """Return what was wrong since the last call; ``delay`` is why the node may be late."""
         source, value, name = self._source, self.value, self.name
         window, self._window = self._window, _Window()
         age, problem, since = now - self.time, "", math.nan

@@ -80,10 +80,7 @@ def load_powers(loads: Sequence[Load | None]) -> IntArray:
 
 
 def unit_sizes(sizes: FloatArray, omega: FloatArray, powers: IntArray) -> FloatArray:
-    """Return sizes of loads, in their units, as multiples of unit loads at frequencies, rad/s.
-
-    The last axis is that of the loads, whose `load_powers` are (n_loads,).
-    """
+    """Return sizes of loads, (..., n_loads), as multiples of unit loads at frequencies, rad/s."""
     for power in {*powers.tolist()} - {0}:
         factor = math.prod([omega] * abs(power))
         scaled = sizes / factor if power < 0 else sizes * factor
@@ -100,10 +97,7 @@ def weights_at(loads: Sequence[UnitLoad], places: Sequence[Place], alpha3: float
 
 
 def load_input(load: Load | None, name: str, table: Table, mechanism: Mechanism) -> UnitLoad:
-    """Return the unit load of an excitation with a name; without a load, at the response point.
-
-    An ExcitationError says that the mechanism has no such place, or its table no FRF there.
-    """
+    """Return the unit load of an excitation with a name; without a load, at the response point."""
     response = mechanism.response
     if load is None:
         return _force_at((response.point, response.direction))

@@ -41,11 +41,7 @@ class Stamps:
 
 
 class Periods:
-    """Chooses messages for an output at a limited rate: the first in each period of their times.
-
-    Periods are counted from a time of 0. A message is the first also where the clock jumps back,
-    and of those at the same time only one is. The attribute ``rate``, Hz, is 0 for each message.
-    """
+    """Chooses the first message in each period of ``rate``, Hz; with 0, each message."""
 
     def __init__(self, rate: float = 0.0) -> None:
         self.rate = rate

@@ -464,10 +464,7 @@ def check_value(name: str, value: object) -> Any:
 
 
 def with_values(parameters: Parameters, values: Mapping[str, object]) -> Parameters:
-    """Return parameters with other values for some of them, given by their names.
-
-    A `ParameterError` says which value is invalid, or which parameters do not fit each other.
-    """
+    """Return parameters with other values by their names, or raise a `ParameterError`."""
     changed = replace(parameters, **{name: check_value(name, v) for name, v in values.items()})
     changed.check_inputs()
     return changed

@@ -66,11 +66,7 @@ class SourceSettings:
     own_field: bool = False  # whether a parameter gives the field
 
     def reader(self, schema: Schema) -> NumberReader:
-        """Return the reader of the number; the schema has the fields of the messages.
-
-        An `InputError` says that there is no such number, or no header although the time is to come
-        from it.
-        """
+        """Return the reader of the number in messages of a schema, or raise an `InputError`."""
         try:
             reader = READERS.get(self.type, _field_reader)(schema, self)
         except FieldError as error:
@@ -180,10 +176,7 @@ class InputReader:
 
 
 class CrankInput(InputReader):
-    """The crank angle, with the scale by which numbers become crank angles.
-
-    Its stamp is that of the header of its message, or else the time of receipt less the delay.
-    """
+    """The crank angle with its scale, stamped by a header, or by the receipt less the delay."""
 
     def __init__(self, settings: SourceSettings, schema: Schema, scale: HitchScale) -> None:
         super().__init__(settings, schema)
@@ -242,10 +235,7 @@ class CrankInput(InputReader):
 
 
 class SpeedInput(InputReader):
-    """A speed: gain * number + offset, rpm or m/s.
-
-    Its time is that of its receipt less the delay, or that of the header of its message.
-    """
+    """A speed, gain * number + offset, rpm or m/s, at the receipt less the delay, or its header."""
 
     def __init__(
         self, settings: SourceSettings, schema: Schema, gain: float, offset: float
@@ -255,10 +245,7 @@ class SpeedInput(InputReader):
         self._stamped = settings.time == HEADER_TIME
 
     def read_one(self, data: bytes, received: int) -> tuple[float, int] | None:
-        """Return a speed (rpm or m/s; NaN if it is not available) and its time, ns.
-
-        It is None if the message, received at a time (ns), does not contain the number.
-        """
+        """Return a speed, NaN if not available, and its time, ns; None without a number."""
         number_and_time = self._number(data, received)
         if number_and_time is None:
             return None

@@ -37,10 +37,7 @@ class InputError(LinkageVibrationError):
 
 
 def wrong_unit(stated: str, expected: str, name: str) -> str:
-    """Return that a number has another unit than the input expects; empty if that cannot be said.
-
-    ``stated`` is the unit in a description of the number, as people write it, and may be empty.
-    """
+    """Return that a stated unit is another than an input expects; empty if that is not sure."""
     unit = _NAMES.get(stated.strip().lower(), "")
     if not unit or expected in ("", "any", unit):
         return ""
