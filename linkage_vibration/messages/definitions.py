@@ -13,6 +13,7 @@ from pathlib import Path
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.support.resources import prefixes, share_directory
+from linkage_vibration.support.version import VERSION
 
 OWN_PACKAGE = "linkage_vibration_interfaces"
 SEPARATOR = "=" * 80
@@ -22,6 +23,10 @@ _MESSAGE_TYPE = re.compile(r"(?:(?P<package>[a-z]\w*)/)?(?P<name>[A-Z][A-Za-z0-9
 
 class DefinitionError(LinkageVibrationError):
     """The definition of a message type was not found."""
+
+
+class InterfaceError(LinkageVibrationError):
+    """The installed package of messages has another version than this package."""
 
 
 def message_definition(type_name: str) -> str:
@@ -96,15 +101,20 @@ def _dependencies(text: str, package: str) -> list[str]:
     return names
 
 
-def differing_types() -> list[str]:
-    """Return our messages, services and actions that are installed with other fields."""
+def check_interfaces() -> None:
+    """Refuse our messages, services and actions that are installed with other fields."""
     folder, different = share_directory() / OWN_PACKAGE, []
     for kind in ("msg", "srv", "action"):
         for path in sorted((folder / kind).glob(f"*.{kind}")):
             name = f"{OWN_PACKAGE}/{kind}/{path.stem}"
             if (installed := _installed(name)) is not None and _code(installed) != _code(path):
                 different.append(name)
-    return different
+    if different:
+        raise InterfaceError(
+            f"The installed {', '.join(different)} differs, so {OWN_PACKAGE} has another version "
+            f"than linkage_vibration {VERSION}; install {OWN_PACKAGE} {VERSION}, or rebuild the "
+            "workspace."
+        )
 
 
 def _code(path: Path) -> list[list[str]]:

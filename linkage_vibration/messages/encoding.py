@@ -21,8 +21,7 @@ from linkage_vibration.messages.fields import CODES, message_fields
 
 # The encapsulation header of plain CDR (OMG DDS-RTPS, 10.2) names the byte order that follows.
 _ENCAPSULATION = b"\x00\x01\x00\x00" if sys.byteorder == "little" else b"\x00\x00\x00\x00"
-_WIDEST = {1: "B", 2: "H", 4: "I", 8: "d"}
-"""Characters of `struct` by the alignment that they have."""
+_WIDEST = {1: "B", 2: "H", 4: "I", 8: "d"}  # Characters of `struct` by the alignment that they have
 
 # The arguments of an encoder that fill the header.
 _HEADER = {

@@ -16,8 +16,7 @@ ASSESSED = RESONANCE, LEVELS, LOAD_STATE
 ADVICE = f"{OWN_PACKAGE}/msg/Advice"
 MEASURED = f"{OWN_PACKAGE}/msg/MeasuredVibration"
 TABLE_INFO = f"{OWN_PACKAGE}/msg/TableInfo"
-MEASUREMENT = f"{OWN_PACKAGE}/msg/Measurement"
-"""The type of our own messages for inputs."""
+MEASUREMENT = f"{OWN_PACKAGE}/msg/Measurement"  # The type of our own messages for inputs
 
 PREDICTION_TOPIC = "/linkage_vibration/prediction"
 """Topic of the predictions in a replay, and of a node that has its default name."""

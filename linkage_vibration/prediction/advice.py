@@ -25,8 +25,7 @@ from linkage_vibration.prediction.severity import ratio_words
 from linkage_vibration.prediction.worst_levels import WorstLevels
 from linkage_vibration.table.interpolation import angles_in_table
 
-NOW, HEIGHT, SPEED, BOTH = message_constants(ADVICE).values()
-"""The places of the message."""
+NOW, HEIGHT, SPEED, BOTH = message_constants(ADVICE).values()  # The places of the message
 
 _SHAPE = 91, 17  # heights and speeds of a map
 _LIVE_SHAPE = 19, 7  # likewise, while readings wait

@@ -41,8 +41,7 @@ if TYPE_CHECKING:
 Places = tuple[Place, ...]
 
 MAX_FREQUENCIES = 10_000
-MAX_VALUES = 100_000
-"""Numbers in one answer; as a message they are 1.6 MB."""
+MAX_VALUES = 100_000  # Numbers in one answer; as a message they are 1.6 MB
 MAX_GROUND_PLACES = 8
 """Places in one answer about the ground, each of which takes some tenths of a second."""
 

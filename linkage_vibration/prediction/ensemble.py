@@ -120,8 +120,7 @@ class EnsembleResponses:
         self._table, self._n_forces = table, n_forces
         self._table_responses = table_responses
         self._variables = stroke_variable(table.ensemble_alpha3, table.toggles)
-        self.n = len(table.ensemble_poles) - 1
-        """Number of members beside the mechanism itself."""
+        self.n = len(table.ensemble_poles) - 1  # Number of members beside the mechanism itself
         nodes = [*kept(lambda: self._at_nodes(outputs, loads)).values()]
         self._shapes = [node.shape[2:] for node in nodes]
         self._values = np.concatenate([node.reshape(*node.shape[:2], -1) for node in nodes], axis=2)
@@ -138,11 +137,7 @@ class EnsembleResponses:
     def responses(
         self, alpha3: FloatArray, modes: _Modes, omega: FloatArray, loads: IntArray
     ) -> Singles:
-        """Return responses to unit loads, (n, n_members, 2, n_excitations, n_outputs): both parts.
-
-        Angles, (n,), rad, are within the table, whose modes are `at` them; frequencies are (n,
-        n_members, n_excitations), rad/s, and loads (n_excitations,), indices.
-        """
+        """Return both parts, (n, n_members, 2, n_excitations, n_outputs), of `modes` at rad/s."""
         assert self._table_responses is not None
         nodes = self._table.ensemble_alpha3
         after = np.clip(nodes.searchsorted(alpha3), 1, len(nodes) - 1)
@@ -226,11 +221,7 @@ class EnsembleResponses:
 
 
 class GroundMembers:
-    """Finds how the levels by the ground differ between the members and the mechanism itself.
-
-    The outputs are the response point, then forces; ``n_lines`` frequencies are summed for the
-    mechanism itself.
-    """
+    """Compares levels of members by the ground: of the response point, then of forces."""
 
     def __init__(
         self,

@@ -30,14 +30,12 @@ from linkage_vibration.prediction.level_cache import Arrays, Keep, computed
 from linkage_vibration.table.interpolation import angles_in_table, stroke_angle, stroke_variable
 from linkage_vibration.table.table import Table
 
-Reals = NDArray[np.floating[Any]]
-"""Those of the ensemble have single precision."""
+Reals = NDArray[np.floating[Any]]  # Those of the ensemble have single precision
 Reasons = NDArray[np.int8]
 Spectrum = tuple[tuple[float, float], ...]
 """Wavenumbers, 1/m, ascending, and power spectral densities of a profile, m3."""
 
-N_FREQUENCIES = 512
-"""Frequencies, even in their logarithm, over which levels are summed."""
+N_FREQUENCIES = 512  # Frequencies, even in their logarithm, over which levels are summed
 
 SEGMENTS = 8
 """A measured profile is divided into so many parts, and those that overlap them by half."""
@@ -594,11 +592,7 @@ def _count(table: Table, band: tuple[float, float]) -> int:
 
 
 def _cubic(place: FloatArray, counts: tuple[int, ...]) -> tuple[IntArray, FloatArray]:
-    """Return the first of four neighbours of places among 0 to count - 1, and their weights.
-
-    They are (n_axes, n) and (n_axes, 4, n) for places on axes, (n_axes, n), with their counts; the
-    weights are those of the cubic polynomial through the neighbours.
-    """
+    """Return the first of 4 neighbours, (n_axes, n), and weights, (n_axes, 4, n), of a cubic."""
     first = np.minimum(np.maximum(np.floor(place) - 1.0, 0.0), np.reshape(counts, (-1, 1)) - 4.0)
     apart = (place - first)[:, np.newaxis] - np.arange(4.0)[:, np.newaxis]
     weights = np.multiply.reduce(apart[:, _OTHERS], axis=2) / _PRODUCTS

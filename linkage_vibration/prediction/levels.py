@@ -520,11 +520,7 @@ class LevelTable:
         held: FloatArray,
         limit: float,
     ) -> FloatArray:
-        """Set the factors of n messages, and return those of the last one, (1, n_factors).
-
-        Those of the rows that are due are computed. `which`, (n,), are the indices of the factors
-        of each message among these, after those that are held, (1, n_factors), or (1, 0) at first.
-        """
+        """Set factors of n messages from those held, and of due rows; return the last ones."""
         angles, speeds = columns.crank_angle[due], columns.speeds[due].T
         computed = self.factor_rows(angles, speeds, limit)
         factors = np.concatenate([held if held.size else computed[:1], computed])[which]

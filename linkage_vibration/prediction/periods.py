@@ -7,8 +7,7 @@ import enum
 import numpy as np
 from numpy.typing import NDArray
 
-PARTS = 5
-"""In so many parts of a window a reading is assessed, which is the first in its part."""
+PARTS = 5  # In so many parts of a window a reading is assessed, which is the first in its part
 _NEVER = -(2**63)  # ns
 
 

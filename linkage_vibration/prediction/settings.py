@@ -476,11 +476,7 @@ def is_ros_parameter(name: str) -> bool:
 
 
 def converted(name: str, value: Any) -> Any:
-    """Return a value of YAML or ROS 2 in the type of a parameter if it means the same.
-
-    The integer 1 stands for 1.0, and in a text for "1". The text "1e-05" stands for a number, as
-    `ros2 param load` has it. An unknown parameter keeps its value.
-    """
+    """Return a value in the type of its parameter if it means the same, such as 1 and 1.0."""
     kind = type(DECLARED[name].default) if name in DECLARED else None
     if kind is str and type(value) is int:
         return str(value)

@@ -21,8 +21,7 @@ from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.excitation import KMH, Excitation, Source
 from linkage_vibration.prediction.ground import MAX_OFF_GROUND
 
-GAP = 3.0
-"""Readings that are farther apart, s, do not belong to the same warning."""
+GAP = 3.0  # Readings that are farther apart, s, do not belong to the same warning
 
 # A tyre that the ground shakes is off it for half of the time if nothing presses it down.
 _HALF = 0.5
@@ -79,8 +78,7 @@ class WarningLimits:
     near: float = 0.1  # relative margin of a note if no load ratio is known
 
 
-DEFAULT_LIMITS = WarningLimits()
-"""The limits of the default parameters."""
+DEFAULT_LIMITS = WarningLimits()  # The limits of the default parameters
 
 
 class WarningTimer:

@@ -35,6 +35,7 @@ from linkage_vibration.bags.recorder import (
 from linkage_vibration.bags.writing import LogError
 from linkage_vibration.errors import LinkageVibrationError, printable
 from linkage_vibration.listening.live import sensor_monitor
+from linkage_vibration.messages.definitions import check_interfaces
 from linkage_vibration.messages.topics import TABLE_INFO
 from linkage_vibration.prediction.answers import LoadedModel, place_name
 from linkage_vibration.prediction.doubts import excitation_doubts
@@ -48,8 +49,7 @@ from linkage_vibration.readers.loaded_model import load_model, read_loads
 from linkage_vibration.readers.sensors import Sensor, live_sensors, sensor_files
 from linkage_vibration.ros.command_line import plain_text
 from linkage_vibration.ros.diagnostics import Health, statuses
-from linkage_vibration.ros.endpoints import OUTPUTS, WARN_PERIOD, Throttle, advertise
-from linkage_vibration.ros.interface_check import check_interfaces
+from linkage_vibration.ros.endpoints import OUTPUTS, WARN_PERIOD, Throttle, advertise, rest
 from linkage_vibration.ros.listener import Listener
 from linkage_vibration.ros.live_inputs import LiveTopic, check_output_topics, live_topics
 from linkage_vibration.ros.live_pipeline import LivePipeline, input_topics, output_topics
@@ -60,7 +60,6 @@ from linkage_vibration.ros.parameter_server import (
     declare_parameters,
     new_values,
 )
-from linkage_vibration.ros.precedence import rest
 from linkage_vibration.ros.services import Services
 from linkage_vibration.ros.statistics import CLOCK_LEAP, Statistics
 from linkage_vibration_interfaces.msg import TableInfo

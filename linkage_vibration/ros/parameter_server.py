@@ -92,13 +92,11 @@ def changed(settings: Parameters, asked: "list[Parameter[Any]]", *, configured: 
     """Return the parameters after a request; while it is configured, only live ones may change."""
     _check_sim_time(asked)
     for parameter in asked:
-        if parameter.name.partition(".")[0] == "qos_overrides":
+        if parameter.name.partition(".")[0] in ("autostart", "qos_overrides"):
             raise ParameterError(f"Parameter {parameter.name} is read at the start; give it there.")
     requested = {p.name: p.value for p in asked if not is_ros_parameter(p.name)}
     new = with_values(settings, requested)
     for name in requested:
-        if name == "autostart":
-            raise ParameterError("Parameter autostart is read at the start; give it there.")
         if configured and not DECLARED[name].metadata["live"]:
             raise ParameterError(
                 f"Parameter {name} is read when the node is configured; clean the node up first "

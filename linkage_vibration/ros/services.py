@@ -35,9 +35,8 @@ from linkage_vibration.prediction.answers import LoadedModel, place_name
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor, fault
-from linkage_vibration.ros.precedence import rest
+from linkage_vibration.ros.endpoints import rest
 from linkage_vibration.support.own_process import call_in_process
-from linkage_vibration.table.table import Table
 from linkage_vibration_interfaces import srv
 from linkage_vibration_interfaces.action import SetImplement
 from linkage_vibration_interfaces.msg import Advice, VibrationPrediction
@@ -254,12 +253,14 @@ class Services:
             self._wanted = Path(folder) / "wanted"
             self._wanted.mkdir()
             try:
-                building = changed, served.table, self._excitations, self._wanted
-                rebuilt, levels = await self._away(_rebuild, *building)
+                # A thread would block the interpreter, and so the readings, again and again.
+                like = changed.mechanism, served.table, self._excitations, self._wanted
+                building = partial(call_in_process, answers.rebuilt, *like)
+                predictor, levels = await self._away(building)
                 # The table may be complete although the node was cleaned up meanwhile.
                 if self._served() is not served:
                     raise ServiceError("The node was configured again; ask again.")
-                self._swap(rebuilt, levels)
+                self._swap(changed.with_predictor(predictor), levels)
                 self._levels = levels
             finally:
                 self._wanted = None
@@ -350,16 +351,6 @@ def _predict(
             rest(time.thread_time() - began)
             began = time.thread_time()
     return messages, failed, np.reshape(shares, (len(shares), 4, 2, predictor.table.n_modes))
-
-
-def _rebuild(
-    changed: answers.ModelWithoutTable, like: Table, excitations: Sequence[Excitation], wanted: Path
-) -> tuple[LoadedModel, LevelTable]:
-    """Build the tables of a changed mechanism in a process; a thread would hold up the readings."""
-    predictor, levels = call_in_process(
-        answers.rebuilt, changed.mechanism, like, excitations, wanted
-    )
-    return changed.with_predictor(predictor), levels
 
 
 def _fill(response: Any, served: LoadedModel, answer: object) -> None:

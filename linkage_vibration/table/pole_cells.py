@@ -15,8 +15,7 @@ from linkage_vibration.mechanics.modes import MECHANISM, oscillating_indices
 from linkage_vibration.table.interpolation import stroke_angle, stroke_variable
 from linkage_vibration.table.reduced import Modal, ReducedModels
 
-FIRST_CELLS = 32
-"""Cells of a piece before any is halved."""
+FIRST_CELLS = 32  # Cells of a piece before any is halved
 
 
 @dataclass(frozen=True, eq=False)

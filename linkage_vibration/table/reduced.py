@@ -35,8 +35,7 @@ _DEFECTIVE = 1e-100
 Numbers = NDArray[Any]
 Indices = list[int] | slice
 
-EVERY = slice(None)
-"""The indices of all places."""
+EVERY = slice(None)  # The indices of all places
 
 
 @dataclass(frozen=True, slots=True, eq=False)

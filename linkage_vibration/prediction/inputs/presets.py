@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from linkage_vibration.bags.message_types import CAN_FRAME, FLOAT64, ISOBUS_FRAME, JOINT_STATE
-from linkage_vibration.messages.topics import MEASUREMENT
+from linkage_vibration.messages.topics import MEASUREMENT, NodeTopic
 
 HITCH, ENGINE, PTO, GROUND = ("hitch", "engine", "pto", "ground")
 """The inputs, of which the last three are the values of `Source`."""
@@ -93,3 +93,10 @@ PRESETS: dict[str, dict[str, Preset]] = {
     },
 }
 """The presets of each input, of which the first is the default."""
+
+INPUT_DEPTH = 200
+"""How many messages of an input wait at most: a busy machine pauses the node for 0.1 s."""
+
+_BY_TOPIC = {each.topic: each for presets in PRESETS.values() for each in presets.values()}
+INPUT_TOPICS = tuple(NodeTopic(preset.topic, preset.type) for preset in _BY_TOPIC.values())
+"""The topics that the node subscribes to: one list for its arguments and its policy."""

@@ -55,8 +55,7 @@ _NEAR = 0.03  # A pole of coarser bodies may be off by this share of its decay.
 Meshed = dict[tuple[int, int], LinkageModel]  # by elements and modes of its links
 _Kept = tuple[IntArray, ComplexArray, FloatArray]  # indices of modes, their shapes, and signs
 
-N_ANGLES = 257
-"""Even angles over the range at which a table has the standard deviations."""
+N_ANGLES = 257  # Even angles over the range at which a table has the standard deviations
 
 _SEED = 7  # of the draws; the next one is that of those in place of pairs that are left out
 _FEW_LOST = 7  # One of so many pairs may be left out: what closes scatters less than what is drawn.

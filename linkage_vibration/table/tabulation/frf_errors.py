@@ -10,8 +10,7 @@ from linkage_vibration.mechanics.response import PoleResidue
 SILENT_SHARE = 1e-6
 """Share of the drive-point FRFs of two places: an FRF between them that is only rounding."""
 
-N_LINES = 201
-"""Frequencies at which FRFs are compared, in addition to those near resonances."""
+N_LINES = 201  # Frequencies at which FRFs are compared, in addition to those near resonances
 
 
 def frf_lines(exact: PoleResidue, band: tuple[float, float]) -> tuple[FloatArray, FloatArray]:

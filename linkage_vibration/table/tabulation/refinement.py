@@ -16,8 +16,7 @@ from linkage_vibration.table.tabulation.sampling import Sampler
 _SHORTER = 8.0  # Rounding is checked again when a piece is so many times shorter.
 _BATCH = 3  # Three new points measure the error, which may be zero at a single one.
 _FIRST = 2 * _BATCH  # A piece begins with so many points.
-MOST = 48
-"""Points of a piece; if a polynomial needs more, halving the piece needs fewer."""
+MOST = 48  # Points of a piece; if a polynomial needs more, halving the piece needs fewer
 
 GRID = 201
 """Places over a piece at which its polynomials are evaluated: four to each of its 48 points."""

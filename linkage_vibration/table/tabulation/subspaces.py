@@ -38,8 +38,7 @@ _DASHPOT = 0.2  # unless the limit is above this share of the slowest of their r
 _FLAT = 1e-5  # Beside poles below this share of the others, rounding spoils a series.
 _LEAVES = 0.5  # A state that continues a subspace has a smaller share outside it.
 
-N_FAR = 5
-"""Number of poles that represent all other modes."""
+N_FAR = 5  # Number of poles that represent all other modes
 
 N_FIT, N_CHECK = 3 * N_FAR + 4, 8
 """Frequencies at which the sum of all other modes is fitted, and others at which it is checked."""
@@ -344,11 +343,7 @@ def _structural(
 
 
 def continue_set(here: Subspace, there: PoleSample, count: int) -> tuple[IntArray, bool, IntArray]:
-    """Find the poles of another angle that continue a set of a given number.
-
-    The projection onto its subspace leaves their states as they are. Returned are their indices;
-    whether they are clear; and the pole that almost continues the set too, with its conjugate.
-    """
+    """Return the poles that continue a set, whether they are clear, and any that nearly do."""
     states = there.vectors
     inside = here.states @ (here.left @ states)
     outside = np.linalg.norm(states - inside, axis=0)

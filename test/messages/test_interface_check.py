@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from linkage_vibration.ros.interface_check import InterfaceError, check_interfaces
+from linkage_vibration.messages.definitions import InterfaceError, check_interfaces
 from linkage_vibration.support.resources import share_directory
 
 
