@@ -22,11 +22,7 @@ _MESSAGE_TYPE = re.compile(r"(?:(?P<package>[a-z]\w*)/)?(?P<name>[A-Z][A-Za-z0-9
 
 
 class DefinitionError(LinkageVibrationError):
-    """The definition of a message type was not found."""
-
-
-class InterfaceError(LinkageVibrationError):
-    """The installed package of messages has another version than this package."""
+    """The definition of a message type was not found, or is that of another version."""
 
 
 def message_definition(type_name: str) -> str:
@@ -110,7 +106,7 @@ def check_interfaces() -> None:
             if (installed := _installed(name)) is not None and _code(installed) != _code(path):
                 different.append(name)
     if different:
-        raise InterfaceError(
+        raise DefinitionError(
             f"The installed {', '.join(different)} differs, so {OWN_PACKAGE} has another version "
             f"than linkage_vibration {VERSION}; install {OWN_PACKAGE} {VERSION}, or rebuild the "
             "workspace."

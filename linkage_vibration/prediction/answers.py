@@ -42,8 +42,7 @@ Places = tuple[Place, ...]
 
 MAX_FREQUENCIES = 10_000
 MAX_VALUES = 100_000  # Numbers in one answer; as a message they are 1.6 MB
-MAX_GROUND_PLACES = 8
-"""Places in one answer about the ground, each of which takes some tenths of a second."""
+MAX_GROUND_PLACES = 8  # in one answer about the ground; each takes some tenths of a second
 
 _LINES = 401  # over the band, if no frequencies are given
 
@@ -150,11 +149,7 @@ def answer_frf(
     *,
     exact: bool,
 ) -> Frf:
-    """Return receptances at an angle (rad) from the table, or from the model if ``exact`` is true.
-
-    Places are such as "E1.z", outputs also forces such as "lower_link:E1.force_x"; without any, it
-    is the drive point, and without frequencies (Hz), 401 in the band.
-    """
+    """Return receptances at an angle (rad) from the table, or from the model if `exact`."""
     table = served.table
     _check_angle(alpha3)
     if bool(outputs) != bool(inputs):

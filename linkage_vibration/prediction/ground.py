@@ -32,13 +32,11 @@ from linkage_vibration.table.table import Table
 
 Reals = NDArray[np.floating[Any]]  # Those of the ensemble have single precision
 Reasons = NDArray[np.int8]
-Spectrum = tuple[tuple[float, float], ...]
-"""Wavenumbers, 1/m, ascending, and power spectral densities of a profile, m3."""
+Spectrum = tuple[tuple[float, float], ...]  # wavenumbers, 1/m, ascending, and densities, m3
 
 N_FREQUENCIES = 512  # Frequencies, even in their logarithm, over which levels are summed
 
-SEGMENTS = 8
-"""A measured profile is divided into so many parts, and those that overlap them by half."""
+SEGMENTS = 8  # A profile is divided into so many parts, and those that overlap them by half.
 
 MAX_UNKNOWN_POWER, MAX_OFF_GROUND = 0.2, 0.2
 """Largest share of the power of the acceleration at wavelengths that are not known, and of the time
@@ -416,19 +414,15 @@ def ground_spectrum(
 
 
 class GroundTable:
-    """Levels of vibration by the ground at any angle of a table and any speed.
-
-    The outputs are forces of the table whose mean squares are wanted; the ``point`` that moves is
-    the response point by default. Either may be of the vertical half, of the lateral one, or both.
-    """
+    """Levels of vibration by the ground at any angle of a table and any speed."""
 
     def __init__(
         self,
         table: Table,
         mechanism: Mechanism,
         terrain: Terrain,
-        outputs: Sequence[Place] = (),
-        point: Place | None = None,
+        outputs: Sequence[Place] = (),  # forces of either half whose mean squares are wanted
+        point: Place | None = None,  # that moves; by default the response point
         keep: Keep = computed,
     ) -> None:
         self._table, self._terrain, self._keep = table, terrain, keep
@@ -442,8 +436,7 @@ class GroundTable:
         given = terrain.track is not None or terrain.difference or any(terrain.tracks(mounts))
         self.lacks_track = bool(mounts) and not given
         """Whether nothing says how far apart the wheels of an axle are."""
-        self.refusal = _refusal(mounts, terrain)
-        """Why no level of it is ever known, of `REASONS`, or 0."""
+        self.refusal = _refusal(mounts, terrain)  # why no level is ever known, of `REASONS`, or 0
         if self.refusal:
             return
         tables = [each.source for each in self._halves if isinstance(each.source, Table)]

@@ -51,10 +51,8 @@ _SWING_TIME, _SWINGS = 0.4, 3  # s; nothing changes so much to and fro in it, so
 _RUN_OUT = 10.0  # s; a PTO turns for a shorter time after the engine has stopped
 _OTHER_UNITS = {Source.ENGINE: "rad/s or Hz", Source.PTO: "rad/s or Hz", Source.GROUND: "km/h"}
 
-
 _Nodes = Callable[[], Sequence[str]] | None  # in a bag, nobody knows them
-_Reading = tuple[float, int, int, float, float, bool, str]
-"""The arguments of `ReadingWatch.take`, in its order."""
+_Reading = tuple[float, int, int, float, float, bool, str]  # as `ReadingWatch.take` has them
 
 
 class Level(enum.IntEnum):
@@ -148,15 +146,12 @@ class ReadingExpectation:
 
 
 class ReadingWatch:
-    """Watches the readings of the crank angle; a crank that turns all the way may be fast.
-
-    ``last`` is when the last judged one arrived (steady clock, s; NaN: none), ``stamp_age`` the age
-    of its stamp, s, ``stamps_back`` how many were earlier than the one before.
-    """
+    """Watches the readings of the crank angle; a crank that turns all the way may be fast."""
 
     def __init__(self, turns: bool = False, stamps_back: int = 0) -> None:
-        self.last = self.stamp_age = math.nan
-        self.stamps_back = stamps_back
+        self.last = math.nan  # steady clock, s, when the last judged reading arrived
+        self.stamp_age = math.nan  # s, of this reading
+        self.stamps_back = stamps_back  # readings whose stamp was earlier than the one before
         self._fastest = math.inf if turns else FASTEST
         self._noise, self._window = _Noise(), _Window()
         self._recent = Recent()

@@ -35,10 +35,6 @@ MOST_FILES = 20  # Four tables, and four files of each with excitations, which h
 _ROOMS = "mechanics", "table", "prediction"  # whose code computes the numbers
 
 
-class CacheError(LinkageVibrationError):
-    """A file of the cache cannot be written."""
-
-
 def computed(part: str, compute: Callable[[], Arrays]) -> Arrays:
     """Return the arrays of a part without a file."""
     return compute()
@@ -150,5 +146,5 @@ def _write(path: Path, write: Callable[[], object]) -> None:
 
 def _write_arrays(path: Path, arrays: Arrays) -> None:
     """Write the file of a part."""
-    with replacement(path, CacheError) as new:
+    with replacement(path, LinkageVibrationError) as new:
         np.savez(new, name=np.array(path.name), **arrays)

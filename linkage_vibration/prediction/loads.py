@@ -193,5 +193,4 @@ MOMENT = LoadKind("moment", "N m", _moment)
 # The unit load of the soil under the mounts of a base is a displacement.
 BASE_ACCELERATION = LoadKind("base_acceleration", "m/s²", soil_motion, power=-2)
 BASE_DISPLACEMENT = LoadKind("base_displacement", "m", soil_motion)  # as the runout of a tyre
-LOAD_KINDS = FORCE, MOMENT, BASE_ACCELERATION, BASE_DISPLACEMENT
-"""All kinds of loads; a new one needs no more than its entry."""
+LOAD_KINDS = FORCE, MOMENT, BASE_ACCELERATION, BASE_DISPLACEMENT  # one entry for each kind

@@ -63,8 +63,7 @@ class Header(NamedTuple):
     step: WindowStep
 
 
-_Speed: TypeAlias = tuple[float, Estimate]
-"""A speed, rpm or m/s, NaN if not known, and what estimates its rate."""
+_Speed: TypeAlias = tuple[float, Estimate]  # rpm or m/s, NaN if not known, and its rate
 _Reading: TypeAlias = tuple[Prediction, Rate, int, list[_Speed], Header]
 """Prediction, velocity, time, ns, speeds, and header of a reading."""
 

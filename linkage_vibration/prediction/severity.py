@@ -59,8 +59,7 @@ class Unknown(enum.IntFlag):
     ORDER_LEVEL = 32
 
 
-SPEED_BITS = {Source.ENGINE: 2, Source.PTO: 4, Source.GROUND: 8}
-"""The bit that says that a speed is not known."""
+SPEED_BITS = {Source.ENGINE: 2, Source.PTO: 4, Source.GROUND: 8}  # of speeds that are not known
 
 
 def unknown_speeds(unknown: int) -> list[Source]:
@@ -89,8 +88,8 @@ class WarningTimer:
     """
 
     def __init__(self, n: int) -> None:
-        self._warns, self._since = [False] * n, [_NEVER] * n
-        """Since when, ns, each limit says otherwise than its warning."""
+        self._warns = [False] * n
+        self._since = [_NEVER] * n  # ns, since when each limit says otherwise than its warning
         self._known, self._last = [0] * n, 0  # ns, when it was last known, and the last reading
 
     def follow(

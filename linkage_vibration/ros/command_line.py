@@ -23,9 +23,7 @@ usage: linkage_vibration_node [--help] [--ros-args [-p PARAMETER:=VALUE] [--para
                               [-r OLD:=NEW] [--log-level LEVEL] [-e ENCLAVE]]
 """
 
-
-LAUNCH_PREFIX = "launch_params_"
-"""How names of files begin in which launch_ros passes single parameters, as others do by ``-p``."""
+LAUNCH_PREFIX = "launch_params_"  # of files in which launch_ros passes what others give by ``-p``
 
 
 class StartError(LinkageVibrationError):

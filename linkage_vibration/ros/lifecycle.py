@@ -69,16 +69,11 @@ TRANSITIONS = {
     Transition.TRANSITION_ACTIVATE: "activate",
 }
 ANSWER_TIME = 1.0  # s, in which requests that wait are answered when the node ends
-FULFILLED = {"configure": ("inactive", "active"), "activate": ("active",)}
-"""The states in which a request for a transition has been fulfilled."""
+FULFILLED = {"configure": ("inactive", "active"), "activate": ("active",)}  # by these states
 
 
 class LinkageVibrationNode(LifecycleNode):
-    """Predicts how a linkage vibrates from each reading of its crank angle.
-
-    It has its table and services while configured, and predicts while active. Long operations ask
-    ``stop_asked``; `problem` says why the last transition failed, if it did.
-    """
+    """Predicts from each reading while active, with its table and services while configured."""
 
     def __init__(self, stop_asked: Callable[[], bool] = lambda: False) -> None:
         super().__init__(NODE_NAME, automatically_declare_parameters_from_overrides=True)
@@ -87,8 +82,8 @@ class LinkageVibrationNode(LifecycleNode):
                 service.callback = self._fulfilling(service.callback)
             if service.srv_type.__module__.startswith("lifecycle_msgs"):
                 service.callback = self._guarded(service.callback)
-        self.problem = ""
-        self._stop_asked = stop_asked
+        self.problem = ""  # why the last transition failed, if it did
+        self._stop_asked = stop_asked  # by long operations
         self._state, self._starting, self._untouched = "unconfigured", False, True
         self._statistics = Statistics()
         self._throttle = Throttle(self.get_logger())

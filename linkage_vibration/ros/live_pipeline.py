@@ -91,23 +91,19 @@ def output_topics(node: Node) -> list[Topic]:
 
 
 class LivePipeline:
-    """Answers readings with predictions and, once a speed is known, resonances and advice.
-
-    Publishers are given by their messages' types. ``record`` gets each used message, its time, ns,
-    and its answers. Attributes hold the last answers, ages, s, and the faults of `judge`.
-    """
+    """Answers readings with predictions and, once a speed is known, resonances and advice."""
 
     def __init__(
         self,
         node: Node,
         listener: Listener,
-        publishers: Mapping[str, Any],
+        publishers: Mapping[str, Any],  # by the types of their messages
         settings: Parameters,
         topics: dict[str, LiveTopic],
         predictor: Predictor,
         monitor: ResonanceMonitor,
         sensors: SensorMonitor | None,
-        record: Callable[..., None],
+        record: Callable[..., None],  # gets each used message, its time, ns, and its answers
         statistics: Statistics,
         throttle: Throttle,
     ) -> None:

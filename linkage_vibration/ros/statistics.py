@@ -13,7 +13,6 @@ CLOCK_STEP = 0.5  # s; the wall clock was set if it differs by more from the ste
 _PUBLISHERS = 16  # on one topic, of which the last numbers are kept
 RECENT = 10  # statuses, one a second, after which losses, waits and jumps have ended
 
-
 _Status = tuple[float, int, int, Counter[str], Counter[str]]
 
 

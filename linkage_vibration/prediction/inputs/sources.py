@@ -31,13 +31,11 @@ from linkage_vibration.prediction.inputs.units import HitchScale, InputError, Re
 
 HEADER_TIME, RECEIPT_TIME = TIMES = ("header", "receipt")
 
-
 _NONE = np.zeros(0)
 _NO_NUMBERS = ScalarBatch(
     _NONE.astype(np.int64), _NONE, _NONE, _NONE.astype(np.int32), _NONE.astype(np.uint32), ""
 )
-MAX_BYTES = 1_000_000
-"""Larger messages of inputs are refused; a joint state of 10,000 joints has a third of it."""
+MAX_BYTES = 1_000_000  # of a message of an input; a joint state of 10,000 joints has a third
 
 
 def too_large(size: int) -> str:
@@ -124,7 +122,6 @@ READERS: dict[str, Callable[[Schema, SourceSettings], NumberReader]] = {
     **dict.fromkeys(FRAME_TYPES, _can_reader),
 }
 """The readers of types that `FieldReader` does not read, or reads more slowly."""
-
 
 Stamped: TypeAlias = tuple[Reading, int, int, str, int]
 """A reading, its stamp (s and ns), its frame, and when it is assessed, ns."""

@@ -13,10 +13,8 @@ from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray
 
 ANGLES = {"rad": 1.0, "deg": math.pi / 180.0}  # Units of an angle, in rad
-CALIBRATED = ("percent", "m", "any")
-"""Units of a hitch position whose angle follows from the calibration."""
-ROTATIONS = {"rpm": 1.0, "rad/s": 30.0 / math.pi, "Hz": 60.0}
-"""Units of the speeds of engine and PTO, in rpm."""
+CALIBRATED = ("percent", "m", "any")  # units of hitch positions whose angles the calibration gives
+ROTATIONS = {"rpm": 1.0, "rad/s": 30.0 / math.pi, "Hz": 60.0}  # of engine and PTO, in rpm
 SPEEDS = {"m/s": 1.0, "km/h": 1.0 / 3.6}  # Units of the ground speed, in m/s
 
 _NAMES = {unit.lower(): unit for unit in (*ANGLES, "percent", "m", *ROTATIONS, *SPEEDS)}

@@ -7,8 +7,7 @@ import numpy as np
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.response import PoleResidue
 
-SILENT_SHARE = 1e-6
-"""Share of the drive-point FRFs of two places: an FRF between them that is only rounding."""
+SILENT_SHARE = 1e-6  # of the drive-point FRFs of two places; a smaller FRF between them is rounding
 
 N_LINES = 201  # Frequencies at which FRFs are compared, in addition to those near resonances
 

@@ -22,7 +22,7 @@ from linkage_vibration.mechanics.arrays import (
     solve_stack,
 )
 from linkage_vibration.mechanics.description import Response
-from linkage_vibration.mechanics.model import IdentifiedSolution, LinkageModel, Place, Solution
+from linkage_vibration.mechanics.model import IdentifiedSolution, Place, Solution
 from linkage_vibration.mechanics.modes import MECHANISM, mixed_damping, modal_damping
 from linkage_vibration.mechanics.response import peak_search_band, reach
 from linkage_vibration.table.reduced import Numbers, frf_pairs
@@ -40,8 +40,7 @@ _LEAVES = 0.5  # A state that continues a subspace has a smaller share outside i
 
 N_FAR = 5  # Number of poles that represent all other modes
 
-N_FIT, N_CHECK = 3 * N_FAR + 4, 8
-"""Frequencies at which the sum of all other modes is fitted, and others at which it is checked."""
+N_FIT, N_CHECK = 3 * N_FAR + 4, 8  # Frequencies of the fit of other modes, and of its check
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,16 +130,10 @@ def check_lines(band: tuple[float, float], *, free: bool) -> FloatArray:
     return np.asarray(2.0 * math.pi * lines)
 
 
-def mass_root(model: LinkageModel) -> FloatArray:
-    """Return R with R^T R = M, the mass of the uncoupled components, (n, n)."""
-    values, vectors = np.linalg.eigh(model.system.mass)
-    return np.asarray(np.sqrt(np.maximum(values, 0.0))[:, np.newaxis] * vectors.T)
-
-
 def sample_poles(
     solution: Solution, root: FloatArray, places: Sequence[Place], forces: Sequence[Place] = ()
 ) -> PoleSample:
-    """Find the poles in wide reach of the band, and their subspace; the root is a `mass_root`."""
+    """Find the poles in wide reach of the band, and their subspace; the mass is root^T root."""
     coupled, vectors = solution.coupled, solution.vectors
     viscous, loss = modal_damping(coupled, vectors)
     if loss.any() and viscous.any():
