@@ -203,7 +203,7 @@ def _reasons(
     alpha3: FloatArray,
     speeds: FloatArray,
 ) -> tuple[NDArray[np.uint8], tuple[str, ...]]:
-    """Return why levels, (n,), are refused, as an unknown load would seem quiet, and the texts."""
+    """Return why levels, (n,), are refused where a load at work is not known, and the texts."""
     loaded = np.array([[excitation.load is not None] for excitation in excitations])
     at_work = loaded & np.isfinite(speeds[[excitation.source.index for excitation in excitations]])
     ground = results.ground_unknown

@@ -82,7 +82,7 @@ class _Modes(NamedTuple):
         return _Modes(*(part[which] for part in self))
 
     def responses(self, omega: FloatArray, loads: IntArray) -> Singles:
-        """Return both parts at rad/s, (..., n_excitations): (..., 2, n_excitations, n_outputs)."""
+        """Return responses to unit loads, (..., 2, n_excitations, n_outputs): both parts."""
         n_shapes = self.outputs.shape[-2]
         w = omega.astype(np.float32)[..., np.newaxis].repeat(n_shapes, axis=-1)
         w2, numerators = w * w, self.numerators.take(loads, axis=-2)
@@ -137,7 +137,7 @@ class EnsembleResponses:
     def responses(
         self, alpha3: FloatArray, modes: _Modes, omega: FloatArray, loads: IntArray
     ) -> Singles:
-        """Return both parts, (n, n_members, 2, n_excitations, n_outputs), of `modes` at rad/s."""
+        """Return responses to unit loads, (n, n_members, 2, n_excitations, n_outputs)."""
         assert self._table_responses is not None
         nodes = self._table.ensemble_alpha3
         after = np.clip(nodes.searchsorted(alpha3), 1, len(nodes) - 1)
@@ -221,7 +221,7 @@ class EnsembleResponses:
 
 
 class GroundMembers:
-    """Compares levels of members by the ground: of the response point, then of forces."""
+    """Compares the levels of members by the ground, of the response point and of forces."""
 
     def __init__(
         self,

@@ -123,7 +123,7 @@ class Terrain:
     def share(
         self, n: FloatArray, tracks: tuple[float, float], *, difference: bool = False
     ) -> FloatArray:
-        """Return the cross density of two axles over `psd`: of means, or half differences."""
+        """Return the cross density of means or half differences of two axles, over `psd`."""
         if self.spectrum and self.difference:
             one = np.ones_like(n)
             return self._measured(self.difference, n) / self.psd(n, one) if difference else one
@@ -215,9 +215,10 @@ class GroundLevels:
 
 
 def off_ground_share(loads: Reals, forces2: Reals) -> FloatArray:
-    """Return the largest share of time off the ground, (n,), of tyres under normal forces."""
+    """Return the largest share of the time that a tyre is off the ground, (n,), 1."""
     if not len(loads):
         return np.full(loads.shape[1], math.nan)
+    # The sum of the forces by all excitations is taken as normally distributed.
     with np.errstate(divide="ignore", invalid="ignore"):  # no force
         return np.asarray(scipy.special.ndtr(-loads / np.sqrt(forces2)).max(axis=0))
 
@@ -300,7 +301,7 @@ def ground_squares(
     frequencies: FloatArray,
     difference: bool = False,
 ) -> GroundSquares:
-    """Return the coefficients of mean squares of a `ground_transfer`, differentiated so often."""
+    """Return coefficients of mean squares of a `ground_transfer`, whose derivatives have orders."""
     transfer = transfer * (2.0 * math.pi * frequencies) ** np.reshape(orders, (-1, 1, 1))
     tracks, pairs = terrain.tracks(mounts), list(combinations(range(len(mounts)), 2))
     crossed = [2.0 * transfer[:, i] * transfer[:, j].conj() for i, j in pairs]
@@ -509,7 +510,7 @@ class GroundTable:
         return ground_squares(transfer, orders, half.mounts, self._terrain, f, half.difference)
 
     def _column(self, speeds: FloatArray) -> FloatArray:
-        """Return steps of speeds from a place: even in ln(speed), and slow ones in the delay."""
+        """Return the places of speeds, in steps: even in ln(speed) and, if slow, in the delay."""
         slowness = 1.0 / speeds
         low, high = self._terrain.band
         period = self._longest * high
@@ -535,7 +536,7 @@ class GroundTable:
         return levels.with_share(off_ground_share(levels.loads, levels.tyres2))
 
     def at_table_angles(self, angles: FloatArray, speed: FloatArray) -> GroundLevels:
-        """Return the levels at table angles or NaN; `GroundLevels.with_share` follows."""
+        """Return the levels at angles of the table, or NaN, before `GroundLevels.with_share`."""
         speed = speed + 0.0  # -0.0 would be faster than all speeds
         outside, unknown = np.isnan(angles), ~((speed >= 0.0) & (speed <= FASTEST))
         n, m, lost = len(self._outputs), len(self._mounts), outside | unknown

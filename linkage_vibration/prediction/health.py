@@ -488,7 +488,7 @@ class SpeedWatch:
     def judge(
         self, now: float, stale_after: float, publishers: _Nodes, delay: str = ""
     ) -> list[Fault]:
-        """Return what was wrong since the last call; ``delay`` is why the node may be late."""
+        """Return what was wrong since the last call; ``delay`` says why values may be late."""
         source, value, name = self._source, self.value, self.name
         window, self._window = self._window, _Window()
         age, problem, since = now - self.time, "", math.nan

@@ -516,11 +516,11 @@ class LevelTable:
         self,
         columns: MessageColumns,
         due: Sequence[int],
-        which: Sequence[int],
-        held: FloatArray,
+        which: Sequence[int],  # of each message: 0 if held, otherwise 1 + the index of a due row
+        held: FloatArray,  # (1, n_factors), or (1, 0) at first
         limit: float,
     ) -> FloatArray:
-        """Set factors of n messages from those held, and of due rows; return the last ones."""
+        """Set the factors of n messages; return those of the last one, (1, n_factors)."""
         angles, speeds = columns.crank_angle[due], columns.speeds[due].T
         computed = self.factor_rows(angles, speeds, limit)
         factors = np.concatenate([held if held.size else computed[:1], computed])[which]
@@ -617,7 +617,7 @@ class LevelTable:
         return reasons
 
     def _share(self, forces2: Reals, reference: Reals, ground: GroundLevels | None) -> FloatArray:
-        """Return the share off the ground, (n,); up to the limit only if the ground's is known."""
+        """Return the time share off the ground, (n,); if small, NaN where the ground's is NaN."""
         tyres2 = forces2[:, forces2.shape[1] - self._n_tyres :]
         if self._ground is not None and not self._ground.refusal and ground is not None:
             tyres2[self._terrain] = ground.tyres2
@@ -696,7 +696,7 @@ def _unknown(n: int, m: int) -> tuple[FloatArray, IntArray, NDArray[np.int8]]:
 def _level_columns(
     numbers: FloatArray, places: IntArray, reasons: NDArray[np.int8]
 ) -> MessageColumns:
-    """Return levels by their names, load places, (n, n_excitations + 1), and ground's reasons."""
+    """Return levels by names, load places, (n, n_excitations + 1), and reasons of the ground."""
     with np.errstate(over="ignore"):  # a level beyond float32 is infinite
         single = numbers.astype(np.float32)
     columns = _columns(places.shape[1] - 1).items()

@@ -462,7 +462,7 @@ class ResonanceMonitor:
     def assess(
         self, prediction: Prediction, velocity: float, time: int, velocity_error: float = 0.0
     ) -> MessageColumns:
-        """Return one ``Resonance`` with its ``Levels`` and ``LoadState``; NaN is no velocity."""
+        """Return one ``Resonance`` with its ``Levels`` and its ``LoadState``."""
         velocities, errors = np.array([[velocity], [velocity_error]])
         row = rows_of([prediction])
         resonance = self.assess_many(row, velocities, np.array([time]), (), errors).message(0)
@@ -512,7 +512,7 @@ class ResonanceMonitor:
         speeds: Sequence[Sequence[_Speed]],
         headers: MessageColumns,
     ) -> MessageColumns:
-        """Return the messages of windows that end with n readings, at ``ends_at`` of these."""
+        """Return messages of the windows that end with n readings, and with which they end."""
         parts, before, (known, rates) = [], 0, _by_source(speeds)
         with np.errstate(all="ignore"):  # speeds and angles may be any 64 bits
             for start in range(0, max(len(time), 1), _CHUNK):

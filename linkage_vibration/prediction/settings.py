@@ -204,7 +204,7 @@ def _with_inputs(cls: type[Class]) -> type[Class]:
 @dataclass(frozen=True, slots=True)
 @_with_inputs
 class Parameters:
-    """The parameters of the node, in the order of the manual, with metadata of each."""
+    """The parameters of the node, in the order of the manual; metadata describe each field."""
 
     autostart: bool = _switch(True).means(
         "Configure and activate the node at start, without a lifecycle manager."
@@ -464,11 +464,11 @@ def is_ros_parameter(name: str) -> bool:
 
 
 def converted(name: str, value: Any) -> Any:
-    """Return a value in the type of its parameter if it means the same, such as 1 and 1.0."""
+    """Return a value in the type of its parameter if it means the same, such as 1 for 1.0."""
     kind = type(DECLARED[name].default) if name in DECLARED else None
     if kind is str and type(value) is int:
         return str(value)
-    if kind is float and type(value) in (int, str):
+    if kind is float and type(value) in (int, str):  # `ros2 param load` has the text "1e-05"
         with suppress(ValueError):
             return float(value)
     if kind is tuple and isinstance(value, Iterable) and not isinstance(value, str | bytes):

@@ -154,7 +154,7 @@ def drive_of(
 
 
 def above_and_below(drive: Drive, limit: float | None = None) -> tuple[BoolArray, BoolArray]:
-    """Return when loads exceeded a limit, or that of each message, and when they did not."""
+    """Return when a limit, or that of each message, was exceeded, and when surely not, (n,)."""
     of = drive.resonances
     limits = of.load_ratio_limit if limit is None else np.float32(limit)
     above = np.asarray((of.total_load_ratio > limits) | (of.off_ground_share > MAX_OFF_GROUND))

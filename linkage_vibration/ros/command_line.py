@@ -65,7 +65,7 @@ def _unknown(argument: str) -> StartError:
 
 
 def unused_files(arguments: Sequence[str], node_name: str) -> list[str]:
-    """Return a sentence about each file without parameters for the node; raise it if all are so."""
+    """Return a sentence about each file that has no parameters of the node; raise it for all."""
     files = [Path(file) for option, file in pairwise(arguments) if option == "--params-file"]
     files = [file for file in files if not file.name.startswith(LAUNCH_PREFIX)]
     unused = [

@@ -287,7 +287,7 @@ class LivePipeline:
         return faults
 
     def _share_taken(self, now: float) -> float:
-        """Return the share of new messages of the hitch that are used; update what else came."""
+        """Return the share of new messages of the hitch that are used; update other names."""
         counts, names = self._statistics, self._other_names
         self._other_names = set()
         self._names = {n: at for n, at in self._names.items() if now - at <= NAMES_FOR}

@@ -89,7 +89,7 @@ def check_qos_overrides(node: Node, inputs: Iterable[str]) -> None:
 
 
 def changed(settings: Parameters, asked: "list[Parameter[Any]]", *, configured: bool) -> Parameters:
-    """Return the parameters after a request; while it is configured, only live ones may change."""
+    """Return the parameters after a request; a configured node changes only live ones."""
     _check_sim_time(asked)
     for parameter in asked:
         if parameter.name.partition(".")[0] in ("autostart", "qos_overrides"):

@@ -52,7 +52,7 @@ _CODES = {"sequence<double>": "d", "sequence<float>": "f", "sequence<uint8>": "B
 
 
 class Services:
-    """Answers requests while the listener predicts; a thread solves, and a process builds."""
+    """Answers requests; models are solved in a thread, and tables are built in a process."""
 
     def __init__(
         self,

@@ -86,7 +86,7 @@ class SequenceGaps:
         self._numbers: deque[int] = deque(maxlen=_PUBLISHERS)  # the last one of each publisher
 
     def before(self, number: int, publishers: Callable[[], int]) -> int:
-        """Return how many messages are missing before this one; only then count the publishers."""
+        """Return how many messages are missing before this one; only then ask for publishers."""
         last = max((each for each in self._numbers if each < number), default=number)
         missing = max(number - last - 1, 0)
         if last == number or (missing and len(self._numbers) < publishers()):

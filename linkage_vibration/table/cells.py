@@ -87,7 +87,7 @@ class Cells:
 
 
 class JoinedCells(Cells):
-    """Cells that begin where those of any part do; of all their quantities, columns are kept."""
+    """Cells that begin where those of any part do; ``columns`` of all quantities are kept."""
 
     def __init__(self, parts: Sequence[Cells], columns: IntArray) -> None:
         starts = np.unique(np.concatenate([part.arrays[0] for part in parts]))
