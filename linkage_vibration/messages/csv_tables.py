@@ -17,10 +17,7 @@ from linkage_vibration.messages.topics import PREDICTION
 def prediction_table(
     predictions: Mapping[str, NDArray[Any]], why: str = ""
 ) -> dict[str, NDArray[Any]]:
-    """Return the columns of predictions, by the names of their fields, as those of a CSV file.
-
-    If a reason is given why deviations are not known, it stands beside those that are NaN.
-    """
+    """Return predictions as columns of a CSV file, with ``why`` beside deviations that are NaN."""
     table: dict[str, NDArray[Any]] = {}
     for field in message_fields(PREDICTION):
         if field.name in predictions and field.is_sequence:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.support.resources import prefixes, share_directory
+from linkage_vibration.support.version import VERSION
 
 OWN_PACKAGE = "linkage_vibration_interfaces"
 SEPARATOR = "=" * 80
@@ -21,15 +22,11 @@ _MESSAGE_TYPE = re.compile(r"(?:(?P<package>[a-z]\w*)/)?(?P<name>[A-Z][A-Za-z0-9
 
 
 class DefinitionError(LinkageVibrationError):
-    """The definition of a message type was not found."""
+    """The definition of a message type was not found, or is that of another version."""
 
 
 def message_definition(type_name: str) -> str:
-    """Return a type such as ``sensor_msgs/msg/JointState`` as the text of an MCAP schema.
-
-    The ``ros2msg`` text is its own ``.msg``, then that of each type that it contains, after a line
-    of 80 ``=`` and one ``MSG: package/Type``. A DefinitionError names a type that is not installed.
-    """
+    """Return the ``ros2msg`` schema of a type: its ``.msg``, and that of each type it contains."""
     texts = {type_name: message_text(type_name)}
     waiting = [type_name]
     while waiting:
@@ -45,10 +42,7 @@ def message_definition(type_name: str) -> str:
 
 
 def message_text(type_name: str) -> str:
-    """Return the ``.msg`` text of a message type.
-
-    A DefinitionError says that the type is not installed, and unknown to rosbags.
-    """
+    """Return the ``.msg`` text of a type, or raise a `DefinitionError` if it is not found."""
     package, _, name = type_name.split("/")
     installed = _shipped(type_name) or _installed(type_name)
     if installed is not None:
@@ -70,11 +64,7 @@ def message_text(type_name: str) -> str:
 
 
 def type_hash(type_name: str) -> str:
-    """Return the RIHS01 hash of a message type (REP 2016).
-
-    It is empty where neither rosbags nor a ROS 2 since Iron has the type. A DefinitionError names a
-    type that it contains and that is not installed.
-    """
+    """Return the RIHS01 hash of a type (REP 2016); empty without rosbags and a ROS 2 since Iron."""
     installed = _installed(type_name)
     # Another version of our interface package may be installed.
     if installed is not None and installed.read_text(encoding="utf-8") == message_text(type_name):
@@ -107,15 +97,20 @@ def _dependencies(text: str, package: str) -> list[str]:
     return names
 
 
-def differing_types() -> list[str]:
-    """Return our messages, services and actions that are installed with other fields."""
+def check_interfaces() -> None:
+    """Refuse our messages, services and actions that are installed with other fields."""
     folder, different = share_directory() / OWN_PACKAGE, []
     for kind in ("msg", "srv", "action"):
         for path in sorted((folder / kind).glob(f"*.{kind}")):
             name = f"{OWN_PACKAGE}/{kind}/{path.stem}"
             if (installed := _installed(name)) is not None and _code(installed) != _code(path):
                 different.append(name)
-    return different
+    if different:
+        raise DefinitionError(
+            f"The installed {', '.join(different)} differs, so {OWN_PACKAGE} has another version "
+            f"than linkage_vibration {VERSION}; install {OWN_PACKAGE} {VERSION}, or rebuild the "
+            "workspace."
+        )
 
 
 def _code(path: Path) -> list[list[str]]:

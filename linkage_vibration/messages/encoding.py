@@ -21,8 +21,7 @@ from linkage_vibration.messages.fields import CODES, message_fields
 
 # The encapsulation header of plain CDR (OMG DDS-RTPS, 10.2) names the byte order that follows.
 _ENCAPSULATION = b"\x00\x01\x00\x00" if sys.byteorder == "little" else b"\x00\x00\x00\x00"
-_WIDEST = {1: "B", 2: "H", 4: "I", 8: "d"}
-"""Characters of `struct` by the alignment that they have."""
+_WIDEST = {1: "B", 2: "H", 4: "I", 8: "d"}  # Characters of `struct` by the alignment that they have
 
 # The arguments of an encoder that fill the header.
 _HEADER = {
@@ -50,11 +49,7 @@ def encode_columns(
     nanosec: NDArray[np.uint32],
     frame_id: str | NDArray[np.object_],
 ) -> Iterator[tuple[Integers, Bytes]]:
-    """Encode many messages, (n,), whose headers have one frame, or each its own.
-
-    The indices of messages whose texts are equal, (m,), are yielded with the bytes that
-    `encode_message` returns for them, (m, n_bytes).
-    """
+    """Yield indices, (m,), of messages of n with equal texts, and their bytes, (m, n_bytes)."""
     groups = [np.arange(len(sec))]
     texts = {
         field.name: frame_id if field.name in _HEADER else getattr(columns, field.name)
@@ -76,10 +71,7 @@ def encode_columns(
 
 @cache
 def _encoder(type_name: str) -> Callable[[object, int, int, str], bytes]:
-    """Return a function that encodes one message, given an object with its fields and its header.
-
-    The function is generated as source, as a loop over the fields would take twice as long.
-    """
+    """Return an encoder, generated as source, since a loop over fields takes twice as long."""
     lines, formats, arguments = [], [], []
     scope: dict[str, Any] = {"encapsulation": _ENCAPSULATION, "pack": struct.pack}
     for i, field in enumerate(message_fields(type_name)):

@@ -14,8 +14,7 @@ import numpy as np
 
 from linkage_vibration.messages.definitions import OWN_PACKAGE, message_text
 
-CODES = {"bool": "u1", "float32": "f4", "float64": "f8", "string": "u1"}
-"""NumPy's codes of the types; a text is a sequence of bytes."""
+CODES = {"bool": "u1", "float32": "f4", "float64": "f8", "string": "u1"}  # NumPy's, by types
 CODES |= {f"{kind}{8 * size}": f"{kind[0]}{size}" for kind in ("int", "uint") for size in (1, 2, 4)}
 
 # Our messages contain these two messages of other packages, and they never change.

@@ -11,16 +11,13 @@ PREDICTION = f"{OWN_PACKAGE}/msg/VibrationPrediction"
 RESONANCE = f"{OWN_PACKAGE}/msg/Resonance"
 LEVELS = f"{OWN_PACKAGE}/msg/Levels"
 LOAD_STATE = f"{OWN_PACKAGE}/msg/LoadState"
-ASSESSED = RESONANCE, LEVELS, LOAD_STATE
-"""The types of the messages about an assessed reading, in their order in a log."""
+ASSESSED = RESONANCE, LEVELS, LOAD_STATE  # about an assessed reading, in their order in a log
 ADVICE = f"{OWN_PACKAGE}/msg/Advice"
 MEASURED = f"{OWN_PACKAGE}/msg/MeasuredVibration"
 TABLE_INFO = f"{OWN_PACKAGE}/msg/TableInfo"
-MEASUREMENT = f"{OWN_PACKAGE}/msg/Measurement"
-"""The type of our own messages for inputs."""
+MEASUREMENT = f"{OWN_PACKAGE}/msg/Measurement"  # The type of our own messages for inputs
 
-PREDICTION_TOPIC = "/linkage_vibration/prediction"
-"""Topic of the predictions in a replay, and of a node that has its default name."""
+PREDICTION_TOPIC = "/linkage_vibration/prediction"  # also of a node with its default name
 RESONANCE_TOPIC = "/linkage_vibration/resonance"
 LEVELS_TOPIC = "/linkage_vibration/levels"
 LOAD_STATE_TOPIC = "/linkage_vibration/load_state"
@@ -93,10 +90,7 @@ OUTPUT_TOPICS = (
 
 
 def log_topic(name: str, type_name: str, *, latched: bool = False) -> Topic:
-    """Return what a log stores about a topic; ``latched`` ones give late subscribers old messages.
-
-    A DefinitionError says that the type is not installed, and unknown to rosbags.
-    """
+    """Return what a log stores about a topic; a latched one keeps its last message."""
     # `ros2 bag play` then publishes as reliable, which reaches subscribers of both kinds.
     qos = offered_qos_profiles(latched=latched)
     return Topic(name, type_name, message_definition(type_name), type_hash(type_name), qos)

@@ -10,9 +10,8 @@ from linkage_vibration.bags.writing import Topic, offered_qos_profiles
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.messages.definitions import DefinitionError, message_definition
 from linkage_vibration.messages.topics import log_topic
-from linkage_vibration.prediction.inputs.presets import HITCH, PLAIN_TYPES
+from linkage_vibration.prediction.inputs.presets import HITCH, INPUT_TOPICS, PLAIN_TYPES
 from linkage_vibration.prediction.inputs.sources import SourceSettings
-from linkage_vibration.prediction.inputs.topics import INPUT_TOPICS
 from linkage_vibration.prediction.settings import NODE_NAME, Parameters
 
 

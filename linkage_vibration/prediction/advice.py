@@ -25,8 +25,7 @@ from linkage_vibration.prediction.severity import ratio_words
 from linkage_vibration.prediction.worst_levels import WorstLevels
 from linkage_vibration.table.interpolation import angles_in_table
 
-NOW, HEIGHT, SPEED, BOTH = message_constants(ADVICE).values()
-"""The places of the message."""
+NOW, HEIGHT, SPEED, BOTH = message_constants(ADVICE).values()  # The places of the message
 
 _SHAPE = 91, 17  # heights and speeds of a map
 _LIVE_SHAPE = 19, 7  # likewise, while readings wait
@@ -56,10 +55,7 @@ class AdviceError(LinkageVibrationError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Question:
-    """What is permitted, and how it is now; NaN where it is not known.
-
-    Only the speed over ground may change.
-    """
+    """What is permitted, and how it is now, NaN if not known; only the ground speed may change."""
 
     crank_angle: float  # rad
     speeds: FloatArray  # (n_sources,), rpm or m/s of each `Source`
@@ -89,11 +85,7 @@ def advise(
     *,
     limit: float = math.nan,
 ) -> Advice:
-    """Return the quietest permitted heights and speeds on a map of this shape.
-
-    The sentence says if a load ratio would still exceed the limit. An invalid question raises an
-    `AdviceError`.
-    """
+    """Return the quietest permitted heights and speeds on a map, and if they exceed a limit."""
     if np.shape(question.speeds) != (len(Source),):
         names = ", ".join(source.value for source in Source)
         raise AdviceError(f"`speeds` is {question.speeds}; give one of each: {names}.")
@@ -192,10 +184,7 @@ def _nothing_better(load_ratio: float, why: str) -> str:
 def _steps(
     what: str, ends: tuple[float, float], n: int, least: float, units: tuple[str, float, str]
 ) -> FloatArray:
-    """Return n steps of a permitted range, or its only value.
-
-    The units are the SI unit, how many of the unit that people type are in it, and that unit.
-    """
+    """Return n steps of a permitted range, or its only value; errors name it in both units."""
     low, high = ends
     if not least <= low <= high < math.inf or low == -math.inf:
         above = "" if least < 0.0 else " of at least 0"
@@ -214,10 +203,7 @@ def _reasons(
     alpha3: FloatArray,
     speeds: FloatArray,
 ) -> tuple[NDArray[np.uint8], tuple[str, ...]]:
-    """Return why levels at n angles and speeds, (n_sources, n), are refused, and the texts.
-
-    A cell is refused if a load that is at work is not known there, as it would seem to be quiet.
-    """
+    """Return why levels, (n,), are refused where a load at work is not known, and the texts."""
     loaded = np.array([[excitation.load is not None] for excitation in excitations])
     at_work = loaded & np.isfinite(speeds[[excitation.source.index for excitation in excitations]])
     ground = results.ground_unknown
@@ -251,13 +237,11 @@ def smallest(load: FloatArray, rows: IntArray) -> int:
 
 
 def _probabilities(members: FloatArray) -> FloatArray:
-    """Return the probabilities that loads of members, (n_members, 4), are below that of now.
-
-    If all members agree, they may still be wrong: half a member on each side is added.
-    """
+    """Return the probabilities that loads of members, (n_members, 4), are below that of now."""
     finite = np.isfinite(members) & np.isfinite(members[:, :1])
     n, quieter = finite.sum(axis=0), (finite & (members < members[:, :1])).sum(axis=0)
     known = n >= max(1.0, _KNOWN * len(members))
+    # All members may agree and still be wrong, so half of one is added on each side.
     probability = np.where(known, (quieter + 0.5) / (n + 1.0), math.nan)
     probability[NOW] = math.nan
     return np.asarray(probability)
@@ -304,10 +288,7 @@ def advice_sentence(
 
 
 class Adviser:
-    """Gives advice while the total load ratio exceeds its limit, at most once a second of stamps.
-
-    It has no clock, so the same messages give the same advice, live or offline.
-    """
+    """Gives advice while the total load ratio exceeds its limit, at most once in a second."""
 
     def __init__(self, monitor: ResonanceMonitor) -> None:
         self._monitor = monitor

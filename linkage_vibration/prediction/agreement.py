@@ -77,10 +77,7 @@ class Agreement:
 
 
 class StandingClock:
-    """Whether the time of receipt stands still, by readings whose stamps go on.
-
-    Speeds do not age by such a clock, and no dwell time passes, so that no load is known.
-    """
+    """Whether the time of receipt stands still while stamps go on, so that no load is known."""
 
     def __init__(self) -> None:
         self._receipt, self._stamp = -1, 0  # ns, of the first reading since the clock stands

@@ -41,10 +41,8 @@ if TYPE_CHECKING:
 Places = tuple[Place, ...]
 
 MAX_FREQUENCIES = 10_000
-MAX_VALUES = 100_000
-"""Numbers in one answer; as a message they are 1.6 MB."""
-MAX_GROUND_PLACES = 8
-"""Places in one answer about the ground, each of which takes some tenths of a second."""
+MAX_VALUES = 100_000  # Numbers in one answer; as a message they are 1.6 MB
+MAX_GROUND_PLACES = 8  # in one answer about the ground; each takes some tenths of a second
 
 _LINES = 401  # over the band, if no frequencies are given
 
@@ -151,11 +149,7 @@ def answer_frf(
     *,
     exact: bool,
 ) -> Frf:
-    """Return receptances at an angle (rad) from the table, or from the model if ``exact`` is true.
-
-    Places are such as "E1.z", outputs also forces such as "lower_link:E1.force_x"; without any, it
-    is the drive point, and without frequencies (Hz), 401 in the band.
-    """
+    """Return receptances at an angle (rad) from the table, or from the model if `exact`."""
     table = served.table
     _check_angle(alpha3)
     if bool(outputs) != bool(inputs):
@@ -223,10 +217,7 @@ def answer_ground(
     speed: float,
     outputs: Sequence[str],
 ) -> GroundAnswer:
-    """Return levels and spectra by the ground among excitations, at an angle (rad) and speed (m/s).
-
-    Places are those of the table, named as for `answer_frf`. Invalid requests raise `ServingError`.
-    """
+    """Return levels and spectra by the ground, at an angle (rad) and a speed (m/s), of outputs."""
     terrain = next((excitation.terrain for excitation in excitations if excitation.terrain), None)
     if terrain is None:
         raise ServingError("No excitation has a terrain; describe one in excitation_file.")
@@ -295,11 +286,7 @@ def answer_mode_shapes(served: LoadedModel, alpha3: float) -> ModeShapes:
 def with_implement(
     mechanism: Mechanism, mechanism_text: str, implement: Implement
 ) -> tuple[Mechanism, str]:
-    """Return a mechanism and its YAML with other properties of a rigid body.
-
-    They are checked as those of a file; inertias in roll and yaw change as the mass does. The
-    comments of the YAML are dropped, as they may describe the old properties.
-    """
+    """Return a mechanism and its YAML, without comments, with another implement."""
     name = rigid_body_name(mechanism, implement.rigid_body)
     centre = list(implement.centre_of_gravity)
     if len(centre) not in (0, 2):
@@ -340,11 +327,7 @@ def with_implement(
 
 
 def replaced(served: LoadedModel, wanted: Implement | str) -> ModelWithoutTable:
-    """Return the mechanism of a node with another implement, which is given itself or by its name.
-
-    One with a name replaces that of the mechanism file, so that nothing is left of others that were
-    in use before.
-    """
+    """Return a mechanism with another implement; one with a name replaces that of its file."""
     source: LoadedModel | Implements = served
     if isinstance(wanted, str):
         if served.implements is None:
@@ -384,11 +367,7 @@ def progress_file(wanted: Path) -> Path:
 def rebuilt(
     mechanism: Mechanism, like: Table, excitations: Sequence[Excitation], wanted: Path
 ) -> "tuple[Predictor, LevelTable]":
-    """Build the tables of a changed mechanism, with the places and the accuracy of the old table.
-
-    If another process removes the folder ``wanted``, building stops with a `ServingError`. The
-    finished fraction is in a file beside it; see `progress_file`.
-    """
+    """Build the tables of a changed mechanism like the old one, until ``wanted`` is removed."""
 
     def check(finished: float) -> None:
         if not wanted.exists():

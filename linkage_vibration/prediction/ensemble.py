@@ -82,10 +82,7 @@ class _Modes(NamedTuple):
         return _Modes(*(part[which] for part in self))
 
     def responses(self, omega: FloatArray, loads: IntArray) -> Singles:
-        """Return responses to unit loads, (..., 2, n_excitations, n_outputs): both parts.
-
-        Frequencies are (..., n_excitations), rad/s, and loads (n_excitations,), indices.
-        """
+        """Return responses to unit loads, (..., 2, n_excitations, n_outputs): both parts."""
         n_shapes = self.outputs.shape[-2]
         w = omega.astype(np.float32)[..., np.newaxis].repeat(n_shapes, axis=-1)
         w2, numerators = w * w, self.numerators.take(loads, axis=-2)
@@ -123,8 +120,7 @@ class EnsembleResponses:
         self._table, self._n_forces = table, n_forces
         self._table_responses = table_responses
         self._variables = stroke_variable(table.ensemble_alpha3, table.toggles)
-        self.n = len(table.ensemble_poles) - 1
-        """Number of members beside the mechanism itself."""
+        self.n = len(table.ensemble_poles) - 1  # Number of members beside the mechanism itself
         nodes = [*kept(lambda: self._at_nodes(outputs, loads)).values()]
         self._shapes = [node.shape[2:] for node in nodes]
         self._values = np.concatenate([node.reshape(*node.shape[:2], -1) for node in nodes], axis=2)
@@ -141,11 +137,7 @@ class EnsembleResponses:
     def responses(
         self, alpha3: FloatArray, modes: _Modes, omega: FloatArray, loads: IntArray
     ) -> Singles:
-        """Return responses to unit loads, (n, n_members, 2, n_excitations, n_outputs): both parts.
-
-        Angles, (n,), rad, are within the table, whose modes are `at` them; frequencies are (n,
-        n_members, n_excitations), rad/s, and loads (n_excitations,), indices.
-        """
+        """Return responses to unit loads, (n, n_members, 2, n_excitations, n_outputs)."""
         assert self._table_responses is not None
         nodes = self._table.ensemble_alpha3
         after = np.clip(nodes.searchsorted(alpha3), 1, len(nodes) - 1)
@@ -196,10 +188,7 @@ class EnsembleResponses:
         )
 
     def _at_nodes(self, places: Sequence[Place], loads: Sequence[UnitLoad]) -> Arrays:
-        """Return the parts of `_Modes` at the nodes, (n_nodes, n_members, ...), as real numbers.
-
-        They are logarithms of poles, outputs, inputs, what other modes add, and forces at rest.
-        """
+        """Return the parts of `_Modes` at the nodes, (n_nodes, n_members, ...), as real numbers."""
         outputs = [self._table.member_outputs.index(place) for place in places]
         table, n = self._table, len(self._table.places)
         modal = table.ensemble_poles, table.ensemble_shapes, table.ensemble_far
@@ -232,11 +221,7 @@ class EnsembleResponses:
 
 
 class GroundMembers:
-    """Finds how the levels by the ground differ between the members and the mechanism itself.
-
-    The outputs are the response point, then forces; ``n_lines`` frequencies are summed for the
-    mechanism itself.
-    """
+    """Compares the levels of members by the ground, of the response point and of forces."""
 
     def __init__(
         self,
@@ -272,10 +257,7 @@ class GroundMembers:
         return {"logs": np.ascontiguousarray(known, np.float32)}
 
     def _squares(self, half: Half, known: list[int]) -> FloatArray:
-        """Return mean squares in a half, (n_angles, n_members, n_known, n_speeds), or NaN.
-
-        They are not known if the members of this half are not those of the table.
-        """
+        """Return mean squares in a half, (n_angles, n_members, n_known, n_speeds), or NaN."""
         table, terrain, mounts = half.source, self._terrain, half.mounts
         assert isinstance(table, Table)
         if not np.array_equal(table.ensemble_coordinates, self._table.ensemble_coordinates):
@@ -297,10 +279,7 @@ class GroundMembers:
     def levels(
         self, nominal: GroundLevels, alpha3: FloatArray, speed: FloatArray, amplitudes: FloatArray
     ) -> GroundLevels:
-        """Return levels of the members, (n n_members), from those of the mechanism itself, (n,).
-
-        The factors of amplitudes are (n_members,); accelerations are not those of members.
-        """
+        """Return levels of the members, (n n_members), from those of the mechanism itself, (n,)."""
         every = nominal.rows(np.arange(len(alpha3)).repeat(len(amplitudes)))
         if np.isnan(nominal.velocity).all():
             return every
@@ -311,10 +290,7 @@ class GroundMembers:
         )
 
     def shares(self, alpha3: FloatArray, speed: FloatArray) -> FloatArray:
-        """Return mean squares of members over those of the mechanism, (n, n_members, n_outputs).
-
-        Angles and speeds are (n,), rad and m/s.
-        """
+        """Return mean squares of members over the mechanism's, (n, n_members, n_outputs)."""
         log_speed = np.log(np.clip(speed, _SLOWEST, _FASTEST))
         rows, columns = _between(self._angles, alpha3), _between(self._speeds, log_speed)
         logs = sum((a * b) * self.logs[i, j] for i, a in rows for j, b in columns)

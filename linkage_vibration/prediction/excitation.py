@@ -12,10 +12,8 @@ from linkage_vibration.mechanics.keys import CheckedMapping
 from linkage_vibration.prediction.ground import Spectrum, Terrain, power_law
 from linkage_vibration.prediction.loads import ExcitationError, Load, given_kinds
 
-RPM = 1.0 / 60.0
-"""1/min in Hz."""
-KMH = 3.6
-"""1 m/s in km/h."""
+RPM = 1.0 / 60.0  # 1/min in Hz
+KMH = 3.6  # 1 m/s in km/h
 
 _LEAST, _LARGEST = 1e-6, 1e6  # of a number in a description
 _STEEPEST = 4.0  # of exponents

@@ -30,17 +30,13 @@ from linkage_vibration.prediction.level_cache import Arrays, Keep, computed
 from linkage_vibration.table.interpolation import angles_in_table, stroke_angle, stroke_variable
 from linkage_vibration.table.table import Table
 
-Reals = NDArray[np.floating[Any]]
-"""Those of the ensemble have single precision."""
+Reals = NDArray[np.floating[Any]]  # Those of the ensemble have single precision
 Reasons = NDArray[np.int8]
-Spectrum = tuple[tuple[float, float], ...]
-"""Wavenumbers, 1/m, ascending, and power spectral densities of a profile, m3."""
+Spectrum = tuple[tuple[float, float], ...]  # wavenumbers, 1/m, ascending, and densities, m3
 
-N_FREQUENCIES = 512
-"""Frequencies, even in their logarithm, over which levels are summed."""
+N_FREQUENCIES = 512  # Frequencies, even in their logarithm, over which levels are summed
 
-SEGMENTS = 8
-"""A measured profile is divided into so many parts, and those that overlap them by half."""
+SEGMENTS = 8  # A profile is divided into so many parts, and those that overlap them by half.
 
 MAX_UNKNOWN_POWER, MAX_OFF_GROUND = 0.2, 0.2
 """Largest share of the power of the acceleration at wavelengths that are not known, and of the time
@@ -127,11 +123,7 @@ class Terrain:
     def share(
         self, n: FloatArray, tracks: tuple[float, float], *, difference: bool = False
     ) -> FloatArray:
-        """Return the cross density of what two axles feel of their tracks, over `psd`, at 1/m.
-
-        An axle of a track, m, feels the mean of the heights of both wheels, or half of their
-        ``difference``, which rolls it and does not correlate with any mean.
-        """
+        """Return the cross density of means or half differences of two axles, over `psd`."""
         if self.spectrum and self.difference:
             one = np.ones_like(n)
             return self._measured(self.difference, n) / self.psd(n, one) if difference else one
@@ -169,10 +161,7 @@ def profile_spectrum(distance: FloatArray, height: FloatArray) -> Spectrum:
 def _mean_spectrum(
     heights: FloatArray, spacing: float, length: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Return wavenumbers, 1/m, and one-sided densities, m3, of heights, m, in segments of a length.
-
-    Segments overlap by half; each is without its straight line, and under a Hann window.
-    """
+    """Return wavenumbers, 1/m, and densities, m3, by segments that overlap by half."""
     segments = sliding_window_view(heights, length)[:: length - length // 2]
     line, _ = np.linalg.qr(np.vander(np.arange(length) / length, 2))
     window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length)
@@ -226,13 +215,10 @@ class GroundLevels:
 
 
 def off_ground_share(loads: Reals, forces2: Reals) -> FloatArray:
-    """Return the largest share of the time that a tyre is off the ground, (n,), 1.
-
-    Static loads, N, and mean squares of the forces by all excitations, N2, are (n_tyres, n). The
-    sum of these forces is taken as normally distributed.
-    """
+    """Return the largest share of the time that a tyre is off the ground, (n,), 1."""
     if not len(loads):
         return np.full(loads.shape[1], math.nan)
+    # The sum of the forces by all excitations is taken as normally distributed.
     with np.errstate(divide="ignore", invalid="ignore"):  # no force
         return np.asarray(normal_share(-loads / np.sqrt(forces2)).max(axis=0))
 
@@ -299,10 +285,7 @@ def ground_lines(terrain: Terrain, count: int = N_FREQUENCIES) -> FloatArray:
 def ground_transfer(
     frf: PoleResidue, mounts: Sequence[Mount], frequencies: FloatArray, outputs: Sequence[Place]
 ) -> ComplexArray:
-    """Return responses per displacement of the soil under each mount, (n_out, n_mounts, n_f).
-
-    The FRFs of the outputs, (n_out, n_mounts), are those to forces at the mounts along z.
-    """
+    """Return responses per displacement of the soil under each mount, (n_out, n_mounts, n_f)."""
     stiffness, damping = np.array([(m.stiffness[1], m.damping[1]) for m in mounts]).T
     impedance = stiffness[:, np.newaxis] + 2j * math.pi * np.multiply.outer(damping, frequencies)
     # A tyre is compressed by the motion of the soil under it, too.
@@ -318,11 +301,7 @@ def ground_squares(
     frequencies: FloatArray,
     difference: bool = False,
 ) -> GroundSquares:
-    """Return the coefficients of mean squares of responses to the mean or difference of tracks.
-
-    `ground_transfer` returns (n_out, n_mounts, n_f) at `ground_lines`; the orders, (n_out,), say
-    how often each response is differentiated: 1 for a velocity, 2 for an acceleration.
-    """
+    """Return coefficients of mean squares of a `ground_transfer`, whose derivatives have orders."""
     transfer = transfer * (2.0 * math.pi * frequencies) ** np.reshape(orders, (-1, 1, 1))
     tracks, pairs = terrain.tracks(mounts), list(combinations(range(len(mounts)), 2))
     crossed = [2.0 * transfer[:, i] * transfer[:, j].conj() for i, j in pairs]
@@ -398,11 +377,7 @@ def ground_spectrum(
     alpha3: float,
     speed: float,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return frequencies, Hz, and the density of a velocity, m2/s2/Hz, or of a force, N2/Hz.
-
-    Both are (N_FREQUENCIES,), NaN at waves that the terrain does not know. A GroundError is raised
-    without a base on two mounts, with a tool in the soil, or if the speed, m/s, is not above 0.
-    """
+    """Return frequencies, Hz, and a density, m2/s2/Hz or N2/Hz; NaN at waves that are not known."""
     halves, f = halves_of(source, mechanism), ground_lines(terrain)
     if refused := _refusal(halves[0].mounts, terrain) or (0 if 0.0 < speed < math.inf else _SPEED):
         raise GroundError(REASONS[refused])
@@ -440,19 +415,15 @@ def ground_spectrum(
 
 
 class GroundTable:
-    """Levels of vibration by the ground at any angle of a table and any speed.
-
-    The outputs are forces of the table whose mean squares are wanted; the ``point`` that moves is
-    the response point by default. Either may be of the vertical half, of the lateral one, or both.
-    """
+    """Levels of vibration by the ground at any angle of a table and any speed."""
 
     def __init__(
         self,
         table: Table,
         mechanism: Mechanism,
         terrain: Terrain,
-        outputs: Sequence[Place] = (),
-        point: Place | None = None,
+        outputs: Sequence[Place] = (),  # forces of either half whose mean squares are wanted
+        point: Place | None = None,  # that moves; by default the response point
         keep: Keep = computed,
     ) -> None:
         self._table, self._terrain, self._keep = table, terrain, keep
@@ -466,8 +437,7 @@ class GroundTable:
         given = terrain.track is not None or terrain.difference or any(terrain.tracks(mounts))
         self.lacks_track = bool(mounts) and not given
         """Whether nothing says how far apart the wheels of an axle are."""
-        self.refusal = _refusal(mounts, terrain)
-        """Why no level of it is ever known, of `REASONS`, or 0."""
+        self.refusal = _refusal(mounts, terrain)  # why no level is ever known, of `REASONS`, or 0
         if self.refusal:
             return
         tables = [each.source for each in self._halves if isinstance(each.source, Table)]
@@ -540,10 +510,7 @@ class GroundTable:
         return ground_squares(transfer, orders, half.mounts, self._terrain, f, half.difference)
 
     def _column(self, speeds: FloatArray) -> FloatArray:
-        """Return where speeds are among those of the table, as a number of steps from a place.
-
-        Fast, the steps are even in ln(speed); slow, in the delay, as long as that matters.
-        """
+        """Return the places of speeds, in steps: even in ln(speed) and, if slow, in the delay."""
         slowness = 1.0 / speeds
         low, high = self._terrain.band
         period = self._longest * high
@@ -569,10 +536,7 @@ class GroundTable:
         return levels.with_share(off_ground_share(levels.loads, levels.tyres2))
 
     def at_table_angles(self, angles: FloatArray, speed: FloatArray) -> GroundLevels:
-        """Return the levels at n angles of the table, NaN where there are none, and speeds.
-
-        It is not known yet whether tyres are off the ground: `GroundLevels.with_share` follows.
-        """
+        """Return the levels at angles of the table, or NaN, before `GroundLevels.with_share`."""
         speed = speed + 0.0  # -0.0 would be faster than all speeds
         outside, unknown = np.isnan(angles), ~((speed >= 0.0) & (speed <= FASTEST))
         n, m, lost = len(self._outputs), len(self._mounts), outside | unknown
@@ -622,11 +586,7 @@ def _count(table: Table, band: tuple[float, float]) -> int:
 
 
 def _cubic(place: FloatArray, counts: tuple[int, ...]) -> tuple[IntArray, FloatArray]:
-    """Return the first of four neighbours of places among 0 to count - 1, and their weights.
-
-    They are (n_axes, n) and (n_axes, 4, n) for places on axes, (n_axes, n), with their counts; the
-    weights are those of the cubic polynomial through the neighbours.
-    """
+    """Return the first of 4 neighbours, (n_axes, n), and weights, (n_axes, 4, n), of a cubic."""
     first = np.minimum(np.maximum(np.floor(place) - 1.0, 0.0), np.reshape(counts, (-1, 1)) - 4.0)
     apart = (place - first)[:, np.newaxis] - np.arange(4.0)[:, np.newaxis]
     weights = np.multiply.reduce(apart[:, _OTHERS], axis=2) / _PRODUCTS

@@ -51,10 +51,8 @@ _SWING_TIME, _SWINGS = 0.4, 3  # s; nothing changes so much to and fro in it, so
 _RUN_OUT = 10.0  # s; a PTO turns for a shorter time after the engine has stopped
 _OTHER_UNITS = {Source.ENGINE: "rad/s or Hz", Source.PTO: "rad/s or Hz", Source.GROUND: "km/h"}
 
-
 _Nodes = Callable[[], Sequence[str]] | None  # in a bag, nobody knows them
-_Reading = tuple[float, int, int, float, float, bool, str]
-"""The arguments of `ReadingWatch.take`, in its order."""
+_Reading = tuple[float, int, int, float, float, bool, str]  # as `ReadingWatch.take` has them
 
 
 class Level(enum.IntEnum):
@@ -92,10 +90,7 @@ class Recent:
 
 
 def overall(faults: Sequence[Fault], sound: str) -> tuple[Level, str]:
-    """Return the highest level of faults, and their sentences with the most serious first.
-
-    Without a fault, the sentence is ``sound``.
-    """
+    """Return the highest level, and all sentences, the most serious first; ``sound`` if none."""
     if not faults:
         return Level.OK, sound
     ordered = sorted(faults, key=lambda fault: -fault.level)
@@ -151,15 +146,12 @@ class ReadingExpectation:
 
 
 class ReadingWatch:
-    """Watches the readings of the crank angle; a crank that turns all the way may be fast.
-
-    ``last`` is when the last judged one arrived (steady clock, s; NaN: none), ``stamp_age`` the age
-    of its stamp, s, ``stamps_back`` how many were earlier than the one before.
-    """
+    """Watches the readings of the crank angle; a crank that turns all the way may be fast."""
 
     def __init__(self, turns: bool = False, stamps_back: int = 0) -> None:
-        self.last = self.stamp_age = math.nan
-        self.stamps_back = stamps_back
+        self.last = math.nan  # steady clock, s, when the last judged reading arrived
+        self.stamp_age = math.nan  # s, of this reading
+        self.stamps_back = stamps_back  # readings whose stamp was earlier than the one before
         self._fastest = math.inf if turns else FASTEST
         self._noise, self._window = _Noise(), _Window()
         self._recent = Recent()
@@ -464,10 +456,7 @@ class SpeedWatch:
         self._level, self._change, self._changed = 0.0, 0.0, math.nan
 
     def take(self, now: float, value: float, sender: str = "", age: float = 0.0) -> None:
-        """Take a value (rpm or m/s) that arrived at ``now`` by the steady clock, s.
-
-        The age of its stamp at the arrival is in s.
-        """
+        """Take a value, rpm or m/s, at ``now`` (steady clock, s), when its stamp had an age, s."""
         low, high = _PLAUSIBLE[self._source]
         self._age = age
         # In another unit a shaft of a PTO never reaches 120; in rpm it passes there as it starts.
@@ -499,11 +488,7 @@ class SpeedWatch:
     def judge(
         self, now: float, stale_after: float, publishers: _Nodes, delay: str = ""
     ) -> list[Fault]:
-        """Return what was wrong since the last call; nothing if the speed never arrived.
-
-        The speed is too old after ``stale_after`` (s); ``publishers`` returns the node of each
-        publisher of its topic; ``delay`` why the node itself may not have taken the latest values.
-        """
+        """Return what was wrong since the last call; ``delay`` says why values may be late."""
         source, value, name = self._source, self.value, self.name
         window, self._window = self._window, _Window()
         age, problem, since = now - self.time, "", math.nan

@@ -30,16 +30,12 @@ _EVER = 4e9  # s; longer than any drive, and short enough for ns
 
 @dataclass(frozen=True, slots=True)
 class InputFault:
-    """A fault of the inputs of a drive, which was first found at a time of receipt, ns.
-
-    It was there from the first to the second of ``times``, ns each, (n, 2), and ``doubts``: the
-    values of these times are doubted, and not only their stamps or their number.
-    """
+    """A fault of the inputs of a drive."""
 
     sentence: str
-    first: int
-    doubts: bool
-    times: list[list[int]]
+    first: int  # ns, when it was found, by the receipt
+    doubts: bool  # whether the values are doubted, and not only their stamps or their number
+    times: list[list[int]]  # ns, (n, 2): from when to when it was there
 
 
 @dataclass(slots=True)
@@ -53,10 +49,7 @@ class _Found:
 
 
 class InputJudge:
-    """What is wrong with the inputs of a drive; ``name`` says what is read.
-
-    ``offset`` and ``stale_after`` are as in `ReadingExpectation`.
-    """
+    """What is wrong with the inputs of a drive; the arguments are those of `ReadingExpectation`."""
 
     def __init__(
         self,
@@ -121,10 +114,7 @@ class InputJudge:
         watch.take(now, value, sender, age)
 
     def faults(self) -> list[InputFault]:
-        """Return one fault of each kind, the most serious and then the first one first.
-
-        This judges what came since the last judgement, so it is called once, at the end.
-        """
+        """Return one fault of each kind, the most serious first; call this once, at the end."""
         self._judge_readings(self._last)
         for source in self._speeds:
             self._judge_speed(source, self._last)

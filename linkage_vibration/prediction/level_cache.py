@@ -25,21 +25,14 @@ from linkage_vibration.support.atomic_files import refuse_pipe, replacement
 from linkage_vibration.support.version import VERSION
 from linkage_vibration.table.table import Table, TableError, load_table, save_table
 
-Arrays = dict[str, Any]
-"""Arrays by their names; each is contiguous."""
+Arrays = dict[str, Any]  # Arrays by their names; each is contiguous
 Keep = Callable[[str, Callable[[], Arrays]], Arrays]
 """Returns the arrays of a part, which has a name, that a function computes."""
-Kept = Callable[[Callable[[], Arrays]], Arrays]
-"""The same for a part whose name is known."""
+Kept = Callable[[Callable[[], Arrays]], Arrays]  # The same for a part whose name is known
 
-MOST_FILES = 20
-"""Four tables, and four files of each with excitations, which have up to 50 MB."""
+MOST_FILES = 20  # Four tables, and four files of each with excitations, which have up to 50 MB
 
 _ROOMS = "mechanics", "table", "prediction"  # whose code computes the numbers
-
-
-class CacheError(LinkageVibrationError):
-    """A file of the cache cannot be written."""
 
 
 def computed(part: str, compute: Callable[[], Arrays]) -> Arrays:
@@ -153,5 +146,5 @@ def _write(path: Path, write: Callable[[], object]) -> None:
 
 def _write_arrays(path: Path, arrays: Arrays) -> None:
     """Write the file of a part."""
-    with replacement(path, CacheError) as new:
+    with replacement(path, LinkageVibrationError) as new:
         np.savez(new, name=np.array(path.name), **arrays)

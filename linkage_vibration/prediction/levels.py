@@ -117,10 +117,7 @@ class _Layout:
         return [part.reshape(*shape, values.shape[1]) for part, shape in parts]
 
     def order(self, values: FloatArray) -> tuple[IntArray, IntArray]:
-        """Return the rows of the matrices of `_Terms`, and the places of its values here.
-
-        The matrices come last. Values are (n, n_values); a row of which all are zero is left out.
-        """
+        """Return the rows of `_Terms.matrices` that are not zero, and the places of its values."""
         parts = self.split(np.arange(self.n_values)[:, np.newaxis])
         poles, above, rest, *others = (part[..., 0] for part in parts)
         rows = np.concatenate([above.reshape(-1, self.n_outputs, self.n_inputs), rest])
@@ -152,11 +149,7 @@ class _Forcing(NamedTuple):
 
 
 class _Half:
-    """Responses of the vertical or the lateral half to its excitations, over the stroke.
-
-    `which`, (n_excitations,), are indices of loads, -1 in the other half. Those of all outputs that
-    the table knows respond here; it has n_forces reference forces.
-    """
+    """Responses of the vertical or the lateral half to its excitations, over the stroke."""
 
     def __init__(
         self,
@@ -167,7 +160,7 @@ class _Half:
         n_forces: int,
         keep: Kept,
     ) -> None:
-        self.table, self._which = table, which
+        self.table, self._which = table, which  # indices of loads, -1 in the other half
         self.excitations, self._own = np.flatnonzero(which >= 0), which[which >= 0]
         own = [i for i, place in enumerate(outputs) if place in table.frf_outputs]
         self.outputs = np.array(own)
@@ -199,10 +192,7 @@ class _Half:
         )
 
     def member_squares(self, angles: FloatArray, omega: FloatArray) -> tuple[Reals, Reals]:
-        """Return squares of responses of members, (n, n_members, n_own, n_places), and references.
-
-        Frequencies are (n, n_members, n_excitations), and references (n, n_members, n_forces), N.
-        """
+        """Return squares, (n, n_members, n_own, n_places), and references, (..., n_forces), N."""
         modes, omega = self.members.at(angles), omega[..., self.excitations]
         squares = self.members.responses(angles, modes, omega, self._own) ** 2
         return squares[:, :, 0] + squares[:, :, 1], modes.references[:, 1:]
@@ -232,11 +222,7 @@ class _Half:
         return np.asarray(responses[..., 0, :] + responses[..., 1, :])
 
     def _responses(self, terms: _Terms, w: Reals, inputs: IntArray) -> FloatArray:
-        """Return responses to unit loads, (..., n_excitations, 2, n_outputs): both parts.
-
-        They are those at angular frequencies w, (..., n_excitations), of excitations that act at
-        these inputs.
-        """
+        """Return both parts of responses to unit loads, (..., n_excitations, 2, n_outputs)."""
         w, t = w[..., np.newaxis], self.layout.n_terms
         k, damping, c = (terms.poles[..., i, np.newaxis, :] for i in range(3))
         factors = np.empty((*np.broadcast_shapes(w.shape, k.shape)[:-1], 3 * t + 3), complex)
@@ -255,10 +241,7 @@ class _Half:
         return responses
 
     def _table_responses(self, nodes: IntArray, omega: FloatArray) -> FloatArray:
-        """Return `_responses` at nodes of the ensemble, (n,), (n, 2, n_excitations, n_outputs).
-
-        They are those at angular frequencies, (n, n_excitations).
-        """
+        """Return `_responses` at nodes of the ensemble, (n, 2, n_excitations, n_outputs)."""
         terms = _Terms(*(part[nodes] for part in self._nodes))
         return self._responses(terms, omega, self._own).swapaxes(1, 2)
 
@@ -272,10 +255,7 @@ def kept_levels(
 
 
 class LevelTable:
-    """Levels of vibration by excitations at any angle of a predictor's table.
-
-    An ExcitationError names a load that acts where the table has no FRF.
-    """
+    """Levels of vibration by excitations at any angle of a predictor's table."""
 
     def __init__(
         self,
@@ -359,10 +339,7 @@ class LevelTable:
             self._ground_members = GroundMembers(*of, self._ground.lines, keep)
 
     def _listed(self, table: Table, excited: bool) -> list[Place]:
-        """Return the response point, then forces: at pins, cylinders and chains, then of tyres.
-
-        Chains and forces across the plane are among them if something excites the lateral half.
-        """
+        """Return the response point, then forces: at pins, cylinders and chains, then of tyres."""
         lateral, mechanism, pins = table.lateral, self.mechanism, self.force_places
         across = lateral.forces if lateral is not None and excited and self._loaded else ()
         if mechanism.lateral is not None and across:
@@ -404,10 +381,7 @@ class LevelTable:
         return self._ground is not None and self._ground.lacks_track
 
     def chain_forces(self, alpha3: FloatArray, speed: float) -> FloatArray:
-        """Return the rms of the force of each of `chains`, (n_chains, n), N; NaN if not known.
-
-        It is that by the ground at angles, (n,), rad, and a speed, m/s.
-        """
+        """Return rms forces of `chains` by the ground, (n_chains, n), N; NaN if not known."""
         if not self.chains or self._ground is None or not lateral_mounts(self.mechanism):
             return np.empty((0, len(alpha3)))
         squares = self._ground.at(alpha3, np.array([speed])).forces2
@@ -420,10 +394,7 @@ class LevelTable:
 
     @property
     def arrays(self) -> tuple[FloatArray, FloatArray, int, IntArray]:
-        """Starts and cubics of the cells, the number of terms, and each excitation's input.
-
-        They are those of the vertical half; without FRFs there are neither cells nor terms.
-        """
+        """Starts and cubics of the vertical half, number of terms, and inputs of excitations."""
         if not self._halves:
             return np.empty(0), np.empty((0, 4, 0)), 0, self._inputs
         starts, cubics = self._halves[0].cells
@@ -447,10 +418,7 @@ class LevelTable:
         return self._levels(parts, forcing, angles, speeds[_GROUND])
 
     def at_all_pairs(self, alpha3: FloatArray, speeds: FloatArray) -> MessageColumns:
-        """Return the levels `at` each of n angles with each of k speeds, (n k), angle by angle.
-
-        What does not change with the speeds, (n_sources, k), is computed once for each angle, (n,).
-        """
+        """Return the levels `at` each of n angles with each of k speeds, (n k), by angle."""
         n, k = len(alpha3), speeds.shape[1]
         angles, forcing = angles_in_table(alpha3, self.alpha3_range), self._forcing_at(speeds)
         changes = np.flatnonzero((forcing.omega != forcing.omega[:1]).any(axis=0))
@@ -480,11 +448,7 @@ class LevelTable:
         angles: FloatArray,
         ground_speed: FloatArray,
     ) -> MessageColumns:
-        """Return n levels from squares of responses, static responses and reference forces.
-
-        The squares are those of unit loads, (n, n_excitations, n_outputs), and the others those of
-        `_Terms`; all are in parts, one after the other.
-        """
+        """Return n levels from parts: `_squares`, and static and reference of `_Terms`."""
         numbers, places, reasons = _unknown(len(angles), len(self._inputs))
         if not parts:
             return _level_columns(numbers, places, reasons)
@@ -500,10 +464,7 @@ class LevelTable:
         return _level_columns(numbers, places, reasons)
 
     def members(self, alpha3: FloatArray, speeds: FloatArray) -> FloatArray:
-        """Return all levels of each member of the ensemble, (n, n_members, n_levels), as `at` does.
-
-        Without an ensemble there is no member.
-        """
+        """Return the levels of each member, (n, n_members, n_levels), at angles as `at` does."""
         angles = angles_in_table(alpha3, self.alpha3_range)
         width = _unknown(0, len(self._inputs))[0].shape[1]
         quantities = np.full((len(alpha3), self.n_members, width), math.nan)
@@ -546,11 +507,7 @@ class LevelTable:
         return numbers[..., at["total_load_ratio"]].T, numbers[..., at["total_velocity"]].T
 
     def factor_rows(self, alpha3: FloatArray, speeds: FloatArray, limit: float) -> FloatArray:
-        """Return the `DEVIATION_FIELDS` at n angles, (n, n_factors), in the order of the names.
-
-        They are NaN where fewer than 95 % of the members are known. Above the limit of the total
-        load ratio a warning begins; angles and speeds are those of `at`.
-        """
+        """Return `DEVIATION_FIELDS`, (n, n_factors); above the limit a warning begins."""
         of_levels = _factored(len(self._inputs))
         if not self.n_members or not len(alpha3):
             return np.full((len(alpha3), len(of_levels)), math.nan)
@@ -563,15 +520,11 @@ class LevelTable:
         self,
         columns: MessageColumns,
         due: Sequence[int],
-        which: Sequence[int],
-        held: FloatArray,
+        which: Sequence[int],  # of each message: 0 if held, otherwise 1 + the index of a due row
+        held: FloatArray,  # (1, n_factors), or (1, 0) at first
         limit: float,
     ) -> FloatArray:
-        """Set the factors of n messages, and return those of the last one, (1, n_factors).
-
-        Those of the rows that are due are computed. `which`, (n,), are the indices of the factors
-        of each message among these, after those that are held, (1, n_factors), or (1, 0) at first.
-        """
+        """Set the factors of n messages; return those of the last one, (1, n_factors)."""
         angles, speeds = columns.crank_angle[due], columns.speeds[due].T
         computed = self.factor_rows(angles, speeds, limit)
         factors = np.concatenate([held if held.size else computed[:1], computed])[which]
@@ -594,10 +547,7 @@ class LevelTable:
             return _Forcing(np.where(known, omega, 1.0), defined, size * defined)
 
     def _squares(self, terms: Sequence[_Terms], w: Reals, every: IntArray) -> Reals:
-        """Return squares of responses to unit loads, (..., k, n_outputs), of the terms of halves.
-
-        They are those at angular frequencies w, (..., k), of excitations, (k,).
-        """
+        """Return squares of responses to unit loads at rad/s, (..., k, n_outputs), of halves."""
         parts = []
         for half, its in zip(self._halves, terms, strict=True):
             own, inputs = half.of(every)
@@ -671,11 +621,7 @@ class LevelTable:
         return reasons
 
     def _share(self, forces2: Reals, reference: Reals, ground: GroundLevels | None) -> FloatArray:
-        """Return the share of the time off the ground by all known excitations, (n,).
-
-        Squares of forces are (n_excitations, n_forces, n). Up to the limit, the share is not known
-        if that of the ground is not.
-        """
+        """Return the time share off the ground, (n,); if small, NaN where the ground's is NaN."""
         tyres2 = forces2[:, forces2.shape[1] - self._n_tyres :]
         if self._ground is not None and not self._ground.refusal and ground is not None:
             tyres2[self._terrain] = ground.tyres2
@@ -696,20 +642,14 @@ def _at_rest(terms: Sequence[_Terms]) -> tuple[Reals, Reals]:
 
 
 def first_largest(values: Reals, largest: Reals) -> IntArray:
-    """Return the first of values, (..., m, n), that is the largest, (..., n), but for rounding.
-
-    Both pins of a light link carry the same force, so that the last bit would decide.
-    """
+    """Return the first of values, (..., m, n), that is the largest, (..., n), but for rounding."""
     return np.asarray((values >= _SAME_SQUARE * largest[..., np.newaxis, :]).argmax(axis=-2))
 
 
 def _unit_loads(
     table: Table, mechanism: Mechanism, excitations: Sequence[Excitation]
 ) -> tuple[list[list[UnitLoad]], list[int]]:
-    """Return the different unit loads in each half, and of each excitation the index among all.
-
-    The vertical half has one at least, as static forces are known there.
-    """
+    """Return the unit loads in each half, and of each excitation the index among all of them."""
     inputs: dict[tuple[bool, str, str], UnitLoad] = {}
     keys = []
     for excitation in excitations:
@@ -737,10 +677,7 @@ def unknown_levels(n_excitations: int, n: int) -> MessageColumns:
 
 @cache
 def _columns(m: int) -> dict[str, slice | int]:
-    """Return the columns of each level of m excitations, and of the `DEVIATION_FIELDS`.
-
-    Those of each excitation have m columns, and those of all together one.
-    """
+    """Return the columns of each level of m excitations: m for those of each, and one of all."""
     of_each: dict[str, slice | int] = {
         name: slice(i * m, (i + 1) * m) for i, name in enumerate(_OF_EACH)
     }
@@ -763,10 +700,7 @@ def _unknown(n: int, m: int) -> tuple[FloatArray, IntArray, NDArray[np.int8]]:
 def _level_columns(
     numbers: FloatArray, places: IntArray, reasons: NDArray[np.int8]
 ) -> MessageColumns:
-    """Return levels by their names, the places, (n, n_excitations + 1), of load ratios, and why.
-
-    The reasons, (n,), are those why the level of the ground is not known.
-    """
+    """Return levels by names, load places, (n, n_excitations + 1), and reasons of the ground."""
     with np.errstate(over="ignore"):  # a level beyond float32 is infinite
         single = numbers.astype(np.float32)
     columns = _columns(places.shape[1] - 1).items()
@@ -799,10 +733,7 @@ def _mean(values: FloatArray) -> FloatArray:
 
 
 def _sampled(table: Table, inputs: list[UnitLoad], outputs: list[Place], n_forces: int) -> Arrays:
-    """Return poles and residues of the responses to inputs over the stroke, as cubics.
-
-    Beside the outputs, the cubics have n_forces reference forces.
-    """
+    """Return poles and residues of the responses to inputs over the stroke, as cubics."""
     pieces, waiting = [], list(pairwise(table.alpha3[table.pieces].tolist()))
     left = _MOST_DIVIDED
     while waiting:
@@ -843,11 +774,7 @@ def _spline(at: FloatArray, values: FloatArray) -> "scipy.interpolate.CubicSplin
 
 
 def _cubics(at: FloatArray, values: FloatArray, lost: BoolArray) -> FloatArray:
-    """Return the cubics between angles, (n_cells, 4, n_values); NaN where they are not known.
-
-    Angles are (n_cells + 1,), rad, with values there, NaN where not known; cubics in ``lost`` cells
-    are not accurate.
-    """
+    """Return the cubics between angles, (n_cells, 4, n_values); NaN if not known, or ``lost``."""
     unknown = np.isnan(values)
     unknown = unknown[:-1] | unknown[1:] | lost[:, np.newaxis]
     cubics = _spline(at, values).c.swapaxes(0, 1)
@@ -915,10 +842,7 @@ class _Samples:
     def _row(
         self, alpha3: float, modes: FloatArray, before: ComplexArray | None
     ) -> tuple[FloatArray, ComplexArray]:
-        """Return the values at an angle and its poles, in the order of those before.
-
-        The modes are natural frequencies, Hz, then damping ratios, (2 n_modes,).
-        """
+        """Return the values at an angle and its poles, in the order of those before."""
         # Half of the angles of a finer division are those of the coarser one.
         if alpha3 not in self._solved:
             self._solved[alpha3] = self._responses_at(alpha3)
@@ -959,10 +883,7 @@ class _Samples:
         )
 
     def _errors(self, trial: FloatArray, exact: FloatArray) -> FloatArray:
-        """Return the error of responses at each angle, over the sums of sizes of terms.
-
-        They are compared at the resonances of the modes.
-        """
+        """Return errors at the resonances of each angle, over the sums of sizes of terms."""
         layout, n_modes = self.layout, self._table.n_modes
         w = np.sqrt(exact[:, np.newaxis, :n_modes]).swapaxes(1, 2)
         both = [layout.split(np.ascontiguousarray(rows.T)) for rows in (trial, exact)]
@@ -986,11 +907,7 @@ def _in_order(wanted: ComplexArray, roots: ComplexArray) -> NDArray[np.int64]:
 def _responses(
     parts: Sequence[FloatArray], output: int, w: FloatArray
 ) -> tuple[ComplexArray, FloatArray]:
-    """Return responses of an output at angular frequencies w, (n, n_frequencies, 1), and sizes.
-
-    Both are (n, n_frequencies, n_inputs); the sizes are the sums of the magnitudes of the terms.
-    The parts are those of `_Layout.split`.
-    """
+    """Return responses of an output at w, and sizes of terms, (n, n_frequencies, n_inputs)."""
     poles, above, rest, _, _ = parts
     k, c = (poles[0] + 1j * poles[1]).T[:, np.newaxis], poles[2].T[:, np.newaxis]
     above, rest = above[:, :, output].T, rest[:, output].T  # (n, n_inputs, n_terms, 3), ...

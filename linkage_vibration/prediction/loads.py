@@ -79,10 +79,7 @@ def load_powers(loads: Sequence[Load | None]) -> IntArray:
 
 
 def unit_sizes(sizes: FloatArray, omega: FloatArray, powers: IntArray) -> FloatArray:
-    """Return sizes of loads, in their units, as multiples of unit loads at frequencies, rad/s.
-
-    The last axis is that of the loads, whose `load_powers` are (n_loads,).
-    """
+    """Return sizes of loads, (..., n_loads), as multiples of unit loads at frequencies, rad/s."""
     for power in {*powers.tolist()} - {0}:
         factor = math.prod([omega] * abs(power))
         scaled = sizes / factor if power < 0 else sizes * factor
@@ -99,10 +96,7 @@ def weights_at(loads: Sequence[UnitLoad], places: Sequence[Place], alpha3: float
 
 
 def load_input(load: Load | None, name: str, table: Table, mechanism: Mechanism) -> UnitLoad:
-    """Return the unit load of an excitation with a name; without a load, at the response point.
-
-    An ExcitationError says that the mechanism has no such place, or its table no FRF there.
-    """
+    """Return the unit load of an excitation with a name; without a load, at the response point."""
     response = mechanism.response
     if load is None:
         return _force_at((response.point, response.direction))
@@ -198,5 +192,4 @@ MOMENT = LoadKind("moment", "N m", _moment)
 # The unit load of the soil under the mounts of a base is a displacement.
 BASE_ACCELERATION = LoadKind("base_acceleration", "m/s²", soil_motion, power=-2)
 BASE_DISPLACEMENT = LoadKind("base_displacement", "m", soil_motion)  # as the runout of a tyre
-LOAD_KINDS = FORCE, MOMENT, BASE_ACCELERATION, BASE_DISPLACEMENT
-"""All kinds of loads; a new one needs no more than its entry."""
+LOAD_KINDS = FORCE, MOMENT, BASE_ACCELERATION, BASE_DISPLACEMENT  # one entry for each kind

@@ -63,10 +63,7 @@ _Mean = tuple[float, float, float, float]
 
 
 def _residuals(means: Sequence[_Mean]) -> tuple[float, float]:
-    """Return the error of a reading by the third difference of four means, and its noise.
-
-    The noise is the part that the steps of the sensor do not explain.
-    """
+    """Return the error of a reading by the third difference of four means, and its noise."""
     # Written out, as each speed that is reported needs it.
     (a, va, ha, na), (b, vb, hb, nb), (c, vc, hc, nc), (d, vd, hd, nd) = means
     ab, ac, ad, bc, bd, cd = a - b, a - c, a - d, b - c, b - d, c - d
@@ -113,20 +110,14 @@ def speed_filter(source: Source) -> "RateFilter":
 
 
 def wrapped_turn(angle: float, before: float) -> float:
-    """Return the turn, rad, that a sensor has removed since an angle before; usually 0.
-
-    It reports angles from minus to plus half a turn, and neighbours differ by less than that.
-    """
+    """Return the turn, rad, that a sensor has removed since an angle before; usually 0."""
     step = angle - before
     wraps = abs(step) > math.pi and max(abs(angle), abs(before)) <= _HALF_TURN
     return -math.copysign(2.0 * math.pi, step) if wraps else 0.0
 
 
 def crank_resolution(stddev: float, angle_stddev: float) -> float:
-    """Return the resolution of a crank angle, rad; 0 if it is not known.
-
-    ``stddev`` is its standard deviation with that of its steps, ``angle_stddev`` without it, rad.
-    """
+    """Return the resolution, rad, from deviations with and without its steps; 0 if not known."""
     steps = stddev * stddev - angle_stddev * angle_stddev
     return math.sqrt(12.0 * steps) if steps > 0.0 else 0.0
 
@@ -151,11 +142,7 @@ class RateFilter:
         self._times, self._sum, self._count = 0, 0.0, 0  # of the readings since the last mean
 
     def add(self, stamp: int, value: float, resolution: float = 0.0) -> Estimate:
-        """Take a reading with a stamp, ns; return a function that estimates the rate at it.
-
-        The rate is unknown if the value is not finite. The resolution is the smallest change that
-        the sensor reports, or 0 if that is not known. Estimates take long.
-        """
+        """Take a reading, ns, and its resolution, or 0; return what estimates the rate."""
         if not self._take(stamp, value, resolution) or self._residuals < _RESIDUALS:
             return unknown_rate
         now, past = 1e-9 * (stamp - self._origin), self._means[self._start :]

@@ -7,8 +7,7 @@ import enum
 import numpy as np
 from numpy.typing import NDArray
 
-PARTS = 5
-"""In so many parts of a window a reading is assessed, which is the first in its part."""
+PARTS = 5  # In so many parts of a window a reading is assessed, which is the first in its part
 _NEVER = -(2**63)  # ns
 _SECOND = 10**9  # ns
 
@@ -47,11 +46,7 @@ class Stamps:
 
 
 class Periods:
-    """Chooses messages for an output at a limited rate: the first in each period of their times.
-
-    Periods are counted from a time of 0. A message is the first also where the clock jumps back,
-    and of those at the same time only one is. The attribute ``rate``, Hz, is 0 for each message.
-    """
+    """Chooses the first message in each period of ``rate``, Hz; with 0, each message."""
 
     def __init__(self, rate: float = 0.0) -> None:
         self.rate = rate

@@ -23,11 +23,7 @@ def implement_facts(served: LoadedModel) -> dict[str, str]:
 def attachments(
     served: LoadedModel, settings: Parameters, node_name: str, excitations: Mapping[str, bytes]
 ) -> tuple[Attachment, ...]:
-    """Return what made the messages of a log, as files.
-
-    The table's file is named by its ``table_id``; the node's name has its namespace. Files of
-    excitations and sensors are given by their names, as far as they are used.
-    """
+    """Return what made the messages of a log as files; those of excitations are given by name."""
     if settings.implement_file:  # the one in use, which is not always that of the start
         settings = replace(settings, implement=implement_facts(served).get("implement", ""))
     texts = {MECHANISM: served.mechanism_text, PARAMETERS: parameters_yaml(settings, node_name)}

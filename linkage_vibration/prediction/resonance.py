@@ -62,8 +62,7 @@ class Header(NamedTuple):
     step: WindowStep
 
 
-_Speed: TypeAlias = tuple[float, Estimate]
-"""A speed, rpm or m/s, NaN if not known, and what estimates its rate."""
+_Speed: TypeAlias = tuple[float, Estimate]  # rpm or m/s, NaN if not known, and its rate
 _Reading: TypeAlias = tuple[Prediction, Rate, int, list[_Speed], Header]
 """Prediction, velocity, time, ns, speeds, and header of a reading."""
 
@@ -122,10 +121,7 @@ def _reversed(estimate: Estimate) -> Rate:
 
 
 def _published(columns: MessageColumns) -> tuple[Integers, Integers, int]:
-    """Return the rows that are published, with which reading each is, and how many are done.
-
-    What waited before a gap is late, and is no all-clear any more.
-    """
+    """Return the rows that are published, with which reading each is, and how many are done."""
     # A window has a message of its most severe reading and, if the state has changed since, of
     # its last. The readings of windows that have ended are done.
     closing = np.flatnonzero(columns.step >= WindowStep.CLOSES)
@@ -138,6 +134,7 @@ def _published(columns: MessageColumns) -> tuple[Integers, Integers, int]:
     # Of readings that are equal, the latest counts.
     worst = np.lexsort((columns.severity[:n], WINDOW_RANKS.take(state), window))[last]
     rows = np.sort(np.append(worst, last[state[last] != state[worst]]))
+    # What waited before a gap is late, and is no all-clear any more.
     late = columns.step[last[np.searchsorted(last, rows)]] == WindowStep.WAITS
     rows = rows[~(late & (state[rows] == CLEAR))]
     return rows, closing[np.searchsorted(closing, rows)], n
@@ -209,10 +206,7 @@ class ResonanceRules:
         speeds: FloatArray,
         timer: WarningTimer,
     ) -> MessageColumns:
-        """Return the resonances of n predictions; the timer has followed the readings before.
-
-        The crank's velocity and the bound of its error are (2, n), and speeds (n_sources, n).
-        """
+        """Return the resonances of n predictions, with velocities and errors, (2, n)."""
         if self.levels is None:
             levels = unknown_levels(len(self.excitations), len(time))
         else:
@@ -261,11 +255,7 @@ class ResonanceRules:
     def _unknown_sources(
         self, predictions: MessageColumns, speeds: FloatArray, known: BoolArray, beyond: BoolArray
     ) -> NDArray[np.uint8]:
-        """Return the bits of ``LoadState`` that say what is not known, (n,).
-
-        The speeds are (n_sources, n), and of excitations, (n_excitations, n), whether the load
-        ratio is known, and whether the frequency is beyond those of the table.
-        """
+        """Return the bits of what is not known, (n,); flags are (n_excitations, n)."""
         nowhere = np.isnan(predictions.natural_frequencies).all(axis=1)
         # A tractor that stands is not shaken by the ground, whatever is known of that.
         unlevel = (self._rolling > known).any(axis=0) & (speeds[_GROUND] > 0.0)
@@ -347,10 +337,7 @@ class ResonanceRules:
         return self._places.take(np.where(np.isnan(ratio), len(self._places) - 1, places))
 
     def sought(self, angle: float, speeds: FloatArray, source: int) -> FloatArray:
-        """Return the nearest speed of a source, and the nearest angle, without an exceeded limit.
-
-        Everything else stays as it is; speeds are (n_sources,).
-        """
+        """Return the nearest speed of a source, and the nearest angle, without a warning."""
         if self.levels is None:
             return np.full(2, math.nan)
         tried = np.linspace(*self.levels.alpha3_range, _N_ANGLES)
@@ -371,10 +358,7 @@ class ResonanceRules:
     def ends(
         self, sought: FloatArray, angles: FloatArray, speeds: FloatArray, source: int
     ) -> BoolArray:
-        """Return whether a speed and an angle that were sought end warnings of n readings, too.
-
-        Those that are NaN, as nothing was found, are not looked at. Speeds are (n_sources, n).
-        """
+        """Return whether a speed and an angle that were sought end warnings of n readings, too."""
         n = len(angles)
         if self.levels is None:
             return np.ones(n, np.bool_)
@@ -396,11 +380,7 @@ class ResonanceRules:
 
 
 class ResonanceMonitor:
-    """Compares excitation frequencies with natural frequencies, and load ratios with limits.
-
-    It remembers what its `ResonanceRules` need of readings before, and has no clock. Speeds are
-    used for ``stale_after`` s, and messages are published at the rate of `Windows`, Hz.
-    """
+    """Assesses readings by its `ResonanceRules`, and remembers what these need, without a clock."""
 
     def __init__(
         self,
@@ -481,11 +461,7 @@ class ResonanceMonitor:
     def assess(
         self, prediction: Prediction, velocity: float, time: int, velocity_error: float = 0.0
     ) -> MessageColumns:
-        """Return one ``Resonance`` with its ``Levels`` and its ``LoadState``.
-
-        The crank's velocity, NaN if not known, and the bound of its error are in rad/s; the time,
-        ns, is by the clock of the speeds.
-        """
+        """Return one ``Resonance`` with its ``Levels`` and its ``LoadState``."""
         velocities, errors = np.array([[velocity], [velocity_error]])
         row = rows_of([prediction])
         resonance = self.assess_many(row, velocities, np.array([time]), (), errors).message(0)
@@ -495,10 +471,7 @@ class ResonanceMonitor:
     def take(
         self, prediction: Prediction, velocity: Rate, time: int, header: Header
     ) -> MessageColumns | None:
-        """Take a reading that is not left out; return the messages of the windows that end, if any.
-
-        The arguments are those of `assess`, and a `Header`.
-        """
+        """Take a reading with its header; return the messages of windows that end, if any."""
         self._waiting.append((prediction, velocity, time, self._speeds_at(time), header))
         if header.step is WindowStep.WAITS:
             return None
@@ -516,11 +489,7 @@ class ResonanceMonitor:
         velocity_error: FloatArray,
         headers: MessageColumns | None = None,
     ) -> MessageColumns:
-        """Return ``Resonance``, ``Levels`` and ``LoadState`` of the windows of n predictions.
-
-        Velocities of the crank and bounds of their errors, (n,), are in rad/s; times, (n,), ns, are
-        by the clock of the speeds. Without the headers of `take`, each prediction has a message.
-        """
+        """Return the messages of the windows of n predictions, or of each without headers."""
         reported, after = [], 0
         for row, now in enumerate(time.tolist()):
             while after < len(speeds) and speeds[after].before <= row:
@@ -542,11 +511,7 @@ class ResonanceMonitor:
         speeds: Sequence[Sequence[_Speed]],
         headers: MessageColumns,
     ) -> MessageColumns:
-        """Return the messages of the windows that end with n readings.
-
-        Beside the columns of the rules they have those of headers, and as ``ends_at`` the index of
-        the reading, of these n, with which they are published.
-        """
+        """Return messages of the windows that end with n readings, and with which they end."""
         parts, before, (known, rates) = [], 0, _by_source(speeds)
         with np.errstate(all="ignore"):  # speeds and angles may be any 64 bits
             for start in range(0, max(len(time), 1), _CHUNK):
@@ -591,11 +556,7 @@ class ResonanceMonitor:
         self._factors = levels.set_factors(columns, due, rows, self._factors, limit)
 
     def _quieter(self, columns: MessageColumns, sources: Integers) -> FloatArray:
-        """Return the nearest speed and crank angle that end the warnings, (2, n); NaN if none.
-
-        Sources, (n,), are those of the most severe excitations. An answer is used again for a
-        second, while it ends the warning and has not been passed.
-        """
+        """Return the nearest speeds and angles that end warnings, (2, n), or NaN."""
         quiet = np.full((2, len(columns)), math.nan)
         warned = columns.state == WARNING
         if warned.any():

@@ -64,18 +64,14 @@ class ParameterError(LinkageVibrationError):
 
 @dataclass(frozen=True)
 class _Kind(Generic[Value]):
-    """The default of a parameter, its unit, and what is valid.
-
-    ``between`` is a range that includes its ends. A ``live`` parameter can be set while the node
-    is active; the node reads all others when it is configured.
-    """
+    """The default of a parameter, its unit, and what is valid."""
 
     default: Value
     unit: str
     valid: str
     check: Callable[[Any], object] = lambda _: True
-    between: tuple[float, float] | None = None
-    live: bool = True
+    between: tuple[float, float] | None = None  # a range that includes its ends
+    live: bool = True  # can be set while the node is active; others are read when it is configured
 
     def means(self, description: str) -> Value:
         """Return a dataclass field for such a parameter."""
@@ -123,11 +119,6 @@ def _limit(default: Value, unit: str) -> _Kind[Value]:
     return _Kind(default, unit, valid, lambda value: 0 <= value < math.inf, live=False)
 
 
-def _scale(unit: str) -> _Kind[float]:
-    valid = "a finite number greater than 0"
-    return _Kind(1.0, unit, valid, lambda scale: 0.0 < scale < math.inf)
-
-
 def _finite(default: float, unit: str) -> _Kind[float]:
     return _Kind(default, unit, "a finite number", math.isfinite)
 
@@ -170,15 +161,15 @@ def _input(name: str, quantity: str) -> dict[str, Any]:
         f"Time from the moment of a value of the {label} input to its receipt, which is subtracted."
     )
     time = _text(" or ".join(TIMES), TIMES.__contains__, live=True)
+    valid = "a finite number greater than 0"
+    scale = _Kind(1.0, f"{unit} per unit of the number", valid, lambda x: 0.0 < x < math.inf)
     return {
         f"{name}_input": _preset(name, quantity),
         **place,
         f"{name}_sign": _Kind(1, "1", "1 or -1", (1, -1).__contains__).means(
             "Sign of the input: its value is sign * scale * number + offset."
         ),
-        f"{name}_scale": _scale(f"{unit} per unit of the number").means(
-            "Change of the value of the input per unit of the number."
-        ),
+        f"{name}_scale": scale.means("Change of the value of the input per unit of the number."),
         f"{name}_offset": _finite(0.0, unit).means("Value of the input at the number 0."),
         f"{name}_time": time.means(origin),
         f"{name}_delay": _ranged(0.0, 0.0, 10.0, "s").means(delay),
@@ -213,10 +204,7 @@ def _with_inputs(cls: type[Class]) -> type[Class]:
 @dataclass(frozen=True, slots=True)
 @_with_inputs
 class Parameters:
-    """The parameters of the node, in the order of the manual.
-
-    The metadata of each field describe the parameter.
-    """
+    """The parameters of the node, in the order of the manual; metadata describe each field."""
 
     autostart: bool = _switch(True).means(
         "Configure and activate the node at start, without a lifecycle manager."
@@ -464,10 +452,7 @@ def check_value(name: str, value: object) -> Any:
 
 
 def with_values(parameters: Parameters, values: Mapping[str, object]) -> Parameters:
-    """Return parameters with other values for some of them, given by their names.
-
-    A `ParameterError` says which value is invalid, or which parameters do not fit each other.
-    """
+    """Return parameters with other values by their names, or raise a `ParameterError`."""
     changed = replace(parameters, **{name: check_value(name, v) for name, v in values.items()})
     changed.check_inputs()
     return changed
@@ -479,15 +464,11 @@ def is_ros_parameter(name: str) -> bool:
 
 
 def converted(name: str, value: Any) -> Any:
-    """Return a value of YAML or ROS 2 in the type of a parameter if it means the same.
-
-    The integer 1 stands for 1.0, and in a text for "1". The text "1e-05" stands for a number, as
-    `ros2 param load` has it. An unknown parameter keeps its value.
-    """
+    """Return a value in the type of its parameter if it means the same, such as 1 for 1.0."""
     kind = type(DECLARED[name].default) if name in DECLARED else None
     if kind is str and type(value) is int:
         return str(value)
-    if kind is float and type(value) in (int, str):
+    if kind is float and type(value) in (int, str):  # `ros2 param load` has the text "1e-05"
         with suppress(ValueError):
             return float(value)
     if kind is tuple and isinstance(value, Iterable) and not isinstance(value, str | bytes):

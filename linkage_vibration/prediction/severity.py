@@ -21,8 +21,7 @@ from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.excitation import KMH, Excitation, Source
 from linkage_vibration.prediction.ground import MAX_OFF_GROUND
 
-GAP = 3.0
-"""Readings that are farther apart, s, do not belong to the same warning."""
+GAP = 3.0  # Readings that are farther apart, s, do not belong to the same warning
 
 # A tyre that the ground shakes is off it for half of the time if nothing presses it down.
 _HALF = 0.5
@@ -60,8 +59,7 @@ class Unknown(enum.IntFlag):
     ORDER_LEVEL = 32
 
 
-SPEED_BITS = {Source.ENGINE: 2, Source.PTO: 4, Source.GROUND: 8}
-"""The bit that says that a speed is not known."""
+SPEED_BITS = {Source.ENGINE: 2, Source.PTO: 4, Source.GROUND: 8}  # of speeds that are not known
 
 
 def unknown_speeds(unknown: int) -> list[Source]:
@@ -79,8 +77,7 @@ class WarningLimits:
     near: float = 0.1  # relative margin of a note if no load ratio is known
 
 
-DEFAULT_LIMITS = WarningLimits()
-"""The limits of the default parameters."""
+DEFAULT_LIMITS = WarningLimits()  # The limits of the default parameters
 
 
 class WarningTimer:
@@ -91,17 +88,14 @@ class WarningTimer:
     """
 
     def __init__(self, n: int) -> None:
-        self._warns, self._since = [False] * n, [_NEVER] * n
-        """Since when, ns, each limit says otherwise than its warning."""
+        self._warns = [False] * n
+        self._since = [_NEVER] * n  # ns, since when each limit says otherwise than its warning
         self._known, self._last = [0] * n, 0  # ns, when it was last known, and the last reading
 
     def follow(
         self, exceeds: BoolArray, known: BoolArray, time: Integers, dwell: float
     ) -> BoolArray:
-        """Return which of n_limits warn at n times, ns, after a dwell time, s, (n_limits, n).
-
-        ``known``, (n_limits, n), says where it is known whether the limit is exceeded.
-        """
+        """Return which of n_limits warn at n times, ns, after a dwell time, s, (n_limits, n)."""
         warns, least = np.zeros(exceeds.shape, np.bool_), round(1e9 * dwell)
         above = np.logical_or.reduce(exceeds & known)
         lists = (each.tolist() for each in (time, exceeds.T, known.T, above))
@@ -125,10 +119,7 @@ class WarningTimer:
 
 
 def is_kept(of: MessageColumns) -> BoolArray:
-    """Return whether warnings are only kept, as it is not known whether they are over, () or (n,).
-
-    The messages have the fields of ``LoadState`` and ``Levels``.
-    """
+    """Return whether warnings are only kept, as it is not known if they are over, () or (n,)."""
     above = (of.total_load_ratio > of.load_ratio_limit) | (of.off_ground_share > MAX_OFF_GROUND)
     lost = ((of.states == WARNING) & np.isnan(of.load_ratios)).any(axis=-1)
     return np.asarray((of.state == WARNING) & ~above & (lost | (of.unknown_sources != 0)))
@@ -141,11 +132,7 @@ def states(
     warns: BoolArray,
     limits: WarningLimits,
 ) -> tuple[NDArray[np.uint8], FloatArray]:
-    """Return the states of excitations, and by what those in the same state are ordered.
-
-    All are (n_excitations, n). Load ratios, NaN if not known, come first; then margins, of which
-    ``apart`` are the sizes. ``known``: the speed is; ``warns``: what `WarningTimer` says.
-    """
+    """Return states, (n_excitations, n), and by what those in the same state are ordered."""
     unknown = np.isnan(load_ratio)
     notable = np.where(unknown, apart < limits.near, load_ratio > limits.note)
     state = np.where(known, np.where(warns, WARNING, np.where(notable, NOTE, CLEAR)), UNKNOWN)
@@ -174,10 +161,7 @@ def unknown_speed_words(speeds: Sequence[Source], verbs: tuple[str, str] = ("is"
 
 
 def no_load_words(resonance: MessageColumns, excitations: Sequence[Excitation]) -> str:
-    """Return why a ``Resonance`` has no load ratio, although an excitation is at work.
-
-    It begins with ", as"; it is empty where only the reason why the ground is unknown counts.
-    """
+    """Return why there is no load ratio, from ", as" on; empty if only the ground is the cause."""
     if math.isfinite(resonance.total_velocity):
         return ", as no static force is known to compare with"
     working = at_work(resonance.unknown_sources, excitations)
@@ -222,10 +206,7 @@ def unknown_ground(why: str) -> str:
 
 
 def present_sentence(resonance: MessageColumns, excitations: Sequence[Excitation]) -> str:
-    """Return what one assessment says: the load, and what ends a warning.
-
-    The message is that of `described`, and the excitations are those that were monitored.
-    """
+    """Return what an assessment of `described` says: the load, and what ends a warning."""
     begin = f"{_KEPT} " * bool(is_kept(resonance))
     speeds = unknown_speeds(resonance.unknown_sources)
     unknown = f"{unknown_speed_words(speeds)} not known or not fresh" if speeds else ""

@@ -62,10 +62,7 @@ class Drive:
         return np.cumsum(self.broken)
 
     def severity(self) -> FloatArray:
-        """Return by what moments are ordered, (n,): the total load ratio, 0 if there is no worst.
-
-        Only a moment whose load is known and not doubted may be the worst one.
-        """
+        """Return the total load ratio, (n,), which orders moments; 0 if not known, or doubted."""
         return np.where(self.may_be_worst, self.resonances.total_load_ratio.astype(float), 0.0)
 
     @property
@@ -80,10 +77,7 @@ class Drive:
 
 @dataclass(frozen=True, slots=True)
 class Durations:
-    """How long the load was above its limit, was not, and was not known whether it was, s.
-
-    It was not above the limit only while every source of a load was known.
-    """
+    """How long the load was above its limit, was not, and was not known whether it was, s."""
 
     above: float
     below: float
@@ -119,10 +113,7 @@ class Contribution:
 
 
 def holding(stamps: NDArray[np.int64]) -> tuple[FloatArray, BoolArray, float]:
-    """Return for how long each message holds, s, and whether a gap or a jump precedes, (n,) each.
-
-    The last value is the time between messages for which none holds, s. Stamps, (n,), are in ns.
-    """
+    """Return how long messages hold, s, whether a gap or jump precedes, and the time without."""
     steps = np.diff(stamps) / 1e9
     broken = (steps < 0.0) | (steps > GAP)
     usual = steps[(steps > 0.0) & (broken.all() | ~broken)]
@@ -143,10 +134,7 @@ def drive_of(
     predictions: NDArray[np.int64],
     end: int,
 ) -> Drive:
-    """Return a drive from the stamps of its messages, ns, (n,).
-
-    The log begins at ``start``, which is the time 0, and ends at ``end``, ns.
-    """
+    """Return a drive from the stamps of its messages, ns, (n,); the log has a start and an end."""
     held, broken, missing = holding(stamps)
     first, last = int(stamps.min()), int(stamps.max())
     missing += 1e-9 * (max(0, first - start) + max(0, end - last))
@@ -166,10 +154,7 @@ def drive_of(
 
 
 def above_and_below(drive: Drive, limit: float | None = None) -> tuple[BoolArray, BoolArray]:
-    """Return when the load was above a limit, and when it is known that it was not, (n,) each.
-
-    Without a limit, that of each message counts, as it may be changed while a drive is recorded.
-    """
+    """Return when a limit, or that of each message, was exceeded, and when surely not, (n,)."""
     of = drive.resonances
     limits = of.load_ratio_limit if limit is None else np.float32(limit)
     above = np.asarray((of.total_load_ratio > limits) | (of.off_ground_share > MAX_OFF_GROUND))
@@ -211,10 +196,7 @@ def worst_message(drive: Drive) -> int:
 
 
 def main_cause(drive: Drive, row: int) -> str:
-    """Return the excitation with the largest load ratio in a message, and its frequency if known.
-
-    It is not always the one that the message is about, as an excitation in `no_warning` has none.
-    """
+    """Return the excitation with the largest load ratio in a message, also in `no_warning`."""
     at, ratios = drive.resonances.message(row), drive.resonances.load_ratios[row].astype(float)
     if not np.isfinite(ratios).any() or at.load_ratio >= (1.0 - 1e-6) * np.nanmax(ratios):
         return cause_words(at)
@@ -224,10 +206,7 @@ def main_cause(drive: Drive, row: int) -> str:
 def ground_and_orders(
     drive: Drive, excitations: Sequence[Excitation]
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Return load ratios of the ground and of all orders together, (n,); None without a terrain.
-
-    The latter is an upper bound, as each order loads another pin most.
-    """
+    """Return load ratios of the ground, and bounds of all orders, (n,); None without terrain."""
     rolls = np.array([excitation.terrain is not None for excitation in excitations], np.bool_)
     if len(rolls) != len(drive.names) or not rolls.any():
         return None
@@ -273,11 +252,7 @@ def drive_sentence(
     excitations: Sequence[Excitation],
     ending: Callable[[int], str],
 ) -> str:
-    """Return what a drive did to the linkage, how bad and how sure that is, and what to do.
-
-    ``mode_label`` returns how a mode, counted from 0, is called, and ``ending`` what ends the
-    warning of a message, or nothing if that is not sure.
-    """
+    """Return what a drive did to the linkage, how bad and how sure that is, and what to do."""
     resonances = drive.resonances
     if (resonances.excitation_index < 0).all():
         unknown = max(resonances.unknown_sources.tolist(), key=int.bit_count)
@@ -446,10 +421,7 @@ def _no_ground(drive: Drive) -> str:
 
 
 def _cause_at(drive: Drive, row: int) -> str:
-    """Return what loads most in a message; "mostly" is more than half of the square at the place.
-
-    Load ratios are those at the place that an excitation loads most, which may be another one.
-    """
+    """Return what loads most in a message; "mostly" is more than half of the square."""
     at, cause = drive.resonances.message(row), main_cause(drive, row)
     mostly = cause == cause_words(at) and at.load_place == at.total_load_place
     mostly &= bool(at.load_ratio**2 > 0.5 * at.total_load_ratio**2)

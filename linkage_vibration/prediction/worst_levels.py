@@ -40,10 +40,7 @@ class WorstLevels:
         return tuple(np.max([value[:n] for value in of], axis=0) for of in zip(*each, strict=True))
 
     def masses(self, alpha3: FloatArray, speeds: FloatArray) -> list[str]:
-        """Return the mass, kg, with which the total load ratio is largest at angles, (n,).
-
-        It is empty if there is one mass only, or if not all loads are known.
-        """
+        """Return the masses, kg, with the largest loads; empty if there is one, or if not known."""
         loads = np.array([each.at(alpha3, speeds).total_load_ratio for each in self.levels])
         which = np.where(np.isnan(loads).any(axis=0), -1, loads.argmax(axis=0)).tolist()
         several = len(self.levels) > 1

@@ -44,11 +44,7 @@ def waiting(topic: LiveTopic, subscription: Any) -> Iterator[Arrival]:
 def in_time(
     messages: Sequence[Arrival], answering: float, left_out: Counter[str]
 ) -> Iterator[Arrival]:
-    """Yield messages, in order of arrival; count those that are left out.
-
-    These would have waited for too long when their answer is ready, which takes so many seconds,
-    and newer ones have all their numbers.
-    """
+    """Yield messages; count late ones by topic, which are left out if newer ones replace them."""
     if len(messages) < 2:
         yield from messages
         return

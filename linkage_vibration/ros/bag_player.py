@@ -38,13 +38,9 @@ def play_bag(
     remaps: Mapping[str, str],
     live: LiveLine,
     node_name: str = f"/{NODE_NAME}",
-    check: Callable[[], None] = lambda: None,
+    check: Callable[[], None] = lambda: None,  # may raise an error to stop
 ) -> int:
-    """Publish the crank angles and speeds of a bag at their recorded times; return how many.
-
-    It waits for a subscriber. Without settings, the bag's topics choose the presets; ``remaps`` has
-    their names. ``live`` shows the answers of the node; ``check`` may raise to stop.
-    """
+    """Publish the inputs of a bag to a subscriber at their recorded times; return how many."""
 
     def wait(due: float) -> None:
         check()

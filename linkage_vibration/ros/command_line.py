@@ -23,9 +23,7 @@ usage: linkage_vibration_node [--help] [--ros-args [-p PARAMETER:=VALUE] [--para
                               [-r OLD:=NEW] [--log-level LEVEL] [-e ENCLAVE]]
 """
 
-
-LAUNCH_PREFIX = "launch_params_"
-"""How names of files begin in which launch_ros passes single parameters, as others do by ``-p``."""
+LAUNCH_PREFIX = "launch_params_"  # of files in which launch_ros passes what others give by ``-p``
 
 
 class StartError(LinkageVibrationError):
@@ -47,10 +45,7 @@ def help_text() -> str:
 
 
 def check_arguments(arguments: Sequence[str]) -> None:
-    """Raise a `StartError` about the first argument that is not behind ``--ros-args``.
-
-    rcl would take some of them for remappings, in the syntax of ROS 1.
-    """
+    """Refuse arguments before ``--ros-args``, of which rcl takes some for remappings of ROS 1."""
     of_ros = False
     for argument in arguments:
         if argument == "--ros-args":
@@ -70,17 +65,13 @@ def _unknown(argument: str) -> StartError:
 
 
 def unused_files(arguments: Sequence[str], node_name: str) -> list[str]:
-    """Return a sentence about each file of parameters that has none for the node of this name.
-
-    If none has any, the node would run on its defaults, so this raises a `ParameterError`; single
-    parameters do not change that, whether they come by ``-p`` or from a launch file.
-    """
+    """Return a sentence about each file that has no parameters of the node; raise it for all."""
     files = [Path(file) for option, file in pairwise(arguments) if option == "--params-file"]
     files = [file for file in files if not file.name.startswith(LAUNCH_PREFIX)]
     unused = [
         missing_section(file, node_name) for file in files if not has_parameters(file, node_name)
     ]
-    if files and len(unused) == len(files):
+    if files and len(unused) == len(files):  # The node would run on its defaults.
         raise ParameterError(unused[0])
     return unused
 

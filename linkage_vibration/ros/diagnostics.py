@@ -172,10 +172,7 @@ def statuses(name: str, health: Health, statistics: Statistics) -> list[Diagnost
 
 
 def _uncertain(last: Prediction | None, served: LoadedModel | None) -> list[str]:
-    """Return a sentence about each uncertain mode of the last prediction.
-
-    Where numbers of the mechanism are uncertain, every mode is, as the predictions say.
-    """
+    """Return a sentence about each uncertain mode, unless the mechanism's numbers make all so."""
     if last is None or served is None or served.table.uncertain:
         return []
     frequencies = last.natural_frequencies, last.frequency_stddevs

@@ -1,15 +1,14 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the parts of the node share: endpoints with its QoS, and warnings that are not repeated."""
+"""What the parts of the node share: endpoints with its QoS, rests, and warnings, not repeated."""
 
 import time
-from collections.abc import Callable, Iterable, Mapping
-from functools import wraps
+from collections.abc import Iterable, Mapping
 from importlib import import_module
-from typing import Any, cast
+from typing import Any
 
 from rclpy.duration import Infinite
-from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.node import Node
 from rclpy.qos import (
@@ -29,6 +28,8 @@ from linkage_vibration.messages.topics import OUTPUT_TOPICS, NodeTopic
 
 MessageInfo = Mapping[str, Any]  # where a message comes from; rclpy 7 has no name for it
 
+RESTING = 9.0  # times the processor time of the work, so that services take a tenth of a core
+LONGEST_REST = 0.1  # s
 WARN_PERIOD = 5.0  # s, between two warnings about the same subject
 QOS_VALUES = {
     "depth": range(1, QUEUE_DEPTH + 1),
@@ -38,6 +39,7 @@ QOS_VALUES = {
 """What parameters below ``qos_overrides`` can say about the topics of inputs and outputs."""
 OUTPUTS = tuple(topic for topic in OUTPUT_TOPICS if topic.name.startswith("~"))
 """The topics that exist while the node is configured."""
+OVERRIDES = QoSOverridingOptions([QoSPolicyKind[name.upper()] for name in QOS_VALUES])
 
 
 def advertise(node: Node, output: NodeTopic) -> Any:
@@ -45,47 +47,14 @@ def advertise(node: Node, output: NodeTopic) -> Any:
     return node.create_publisher(
         message_class(output.type),
         output.name,
-        _qos(reliable=True, latched=output.latched, depth=1 if output.latched else QUEUE_DEPTH),
+        qos(reliable=True, latched=output.latched, depth=1 if output.latched else QUEUE_DEPTH),
         event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
-        qos_overriding_options=_overrides(),
-    )
-
-
-def _overrides() -> QoSOverridingOptions:
-    return QoSOverridingOptions([QoSPolicyKind[name.upper()] for name in QOS_VALUES])
-
-
-def subscribe(
-    node: Node, kind: Any, topic: str, on_message: Callable[..., None], depth: int
-) -> Any:
-    """Return a subscription, which matches publishers of every QoS and waits for no lost message.
-
-    ``on_message`` gets the bytes and the `MessageInfo`. So many messages wait, and parameters can
-    override the QoS.
-    """
-
-    @wraps(on_message)
-    def call(*args: Any) -> None:
-        # The events executor (rclpy 9.1) passes both in one tuple.
-        on_message(*(args if len(args) == 2 else args[0]))
-
-    return node.create_subscription(
-        kind,
-        topic,
-        cast(Any, call),  # the type hints of rclpy do not know that `raw` passes bytes
-        _qos(reliable=False, latched=False, depth=depth),
-        raw=True,
-        # The events executor ends the process if an event comes as its subscription is destroyed.
-        event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
-        qos_overriding_options=_overrides(),
+        qos_overriding_options=OVERRIDES,
     )
 
 
 def unmatched(own: Any, others: Iterable[TopicEndpointInfo], kind: str) -> list[str]:
-    """Return a sentence about each other endpoint whose QoS does not match our own.
-
-    The kind of the others is ``"publisher"`` or ``"subscriber"``.
-    """
+    """Return a sentence about each "publisher" or "subscriber" whose QoS does not match our own."""
     sentences = []
     for other in others:
         pair = own.qos_profile, other.qos_profile
@@ -111,7 +80,7 @@ def message_class(type_name: str) -> Any:
     return getattr(getattr(module, service), part) if service else getattr(module, name)
 
 
-def _qos(*, reliable: bool, latched: bool, depth: int) -> QoSProfile:
+def qos(*, reliable: bool, latched: bool, depth: int) -> QoSProfile:
     """Return a new profile, because the overrides of rclpy change shared profiles in place."""
     return QoSProfile(
         depth=depth,
@@ -122,11 +91,13 @@ def _qos(*, reliable: bool, latched: bool, depth: int) -> QoSProfile:
     )
 
 
-class Throttle:
-    """Logs warnings, at most one in WARN_PERIOD about each subject.
+def rest(worked: float) -> None:
+    """Leave the processor and Python's lock to the readings after work of so many seconds."""
+    time.sleep(min(RESTING * worked, LONGEST_REST))
 
-    The throttle of rclpy takes longer to suppress a message than a whole prediction takes.
-    """
+
+class Throttle:
+    """Logs at most one warning in WARN_PERIOD about each subject; rclpy takes longer for that."""
 
     def __init__(self, logger: RcutilsLogger) -> None:
         self._logger = logger
@@ -141,10 +112,7 @@ class Throttle:
             self._logger.warning(printable(text))
 
     def report(self, subject: str, problem: str) -> None:
-        """Log a problem once, until it has ended, which an empty sentence says.
-
-        One that comes and goes is logged at most once in WARN_PERIOD.
-        """
+        """Log a problem once, until it has ended, which an empty sentence says."""
         if not problem:
             self._lasting.discard(subject)
         elif subject not in self._lasting and time.monotonic() >= self._next.get(subject, 0.0):

@@ -34,6 +34,7 @@ from linkage_vibration.bags.recorder import (
 )
 from linkage_vibration.bags.writing import LogError
 from linkage_vibration.errors import LinkageVibrationError, printable
+from linkage_vibration.messages.definitions import check_interfaces
 from linkage_vibration.messages.topics import TABLE_INFO
 from linkage_vibration.prediction.answers import LoadedModel, place_name
 from linkage_vibration.prediction.doubts import excitation_doubts
@@ -47,8 +48,7 @@ from linkage_vibration.readers.loaded_model import load_model, read_loads
 from linkage_vibration.readers.sensors import Sensor, live_sensors, sensor_files
 from linkage_vibration.ros.command_line import plain_text
 from linkage_vibration.ros.diagnostics import Health, statuses
-from linkage_vibration.ros.endpoints import OUTPUTS, WARN_PERIOD, Throttle, advertise
-from linkage_vibration.ros.interface_check import check_interfaces
+from linkage_vibration.ros.endpoints import OUTPUTS, WARN_PERIOD, Throttle, advertise, rest
 from linkage_vibration.ros.listener import Listener
 from linkage_vibration.ros.live_inputs import LiveTopic, check_output_topics, live_topics
 from linkage_vibration.ros.live_pipeline import LivePipeline, input_topics, output_topics
@@ -59,7 +59,6 @@ from linkage_vibration.ros.parameter_server import (
     declare_parameters,
     new_values,
 )
-from linkage_vibration.ros.precedence import rest
 from linkage_vibration.ros.services import Services
 from linkage_vibration.ros.statistics import CLOCK_LEAP, Statistics
 from linkage_vibration_interfaces.msg import TableInfo
@@ -69,16 +68,11 @@ TRANSITIONS = {
     Transition.TRANSITION_ACTIVATE: "activate",
 }
 ANSWER_TIME = 1.0  # s, in which requests that wait are answered when the node ends
-FULFILLED = {"configure": ("inactive", "active"), "activate": ("active",)}
-"""The states in which a request for a transition has been fulfilled."""
+FULFILLED = {"configure": ("inactive", "active"), "activate": ("active",)}  # by these states
 
 
 class LinkageVibrationNode(LifecycleNode):
-    """Predicts how a linkage vibrates from each reading of its crank angle.
-
-    It has its table and services while configured, and predicts while active. Long operations ask
-    ``stop_asked``; `problem` says why the last transition failed, if it did.
-    """
+    """Predicts from each reading while active, with its table and services while configured."""
 
     def __init__(self, stop_asked: Callable[[], bool] = lambda: False) -> None:
         super().__init__(NODE_NAME, automatically_declare_parameters_from_overrides=True)
@@ -87,8 +81,8 @@ class LinkageVibrationNode(LifecycleNode):
                 service.callback = self._fulfilling(service.callback)
             if service.srv_type.__module__.startswith("lifecycle_msgs"):
                 service.callback = self._guarded(service.callback)
-        self.problem = ""
-        self._stop_asked = stop_asked
+        self.problem = ""  # why the last transition failed, if it did
+        self._stop_asked = stop_asked  # by long operations
         self._state, self._starting, self._untouched = "unconfigured", False, True
         self._statistics = Statistics()
         self._throttle = Throttle(self.get_logger())
@@ -137,10 +131,7 @@ class LinkageVibrationNode(LifecycleNode):
     def set_parameters_atomically(
         self, parameter_list: "list[Parameter[Any]]"
     ) -> SetParametersResult:
-        """Set parameters; a request says in our words why it is refused.
-
-        Parameter services call this method, before rclpy checks types and ranges.
-        """
+        """Set parameters for a service, before rclpy checks them, so that refusals are ours."""
         asked, settings = new_values(self, parameter_list), self._settings
         result = SetParametersResult(successful=True)
         try:
@@ -225,10 +216,7 @@ class LinkageVibrationNode(LifecycleNode):
         return super().create_service(kind, name, self._guarded(callback), **options)
 
     def _guarded(self, callback: Callable[..., Any]) -> Callable[..., Any]:
-        """Return a callback that logs the errors which rclpy raises for invalid requests.
-
-        Such a request has for example a parameter of an unknown type. Coroutines are ours.
-        """
+        """Return a callback that logs rclpy's errors for invalid requests; coroutines are ours."""
 
         def call(request: Any, response: Any) -> Any:
             try:
@@ -241,10 +229,7 @@ class LinkageVibrationNode(LifecycleNode):
         return callback if iscoroutinefunction(callback) else call
 
     def _fulfilling(self, callback: Callable[..., Any]) -> Callable[..., Any]:
-        """Return a callback that accepts what a node which starts by itself has done already.
-
-        A manager or a launch file can therefore configure and activate it without knowing that.
-        """
+        """Return a callback that accepts what a node with autostart has done before a manager."""
 
         def call(request: ChangeState.Request, response: ChangeState.Response) -> Any:
             wanted = request.transition.label or TRANSITIONS.get(request.transition.id, "")
@@ -420,10 +405,7 @@ class LinkageVibrationNode(LifecycleNode):
         return Provenance(files, {**package_versions(), **facts, **implement_facts(served)})
 
     def _use(self, settings: Parameters) -> None:
-        """Use other parameters from now on, unless they are in use already.
-
-        If a topic cannot be subscribed to, the parameters before have to be used again.
-        """
+        """Use other parameters from now on; after an error, those before have to be used again."""
         if settings == self._settings:
             return
         predicting, recording = self._predicting, self._recording

@@ -5,16 +5,19 @@
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
-from typing import Any
+from functools import wraps
+from typing import Any, cast
 
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from linkage_vibration.prediction.inputs.presets import INPUT_DEPTH
 from linkage_vibration.prediction.settings import ParameterError
-from linkage_vibration.ros.endpoints import subscribe, unmatched
+from linkage_vibration.ros.endpoints import OVERRIDES, qos, unmatched
 
 WAKE_PERIOD = 1.0  # s; without a limit, the events executor blocks the other threads
 
@@ -50,10 +53,26 @@ class Listener:
         """Whether messages are received."""
         return self._spinning is not None
 
-    def subscribe(self, kind: Any, topic: str, on_message: Callable[..., None], depth: int) -> Any:
-        """Return a subscription to a topic; see `linkage_vibration.ros.endpoints.subscribe`."""
+    def subscribe(self, kind: Any, topic: str, on_message: Callable[..., None]) -> Any:
+        """Return a best-effort subscription; its callback gets bytes and the `MessageInfo`."""
+
+        @wraps(on_message)
+        def call(*args: Any) -> None:
+            # The events executor (rclpy 9.1) passes both in one tuple.
+            on_message(*(args if len(args) == 2 else args[0]))
+
         try:
-            return subscribe(self._node, kind, topic, on_message, depth)
+            return self._node.create_subscription(
+                kind,
+                topic,
+                cast(Any, call),  # the type hints of rclpy do not know that `raw` passes bytes
+                qos(reliable=False, latched=False, depth=INPUT_DEPTH),
+                raw=True,
+                # The events executor ends the process if an event comes as its subscription is
+                # destroyed.
+                event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+                qos_overriding_options=OVERRIDES,
+            )
         except RuntimeError:  # of rcl; DDS has one type for each topic in a process
             raise ParameterError(
                 f"Topic {topic} cannot be read as {kind.__module__.partition('.')[0]}/msg/"

@@ -47,11 +47,7 @@ class LiveTopic:
 def live_topics(
     settings: Parameters, resolve: Callable[[str], str], sensors: Sequence[Sensor] = ()
 ) -> dict[str, LiveTopic]:
-    """Return the topics of the inputs by their absolute names; that of the hitch is the first.
-
-    ``resolve`` returns the absolute name of a topic after remapping. A `ParameterError` says that a
-    type is not installed or has no such number, or that inputs read one topic as two types.
-    """
+    """Return the topics of the inputs by absolute names, which ``resolve`` returns; hitch first."""
     topics: dict[str, LiveTopic] = {}
 
     def topic_of(source: SourceSettings | Sensor) -> LiveTopic:
@@ -77,10 +73,7 @@ def live_topics(
 
 
 def check_output_topics(inputs: Iterable[str], resolve: Callable[[str], str]) -> None:
-    """Raise a `ParameterError` if an output is on the topic of an input or of another output.
-
-    ``inputs`` has absolute names, and ``resolve`` applies remappings.
-    """
+    """Refuse an output on the topic of an input, by its absolute name, or of another output."""
     used = dict.fromkeys(inputs, "an input")
     for output in OUTPUT_TOPICS:
         name = resolve(output.name)
@@ -112,10 +105,7 @@ def _schema(source: SourceSettings | Sensor) -> Schema:
 
 
 def installed_schema(type_name: str) -> Schema:
-    """Return the fields of a type.
-
-    It raises an ImportError or an AttributeError if its package is not installed, or lacks it.
-    """
+    """Return the fields of a type; `message_class` says which errors it raises."""
 
     def fields_of(name: str) -> list[SchemaField]:
         described: dict[str, Any] = message_class(name).get_fields_and_field_types()

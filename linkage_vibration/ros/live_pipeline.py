@@ -46,7 +46,6 @@ from linkage_vibration.prediction.inputs.sources import (
     Stamped,
     too_large,
 )
-from linkage_vibration.prediction.inputs.topics import INPUT_DEPTH
 from linkage_vibration.prediction.inputs.units import ANGLES, Reading
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.motion import UNKNOWN, Rate, crank_filter, crank_resolution
@@ -94,23 +93,19 @@ def output_topics(node: Node) -> list[Topic]:
 
 
 class LivePipeline:
-    """Answers readings with predictions and, once a speed is known, resonances and advice.
-
-    Publishers are given by their messages' types. ``record`` gets each used message, its time, ns,
-    and its answers. Attributes hold the last answers, ages, s, and the faults of `judge`.
-    """
+    """Answers readings with predictions and, once a speed is known, resonances and advice."""
 
     def __init__(
         self,
         node: Node,
         listener: Listener,
-        publishers: Mapping[str, Any],
+        publishers: Mapping[str, Any],  # by the types of their messages
         settings: Parameters,
         topics: dict[str, LiveTopic],
         predictor: Predictor,
         monitor: ResonanceMonitor,
         sensors: "SensorMonitor | None",
-        record: Callable[..., None],
+        record: Callable[..., None],  # gets each used message, its time, ns, and its answers
         statistics: Statistics,
         throttle: Throttle,
     ) -> None:
@@ -202,9 +197,8 @@ class LivePipeline:
         self._arrived = -math.inf  # s, when a message of the hitch last arrived
         for topic in self._topics.values():
             on_message = partial(self._on_message, topic.name, topic.type)
-            kind, depth = message_class(topic.type), INPUT_DEPTH
-            queue = self._listener.subscribe(kind, topic.name, on_message, depth)
-            self._queues[topic.name] = queue
+            kind = message_class(topic.type)
+            self._queues[topic.name] = self._listener.subscribe(kind, topic.name, on_message)
 
     def unsubscribe(self) -> None:
         """Answer no more messages, once the listener has stopped."""
@@ -295,10 +289,7 @@ class LivePipeline:
         return faults
 
     def _share_taken(self, now: float) -> float:
-        """Return the share of the messages of the hitch since the last call that were not lost.
-
-        Those that the node left out count as lost. Names of what arrives instead are updated.
-        """
+        """Return the share of new messages of the hitch that are used; update other names."""
         counts, names = self._statistics, self._other_names
         self._other_names = set()
         self._names = {n: at for n, at in self._names.items() if now - at <= NAMES_FOR}
@@ -398,9 +389,14 @@ class LivePipeline:
             counts.lost[topic.name] += self._gaps[topic.name].before(number, publishers)
         counts.arrived[topic.name] += 1
         counts.received += topic.crank is not None
-        if len(message.data) > MAX_BYTES:
-            self._refuse_large(topic, len(message.data))
-        return len(message.data) <= MAX_BYTES
+        if len(message.data) <= MAX_BYTES:
+            return True
+        self._too_large += 1
+        problem = f"{topic.name}: {too_large(len(message.data))}"
+        if topic.crank is not None:
+            self.readings.refuse(problem)
+        self._throttle.warn("size", f"{problem} It is number {self._too_large} of such messages.")
+        return False
 
     def _use(self, arrived: Arrival) -> None:
         """Answer a message and record it, if it has a number for an input."""
@@ -443,13 +439,6 @@ class LivePipeline:
                     self._other_names.update(topic.crank.reader.other_names(data))
         if used:
             self._record(*message, *answers)
-
-    def _refuse_large(self, topic: LiveTopic, size: int) -> None:
-        self._too_large += 1
-        problem = f"{topic.name}: {too_large(size)}"
-        if topic.crank is not None:
-            self.readings.refuse(problem)
-        self._throttle.warn("size", f"{problem} It is number {self._too_large} of such messages.")
 
     def _read(
         self,

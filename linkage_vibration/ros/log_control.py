@@ -28,10 +28,7 @@ def log_folder(settings: Parameters) -> Path:
 
 
 class Recording:
-    """Offers ``~/start_recording`` and ``~/stop_recording``; the recorder is not started yet.
-
-    ``begin`` calls a function that starts a log while no message is answered.
-    """
+    """Offers to start and stop a log; ``begin`` calls a function while no message is answered."""
 
     def __init__(
         self, node: Node, recorder: Recorder, begin: Callable[[Callable[[], None]], None]
@@ -44,10 +41,7 @@ class Recording:
         ]
 
     def activate(self, *, begin: bool) -> None:
-        """Allow recording, and start it if ``begin`` is true; raise a `LogError` if it fails.
-
-        A folder that has reached its limit is a fault of the log, without which the node predicts.
-        """
+        """Allow recording, and begin it if wanted; a folder at its limit raises no `LogError`."""
         self._stopped = False
         if begin:
             try:

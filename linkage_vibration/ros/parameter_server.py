@@ -57,10 +57,7 @@ def _descriptor(parameter: Any) -> ParameterDescriptor:
 
 
 def new_values(node: Node, asked: "list[Parameter[Any]]") -> "list[Parameter[Any]]":
-    """Return the parameters that differ from those set, with integers for doubles converted.
-
-    A dump of the node's own parameters can therefore be loaded at any time.
-    """
+    """Return what differs from what is set, in the declared types, so that a dump can be loaded."""
     differing = []
     for parameter in asked:
         name = parameter.name
@@ -72,10 +69,7 @@ def new_values(node: Node, asked: "list[Parameter[Any]]") -> "list[Parameter[Any
 
 
 def check_qos_overrides(node: Node, inputs: Iterable[str]) -> None:
-    """Refuse a parameter below ``qos_overrides`` that changes no QoS of a topic of the node.
-
-    ``inputs`` has the absolute names of their topics.
-    """
+    """Refuse QoS overrides of other topics than the outputs and the inputs, by absolute names."""
     topics = [f"{name}.subscription" for name in inputs]
     topics += [f"{node.resolve_topic_name(topic.name)}.publisher" for topic in OUTPUTS]
     valid = [f"{topic}.{policy}" for topic in topics for policy in QOS_VALUES]
@@ -95,19 +89,14 @@ def check_qos_overrides(node: Node, inputs: Iterable[str]) -> None:
 
 
 def changed(settings: Parameters, asked: "list[Parameter[Any]]", *, configured: bool) -> Parameters:
-    """Return the parameters after a request, or raise a `ParameterError` if it is not allowed.
-
-    While the node is configured, only live parameters may be set.
-    """
+    """Return the parameters after a request; a configured node changes only live ones."""
     _check_sim_time(asked)
     for parameter in asked:
-        if parameter.name.partition(".")[0] == "qos_overrides":
+        if parameter.name.partition(".")[0] in ("autostart", "qos_overrides"):
             raise ParameterError(f"Parameter {parameter.name} is read at the start; give it there.")
     requested = {p.name: p.value for p in asked if not is_ros_parameter(p.name)}
     new = with_values(settings, requested)
     for name in requested:
-        if name == "autostart":
-            raise ParameterError("Parameter autostart is read at the start; give it there.")
         if configured and not DECLARED[name].metadata["live"]:
             raise ParameterError(
                 f"Parameter {name} is read when the node is configured; clean the node up first "

@@ -31,13 +31,12 @@ from linkage_vibration.messages.encoding import encode_message
 from linkage_vibration.messages.topics import ADVICE, PREDICTION
 from linkage_vibration.prediction import answers
 from linkage_vibration.prediction.advice import Question, advise
-from linkage_vibration.prediction.answers import LoadedModel, place_name
+from linkage_vibration.prediction.answers import LoadedModel, ServingError, place_name
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor, fault
-from linkage_vibration.ros.precedence import rest
+from linkage_vibration.ros.endpoints import rest
 from linkage_vibration.support.own_process import call_in_process
-from linkage_vibration.table.table import Table
 from linkage_vibration_interfaces import srv
 from linkage_vibration_interfaces.action import SetImplement
 from linkage_vibration_interfaces.msg import Advice, VibrationPrediction
@@ -45,36 +44,24 @@ from linkage_vibration_interfaces.msg import Advice, VibrationPrediction
 P = ParamSpec("P")
 T = TypeVar("T")
 
-# Other requests wait meanwhile; so many angles take less than 0.1 s.
-MAX_REQUEST = 1_000
-# Largest number of waiting requests; each costs the executor a microsecond when it wakes.
-MAX_WAITING = 16
-# Between so many predictions, less than a millisecond of work, the readings have the processor.
-SLICE = 10
+MAX_REQUEST = 1_000  # angles, which take less than 0.1 s; other requests wait meanwhile
+MAX_WAITING = 16  # requests; each costs the executor a microsecond when it wakes
+SLICE = 10  # predictions in less than a millisecond, after which the readings have the processor
 FEEDBACK_PERIOD = 0.25  # s
-_CODES = {"sequence<double>": "d", "sequence<float>": "f", "sequence<uint8>": "B"}
-"""The codes of arrays, by the types of fields."""
-
-
-class ServiceError(LinkageVibrationError):
-    """A request comes at the wrong time."""
+_CODES = {"sequence<double>": "d", "sequence<float>": "f", "sequence<uint8>": "B"}  # of arrays
 
 
 class Services:
-    """Answers requests while the listener's thread predicts.
-
-    Models are solved in a thread, and tables are built in a process. ``swap`` is called in the
-    executor's thread with a new table; ``limit`` returns the load ratio above which a load warns.
-    """
+    """Answers requests; models are solved in a thread, and tables are built in a process."""
 
     def __init__(
         self,
         node: Node,
         served: Callable[[], LoadedModel],
         excitations: Sequence[Excitation],
-        swap: Callable[[LoadedModel, LevelTable], None],
+        swap: Callable[[LoadedModel, LevelTable], None],  # in the executor's thread
         levels: LevelTable,
-        limit: Callable[[], float],
+        limit: Callable[[], float],  # returns the load ratio above which a load warns
     ) -> None:
         self._node, self._served, self._swap, self._limit = node, served, swap, limit
         self._excitations, self._levels = excitations, levels
@@ -109,11 +96,7 @@ class Services:
         self._threads.shutdown(wait=False, cancel_futures=True)
 
     def close(self) -> None:
-        """Stop building, answer the waiting requests, and destroy the services.
-
-        This is called in the executor's thread, or after that has ended. It may take as long as
-        the start of a process or one solution of the model.
-        """
+        """Stop building, answer what waits, and destroy the services, in the executor's thread."""
         self.refuse()
         self._threads.shutdown()
         self._destroy()
@@ -141,11 +124,11 @@ class Services:
     ) -> str:
         angles, stddev = request.crank_angles, request.crank_angle_stddev
         if not 0 < len(angles) <= MAX_REQUEST:
-            raise ServiceError(
+            raise ServingError(
                 f"crank_angles has {len(angles)} angles; give 1 to {MAX_REQUEST} in a request."
             )
         if not 0.0 <= stddev < math.inf:
-            raise ServiceError(
+            raise ServingError(
                 f"crank_angle_stddev is {stddev} rad; give a finite number of at least 0."
             )
         predictor = self._served().predictor
@@ -250,7 +233,7 @@ class Services:
     async def _replace(self, served: LoadedModel, wanted: answers.Implement | str) -> None:
         """Build the table for another implement, or for that of a name, and use it."""
         if self._wanted is not None:
-            raise ServiceError(
+            raise ServingError(
                 "The table of another implement is being built; ask again when it is in use."
             )
         changed = answers.replaced(served, wanted)
@@ -258,23 +241,22 @@ class Services:
             self._wanted = Path(folder) / "wanted"
             self._wanted.mkdir()
             try:
-                building = changed, served.table, self._excitations, self._wanted
-                rebuilt, levels = await self._away(_rebuild, *building)
+                # A thread would block the interpreter, and so the readings, again and again.
+                like = changed.mechanism, served.table, self._excitations, self._wanted
+                building = partial(call_in_process, answers.rebuilt, *like)
+                predictor, levels = await self._away(building)
                 # The table may be complete although the node was cleaned up meanwhile.
                 if self._served() is not served:
-                    raise ServiceError("The node was configured again; ask again.")
-                self._swap(rebuilt, levels)
+                    raise ServingError("The node was configured again; ask again.")
+                self._swap(changed.with_predictor(predictor), levels)
                 self._levels = levels
             finally:
                 self._wanted = None
 
     async def _away(self, work: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
-        """Call a function in a thread, and wait for it while the executor continues.
-
-        Whatever it raises becomes a LinkageVibrationError, so that no request ends the node.
-        """
+        """Call a function in a thread while the executor continues; all its errors become ours."""
         if self._waiting >= MAX_WAITING:
-            raise ServiceError(f"{self._waiting} requests are waiting already; ask again later.")
+            raise ServingError(f"{self._waiting} requests are waiting already; ask again later.")
         ready: Future[None] = Future()
         worker, began = 0, 0.0
 
@@ -303,10 +285,10 @@ class Services:
         except LinkageVibrationError:
             raise
         except CancelledError:
-            raise ServiceError("The node is ending or being cleaned up.") from None
+            raise ServingError("The node is ending or being cleaned up.") from None
         except Exception as error:
             self._node.get_logger().error(f"A request failed: {type(error).__name__}: {error}")
-            raise ServiceError(
+            raise ServingError(
                 f"This cannot be computed ({type(error).__name__}: {error}); check the numbers."
             ) from None
         finally:
@@ -318,7 +300,7 @@ def _implement(request: SetImplement.Goal) -> answers.Implement | str:
     centre = tuple(request.centre_of_gravity)
     implement = answers.Implement(request.rigid_body, request.mass, request.inertia, centre)
     if request.name and implement != answers.Implement("", 0.0, 0.0, ()):
-        raise ServiceError("name has its own properties; leave all other fields empty.")
+        raise ServingError("name has its own properties; leave all other fields empty.")
     return request.name or implement
 
 
@@ -341,10 +323,7 @@ def _reporting(answer: Callable[[Any, Any], Awaitable[str | None]]) -> Callable[
 def _predict(
     predictor: Predictor, request: srv.PredictVibration.Request, stamp: tuple[int, int]
 ) -> tuple[list[VibrationPrediction], list[int], NDArray[np.float64]]:
-    """Return predictions, the indices of angles without one, and shares; rest between them.
-
-    The shares are (n_angles, 4, 2, n_modes), in the order of `Shares`, or none if none are wanted.
-    """
+    """Return predictions, indices of angles without one, and shares, (n or 0, 4, 2, n_modes)."""
     messages, failed, shares = [], [], []
     stddev, began = request.crank_angle_stddev, time.thread_time()
     for i, angle in enumerate(request.crank_angles):
@@ -360,19 +339,6 @@ def _predict(
             rest(time.thread_time() - began)
             began = time.thread_time()
     return messages, failed, np.reshape(shares, (len(shares), 4, 2, predictor.table.n_modes))
-
-
-def _rebuild(
-    changed: answers.ModelWithoutTable, like: Table, excitations: Sequence[Excitation], wanted: Path
-) -> tuple[LoadedModel, LevelTable]:
-    """Build the tables of a changed mechanism in a process.
-
-    A thread would block the interpreter, and so the live predictions, again and again.
-    """
-    predictor, levels = call_in_process(
-        answers.rebuilt, changed.mechanism, like, excitations, wanted
-    )
-    return changed.with_predictor(predictor), levels
 
 
 def _fill(response: Any, served: LoadedModel, answer: object) -> None:

@@ -13,8 +13,7 @@ CLOCK_STEP = 0.5  # s; the wall clock was set if it differs by more from the ste
 _PUBLISHERS = 16  # on one topic, of which the last numbers are kept
 RECENT = 10  # statuses, one a second, after which losses, waits and jumps have ended
 
-
-_Status = tuple[float, int, int, int, Counter[str], Counter[str]]
+_Status = tuple[float, int, int, Counter[str], Counter[str]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,8 +24,7 @@ class Second:
     without_numbers: float  # share of the predictions, 0 to 1
     wait: float = 0.0  # s, the longest
     clock_jumps: int = 0
-    received: int = 0  # messages of the hitch
-    dropped: int = 0
+    dropped: int = 0  # messages that were left out
     arrived: Counter[str] = field(default_factory=Counter)  # messages, by topics of inputs
     lost: Counter[str] = field(default_factory=Counter)
 
@@ -68,14 +66,13 @@ class Statistics:
         done = self.with_numbers - self._with_numbers + without
         rate = 0.0 if math.isnan(self._then) else done / max(now - self._then, 1e-9)
         self._with_numbers, self._without_numbers = self.with_numbers, self.without_numbers
-        left_out = self.dropped.total()
-        counts = self.clock_jumps, self.received, left_out, self.arrived.copy(), self.lost.copy()
+        counts = self.clock_jumps, self.dropped.total(), self.arrived.copy(), self.lost.copy()
         self._before.append((self.wait, *counts))
         self.wait, self._then = 0.0, now
-        _, jumps, received, dropped, arrived, lost = self._before[0]
-        events = self.clock_jumps - jumps, self.received - received, left_out - dropped
+        _, jumps, dropped, arrived, lost = self._before[0]
+        events = counts[0] - jumps, counts[1] - dropped, counts[2] - arrived, counts[3] - lost
         share, wait = without / (done or 1), max(status[0] for status in self._before)
-        return Second(rate, share, wait, *events, counts[3] - arrived, counts[4] - lost)
+        return Second(rate, share, wait, *events)
 
 
 class SequenceGaps:
@@ -89,10 +86,7 @@ class SequenceGaps:
         self._numbers: deque[int] = deque(maxlen=_PUBLISHERS)  # the last one of each publisher
 
     def before(self, number: int, publishers: Callable[[], int]) -> int:
-        """Return how many messages are missing before this one, on a topic of so many publishers.
-
-        They are only counted, which takes a while, where a number is missing.
-        """
+        """Return how many messages are missing before this one; only then ask for publishers."""
         last = max((each for each in self._numbers if each < number), default=number)
         missing = max(number - last - 1, 0)
         if last == number or (missing and len(self._numbers) < publishers()):

@@ -87,10 +87,7 @@ class Cells:
 
 
 class JoinedCells(Cells):
-    """Cells that begin where one of any part does, so that one lookup is enough for all parts.
-
-    Of the quantities of all parts, one after the other, these columns are kept in this order.
-    """
+    """Cells that begin where those of any part do; ``columns`` of all quantities are kept."""
 
     def __init__(self, parts: Sequence[Cells], columns: IntArray) -> None:
         starts = np.unique(np.concatenate([part.arrays[0] for part in parts]))

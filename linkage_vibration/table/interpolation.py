@@ -78,10 +78,7 @@ def stroke_angle(variable: FloatArray, toggles: tuple[float, float] | None) -> F
 
 
 def angles_in_table(alpha3: FloatArray, alpha3_range: tuple[float, float]) -> FloatArray:
-    """Return the angles of a table that are the same positions, rad, (n,); NaN if there are none.
-
-    Whole turns are removed if the crank turns all the way; otherwise one, for a sensor that wraps.
-    """
+    """Return the angles of a table that are the same positions, rad, (n,); NaN if none is."""
     low, high = alpha3_range
     inside = (low <= alpha3) & (alpha3 <= high)
     if inside.all():

@@ -15,8 +15,7 @@ from linkage_vibration.mechanics.modes import MECHANISM, oscillating_indices
 from linkage_vibration.table.interpolation import stroke_angle, stroke_variable
 from linkage_vibration.table.reduced import Modal, ReducedModels
 
-FIRST_CELLS = 32
-"""Cells of a piece before any is halved."""
+FIRST_CELLS = 32  # Cells of a piece before any is halved
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,11 +81,7 @@ def values_of(poles: ComplexArray) -> FloatArray:
 
 
 def nearest(poles: ComplexArray, other: ComplexArray) -> dict[int, int]:
-    """Pair poles, (n,) and (m,), rad/s: index here to index there.
-
-    The sum of squares of the distances is least, as that of distances can be equal in either order.
-    If the numbers differ, the farthest remain without a partner.
-    """
+    """Pair poles, (n,) and (m,), rad/s, by the least sum of squared distances: index to index."""
     pairs = scipy.optimize.linear_sum_assignment(np.abs(poles[:, np.newaxis] - other) ** 2)
     return dict(zip(pairs[0].tolist(), pairs[1].tolist(), strict=True))
 
@@ -116,10 +111,7 @@ class PoleFinder:
     n_modes: int
 
     def values(self, cell: int, alpha3: float) -> list[float]:
-        """Return frequencies (Hz), ratios, frequency (Hz) and height (m/N) of the peak.
-
-        They are NaN for a mode that does not oscillate at this angle, rad.
-        """
+        """Return frequencies (Hz) and ratios, NaN if overdamped, and the peak (Hz and m/N)."""
         start, end = self.bounds[cell : cell + 2].tolist()
         begins = [piece.alpha3[0] for piece in self.pieces]
         piece = self.pieces[int(np.searchsorted(begins, start, side="right")) - 1]

@@ -35,8 +35,7 @@ _DEFECTIVE = 1e-100
 Numbers = NDArray[Any]
 Indices = list[int] | slice
 
-EVERY = slice(None)
-"""The indices of all places."""
+EVERY = slice(None)  # The indices of all places
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,10 +70,7 @@ class Modal:
         return np.column_stack([omega[first] / (2.0 * math.pi), size[first]])
 
     def maxima(self, band: tuple[float, float]) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Find the maxima of the receptance of the first place that are nearly the highest.
-
-        It returns, for each, the index of its angle, its frequency (rad/s) and its magnitude (m/N).
-        """
+        """Return row, frequency (rad/s) and size (m/N) of the highest maxima of the first place."""
         grid = self._lines(band)
         row, at, _ = find_maxima(grid, self._magnitudes(grid), self._slope)
         return row, at, np.abs(self._drive(row, at)[0])
@@ -189,21 +185,14 @@ MODEL_ARRAYS = [each.name for each in fields(ReducedModels)][:-2]
 
 @lru_cache
 def frf_pairs(n_rows: int, n_inputs: int) -> tuple[IntArray, IntArray]:
-    """Return outputs and inputs of the FRFs that determine all others, (n_pairs,).
-
-    They are the upper triangle of the places row by row, since FRFs between them are symmetric, and
-    each force, whose rows follow, by each place.
-    """
+    """Return outputs and inputs, (n_pairs,): places' upper triangle, then forces by each place."""
     upper, n_forces = np.triu_indices(n_inputs), n_rows - n_inputs
     forces, places = np.divmod(np.arange(n_forces * n_inputs), n_inputs)
     return np.append(upper[0], n_inputs + forces), np.append(upper[1], places)
 
 
 def shortened(rows: Numbers, n_inputs: int) -> Numbers:
-    """Round the values of forces among those of `frf_pairs`, (..., n_pairs), to single precision.
-
-    That leaves an error of 6e-8, far below that of any table, and takes half of the room in a file.
-    """
+    """Round forces among `frf_pairs`, (..., n_pairs), to single precision, an error of 6e-8."""
     single = np.complex64 if np.iscomplexobj(rows) else np.float32
     first, rows = n_inputs * (n_inputs + 1) // 2, rows.copy()
     rows[..., first:] = rows[..., first:].astype(single)
@@ -223,10 +212,7 @@ def from_pairs(rows: Numbers, n_rows: int, n_inputs: int) -> ComplexArray:
 def _second_order(
     poles: ComplexArray, residues: ComplexArray
 ) -> tuple[ComplexArray, FloatArray, ComplexArray, ComplexArray]:
-    """Turn R / (s - p) into terms of the second order: k, c, and the constants and rates above.
-
-    The last of an odd number of real poles is doubled, and the numerator cancels one.
-    """
+    """Return k, c and both numerators of R / (s - p); an odd real pole is doubled and cancelled."""
     left, right = paired(poles)
     n, right = len(right), np.append(right, left[len(right) :])
     p, q, first, second = poles[left], poles[right], residues[..., left], residues[..., right]

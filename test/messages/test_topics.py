@@ -19,7 +19,7 @@ from linkage_vibration.messages.topics import (
     NodeTopic,
     log_topic,
 )
-from linkage_vibration.prediction.inputs.topics import INPUT_TOPICS
+from linkage_vibration.prediction.inputs.presets import INPUT_TOPICS
 from linkage_vibration.support.resources import config_file, share_directory
 
 

@@ -97,7 +97,7 @@ class Bench:
         )
         self.path.subscribe()
 
-    def _subscribe(self, kind: Any, topic: str, on_message: Any, depth: int) -> Any:
+    def _subscribe(self, kind: Any, topic: str, on_message: Any) -> Any:
         queue = self.queues[topic] = list[tuple[bytes, dict[str, int]]]()
         self._callbacks[topic] = on_message
         take = SimpleNamespace(take_message=lambda *_: queue.pop(0) if queue else None)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 from xml.etree import ElementTree
 
-from linkage_vibration.prediction.inputs.topics import INPUT_TOPICS
+from linkage_vibration.prediction.inputs.presets import INPUT_TOPICS
 from linkage_vibration.support.resources import share_directory
 
 POLICY = share_directory() / "config" / "sros2" / "linkage_vibration.policy.xml"

@@ -244,11 +244,11 @@ def test_close_while_building(bench: Bench) -> None:
 def test_table_that_comes_too_late(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     """A table that is complete only after another configuration is not used."""
 
-    def rebuild(*_: object) -> tuple[LoadedModel, None]:
+    def rebuild(*_: object) -> tuple[Predictor, None]:
         bench.served.append(shipped())  # as if the node was configured again meanwhile
-        return shipped(), None
+        return shipped().predictor, None
 
-    monkeypatch.setattr("linkage_vibration.ros.services._rebuild", rebuild)
+    monkeypatch.setattr("linkage_vibration.ros.services.call_in_process", rebuild)
     answer = bench.wait(bench.goal(mass=1200.0, inertia=300.0)).result
     assert answer.message.endswith("The node was configured again; ask again.")
     assert len(bench.served) == 2

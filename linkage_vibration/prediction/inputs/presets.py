@@ -6,12 +6,11 @@ import math
 from dataclasses import dataclass
 
 from linkage_vibration.bags.message_types import CAN_FRAME, FLOAT64, ISOBUS_FRAME, JOINT_STATE
-from linkage_vibration.messages.topics import MEASUREMENT
+from linkage_vibration.messages.topics import MEASUREMENT, NodeTopic
 
 HITCH, ENGINE, PTO, GROUND = ("hitch", "engine", "pto", "ground")
 """The inputs, of which the last three are the values of `Source`."""
-PLAIN_TYPES = FLOAT64, MEASUREMENT
-"""Types whose messages can be any input, so that only the name of their topic says which."""
+PLAIN_TYPES = FLOAT64, MEASUREMENT  # can be any input; only the name of their topic says which
 
 _HIGHEST_RPM = 8031.875  # 0xFAFF steps of 0.125 rpm; higher values mean "error" or "not available"
 _HIGHEST_SPEED = 64.255  # m/s, the same in steps of 0.001 m/s
@@ -93,3 +92,9 @@ PRESETS: dict[str, dict[str, Preset]] = {
     },
 }
 """The presets of each input, of which the first is the default."""
+
+INPUT_DEPTH = 200  # messages of an input wait at most; a busy machine pauses the node for 0.1 s
+
+_BY_TOPIC = {each.topic: each for presets in PRESETS.values() for each in presets.values()}
+INPUT_TOPICS = tuple(NodeTopic(preset.topic, preset.type) for preset in _BY_TOPIC.values())
+"""The topics that the node subscribes to: one list for its arguments and its policy."""

@@ -31,13 +31,11 @@ from linkage_vibration.prediction.inputs.units import HitchScale, InputError, Re
 
 HEADER_TIME, RECEIPT_TIME = TIMES = ("header", "receipt")
 
-
 _NONE = np.zeros(0)
 _NO_NUMBERS = ScalarBatch(
     _NONE.astype(np.int64), _NONE, _NONE, _NONE.astype(np.int32), _NONE.astype(np.uint32), ""
 )
-MAX_BYTES = 1_000_000
-"""Larger messages of inputs are refused; a joint state of 10,000 joints has a third of it."""
+MAX_BYTES = 1_000_000  # of a message of an input; a joint state of 10,000 joints has a third
 
 
 def too_large(size: int) -> str:
@@ -66,11 +64,7 @@ class SourceSettings:
     own_field: bool = False  # whether a parameter gives the field
 
     def reader(self, schema: Schema) -> NumberReader:
-        """Return the reader of the number; the schema has the fields of the messages.
-
-        An `InputError` says that there is no such number, or no header although the time is to come
-        from it.
-        """
+        """Return the reader of the number in messages of a schema, or raise an `InputError`."""
         try:
             reader = READERS.get(self.type, _field_reader)(schema, self)
         except FieldError as error:
@@ -129,7 +123,6 @@ READERS: dict[str, Callable[[Schema, SourceSettings], NumberReader]] = {
 }
 """The readers of types that `FieldReader` does not read, or reads more slowly."""
 
-
 Stamped: TypeAlias = tuple[Reading, int, int, str, int]
 """A reading, its stamp (s and ns), its frame, and when it is assessed, ns."""
 
@@ -180,10 +173,7 @@ class InputReader:
 
 
 class CrankInput(InputReader):
-    """The crank angle, with the scale by which numbers become crank angles.
-
-    Its stamp is that of the header of its message, or else the time of receipt less the delay.
-    """
+    """The crank angle with its scale, stamped by a header, or by the receipt less the delay."""
 
     def __init__(self, settings: SourceSettings, schema: Schema, scale: HitchScale) -> None:
         super().__init__(settings, schema)
@@ -242,10 +232,7 @@ class CrankInput(InputReader):
 
 
 class SpeedInput(InputReader):
-    """A speed: gain * number + offset, rpm or m/s.
-
-    Its time is that of its receipt less the delay, or that of the header of its message.
-    """
+    """A speed, gain * number + offset, rpm or m/s, at the receipt less the delay, or its header."""
 
     def __init__(
         self, settings: SourceSettings, schema: Schema, gain: float, offset: float
@@ -255,10 +242,7 @@ class SpeedInput(InputReader):
         self._stamped = settings.time == HEADER_TIME
 
     def read_one(self, data: bytes, received: int) -> tuple[float, int] | None:
-        """Return a speed (rpm or m/s; NaN if it is not available) and its time, ns.
-
-        It is None if the message, received at a time (ns), does not contain the number.
-        """
+        """Return a speed, NaN if not available, and its time, ns; None without a number."""
         number_and_time = self._number(data, received)
         if number_and_time is None:
             return None

@@ -12,22 +12,17 @@ import scipy
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray
 
-ANGLES = {"rad": 1.0, "deg": math.pi / 180.0}
-"""Units of an angle, in rad."""
-CALIBRATED = ("percent", "m", "any")
-"""Units of a hitch position whose angle follows from the calibration."""
-ROTATIONS = {"rpm": 1.0, "rad/s": 30.0 / math.pi, "Hz": 60.0}
-"""Units of the speeds of engine and PTO, in rpm."""
-SPEEDS = {"m/s": 1.0, "km/h": 1.0 / 3.6}
-"""Units of the ground speed, in m/s."""
+ANGLES = {"rad": 1.0, "deg": math.pi / 180.0}  # Units of an angle, in rad
+CALIBRATED = ("percent", "m", "any")  # units of hitch positions whose angles the calibration gives
+ROTATIONS = {"rpm": 1.0, "rad/s": 30.0 / math.pi, "Hz": 60.0}  # of engine and PTO, in rpm
+SPEEDS = {"m/s": 1.0, "km/h": 1.0 / 3.6}  # Units of the ground speed, in m/s
 
 _NAMES = {unit.lower(): unit for unit in (*ANGLES, "percent", "m", *ROTATIONS, *SPEEDS)}
 _NAMES |= {"%": "percent", "°": "deg", "degree": "deg", "degrees": "deg", "1/min": "rpm"}
 _NAMES |= {"kph": "km/h", "kmh": "km/h"}
 _NAMES |= {each.lower(): each for each in ("mm", "cm", "in", "mph", "kn", "knots", "V", "mV", "mA")}
 
-PERCENT_STEP = 0.4
-"""Resolution of a hitch position on the ISO 11783 bus, % per bit."""
+PERCENT_STEP = 0.4  # Resolution of a hitch position on the ISO 11783 bus, % per bit
 
 _LONGEST = 10.0  # m; no part of a hitch moves so far
 
@@ -37,10 +32,7 @@ class InputError(LinkageVibrationError):
 
 
 def wrong_unit(stated: str, expected: str, name: str) -> str:
-    """Return that a number has another unit than the input expects; empty if that cannot be said.
-
-    ``stated`` is the unit in a description of the number, as people write it, and may be empty.
-    """
+    """Return that a stated unit is another than an input expects; empty if that is not sure."""
     unit = _NAMES.get(stated.strip().lower(), "")
     if not unit or expected in ("", "any", unit):
         return ""
@@ -65,11 +57,7 @@ class Reading:
 
 @dataclass(frozen=True)
 class HitchCurve:
-    """A monotone curve from a hitch position to the crank angle, through given points (PCHIP).
-
-    The pairs are a position and the crank angle there (rad), one pair after the other. Positions
-    ascend, and angles, which are at most a full turn, all ascend or all descend.
-    """
+    """A monotone curve (PCHIP) through pairs of a hitch position and the crank angle there, rad."""
 
     pairs: tuple[float, ...]
 

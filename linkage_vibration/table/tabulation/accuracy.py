@@ -4,8 +4,7 @@
 
 from dataclasses import dataclass
 
-TOLERANCE = 1e-6
-"""Default relative tolerance of natural frequencies."""
+TOLERANCE = 1e-6  # Default relative tolerance of natural frequencies
 
 LOOSER = 100.0
 """Ratio of the tolerance of peaks and FRFs to that of natural frequencies.
@@ -14,18 +13,10 @@ A relative error e of a resonance causes a relative error of its FRF of e / (sqr
 norm, by the derivative of a Lorentzian: a hundred times e at a damping ratio of 0.7 %.
 """
 
-FORCES_LOOSER = 10.0
-"""Ratio of the tolerance of forces to that of FRFs, as load ratios need fewer digits."""
-
-FRF_FLOOR = 1e-5
-"""Best tolerance of FRFs, since far poles represent the modes above the band."""
-
-MARGIN = 1.02
-"""Factor of the errors found, since the worst place lies between those compared."""
-
-CELL_SHARE = 0.05
-"""Share of the tolerance that the error of a cubic cell may have."""
-
+FORCES_LOOSER = 10.0  # Tolerance of forces over that of FRFs, as load ratios need fewer digits
+FRF_FLOOR = 1e-5  # Best tolerance of FRFs, since far poles represent the modes above the band
+MARGIN = 1.02  # Factor of the errors found, since the worst place lies between those compared
+CELL_SHARE = 0.05  # Share of the tolerance that the error of a cubic cell may have
 _CELL = 1e-9  # Larger errors of cells make a table hardly smaller.
 
 

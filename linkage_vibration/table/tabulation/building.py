@@ -163,10 +163,7 @@ def _table(sampler: Sampler, pieces: Sequence[RefinedPiece]) -> Table:
 def _deviations(
     sampler: Sampler, frequencies: FloatArray, variables: Sequence[float]
 ) -> FloatArray:
-    """Return standard deviations by the noise of links of the modes of a table, (2, n, n_modes).
-
-    They are those of the identified modes nearest to its frequencies, Hz, at stroke variables.
-    """
+    """Return deviations of the identified modes nearest to frequencies, Hz, (2, n, n_modes)."""
     if not sampler.measured:
         return np.empty((2, 0))
     deviations = []

@@ -55,8 +55,7 @@ _NEAR = 0.03  # A pole of coarser bodies may be off by this share of its decay.
 Meshed = dict[tuple[int, int], LinkageModel]  # by elements and modes of its links
 _Kept = tuple[IntArray, ComplexArray, FloatArray]  # indices of modes, their shapes, and signs
 
-N_ANGLES = 257
-"""Even angles over the range at which a table has the standard deviations."""
+N_ANGLES = 257  # Even angles over the range at which a table has the standard deviations
 
 _SEED = 7  # of the draws; the next one is that of those in place of pairs that are left out
 _FEW_LOST = 7  # One of so many pairs may be left out: what closes scatters less than what is drawn.
@@ -81,11 +80,7 @@ def with_uncertainty(
     drawn: dict[tuple[int, int], tuple[Mechanism, Meshed]],
     progress: Callable[[float], object],
 ) -> Table:
-    """Return a table with its deviations by uncertain numbers of its mechanism, and an ensemble.
-
-    It has no ensemble without FRFs, or if too many angles would be needed. Mechanisms that are
-    drawn are kept for the other half; ``progress`` is called with the finished fraction.
-    """
+    """Return a table with its deviations and, if it has FRFs and angles suffice, its ensemble."""
     mechanism = sampler.model.mechanism
     uncertainty = mechanism.uncertainty
     if uncertainty is None or not uncertainty.numbers:
@@ -192,10 +187,7 @@ class _Solver:
 
     @property
     def rough(self) -> bool:
-        """Whether the mechanism itself, or more members than can be left out, need more angles.
-
-        Members whose modes cannot be followed count at the fewest angles alone.
-        """
+        """Whether the mechanism itself, or more members than can be left out, need more angles."""
         few = len(self.nodes) == _N_NODES[0]
         n_rough = len(self._rough) + few * self._n_lost
         return 0 in self._rough or n_rough > _MOST_ROUGH * len(self._ranked)
@@ -242,10 +234,7 @@ class _Solver:
     def solve(
         self, known: tuple[LinkageModel, dict[float, _Modes]], member: int
     ) -> tuple[LinkageModel, list[_Modes], _Modes]:
-        """Return the model of a member, and its modes at the nodes and at one angle between two.
-
-        Modes that are known at some angles are taken, and those at others are added.
-        """
+        """Return the model of a member, and its modes at the nodes and at one angle between two."""
         model, modes = known
         angles = [*self.nodes.tolist(), float(self._between[member % len(self._between)])]
         if new := [angle for angle in angles if angle not in modes]:
@@ -299,10 +288,7 @@ class _Solver:
         return found
 
     def _check(self, member: int, here: ComplexArray, poles: ComplexArray) -> None:
-        """Compare the poles of a member at an angle between two nodes with its interpolation.
-
-        The poles of one that cannot be interpolated are discarded.
-        """
+        """Note by how much interpolation misses a member; discard its poles if by too much."""
         between, ranked = member % len(self._between), self._ranked[member]
         if np.isfinite(ranked).all():
             curve = PchipInterpolator(self._at, ranked - self._ranked[0])(self._at_between[between])
@@ -394,10 +380,7 @@ def _damped(solution: Solution, highest: float) -> DampedModes:
 
 
 def _oscillating(damped: DampedModes) -> tuple[ComplexArray, ComplexArray]:
-    """Return the oscillating poles, ascending, (k,), rad/s, and their shapes, (n, k).
-
-    Products of the shapes, by the undamped modes, are the residues of 1 / (s - pole).
-    """
+    """Return the oscillating poles, ascending, (k,), rad/s, and their shapes, (n, k)."""
     if damped.poles is not None:
         return damped.oscillating, damped.oscillating_shapes
     root = np.sqrt(damped.stiffness - damped.decay**2 / 4.0)

@@ -7,19 +7,13 @@ import numpy as np
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.response import PoleResidue
 
-SILENT_SHARE = 1e-6
-"""Share of the drive-point FRFs of two places: an FRF between them that is only rounding."""
+SILENT_SHARE = 1e-6  # of the drive-point FRFs of two places; a smaller FRF between them is rounding
 
-N_LINES = 201
-"""Frequencies at which FRFs are compared, in addition to those near resonances."""
+N_LINES = 201  # Frequencies at which FRFs are compared, in addition to those near resonances
 
 
 def frf_lines(exact: PoleResidue, band: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
-    """Return where FRFs are compared, Hz, (n_freq,), and weights, (n_freq, 1, 1).
-
-    The sum of the squares of weighted values is the integral of the squares over the band. The
-    resonances of the exact FRFs have more lines.
-    """
+    """Return lines, Hz, (n_freq,), denser at resonances, and L2 weights, (n_freq, 1, 1)."""
     lines = exact.lines(band, N_LINES)
     return lines, np.sqrt(np.gradient(lines))[:, np.newaxis, np.newaxis]
 

@@ -19,10 +19,7 @@ _ANGLES = 5  # The energy is computed at so many points of the table.
 
 
 def with_mode_names(table: Table, sampler: Sampler) -> Table:
-    """Return the table with a name for each mode, and its mean shares of kinetic energy.
-
-    Modes of links that are known by FRFs alone are numbered, as their energy is not known.
-    """
+    """Return the table with names of its modes, and mean shares of kinetic energy if known."""
     given = sampler.model.mechanism.response.mode_names
     if table.measured:
         both = zip_longest(given[: table.n_modes], range(table.n_modes), fillvalue="")
@@ -41,11 +38,7 @@ def with_mode_names(table: Table, sampler: Sampler) -> Table:
 
 
 def _same_modes(frequencies: FloatArray, omega: FloatArray) -> IntArray:
-    """Return which of the undamped modes (rad/s) the tracked modes (Hz) are, all different.
-
-    They are paired by frequency, which damping changes little. An overdamped mode, which has no
-    frequency, gets one of those that are left.
-    """
+    """Return which undamped modes (rad/s) tracked ones (Hz) are; overdamped ones get the rest."""
     logs = np.log(np.where(np.isnan(frequencies), np.inf, 2.0 * math.pi * frequencies))
     apart = np.abs(np.subtract.outer(logs, np.log(np.maximum(omega, MECHANISM / 10.0))))
     # Squares keep the order: sums of distances are equal where modes have moved past each other.

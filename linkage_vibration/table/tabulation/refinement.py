@@ -14,13 +14,12 @@ from linkage_vibration.table.tabulation.accuracy import Accuracy
 from linkage_vibration.table.tabulation.sampling import Sampler
 
 _SHORTER = 8.0  # Rounding is checked again when a piece is so many times shorter.
+_SHORTEST = 1e-7  # No joint sensor resolves this share of the stroke, 1e-5 deg of 90 deg.
 _BATCH = 3  # Three new points measure the error, which may be zero at a single one.
 _FIRST = 2 * _BATCH  # A piece begins with so many points.
-MOST = 48
-"""Points of a piece; if a polynomial needs more, halving the piece needs fewer."""
+MOST = 48  # Points of a piece; if a polynomial needs more, halving the piece needs fewer
 
-GRID = 201
-"""Places over a piece at which its polynomials are evaluated: four to each of its 48 points."""
+GRID = 201  # Places at which the polynomials of a piece are evaluated: four to each of 48 points
 
 _EQUALLY_GOOD = math.log(3.0)  # A solved point is used if its product is a third of Leja's.
 
@@ -53,10 +52,7 @@ def refine_pieces(
     refined: Callable[[list[float]], P | str],
     accuracy: Accuracy,
 ) -> list[P]:
-    """Refine pieces from their first points, the last first, and halve those that cannot be.
-
-    The function that refines a piece returns it, or the reason why it must be halved.
-    """
+    """Refine pieces from their first points; halve those for which ``refined`` returns why."""
     pieces, suspicious = list[P](), sampler.length
     while waiting:
         points = waiting.pop()
@@ -66,7 +62,7 @@ def refine_pieces(
             pieces.append(piece)
             sampler.finish(high - low)
             continue
-        if high - low < 2.0 * sampler.shortest:
+        if high - low < 2.0 * (_SHORTEST * sampler.length):
             raise sampler.too_short(low, piece)
         if high - low < suspicious:
             suspicious = (high - low) / _SHORTER

@@ -21,22 +21,15 @@ from linkage_vibration.table.pole_cells import oscillating, values_of
 from linkage_vibration.table.reduced import Numbers
 from linkage_vibration.table.table import TableError
 from linkage_vibration.table.tabulation.accuracy import LOOSER, Accuracy
-from linkage_vibration.table.tabulation.subspaces import (
-    PoleSample,
-    mass_root,
-    sample_identified,
-    sample_poles,
-)
+from linkage_vibration.table.tabulation.subspaces import PoleSample, sample_identified, sample_poles
 
 _REMEMBERED = 64  # So many solutions of the model are kept.
 _MANY = 8  # Up to so many points of a mechanism all have FRFs by default.
 _SILENT = float(np.finfo(float).tiny)  # m/N; a response that is not higher is none.
 _UNDAMPED = 1e-12  # A damping ratio below it is only rounding.
-MOST_SOLUTIONS = 3000
-"""Solutions of the model for one table: ten times those of the most difficult shipped linkage."""
+MOST_SOLUTIONS = 3000  # of a model for one table; the most difficult shipped linkage needs a tenth
 
 _CLEAR = 5.0  # Polynomials meet a tolerance of so many roundings.
-_SHORTEST = 1e-7  # No joint sensor resolves this share of the stroke, 1e-5 deg of 90 deg.
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,10 +41,7 @@ class Rounding:
 
 
 class Sampler:
-    """Solves a model at stroke variables (`interpolation.stroke_variable`), each once.
-
-    The place that is `seen` is the first of those where it moves without loads.
-    """
+    """Solves a model at stroke variables, each once; ``seen`` is the first of the outputs alone."""
 
     def __init__(
         self,
@@ -124,11 +114,6 @@ class Sampler:
     def length(self) -> float:
         """Length of the stroke, in its variable."""
         return self.ends[1] - self.ends[0]
-
-    @property
-    def shortest(self) -> float:
-        """Smallest step, in the stroke variable."""
-        return _SHORTEST * self.length
 
     def angle(self, variable: float) -> float:
         """Return the angle of a stroke variable, rad."""
@@ -232,7 +217,9 @@ class Sampler:
 
     @cached_property
     def _mass_root(self) -> FloatArray:
-        return mass_root(self.model)
+        """R with R^T R = M, the mass of the uncoupled components, (n, n)."""
+        values, vectors = np.linalg.eigh(self.model.system.mass)
+        return np.asarray(np.sqrt(np.maximum(values, 0.0))[:, np.newaxis] * vectors.T)
 
     def _checked_solution(self, alpha3: float) -> Solution:
         """Solve the model at an angle, rad, and count its modes at 0 Hz."""
@@ -274,10 +261,7 @@ class Sampler:
 def _places(
     model: LinkageModel, points: Sequence[str] | None
 ) -> tuple[tuple[Place, ...], tuple[Place, ...]]:
-    """Return the places between which the table has FRFs, and others that are outputs alone.
-
-    They are points, each in every direction. Loads excite the lateral half along y, and soil at z.
-    """
+    """Return the places between which the table has FRFs, and others that are outputs alone."""
     mechanism = model.mechanism
     mounts = () if mechanism.base is None else mechanism.base.mounts
     if points is None:

@@ -37,11 +37,9 @@ _DASHPOT = 0.2  # unless the limit is above this share of the slowest of their r
 _FLAT = 1e-5  # Beside poles below this share of the others, rounding spoils a series.
 _LEAVES = 0.5  # A state that continues a subspace has a smaller share outside it.
 
-N_FAR = 5
-"""Number of poles that represent all other modes."""
+N_FAR = 5  # Number of poles that represent all other modes
 
-N_FIT, N_CHECK = 3 * N_FAR + 4, 8
-"""Frequencies at which the sum of all other modes is fitted, and others at which it is checked."""
+N_FIT, N_CHECK = 3 * N_FAR + 4, 8  # Frequencies of the fit of other modes, and of its check
 
 
 Set = frozenset[int]
@@ -59,11 +57,7 @@ class Subspace:
     shapes: Numbers  # (n_rows, k): at the places and of the forces
 
     def on(self, left: Numbers) -> "Subspace":
-        """Return it on the basis to which ``left``, (k, n_states), leads.
-
-        This ``left`` is that of one subspace nearby, for all angles. A `LinAlgError` says that the
-        basis is poor.
-        """
+        """Return it on the basis of a nearby ``left``, (k, n_states), or raise a `LinAlgError`."""
         turn = left @ self.states
         if not np.isfinite(turn).all() or np.linalg.cond(turn) > _POOR:
             raise np.linalg.LinAlgError
@@ -136,12 +130,6 @@ def check_lines(band: tuple[float, float], *, free: bool) -> FloatArray:
     return np.asarray(2.0 * math.pi * lines)
 
 
-def mass_root(model: LinkageModel) -> FloatArray:
-    """Return R with R^T R = M, the mass of the uncoupled components, (n, n)."""
-    values, vectors = np.linalg.eigh(model.system.mass)
-    return np.asarray(np.sqrt(np.maximum(values, 0.0))[:, np.newaxis] * vectors.T)
-
-
 def sample_poles(
     solution: Solution, root: FloatArray, powers: Numbers, n_inputs: int
 ) -> PoleSample:
@@ -166,10 +154,7 @@ def sample_poles(
 
 
 def sample_identified(identified: IdentifiedSolution, response: Response) -> PoleSample:
-    """Return the poles that are identified from FRFs, and their subspace.
-
-    The only place is that of the highest peak; no mass makes the shapes orthogonal.
-    """
+    """Return poles identified from FRFs, and their subspace; shapes are not orthogonal."""
     modes = identified.identified
     omega = modes.omega
     viscous, loss = np.diag(2.0 * modes.damping_ratios * omega), np.zeros((len(omega), len(omega)))
@@ -279,10 +264,7 @@ class _Motion:
         lines: FloatArray,
         lowest: float,
     ) -> ComplexArray:
-        """Return what `_moved` returns, from the poles of a subspace and a series for the others.
-
-        The series is one of powers of s over the lowest of the other poles, rad/s.
-        """
+        """Return `_moved` by the poles of a subspace, and a series in s over the lowest other."""
         n, s = len(self.omega), 1j * lines[:, np.newaxis, np.newaxis]
         left = np.linalg.solve(inertia, above)
         into = self.rows[0, : self.n_inputs].T

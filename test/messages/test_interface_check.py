@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from linkage_vibration.ros.interface_check import InterfaceError, check_interfaces
+from linkage_vibration.messages.definitions import DefinitionError, check_interfaces
 from linkage_vibration.support.resources import share_directory
 
 
@@ -47,6 +47,6 @@ def test_another_version(
     if not refused:
         return check_interfaces()
     match = rf"{name.partition('.')[0]} differs, .* install linkage_vibration_interfaces \d"
-    with pytest.raises(InterfaceError, match=match):
+    with pytest.raises(DefinitionError, match=match):
         check_interfaces()
     return None
