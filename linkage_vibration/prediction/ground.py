@@ -70,6 +70,7 @@ _FLATTEST = 0.1  # of exponents of coherence; tracks with a flatter spectrum are
 _FARTHEST = 500.0  # of x, where the coherence is 0 in double precision
 _OTHERS = [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]]  # of four neighbours
 _PRODUCTS = np.array([[-6.0], [2.0], [-2.0], [6.0]])  # of the distances of each to the others
+_ERFC = np.frompyfunc(math.erfc, 1, 1)  # scipy.special takes long to import.
 _BLOCK = 32, 256  # OpenBLAS multiplies two matrices of this shape with one thread.
 
 
@@ -234,7 +235,8 @@ def off_ground_share(loads: Reals, forces2: Reals) -> FloatArray:
     if not len(loads):
         return np.full(loads.shape[1], math.nan)
     with np.errstate(divide="ignore", invalid="ignore"):  # no force
-        return np.asarray(scipy.special.ndtr(-loads / np.sqrt(forces2)).max(axis=0))
+        least = (loads / np.sqrt(2.0 * forces2)).min(axis=0)
+    return np.asarray(_ERFC(least), dtype=float) / 2.0
 
 
 def vertical_mounts(mechanism: Mechanism) -> tuple[Mount, ...]:
