@@ -195,7 +195,7 @@ class _Motion:
         self, alpha3: float, response: Response, free: bool, *, orthogonal: bool = True
     ) -> PoleSample:
         """Return the poles and their subspace; ``orthogonal`` says that the shapes are."""
-        scale, viscous = reach(response.band), not self.loss.any()
+        scale, viscous, near = reach(response.band), not self.loss.any(), None
         elastic = self.omega[self.omega >= MECHANISM]
         limit = _WIDER * max(scale, float(elastic[min(response.modes, len(elastic)) - 1]))
         if viscous:
@@ -210,13 +210,14 @@ class _Motion:
             t = np.asarray(-np.linalg.solve(inertia, stiffness))
             poles = np.linalg.eigvals(t).astype(complex)
             powers = q, v, v @ t
-            near = np.vstack([q, v]), inertia, np.hstack(rows), t
+            if not self._is_diagonal:
+                near = np.vstack([q, v]), np.linalg.solve(inertia, np.hstack(rows)), t
         else:
             t, q, poles, others = _structural(self.omega, self.loss, limit)
             states, above = self.turned @ q, q.T @ self.turned.T
             inertia = q.T @ q
             stiffness = inertia @ t
-            powers, near = (q, 0.0 * q, -q @ t), None
+            powers = q, 0.0 * q, -q @ t
         basis, turn = np.linalg.qr(states)  # a basis that is well-conditioned
         back = np.linalg.inv(turn)
         inertia, stiffness = back.T @ inertia @ back, back.T @ stiffness @ back
@@ -226,7 +227,7 @@ class _Motion:
         shapes = sum(row @ power for row, power in zip(self.rows, powers, strict=False)) @ back
         whole = Subspace(basis, left, inertia, stiffness, shapes if viscous else shapes + 0j)
         lines, lowest = check_lines(response.band, free=free), np.abs(others).min(initial=math.inf)
-        if near is None or self._is_diagonal or np.abs(poles).min() < _FLAT * lowest:
+        if near is None or np.abs(poles).min() < _FLAT * lowest:
             moved = self._moved(lines)
         else:
             moved = self._moved_beside(*near, lines, float(lowest))
@@ -271,20 +272,13 @@ class _Motion:
         return solve_stack(dynamic, into.astype(complex))
 
     def _moved_beside(
-        self,
-        states: Numbers,
-        inertia: Numbers,
-        above: Numbers,
-        t: Numbers,
-        lines: FloatArray,
-        lowest: float,
+        self, states: Numbers, left: Numbers, t: Numbers, lines: FloatArray, lowest: float
     ) -> ComplexArray:
         """Return what `_moved` returns, from the poles of a subspace and a series for the others.
 
         The series is one of powers of s over the lowest of the other poles, rad/s.
         """
         n, s = len(self.omega), 1j * lines[:, np.newaxis, np.newaxis]
-        left = np.linalg.solve(inertia, above)
         into = self.rows[0, : self.n_inputs].T
         near = left[:, n:] @ into
         moved = states[:n] @ np.linalg.solve(s * np.eye(len(t)) - t, near + 0.0 * s)
