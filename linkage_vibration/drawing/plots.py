@@ -4,6 +4,7 @@
 
 import io
 import sys
+import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -44,10 +45,13 @@ def png_bytes(figure: "Figure") -> bytes:
     """Return a figure as the content of a PNG file."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    png = io.BytesIO()
-    _find_fonts(figure)
     canvas: Any = FigureCanvasAgg(figure)
-    canvas.print_png(png)  # savefig draws a figure with a layout twice
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        canvas.print_png(png := io.BytesIO())  # savefig draws a figure with a layout twice
+    if caught:  # The usual font lacks some characters.
+        _find_fonts(figure)
+        canvas.print_png(png := io.BytesIO())
     return png.getvalue()
 
 

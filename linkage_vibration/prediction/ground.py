@@ -220,7 +220,8 @@ def off_ground_share(loads: Reals, forces2: Reals) -> FloatArray:
         return np.full(loads.shape[1], math.nan)
     # The sum of the forces by all excitations is taken as normally distributed.
     with np.errstate(divide="ignore", invalid="ignore"):  # no force
-        return np.asarray(normal_share(-loads / np.sqrt(forces2)).max(axis=0))
+        least = (loads / np.sqrt(forces2)).min(axis=0)
+    return normal_share(-least)
 
 
 def vertical_mounts(mechanism: Mechanism) -> tuple[Mount, ...]:

@@ -20,6 +20,7 @@ from linkage_vibration.mechanics.description import (
 )
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.response import (
+    FarPoles,
     PoleResidue,
     ResponseError,
     far_poles,
@@ -156,3 +157,15 @@ def test_frequencies_that_are_no_numbers(model: LinkageModel) -> None:
     assert solution.drive_point.frf(np.empty(0)).shape == (0, 1, 1)
     assert solution.frf([], ["E1.z"]).frf(np.array([1.0])).shape == (1, 0, 1)
     assert solution.frf(["E1.z"], []).frf(np.array([1.0])).shape == (1, 1, 0)
+
+
+def test_sum_of_one_far_pole_and_its_slope() -> None:
+    """By hand at s = 2i: 1 + (3 + 4 s) / (5 + s + s^2) and i times its derivative with s."""
+    far, w, weights = FarPoles(np.array([5.0 + 0j]), np.array([1.0])), np.array([2.0]), [1, 3, 4]
+    s, below = 2j, 1.0 + 2j
+    value, slope = far.with_slopes(w, np.array([weights]))
+    assert value[0] == pytest.approx(1.0 + (3.0 + 4.0 * s) / below)
+    assert slope[0] == pytest.approx(
+        1j * (4.0 * below - (3.0 + 4.0 * s) * (1.0 + 2.0 * s)) / below**2
+    )
+    assert far.sums(w, np.array(weights)[:, np.newaxis])[0, 0] == pytest.approx(value[0])

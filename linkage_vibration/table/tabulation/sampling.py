@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -51,8 +51,10 @@ class Sampler:
         seen: Place | None = None,
     ) -> None:
         self.model = model
-        self._solutions: dict[float, Solution] = {}  # by the angle, rad
-        self._powers: dict[float, Numbers] = {}  # of those that are not sampled yet
+        # The names and the deviations of modes use the same solutions; each takes up to megabytes.
+        self.solution = lru_cache(_REMEMBERED)(self._solve)
+        self._ready: dict[float, Solution] = {}  # by the angle, rad
+        self._powers: dict[float, Numbers] = {}
         self.response = model.mechanism.response
         self.measured = model.measured_frequencies is not None
         self.places, moved = ((), ()) if self.measured else _places(model, points)
@@ -68,27 +70,17 @@ class Sampler:
         # The ends of the stroke to the last bit, which the variable does not return.
         self._angles = dict(zip(self.ends, model.mechanism.stroke, strict=True))
 
-    def solution(self, alpha3: float) -> Solution:
-        """Return the solution at an angle, rad, which names and deviations of modes use again."""
-        if alpha3 not in self._solutions:
-            self._keep(alpha3, self.model.solve(alpha3))
-        return self._solutions[alpha3]
-
-    def _keep(self, alpha3: float, solution: Solution) -> None:
-        """Keep the last solutions, each of which takes up to megabytes."""
-        self._solutions[alpha3] = solution
-        if len(self._solutions) > _REMEMBERED:
-            del self._solutions[next(iter(self._solutions))]
+    def _solve(self, alpha3: float) -> Solution:
+        return self._ready.pop(alpha3, None) or self.model.solve(alpha3)
 
     def prepare(self, variables: Sequence[float]) -> None:
         """Solve the model at all of some stroke variables together, which takes less time."""
         angles = [self.angle(x) for x in variables if x not in self._poles]
-        if self.measured or len(angles) < 2:
+        if self.measured or not angles:
             return
         with suppress(LinkageVibrationError):  # `at` finds the angle of an error.
             stack = self.model.stack(angles)
-            for alpha3, solution in zip(angles, stack.rows, strict=True):
-                self._keep(alpha3, solution)
+            self._ready = dict(zip(angles, stack.rows, strict=True))
             powers = stack.powers([*self.pole_places, *self.rows])
             self._powers = dict(zip(angles, powers, strict=True))
 

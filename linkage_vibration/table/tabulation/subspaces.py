@@ -21,7 +21,7 @@ from linkage_vibration.mechanics.arrays import (
     solve_stack,
 )
 from linkage_vibration.mechanics.description import Response
-from linkage_vibration.mechanics.model import IdentifiedSolution, LinkageModel, Solution
+from linkage_vibration.mechanics.model import IdentifiedSolution, Solution
 from linkage_vibration.mechanics.modes import MECHANISM, mixed_damping, modal_damping
 from linkage_vibration.mechanics.response import peak_search_band, reach
 from linkage_vibration.table.reduced import Numbers, frf_pairs
@@ -180,7 +180,7 @@ class _Motion:
         self, alpha3: float, response: Response, free: bool, *, orthogonal: bool = True
     ) -> PoleSample:
         """Return the poles and their subspace; ``orthogonal`` says that the shapes are."""
-        scale, viscous = reach(response.band), not self.loss.any()
+        scale, viscous, near = reach(response.band), not self.loss.any(), None
         elastic = self.omega[self.omega >= MECHANISM]
         limit = _WIDER * max(scale, float(elastic[min(response.modes, len(elastic)) - 1]))
         if viscous:
@@ -195,13 +195,14 @@ class _Motion:
             t = np.asarray(-np.linalg.solve(inertia, stiffness))
             poles = np.linalg.eigvals(t).astype(complex)
             powers = q, v, v @ t
-            near = np.vstack([q, v]), inertia, np.hstack(rows), t
+            if not self._is_diagonal:
+                near = np.vstack([q, v]), np.linalg.solve(inertia, np.hstack(rows)), t
         else:
             t, q, poles, others = _structural(self.omega, self.loss, limit)
             states, above = self.turned @ q, q.T @ self.turned.T
             inertia = q.T @ q
             stiffness = inertia @ t
-            powers, near = (q, 0.0 * q, -q @ t), None
+            powers = q, 0.0 * q, -q @ t
         basis, turn = np.linalg.qr(states)  # a basis that is well-conditioned
         back = np.linalg.inv(turn)
         inertia, stiffness = back.T @ inertia @ back, back.T @ stiffness @ back
@@ -211,7 +212,7 @@ class _Motion:
         shapes = sum(row @ power for row, power in zip(self.rows, powers, strict=False)) @ back
         whole = Subspace(basis, left, inertia, stiffness, shapes if viscous else shapes + 0j)
         lines, lowest = check_lines(response.band, free=free), np.abs(others).min(initial=math.inf)
-        if near is None or self._is_diagonal or np.abs(poles).min() < _FLAT * lowest:
+        if near is None or np.abs(poles).min() < _FLAT * lowest:
             moved = self._moved(lines)
         else:
             moved = self._moved_beside(*near, lines, float(lowest))
@@ -256,17 +257,10 @@ class _Motion:
         return solve_stack(dynamic, into.astype(complex))
 
     def _moved_beside(
-        self,
-        states: Numbers,
-        inertia: Numbers,
-        above: Numbers,
-        t: Numbers,
-        lines: FloatArray,
-        lowest: float,
+        self, states: Numbers, left: Numbers, t: Numbers, lines: FloatArray, lowest: float
     ) -> ComplexArray:
         """Return `_moved` by the poles of a subspace, and a series in s over the lowest other."""
         n, s = len(self.omega), 1j * lines[:, np.newaxis, np.newaxis]
-        left = np.linalg.solve(inertia, above)
         into = self.rows[0, : self.n_inputs].T
         near = left[:, n:] @ into
         moved = states[:n] @ np.linalg.solve(s * np.eye(len(t)) - t, near + 0.0 * s)

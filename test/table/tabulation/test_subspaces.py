@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.coupling import assembled_frf
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
@@ -133,3 +134,25 @@ def test_poles_beside_far_modes(mapping: Any, dashpot: float, near: float) -> No
     for pole in exact:
         assert np.abs(found - pole).min() < 1e-9 * abs(pole.real) + rounding
     assert np.abs(others).min() > limit
+
+
+@pytest.mark.parametrize("stacks", [True, False])
+def test_points_solved_together(
+    mapping: Any, monkeypatch: pytest.MonkeyPatch, stacks: bool
+) -> None:
+    """They have the poles and FRFs of points solved alone, which those that fail together are."""
+    _, together, variable = sampled(mapping, CASES["loss"])
+    _, alone, _ = sampled(mapping, CASES["loss"])
+    variables = [variable, variable + 0.01, variable + 0.02]
+    if not stacks:
+        monkeypatch.setattr(LinkageModel, "stack", _fail)
+    together.prepare(variables)
+    assert len(together._powers) == (3 if stacks else 0)
+    for x in variables:
+        one, other = together.at(x), alone.at(x)
+        assert one.poles == pytest.approx(other.poles, rel=1e-10)
+        np.testing.assert_allclose(one.totals, other.totals, rtol=1e-8)
+
+
+def _fail(*_: object) -> None:
+    raise LinkageVibrationError("One of the angles has no solution.")
