@@ -23,6 +23,9 @@ from linkage_vibration.support.resources import DEFAULT_MECHANISM, config_file
 from linkage_vibration.support.yaml_size import refuse_unbounded
 
 
+_SHALLOW = 2000  # beginnings of collections; the loader in C ends the process at some depth
+
+
 def read_mechanism(path: str | Path | None = None) -> Mechanism:
     """Read and validate a mechanism.
 
@@ -55,8 +58,9 @@ def load_yaml(path: Path) -> tuple[Any, str]:
         problem = "is not a path; give the path of a YAML file."
         raise MechanismError(repr(str(path)), problem) from None
     try:
-        with suppress(yaml.YAMLError):
-            return yaml.load(text, _QuickLoader), text
+        if sum(map(text.count, "[{-?")) < _SHALLOW:
+            with suppress(yaml.YAMLError):
+                return yaml.load(text, _QuickLoader), text
         return yaml.load(text, _StrictLoader), text  # whose errors say more
     except yaml.YAMLError as error:
         raise MechanismError(str(path), f"is not valid YAML: {_one_line(error)}") from None

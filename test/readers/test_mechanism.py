@@ -34,6 +34,8 @@ def test_the_printed_linkage_differs_by_one_length(
         (b"", "mapping"),
         (b"? [1]\n: 2\n", "unhashable key"),
         (b"2026-99-99: 1", "YAML"),
+        (b"- " * 200_000, "recursion"),
+        (b"[" * 200_000, "recursion"),
     ],
 )
 def test_invalid_files(tmp_path: Path, text: bytes, words: str) -> None:
