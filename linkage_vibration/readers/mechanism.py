@@ -22,7 +22,6 @@ from linkage_vibration.support.atomic_files import read_text
 from linkage_vibration.support.resources import DEFAULT_MECHANISM, config_file
 from linkage_vibration.support.yaml_size import refuse_unbounded
 
-
 _SHALLOW = 2000  # beginnings of collections; the loader in C ends the process at some depth
 
 
