@@ -3,6 +3,7 @@
 """The ground as one of the excitations: its description, levels, states, sentences and logs."""
 
 import math
+from functools import cache
 from pathlib import Path
 from statistics import NormalDist
 from typing import Any
@@ -54,6 +55,7 @@ def described(**changes: Any) -> tuple[Excitation, ...]:
     return excitations_from_mapping({"shaft": SHAFT, "field": GROUND | changes})
 
 
+@cache
 def levels_of(predictor: Predictor, excitations: tuple[Excitation, ...]) -> LevelTable:
     """Return the levels of excitations on the shipped tractor."""
     return LevelTable(predictor, read_mechanism(config_file(DEFAULT_MECHANISM)), excitations)

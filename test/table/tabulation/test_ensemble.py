@@ -15,8 +15,6 @@ from linkage_vibration.table.interpolation import interpolation_matrix, stroke_v
 from linkage_vibration.table.tabulation import build_table
 from linkage_vibration.table.tabulation.ensemble import _nodes, first_widest
 
-LONG = [pytest.param(category, marks=pytest.mark.nightly) for category in (1, 3, 4)]
-
 
 @pytest.mark.parametrize(("wider", "first"), [(9e-7, 1), (1.1e-6, 3)])
 def test_the_last_bit_does_not_choose_where_modes_are_followed_from(
@@ -35,15 +33,6 @@ def test_nodes_are_those_of_chebyshev() -> None:
     actual = _nodes(table, 5)
     np.testing.assert_allclose(actual, expected, rtol=1e-14)
     assert (actual[0], actual[-1]) == (1.1, 2.9)
-
-
-@pytest.mark.parametrize("category", [*LONG, 2])
-def test_members_of_starters_are_known(category: int) -> None:
-    """At most one of 20 models with other numbers cannot be followed, so that factors are known."""
-    mechanism = read_mechanism(config_file(f"starters/category_{category}.yaml"))
-    for half in build_table(LinkageModel(mechanism)).halves:
-        assert len(half.ensemble_poles) == 65
-        assert np.isnan(half.ensemble_poles).any(axis=(1, 2)).mean() <= 0.05
 
 
 def test_members_that_mix_the_modes_of_the_mechanism() -> None:
