@@ -29,7 +29,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Hundreds of processes start, and without compiled files each of them compiles all that it imports.
 unexport PYTHONDONTWRITEBYTECODE
 # Many tests wait for other processes, so more of them run than the machine has processors.
-beside := -n 4 --dist loadfile
+beside := -n 3 --dist loadfile
 # Pages are built with the newest versions alone.
 older := bags,plots,test
 in_venv = @. $(venv)/bin/activate &&

@@ -134,7 +134,7 @@ def measure() -> None:
             "-p",
             "benchmark.line_tests",
             "-n",
-            "4",
+            "3",
             "--dist",
             "loadfile",
         ]
