@@ -47,7 +47,7 @@ def png_bytes(figure: "Figure") -> bytes:
 
     canvas: Any = FigureCanvasAgg(figure)
     with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+        warnings.filterwarnings("always", "Glyph")
         canvas.print_png(png := io.BytesIO())  # savefig draws a figure with a layout twice
     if caught:  # The usual font lacks some characters.
         _find_fonts(figure)

@@ -31,13 +31,14 @@ def draw_sweep(ax: "Axes", sweep: Any) -> None:
     if not axes:
         raise PlotError("The dataset has one solution, so there is no axis; `sel` fewer numbers.")
     if len(modes) > (most := len(set(palette.mode_colours(99)))):
-        raise PlotError(f"{len(modes)} modes cannot be told apart; `sel` at most {most} of them.")
+        problem = f"{len(modes)} modes cannot be distinguished"
+        raise PlotError(f"{problem}; `sel` at most {most} of them.")
     along = max(axes, key=lambda name: int(frequencies.sizes[name]))
     others = [name for name in axes if name != along]
     rows = frequencies.transpose(*others, along, "mode").values
     rows = rows.reshape(-1, *rows.shape[-2:])
     if not 0 < len(rows) <= len(_STYLES):
-        problem = f"{len(rows)} combinations of {' and '.join(others)} cannot be told apart"
+        problem = f"{len(rows)} combinations of {' and '.join(others)} cannot be distinguished"
         raise PlotError(f"{problem}; choose at most {len(_STYLES)} of them with `sel`.")
     x, label = sweep[along].values, plain(along)
     if along == "alpha3":
@@ -65,7 +66,7 @@ def draw_frf(figure: "Figure", frf: Frf) -> None:
     """Draw each FRF with its error as a band about the magnitude, and below it the phase."""
     pairs = [(i, j) for i in range(len(frf.outputs)) for j in range(len(frf.inputs))]
     if not 0 < len(pairs) <= _MOST:
-        raise PlotError(f"{len(pairs)} FRFs cannot be told apart; choose 1 to {_MOST} of them.")
+        raise PlotError(f"{len(pairs)} FRFs cannot be distinguished; choose 1 to {_MOST} of them.")
     upper, lower = figure.subplots(2, sharex=True, height_ratios=[2.0, 1.0])
     mark = "o" if len(frf.frequencies) == 1 else ""
     for (i, j), colour in zip(pairs, palette.mode_colours(len(pairs)), strict=True):

@@ -20,7 +20,7 @@ _BESIDE = np.array([-5.0, -4.0, -3.0, 3.0, 4.0, 5.0]) / SECONDS  # Hz, where onl
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Orders:
-    """Orders in m windows of a signal; squares are NaN where orders are not told apart."""
+    """Orders in m windows of a signal; squares are NaN where two orders are too close."""
 
     times: FloatArray  # (m,), middles, s
     speeds: FloatArray  # (m, n_excitations), means, rpm or m/s; NaN if not known

@@ -61,8 +61,9 @@ def linkage_doubts(model: LinkageModel) -> Iterator[str]:
 def tabulated_doubts(mechanism: Mechanism, table: Table) -> Iterator[str]:
     """Return what `linkage_doubts` yields, by the forces at rest that a table has already."""
     mounts = () if mechanism.base is None else mechanism.base.mounts
-    places = [tyre_place(mount.name) for mount in mounts if table.force_places]
-    tyres = [table.forces.index(place) for place in places]
+    if mounts and not table.forces:  # A table of a tractor that rolls freely has none.
+        return linkage_doubts(LinkageModel(mechanism))
+    tyres = [table.forces.index(tyre_place(mount.name)) for mount in mounts]
 
     def mount_loads(alpha3: float) -> FloatArray:
         return -table.components_at_rest(np.array([alpha3]))[tyres, 0]
@@ -252,7 +253,7 @@ def _tips(base: Base, loads: FloatArray, stroke: Sequence[float]) -> Iterator[st
         place = f"at x = {centre:g} m, not between {rear.name} and {front.name}, so it tips"
         plausible = f"{low:.2f} to {high:.2f} m is plausible"
         yield f"The centre of gravity of the base is {place}; {plausible}."
-    elif (least := np.nan_to_num(loads).min(initial=0.0)) < 0.0:
+    elif (least := np.nan_to_num(loads).min()) < 0.0:
         row, column = np.argwhere(loads == least)[0]
         at = f"{base.mounts[column].name} at alpha3 = {math.degrees(stroke[row]):.0f} deg"
         own = _STEERS * base.body.mass

@@ -105,8 +105,24 @@ _FILES = {"matrices": _matrices, "frfs": _frfs}
 """What reads the body of a link from a file, by the ``kind`` of the file."""
 
 
+def _whole_number(loader: Any, node: Any) -> int:
+    """Return a whole number that a float can hold."""
+    value = loader.construct_yaml_int(node)
+    try:
+        float(value)
+    except OverflowError:
+        raise yaml.constructor.ConstructorError(
+            None, None, "the number is too large", node.start_mark
+        ) from None
+    return int(value)
+
+
 class _Strict(yaml.constructor.SafeConstructor):
     """Loads plain data of bounded size; a repeated key, which YAML drops silently, is an error."""
+
+    yaml_constructors = yaml.constructor.SafeConstructor.yaml_constructors | {
+        "tag:yaml.org,2002:int": _whole_number
+    }
 
     def construct_document(self, node: Any) -> Any:
         refuse_unbounded(node)
@@ -131,28 +147,12 @@ class _Strict(yaml.constructor.SafeConstructor):
         return super().construct_mapping(node, deep)
 
 
-def _whole_number(loader: Any, node: Any) -> int:
-    """Return a whole number that a float can hold."""
-    value = loader.construct_yaml_int(node)
-    try:
-        float(value)
-    except OverflowError:
-        raise yaml.constructor.ConstructorError(
-            None, None, "the number is too large", node.start_mark
-        ) from None
-    return int(value)
-
-
 class _QuickLoader(_Strict, getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
     """The loader in C, which takes a tenth of the time."""
 
 
 class _StrictLoader(_Strict, yaml.SafeLoader):
     """The loader in Python."""
-
-
-for _loader in (_QuickLoader, _StrictLoader):
-    _loader.add_constructor("tag:yaml.org,2002:int", _whole_number)
 
 
 def _one_line(error: yaml.YAMLError) -> str:

@@ -171,7 +171,7 @@ def _orders_answer(sensor: SensorComparison) -> str:
     if alone := sum(row.is_detected for row in others):
         parts.append(f"{_count(alone, 'more order')} above the noise cannot be predicted.")
     if below := len(others) - alone:
-        parts.append(f"{_count(below, 'more order')} cannot be told from the noise.")
+        parts.append(f"{_count(below, 'more order')} cannot be distinguished from the noise.")
     return " ".join(parts)
 
 

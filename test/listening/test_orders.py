@@ -99,7 +99,7 @@ def test_a_tone_beside_an_order_is_noise(bins: int, share: float) -> None:
 
 @pytest.mark.parametrize(("apart", "known"), [(0.6, True), (0.4, False)])
 def test_orders_that_meet_are_not_known(apart: float, known: bool) -> None:
-    """Two lines less than 0.5 Hz apart cannot be told from each other in 4 s."""
+    """Two lines less than 0.5 Hz apart cannot be distinguished in 4 s."""
     values = np.cos(2.0 * math.pi * 30.0 * TIMES)
     mapping = {"pto": {"speed": "pto", "orders": [1.0, 1.0 + apart / 30.0]}}
     signal = Signal(sensor(), TIMES, np.column_stack([values] * 3), RATE, ())

@@ -39,6 +39,7 @@ from linkage_vibration.support.resources import DEFAULT_MECHANISM, config_file
 from linkage_vibration.table.table import TableError, load_table
 from linkage_vibration.table.tabulation import build_table
 from test.mechanics.test_forces import LEVER
+from test.support.in_plane import in_plane
 
 AXLE = {"stiffness": [7e5, 7e5], "damping": [4e3, 4e3]}
 TRACTOR: dict[str, Any] = {
@@ -96,6 +97,21 @@ def test_a_table_says_which_axle_has_no_load() -> None:
     stroke = np.linspace(*mechanism.stroke, 9).tolist()
     heaviest = max(LinkageModel(mechanism).mount_loads(angle).max() for angle in stroke)
     assert f" is -{heaviest / 9.80665:.0f} kg, so the tractor tips" in text
+
+
+def test_a_table_without_forces_hides_no_doubt() -> None:
+    """A tractor that rolls freely tips under 4 t as well, although its table has no forces."""
+    mapping = in_plane(yaml.safe_load(config_file(DEFAULT_MECHANISM).read_text()))
+    del mapping["uncertainty"]
+    mapping["rigid_bodies"]["implement"]["mass"] = 4000.0
+    for mount in mapping["base"]["mounts"].values():
+        mount["stiffness"][0] = mount["damping"][0] = 0.0
+    mechanism = mechanism_from_mapping(mapping)
+    table = build_table(LinkageModel(mechanism), 1e-3)
+    assert (table.free_modes, table.forces) == (1, ())
+    assert any(
+        "front_axle" in text and "tips" in text for text in tabulated_doubts(mechanism, table)
+    )
 
 
 @pytest.mark.parametrize(("centre", "tips"), [(-3.01, 1), (-2.99, 0), (-0.51, 0), (-0.49, 1)])
