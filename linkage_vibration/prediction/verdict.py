@@ -169,8 +169,10 @@ def all_known(drive: Drive) -> BoolArray:
 def sources_known(drive: Drive) -> BoolArray:
     """Return when each source is known, (n,), also where no static force is to compare with."""
     of = drive.resonances
-    known = (of.unknown_sources == 0) & (of.states != ResonanceState.UNKNOWN).all(axis=1)
-    return np.asarray(known)
+    # A load that is not known may be high where its order is near a mode, or while it still warns.
+    lost = (of.states >= ResonanceState.NOTE) & np.isnan(of.load_ratios)
+    lost |= of.states == ResonanceState.UNKNOWN
+    return np.asarray((of.unknown_sources == 0) & ~lost.any(axis=1))
 
 
 def durations(drive: Drive, limit: float | None = None) -> Durations:
@@ -397,7 +399,7 @@ def _partly_unknown(
     for i, excitation in enumerate(excitations[: len(drive.names)]):
         unknown = drive.resonances.states[:, i] == ResonanceState.UNKNOWN
         time = drive.time_in(unknown & others & ~_without(drive, excitation.source))
-        if has_load[i] and excitation.terrain is None and time >= _SHORT:
+        if has_load[i] and excitation.is_order and time >= _SHORT:
             lost[drive.names[i]] = time
     if not lost:
         return []

@@ -295,7 +295,7 @@ def _mode_chart(log: Log) -> dict[str, Any]:
     if _excitations_shown(log) and log.drive is not None:
         title += ", and orders"
         orders = log.excitations[: len(log.drive.names)]
-        shown = [i for i, each in enumerate(orders) if not each.terrain]
+        shown = [i for i, each in enumerate(orders) if each.is_order]
         shares = log.drive.resonances.load_ratios[:, shown] / log_limits(log).warning
         weak = {"colour": "#b0b0b0"}
         words = (
@@ -537,4 +537,4 @@ def _excitations_shown(log: Log) -> list[Excitation]:
         for source, (times, _) in all_speeds(log).items()
         if source not in log.speeds or (np.diff(times) <= stale).any()
     }
-    return [each for each in log.excitations if each.source in known and not each.terrain]
+    return [each for each in log.excitations if each.source in known and each.is_order]

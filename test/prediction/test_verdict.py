@@ -102,6 +102,17 @@ def test_orders_that_are_not_known_are_not_quiet() -> None:
     np.testing.assert_allclose(parts[1], [0.3, math.nan, 0.3, math.nan], rtol=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("state", "load", "known"),
+    [(CLEAR, math.nan, 1.0), (NOTE, 0.2, 1.0), (NOTE, math.nan, 0.0), (WARNING, math.nan, 0.0)],
+)
+def test_an_unknown_load_near_a_mode_is_not_calm(state: int, load: float, known: float) -> None:
+    """An order whose load is not known is below a limit only if it is near no mode."""
+    each = {"states": np.full((3, 2), state), "load_ratios": np.array([[0.1, load]] * 3)}
+    actual = drive([NOTE] * 3, [0.1] * 3, unknown_sources=np.zeros(3, int), **each)
+    assert durations(actual).known_share == known
+
+
 def test_the_largest_load_may_be_too_short_to_warn(excitations: tuple[Excitation, ...]) -> None:
     """A load of 7 for one message is the largest, although only a load of 0.4 warned."""
     text = sentence(drive([NOTE, NOTE, WARNING, CLEAR], [7.0, 0.05, 0.4, 0.0]), excitations)
