@@ -19,6 +19,7 @@ from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.excitation import Source
+from linkage_vibration.prediction.judge import InputFault
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.prediction.severity import ResonanceState
 from linkage_vibration.prediction.verdict import contributions, episodes
@@ -67,16 +68,23 @@ def test_only_invalid_angles(write_log: Any, tmp_path: Path) -> None:
     log = read_log(path)
     assert "is not known, as each crank angle was invalid" in first_sentence(log)
     assert is_one_sentence(log)
+    doubted = replace(log, faults=(InputFault("No reading is a number.", 0, False, []),))
+    assert ["No reading is" in b"".join(page_of(each)).decode() for each in (log, doubted)] == [
+        0,
+        1,
+    ]
 
 
 def is_one_sentence(log: Log) -> bool:
-    """Return whether the page of a log has its sentence alone, and no script and no table."""
+    """Return whether the page of a log has its sentence, and no script and no table."""
     page = b"".join(page_of(log)).decode()
     return first_sentence(log) in html.unescape(page) and not re.search("<script|<table", page)
 
 
 @pytest.mark.parametrize(("name", "fits"), [("four_bar", False), (None, True)])
-def test_amplitudes_that_the_mechanism_lacks(name: str | None, fits: bool, tmp_path: Path) -> None:
+def test_amplitudes_that_the_mechanism_lacks(
+    name: str | None, fits: bool, tmp_path: Path, browser: Any
+) -> None:
     """Shipped excitations act on a hitch on its tractor; without its places, none has a load."""
     settings = Parameters(mechanism_file=str(config_file(f"{name}.yaml")) if name else "")
     replay([config_file("drives/hitch_duty_cycle.mcap")], tmp_path / "log.mcap", settings)
@@ -84,7 +92,9 @@ def test_amplitudes_that_the_mechanism_lacks(name: str | None, fits: bool, tmp_p
     assert [bool(each.load or each.terrain) for each in log.excitations] == [fits] * 13
     assert log_levels(log) is not None
     assert ("no excitation at work" in first_sentence(log)) != fits
-    assert next(page_of(log))  # The ground without a level is no order of the chart.
+    (tmp_path / "page.html").write_bytes(b"".join(page_of(log)))
+    browser.open(tmp_path / "page.html")
+    assert ("No load above zero is known" in browser.text("#table-sources")) != fits
 
 
 @pytest.mark.parametrize("inside", [0, 1])
