@@ -377,7 +377,8 @@ def dark_pixels(page: Any) -> int:
         page.evaluate(
             "(([c, o]) => c.getContext('2d').getImageData(o.offsetLeft, o.offsetTop, "
             "o.clientWidth, o.clientHeight).data.filter((v, i, d) => i % 4 === 0 && v < 64 "
-            "&& d[i + 3] > 99).length)(['canvas', '.u-over'].map(e => document.querySelector('#chart-angle ' + e)))"
+            "&& d[i + 3] > 99).length)(['canvas', '.u-over'].map(e => "
+            "document.querySelector('#chart-angle ' + e)))"
         )
     )
 
