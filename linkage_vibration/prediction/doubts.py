@@ -104,16 +104,14 @@ def _doubts(
 
 def _on_soil(mechanism: Mechanism, axles: float) -> Iterator[str]:
     """Yield a sentence for each spring to a point of the base far below its axles, z in m."""
+    low = {point for point, (_, z) in mechanism.ground if z < axles - _BELOW}
     for spring in mechanism.springs:
-        for point in dict(mechanism.ground).keys() & set(spring.points):
-            if dict(mechanism.ground)[point][1] < axles - _BELOW:
-                text = (
-                    f"Spring {spring.name} ends at {point}, which is more than {_BELOW:g} m below"
-                )
-                yield (
-                    f"{text} the axles. It is a point of the tractor, not of the soil: a wheel that "
-                    "carries the implement cannot be described beside `base`."
-                )
+        for point in low.intersection(spring.points):
+            yield (
+                f"Spring {spring.name} ends at {point}, more than {_BELOW:g} m below the axles. It "
+                "is a point of the tractor, not of the soil: a wheel that carries the implement "
+                "cannot be described beside `base`."
+            )
 
 
 def excitation_doubts(excitations: Sequence[Excitation], levels: "LevelTable") -> Iterator[str]:

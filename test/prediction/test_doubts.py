@@ -91,7 +91,7 @@ def test_an_axle_without_a_load_is_doubted() -> None:
 
 @pytest.mark.parametrize(("height", "doubted"), [(-1.45, False), (-1.55, True)])
 def test_a_wheel_on_a_tractor_is_doubted(height: float, doubted: bool) -> None:
-    """The axles are at -1 m: a point of the tractor is not more than 0.5 m below, but the soil is."""
+    """The axles are at -1 m: the soil is more than 0.5 m below, and no point of the tractor."""
     content = tractor()
     content["ground"] = content["ground"] | {"W": [1.0, height]}
     [body] = content["rigid_bodies"]
