@@ -169,10 +169,13 @@ def all_known(drive: Drive) -> BoolArray:
 def sources_known(drive: Drive) -> BoolArray:
     """Return when each source is known, (n,), also where no static force is to compare with."""
     of = drive.resonances
-    # A load that is not known may be high where its order is near a mode, or while it still warns.
-    lost = (of.states >= ResonanceState.NOTE) & np.isnan(of.load_ratios)
-    lost |= of.states == ResonanceState.UNKNOWN
-    return np.asarray((of.unknown_sources == 0) & ~lost.any(axis=1))
+    return np.asarray((of.unknown_sources == 0) & ~_may_be_high(of).any(axis=1))
+
+
+def _may_be_high(of: MessageColumns) -> BoolArray:
+    """Return which loads are not known, and not small as an order is near no mode, (n, n_names)."""
+    silent = (of.states >= ResonanceState.NOTE) & np.isnan(of.load_ratios)
+    return np.asarray(silent | (of.states == ResonanceState.UNKNOWN))
 
 
 def durations(drive: Drive, limit: float | None = None) -> Durations:
@@ -215,6 +218,7 @@ def ground_and_orders(
     ratios = drive.resonances.load_ratios.astype(float)
     squares = np.fmax.reduce(ratios[:, ~rolls], axis=1, initial=math.nan) * 0.0
     orders = np.sqrt(squares + np.nansum(ratios[:, ~rolls] ** 2, axis=1))
+    orders[_may_be_high(drive.resonances)[:, ~rolls].any(axis=1)] = math.nan  # there is no bound
     total = drive.resonances.total_load_ratio.astype(float)
     return ratios[:, rolls][:, 0], np.minimum(orders, total)
 

@@ -100,6 +100,13 @@ def test_orders_that_are_not_known_are_not_quiet() -> None:
     assert parts is not None
     np.testing.assert_array_equal(parts[0], [0.4, 0.4, math.nan, math.nan])
     np.testing.assert_allclose(parts[1], [0.3, math.nan, 0.3, math.nan], rtol=1e-6)
+    others = excitations_from_mapping({"ground": ground, "shaker": SHAKER, "high": ENGINE})
+    for state, bound in ((CLEAR, 0.3), (NOTE, math.nan), (UNKNOWN, math.nan)):
+        ratios, states = np.array([[0.4, 0.3, math.nan]]), np.array([[NOTE, NOTE, state]])
+        actual = drive([NOTE], [0.5], load_ratios=ratios, states=states)
+        parts = ground_and_orders(replace(actual, names=("ground", "shaker 1", "high 6")), others)
+        assert parts is not None
+        np.testing.assert_allclose(parts[1], [bound], rtol=1e-6)
 
 
 @pytest.mark.parametrize(
