@@ -71,7 +71,7 @@ def draw_mechanism(
     top = max(limit, *(float(np.nanmax(ratios, initial=0.0)) for _, _, ratios, _ in maps), 0.0)
     sentences = []
     for i, source in enumerate(sources):
-        orders = [each for each in excitations if each.source is source and not each.terrain]
+        orders = [each for each in excitations if each.source is source and each.is_order]
         _draw_orders(panels[2 * i], source, orders, frequencies, table.lateral_modes)
         silent = [each.name for each in orders if not each.load]
         panel = panels[2 * i + 1]

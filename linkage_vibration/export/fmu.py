@@ -25,9 +25,9 @@ FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibili
 """How the library of an FMU is compiled."""
 
 _SPEEDS = {
-    "engine": "rpm, speed of the engine; 0 if it is not known",
-    "pto": "rpm, speed of the PTO; 0 if it is not known",
-    "ground": "m/s, speed over ground; 0 if it is not known",
+    "engine": "rpm, speed of the engine; 0 at rest, NaN if it is not known",
+    "pto": "rpm, speed of the PTO; 0 at rest, NaN if it is not known",
+    "ground": "m/s, speed over ground; 0 at rest, NaN if it is not known",
 }
 _PER_ORDER = (
     "excitation_frequency",

@@ -232,7 +232,7 @@ def _at_height(
 def _tone_doubt(drive: MeasuredDrive, segments: Sequence[slice], mean: float) -> PausableTask[str]:
     """Return that a tone that no excitation describes is in the band of a mode; else ""."""
     speeds = drive.speeds
-    known = [each for each in drive.excitations if not each.terrain and each.source in speeds]
+    known = [each for each in drive.excitations if each.is_order and each.source in speeds]
     orders = [
         [each.ratio * float(speeds[each.source][part].mean()) for each in known]
         for part in segments

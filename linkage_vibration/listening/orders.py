@@ -45,7 +45,7 @@ def track_orders(
     mean, hertz, squares, noise = (np.full(shape, math.nan) for _ in range(4))
     turns = np.zeros((*shape, n))
     for i, excitation in enumerate(excitations):
-        if excitation.terrain is None and excitation.source in speeds:
+        if excitation.is_order and excitation.source in speeds:
             since, speed = speeds[excitation.source]
             each = np.interp(times, since, np.abs(speed), left=math.nan, right=math.nan)
             mean[:, i], hertz[:, i] = each.mean(axis=1), excitation.ratio * each.mean(axis=1)

@@ -77,7 +77,9 @@ def mechanism_from_mapping(
     assembly = top["assembly"]
     others = [name for name in points if name not in (GROUND, input_body)]
     alpha3 = assembly.number("alpha3_deg")
-    angles = [assembly["angles_deg"].number(name) for name in others]
+    # A single body has no other angle, but may have an empty list of them.
+    directions = assembly["angles_deg"] if others or "angles_deg" in assembly else assembly
+    angles = [directions.number(name) for name in others]
     low, high = _stroke(top["input"], alpha3, angles)
     mechanism = Mechanism(
         name=top.text("name"),

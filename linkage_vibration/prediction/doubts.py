@@ -40,6 +40,7 @@ _COORDINATES = {"ground", "points", "centre_of_gravity", "at"}  # keys whose num
 _FRONT = 0.35, 0.5  # of the weight of a tractor without implement are on its front axle
 _STEERS = 0.2  # of its own weight is the least on the axle that steers: EU 2015/208
 _WHEELS = 0.2, 1.2  # m; rolling radii, from the wheels of garden tractors to 900/65R46
+_BELOW = 0.5  # m; so far below its axles, a tractor has no body: the soil is there
 _RUNOUT = 0.05  # m; tyres are out of round by a few mm, lugs of 0.05 m do not sink in wholly
 _SPEEDS = {  # from slow to fast, in the unit of each speed
     Source.ENGINE: (400.0, 4000.0),  # rpm; diesels idle from 600, small petrol engines reach 3600
@@ -94,9 +95,23 @@ def _doubts(
         if off and link.count > 1 and off.isdisjoint(dict(link.points)):
             yield f"Both of {link.name} are in the middle; give the y of its points in `lateral`."
     yield from _uncertain(mechanism)
+    if mechanism.base is not None and mechanism.base.mounts:
+        yield from _on_soil(mechanism, min(mount.at[1] for mount in mechanism.base.mounts))
     if mechanism.base is not None and mechanism.base.mounts and mount_loads:
         loads = np.array([mount_loads(angle) for angle in stroke])
         yield from _tips(mechanism.base, loads, stroke)
+
+
+def _on_soil(mechanism: Mechanism, axles: float) -> Iterator[str]:
+    """Yield a sentence for each spring to a point of the base far below its axles, z in m."""
+    low = {point for point, (_, z) in mechanism.ground if z < axles - _BELOW}
+    for spring in mechanism.springs:
+        for point in low.intersection(spring.points):
+            yield (
+                f"Spring {spring.name} ends at {point}, more than {_BELOW:g} m below the axles. It "
+                "is a point of the tractor, not of the soil: a wheel that carries the implement "
+                "cannot be described beside `base`."
+            )
 
 
 def excitation_doubts(excitations: Sequence[Excitation], levels: "LevelTable") -> Iterator[str]:

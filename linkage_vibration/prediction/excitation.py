@@ -69,6 +69,11 @@ class Excitation:
     rolling_radius: float = math.nan  # m; NaN without a wheel
     description: str = ""  # what it is in words, such as "tines of the harrow, twice a turn"
 
+    @property
+    def is_order(self) -> bool:
+        """Whether it has a frequency; the ground has none, also where its level is not used."""
+        return not math.isnan(self.ratio)
+
 
 def no_profile(name: str) -> tuple[Spectrum, None]:
     """Refuse a profile, which only a file of excitations can name."""

@@ -161,7 +161,7 @@ def _moment(body: str, mechanism: Mechanism, where: str) -> UnitLoad:
     if body not in rigid:
         raise ExcitationError(
             f"{where}: a moment acts on a rigid body, and {body} is not one; give one of: "
-            f"{', '.join(rigid)}."
+            f"{', '.join(rigid) or 'none, as the mechanism has no rigid body'}."
         )
     points = dict(rigid[body].points)
     if body == "base":

@@ -169,8 +169,13 @@ def all_known(drive: Drive) -> BoolArray:
 def sources_known(drive: Drive) -> BoolArray:
     """Return when each source is known, (n,), also where no static force is to compare with."""
     of = drive.resonances
-    known = (of.unknown_sources == 0) & (of.states != ResonanceState.UNKNOWN).all(axis=1)
-    return np.asarray(known)
+    return np.asarray((of.unknown_sources == 0) & ~_may_be_high(of).any(axis=1))
+
+
+def _may_be_high(of: MessageColumns) -> BoolArray:
+    """Return which loads are not known, and not small as an order is near no mode, (n, n_names)."""
+    silent = (of.states >= ResonanceState.NOTE) & np.isnan(of.load_ratios)
+    return np.asarray(silent | (of.states == ResonanceState.UNKNOWN))
 
 
 def durations(drive: Drive, limit: float | None = None) -> Durations:
@@ -213,6 +218,7 @@ def ground_and_orders(
     ratios = drive.resonances.load_ratios.astype(float)
     squares = np.fmax.reduce(ratios[:, ~rolls], axis=1, initial=math.nan) * 0.0
     orders = np.sqrt(squares + np.nansum(ratios[:, ~rolls] ** 2, axis=1))
+    orders[_may_be_high(drive.resonances)[:, ~rolls].any(axis=1)] = math.nan  # there is no bound
     total = drive.resonances.total_load_ratio.astype(float)
     return ratios[:, rolls][:, 0], np.minimum(orders, total)
 
@@ -397,7 +403,7 @@ def _partly_unknown(
     for i, excitation in enumerate(excitations[: len(drive.names)]):
         unknown = drive.resonances.states[:, i] == ResonanceState.UNKNOWN
         time = drive.time_in(unknown & others & ~_without(drive, excitation.source))
-        if has_load[i] and excitation.terrain is None and time >= _SHORT:
+        if has_load[i] and excitation.is_order and time >= _SHORT:
             lost[drive.names[i]] = time
     if not lost:
         return []

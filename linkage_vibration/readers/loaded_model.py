@@ -146,15 +146,23 @@ def read_loads(
     _check_room(path, excitations=len(excitations))
     if settings.excitation_file:
         return excitations
-    refused = [each.name for each in excitations if not _acts(each, served)]
-    if refused:
+    fitted = fitting(excitations, served.table, served.mechanism)
+    pairs = zip(excitations, fitted, strict=True)
+    if refused := [each.name for each, fit in pairs if fit is not each]:
         report(
             f"{served.mechanism.name} or its table lacks the places at which {', '.join(refused)} "
             f"of {path} act, so their amplitudes are not used; give a file of your own with "
             "`--excitations`, or in the node's parameter excitation_file."
         )
+    return fitted
+
+
+def fitting(
+    excitations: Sequence[Excitation], table: Table, mechanism: Mechanism
+) -> tuple[Excitation, ...]:
+    """Return excitations; those whose place a mechanism or its table lacks have no amplitude."""
     return tuple(
-        replace(each, load=None, terrain=None) if each.name in refused else each
+        each if _acts(each, table, mechanism) else replace(each, load=None, terrain=None)
         for each in excitations
     )
 
@@ -169,10 +177,10 @@ def _check_room(path: Path, **counts: int) -> None:
             raise ParameterError(f"{path} has {count} {what}, and {room}; reduce their number.")
 
 
-def _acts(excitation: Excitation, served: LoadedModel) -> bool:
+def _acts(excitation: Excitation, table: Table, mechanism: Mechanism) -> bool:
     """Return whether a mechanism and its table have the places at which an excitation acts."""
     try:
-        load_input(excitation.load, excitation.name, served.table, served.mechanism)
+        load_input(excitation.load, excitation.name, table, mechanism)
     except ExcitationError:
         return False
-    return excitation.terrain is None or len(vertical_mounts(served.mechanism)) > 1
+    return excitation.terrain is None or len(vertical_mounts(mechanism)) > 1

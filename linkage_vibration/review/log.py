@@ -49,6 +49,7 @@ from linkage_vibration.prediction.resonance import described
 from linkage_vibration.prediction.settings import Parameters, with_values
 from linkage_vibration.prediction.verdict import Drive, drive_of
 from linkage_vibration.readers.excitations import read_excitations
+from linkage_vibration.readers.loaded_model import fitting
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.missing_library import needed
 from linkage_vibration.support.resources import command
@@ -521,6 +522,8 @@ def _read_model(
             # Another version of the package may have described them differently.
             with suppress(LinkageVibrationError):
                 excitations = read_excitations(paths[EXCITATIONS])
+                if table and mechanism:
+                    excitations = fitting(excitations, table, mechanism)
     return table, mechanism, text, excitations
 
 

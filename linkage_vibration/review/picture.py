@@ -189,7 +189,7 @@ def _draw_excitations(
     text = "; ".join(word for word, there in zip(words, drawn, strict=True) if there)
     ax.set_title(f"{ax.get_title('left')},\nand what excites it ({text})", loc="left", fontsize=13)
     for i, (order, load) in enumerate(zip(log.excitations, loads.T, strict=True)):
-        if order.source not in speeds or order.terrain:
+        if not (order.is_order and order.source in speeds):
             continue
         frequencies = order.ratio * speeds[order.source]
         frequencies = np.where(frequencies > 0.0, frequencies, np.nan)

@@ -57,10 +57,11 @@ _STALE_AFTER = 1.0  # s, if the log does not hold this parameter
 
 
 def page_of(log: Log) -> Iterator[bytes]:
-    """Yield the page of a log, which is one sentence if no crank angle is valid."""
+    """Yield the page of a log, which has sentences alone if no crank angle is valid."""
     if not np.isin(log.status, _INVALID).all():
         return page_parts(review_page(log))
-    text = plain_html(_title(log), [first_sentence(log)], "", calm=False)
+    sentences = [first_sentence(log), *log.input_faults, f"{_subtitle(log)}."]
+    text = plain_html(_title(log), sentences, "", calm=False)
     return iter([text.encode(errors="backslashreplace")])
 
 
@@ -68,6 +69,12 @@ def _title(log: Log) -> str:
     """Return the title of a page."""
     name = log.table.mechanism_name.replace("_", " ") if log.table else "the linkage"
     return f"Vibration review: {name}"
+
+
+def _subtitle(log: Log) -> str:
+    """Return which predictions a page is about."""
+    predictions = "1 prediction" if len(log.stamps) == 1 else f"{len(log.stamps):,} predictions"
+    return f"{log.path.name}: {predictions} of table {log.table_id}"
 
 
 def review_page(log: Log) -> Page:
@@ -90,7 +97,7 @@ def review_page(log: Log) -> Page:
         "breaks": np.union1d(*breaks).tolist(),
         "modes": palette.mode_colours(log.n_modes),
         "coverage": COVERAGE,
-        "subtitle": f"{log.path.name}: {len(log.stamps):,} predictions of table {log.table_id}",
+        "subtitle": _subtitle(log),
         "charts": _charts(log, axis),
         "overview": {"column": "crank_angle", "factor": DEG, "label": "α3"},
         "readings": _readings(log),
@@ -248,7 +255,7 @@ def _charts(log: Log, axis: TimeAxis) -> Items:
     key = [
         {"label": name, "colour": colour, "fill": True} for name, colour, shown in shades if shown
     ]
-    charts[0]["key"] = [*charts[0].get("key", []), *key]
+    charts[0] |= {"first": True, "key": [*charts[0].get("key", []), *key]}
     return charts
 
 
@@ -280,7 +287,7 @@ def _load_chart(log: Log, drive: Drive, axis: TimeAxis) -> dict[str, Any]:
         key += [{"label": label, **style}] * bool(its)
     title = "Load ratio: largest force over the static force there"
     chart = {"id": "load", "title": title, "unit": "1", "series": lines, "key": key, "height": 180}
-    return chart | {"limit": log_limits(log).warning, "first": True, "shades": spans}
+    return chart | {"limit": log_limits(log).warning, "shades": spans}
 
 
 def _mode_chart(log: Log) -> dict[str, Any]:
@@ -295,7 +302,7 @@ def _mode_chart(log: Log) -> dict[str, Any]:
     if _excitations_shown(log) and log.drive is not None:
         title += ", and orders"
         orders = log.excitations[: len(log.drive.names)]
-        shown = [i for i, each in enumerate(orders) if not each.terrain]
+        shown = [i for i, each in enumerate(orders) if each.is_order]
         shares = log.drive.resonances.load_ratios[:, shown] / log_limits(log).warning
         weak = {"colour": "#b0b0b0"}
         words = (
@@ -537,4 +544,4 @@ def _excitations_shown(log: Log) -> list[Excitation]:
         for source, (times, _) in all_speeds(log).items()
         if source not in log.speeds or (np.diff(times) <= stale).any()
     }
-    return [each for each in log.excitations if each.source in known and not each.terrain]
+    return [each for each in log.excitations if each.source in known and each.is_order]

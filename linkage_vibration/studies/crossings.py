@@ -58,7 +58,7 @@ def find_crossings(
         predictor, mass = levels.predictor, implement_mass(levels) if len(every) > 1 else ""
         frequencies = predict_many(predictor, angles, np.zeros(_ANGLES)).natural_frequencies
         for i, order in enumerate(excitations):
-            if order.terrain or order.source not in speeds:
+            if not (order.is_order and order.source in speeds):
                 continue
             for mode in np.flatnonzero(levels.excites[i]).tolist():
                 curve = _permitted(angles, frequencies[:, mode] / order.ratio, speeds[order.source])

@@ -58,13 +58,14 @@ def test_character_without_a_font(
     assert capsys.readouterr().err.startswith(start)
 
 
-@pytest.mark.parametrize("unknown", [False, True])
+@pytest.mark.parametrize("deviation", [math.nan, 0.1, 1e-6])
 @pytest.mark.parametrize("lateral", [None, [False], [True]])
-def test_titles_say_what_is_drawn(unknown: bool, lateral: list[bool] | None) -> None:
-    """A band that is not known, and modes that are dashed, are named where there are any."""
+def test_titles_say_what_is_drawn(deviation: float, lateral: list[bool] | None) -> None:
+    """A band, one that is not known, and dashed modes are named where there are any."""
     ax, x = Figure().subplots(), np.arange(2.0)
-    stddevs = np.full((2, 1), np.nan if unknown else 0.1)
+    stddevs = np.full((2, 1), deviation)
     which = None if lateral is None else np.array(lateral)
     words = draw_bands(ax, x, np.ones((2, 1)), stddevs, which)
-    assert ("no band: not known" in words) == unknown
+    assert ("no band: not known" in words) == math.isnan(deviation)
+    assert words.startswith("without") == (deviation == 1e-6)
     assert ("dashed" in words) == (lateral == [True]) == (ax.lines[0].get_linestyle() == "--")

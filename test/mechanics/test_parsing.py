@@ -15,6 +15,7 @@ from linkage_vibration.mechanics.keys import CheckedMapping
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.prediction.doubts import linkage_doubts
+from test.mechanics.test_forces import LEVER
 
 
 def test_table_1_is_read(mechanism: Mechanism) -> None:
@@ -453,3 +454,15 @@ def test_a_damping_ratio_in_percent_is_refused(mapping: Any, rule: str) -> None:
     mapping["damping"]["ratio"] = 2
     with pytest.raises(MechanismError, match=r"damping.ratio: 2 is above 1; .* write 2 % as 0.02"):
         mechanism_from_mapping(mapping)
+
+
+def test_a_single_body_has_no_other_angles() -> None:
+    """Without another body, `angles_deg` may be empty or absent, but names no body."""
+    mechanisms = [
+        mechanism_from_mapping({**LEVER, "assembly": {"alpha3_deg": 0.0, **given}})
+        for given in ({}, {"angles_deg": dict[str, float]()})
+    ]
+    assert mechanisms[0] == mechanisms[1]
+    with pytest.raises(MechanismError, match=r"angles_deg\.rod: this key is not known"):
+        other = {"alpha3_deg": 0.0, "angles_deg": {"rod": 1.0}}
+        mechanism_from_mapping({**LEVER, "assembly": other})

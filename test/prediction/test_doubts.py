@@ -89,6 +89,18 @@ def test_an_axle_without_a_load_is_doubted() -> None:
     assert doubts(tractor(4800.0)).startswith(text)
 
 
+@pytest.mark.parametrize(("height", "doubted"), [(-1.45, False), (-1.55, True)])
+def test_a_wheel_on_a_tractor_is_doubted(height: float, doubted: bool) -> None:
+    """The axles are at -1 m: the soil is more than 0.5 m below, and no point of the tractor."""
+    content = tractor()
+    content["ground"] = content["ground"] | {"W": [1.0, height]}
+    [body] = content["rigid_bodies"]
+    point = next(p for p in content["rigid_bodies"][body]["points"] if p not in content["ground"])
+    content["springs"] = content["springs"] | {"wheel": {"between": ["W", point], "stiffness": 1e4}}
+    doubts = " ".join(linkage_doubts(LinkageModel(mechanism_from_mapping(content))))
+    assert ("Spring wheel ends at W" in doubts) == doubted
+
+
 def test_a_table_says_which_axle_has_no_load() -> None:
     """A table has the forces at rest: their signs decide, and as they are nothing is doubted."""
     mechanism, table = read_mechanism(config_file(DEFAULT_MECHANISM)), load_table()

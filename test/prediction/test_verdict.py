@@ -100,6 +100,24 @@ def test_orders_that_are_not_known_are_not_quiet() -> None:
     assert parts is not None
     np.testing.assert_array_equal(parts[0], [0.4, 0.4, math.nan, math.nan])
     np.testing.assert_allclose(parts[1], [0.3, math.nan, 0.3, math.nan], rtol=1e-6)
+    others = excitations_from_mapping({"ground": ground, "shaker": SHAKER, "high": ENGINE})
+    for state, bound in ((CLEAR, 0.3), (NOTE, math.nan), (UNKNOWN, math.nan)):
+        ratios, states = np.array([[0.4, 0.3, math.nan]]), np.array([[NOTE, NOTE, state]])
+        actual = drive([NOTE], [0.5], load_ratios=ratios, states=states)
+        parts = ground_and_orders(replace(actual, names=("ground", "shaker 1", "high 6")), others)
+        assert parts is not None
+        np.testing.assert_allclose(parts[1], [bound], rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("state", "load", "known"),
+    [(CLEAR, math.nan, 1.0), (NOTE, 0.2, 1.0), (NOTE, math.nan, 0.0), (WARNING, math.nan, 0.0)],
+)
+def test_an_unknown_load_near_a_mode_is_not_calm(state: int, load: float, known: float) -> None:
+    """An order whose load is not known is below a limit only if it is near no mode."""
+    each = {"states": np.full((3, 2), state), "load_ratios": np.array([[0.1, load]] * 3)}
+    actual = drive([NOTE] * 3, [0.1] * 3, unknown_sources=np.zeros(3, int), **each)
+    assert durations(actual).known_share == known
 
 
 def test_the_largest_load_may_be_too_short_to_warn(excitations: tuple[Excitation, ...]) -> None:

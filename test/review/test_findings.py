@@ -17,7 +17,10 @@ import pytest
 from linkage_vibration.cli.main import main
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.messages.columns import MessageColumns
+from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.excitation import Source
+from linkage_vibration.prediction.judge import InputFault
+from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.prediction.severity import ResonanceState
 from linkage_vibration.prediction.verdict import contributions, episodes
 from linkage_vibration.readers.mechanism import read_mechanism
@@ -65,12 +68,33 @@ def test_only_invalid_angles(write_log: Any, tmp_path: Path) -> None:
     log = read_log(path)
     assert "is not known, as each crank angle was invalid" in first_sentence(log)
     assert is_one_sentence(log)
+    doubted = replace(log, faults=(InputFault("No reading is a number.", 0, False, []),))
+    assert ["No reading is" in b"".join(page_of(each)).decode() for each in (log, doubted)] == [
+        0,
+        1,
+    ]
 
 
 def is_one_sentence(log: Log) -> bool:
-    """Return whether the page of a log has its sentence alone, and no script and no table."""
+    """Return whether the page of a log has its sentence, and no script and no table."""
     page = b"".join(page_of(log)).decode()
     return first_sentence(log) in html.unescape(page) and not re.search("<script|<table", page)
+
+
+@pytest.mark.parametrize(("name", "fits"), [("four_bar", False), (None, True)])
+def test_amplitudes_that_the_mechanism_lacks(
+    name: str | None, fits: bool, tmp_path: Path, browser: Any
+) -> None:
+    """Shipped excitations act on a hitch on its tractor; without its places, none has a load."""
+    settings = Parameters(mechanism_file=str(config_file(f"{name}.yaml")) if name else "")
+    replay([config_file("drives/hitch_duty_cycle.mcap")], tmp_path / "log.mcap", settings)
+    log = read_log(tmp_path / "log.mcap")
+    assert [bool(each.load or each.terrain) for each in log.excitations] == [fits] * 13
+    assert log_levels(log) is not None
+    assert ("no excitation at work" in first_sentence(log)) != fits
+    (tmp_path / "page.html").write_bytes(b"".join(page_of(log)))
+    browser.open(tmp_path / "page.html")
+    assert ("No load above zero is known" in browser.text("#table-sources")) != fits
 
 
 @pytest.mark.parametrize("inside", [0, 1])
@@ -85,10 +109,12 @@ def test_only_angles_outside(write_log: Any, tmp_path: Path, inside: int) -> Non
 
 def test_part_of_a_total_is_marked(log: Log) -> None:
     """The load is a line where all sources are known, and dotted and hatched elsewhere."""
-    page, at = review_page(log), log.resonances
-    assert at is not None
+    assert log.drive is not None
+    page, at = review_page(log), log.drive.resonances
     total = np.asarray(at.total_load_ratio, dtype=float)
-    part = (at.unknown_sources != 0) | np.isnan(total)
+    lost = ((at.states >= ResonanceState.NOTE) & np.isnan(at.load_ratios)).any(axis=1)
+    part = (at.unknown_sources != 0) | np.isnan(total) | lost
+    assert lost.any()  # orders without an amplitude, near a mode
     whole = np.isfinite(np.asarray(page.columns["load_known"]))
     np.testing.assert_array_equal(whole, ~part)
     dotted = np.isfinite(np.asarray(page.columns["load_part"]))
@@ -360,7 +386,8 @@ def test_what_would_end_a_load(log: Log) -> None:
     for row in range(0, len(log.drive.times), 40):
         text, above = remedy(log, row), of.total_load_ratio[row] > of.load_ratio_limit[row]
         expected = "not needed, as nothing was above its limit"
-        if of.unknown_sources[row] or np.isnan(of.total_load_ratio[row]):
+        lost = np.isnan(of.load_ratios[row]) & (of.states[row] >= ResonanceState.NOTE)
+        if of.unknown_sources[row] or np.isnan(of.total_load_ratio[row]) or lost.any():
             expected = "not known"
         if above and (words := ending(log, row)):
             expected = f"{words}; this is enough"

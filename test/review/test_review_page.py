@@ -19,7 +19,13 @@ from linkage_vibration.prediction.verdict import Drive, durations, episodes
 from linkage_vibration.review.findings import DOUBTFUL
 from linkage_vibration.review.log import Log, read_log
 from linkage_vibration.review.overview import drive_summary
-from linkage_vibration.review.review_page import STATES, _load_levels, as_precise, review_page
+from linkage_vibration.review.review_page import (
+    STATES,
+    _load_levels,
+    as_precise,
+    page_of,
+    review_page,
+)
 
 SHIFT = 8
 
@@ -352,15 +358,46 @@ def test_print(page: Any, tmp_path: Path) -> None:
 
 
 def test_bare_log(browser: Any, write_log: Any, tmp_path: Path) -> None:
-    """A log without provenance gives a page without linkage, load and tables."""
+    """A log without provenance gives a page without linkage, load and tables, and with a point."""
     log = write_log(tmp_path / "bare.mcap", [0.0], [2.0], False, False)
     assert main(["review", str(log)]) == 0
     browser.problems.clear()
     browser.open(tmp_path / "bare.html")
     assert browser.problems == []
     assert browser.evaluate("document.querySelector('#linkage-section').hidden") is True
-    assert browser.evaluate("document.querySelectorAll('#first .chart, .table').length") == 0
+    assert browser.evaluate("document.querySelectorAll('#chart-load, .table').length") == 0
+    assert browser.text("#first-chart h3").startswith("Natural frequencies")
+    assert dark_pixels(browser) > 5
     assert "does not hold the table" in browser.text("#provenance")
+
+
+def dark_pixels(page: Any) -> int:
+    """Return how many pixels of the chart of the crank angle have the colour of its line."""
+    return int(
+        page.evaluate(
+            "(([c, o]) => c.getContext('2d').getImageData(o.offsetLeft, o.offsetTop, "
+            "o.clientWidth, o.clientHeight).data.filter((v, i, d) => i % 4 === 0 && v < 64 "
+            "&& d[i + 3] > 99).length)(['canvas', '.u-over'].map(e => "
+            "document.querySelector('#chart-angle ' + e)))"
+        )
+    )
+
+
+@pytest.mark.parametrize(
+    ("hertz", "shown", "not_shown"),
+    [([220.0, 400.0, 560.0], "200 300 400 500 600", "250"), ([5.95] * 3, "5.5 5.8 6 6.5", "5.55")],
+)
+def test_axis_of_frequencies_has_round_numbers(
+    browser: Any, log: Log, tmp_path: Path, hertz: list[float], shown: str, not_shown: str
+) -> None:
+    """A logarithmic axis has labels also above 10 Hz, and where one round number is in sight."""
+    same = np.full_like(log.natural_frequencies, hertz)
+    page = page_of(replace(log, natural_frequencies=same, frequency_stddevs=0.0 * same))
+    (tmp_path / "page.html").write_bytes(b"".join(page))
+    browser.open(tmp_path / "page.html")
+    labels = browser.evaluate("review.labels('modes')")[0]
+    assert set(shown.split()) <= set(labels)
+    assert not_shown not in labels
 
 
 def test_words_of_states_are_those_of_the_message() -> None:

@@ -128,7 +128,8 @@ def _calmed(message: Message) -> Message:
     ratios = tuple(0.1 * min(ratio, message.limit) for ratio in message.ratios)
     total = float(np.float32(np.sqrt(np.nansum(np.square(ratios)))))
     total = math.nan if math.isnan(message.total) else total
-    return replace(message, state=CLEAR, ratios=ratios, total=total, unknown=0)
+    states = tuple(min(state, CLEAR) for state in message.states)
+    return replace(message, state=CLEAR, states=states, ratios=ratios, total=total, unknown=0)
 
 
 def _outside(message: Message) -> Message:
@@ -279,6 +280,10 @@ def durations_of(messages: list[Message]) -> tuple[float, float, float]:
             message.total <= message.limit
             and message.unknown == 0
             and UNKNOWN not in message.states
+            and not any(
+                state != CLEAR and math.isnan(ratio)
+                for state, ratio in zip(message.states, message.ratios, strict=True)
+            )
         ):
             below += time
         else:

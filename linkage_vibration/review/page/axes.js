@@ -33,8 +33,21 @@ const roomForNames = width => Math.min(130, .28 * width);
 /** The axis of values of a chart, logarithmic or linear. */
 const valueAxis = log => ({
   ...AXIS, size: 56, space: log ? 16 : 28, grid: { stroke: "#e4e4e4", width: 1 },
-  values: (u, splits) => log ? logLabels(u, splits) : plainLabels(splits),
+  values: (u, splits) => log ? logLabels(u, splits) : plainLabels(splits), ...(log ? { splits: logSplits } : {}),
 });
+
+/** The round values of a logarithmic axis: with one digit, or with two where only one of these is in sight. */
+function logSplits(u, axis, low, high) {
+  const found = per => {
+    const values = [];
+    for (let ten = Math.floor(Math.log10(low)); 10 ** ten <= high; ten++) {
+      for (let k = per; k < 10 * per; k++) values.push(Number(`${k / per}e${ten}`));
+    }
+    return values.filter(v => v >= low && v <= high);
+  };
+  const round = found(1);
+  return round.length > 1 ? round : found(10);
+}
 
 /** The labels of a linear axis, all with the same number of decimals. */
 function plainLabels(splits) {
@@ -53,8 +66,7 @@ function logLabels(u, splits) {
   const room = height / Math.max(decades, .1);  // pixels per decade
   return splits.map(v => {
     if (v === null) return null;
-    const ten = 10 ** Math.floor(Math.log10(v) + 1e-9), lead = Math.round(v / ten);
-    if (Math.abs(v / (lead * ten) - 1) > 1e-6) return null;  // the end of the axis, which is not round
+    const lead = Math.round(v / 10 ** Math.floor(Math.log10(v) + 1e-9));
     const labelled = lead === 1 || (room > 60 && (lead === 2 || lead === 5)) || room > 150;
     return labelled ? (v >= 1e-3 && v < 1e5 ? String(Number(v.toPrecision(3))) : v.toExponential(0)) : null;
   });

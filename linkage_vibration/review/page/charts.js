@@ -9,6 +9,9 @@ function quantity(series, sign = 0) {
   return drawable(i => (values[i] + by * (spread[i] || 0)) * factor);
 }
 
+/** The samples between missing ones, which no line shows. */
+const lonely = (u, k) => [...u.data[k].keys()].filter(i => u.data[k][i] != null && u.data[k][i - 1] == null && u.data[k][i + 1] == null);
+
 /** The dashes of each line style, px. */
 const dashes = { dashed: [6, 4], dotted: [2, 3] };
 
@@ -25,7 +28,8 @@ function makeChart(spec, holder) {
   const quantities = [], series = [{}], bands = [];
   for (const line of spec.series) {
     quantities.push(quantity(line));
-    series.push({ stroke: line.colour, width: line.width ?? 1.6, dash: dashes[line.style], points: { show: false }, spanGaps: false });
+    const points = { show: true, filter: lonely, size: 5, width: 0, fill: line.colour };
+    series.push({ stroke: line.colour, width: line.width ?? 1.6, dash: dashes[line.style], points, spanGaps: false });
     if (line.spread) {
       quantities.push(quantity(line, 1), quantity(line, -1));
       const faint = { stroke: `${line.colour}66`, width: .6, points: { show: false } };

@@ -6,7 +6,7 @@ const SWING = .08, SWINGS_PER_SECOND = .5;  // amplitude as a share of the linka
 /** The picture of the linkage, if the log holds its model; show() updates it. */
 const linkage = data.linkage && (() => {
   const L = data.linkage, { angles, places, shapes, joints, centres, ground } = L;
-  const count = L.lengths.reduce((a, b) => a + b, 0), size = L.size;
+  const count = L.lengths.reduce((a, b) => a + b, 0), reach = L.size;
   let left = Infinity, right = -Infinity, low = Infinity, high = -Infinity;
   for (const points of [places, ground]) {
     for (let i = 0; i < points.length; i += 2) {
@@ -14,6 +14,8 @@ const linkage = data.linkage && (() => {
       low = Math.min(low, points[i + 1]); high = Math.max(high, points[i + 1]);
     }
   }
+  // On the screen, a name is about 11 px high, also if the linkage reaches high.
+  const size = Math.max(reach, 220 * Math.max((right - left) / 280, (high - low) / 135));
   const edge = .12 * size, box = byId("linkage"), width = .009 * size;
   box.setAttribute("viewBox", [left - edge, -high - edge, right - left + 2 * edge, high - low + 2 * edge].join(" "));
   const layer = (attributes) => { const g = svg("g", { fill: "none", "stroke-linecap": "round", "stroke-linejoin": "round", ...attributes }); box.append(g); return g; };
@@ -54,7 +56,7 @@ const linkage = data.linkage && (() => {
     for (const group of [still, moved, pins]) group.style.display = there ? "" : "none";
     if (!there) return;
     const i = Math.min(Math.floor(place), angles.length - 2), s = place - i;
-    const amplitude = SWING * size * Math.sin(phase);
+    const amplitude = SWING * reach * Math.sin(phase);
     let from = 0;
     L.lengths.forEach((length, k) => {
       stillLines[k].setAttribute("points", points(i, s, from, from + length, 0));

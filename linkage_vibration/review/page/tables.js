@@ -57,6 +57,7 @@ for (const table of data.tables) {
   if (table.id === "moments" && table.rows.length > PRINTED) section.append(element("p", { class: "note printed" }, `The ${PRINTED} strongest of them:`));
   alignNumbers(heads, body);
   if (table.rows.length) section.append(element("div", { class: "scroll", tabindex: 0, "aria-label": table.title }, element("table", {}, element("thead", {}, element("tr", {}, ...heads)), body)));
+  else if (table.first) section.append(element("p", { class: "note" }, "No load above zero is known without a doubt."));
   byId(table.first ? "first" : "tables").append(section);
 }
 stops.sort((a, b) => a.row.time - b.row.time);
