@@ -47,7 +47,7 @@ test: $(if $(ONLY)$(VERSIONS),setup,lint)
 	$(in_venv) { python -m pytest $(if $(ONLY),$(ONLY),$(beside)) || $(once_more); }
 
 nightly: setup
-	$(in_venv) python -m pytest -m nightly $(if $(ONLY),$(ONLY),$(beside)) \
+	$(in_venv) python -m pytest -m nightly -o timeout=1800 $(if $(ONLY),$(ONLY),$(beside)) \
 		--junitxml=build/nightly.xml; python tools/write_nightly.py build/nightly.xml "$(ONLY)"
 
 lint: setup
