@@ -158,6 +158,17 @@ def test_when_and_how_long() -> None:
     assert sentence.endswith("(first after 4 s, in 2 of 10 seconds).")
 
 
+def test_a_fault_that_comes_back() -> None:
+    """Angles are no numbers at 2 to 4 and 5 to 6 s: the last such readings are 1.02 s apart."""
+    judge = InputJudge("the crank angle", RANGE)
+    for k in range(400):
+        angle = math.nan if k // 50 in (2, 3, 5) else 2.0
+        judge.readings([START + k * STEP], [START + k * STEP], [angle], [math.nan], [True])
+    [fault] = judge.faults()
+    times = [[2.0, 3.98], [5.0, 5.98]]
+    assert fault.times == [[START + round(1e9 * t) for t in each] for each in times]
+
+
 def speeds(source: Source, value: Callable[[int], float], step: int = 100_000_000) -> list[str]:
     """Return what is said of 100 speeds."""
     judge = InputJudge("the crank angle", RANGE)
