@@ -289,6 +289,22 @@ def test_files_of_other_programs(tmp_path: Path, chunked: bool) -> None:
         assert kept == expected[:4]
 
 
+@pytest.mark.parametrize(("more", "damages"), [(64, 0), (65, 1)])
+def test_fields_of_a_later_version(tmp_path: Path, more: int, damages: int) -> None:
+    """A record may have 64 bytes of fields that are not known at its end; more are damage."""
+    path, content = tmp_path / "log.mcap", write(tmp_path / "log.mcap")
+    at = content.index(b"\4\0\0\0made") - 9  # metadata
+    [length] = struct.unpack_from("<Q", content, at + 1)
+    end = at + 9 + length
+    longer = struct.pack("<BQ", 0x0C, length + more) + content[at + 9 : end] + bytes(more)
+    path.write_bytes(content[:at] + longer + content[end:])
+    result = recover(path, tmp_path / "whole.mcap")
+    assert (len(result.damages), result.lost) == (damages, {})
+    with (tmp_path / "whole.mcap").open("rb") as file:
+        found = {metadata.name for metadata in make_reader(file).iter_metadata()}
+    assert ("made" in found) == (damages == 0)
+
+
 @pytest.mark.parametrize(
     ("content", "words"),
     [
