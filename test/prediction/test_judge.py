@@ -156,6 +156,8 @@ def test_when_and_how_long() -> None:
     [sentence] = judged(lambda k: 2.0 + 0.5 * (k % 2) * (200 <= k < 299))
     assert sentence.startswith("The values of the crank angle go to and fro")
     assert sentence.endswith("(first after 4 s, in 2 of 10 seconds).")
+    [sentence] = judged(lambda k: math.nan, count=10)
+    assert sentence.endswith("(first after 0 s, in 1 of 1 seconds).")
 
 
 def test_a_fault_that_comes_back() -> None:
