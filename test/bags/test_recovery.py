@@ -412,22 +412,22 @@ def test_chunks_that_disagree(tmp_path: Path) -> None:
     """A channel keeps its first definition, and messages of an undefined channel are lost."""
     content = b"\x89MCAP0\r\n" + b"".join(
         [
-            chunk(0, {1: "/a"}, [1, 1]),
-            chunk(10, {1: "/renamed"}, [1]),
+            chunk(0, {1: "/a", 3: "/c"}, [1, 1]),
+            chunk(10, {1: "/renamed", 3: "/other"}, [1, 3]),
             chunk(20, {2: "/b"}, [2, 7, 1]),
             chunk(30, {2: "/b"}, [2]),
         ]
     )
     (tmp_path / "log.mcap").write_bytes(content)
     result = recover(tmp_path / "log.mcap", tmp_path / "whole.mcap")
-    assert result.saved == {"/a": 4, "/b": 2}
+    assert result.saved == {"/a": 4, "/b": 2, "/c": 1}
     assert result.lost == {"unknown channel 7": 1}
     assert [(topic, time) for topic, _, time, *_ in read(tmp_path / "whole.mcap")] == [
         *[("/a", time) for time in (0, 1, 10)],
-        *[("/b", 20), ("/a", 22), ("/b", 30)],
+        *[("/c", 11), ("/b", 20), ("/a", 22), ("/b", 30)],
     ]
     with AnyReader([tmp_path / "whole.mcap"]) as reader:
-        assert reader.message_count == 6
+        assert reader.message_count == 7
 
 
 @pytest.mark.parametrize("seeds", [2, pytest.param(20, marks=pytest.mark.nightly)])

@@ -223,6 +223,7 @@ def test_windows_of_readings(bench: Bench, readings: int, messages: int) -> None
         bench.now += 0.01
     counts = [kind for kind in bench.published if kind == LOAD_STATE]
     assert len(counts) == messages
+    assert bench.statistics.predicted == readings
     assert bench.path.resonance is not None
     assert int(bench.path.resonance.count) == messages
 
