@@ -97,7 +97,7 @@ class CanSignal:
         top = raw >> max(self.bits.length - 8, 0)
         if self.reserved and top > _LAST_VALUE:
             meaning = {0xFE: "an error", 0xFF: "not available"}.get(top, "reserved")
-            return f"{self.name} is {meaning} (0x{raw:0{self.bits.length // 4}X})."
+            return f"{self.name} is {meaning} (0x{raw:X})."
         value = float(self.scale * self.bits.numbers(data)[0] + self.offset)
         if not np.isfinite(value):
             return f"{self.name} is not a finite number ({value:g})."

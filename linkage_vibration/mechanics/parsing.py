@@ -107,12 +107,13 @@ def mechanism_from_mapping(
 def _stroke(keys: CheckedMapping, alpha3: float, angles: list[float]) -> tuple[float, float]:
     """Read the stroke, deg, with the angles of the assembly; one in radians is refused."""
     low, high = keys.interval("range_deg")
-    turn = 2.0 * math.pi
+    turn = 6.2832  # rad, as a whole turn is rounded up
     if -turn <= low and high <= turn:
         small = all(abs(angle) <= turn for angle in (alpha3, *angles))
         if small or not low <= alpha3 <= high:
             given = f"[{low:g}, {high:g}] is a stroke of {high - low:.3g} deg"
-            hint = f"if these are radians, write [{math.degrees(low):g}, {math.degrees(high):g}]"
+            first, last = (f"{math.degrees(angle):.5g}" for angle in (low, high))
+            hint = f"if these are radians, write [{first}, {last}]"
             hint += ", and if not, give assembly.alpha3_deg within them"
             raise keys.error("range_deg", f"{given}; {hint}.")
     return low, high

@@ -289,6 +289,22 @@ def test_files_of_other_programs(tmp_path: Path, chunked: bool) -> None:
         assert kept == expected[:4]
 
 
+@pytest.mark.parametrize(("more", "damages"), [(64, 0), (65, 1)])
+def test_fields_of_a_later_version(tmp_path: Path, more: int, damages: int) -> None:
+    """A record may have 64 bytes of fields that are not known at its end; more are damage."""
+    path, content = tmp_path / "log.mcap", write(tmp_path / "log.mcap")
+    at = content.index(b"\4\0\0\0made") - 9  # metadata
+    [length] = struct.unpack_from("<Q", content, at + 1)
+    end = at + 9 + length
+    longer = struct.pack("<BQ", 0x0C, length + more) + content[at + 9 : end] + bytes(more)
+    path.write_bytes(content[:at] + longer + content[end:])
+    result = recover(path, tmp_path / "whole.mcap")
+    assert (len(result.damages), result.lost) == (damages, {})
+    with (tmp_path / "whole.mcap").open("rb") as file:
+        found = {metadata.name for metadata in make_reader(file).iter_metadata()}
+    assert ("made" in found) == (damages == 0)
+
+
 @pytest.mark.parametrize(
     ("content", "words"),
     [
@@ -396,22 +412,22 @@ def test_chunks_that_disagree(tmp_path: Path) -> None:
     """A channel keeps its first definition, and messages of an undefined channel are lost."""
     content = b"\x89MCAP0\r\n" + b"".join(
         [
-            chunk(0, {1: "/a"}, [1, 1]),
-            chunk(10, {1: "/renamed"}, [1]),
+            chunk(0, {1: "/a", 3: "/c"}, [1, 1]),
+            chunk(10, {1: "/renamed", 3: "/other"}, [1, 3]),
             chunk(20, {2: "/b"}, [2, 7, 1]),
             chunk(30, {2: "/b"}, [2]),
         ]
     )
     (tmp_path / "log.mcap").write_bytes(content)
     result = recover(tmp_path / "log.mcap", tmp_path / "whole.mcap")
-    assert result.saved == {"/a": 4, "/b": 2}
+    assert result.saved == {"/a": 4, "/b": 2, "/c": 1}
     assert result.lost == {"unknown channel 7": 1}
     assert [(topic, time) for topic, _, time, *_ in read(tmp_path / "whole.mcap")] == [
         *[("/a", time) for time in (0, 1, 10)],
-        *[("/b", 20), ("/a", 22), ("/b", 30)],
+        *[("/c", 11), ("/b", 20), ("/a", 22), ("/b", 30)],
     ]
     with AnyReader([tmp_path / "whole.mcap"]) as reader:
-        assert reader.message_count == 6
+        assert reader.message_count == 7
 
 
 @pytest.mark.parametrize("seeds", [2, pytest.param(20, marks=pytest.mark.nightly)])

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Topics are read from bags in the order of times, whatever their order in the file."""
 
+import math
 import random
 import struct
 from pathlib import Path
@@ -36,7 +37,7 @@ def write_mcap(
     chunk: int = 400,
     **options: Any,
 ) -> Path:
-    """Write messages (topic, time in ns, value) of type Float64 in this order."""
+    """Write messages (topic, time in ns, value) of type Float64 in this order; NaN has no bytes."""
     with path.open("wb") as file:
         writer = Writer(file, chunk_size=chunk, compression=compression, **options)
         writer.start("ros2", "test")
@@ -47,7 +48,8 @@ def write_mcap(
             for topic in dict.fromkeys(topic for topic, *_ in entries)
         }
         for topic, time, value in entries:
-            writer.add_message(channels[topic], time, cdr(value), max(time - 7, 0))
+            data = b"" if math.isnan(value) else cdr(value)
+            writer.add_message(channels[topic], time, data, max(time - 7, 0))
         writer.finish()
     return path
 
@@ -103,6 +105,14 @@ def test_order_is_that_of_time(tmp_path: Path) -> None:
         key=lambda entry: entry[0],
     )
     assert read([path], ["/a", "/b"]) == expected
+
+
+def test_a_message_without_bytes(tmp_path: Path) -> None:
+    """It has no value, and the messages of its chunk are read."""
+    path = write_mcap(tmp_path / "empty.mcap", [("/a", 1, math.nan), ("/a", 2, 5.0)])
+    with open_bags([path]) as bags:
+        found = [block.message(k) for block in bags.blocks(["/a"]) for k in range(len(block))]
+    assert found == [b"", cdr(5.0)]
 
 
 def test_several_bags_are_one(tmp_path: Path) -> None:

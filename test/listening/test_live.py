@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from linkage_vibration.listening.live import SensorMonitor, difference_sentence
+from linkage_vibration.listening.live import SensorMonitor, _at, difference_sentence
 from linkage_vibration.listening.signals import SignalError
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.messages.columns import MessageColumns
@@ -188,6 +188,15 @@ def test_a_clock_that_goes_back_begins_again() -> None:
     assert [stamp for stamp, _ in once] == [stamp for stamp, _ in again]
     for (_, first), (_, other) in zip(once, again, strict=True):
         assert repr(vars(first)) == repr(vars(other))
+
+
+def test_angles_at_times() -> None:
+    """An angle is known from the first reading to the last one, where readings are close enough."""
+    readings = np.array([0.0, 1.0, 2.5]), np.array([2.0, 3.0, 6.0])
+    at = np.array([-0.01, 0.0, 0.5, 1.0, 1.01, 2.5, 2.51])
+    for stale_after, apart in ((1.5, [3.02, 6.0]), (1.49, [np.nan, np.nan])):
+        expected = [np.nan, 2.0, 2.5, 3.0, *apart, np.nan]
+        np.testing.assert_allclose(_at(*readings, at, stale_after), expected)
 
 
 def test_another_place_is_refused() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from linkage_vibration.listening.output_only import Candidate, finish, identify, mac
+from linkage_vibration.listening.output_only import Candidate, finish, identify, mac, stable_poles
 from linkage_vibration.mechanics.arrays import FloatArray
 
 RATE, SECONDS = 20.0, 240.0  # Hz, s
@@ -53,6 +53,25 @@ def test_known_oscillators() -> None:
         assert least < best.frequency_stddev < 5.0 * least
         assert abs(best.ratio - ratio) < 3.0 * best.ratio_stddev
         assert mac(best.shape, shape[:, np.newaxis])[0] > 0.98
+
+
+@pytest.mark.parametrize(
+    ("frequency", "ratio", "stable"),
+    [
+        *((1.019, 1.0, 1), (0.981, 1.0, 1), (1.021, 1.0, 0), (0.979, 1.0, 0)),
+        *((1.0, 1.29, 1), (1.0, 0.71, 1), (1.0, 1.31, 0), (1.0, 0.69, 0)),
+    ],
+)
+def test_stable_poles(frequency: float, ratio: float, stable: int) -> None:
+    """From one order to the next they change by less than 2 %, and their damping ratio by 30 %."""
+    diagram = [
+        (
+            np.array([10.0 * frequency**i * np.exp(1j * math.acos(-0.05 * ratio**i))]),
+            np.ones((2, 1), complex),
+        )
+        for i in range(3)
+    ]
+    assert len(stable_poles(diagram, (1.0, 2.0))) == stable
 
 
 def test_modes_outside_the_band() -> None:

@@ -143,7 +143,7 @@ def test_i_section_is_read(mapping: Any) -> None:
         (
             change("input", "range_deg", to=[1.571, 3.1416]),
             "input.range_deg",
-            "a stroke of 1.57 deg; if these are radians, write [90.0117, 180]",
+            "a stroke of 1.57 deg; if these are radians, write [90.012, 180]",
         ),
         (change("links", "upper_link", "modes", to=-1), "upper_link.modes", "whole number"),
         (change("links", "upper_link", "modes", to=2.5), "upper_link.modes", "whole number"),
@@ -394,8 +394,11 @@ def test_stroke_in_radians_beside_an_assembly_in_radians(mapping: Any) -> None:
     mapping["assembly"] = {"alpha3_deg": 2.4435, "angles_deg": radians}
     with pytest.raises(MechanismError, match="if these are radians"):
         mechanism_from_mapping(mapping)
+    mapping["input"]["range_deg"] = [0.0, 6.2832]
+    with pytest.raises(MechanismError, match=r"write \[0, 360\]"):
+        mechanism_from_mapping(mapping)
     mapping["assembly"] = {"alpha3_deg": 0.0, "angles_deg": degrees}
-    for stroke in ([-3.0, 3.0], [-6.28, 6.28], [6.0, 6.3]):
+    for stroke in ([-3.0, 3.0], [-6.28, 6.28], [0.0, 6.2833]):
         mapping["input"]["range_deg"] = stroke
         assert mechanism_from_mapping(mapping).stroke[1] == math.radians(stroke[1])
 

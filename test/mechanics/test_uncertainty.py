@@ -17,9 +17,11 @@ HEIGHT = "links.lower_link.section.height"
 CLAIMS = {"relative": {MASS: 0.1, HEIGHT: 0.05}, "absolute": {INERTIA: 40.0}}
 
 
-def correlated(value: float, *pairs: tuple[str, str]) -> dict[str, Any]:
-    """Return three uncertain numbers with equal correlations of some pairs."""
-    return CLAIMS | {"correlations": [{"between": list(p), "value": value} for p in pairs]}
+def correlated(value: float, *pairs: tuple[str, str], also: float = 0.0) -> dict[str, Any]:
+    """Return three uncertain numbers with equal correlations of some pairs, and of another one."""
+    others = [([INERTIA, HEIGHT], also)] * bool(also)
+    entries = [*((list(pair), value) for pair in pairs), *others]
+    return CLAIMS | {"correlations": [{"between": p, "value": value} for p, value in entries]}
 
 
 def test_deviations_are_those_of_the_numbers(mapping: Any, mechanism: Mechanism) -> None:
@@ -86,6 +88,9 @@ def test_hash_includes_what_is_uncertain(mapping: Any, mechanism: Mechanism) -> 
             correlated(-0.6, (MASS, INERTIA), (INERTIA, HEIGHT), (MASS, HEIGHT)),
             "contradict one another",
         ),
+        # In the contradiction of a and b, the third has a share of value^2 / 2 (perturbation).
+        (correlated(1.0, (MASS, INERTIA), also=0.2), f"of {MASS}, {HEIGHT}, {INERTIA} contradict"),
+        (correlated(1.0, (MASS, INERTIA), also=0.12), f"of {MASS}, {INERTIA} contradict"),
         ({"relative": {}, "margin": 1.0}, "not known here"),
     ],
 )

@@ -282,6 +282,8 @@ def test_sentences() -> None:
     carried = "Carried at 130 deg instead of 165 deg at 30 km/h it would be loaded"
     sure = "(less with a probability of 99 %)."
     assert said(0.5, 1.0) == f"{carried} half as much {sure}"
+    assert said(0.549, 1.0) == f"{carried} half as much {sure}"  # within a tenth of it
+    assert said(0.551, 1.0) == f"{carried} 55 % as much {sure}"
     assert said(0.8, 1.0) == f"{carried} 80 % as much {sure}"
     assert said(0.801, 0.9) == ""
     assert "(less with a probability of 50 %)" in said(0.5, 1.0, 0.5)

@@ -156,6 +156,19 @@ def test_when_and_how_long() -> None:
     [sentence] = judged(lambda k: 2.0 + 0.5 * (k % 2) * (200 <= k < 299))
     assert sentence.startswith("The values of the crank angle go to and fro")
     assert sentence.endswith("(first after 4 s, in 2 of 10 seconds).")
+    [sentence] = judged(lambda k: math.nan, count=10)
+    assert sentence.endswith("(first after 0 s, in 1 of 1 seconds).")
+
+
+def test_a_fault_that_comes_back() -> None:
+    """Angles are no numbers at 2 to 4 and 5 to 6 s: the last such readings are 1.02 s apart."""
+    judge = InputJudge("the crank angle", RANGE)
+    for k in range(400):
+        angle = math.nan if k // 50 in (2, 3, 5) else 2.0
+        judge.readings([START + k * STEP], [START + k * STEP], [angle], [math.nan], [True])
+    [fault] = judge.faults()
+    times = [[2.0, 3.98], [5.0, 5.98]]
+    assert fault.times == [[START + round(1e9 * t) for t in each] for each in times]
 
 
 def speeds(source: Source, value: Callable[[int], float], step: int = 100_000_000) -> list[str]:

@@ -287,6 +287,17 @@ def field() -> tuple[tuple[Excitation, ...], LevelTable]:
     return excitations, LevelTable(Predictor(plane_table()), plane_mechanism(), excitations)
 
 
+def test_ground_without_levels_is_not_known(
+    field: tuple[tuple[Excitation, ...], LevelTable],
+) -> None:
+    """Without a table that gives levels, a field is not calm, also for a tractor that stands."""
+    predictor, (excitations, levels) = Predictor(plane_table()), field
+    for given, state in ((None, UNKNOWN), (levels, CLEAR)):
+        monitor = ResonanceMonitor(excitations, levels=given)
+        monitor.set_fixed(Source.GROUND, 0.0)
+        assert monitor.assess(predictor.predict(2.3), 0.0, SECOND).state == state
+
+
 FAST, LUGS, CALM, OUTSIDE = (5.0, 138.0), (3.0, 138.0), (1.0, 105.0), (5.0, 250.0)  # m/s, deg
 
 

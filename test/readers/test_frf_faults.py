@@ -14,12 +14,15 @@ import yaml
 from numpy.typing import NDArray
 
 from linkage_vibration.mechanics.bodies.beam import Beam
+from linkage_vibration.mechanics.bodies.frfs import Frfs
 from linkage_vibration.mechanics.components import Component
 from linkage_vibration.mechanics.description import MechanismError
 from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.mechanics.fbs import component_frf
 from linkage_vibration.mechanics.mass_lines import MassLines, find_mass_lines, shown_mass
 from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.readers.component_files import FileError
+from linkage_vibration.readers.frf_faults import check_faults
 from linkage_vibration.readers.mechanism import read_mechanism
 from test.support.measured_links import (
     FAULTS,
@@ -177,6 +180,22 @@ def test_mass_from_noisy_lines() -> None:
     assert above > 0
 
 
+@pytest.mark.parametrize("doubt", [0.095, 0.105])
+def test_lines_with_too_much_noise(doubt: float) -> None:
+    """The mass is known if the standard error of least squares is at most a tenth of it.
+
+    The lines of 5 kg fill one window, and their errors change sign from line to line.
+    """
+    frequencies = np.linspace(1.0, 2.51, 64)
+    x = frequencies / np.sqrt(2.5)
+    terms = np.stack([np.ones(64), x**2, x**-2.0, x**4], axis=1)
+    errors = (-1.0) ** np.arange(64)
+    rest = errors - terms @ np.linalg.lstsq(terms, errors, rcond=None)[0]
+    deviation = np.sqrt(np.linalg.inv(terms.T @ terms)[0, 0] * (rest @ rest) / (64 - 4))
+    frf = -(1.0 + doubt / deviation * rest) / (5.0 * (TAU * frequencies) ** 2)
+    assert (find_mass_lines(frequencies, frf.reshape(-1, 1, 1) + 0j) is None) == (doubt > 0.1)
+
+
 def test_three_dofs_show_a_mass() -> None:
     """12 kg with 0.5 kg m2 about (0.3, 0.1) m have A = R M^-1 R^T; two DoFs show no mass."""
     points = {"P": (0.0, 0.0), "Q": (0.6, 0.0)}
@@ -194,6 +213,42 @@ def test_dofs_that_the_link_does_not_have() -> None:
     dofs = tuple(replace(dof, direction="x") for dof in link.frfs.dofs)
     along = replace(link.frfs, dofs=dofs[:1], frf=link.frfs.frf[:, :1, :1])
     assert refusal(replace(link, frfs=along)) == ""
+
+
+@pytest.mark.parametrize(
+    ("mass", "words"),
+    [
+        (0.021, ""),
+        (0.019, "which no link has; convert it to m/N over Hz if it is in mm/N or um/N"),
+        (0.9e6, ""),
+        (1.1e6, "which no link has; convert it to m/N over Hz if it is in m/kN"),
+    ],
+)
+def test_masses_that_a_link_may_have(mass: float, words: str) -> None:
+    """A free mass m has H = -1 / (m omega^2); links have between 0.02 kg and 1000 t."""
+    error = error_of_a_mass(mass, np.zeros(100))
+    assert words in error if words else not error
+
+
+@pytest.mark.parametrize(("share", "refused"), [(0.29, True), (0.31, False)])
+def test_the_limit_of_a_loss(share: float, refused: bool) -> None:
+    """A line that loses over 30 % shows its sign, where the others are 0.03 rad off."""
+    phases = np.full(100, 0.03)
+    phases[50] = -np.arcsin(share)
+    assert ("gives out power" in error_of_a_mass(5.0, phases)) == refused
+
+
+def error_of_a_mass(mass: float, phases: FloatArray) -> str:
+    """Return the error of a mass, kg, at one DoF, with errors of phase, rad, at 100 lines."""
+    frequencies = np.linspace(1.0, 100.0, 100)
+    frf = -np.exp(-1j * phases) / (mass * (TAU * frequencies) ** 2)
+    try:
+        check_faults(
+            Frfs((InterfaceDof("P", "x"),), frequencies, frf.reshape(-1, 1, 1)), None, None
+        )
+    except FileError as error:
+        return str(error)
+    return ""
 
 
 def test_two_parts_that_come_apart() -> None:

@@ -159,7 +159,8 @@ def test_uff_of_every_quantity(tmp_path: Path, expected: ComplexArray, quantity:
 def test_unit_labels(tmp_path: Path, expected: ComplexArray, label: str) -> None:
     """The ways in which programs write the SI unit of an acceleration per force are read."""
     sets = [{**data, "ordinate_axis_units_lab": label} for data in functions()]
-    assert_bar(uff(tmp_path, [units(), *sets]), expected)
+    own = units(units_code=9, length=1.0000008, force=0.9999992)  # SI but for digits
+    assert_bar(uff(tmp_path, [own, *sets]), expected)
 
 
 @pytest.mark.parametrize("kind", ["single", "binary", "uneven"])
@@ -265,6 +266,14 @@ BAD_UFF: dict[str, tuple[Callable[[], list[dict[str, Any]]], str]] = {
     "millimetres by system": (
         lambda: [units(units_code=5, length=1000.0, force=1000.0), *functions()],
         r"units of mm in data set 164 \(code 5, length factor 1000, .*export it in SI",
+    ),
+    "length nearly in metres": (
+        lambda: [units(units_code=9, length=1.000002), *functions()],
+        "has units of its own in data set 164",
+    ),
+    "force nearly in newtons": (
+        lambda: [units(units_code=9, force=0.999998), *functions()],
+        "has units of its own in data set 164",
     ),
     "quantity unknown": (
         lambda: first(ordinate_spec_data_type=0),

@@ -239,6 +239,12 @@ def test_bombs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert path.stat().st_size < 200_000
     with pytest.raises(ComponentFileError, match=r"holds \d+ MiB, more than 0 MiB"):
         read_matrices(path)
+    path = dense_npz(tmp_path, bar())
+    monkeypatch.setattr(component_files, "MAX_BYTES", path.stat().st_size)
+    read_matrices(path)
+    monkeypatch.setattr(component_files, "MAX_BYTES", path.stat().st_size - 1)
+    with pytest.raises(ComponentFileError, match="holds 0 MiB, more than 0 MiB"):
+        read_matrices(path)
 
 
 def test_claims_that_no_memory_could_hold(tmp_path: Path) -> None:

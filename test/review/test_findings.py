@@ -377,6 +377,9 @@ def test_what_ends_a_warning_does_end_it(log: Log) -> None:
     unlike = replace(log, speeds={Source.ENGINE: log.speeds[Source.ENGINE]})
     assert log.drive.resonances.excitation[20] == "engine_shake 1.5"
     assert (ending(log, 20) != "", ending(unlike, 20)) == (True, "")
+    times, values = log.speeds[Source.PTO]  # another PTO speed changes the total by over 0.1 %
+    faster = replace(log, speeds=log.speeds | {Source.PTO: (times, 1.1 * values)})
+    assert ending(faster, 20) == ""
 
 
 def test_what_would_end_a_load(log: Log) -> None:

@@ -33,7 +33,9 @@ def test_measured_profile_from_its_file_to_the_page(tmp_path: Path) -> None:
     heights = tracks.mean(axis=1)
     (tmp_path / "lane.csv").write_text("\n".join(rows) + "\n")
     file, bag, log = (tmp_path / name for name in ("mine.yaml", "bag.mcap", "log.mcap"))
-    file.write_text("field: {speed: ground, terrain: {profile: lane.csv}, raised: true}\n")
+    field = "field: {speed: ground, terrain: {profile: lane.csv}, raised: true}\n"
+    rotor = "rotor: {speed: pto, orders: [1], force: [60.0], at: E1.z, at_speed: 540.0}\n"
+    file.write_text(field + rotor)  # which does not turn
     times = np.arange(2 * RATE + 1) / RATE
     speeds = {source: np.zeros(len(times)) for source in Source}
     speeds[Source.GROUND] += SPEED
@@ -56,4 +58,9 @@ def test_measured_profile_from_its_file_to_the_page(tmp_path: Path) -> None:
     velocity = s * moved * waves[band] / len(heights)
     expected = math.sqrt(2.0 * float((np.abs(velocity) ** 2).sum()))
     assert abs(level / expected - 1.0) < 0.05
-    assert b"lane.csv" in b"".join(page_parts(review_page(actual)))
+    page = review_page(actual)
+    assert b"lane.csv" in b"".join(page_parts(page))
+    [load] = [chart for chart in page.content["charts"] if chart["id"] == "load"]
+    lines = {line["label"]: line["colour"] for line in load["series"]}
+    assert [*lines][:3] == ["ground", "orders together, at most", "all sources"]
+    assert len(set(lines.values())) == 3

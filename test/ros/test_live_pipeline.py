@@ -12,6 +12,7 @@ from pathlib import Path
 from types import FrameType, SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
@@ -222,6 +223,7 @@ def test_windows_of_readings(bench: Bench, readings: int, messages: int) -> None
         bench.now += 0.01
     counts = [kind for kind in bench.published if kind == LOAD_STATE]
     assert len(counts) == messages
+    assert bench.statistics.predicted == readings
     assert bench.path.resonance is not None
     assert int(bench.path.resonance.count) == messages
 
@@ -489,6 +491,30 @@ def test_a_clock_that_stands(
     assert unknown[-1] == pytest.approx(6.0, abs=1.05)
     assert (len(unknown) > 20) == stamps_move
     assert states[-1][1] != LoadStateMessage.STATE_UNKNOWN
+
+
+@pytest.mark.parametrize(("span", "jumps"), [(3.1, True), (2.0 * math.pi, False)])
+def test_only_a_crank_that_turns_may_be_fast(bench: Bench, span: float, jumps: bool) -> None:
+    """A step of 1 rad in 0.1 s is a jump of a hitch, whose range is less than half a turn."""
+    table = bench.path.predictor.table
+    turning = replace(table, alpha3=np.linspace(1.0, 1.0 + span, len(table.alpha3)))
+    bench.path.predictor = Predictor(turning)
+    bench.path.subscribe()
+    for i in range(10):
+        bench.now += 0.1
+        bench.put(0.0, position=2.0 + (i > 5))
+        bench.spin()
+    assert ("jump by up to" in bench.faults()) == jumps
+
+
+def test_the_largest_message(bench: Bench) -> None:
+    """A message of a megabyte is answered, and one byte more is refused."""
+    for size, answered in ((1_000_001, 0), (1_000_000, 1)):
+        bench.put(0.0)
+        [(data, info)] = bench.queues["/joint_states"]
+        bench.queues["/joint_states"] = [(data.ljust(size, b"\0"), info)]
+        bench.spin()
+        assert len(bench.recorded) == answered
 
 
 def entered(call: Callable[[], None]) -> list[str]:

@@ -187,6 +187,7 @@ def test_links_known_by_matrices_keep_them(mechanism: Mechanism) -> None:
     [
         ({"band": (200.0, 0.0)}, "two frequencies that ascend"),
         ({"tolerance": 0.0}, "from 1e-9 to 1"),
+        ({"tolerance": 1.0}, "from 1e-9 to 1"),
         ({"tolerance": 1e-9, "band": (0.0, 2e4), "angles": (2.0, 2.0)}, "give a larger tolerance"),
         ({"angles": (2.0, 1.0)}, "the smaller one first"),
     ],
