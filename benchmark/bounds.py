@@ -150,7 +150,10 @@ def slopes_of_poles(solution: Solution) -> FloatArray:
         The model at one angle.
     """
     if solution.damped.shapes is None:
-        return undamped_slopes(solution)[~solution.modes.mechanism]
+        # One loss factor for all links raises every frequency by the same factor.
+        elastic = ~solution.modes.mechanism
+        raised = math.tau * solution.natural_frequencies[elastic] / solution.modes.omega[elastic]
+        return np.asarray(raised * undamped_slopes(solution)[elastic])
     terms = oscillating_indices(solution.damped._upper_poles)
     poles, joining, system = solution.damped.oscillating, solution.joining, solution.model.system
     psi = solution.modes.shapes @ solution.damped.shapes[0][:, terms]

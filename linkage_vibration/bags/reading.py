@@ -36,8 +36,8 @@ from linkage_vibration.support.atomic_files import read_text, refuse_pipe
 from linkage_vibration.support.missing_library import needed
 from linkage_vibration.support.progress import read_with_bar
 from linkage_vibration.support.resources import command
+from linkage_vibration.support.strict_yaml import refuse_unbounded
 from linkage_vibration.support.version import check_versions
-from linkage_vibration.support.yaml_size import refuse_unbounded
 
 if TYPE_CHECKING:
     from rosbags.rosbag1 import Reader as Reader1

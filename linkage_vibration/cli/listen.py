@@ -32,7 +32,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Write the page and other files, and print the answer; return the exit code."""
     import numpy as np
-    import yaml
     from tqdm import tqdm
 
     from linkage_vibration.listening.amplitudes import amplitude_numbers
@@ -44,6 +43,7 @@ def run(options: argparse.Namespace) -> int:
     from linkage_vibration.review.log import ReviewError, read_log
     from linkage_vibration.studies.yaml_editing import edit_text
     from linkage_vibration.support.atomic_files import write_files
+    from linkage_vibration.support.strict_yaml import load_yaml_text
 
     output = options.output or options.log.with_name(f"{options.log.stem}_listen.html")
     outputs = [output, *(path for path in (options.amplitudes, options.targets) if path)]
@@ -67,7 +67,7 @@ def run(options: argparse.Namespace) -> int:
         bar.update()
     if options.amplitudes:
         rows = [row for each in comparisons for row in each.rows]
-        numbers = amplitude_numbers(rows, yaml.safe_load(log.excitations_text))
+        numbers = amplitude_numbers(rows, load_yaml_text(log.excitations_text))
         text = edit_text(log.excitations_text, numbers, ReviewError)
         content[options.amplitudes] = [text.encode()]
     if options.targets:

@@ -566,11 +566,11 @@ class Solution:
     def natural_frequencies(self) -> FloatArray:
         """Natural frequencies, Hz, ascending: one for each of the `modes`, 0 Hz for a mechanism.
 
-        Where damping couples the modes they are those of the oscillating poles instead,
-        abs(lambda) / 2 pi: an overdamped mode and a mechanism mode have none.
+        They are abs(lambda) / 2 pi of poles, as in a table. Where damping couples the modes, these
+        are the oscillating ones: an overdamped mode and a mechanism mode have none.
         """
         if self.damped.shapes is None:
-            return self.modes.omega / (2.0 * math.pi)
+            return np.asarray(np.sqrt(np.abs(self.damped.stiffness)) / (2.0 * math.pi))
         return np.abs(self.damped.oscillating) / (2.0 * math.pi)
 
     def rounding(self, modes: IntArray) -> FloatArray:

@@ -82,9 +82,10 @@ class DampedModes:
         if self.shapes is not None:
             poles = self.oscillating
             return np.asarray(-poles.real / np.abs(poles))
-        omega = np.sqrt(np.abs(self.stiffness))
+        root = np.sqrt(self.stiffness)  # i times it is a pole, if damping is structural
+        omega = np.abs(root)
         with np.errstate(divide="ignore", invalid="ignore"):  # rigid modes have none
-            ratios = self.decay / (2.0 * omega) + self.stiffness.imag / (2.0 * omega**2)
+            ratios = (self.decay / 2.0 + root.imag) / omega
         return np.where(omega > 0.0, ratios, np.nan)
 
 

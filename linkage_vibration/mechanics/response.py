@@ -32,9 +32,7 @@ N_FAR = 4
 RIVAL = 0.8
 """Fraction of the highest value from which a maximum may be the highest between grid points."""
 
-FREE_FROM = 0.01
-"""Share of a band from which a mechanism's peak is sought where damping couples the modes."""
-
+_FREE_FROM = 0.01  # Responses of a mechanism are compared from this share of a band.
 _NOTHING = 1e-15  # Smaller residues, as shares of the largest, are rounding.
 _NEWTON = 6  # largest number of steps to a maximum; three or four are enough
 _GRID = 200  # number of frequencies over the band at which a peak is sought first
@@ -226,8 +224,8 @@ class PoleResidue:
         omega = np.sqrt(np.abs(self.stiffness))
         if (omega < MECHANISM).any():
             # A mechanism responds without limit towards 0 Hz, which is not a resonance.
-            first = float(omega[omega >= MECHANISM].min(initial=high)) / 2.0
-            low = max(low, FREE_FROM * high if self.rates.any() else first)
+            oscillates = (omega >= MECHANISM) & (self.decay < 2.0 * omega)
+            low = max(low, float(omega[oscillates].min(initial=high)) / 2.0)
         inside = (omega > low) & (omega < high)
         centre, width = omega[inside], self._half_widths(inside)
         driven = np.abs(self.residues[0, 0, inside]) + centre * np.abs(self.rates[0, 0, inside])
@@ -446,7 +444,7 @@ def far_poles(
 
 def peak_search_band(band: tuple[float, float], *, free: bool) -> tuple[float, float]:
     """Return the part of a band (Hz) in which responses are compared; `free` is for a mechanism."""
-    return (max(band[0], FREE_FROM * band[1]), band[1]) if free else band
+    return (max(band[0], _FREE_FROM * band[1]), band[1]) if free else band
 
 
 def in_reach(

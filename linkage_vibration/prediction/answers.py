@@ -33,6 +33,7 @@ from linkage_vibration.prediction.ground import (
     lateral_mounts,
 )
 from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.support.strict_yaml import load_yaml_text
 from linkage_vibration.table.table import Table, table_bytes
 
 if TYPE_CHECKING:
@@ -294,7 +295,7 @@ def with_implement(
             f"centre_of_gravity has {len(centre)} numbers; give [x, z] in m in the axes of "
             f"{name}, or no number to keep the present one."
         )
-    mapping = yaml.safe_load(mechanism_text)
+    mapping = load_yaml_text(mechanism_text)
     numbers: dict[str, Any] = {"mass": implement.mass, "inertia": implement.inertia}
     if centre:
         numbers["centre_of_gravity"] = centre

@@ -2,9 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads mechanisms from YAML files."""
 
-import itertools
-from collections.abc import Hashable
-from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -20,9 +17,7 @@ from linkage_vibration.readers.frfs import read_frfs
 from linkage_vibration.readers.matrices import read_matrices
 from linkage_vibration.support.atomic_files import read_text
 from linkage_vibration.support.resources import DEFAULT_MECHANISM, config_file
-from linkage_vibration.support.yaml_size import refuse_unbounded
-
-_SHALLOW = 2000  # beginnings of collections; the loader in C ends the process at some depth
+from linkage_vibration.support.strict_yaml import load_yaml_text
 
 
 def read_mechanism(path: str | Path | None = None) -> Mechanism:
@@ -57,10 +52,7 @@ def load_yaml(path: Path) -> tuple[Any, str]:
         problem = "is not a path; give the path of a YAML file."
         raise MechanismError(repr(str(path)), problem) from None
     try:
-        if sum(map(text.count, "[{-?")) < _SHALLOW:
-            with suppress(yaml.YAMLError):
-                return yaml.load(text, _QuickLoader), text
-        return yaml.load(text, _StrictLoader), text  # whose errors say more
+        return load_yaml_text(text), text
     except yaml.YAMLError as error:
         raise MechanismError(str(path), f"is not valid YAML: {_one_line(error)}") from None
     # A value that does not fit its tag makes PyYAML raise any exception.
@@ -105,57 +97,8 @@ _FILES = {"matrices": _matrices, "frfs": _frfs}
 """What reads the body of a link from a file, by the ``kind`` of the file."""
 
 
-def _whole_number(loader: Any, node: Any) -> int:
-    """Return a whole number that a float can hold."""
-    value = loader.construct_yaml_int(node)
-    try:
-        float(value)
-    except OverflowError:
-        raise yaml.constructor.ConstructorError(
-            None, None, "the number is too large", node.start_mark
-        ) from None
-    return int(value)
-
-
-class _Strict(yaml.constructor.SafeConstructor):
-    """Loads plain data of bounded size; a repeated key, which YAML drops silently, is an error."""
-
-    yaml_constructors = yaml.constructor.SafeConstructor.yaml_constructors | {
-        "tag:yaml.org,2002:int": _whole_number
-    }
-
-    def construct_document(self, node: Any) -> Any:
-        refuse_unbounded(node)
-        return super().construct_document(node)
-
-    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Hashable, Any]:
-        seen = set()
-        for key_node, _ in node.value:
-            key = key_node.value
-            if isinstance(key, str) and key_node.tag != "tag:yaml.org,2002:merge":
-                if key in seen:
-                    raise yaml.constructor.ConstructorError(
-                        None, None, f"the key {key!r} occurs twice; remove one", key_node.start_mark
-                    )
-                seen.add(key)
-        for (_, before), (key, value) in itertools.pairwise(node.value):
-            tags = before.tag.rpartition(":")[2], value.tag.rpartition(":")[2]
-            if tags == ("int", "null") and str(key.value).isdecimal():
-                number = f"{before.value}.{key.value}"
-                hint = f"a comma ends a number; write {number} with a decimal point"
-                raise yaml.constructor.ConstructorError(None, None, hint, key.start_mark)
-        return super().construct_mapping(node, deep)
-
-
-class _QuickLoader(_Strict, getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
-    """The loader in C, which takes a tenth of the time."""
-
-
-class _StrictLoader(_Strict, yaml.SafeLoader):
-    """The loader in Python."""
-
-
 def _one_line(error: yaml.YAMLError) -> str:
     if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark is not None:
-        return f"line {error.problem_mark.line + 1}: {error.problem}."
+        hint = "; write spaces instead of tabs" if repr("\t") in str(error.problem) else ""
+        return f"line {error.problem_mark.line + 1}: {error.problem}{hint}."
     return " ".join(str(error).split())

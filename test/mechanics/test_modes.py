@@ -3,6 +3,7 @@
 """Modes: orthogonality, precision, mechanism modes, damping."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from linkage_vibration.mechanics.coupling import CoupledSystem
+from linkage_vibration.mechanics.description import LossFactor, Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.modes import ModesError, damp_modes, solve_modes
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
@@ -118,6 +120,26 @@ def test_damped_modes_give_the_direct_response(which: str) -> None:
     assert (damped.damping_ratios < 1.0).all()
     assert (np.diff(np.abs(damped.stiffness)) > 0.0).all()
     assert len(damped.damping_ratios) == (2 if which == "overdamped" else 4)
+
+
+@pytest.mark.parametrize("rest", [0.0, 1e-3])
+def test_equal_loss_factors_are_the_limit_of_unequal_ones(
+    mechanism: Mechanism, rest: float
+) -> None:
+    """With one loss factor eta the poles are i w sqrt(1 + i eta), w undamped; `rest` is one more.
+
+    So frequencies are above those without damping by (1 + eta^2)^(1/4), as they are in a table.
+    """
+    eta, angle = 0.5, math.radians(140.0)
+    first, *others = mechanism.links
+    links = (replace(first, damping=LossFactor(eta + rest)), *others)
+    solution = LinkageModel(replace(mechanism, links=links, damping=LossFactor(eta))).solve(angle)
+    coupled = solution.coupled
+    undamped = np.sqrt(eigh(coupled.stiffness, coupled.mass, eigvals_only=True)[:5]) / math.tau
+    natural = (1.0 + eta**2) ** 0.25 * undamped
+    np.testing.assert_allclose(solution.natural_frequencies[:5], natural, rtol=1e-7 + rest)
+    ratio = math.sin(math.atan(eta) / 2.0)
+    np.testing.assert_allclose(solution.damping_ratios[:5], ratio, rtol=1e-12 + 2.0 * rest)
 
 
 @pytest.mark.parametrize("dashpot", [0.0, 3.0, 17.3, 17.4, 1e3, 1e5])

@@ -5,6 +5,7 @@
 from dataclasses import dataclass
 
 TOLERANCE = 1e-6  # Default relative tolerance of natural frequencies
+COARSEST = 1.0  # Tables of this tolerance or above have no use.
 
 LOOSER = 100.0
 """Ratio of the tolerance of peaks and FRFs to that of natural frequencies.

@@ -18,7 +18,7 @@ from linkage_vibration.support.progress import table_bar
 from linkage_vibration.support.version import VERSION
 from linkage_vibration.table.pole_cells import oscillating, values_of
 from linkage_vibration.table.table import Table, TableError, both_halves
-from linkage_vibration.table.tabulation.accuracy import TOLERANCE, Accuracy
+from linkage_vibration.table.tabulation.accuracy import COARSEST, TOLERANCE, Accuracy
 from linkage_vibration.table.tabulation.cell_making import cell_arrays
 from linkage_vibration.table.tabulation.ensemble import Meshed, with_uncertainty
 from linkage_vibration.table.tabulation.naming import with_mode_names
@@ -26,7 +26,7 @@ from linkage_vibration.table.tabulation.piece_refinement import RefinedPiece, re
 from linkage_vibration.table.tabulation.refinement import first_points, refine_pieces
 from linkage_vibration.table.tabulation.sampling import Sampler
 
-_FINEST, _COARSEST = 1e-11, 1.0  # Rounding prevents finer ones; coarser tables have no use.
+_FINEST = 1e-11  # Rounding prevents finer tolerances.
 _SHARE = 0.25  # of the work before the ensemble is added, if there is one
 
 
@@ -69,8 +69,8 @@ def build_table(
         has too few modes, or hardly any response; if poles cannot be followed.
     """
     check_type(model, "make one of a mechanism with `LinkageModel`", LinkageModel)
-    if not _FINEST <= tolerance < _COARSEST:
-        hint = f"give one from {_FINEST:g} to less than {_COARSEST:g}"
+    if not _FINEST <= tolerance < COARSEST:
+        hint = f"give one from {_FINEST:g} to less than {COARSEST:g}"
         raise TableError(f"A tolerance of {tolerance:g} is invalid or cannot be met; {hint}.")
     if progress is None:
         with table_bar(model.mechanism.name) as shown:

@@ -143,8 +143,8 @@ def refine(sampler: Sampler, fitted: list[float], accuracy: Accuracy) -> Refined
             fine = replace(fine, models=_with_far(sampler, samples, chosen, near))
             fewer = fine.models.at(fine.variables, fine.variables[kept])
             coarse = _piece(sampler, fitted, fewer)
-            values = rounding(fine, response) + sampler.rounding(finer).values
-            alpha3 = sampler.angle(finer[0])
+            values, alpha3 = rounding(fine, response)
+            values += sampler.rounding(finer).values
             sampler.refuse_rounding(Rounding(values), alpha3, accuracy, 1.0 / 2.0)
             # A table of identified modes has no FRFs.
             exact = [] if sampler.measured else samples
@@ -247,8 +247,8 @@ def _far_norms(
     return norms
 
 
-def rounding(piece: PolePiece, response: Response) -> float:
-    """Return by how much rounding may change a frequency, ratio or resonance, relative."""
+def rounding(piece: PolePiece, response: Response) -> tuple[float, float]:
+    """Return by how much rounding may change a value, relative, and the worst angle, rad."""
     modal = piece.drive(piece.angles)
     models = modal.models
     matrices = -np.linalg.solve(models.inertia, models.stiffness)
@@ -262,12 +262,13 @@ def rounding(piece: PolePiece, response: Response) -> float:
     gaps = np.where(gaps > 0.0, gaps, math.inf).min(axis=2, initial=math.inf)
     moved = np.minimum(moved, np.sqrt(moved * gaps)) / np.abs(poles)
     moved = moved if models.viscous else moved / 2.0  # of the square of a pole
-    worst = 0.0
-    for all_poles, shift in zip(modal.frequencies, moved, strict=True):
+    worst = 0.0, float(piece.angles[0])
+    angles = piece.angles.tolist()
+    for alpha3, all_poles, shift in zip(angles, modal.frequencies, moved, strict=True):
         exact = _not_real(_compared(oscillating(all_poles), response))
         nearest_poles = np.abs(exact[:, np.newaxis] - all_poles).argmin(axis=1)
         shares = (shift[nearest_poles] + CELL_ROUNDING) / values_of(exact)[1]
-        worst = max(worst, float(shares.max(initial=0.0)))
+        worst = max(worst, (float(shares.max(initial=0.0)), alpha3))
     return worst
 
 

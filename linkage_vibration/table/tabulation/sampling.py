@@ -20,7 +20,7 @@ from linkage_vibration.table.interpolation import stroke_angle, stroke_variable
 from linkage_vibration.table.pole_cells import oscillating, values_of
 from linkage_vibration.table.reduced import Numbers
 from linkage_vibration.table.table import TableError
-from linkage_vibration.table.tabulation.accuracy import LOOSER, Accuracy
+from linkage_vibration.table.tabulation.accuracy import COARSEST, LOOSER, Accuracy
 from linkage_vibration.table.tabulation.subspaces import PoleSample, sample_identified, sample_poles
 
 _REMEMBERED = 64  # So many solutions of the model are kept.
@@ -170,11 +170,13 @@ class Sampler:
         if rounding.values <= share * accuracy.frequency and rounding.frf <= share * accuracy.frf:
             return
         least = 1.1 * max(rounding.values, rounding.frf / LOOSER) / share
+        larger = f"at least {least:.1e}, " if least < COARSEST else ""
         raise TableError(
             f"Rounding changes a natural frequency or damping ratio of {self.model.mechanism.name} "
             f"by {rounding.values:.0e} at alpha3 = {math.degrees(alpha3):.3f} deg, too much for "
-            f"{accuracy.frequency:g}; give at least {least:.1e}, more damping, a band_hz that ends "
-            "nearer to the lowest mode, or move apart two points of a link that nearly coincide."
+            f"{accuracy.frequency:g}; give {larger}more damping, a range_deg that ends before it, "
+            "a band_hz that ends nearer to the lowest mode, or move apart two points of a link "
+            "that nearly coincide."
         )
 
     def _note_rounding(self, solution: Solution, ratios: FloatArray) -> None:

@@ -189,6 +189,15 @@ def test_damping_that_is_too_small(mapping: Any) -> None:
         build_table(model)
 
 
+def test_stroke_that_ends_at_a_toggle(mapping: Any) -> None:
+    """The first mode falls to 0 Hz at the toggle, 203.7027 deg; no tolerance below 1 suffices."""
+    mapping["damping"] = {"rule": "modal_ratio", "ratio": 0.005}
+    mapping["input"]["range_deg"] = [180.0, 203.7017]
+    model = LinkageModel(mechanism_from_mapping(mapping))
+    with pytest.raises(TableError, match=r"alpha3 = 203\.70. deg.*; give more damping, a"):
+        build_table(model)
+
+
 def test_two_points_that_nearly_coincide(mapping: Any) -> None:
     """Rounding grows; the table is refused soon, with a tolerance that is met."""
     points = mapping["links"]["lower_link"]["points"]

@@ -213,18 +213,28 @@ def test_round_trip(hitch: tuple[LinkageModel, Table], tmp_path: Path) -> None:
     np.testing.assert_array_equal(*actual)
 
 
-def test_structural_damping_that_couples(mapping: Any) -> None:
-    """Unequal loss factors of the links couple the modes too."""
-    mapping["damping"] = {"rule": "loss_factor", "factor": 0.02}
+@pytest.mark.parametrize("other", [0.3, 0.1])
+def test_structural_damping(mapping: Any, other: float) -> None:
+    """Unequal loss factors of the links couple the modes; tables have the poles of equal ones, too.
+
+    Those are i w sqrt(1 + i eta) by the undamped angular frequencies w.
+    """
+    eta = 0.1
+    mapping["damping"] = {"rule": "loss_factor", "factor": eta}
     first = next(iter(mapping["links"]))
-    mapping["links"][first]["damping"] = {"rule": "loss_factor", "factor": 0.3}
+    mapping["links"][first]["damping"] = {"rule": "loss_factor", "factor": other}
     model = LinkageModel(mechanism_from_mapping(mapping))
     table = build_table(model, 1e-4)
     assert np.iscomplexobj(table.reduced[0].stiffness)
     for angle in (1.7, 2.4, 3.0):
         solution = model.solve(angle)
+        equal = other == eta
+        poles = 1j * solution.modes.omega * np.sqrt(1.0 + 1j * eta)
+        poles = poles if equal else solution.damped.oscillating
         row = table.evaluate(np.array([angle]))[0]
-        assert worst_pole_error(table, angle, row, solution.damped.oscillating) <= 2.0
+        assert worst_pole_error(table, angle, row, poles) <= 2.0
+        solved = solution.natural_frequencies[: table.n_modes]
+        np.testing.assert_allclose(np.sort(row[: table.n_modes]), solved, rtol=2e-4)
         assert row[-1] == pytest.approx(solution.peak(table.peak_band).magnitude, rel=1e-3)
 
 
@@ -239,6 +249,16 @@ def test_crank_that_only_a_damper_holds(mapping: Any) -> None:
     solution = model.solve(2.3)
     row = table.evaluate(np.array([2.3]))[0]
     assert worst_pole_error(table, 2.3, row, solution.damped.oscillating) <= 2.0
+    # The peak of the responses from half of the lowest elastic mode on, by LM-FBS.
+    place, lines = (
+        [(model.mechanism.response.point, model.mechanism.response.direction)],
+        np.linspace(row[0] / 2.0, table.band[1], 2000),
+    )
+    sizes = np.abs(model.coupled_frf(2.3, lines, place, place).values[:, 0, 0])
+    peak = solution.peak(table.peak_band)
+    for at, height in (row[-2:], (peak.frequency, peak.magnitude)):
+        assert at == pytest.approx(lines[sizes.argmax()], abs=lines[1] - lines[0])
+        assert height == pytest.approx(sizes.max(), rel=1e-3)
 
 
 def test_viscous_beside_structural_damping(mapping: Any) -> None:
