@@ -1,8 +1,9 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Writes benchmark/results/nightly.md from the JUnit XML of the nightly set.
+"""Writes benchmark/results/nightly.md from the JUnit XML of runs of the nightly set.
 
-Usage: write_nightly.py FILE [TESTS], where TESTS are the files that ran if not all did.
+Usage: write_nightly.py FILES [TESTS]: paths with a comma between them, where what a test did in a
+later file counts; and the tests that ran if not all did.
 """
 
 import sys
@@ -14,11 +15,16 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # also of the pages of bench
 
 from benchmark.report import RESULTS, machine, table
 
-suite = ElementTree.parse(sys.argv[1]).getroot()[0]
+suites = [ElementTree.parse(file).getroot()[0] for file in sys.argv[1].split(",")]
+cases = {
+    (case.get("classname", ""), case.get("name", "")): case
+    for suite in suites
+    for case in suite.iter("testcase")
+}
 seconds: Counter[str] = Counter()
 counts: dict[str, Counter[str]] = {}
-for case in suite.iter("testcase"):
-    name = case.get("classname", "").replace(".", "/") + ".py"
+for (folder, _), case in cases.items():
+    name = folder.replace(".", "/") + ".py"
     seconds[name] += float(case.get("time", 0.0))  # type: ignore[assignment]
     outcome = next((each.tag for each in case if each.tag in ("failure", "error", "skipped")), "")
     counts.setdefault(name, Counter())[outcome or "passed"] += 1
@@ -28,7 +34,8 @@ rows = [
     for name, of in sorted(counts.items())
 ]
 which = "All files ran" if len(sys.argv) < 3 or not sys.argv[2] else f"Only `{sys.argv[2]}` ran"
-day = suite.get("timestamp", "")[:10]
+day = suites[-1].get("timestamp", "")[:10]
+day += f", in {len(suites)} runs" if len(suites) > 1 else ""
 page = [
     "# The nightly set",
     "On this page you find the last result of the tests that take too long for every run. "
