@@ -67,7 +67,8 @@ def run(options: argparse.Namespace) -> int:
         bar.update()
     if options.amplitudes:
         rows = [row for each in comparisons for row in each.rows]
-        numbers = amplitude_numbers(rows, load_yaml_text(log.excitations_text))
+        # Without rows, the excitations of an older log may be refused by this version.
+        numbers = amplitude_numbers(rows, load_yaml_text(log.excitations_text)) if rows else []
         text = edit_text(log.excitations_text, numbers, ReviewError)
         content[options.amplitudes] = [text.encode()]
     if options.targets:

@@ -102,7 +102,7 @@ def draw_bands(
         ax.plot(x, values, style, color=colour, linewidth=1.7)
     unknown = " (no band: not known)" if np.isnan(stddevs).any() else ""
     dashed = "; dashed: sway, roll and yaw" if lateral is not None and lateral.any() else ""
-    # The error of the table is no deviation that could be seen.
+    # The error of a table, which is a deviation, too, is less than the width of a line.
     certain = not unknown and not (stddevs > 1e-4 * frequencies).any()
     return f"{'without' if certain else 'with one'} standard deviation{unknown}{dashed}"
 

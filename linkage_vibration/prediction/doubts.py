@@ -106,7 +106,7 @@ def _on_soil(mechanism: Mechanism, axles: float) -> Iterator[str]:
     """Yield a sentence for each spring to a point of the base far below its axles, z in m."""
     low = {point for point, (_, z) in mechanism.ground if z < axles - _BELOW}
     for spring in mechanism.springs:
-        for point in low.intersection(spring.points):
+        for point in filter(low.__contains__, spring.points):
             yield (
                 f"Spring {spring.name} ends at {point}, more than {_BELOW:g} m below the axles. It "
                 "is a point of the tractor, not of the soil: a wheel that carries the implement "
