@@ -286,7 +286,8 @@ def _half_shapes(table: Table, alpha3: float, places: Sequence[Place]) -> Comple
     hertz = np.sqrt(np.abs(terms.stiffness)) / (2.0 * math.pi)
     for mode, each in enumerate(table.evaluate(np.array([alpha3]))[0, : table.n_modes].tolist()):
         k = int(np.abs(hertz - each).argmin())
-        s = -terms.decay[k] / 2.0 + 2j * math.pi * hertz[k]
+        half = terms.decay[k] / 2.0
+        s = -half + 1j * np.sqrt(terms.stiffness[k] - half**2 + 0j)  # the pole
         residues = terms.residues[:, :, k] + s * terms.rates[:, :, k]
         shape = residues[:, np.linalg.norm(residues, axis=0).argmax()]
         shapes[moved, mode] = shape / (shape[np.abs(shape).argmax()] or 1.0)  # 0: it is at rest

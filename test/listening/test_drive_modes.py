@@ -23,9 +23,13 @@ from linkage_vibration.listening.output_only import Candidate, PausableTask, fin
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
 from linkage_vibration.table.table import Table
+from linkage_vibration.table.tabulation import build_table
 from test.support.in_plane import plane_mechanism, plane_table
+
+SENSED = [("E1", "x"), ("E1", "z"), ("V1", "z")]
 
 
 def listen_modes(*given: Any) -> tuple[DriveMode, ...]:
@@ -182,6 +186,28 @@ def test_shapes_of_the_table(arguments: tuple[Table, Mechanism]) -> None:
     undamped = LinkageModel(mechanism).solve(2.5).mode_shapes(SENSORS)
     for mode in range(4):
         assert mac(shapes[:, mode], undamped[:, [mode]].astype(complex))[0] > 0.95
+
+
+def test_shapes_beside_a_strong_damper(mapping: Any) -> None:
+    """They are those of the poles of the state matrix, whose points do not move in phase."""
+    ends = {"joint": "E1", "bodies": ["lower_link", "implement"]}
+    mapping["springs"] = {"damper": ends | {"stiffness": 1e3, "damping": 3e3}}
+    mapping["input"]["range_deg"] = [130.0, 140.0]
+    for link in mapping["links"].values():
+        link |= {"elements": 4, "modes": 2}
+    model, alpha3 = LinkageModel(mechanism_from_mapping(mapping)), math.radians(134.0)
+    actual = model_shapes(build_table(model, 1e-6), alpha3, SENSED)
+    solution = model.solve(alpha3)
+    system, n = solution.coupled, len(solution.coupled.mass)
+    state = np.eye(2 * n, k=n)
+    state[n:] = -np.linalg.solve(system.mass, np.hstack([system.stiffness, system.damping]))
+    poles, vectors = np.linalg.eig(state)
+    first = np.argsort(np.where(poles.imag > 0.0, np.abs(poles), np.inf))[: actual.shape[1]]
+    rows = system.restrict(model.rows(SENSED, model.kinematics.at(alpha3)))
+    exact = rows @ vectors[:n, first]
+    exact /= exact[np.abs(exact).argmax(axis=0), np.arange(len(first))]
+    assert abs(exact[2, 0].imag) > 0.2 * abs(exact[2, 0].real)
+    np.testing.assert_allclose(actual, exact, atol=1e-5)
 
 
 def test_difference() -> None:
