@@ -95,6 +95,7 @@ def replacement(path: Path, error: ErrorType, *, new_only: bool = False) -> Iter
     """
     with _new_file(path, error, new_only) as (new, target):
         yield new
+        _to_disk(new)
         _move(new, target, new_only)
 
 
@@ -106,6 +107,7 @@ def write_files(files: Mapping[Path, Iterable[bytes]], error: ErrorType) -> None
             new, target = stack.enter_context(_new_file(path, error))
             with new.open("wb") as file:
                 file.writelines(parts)
+            _to_disk(new)
             moves.append((path, new, target))
         for path, new, target in moves:
             with _errors(path, error):
@@ -138,10 +140,14 @@ def _new_file(path: Path, error: ErrorType, new_only: bool = False) -> Iterator[
             yield Path(inside) / path.name, target
 
 
-def _move(new: Path, target: Path, new_only: bool = False) -> None:
-    """Move a file to its place once the disk has it, so that a power failure leaves no part."""
+def _to_disk(new: Path) -> None:
+    """Wait until the disk has a file, so that a power failure after its move leaves no part."""
     with new.open("rb") as file:
         os.fsync(file.fileno())
+
+
+def _move(new: Path, target: Path, new_only: bool = False) -> None:
+    """Move a file that the disk has to its place."""
     if new_only:
         _move_to_free_name(new, target)
     else:

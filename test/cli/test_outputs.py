@@ -113,6 +113,15 @@ def test_files_of_a_bag_s_folder_are_inputs(files: Path) -> None:
         check_outputs([files / "new" / ".." / "log.mcap"], [files])
 
 
+def test_names_in_other_files_are_no_inputs(files: Path) -> None:
+    """A YAML file names inputs, and a text that looks the same does not."""
+    for name in ("notes.txt", "notes.yaml"):
+        (files / name).write_text("log: log.mcap")
+    check_outputs([files / "log.mcap"], [files / "notes.txt"])
+    with pytest.raises(OutputError, match="is an input"):
+        check_outputs([files / "log.mcap"], [files / "notes.yaml"])
+
+
 def test_one_name_for_two_outputs(files: Path, capsys: Any) -> None:
     """Two outputs need two names."""
     assert main(["review", "log.mcap", "-o", "x", "--csv", "x"]) == 1

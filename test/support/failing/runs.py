@@ -32,10 +32,12 @@ from linkage_vibration.cli.main import main as run_command
 from linkage_vibration.support.resources import config_file
 
 KINDS = ("open", "write", "fsync", "rename")
+# It is named, so that no further line says which table is used.
+TABLE = str(config_file("tables/three_point_linkage_on_tractor.npz"))
 # Each command with its outputs, all of which exist before.
 COMMANDS = {
     "record": ([], []),
-    "replay": (["drive.mcap", "-o", "new.mcap"], ["new.mcap"]),
+    "replay": (["drive.mcap", "--mechanism", TABLE, "-o", "new.mcap"], ["new.mcap"]),
     "recover": (["cut.mcap", "-o", "fresh.mcap"], ["fresh.mcap"]),
     "review": (["log.mcap", "-o", "page.html", "--csv", "table.csv"], ["page.html", "table.csv"]),
     "export": (["table.npz", "--c", "code"], []),
