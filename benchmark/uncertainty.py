@@ -164,7 +164,7 @@ def described(name: str) -> dict[str, Any]:
         return with_numbers(described(NAMES[6]), PLOUGH.items())
     if name == "calibrated starter":
         mapping = described(NAMES[5])
-        task = CalibrationTask(mapping, yaml.safe_dump(mapping), (), (MEASURED,))
+        task = CalibrationTask(mapping, yaml.safe_dump(mapping, sort_keys=False), (), (MEASURED,))
         with TemporaryDirectory() as folder:
             path = Path(folder) / "calibrated.yaml"
             write_mechanism(task, calibrate(task, 1), path)
