@@ -134,7 +134,8 @@ def run(checkout: Path, tests: Sequence[str], *options: str) -> str:
         return "the limit of time"
     if done.returncode in (0, 5):
         return ""
-    if done.returncode == -signal.SIGINT or "KeyboardInterrupt" in done.stdout:
+    interrupted = re.search(r"^!+ KeyboardInterrupt !", done.stdout, re.MULTILINE)
+    if done.returncode == -signal.SIGINT or interrupted:
         raise KeyboardInterrupt  # which is no answer
     lines = re.findall(r"^(?:FAILED|ERROR) (.*)$", done.stdout, re.MULTILINE)
     failed = (t for t in tests for line in lines if line == t or line.startswith(f"{t} - "))

@@ -116,6 +116,16 @@ def frf_of(count: int) -> Frf:
     return Frf(np.arange(4.0), place, count * place, values, np.array([0.1]))
 
 
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_phase_is_not_joined_over_half_a_turn(way: float) -> None:
+    """From 170 to 190 deg, which is drawn at -170 deg, there is no line, and so the other way."""
+    turns = np.radians([0.0, 90.0, 170.0, 190.0, 200.0])
+    values = np.exp(1j * way * turns)[:, np.newaxis, np.newaxis]
+    frf = Frf(np.arange(5.0), (("E1", "z"),), (("E1", "z"),), values, np.array([0.0]))
+    drawn = lv.plot(frf).axes[1].lines[0].get_ydata()
+    np.testing.assert_allclose(drawn, way * np.array([0.0, 90.0, math.nan, -170.0, -160.0]))
+
+
 def test_frfs_are_drawn_with_their_error() -> None:
     """A band has the width of the error; zero and infinity are no points; nine are too many."""
     upper, lower = frf_of(8).plot().axes

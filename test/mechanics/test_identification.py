@@ -251,6 +251,15 @@ def test_too_few_lines_for_a_peak() -> None:
             assert len(identify(LINES, frf, BAND).omega) == 1
 
 
+def test_lines_that_are_coarse_elsewhere() -> None:
+    """Lines need to be close at a peak alone: below it, they may be 19 Hz apart."""
+    lines = np.concatenate([[1.0, 20.0], LINES[LINES > 25.0]])
+    assert len(identify(lines, single(lines), BAND).omega) == 1
+    lines = np.concatenate([LINES[LINES < 48.0], np.arange(49.0, 200.0, 6.0)])
+    with pytest.raises(IdentificationError):
+        identify(lines, single(lines), BAND)
+
+
 def test_too_few_lines_in_the_band() -> None:
     """A band of 21 lines is refused."""
     lines = np.linspace(1.0, 200.0, 200)

@@ -103,6 +103,7 @@ def test_load_ratio_and_its_limit(loaded: Log) -> None:
         corners = np.asarray(axes.collections[-1].get_paths()[0].vertices)[:, 0]
         assert corners.min() == pytest.approx(half, abs=0.2)
     assert lower.get_xlabel() == "time [s]"
+    assert lower.get_ylim()[0] == 0.0
 
 
 def test_part_of_a_total_is_dotted(loaded: Log) -> None:
