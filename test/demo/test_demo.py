@@ -80,14 +80,27 @@ def write_bag(path: Path, count: int) -> Path:
     return path / f"{path.name}.db3"
 
 
+def published(log: Path, topic: str) -> dict[int, int]:
+    """Return when the messages of a topic were published, by their log times, ns."""
+    with log.open("rb") as file:
+        messages = make_reader(file).iter_messages([topic])
+        return {message.log_time: message.publish_time for _, _, message in messages}
+
+
 def test_every_joint_state_is_answered_and_logged(tmp_path: Path) -> None:
     """The log holds what was played and, for each message, the shipped table's prediction."""
     bag = write_bag(tmp_path / "bag", 300)
     printed = demo(tmp_path / "out", "--bag", str(bag), "--joint", "123")
     assert re.search(r"^joint states in +240$", printed, re.MULTILINE)
     assert re.search(r"^predictions out +240$", printed, re.MULTILINE)
-    assert re.search(r"^latency +median \d+\.\d\d ms, 99th percentile", printed, re.MULTILINE)
+    [stated] = re.findall(
+        r"^latency +median (\d+\.\d\d) ms, 99th percentile (\d+\.\d\d) ms$", printed, re.MULTILINE
+    )
     log = written(tmp_path / "out", printed)
+    sent = {topic: published(log, topic) for topic in ("/joint_states", PREDICTION_TOPIC)}
+    waits = [1e-6 * (at - sent["/joint_states"][key]) for key, at in sent[PREDICTION_TOPIC].items()]
+    actual = np.percentile(waits, (50, 99))
+    np.testing.assert_allclose(np.array(stated, float), actual, atol=0.006)
 
     with AnyReader([bag]) as any_reader:
         messages: list[Any] = [

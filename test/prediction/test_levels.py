@@ -14,19 +14,20 @@ import yaml
 
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.mechanics.forces import tyre_place
 from linkage_vibration.mechanics.ground_motion import transmissibility
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.prediction import levels as levels_module
 from linkage_vibration.prediction.doubts import excitation_doubts
 from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
 from linkage_vibration.prediction.levels import LevelTable, first_largest
-from linkage_vibration.prediction.loads import ExcitationError
+from linkage_vibration.prediction.loads import ExcitationError, soil_motion
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.readers.mechanism import mechanism_of, read_mechanism
 from linkage_vibration.support.resources import PAPER_TABLE, config_file
 from linkage_vibration.table.table import Table, load_table
 from linkage_vibration.table.tabulation.building import build_table
-from test.support.in_plane import in_plane
+from test.support.in_plane import in_plane, plane_mechanism, plane_table
 
 SPEEDS = {Source.ENGINE: 1800.0, Source.PTO: 540.0, Source.GROUND: math.nan}
 ORDERS = {
@@ -379,3 +380,26 @@ def test_table_without_frfs() -> None:
     assert np.isnan(level.amplifications).all()
     with pytest.raises(ExcitationError, match="has no FRFs to compute a level from; leave"):
         LevelTable(predictor, mechanism, excitations_from_mapping(ORDERS))
+
+
+def test_responses_of_samples_are_frfs_of_the_table() -> None:
+    """Those by a motion of the soil, also in the tyre, which it compresses."""
+    table, mechanism = plane_table(), plane_mechanism()
+    assert mechanism.base is not None
+    [rear] = [mount for mount in mechanism.base.mounts if mount.name == "rear_axle"]
+    outputs = [(mechanism.response.point, mechanism.response.direction), tyre_place(rear.name)]
+    ends = float(table.alpha3[0]), float(table.alpha3[-1])
+    load = soil_motion("base:rear_axle.z", mechanism)
+    samples = levels_module._Samples(table, [load], outputs, 0, ends)
+    at, values, _ = samples.refined()
+    hertz = np.array([0.7, 4.0, 9.0, 30.0, 150.0])
+    w = np.broadcast_to(2.0 * math.pi * hertz[:, np.newaxis], (len(at), len(hertz), 1))
+    parts = samples.layout.split(np.ascontiguousarray(values.T))
+    # Of the motion of the soil: the force of the tyre, which also reacts to that motion itself.
+    stiffness = rear.stiffness[1] + 2j * math.pi * hertz * rear.damping[1]
+    inputs = [(rear.name, "z")]
+    for output, own in enumerate((0.0, stiffness)):
+        actual, _ = levels_module._responses(parts, output, w)
+        for row in range(1, len(at) - 1, 5):
+            frf = table.frf(float(at[row]), [outputs[output]], inputs).frf(hertz)[:, 0, 0]
+            np.testing.assert_allclose(actual[row, :, 0], frf * stiffness - own, rtol=1e-9)

@@ -11,7 +11,9 @@ import pytest
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs.units import HitchCurve, HitchScale
 from linkage_vibration.prediction.motion import (
+    _EXPLAINED,
     RateFilter,
+    _residuals,
     crank_filter,
     crank_resolution,
     speed_filter,
@@ -21,6 +23,23 @@ from test.support.motions import MOTIONS, SENSORS, Sensor, read
 
 SECOND = 10**9  # ns
 GAP = SECOND // 2  # ns
+
+
+def test_residual_by_four_means() -> None:
+    """It is the cubic term through the means; each step explains its part of it.
+
+    The reference is the last row of the inverse of a Vandermonde matrix.
+    """
+    times, values = np.array([0.0, 0.2, 0.3, 0.7]), np.array([1.0, 4.0, 2.0, 5.0])
+    shares = np.array([1.0, 0.5, 0.7, 0.3])
+    weights = np.linalg.inv(np.vander(times, increasing=True))[3]
+    norm, total = np.linalg.norm(weights * shares), abs(weights @ values)
+    for steps in np.vstack([0.3 * np.eye(4), [0.1, 0.2, 0.05, 0.4]]):
+        rows = np.column_stack([times, values, steps, shares]).tolist()
+        error, noise = _residuals([(a, v, h, n) for a, v, h, n in rows])
+        allowed = _EXPLAINED * np.abs(weights) @ steps
+        assert (error, noise) == pytest.approx((total / norm, (total - allowed) / norm))
+        assert noise > 0.0
 
 
 @pytest.mark.parametrize("name", SENSORS)

@@ -128,8 +128,9 @@ def test_part_of_a_total_is_marked(log: Log) -> None:
     above = total > at.load_ratio_limit
     np.testing.assert_array_equal(red[:-1], above[:-1])
     np.testing.assert_array_equal(hatched[:-1], (part & ~above)[:-1])
-    labels = [each["label"] for each in chart["key"]]
-    assert ("not known whether above the limit" in labels) == (part & ~above).any()
+    keys = {each["label"]: each.get("hatched") for each in chart["key"]}
+    assert keys["not known whether above the limit"] is True
+    assert keys["above the limit, or tyres off the ground"] is False
 
 
 @pytest.mark.parametrize(("step", "hatched"), [(3.0, 0), (3.5, 1)])

@@ -7,7 +7,7 @@ from unittest.mock import Mock
 
 import pytest
 
-from linkage_vibration.ros.endpoints import WARN_PERIOD, Throttle
+from linkage_vibration.ros.endpoints import LONGEST_REST, WARN_PERIOD, Throttle, rest
 
 
 @pytest.mark.parametrize(("later", "lines"), [(0.99 * WARN_PERIOD, 1), (1.01 * WARN_PERIOD, 2)])
@@ -25,3 +25,13 @@ def test_problem_that_comes_and_goes(
         throttle.report("hitch", "")
         throttle.report("hitch", "There is no number.")
     assert logger.warning.call_count == lines
+
+
+def test_rest_leaves_nine_tenths_of_a_core(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Work takes a tenth of the time with the rest that follows, which is never long."""
+    rests = list[float]()
+    monkeypatch.setattr(time, "sleep", rests.append)
+    for worked in (1e-3, 5.0):
+        rest(worked)
+    assert 1e-3 / (1e-3 + rests[0]) == pytest.approx(0.1)
+    assert rests[1] == LONGEST_REST

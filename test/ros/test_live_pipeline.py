@@ -454,9 +454,10 @@ def test_a_clock_that_stands(
     """Once the time on /clock has stood for a second, each load state is unknown until it moves.
 
     It stands from 2 to 6 s, or comes in steps of 0.9 s, which are no standing. The stamps of the
-    readings go on, or stand as well, so that there is one load state in a second.
+    readings go on, or stand as well, so that there is one load state in a second, with the time of
+    the clock.
     """
-    states, sim = list[tuple[float, int]](), [0]
+    states, stamps, sim = list[tuple[float, int]](), list[tuple[int, int]](), [0]
     path, began = bench.path, bench.now
     fixed = {"pto_speed": 0.0, "ground_speed": 0.0, "engine_speed": 1500.0}
     path.apply(with_values(Parameters(), fixed), bench.topics)
@@ -465,7 +466,11 @@ def test_a_clock_that_stands(
     )
 
     def on_state(data: bytes) -> None:
-        states.append((bench.now - began, deserialize_message(data, LoadStateMessage).state))
+        message = deserialize_message(data, LoadStateMessage)
+        states.append((bench.now - began, message.state))
+        stamp = message.header.stamp
+        if message.state == LoadStateMessage.STATE_UNKNOWN:
+            stamps.append((stamp.sec * 10**9 + stamp.nanosec, sim[0]))
 
     monkey: Any = path
     monkey._clock = clock
@@ -490,6 +495,7 @@ def test_a_clock_that_stands(
     assert set(between) == {LoadStateMessage.STATE_UNKNOWN}
     assert unknown[-1] == pytest.approx(6.0, abs=1.05)
     assert (len(unknown) > 20) == stamps_move
+    assert stamps_move or all(stamp == time for stamp, time in stamps)
     assert states[-1][1] != LoadStateMessage.STATE_UNKNOWN
 
 
