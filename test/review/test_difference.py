@@ -67,6 +67,7 @@ def test_known_difference(write_log: Any, tmp_path: Path) -> None:
     angle, mode = comparison.quantities[:2]
     assert len(comparison.rows_a) == 90
     assert angle.farthest == mode.farthest == 30
+    assert comparison.clock(angle.farthest) == "0.30"  # s
     assert np.rad2deg(angle.largest) == pytest.approx(1.0)
     assert angle.largest_relative == pytest.approx(np.deg2rad(1.0) / alpha3[40])
     assert np.isfinite(angle.change).sum() == 89
