@@ -64,11 +64,12 @@ class Runs:
     lines: dict[Path, dict[int, set[str]]]
     seconds: dict[str, float]
 
-    def tests_of(self, path: Path, line: int) -> list[str]:
+    def tests_of(self, path: Path, line: int) -> tuple[list[str], list[str]]:
         """Return the tests that run a line, or lines with the name that an import gives at it.
 
         If there are none, they run other lines of its file, or name its module. Of each file, the
-        quickest test comes first, then the second one, for up to the limit.
+        quickest test comes first, then the second one, for up to the limit. Others of the folder of
+        its room are apart, for up to the limit, too.
         """
         lines = self.lines.get(path, {})
         head, name = statement_at((COPY / path).read_text(), line)
@@ -80,7 +81,9 @@ class Runs:
                 # What each import runs belongs to no test, and to all that start a process.
                 used = {n for n, text in numbered if word.search(text)}
                 tests |= self._run(of, (n for n in used if "" not in of.get(n, {""})))
-        return self._in_order(tests or self._run(lines, lines) or self._naming(path.stem))
+        tests = tests or self._run(lines, lines) or self._naming(path.stem)
+        first, folder = self._in_order(tests), f"{Path('test', *path.parts[1:2])}/"
+        return first, self._in_order({t for t in tests if t.startswith(folder)} - {*first})
 
     def _naming(self, module: str) -> set[str]:
         """Return the tests of files that name a module, of which processes alone run lines."""

@@ -48,9 +48,11 @@ def f(
 def test_tests_are_those_of_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """They run it, or lines with a constant's name; the quickest test of each file comes first.
 
-    Where no test runs a module, the files of tests that name it are chosen.
+    Where no test runs a module, the files of tests that name it are chosen. Tests of the folder of
+    its room for which no time was left come after them.
     """
-    path = Path("module.py")
+    path = Path("package/room/module.py")
+    (tmp_path / path.parent).mkdir(parents=True)
     (tmp_path / path).write_text(MODULE)
     monkeypatch.setattr(line_tests, "COPY", tmp_path)
     imported = {"", "a.py::process"}  # a process that a test starts imports the module
@@ -58,12 +60,16 @@ def test_tests_are_those_of_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     seconds = {"a.py::slow": 3.0, "a.py::quick": 1.0, "a.py::process": 0.1, "b.py::t": 2.0}
     runs = line_tests.Runs({path: lines}, seconds)
     for line in (1, 5):  # the constant, and where it is used
-        assert runs.tests_of(path, line) == ["a.py::quick", "b.py::t", "a.py::slow"]
+        assert runs.tests_of(path, line) == (["a.py::quick", "b.py::t", "a.py::slow"], [])
     for file in ("a.py", "b.py"):
         (tmp_path / file).write_text("import module" if file == "b.py" else "")
-    assert line_tests.Runs({}, seconds).tests_of(path, 5) == ["b.py::t"]
+    assert line_tests.Runs({}, seconds).tests_of(path, 5) == (["b.py::t"], [])
     monkeypatch.setattr(line_tests, "LIMIT", 4.0)
-    assert runs.tests_of(path, 5) == ["a.py::quick", "b.py::t"]
+    assert runs.tests_of(path, 5) == (["a.py::quick", "b.py::t"], [])
+    own = "test/room/test_module.py::slow"
+    lines[5].add(own)
+    seconds[own] = 3.5
+    assert runs.tests_of(path, 5) == (["a.py::quick", "b.py::t"], [own])
     assert line_tests.statement_at(MODULE, 3) == (range(2, 5), "f")
     assert line_tests.statement_at(MODULE, 5) == (range(5, 6), "")
 

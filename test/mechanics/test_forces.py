@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from numpy.typing import NDArray
 
 from linkage_vibration.drawing.geometry import curves, mode_curves
@@ -430,3 +431,22 @@ def test_springs_without_a_force_are_refused() -> None:
     with pytest.raises(ForceError, match="There is no force at hinge; give one of: bar:P"):
         model.solve(0.5).frf([("hinge", "force")], [("E", "z")])
     assert model.static_forces(0.5)[0] == pytest.approx(7800 * 0.02 * 0.03 * 0.8 * G, rel=1e-6)
+
+
+def test_pin_of_three_links() -> None:
+    """Each of its links has a force of its own there, and the three are in equilibrium."""
+    mapping = yaml.safe_load(config_file("four_bar.yaml").read_text())
+    bar = {key: mapping["links"]["rocker"][key] for key in ("section", "material")}
+    mapping["ground"]["R"] = [1.0, 0.0]
+    mapping["links"]["stay"] = bar | {"points": {"C": 0.0, "Q": 0.4}}
+    mapping["links"]["post"] = bar | {"points": {"R": 0.0, "Q": 0.35}}
+    mapping["assembly"]["angles_deg"] |= {"stay": 0.0, "post": 100.0}
+    mapping["input"]["range_deg"] = [80.0, 100.0]
+    model = LinkageModel(mechanism_from_mapping(mapping))
+    pins = [f"{link}:C" for link in ("coupler", "rocker", "stay")]
+    assert set(pins) < set(model.forces.names)
+    for direction in ("force_x", "force_z"):
+        forces = [(pin, direction) for pin in pins]
+        frf = model.solve(1.5).frf(forces, [("B", "x")]).frf(np.array([3.0, 90.0]))[:, :, 0]
+        assert (np.abs(frf).min(axis=1) > 0.01 * np.abs(frf).max(axis=1)).all()
+        assert np.abs(frf.sum(axis=1)).max() < 1e-6 * np.abs(frf).min()

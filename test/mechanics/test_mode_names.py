@@ -13,7 +13,7 @@ import pytest
 import yaml
 
 from linkage_vibration.mechanics.description import MechanismError
-from linkage_vibration.mechanics.mode_names import KineticEnergy, kinetic_energy, name_modes
+from linkage_vibration.mechanics.mode_names import KineticEnergy, _along, kinetic_energy, name_modes
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.readers.mechanism import read_mechanism
@@ -65,6 +65,18 @@ def test_without_tractor_the_same_mode_has_the_same_name() -> None:
     assert table.mode_names[0] == "implement heave"
     shipped = load_table(config_file("tables/three_point_linkage_on_tractor.npz"))
     assert shipped.mode_names.index("implement heave") == 7
+
+
+def test_a_link_by_matrices_stretches_or_bends() -> None:
+    """Without a drawing, the share along a link is that of the squares of its motions along x."""
+    link = LinkageModel(read_mechanism(config_file("four_bar.yaml"))).components[1]
+    bare = replace(link, drawing=None)
+    shapes = np.zeros((len(link.dofs), 3))
+    for dof, row in zip(link.dofs, shapes, strict=True):
+        row[:] = {"x": (3.0, 0.0, 1.0), "z": (1.0, 2.0, 0.0), "theta": (9.0, 9.0, 0.0)}[
+            dof.direction
+        ]
+    np.testing.assert_allclose(_along(bare, shapes), [0.9, 0.0, 1.0])
 
 
 def test_link_bends_and_repeated_names_are_numbered() -> None:
