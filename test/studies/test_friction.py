@@ -61,12 +61,14 @@ def measured(tractor: LinkageModel, friction: float, seed: int) -> list[Measured
     return measure_modes(np.arange(len(signals)) / RATE, signals + np.array([0.0, 9.81]))
 
 
-@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.nightly)])
-def test_friction_makes_no_targets(tractor: LinkageModel, seed: int) -> None:
+@pytest.mark.parametrize(
+    ("seed", "deviations"), [(1, 5.0), pytest.param(2, 4.0, marks=pytest.mark.nightly)]
+)
+def test_friction_makes_no_targets(tractor: LinkageModel, seed: int, deviations: float) -> None:
     """250 N m split one mode into many and move the heave, and none is reported.
 
-    The heave is more than 1 % and three deviations too high, in all of the decay. Without friction,
-    both are reported.
+    The heave is more than 1 % and four or five deviations too high, in all of the decay. Without
+    friction, both are reported.
     """
     exact = tractor.solve(math.radians(135.0)).natural_frequencies
     [one], heave = exact[(exact > 80.0) & (exact < 125.0)], exact[3]
@@ -75,7 +77,7 @@ def test_friction_makes_no_targets(tractor: LinkageModel, seed: int) -> None:
     assert [mode for mode in modes if not mode.doubt] == []
     assert any(mode.doubt.startswith("not linear") for mode in modes)
     [moved] = [mode for mode in modes if abs(mode.frequency / heave - 1.0) < 0.03]
-    assert moved.frequency > heave + max(0.01 * heave, 3.0 * moved.frequency_stddev)
+    assert moved.frequency > heave + max(0.01 * heave, deviations * moved.frequency_stddev)
     assert moved.doubt.endswith("is not linear, which may move this one")
     linear = [mode for mode in measured(tractor, 0.0, seed) if not mode.doubt]
     assert not [mode for mode in linear if "linear" in mode.doubt]
