@@ -8,7 +8,8 @@ derivative of B H B^T + S. So the noise of measured links gives the variances of
 does an error of a gain that all receptances of a link share, dH = g H.
 
 The fit of a measured link has real poles at rates that the fit chooses. Noise can join two of them
-to a strongly damped pole of the assembly. Such a pole is not there if the rates are others.
+to a strongly damped pole of the assembly. Such a pole is not there if the rates are others. How far
+a pole moves by a fit with more terms is a part of its deviation.
 """
 
 import math
@@ -20,12 +21,14 @@ from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArr
 from linkage_vibration.mechanics.compatibility import Joining
 from linkage_vibration.mechanics.components import Components, FrfComponent
 from linkage_vibration.mechanics.fbs import held_frf, independent_rows
+from linkage_vibration.mechanics.link_fit import Choice
 
 _STEP = 1e-5  # step for the derivative, as a share of a pole
 _STEPS = 20  # largest number of Newton steps
 _CLOSE = 1e-9  # A pole has converged if its relative step is smaller.
 _SAME = 1e-6  # Two poles are one if their relative distance is smaller.
 _UNCERTAIN = 0.1  # A mode is noise if the relative standard deviation of its frequency is larger.
+_TOLD = 3.0  # Poles are different if they are farther apart, in standard deviations.
 _DEPENDS = 0.1  # A pole is an artefact of a fit if other rates move it by a larger share.
 # Newton's method may move a pole by this share of it, or by its decay rate if that is larger.
 _MOVES = 1e-3
@@ -74,6 +77,8 @@ class Assembly:
             if any(abs(pole - other) <= _SAME * size for other, _, _ in self.modes):
                 continue
             noise, gain = self._variances(mode)
+            if self._of_one_link(mode, noise):
+                continue
             if noise[0] <= (_UNCERTAIN * size / (2.0 * math.pi)) ** 2 and self._stays(mode):
                 kept[i] = True
                 self.modes.append((pole, *np.sqrt(noise + gain).tolist()))
@@ -86,22 +91,37 @@ class Assembly:
             if isinstance(component, FrfComponent):
                 forces, fit = rows.T @ mode.forces, component.measured.fit
                 power[0] += component.noise**2 * fit.variances(mode.pole, forces, mode.turns())
-                change = forces @ fit.at(np.array([mode.pole]))[0] @ forces
+                at = np.array([mode.pole])
+                change = forces @ fit.at(at)[0] @ forces
+                wider = forces @ fit.at(at, Choice.WIDER)[0] @ forces
+                power[0] += (mode.turns() * (wider - change)).real ** 2
                 power[1] += (component.gain * (mode.turns() * change).real) ** 2
         return power
 
+    def _of_one_link(self, mode: AssemblyPole, noise: FloatArray) -> bool:
+        """Return whether a pole cannot be told from that of a measured link that is free.
+
+        The residue of such a pole has rank one, and that of a fit more, by noise. So some motion of
+        the link seems to keep its pole when the link is joined.
+        """
+        fits = [c.measured.fit for c, _, _ in self._parts if isinstance(c, FrfComponent)]
+        poles = np.concatenate([[mode.pole], *(fit.poles for fit in fits)])
+        numbers = np.array([np.abs(poles) / (2.0 * math.pi), poles.real / np.abs(poles)])
+        near = np.abs(numbers[:, 1:] - numbers[:, :1]) <= _TOLD * np.sqrt(noise)[:, np.newaxis]
+        return bool(near.all(axis=0).any())
+
     def _stays(self, mode: AssemblyPole) -> bool:
         """Return whether a pole is there as well with other real poles in the measured links."""
-        other = self._refined(mode.pole, shifted=True)
+        other = self._refined(mode.pole, Choice.SHIFTED)
         return other is not None and abs(other.pole - mode.pole) <= _DEPENDS * abs(mode.pole)
 
-    def _refined(self, start: complex, *, shifted: bool = False) -> AssemblyPole | None:
+    def _refined(self, start: complex, choice: Choice = Choice.BEST) -> AssemblyPole | None:
         """Find the oscillating pole near an identified one by Newton's method, or None."""
         pole, allowed = start, max(abs(start.real), _MOVES * abs(start))
         for _ in range(_STEPS):
-            flexibility, side = self._flexibility(pole, shifted=shifted), _STEP * abs(pole)
+            flexibility, side = self._flexibility(pole, choice), _STEP * abs(pole)
             forces = np.linalg.svd(flexibility)[2][-1].conj()
-            ends = [self._flexibility(pole + step, shifted=shifted) for step in (side, -side)]
+            ends = [self._flexibility(pole + step, choice) for step in (side, -side)]
             rate = ends[0] - ends[1]
             slope = complex(forces @ rate @ forces) / (2.0 * side)
             step = complex(forces @ flexibility @ forces) / slope
@@ -113,13 +133,13 @@ class Assembly:
                 return AssemblyPole(pole, forces, slope) if oscillates else None
         return None
 
-    def _flexibility(self, s: complex, *, shifted: bool) -> ComplexArray:
+    def _flexibility(self, s: complex, choice: Choice) -> ComplexArray:
         """Return B H(s) B^T + S(s) of independent rows, (n_rows, n_rows)."""
         springs = 1.0 / (self._joining.stiffness + s * self._joining.damping)
         flexibility = np.diag(np.concatenate([self._rigid, springs]).astype(complex))
         for component, held, rows in self._parts:
             if isinstance(component, FrfComponent):
-                receptance = component.measured.fit.at(np.array([s]), shifted=shifted)[0]
+                receptance = component.measured.fit.at(np.array([s]), choice)[0]
             else:
                 receptance = held_frf(component, np.array([s / (2j * math.pi)]), held)[0]
             flexibility += rows @ receptance @ rows.T

@@ -43,7 +43,7 @@ _MAX_ORDER = 60
 _LINES_A_POLE = 3  # least number of lines in the band for each pole of a model
 _LEAST_DEGREE = 10  # There must be enough lines for polynomials of this degree.
 _NODE = 1e-9  # A drive point is a node if its residue is below this share of the mode's largest.
-_COARSEST = 5.0  # largest spacing of the lines at a peak, in half-power bandwidths
+COARSEST = 5.0  # largest spacing of the lines at a peak, in half-power bandwidths
 _SHORT = 0.01  # Lines may end before the ends of a band by this share of it.
 _UNEXPLAINED = 0.6  # largest share of the FRFs that modes may leave unexplained near some lines
 _RUN = 5  # number of lines over which this share is averaged
@@ -93,7 +93,7 @@ def identify(
     # Noise matters most if a peak is narrower than the spacing, or only its flank is in the band.
     ends = np.minimum(np.abs(natural - frequencies[0]), np.abs(frequencies[-1] - natural))
     flank = 1.0 - poles.real / math.pi / np.maximum(ends, np.finfo(float).tiny)
-    doubt = np.maximum(_coarseness(frequencies, poles), 1.0) * flank
+    doubt = np.maximum(coarseness(frequencies, poles), 1.0) * flank
     faint = np.clip(_ABOVE_NOISE * noise * doubt**2, _FAINT, _SURE)
     shares = _prominence(omega, frf, poles, residues)
     modes = recurring & inside & (shares > faint)
@@ -164,7 +164,7 @@ def _line_sizes(
     return np.asarray(np.maximum(sizes, np.finfo(float).tiny))
 
 
-def _coarseness(frequencies: FloatArray, poles: ComplexArray) -> FloatArray:
+def coarseness(frequencies: FloatArray, poles: ComplexArray) -> FloatArray:
     """Return the spacing of the lines at each peak in half-power bandwidths, (n,)."""
     after = np.searchsorted(frequencies, np.abs(poles) / (2.0 * math.pi))
     spacing = np.diff(frequencies)[after.clip(1, len(frequencies) - 1) - 1]
@@ -173,11 +173,11 @@ def _coarseness(frequencies: FloatArray, poles: ComplexArray) -> FloatArray:
 
 def _check_resolution(frequencies: FloatArray, poles: ComplexArray) -> None:
     """Refuse modes whose peak may be missed between two lines."""
-    for pole, coarseness in zip(poles, _coarseness(frequencies, poles), strict=True):
-        if coarseness > _COARSEST:
+    for pole, coarse in zip(poles, coarseness(frequencies, poles), strict=True):
+        if coarse > COARSEST:
             width = -pole.real / math.pi
             peak = f"The peak at {abs(pole) / (2.0 * math.pi):.4g} Hz is {width:.2g} Hz wide"
-            lines = f"the lines there are {coarseness * width:.2g} Hz apart"
+            lines = f"the lines there are {coarse * width:.2g} Hz apart"
             raise IdentificationError(f"{peak}, but {lines}; use {width:.2g} Hz or less.")
 
 

@@ -15,24 +15,27 @@ only if the lines clearly show another.
 Where a link moves as a rigid body the fit has 1 / s^2 in addition, and real poles near the first
 line, as of links whose damping is proportional to their mass, or that are hung up softly. Where
 these real poles lie is a choice, so a second fit has them between those of the first: what depends
-on the choice is noise.
+on the choice is noise. So is the number of terms: the criterion leaves out a term whose effect is
+several times its deviation, and a third fit has more terms, of any damping or one of the same law.
 
 Noise is propagated to first order, through the coefficients and through the poles.
 """
 
 import enum
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 
 import numpy as np
 import scipy
 
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, real_equations, symmetric
-from linkage_vibration.mechanics.identification import fit_poles
+from linkage_vibration.mechanics.identification import coarseness, fit_poles
 
 _ORDERS = 4  # largest number of terms for the modes above the lines
 _LOWEST = 0.02  # least pole of the deformation, over the last line; below it the link is rigid
-_NARROWEST = 0.5  # least bandwidth of a pole among the lines, in spacings of the lines
+_NARROWEST = 0.5  # Narrower poles among the lines, in their spacings, are tried last.
 _RELAXATIONS = 2.0 ** np.arange(-1, 6)  # real poles of the rigid motions, over the first line
 _SHIFT = math.sqrt(2.0)  # factor of the real poles in the second fit, between those of the first
 _CLEARLY = 20.0  # least advantage of a law other than the first, in the information criterion
@@ -43,6 +46,14 @@ _RESOLVED = 1e-8  # Smaller singular values of changes with parameters are error
 _ROUNDING = 1e-9  # Computed FRFs leave no more than this share of what is fitted.
 _COMPUTED = 1e-4  # Measured FRFs leave more than this share of what is fitted.
 _SMALLEST = 1e-13  # Smaller singular values of the scaled terms are rounding.
+
+
+class Choice(enum.Enum):
+    """What a fit takes that the lines do not determine."""
+
+    BEST = enum.auto()
+    SHIFTED = enum.auto()  # other real poles of the rigid block
+    WIDER = enum.auto()  # more terms for what lies above the lines
 
 
 class _Law(enum.Enum):
@@ -73,6 +84,25 @@ class _Shape:
         powers = np.arange(self.order)
         above = s ** (2 * powers) / (1.0 + given[-1] * rate) ** (powers + 1)
         return np.hstack([above, 1.0 / (s**2 + decay * rate + stiffness)])
+
+    def with_one_more(self) -> "_Shape":
+        """Return these terms and one more for the modes above the lines."""
+        return _Shape(self.law, self.order + 1, self.parameters)
+
+    def of_any_law(self) -> "_Shape":
+        """Return terms of the same modes with viscous damping of any kind, more if it is that."""
+        if self.law is _Law.ANY:
+            return self.with_one_more().with_one_more()
+        poles = self.poles()
+        return _Shape(_Law.ANY, self.order, np.concatenate([np.abs(poles) ** 2, -2.0 * poles.real]))
+
+    def poles(self) -> ComplexArray:
+        """Return those of modes in the upper half plane, (n_modes,)."""
+        n = len(self.parameters) // 2
+        stiffness, decay = self.parameters[:n], self.parameters[n : 2 * n]
+        if self.law is _Law.STRUCTURAL:
+            return np.asarray(1j * np.sqrt(stiffness + 1j * decay))
+        return np.asarray(-decay / 2.0 + np.sqrt(decay**2 / 4.0 - stiffness + 0j))
 
     def derivatives(self, s: ComplexArray) -> list[ComplexArray]:
         """Return the derivatives of the terms with respect to each parameter."""
@@ -129,49 +159,55 @@ class LinkFit:
     unit: FloatArray  # (n,), unit of each DoF, which normalises receptances
     lines: ComplexArray  # (n_freq, n, n), measured receptances, symmetric, normalised
     rigid: FloatArray  # (n, n), projection on the rigid motions, normalised
-    shape: _Shape  # the terms of the deformation
-    elastic: _Fit  # of the deformation
-    moving: _Fit  # of the rigid block
-    shifted: _Fit  # of the rigid block, with other real poles
+    # terms of the deformation, and the fits of the deformation and of the rigid block
+    fits: dict[Choice, tuple[_Shape, _Fit, _Fit]]
     # (n_parameters, 2 n_freq, n, n): change of the parameters per real and imaginary part of lines
     pulls: FloatArray
+
+    @property
+    def elastic(self) -> _Fit:
+        """The fit of the deformation."""
+        return self.fits[Choice.BEST][1]
+
+    @property
+    def poles(self) -> ComplexArray:
+        """Those of the link in the fit, (n_modes,), rad/s."""
+        return np.asarray(self.fits[Choice.BEST][0].poles() * self.omega[-1])
 
     def smooth(self) -> ComplexArray:
         """Return the receptances at the lines, (n_freq, n, n), m/N."""
         return self.at(np.asarray(1j * self.omega, dtype=np.complex128))
 
-    def at(self, s: ComplexArray, *, shifted: bool = False) -> ComplexArray:
-        """Return the receptances, (n_s, n, n), m/N, at points s, (n_s,), rad/s.
-
-        `shifted` takes the real poles of the second fit for the rigid block.
-        """
+    def at(self, s: ComplexArray, choice: Choice = Choice.BEST) -> ComplexArray:
+        """Return the receptances, (n_s, n, n), m/N, at points s, (n_s,), rad/s."""
         scaled = s[:, np.newaxis] / self.omega[-1]
-        terms = self.shape.terms(scaled)
-        both = _rigid_terms(scaled, terms, self.omega, shifted=shifted)
-        rigid = self.shifted if shifted else self.moving
-        receptances = self.elastic.values(terms) + rigid.values(both)
+        shape, elastic, rigid = self.fits[choice]
+        terms = shape.terms(scaled)
+        both = _rigid_terms(scaled, terms, self.omega, choice)
+        receptances = elastic.values(terms) + rigid.values(both)
         return np.asarray(receptances * np.outer(self.unit, self.unit))
 
     def variances(self, s: complex, forces: ComplexArray, turns: ComplexArray) -> FloatArray:
         """Return variances of Re(t f^T H(s) f) per squared noise, (n_turns,); f, (n,), in N."""
         at, lines = np.array([[s / self.omega[-1]]]), 1j * self.omega[:, np.newaxis]
         lines = lines / self.omega[-1]
-        terms = self.shape.terms(at)
+        shape, elastic, moving = self.fits[Choice.BEST]
+        terms = shape.terms(at)
         both = _rigid_terms(at, terms, self.omega)
         whole = self.unit * forces
         whole_rigid = self.rigid @ whole
         rigid = np.outer(whole_rigid, whole_rigid)
         rest = np.outer(whole, whole) - rigid
         column = (-1, 1, 1)
-        shares = self.moving.shares(both).reshape(column) * rigid
-        shares = shares + self.elastic.shares(terms).reshape(column) * rest
-        rates = zip(self.shape.derivatives(lines), self.shape.derivatives(at), strict=True)
+        shares = moving.shares(both).reshape(column) * rigid
+        shares = shares + elastic.shares(terms).reshape(column) * rest
+        rates = zip(shape.derivatives(lines), shape.derivatives(at), strict=True)
         # FRFs without noise have no pulls.
         for (along, there), pull in zip(rates, self.pulls, strict=False):
-            change = self.elastic.changes(along, there, terms)[0]
+            change = elastic.changes(along, there, terms)[0]
             before = ((0, 0), (both.shape[1] - terms.shape[1], 0))
             wide = [np.pad(rate, before) for rate in (along, there)]
-            change = change + self.moving.changes(wide[0], wide[1], both)[0]
+            change = change + moving.changes(wide[0], wide[1], both)[0]
             shares = shares + (whole @ change @ whole) * pull
         power = np.abs(self.lines) ** 2 / 2.0
         power = np.concatenate([power, power])
@@ -193,9 +229,11 @@ def fit_link(
     across = lines @ elastic  # a difference of large numbers would lose its digits
     s = 1j * omega[:, np.newaxis] / omega[-1]
     shape, pulls = _Shape(_Law.ANY, 1, np.empty(0)), np.empty((0, 2 * len(omega), *raw.shape[1:]))
+    wider = shape
     if elastic.size:
         right = real_equations(weights * across.reshape(len(omega), -1))
         shape = _choose(s, right, weights, _candidates(omega, frf))
+        wider = _improved(s, [shape.with_one_more(), shape.of_any_law()], weights, right)
         _, left, columns = _columns(s, shape, weights, right)
         if left < (_ROUNDING * np.linalg.norm(right)) ** 2:
             columns = columns[:0]  # FRFs without noise
@@ -205,23 +243,25 @@ def fit_link(
         pulls = symmetric(double * pulls @ elastic.T)
     side = rigid @ across @ elastic.T
     rest = side + side.swapaxes(1, 2) + elastic @ (elastic.T @ across) @ elastic.T
-    terms = shape.terms(s)
-    elastic_fit = _fitted(terms, weights, rest)
-    moving, shifted = (
-        _fitted(_rigid_terms(s, terms, omega, shifted=other), weights, rigid @ lines @ rigid)
-        for other in (False, True)
-    )
-    return LinkFit(omega, unit, lines, rigid, shape, elastic_fit, moving, shifted, pulls)
+    fits = {}
+    for choice in Choice:
+        taken = wider if choice is Choice.WIDER else shape
+        terms = taken.terms(s)
+        both = _rigid_terms(s, terms, omega, choice)
+        moving = _fitted(both, weights, rigid @ lines @ rigid)
+        fits[choice] = taken, _fitted(terms, weights, rest), moving
+    return LinkFit(omega, unit, lines, rigid, fits, pulls)
 
 
 def _candidates(omega: FloatArray, frf: ComplexArray) -> list[ComplexArray]:
     """Return sets of poles that may be those of the link, per last line."""
     poles, recurring = fit_poles(omega, frf)
-    after = np.searchsorted(omega, poles.imag).clip(1, len(omega) - 1)
-    wide = -2.0 * poles.real > _NARROWEST * np.diff(omega)[after - 1]
-    visible = (poles.imag > _LOWEST * omega[-1]) & (wide | (poles.imag > omega[-1]))
-    poles, recurring = poles[visible] / omega[-1], recurring[visible]
-    return [poles[:0], poles[recurring], poles]
+    visible = poles.imag > _LOWEST * omega[-1]
+    frequencies = omega / (2.0 * math.pi)
+    wide = (poles.imag > omega[-1]) | (coarseness(frequencies, poles) < 1.0 / _NARROWEST)
+    poles, recurring, wide = (each[visible] for each in (poles / omega[-1], recurring, wide))
+    narrow = [] if wide.all() else [poles[recurring], poles]
+    return [poles[:0], poles[recurring & wide], poles[wide], *narrow]
 
 
 def _choose(
@@ -243,7 +283,7 @@ def _choose(
     if math.sqrt(least) < _COMPUTED * np.linalg.norm(right):
         # The criterion ignores errors below the noise of single lines. In FRFs that were computed,
         # and stored in single precision, one more term costs nothing and removes these errors.
-        return _refined(s, _Shape(chosen.law, chosen.order + 1, first), weights, right)[0]
+        return _improved(s, [chosen, chosen.with_one_more()], weights, right)
     for i in reversed(range(len(first) // 2)):
         # The set may contain a pole that only fits noise.
         start = np.delete(first, [i, len(first) // 2 + i])
@@ -252,6 +292,14 @@ def _choose(
         if score < best:
             best, chosen, first = score, shape, start
     return chosen
+
+
+def _improved(
+    s: ComplexArray, shapes: Sequence[_Shape], weights: FloatArray, right: FloatArray
+) -> _Shape:
+    """Return which of some terms, with improved parameters, leave least."""
+    fits = [_refined(s, shape, weights, right) for shape in shapes]
+    return min(fits, key=itemgetter(1))[0]
 
 
 def _criterion(shape: _Shape, left: float, right: FloatArray) -> float:
@@ -299,10 +347,11 @@ def _columns(
 
 
 def _rigid_terms(
-    s: ComplexArray, elastic: ComplexArray, omega: FloatArray, *, shifted: bool = False
+    s: ComplexArray, elastic: ComplexArray, omega: FloatArray, choice: Choice = Choice.BEST
 ) -> ComplexArray:
     """Return the terms of rigid motions at s, (n_s, 1), followed by the elastic ones."""
-    rates = _RELAXATIONS * (_SHIFT if shifted else 1.0) * omega[0] / omega[-1]
+    shift = _SHIFT if choice is Choice.SHIFTED else 1.0
+    rates = _RELAXATIONS * shift * omega[0] / omega[-1]
     return np.hstack([s**-2.0, s**-2.0 * rates / (s + rates), elastic])
 
 

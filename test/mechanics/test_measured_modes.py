@@ -94,6 +94,31 @@ def test_damping_is_not_biased(model: LinkageModel) -> None:
     assert abs(modes.damping_ratios[1] - exact) < 3.0 * modes.damping_ratio_stddev[1]
 
 
+@pytest.mark.parametrize(
+    ("link", "noise", "seed"),
+    [("lower_link", 1e-4, 3), ("lower_link", 1e-3, 0), ("upper_link", 1e-3, 1)],
+)
+def test_lines_beyond_a_mode_of_the_free_link(
+    model: LinkageModel, link: str, noise: float, seed: int
+) -> None:
+    """The lower link has a mode of its own at 259 Hz, which is none of the linkage.
+
+    Two terms that noise hides move modes by up to 100 deviations of the noise alone.
+    """
+    band = (50.0, 400.0)
+    response = replace(model.mechanism.response, band=band)
+    wide = LinkageModel(replace(model.mechanism, response=response), kinematics=model.kinematics)
+    exact = wide.solve(ALPHA3)
+    inside = np.flatnonzero((exact.natural_frequencies > 50) & (exact.natural_frequencies < 400))
+    assert len(inside) == 4
+    actual = with_noise(wide, link, noise, seed, np.arange(10.0, 410.0, 0.5)).identify(ALPHA3)
+    assert len(actual.natural_frequencies) == 4
+    errors = actual.natural_frequencies - exact.natural_frequencies[inside]
+    assert np.abs(errors / actual.frequency_stddev).max() < 3.0
+    errors = actual.damping_ratios - exact.damping_ratios[inside]
+    assert np.abs(errors / actual.damping_ratio_stddev).max() < 3.0
+
+
 @pytest.mark.parametrize("gain", [0.95, 1.05])
 def test_an_error_of_gain_is_in_the_deviations(model: LinkageModel, gain: float) -> None:
     """All FRFs of a link are 5 % off; its frequencies are up to 2 % off, within their intervals.
