@@ -142,6 +142,9 @@ def test_predict_prints_what_the_predictor_says(run: Any) -> None:
     expected = predictor.shares(140.0 * 3.141592653589793 / 180.0, 3.141592653589793 / 180.0)
     rows = [line.split()[-4] for line in shares.splitlines() if re.match(r"mode[^]]*$", line)]
     assert rows == [f"{value:.3g}" for value in expected.angle.ravel().tolist()]
+    exact = run("predict", "140", "--shares").stdout  # without the option, the angle is exact
+    rows = [line.split()[-4] for line in exact.splitlines() if re.match(r"mode[^]]*$", line)]
+    assert rows == ["0"] * expected.angle.size
     outside = run("predict", "200", "2.3")
     assert outside.returncode == 1
     assert "OUT_OF_RANGE" in outside.stdout

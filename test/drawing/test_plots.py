@@ -11,7 +11,7 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.font_manager import fontManager
 
-from linkage_vibration.drawing.plots import draw_bands, frequency_axis, png_bytes
+from linkage_vibration.drawing.plots import draw_bands, frequency_axis, name_modes, png_bytes
 
 OTHER = chr(0x2ADD)  # STIXGeneral, which matplotlib brings, has this sign, and DejaVu Sans has not
 JAPANESE = "耕うん"
@@ -33,6 +33,15 @@ def test_axis_without_a_frequency(frequency: float, texts: int) -> None:
     frequency_axis(ax, np.array([frequency]))
     assert png_bytes(figure).startswith(b"\x89PNG")
     assert [text.get_text() for text in ax.texts] == ["No natural frequency is known."] * texts
+
+
+def test_names_where_curves_end() -> None:
+    """A mode without a name has its number, one without a frequency has no text."""
+    figure = Figure()
+    ax = figure.subplots()
+    ax.set_ylim(1.0, 100.0)
+    name_modes(ax, np.array([5.0, 10.0, math.nan]), ["", "heave", ""], [("pto", 30.0)])
+    assert [text.get_text() for text in ax.texts] == ["mode 1", "heave", "pto"]
 
 
 def test_usual_font() -> None:

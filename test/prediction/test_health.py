@@ -622,7 +622,14 @@ def test_sensor_that_wraps(top: float, jumps: bool) -> None:
 
 @pytest.mark.parametrize(
     ("moved", "velocity", "contradicts"),
-    [(0.0, 0.09, False), (0.0, 0.11, True), (0.4, 0.21, False), (0.4, 0.19, True)],
+    [
+        (0.0, 0.09, False),
+        (0.0, 0.11, True),
+        (0.4, 0.21, False),
+        (0.4, 0.19, True),
+        (-0.4, -0.21, False),
+        (-0.4, -0.19, True),
+    ],
 )
 def test_limits_of_a_contradiction(moved: float, velocity: float, contradicts: bool) -> None:
     """Position and velocity differ by 0.1 rad in a second, or by half of the larger of both."""
