@@ -34,6 +34,7 @@ def run(options: argparse.Namespace) -> int:
     import numpy as np
     from tqdm import tqdm
 
+    from linkage_vibration.errors import LinkageVibrationError
     from linkage_vibration.listening.amplitudes import amplitude_numbers
     from linkage_vibration.listening.model_check import drive_targets
     from linkage_vibration.listening.signals import measured_signal
@@ -47,7 +48,8 @@ def run(options: argparse.Namespace) -> int:
 
     output = options.output or options.log.with_name(f"{options.log.stem}_listen.html")
     outputs = [output, *(path for path in (options.amplitudes, options.targets) if path)]
-    sensors, mechanism = _sensors(options, outputs), mechanism_file(options)
+    mechanism = mechanism_file(options)
+    sensors = _sensors(options, outputs, mechanism)
     log = read_log(options.log)
     given = read_mechanism(mechanism).model_hash if options.targets else ""
     if log.mechanism and given not in ("", log.mechanism.model_hash):
@@ -71,24 +73,32 @@ def run(options: argparse.Namespace) -> int:
         numbers = amplitude_numbers(rows, load_yaml_text(log.excitations_text)) if rows else []
         text = edit_text(log.excitations_text, numbers, ReviewError)
         content[options.amplitudes] = [text.encode()]
+    refusal = None  # The page says why no mode is a target.
     if options.targets:
         assert log.table is not None
-        text = drive_targets(modes, log.table, mechanism, options.targets)
-        content[options.targets] = [text.encode()]
+        try:
+            text = drive_targets(modes, log.table, mechanism, options.targets)
+            content[options.targets] = [text.encode()]
+        except LinkageVibrationError as error:
+            refusal = error
     write_files(content, ReviewError)
     print("\n".join(page.answers(log, comparisons, modes)))
-    print(f"Written: {', '.join(map(str, outputs))}")
+    print(f"Written: {', '.join(map(str, content))}")
+    if refusal:
+        raise refusal
     return 0
 
 
-def _sensors(options: argparse.Namespace, outputs: Sequence[Path]) -> "list[Sensor]":
+def _sensors(
+    options: argparse.Namespace, outputs: Sequence[Path], mechanism: Path
+) -> "list[Sensor]":
     """Return the sensors; refuse outputs, of which the first is the page, that cannot be."""
     from linkage_vibration.readers.sensors import read_sensors
     from linkage_vibration.support.atomic_files import check_outputs, check_suffix
 
     for path in outputs:
         check_suffix(path, ".html" if path is outputs[0] else ".yaml")
-    check_outputs(outputs, [options.log, options.sensors, mechanism_file(options)])
+    check_outputs(outputs, [options.log, options.sensors, mechanism])
     sensors = read_sensors(options.sensors)
     check_outputs(outputs, [sensor.file for sensor in sensors if sensor.file])
     return sensors

@@ -26,6 +26,7 @@ _GRAVITY = 0.15  # by which the mean acceleration may differ from gravity
 _NO_GRAVITY = 1.0  # m/s^2: a mean below it contains none
 _TILT = math.radians(15.0)
 _FEWEST = 16  # samples
+_REGULAR = 0.9  # least share of values that occur equally often, within one, to be repeated ones
 _SLOWEST = 0.4  # s between samples, beyond which `HIGHEST` is near the 1 Hz at which levels begin
 
 
@@ -73,6 +74,7 @@ def measured_signal(
     times, readings = times[distinct], readings[distinct]
     if len(times) < _FEWEST:
         raise SignalError(f"{sensor.name} has {len(times)} samples; record at least {_FEWEST}.")
+    times, readings, held = _updates(times, readings)
     even, missing, step, spread = _even_clock(sensor, times)
     if step > _SLOWEST:
         text = f"{sensor.name} has {1.0 / step:.2g} samples per second, too few to hear anything"
@@ -81,10 +83,26 @@ def measured_signal(
     doubts = [*_range_doubts(sensor, readings), *_time_doubts(times, step, spread)]
     if missing.any():
         values = np.stack([np.interp(even, even[~missing], each) for each in values.T], axis=-1)
+    if held > 1:
+        text = f"Each of its values occurs {held} times in a row"
+        doubts.append(f"{text}, so it counts as a sensor with {1.0 / step:.3g} samples per second.")
     doubts += _rate_doubts(sensor, values, 1.0 / step, highest)
     if sensor.accelerates:
         doubts += _gravity_doubts(values.mean(axis=0))
     return Signal(sensor, even, values, 1.0 / step, tuple(doubts))
+
+
+def _updates(times: FloatArray, readings: FloatArray) -> tuple[FloatArray, FloatArray, int]:
+    """Return readings with new values only, and how often each occurs, if that is mostly equal.
+
+    A sensor that is published more often than it measures repeats its values.
+    """
+    new = np.flatnonzero((np.diff(readings, axis=0) != 0.0).any(axis=1)) + 1
+    occurs = np.diff(new)
+    held = int(np.median(occurs)) if len(new) >= _FEWEST else 1
+    if held == 1 or (np.abs(occurs - held) <= 1).mean() < _REGULAR:
+        return times, readings, 1
+    return times[new], readings[new], held
 
 
 def _even_clock(sensor: Sensor, times: FloatArray) -> tuple[FloatArray, BoolArray, float, float]:

@@ -216,7 +216,8 @@ def _modes_table(log: Log, modes: Sequence[DriveMode]) -> str:
     assert log.mechanism is not None
     model = log.table, log.mechanism
     for mode in sorted(modes, key=lambda mode: bool(mode.doubt)):
-        both = (mode.predicted, mode.predicted_stddev), (mode.frequency, mode.deviation)
+        deviation = math.nan if mode.doubt else mode.deviation
+        both = (mode.predicted, mode.predicted_stddev), (mode.frequency, deviation)
         row = [log.mode_label(mode.mode), f"{math.degrees(mode.alpha3):.1f}"]
         row += [f"{f:.2f} ± {f * deviation:.2f}".replace(" ± nan", "") for f, deviation in both]
         explained = explanations(*model, [mode]) if mode in apart else ()

@@ -310,8 +310,9 @@ class Table:
             return ""
         if unknown.all():
             return (
-                "Standard deviations are not known: too many machines with other numbers do not "
-                "close over the stroke; state smaller ones in `uncertainty`, or shorten range_deg."
+                "Standard deviations are not known: at each angle, machines with other numbers do "
+                "not close, have other overdamped modes, or have modes that veer too quickly; "
+                "state smaller ones in `uncertainty`, or shorten range_deg."
             )
         return (
             "Standard deviations are not known where modes veer too quickly, or where a mode is "

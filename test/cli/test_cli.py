@@ -454,4 +454,4 @@ def test_build_says_why_deviations_are_not_known(known: bool) -> None:
     deviations = np.full(table.parameter_stddev.shape, 0.01 if known else math.nan)
     changed = replace(table, parameter_stddev=deviations)
     *_, line = _description(changed, 1, Path("table.npz"), mechanism)
-    assert line.startswith("Standard deviations are not known: too many machines") != known
+    assert line.startswith("Standard deviations are not known: at each angle") != known

@@ -89,6 +89,20 @@ def test_listen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         answer = capsys.readouterr().err
         assert problem in answer
         assert "the drive ends at 179.95 s; correct the clocks" in answer
+    noise = np.random.default_rng(3).normal((0.0, 0.0, 9.81), 0.1, (36000, 3))
+    rows = [f"{k / 200},{x:.5f},{y:.5f},{z:.5f}" for k, (x, y, z) in enumerate(noise.tolist())]
+    (tmp_path / "phone.csv").write_text("\n".join(rows))
+    sensors.write_text("imu: {file: phone.csv, unit: m/s2, at: E1}")
+    why, none = tmp_path / "why.html", tmp_path / "none.yaml"
+    assert main([*command[:4], "-o", str(why), "--targets", str(none)]) == 1
+    refused = capsys.readouterr()
+    assert f"{none}: no mode of the drive is without doubt" in refused.err
+    assert refused.err.count("No mechanism is given") == 1
+    assert refused.out.endswith(f"Written: {why}\n")
+    assert not none.exists()
+    doubtful = re.findall(r"<tr>.*?doubtful.*?</tr>", why.read_text(), re.DOTALL)
+    assert doubtful
+    assert all(row.count("±") < 2 for row in doubtful)  # that of the prediction
     recording = tmp_path / "imu.html"
     recording.write_text("time\n")
     sensors.write_text(f"imu: {{file: {recording.name}, topic: /imu, unit: g, at: E1}}")

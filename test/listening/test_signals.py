@@ -253,6 +253,26 @@ def test_forces_have_no_gravity() -> None:
     assert signal.values.std() == pytest.approx(1e3 / math.sqrt(2.0), rel=1e-3)
 
 
+@pytest.mark.parametrize("held", [2, 8])
+def test_values_that_are_published_again(held: int) -> None:
+    """A sensor of a lower rate whose values are repeated shows no higher frequency than it has."""
+    signal = measured_signal(
+        sensor(), np.arange(N) / RATE, readings()[::held].repeat(held, 0)[:N], 20.0
+    )
+    assert signal.rate == pytest.approx(RATE / held, rel=1e-3)
+    assert f"Each of its values occurs {held} times in a row" in " ".join(signal.doubts)
+    slow = measured_signal(sensor(), np.arange(0, N, held) / RATE, readings()[::held], 20.0)
+    np.testing.assert_allclose(signal.at(slow.times[9:-9]), slow.at(slow.times[9:-9]), atol=1e-9)
+
+
+def test_coarse_steps_are_no_repeated_values() -> None:
+    """A slow vibration in steps of its resolution repeats values, but not equally often."""
+    time = np.arange(N) / RATE
+    coarse = 0.2 * np.round(5.0 * np.sin(2.0 * math.pi * 1.3 * time))[:, np.newaxis].repeat(3, 1)
+    assert (np.diff(coarse[:, 0]) == 0.0).mean() > 0.5
+    assert measured_signal(sensor(), time, coarse, 20.0).rate == pytest.approx(RATE)
+
+
 def test_a_few_samples_are_refused() -> None:
     """Less than 16 samples at different times are no signal."""
     with pytest.raises(SignalError, match="imu has 1 samples"):

@@ -9,6 +9,7 @@ that exists does. Where the modes of a member cannot be followed from angle to a
 numbers are NaN. Deviations do not follow modes: they are those of the poles of the same rank.
 """
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -42,13 +43,15 @@ from linkage_vibration.table.tabulation.sampling import Sampler
 
 _ALL = 10**6
 _COARSER = (4, 2), (8, 4), (16, 8), (_ALL, _ALL)  # elements and modes of links, for members
-_DAMPED = 2.0  # Coarse members leave out undamped modes above so many times the band's reach.
+_DAMPED = 2.0  # Undamped modes above so many times the highest pole are left out if they may be.
 _N_NODES = 8, 15, 29, 57  # angles at which members are solved
+_CLEAR = 1.5  # Overdamped modes above so many times the table's highest one change no rank.
 _SAME = 1.0 - 1e-6  # of a gap between modes; a smaller difference is rounding
 _BETWEEN = 0.5  # Between them, a pole may be off by this share of its decay.
 _MOST_ROUGH = 0.05  # of members and of deviations may be off by more; they are not known then.
-_MISSED = 0.3  # Deviations are not known where interpolation misses a member by this share of them,
 _SKEW = 1.0  # A distribution is skew from this standardised third moment on.
+_GROUPS = 2.0  # It has two groups if the fourth is smaller; that of a normal one is 3.
+_MISSED = 0.3  # Deviations are not known where interpolation misses a member by this share of them,
 _LEAST = 1e-4  # and by this.
 _UNCLEAR = 0.5  # MAC up to which a shape may continue two: its sum over all modes is 1.
 _NEAR = 0.03  # A pole of coarser bodies may be off by this share of its decay.
@@ -138,14 +141,16 @@ class _Solver:
         self._places: Sequence[Place] = table.member_outputs
         self._limit = reach(table.band)
         few = _nodes(table, 3).tolist()
-        solutions = [sampler.solution(angle) for angle in few]
-        exact = [_oscillating(_damped(each, _DAMPED * self._limit))[0] for each in solutions]
-        for self._mesh in _COARSER:
-            self._highest = math.inf if self._mesh[0] == _ALL else _DAMPED * self._limit
+        # The table's modes count, too, where they lie above the band's reach.
+        numbers = table.evaluate(np.array(few))[:, : table.n_modes]
+        top = math.tau * float(np.nanmax(numbers))
+        highest, self._slow = max(self._limit, top), _CLEAR * top
+        exact = [_oscillating(each.damped)[0] for each in map(sampler.solution, few)]
+        for self._mesh, self._highest in itertools.product(_COARSER, (_DAMPED * highest, math.inf)):
             model = self.model(sampler.model.mechanism, {})
             damped = rows_of(_damped(model.stack(np.array(few)), self._highest))
             coarse = [_oscillating(each)[0] for each in damped]
-            if all(_agree(*both, self._limit) for both in zip(coarse, exact, strict=True)):
+            if all(_agree(*both, highest) for both in zip(coarse, exact, strict=True)):
                 break
         self._mass = model.system.mass
         every = _nodes(table, 2 * n_nodes - 1)
@@ -204,15 +209,16 @@ class _Solver:
     def deviations(self) -> FloatArray:
         """Return the standard deviations of the modes, as `Table.parameter_stddev` has them.
 
-        Damping ratios count as lognormal unless their logarithms are skew: few members have the
-        tail that makes up the deviation.
+        Damping ratios count as lognormal unless their logarithms are skew, or in two groups, as
+        where modes change places: few members have the tail that makes up the deviation.
         """
         table, n = self._table, self._table.n_modes
         angles, values = np.linspace(*table.alpha3_range, N_ANGLES), self._ranked[1:]
         mean, logs = values.mean(axis=0), values.std(axis=0)
-        cubes, square = ((values - mean) ** 3).mean(axis=0)[:, 1], logs[:, 1] ** 2
+        cubes, fourths = (((values - mean)[:, :, 1] ** k).mean(axis=0) for k in (3, 4))
+        square = logs[:, 1] ** 2
         lognormal = np.exp(mean[:, 1] + square / 2.0) * np.sqrt(np.expm1(square))
-        straight = np.abs(cubes) < _SKEW * logs[:, 1] ** 3
+        straight = (np.abs(cubes) < _SKEW * logs[:, 1] ** 3) & (fourths > _GROUPS * square**2)
         damping = np.where(straight, lognormal, np.exp(values[:, :, 1]).std(axis=0))
         spread = np.stack([logs[:, 0], damping], axis=1)
         at, over = self._at, stroke_variable(angles, table.toggles)
@@ -250,7 +256,9 @@ class _Solver:
             mounts = model.mechanism.base.mounts
             numbers["mounts"][:] = [(mount.stiffness, mount.damping) for mount in mounts]
         for node, here in enumerate(solved):
-            if here.n_overdamped == self._n_overdamped[node]:  # or else ranks are of other modes
+            # Or else ranks are of other modes.
+            known = here.n_overdamped == self._n_overdamped[node]
+            if known and self._ranks[node].max() < len(here.poles):
                 self._ranked[member, node] = _logarithms(here.poles[self._ranks[node]])
         shapes = self._followed(solved)
         for node, (order, _, signs) in shapes.items():
@@ -345,7 +353,7 @@ class _Solver:
             near = powers[..., : len(turn)] @ turn
             rows = near[0] + poles * near[1] + poles**2 * near[2]
             rest, k = powers[0].real, modes.stiffness
-            slow = (k.real > MECHANISM**2) & (k.real < self._limit**2)
+            slow = (k.real > MECHANISM**2) & (k.real < self._slow**2)
             here = _Modes(
                 poles,
                 np.asarray(shapes[:, : len(turn)] @ turn),
