@@ -174,8 +174,15 @@ def hertz(solution: Any) -> FloatArray:
     return np.asarray(solution.modes.omega / (2.0 * math.pi))
 
 
-@pytest.mark.parametrize("tractor", [False, True])
-@pytest.mark.parametrize("chain", [0.0, CHAIN])
+@pytest.mark.parametrize(
+    ("chain", "tractor"),
+    [
+        (0.0, False),
+        (CHAIN, True),
+        pytest.param(0.0, True, marks=pytest.mark.nightly),
+        pytest.param(CHAIN, False, marks=pytest.mark.nightly),
+    ],
+)
 def test_rigid_hitches(chain: float, tractor: bool) -> None:
     """The curvature of the potential energy of both sides gives the frequencies.
 
