@@ -90,11 +90,9 @@ class Assembly:
         for component, _, rows in self._parts:
             if isinstance(component, FrfComponent):
                 forces, fit = rows.T @ mode.forces, component.measured.fit
-                power[0] += component.noise**2 * fit.variances(mode.pole, forces, mode.turns())
-                at = np.array([mode.pole])
-                change = forces @ fit.at(at)[0] @ forces
-                wider = forces @ fit.at(at, Choice.WIDER)[0] @ forces
-                power[0] += (mode.turns() * (wider - change)).real ** 2
+                given = mode.pole, forces, mode.turns(), component.noise
+                power[0] += fit.variances(*given)
+                change = forces @ fit.at(np.array([mode.pole]))[0] @ forces
                 power[1] += (component.gain * (mode.turns() * change).real) ** 2
         return power
 

@@ -162,7 +162,7 @@ class LinkFit:
     # terms of the deformation, and the fits of the deformation and of the rigid block
     fits: dict[Choice, tuple[_Shape, _Fit, _Fit]]
     # (n_parameters, 2 n_freq, n, n): change of the parameters per real and imaginary part of lines
-    pulls: FloatArray
+    pulls: dict[Choice, FloatArray]
 
     @property
     def elastic(self) -> _Fit:
@@ -187,13 +187,31 @@ class LinkFit:
         receptances = elastic.values(terms) + rigid.values(both)
         return np.asarray(receptances * np.outer(self.unit, self.unit))
 
-    def variances(self, s: complex, forces: ComplexArray, turns: ComplexArray) -> FloatArray:
-        """Return variances of Re(t f^T H(s) f) per squared noise, (n_turns,); f, (n,), in N."""
+    def variances(
+        self, s: complex, forces: ComplexArray, turns: ComplexArray, noise: float
+    ) -> FloatArray:
+        """Return variances of Re(t f^T H(s) f), (n_turns,), by relative noise; f, (n,), in N.
+
+        They contain the square of what a fit with more terms changes, beyond what noise does to it.
+        """
+        best, wider = (self._shares(s, forces, each) for each in (Choice.BEST, Choice.WIDER))
+        power = np.abs(self.lines) ** 2 / 2.0
+        power = noise**2 * np.concatenate([power, power])
+        at = np.array([s])
+        change = forces @ (self.at(at, Choice.WIDER) - self.at(at))[0] @ forces
+        by_noise, of_change = (
+            np.array([((turn * shares).real ** 2 * power).sum() for turn in turns])
+            for shares in (best, wider - best)
+        )
+        return np.asarray(by_noise + np.maximum((turns * change).real ** 2 - of_change, 0.0))
+
+    def _shares(self, s: complex, forces: ComplexArray, choice: Choice) -> ComplexArray:
+        """Return the change of f^T H(s) f with parts of lines, (2 n_freq, n, n)."""
         at, lines = np.array([[s / self.omega[-1]]]), 1j * self.omega[:, np.newaxis]
         lines = lines / self.omega[-1]
-        shape, elastic, moving = self.fits[Choice.BEST]
+        shape, elastic, moving = self.fits[choice]
         terms = shape.terms(at)
-        both = _rigid_terms(at, terms, self.omega)
+        both = _rigid_terms(at, terms, self.omega, choice)
         whole = self.unit * forces
         whole_rigid = self.rigid @ whole
         rigid = np.outer(whole_rigid, whole_rigid)
@@ -203,15 +221,13 @@ class LinkFit:
         shares = shares + elastic.shares(terms).reshape(column) * rest
         rates = zip(shape.derivatives(lines), shape.derivatives(at), strict=True)
         # FRFs without noise have no pulls.
-        for (along, there), pull in zip(rates, self.pulls, strict=False):
+        for (along, there), pull in zip(rates, self.pulls[choice], strict=False):
             change = elastic.changes(along, there, terms)[0]
             before = ((0, 0), (both.shape[1] - terms.shape[1], 0))
             wide = [np.pad(rate, before) for rate in (along, there)]
             change = change + moving.changes(wide[0], wide[1], both)[0]
             shares = shares + (whole @ change @ whole) * pull
-        power = np.abs(self.lines) ** 2 / 2.0
-        power = np.concatenate([power, power])
-        return np.array([((turn * shares).real ** 2 * power).sum() for turn in turns])
+        return np.asarray(shares)
 
 
 def fit_link(
@@ -228,19 +244,20 @@ def fit_link(
     rigid, elastic = motions @ motions.T, scipy.linalg.null_space(motions.T)
     across = lines @ elastic  # a difference of large numbers would lose its digits
     s = 1j * omega[:, np.newaxis] / omega[-1]
-    shape, pulls = _Shape(_Law.ANY, 1, np.empty(0)), np.empty((0, 2 * len(omega), *raw.shape[1:]))
-    wider = shape
+    shape = wider = _Shape(_Law.ANY, 1, np.empty(0))
+    pulls = dict.fromkeys(Choice, np.empty((0, 2 * len(omega), *raw.shape[1:])))
     if elastic.size:
         right = real_equations(weights * across.reshape(len(omega), -1))
         shape = _choose(s, right, weights, _candidates(omega, frf))
         wider = _improved(s, [shape.with_one_more(), shape.of_any_law()], weights, right)
-        _, left, columns = _columns(s, shape, weights, right)
-        if left < (_ROUNDING * np.linalg.norm(right)) ** 2:
-            columns = columns[:0]  # FRFs without noise
-        pulls = np.linalg.pinv(columns.T, rcond=_RESOLVED)
-        pulls = pulls.reshape(-1, 2 * len(omega), *across.shape[1:])
-        double = np.concatenate([weights, weights])[:, :, np.newaxis]
-        pulls = symmetric(double * pulls @ elastic.T)
+        for choice, taken in (Choice.BEST, shape), (Choice.WIDER, wider):
+            _, left, columns = _columns(s, taken, weights, right)
+            if left < (_ROUNDING * np.linalg.norm(right)) ** 2:
+                columns = columns[:0]  # FRFs without noise
+            pull = np.linalg.pinv(columns.T, rcond=_RESOLVED)
+            pull = pull.reshape(-1, 2 * len(omega), *across.shape[1:])
+            double = np.concatenate([weights, weights])[:, :, np.newaxis]
+            pulls[choice] = symmetric(double * pull @ elastic.T)
     side = rigid @ across @ elastic.T
     rest = side + side.swapaxes(1, 2) + elastic @ (elastic.T @ across) @ elastic.T
     fits = {}

@@ -40,8 +40,8 @@ def errors(fit: LinkFit, places: ComplexArray, width: float, noise: float) -> Fl
     """Return errors of real and imaginary parts over their standard deviations, (n_places, 2)."""
     turns = np.array([1.0, -1j])
     missed = np.array([FORCE @ h @ FORCE for h in fit.at(places) - receptances(places, width)])
-    variances = [fit.variances(complex(s), FORCE + 0j, turns) for s in places]
-    return np.asarray(np.multiply.outer(missed, turns).real / np.sqrt(variances) / noise)
+    variances = [fit.variances(complex(s), FORCE + 0j, turns, noise) for s in places]
+    return np.asarray(np.multiply.outer(missed, turns).real / np.sqrt(variances))
 
 
 def test_variances_are_those_of_drawn_noise() -> None:
