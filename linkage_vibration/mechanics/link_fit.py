@@ -24,8 +24,9 @@ Noise is propagated to first order, through the coefficients and through the pol
 import enum
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from operator import itemgetter
+from typing import TypeVar
 
 import numpy as np
 import scipy
@@ -114,6 +115,29 @@ class _Shape:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class _RigidShape(_Shape):
+    """Which terms the rigid block has: those of rigid motions, the elastic ones, and modes.
+
+    These modes do not deform the link where forces are in equilibrium, as the bending of a link
+    between two pins. Its parameters are their stiffness and damping.
+    """
+
+    elastic: _Shape
+    rates: FloatArray  # real poles
+
+    def terms(self, s: ComplexArray, parameters: FloatArray | None = None) -> ComplexArray:
+        """Return the values of the terms at s, (n_s, 1)."""
+        given = self.parameters if parameters is None else parameters
+        stiffness, decay = given.reshape(2, -1)
+        modes = 1.0 / (s**2 + decay * s + stiffness)
+        rigid = s**-2.0, s**-2.0 * self.rates / (s + self.rates)
+        return np.hstack([*rigid, self.elastic.terms(s), modes, s * modes])
+
+
+_Any = TypeVar("_Any", bound=_Shape)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class _Fit:
     """A weighted least-squares fit of terms, in an orthonormal basis of their values."""
 
@@ -152,6 +176,22 @@ class _Fit:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class _Parts:
+    """The fits of the deformation and of the rigid block, each with its terms.
+
+    Pulls, (n_parameters, 2 n_freq, n, n), are changes of parameters per real and imaginary part of
+    the lines.
+    """
+
+    shape: _Shape
+    elastic: _Fit
+    pulls: FloatArray
+    rigid_shape: _RigidShape
+    moving: _Fit
+    rigid_pulls: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class LinkFit:
     """Receptances of a free link at any s, and their variances."""
 
@@ -159,20 +199,19 @@ class LinkFit:
     unit: FloatArray  # (n,), unit of each DoF, which normalises receptances
     lines: ComplexArray  # (n_freq, n, n), measured receptances, symmetric, normalised
     rigid: FloatArray  # (n, n), projection on the rigid motions, normalised
-    # terms of the deformation, and the fits of the deformation and of the rigid block
-    fits: dict[Choice, tuple[_Shape, _Fit, _Fit]]
-    # (n_parameters, 2 n_freq, n, n): change of the parameters per real and imaginary part of lines
-    pulls: dict[Choice, FloatArray]
+    parts: dict[Choice, _Parts]
 
     @property
     def elastic(self) -> _Fit:
         """The fit of the deformation."""
-        return self.fits[Choice.BEST][1]
+        return self.parts[Choice.BEST].elastic
 
     @property
     def poles(self) -> ComplexArray:
         """Those of the link in the fit, (n_modes,), rad/s."""
-        return np.asarray(self.fits[Choice.BEST][0].poles() * self.omega[-1])
+        best = self.parts[Choice.BEST]
+        both = best.shape.poles(), best.rigid_shape.poles()
+        return np.asarray(np.concatenate(both) * self.omega[-1])
 
     def smooth(self) -> ComplexArray:
         """Return the receptances at the lines, (n_freq, n, n), m/N."""
@@ -181,10 +220,9 @@ class LinkFit:
     def at(self, s: ComplexArray, choice: Choice = Choice.BEST) -> ComplexArray:
         """Return the receptances, (n_s, n, n), m/N, at points s, (n_s,), rad/s."""
         scaled = s[:, np.newaxis] / self.omega[-1]
-        shape, elastic, rigid = self.fits[choice]
-        terms = shape.terms(scaled)
-        both = _rigid_terms(scaled, terms, self.omega, choice)
-        receptances = elastic.values(terms) + rigid.values(both)
+        parts = self.parts[choice]
+        receptances = parts.elastic.values(parts.shape.terms(scaled))
+        receptances = receptances + parts.moving.values(parts.rigid_shape.terms(scaled))
         return np.asarray(receptances * np.outer(self.unit, self.unit))
 
     def variances(
@@ -209,9 +247,14 @@ class LinkFit:
         """Return the change of f^T H(s) f with parts of lines, (2 n_freq, n, n)."""
         at, lines = np.array([[s / self.omega[-1]]]), 1j * self.omega[:, np.newaxis]
         lines = lines / self.omega[-1]
-        shape, elastic, moving = self.fits[choice]
-        terms = shape.terms(at)
-        both = _rigid_terms(at, terms, self.omega, choice)
+        parts = self.parts[choice]
+        shape, elastic, rigid_shape, moving = (
+            parts.shape,
+            parts.elastic,
+            parts.rigid_shape,
+            parts.moving,
+        )
+        terms, both = shape.terms(at), rigid_shape.terms(at)
         whole = self.unit * forces
         whole_rigid = self.rigid @ whole
         rigid = np.outer(whole_rigid, whole_rigid)
@@ -220,13 +263,17 @@ class LinkFit:
         shares = moving.shares(both).reshape(column) * rigid
         shares = shares + elastic.shares(terms).reshape(column) * rest
         rates = zip(shape.derivatives(lines), shape.derivatives(at), strict=True)
+        before = 1 + len(rigid_shape.rates)
+        beside = (0, 0), (before, both.shape[1] - terms.shape[1] - before)
         # FRFs without noise have no pulls.
-        for (along, there), pull in zip(rates, self.pulls[choice], strict=False):
+        for (along, there), pull in zip(rates, parts.pulls, strict=False):
             change = elastic.changes(along, there, terms)[0]
-            before = ((0, 0), (both.shape[1] - terms.shape[1], 0))
-            wide = [np.pad(rate, before) for rate in (along, there)]
+            wide = [np.pad(rate, beside) for rate in (along, there)]
             change = change + moving.changes(wide[0], wide[1], both)[0]
             shares = shares + (whole @ change @ whole) * pull
+        rates = zip(rigid_shape.derivatives(lines), rigid_shape.derivatives(at), strict=True)
+        for (along, there), pull in zip(rates, parts.rigid_pulls, strict=False):
+            shares = shares + (whole @ moving.changes(along, there, both)[0] @ whole) * pull
         return np.asarray(shares)
 
 
@@ -245,29 +292,63 @@ def fit_link(
     across = lines @ elastic  # a difference of large numbers would lose its digits
     s = 1j * omega[:, np.newaxis] / omega[-1]
     shape = wider = _Shape(_Law.ANY, 1, np.empty(0))
-    pulls = dict.fromkeys(Choice, np.empty((0, 2 * len(omega), *raw.shape[1:])))
+    candidates = _candidates(omega, frf)
+    right = real_equations(weights * across.reshape(len(omega), -1))
     if elastic.size:
-        right = real_equations(weights * across.reshape(len(omega), -1))
-        shape = _choose(s, right, weights, _candidates(omega, frf))
+        shape = _choose(s, right, weights, candidates)
         wider = _improved(s, [shape.with_one_more(), shape.of_any_law()], weights, right)
-        for choice, taken in (Choice.BEST, shape), (Choice.WIDER, wider):
-            _, left, columns = _columns(s, taken, weights, right)
-            if left < (_ROUNDING * np.linalg.norm(right)) ** 2:
-                columns = columns[:0]  # FRFs without noise
-            pull = np.linalg.pinv(columns.T, rcond=_RESOLVED)
-            pull = pull.reshape(-1, 2 * len(omega), *across.shape[1:])
-            double = np.concatenate([weights, weights])[:, :, np.newaxis]
-            pulls[choice] = symmetric(double * pull @ elastic.T)
     side = rigid @ across @ elastic.T
     rest = side + side.swapaxes(1, 2) + elastic @ (elastic.T @ across) @ elastic.T
-    fits = {}
+    block = rigid @ lines @ rigid
+    block_right = real_equations(weights * block.reshape(len(omega), -1))
+    rates = _RELAXATIONS * omega[0] / omega[-1]
+    rigid_shape = _choose_modes(
+        s, _RigidShape(_Law.ANY, 0, np.empty(0), shape, rates), block_right, weights, candidates
+    )
+    parts = {}
     for choice in Choice:
         taken = wider if choice is Choice.WIDER else shape
-        terms = taken.terms(s)
-        both = _rigid_terms(s, terms, omega, choice)
-        moving = _fitted(both, weights, rigid @ lines @ rigid)
-        fits[choice] = taken, _fitted(terms, weights, rest), moving
-    return LinkFit(omega, unit, lines, rigid, fits, pulls)
+        shift = _SHIFT if choice is Choice.SHIFTED else 1.0
+        rigid_taken = replace(rigid_shape, elastic=taken, rates=shift * rates)
+        pulls = _pulls(s, taken, right, weights)
+        rigid_pulls = _pulls(s, rigid_taken, block_right, weights)
+        parts[choice] = _Parts(
+            taken,
+            _fitted(taken.terms(s), weights, rest),
+            symmetric(pulls.reshape(len(pulls), 2 * len(omega), *across.shape[1:]) @ elastic.T),
+            rigid_taken,
+            _fitted(rigid_taken.terms(s), weights, block),
+            rigid_pulls.reshape(len(rigid_pulls), 2 * len(omega), *block.shape[1:]),
+        )
+    return LinkFit(omega, unit, lines, rigid, parts)
+
+
+def _pulls(s: ComplexArray, shape: _Shape, right: FloatArray, weights: FloatArray) -> FloatArray:
+    """Return the change of parameters per real and imaginary part, (n_parameters, 2 n_freq, k)."""
+    _, left, columns = _columns(s, shape, weights, right)
+    if left < (_ROUNDING * np.linalg.norm(right)) ** 2:
+        columns = columns[:0]  # FRFs without noise
+    pulls = np.linalg.pinv(columns.T, rcond=_RESOLVED).reshape(len(columns), *right.shape)
+    return np.asarray(np.concatenate([weights, weights]) * pulls)
+
+
+def _choose_modes(
+    s: ComplexArray,
+    shape: _RigidShape,
+    right: FloatArray,
+    weights: FloatArray,
+    candidates: Sequence[ComplexArray],
+) -> _RigidShape:
+    """Return the terms of the rigid block with the modes that it needs, by the same criterion."""
+    known, best = shape.elastic.poles(), math.inf
+    for poles in candidates:
+        near = np.abs(poles[:, np.newaxis] - known) <= -poles.real[:, np.newaxis]
+        other = poles[~near.any(axis=1)]
+        start = np.concatenate([np.abs(other) ** 2, -2.0 * other.real])
+        found, left = _refined(s, replace(shape, parameters=start), weights, right)
+        if (score := _criterion(found, left, right)) < best:
+            best, chosen, first = score, found, start
+    return _without_noise(s, chosen, first, best, weights, right)
 
 
 def _candidates(omega: FloatArray, frf: ComplexArray) -> list[ComplexArray]:
@@ -301,10 +382,21 @@ def _choose(
         # The criterion ignores errors below the noise of single lines. In FRFs that were computed,
         # and stored in single precision, one more term costs nothing and removes these errors.
         return _improved(s, [chosen, chosen.with_one_more()], weights, right)
+    return _without_noise(s, chosen, first, best, weights, right)
+
+
+def _without_noise(
+    s: ComplexArray,
+    chosen: _Any,
+    first: FloatArray,
+    best: float,
+    weights: FloatArray,
+    right: FloatArray,
+) -> _Any:
+    """Leave out modes that only fit noise; `first` are the parameters before improvement."""
     for i in reversed(range(len(first) // 2)):
-        # The set may contain a pole that only fits noise.
         start = np.delete(first, [i, len(first) // 2 + i])
-        shape, left = _refined(s, _Shape(chosen.law, chosen.order, start), weights, right)
+        shape, left = _refined(s, replace(chosen, parameters=start), weights, right)
         score = _criterion(shape, left, right)
         if score < best:
             best, chosen, first = score, shape, start
@@ -328,8 +420,8 @@ def _criterion(shape: _Shape, left: float, right: FloatArray) -> float:
 
 
 def _refined(
-    s: ComplexArray, shape: _Shape, weights: FloatArray, right: FloatArray
-) -> tuple[_Shape, float]:
+    s: ComplexArray, shape: _Any, weights: FloatArray, right: FloatArray
+) -> tuple[_Any, float]:
     """Improve the parameters by Gauss-Newton steps; also return what the fit leaves."""
     refined, best = shape, math.inf
     for _ in range(_STEPS + 1):
@@ -344,7 +436,7 @@ def _refined(
         if converged or not len(shape.parameters):
             break
         step = np.linalg.lstsq(columns.T, rest.ravel(), rcond=_SMALLEST)[0]
-        shape = _Shape(shape.law, shape.order, shape.parameters + step)
+        shape = replace(shape, parameters=shape.parameters + step)
     return refined, best
 
 
@@ -361,15 +453,6 @@ def _columns(
         column = real_equations(weights * rate) @ coefficients
         columns[i] = (column - basis @ (basis.T @ column)).ravel()
     return rest, float((rest**2).sum()), columns
-
-
-def _rigid_terms(
-    s: ComplexArray, elastic: ComplexArray, omega: FloatArray, choice: Choice = Choice.BEST
-) -> ComplexArray:
-    """Return the terms of rigid motions at s, (n_s, 1), followed by the elastic ones."""
-    shift = _SHIFT if choice is Choice.SHIFTED else 1.0
-    rates = _RELAXATIONS * shift * omega[0] / omega[-1]
-    return np.hstack([s**-2.0, s**-2.0 * rates / (s + rates), elastic])
 
 
 def _fitted(terms: ComplexArray, weights: FloatArray, lines: ComplexArray) -> _Fit:
