@@ -23,7 +23,7 @@ from linkage_vibration.mechanics.components import Components, FrfComponent
 from linkage_vibration.mechanics.fbs import held_frf, independent_rows
 from linkage_vibration.mechanics.link_fit import Choice
 
-_STEP = 1e-5  # step for the derivative, as a share of a pole
+_STEP = 1e-7  # step for the derivative, as a share of a pole
 _STEPS = 20  # largest number of Newton steps
 _CLOSE = 1e-9  # A pole has converged if its relative step is smaller.
 _SAME = 1e-6  # Two poles are one if their relative distance is smaller.

@@ -262,14 +262,14 @@ class LinkFit:
         column = (-1, 1, 1)
         shares = moving.shares(both).reshape(column) * rigid
         shares = shares + elastic.shares(terms).reshape(column) * rest
-        rates = zip(shape.derivatives(lines), shape.derivatives(at), strict=True)
+        beside, places = rigid_shape.elastic, (lines, at)
         before = 1 + len(rigid_shape.rates)
-        beside = (0, 0), (before, both.shape[1] - terms.shape[1] - before)
+        wide = (0, 0), (before, both.shape[1] - before - beside.terms(at).shape[1])
+        rates = zip(*(each.derivatives(x) for each in (shape, beside) for x in places), strict=True)
         # FRFs without noise have no pulls.
-        for (along, there), pull in zip(rates, parts.pulls, strict=False):
-            change = elastic.changes(along, there, terms)[0]
-            wide = [np.pad(rate, beside) for rate in (along, there)]
-            change = change + moving.changes(wide[0], wide[1], both)[0]
+        for (first, second, along, there), pull in zip(rates, parts.pulls, strict=False):
+            change = elastic.changes(first, second, terms)[0]
+            change = change + moving.changes(np.pad(along, wide), np.pad(there, wide), both)[0]
             shares = shares + (whole @ change @ whole) * pull
         rates = zip(rigid_shape.derivatives(lines), rigid_shape.derivatives(at), strict=True)
         for (along, there), pull in zip(rates, parts.rigid_pulls, strict=False):
@@ -309,7 +309,8 @@ def fit_link(
     for choice in Choice:
         taken = wider if choice is Choice.WIDER else shape
         shift = _SHIFT if choice is Choice.SHIFTED else 1.0
-        rigid_taken = replace(rigid_shape, elastic=taken, rates=shift * rates)
+        beside = taken.with_one_more() if choice is Choice.WIDER else taken
+        rigid_taken = replace(rigid_shape, elastic=beside, rates=shift * rates)
         pulls = _pulls(s, taken, right, weights)
         rigid_pulls = _pulls(s, rigid_taken, block_right, weights)
         parts[choice] = _Parts(

@@ -11,7 +11,7 @@ import numpy as np
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray, IntArray
-from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.mechanics.description import GROUND, Mechanism
 from linkage_vibration.mechanics.ground_motion import soil_places
 from linkage_vibration.mechanics.kinematics import Kinematics
 from linkage_vibration.mechanics.model import Place
@@ -164,12 +164,15 @@ def _moment(body: str, mechanism: Mechanism, where: str) -> UnitLoad:
             f"{', '.join(rigid) or 'none, as the mechanism has no rigid body'}."
         )
     points = dict(rigid[body].points)
-    if body == "base":
-        points = {mount.name: mount.at for mount in mechanism.base.mounts} if mechanism.base else {}
+    if mechanism.base is None:
+        fixed = mechanism.local_points(GROUND)
+        points = {point: place for point, place in points.items() if point not in fixed}
+    elif body == "base":
+        points = {mount.name: mount.at for mount in mechanism.base.mounts}
     if len(points) < 2:
         raise ExcitationError(
-            f"{where}: {body} has fewer than two points at which a table can have FRFs; give a "
-            "force at a point."
+            f"{where}: {body} has fewer than two points that move, at which a table can have FRFs; "
+            "give a force at a point."
         )
     pairs = [(first, second) for first in points for second in points]
     first, second = max(pairs, key=lambda pair: math.dist(points[pair[0]], points[pair[1]]))

@@ -16,6 +16,8 @@ from linkage_vibration.mechanics.description import Spring
 from linkage_vibration.mechanics.identification import IdentificationError
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.prediction.predictor import Predictor, predict_many
+from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import load_table, save_table
 from linkage_vibration.table.tabulation.building import build_table
 
@@ -117,6 +119,25 @@ def test_lines_beyond_a_mode_of_the_free_link(
     assert np.abs(errors / actual.frequency_stddev).max() < 3.0
     errors = actual.damping_ratios - exact.damping_ratios[inside]
     assert np.abs(errors / actual.damping_ratio_stddev).max() < 3.0
+
+
+@pytest.mark.parametrize(
+    ("link", "noise", "seed"), [("coupler", 1e-3, 3), ("coupler", 1e-6, 0), ("rocker", 1e-2, 1)]
+)
+def test_a_link_that_bends_between_two_pins(link: str, noise: float, seed: int) -> None:
+    """No forces in equilibrium at two pins bend it, and yet its bending is in the linkage's modes.
+
+    The coupler alone bends at 523 Hz, and the rocker at 1069 Hz.
+    """
+    exact = LinkageModel(read_mechanism(config_file("four_bar.yaml")))
+    solution = exact.solve(math.radians(90.0))
+    lines = np.linspace(1.0, 1000.0, 1000)
+    actual = with_noise(exact, link, noise, seed, lines).identify(math.radians(90.0))
+    assert len(actual.natural_frequencies) == 4
+    errors = actual.natural_frequencies - solution.natural_frequencies[:4]
+    assert np.abs(errors / actual.natural_frequencies).max() < 1e-3
+    if noise > 1e-4:  # or else the higher modes that are left out have a larger effect
+        assert np.abs(errors / actual.frequency_stddev).max() < 4.0
 
 
 @pytest.mark.parametrize("gain", [0.95, pytest.param(1.05, marks=pytest.mark.nightly)])

@@ -3,6 +3,7 @@
 """Unit loads as forces at places: their sums and their moments are those of the load."""
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -58,6 +59,31 @@ def test_moment_is_a_pair_of_forces(body: str, alpha3: float) -> None:
         moment += at[0] * weight if direction == "z" else -at[1] * weight
     np.testing.assert_allclose(force, 0.0, atol=1e-12)
     assert moment == pytest.approx(1.0, rel=1e-9)
+
+
+def test_moment_on_a_body_that_is_hinged_on_fixed_ground() -> None:
+    """The ground's point does not move, so the pair of forces needs two others."""
+    six_bar = read_mechanism(config_file("stephenson_six_bar.yaml"))
+    [excitation] = excitations_from_mapping(
+        {
+            "load": {
+                "speed": "pto",
+                "orders": [1],
+                "moment": [5.0],
+                "at": "pendulum",
+                "at_speed": 540.0,
+            }
+        }
+    )
+    given = excitation.load, excitation.name, TABLE
+    with pytest.raises(loads.ExcitationError, match="pendulum has fewer than two points that move"):
+        load_input(*given, six_bar)
+    others = [body for body in six_bar.rigid_bodies if body.name != "pendulum"]
+    [pendulum] = set(six_bar.rigid_bodies).difference(others)
+    points = {**dict(pendulum.points), "Q": (0.1, 0.2)}
+    body = replace(pendulum, points=tuple(points.items()))
+    with pytest.raises(loads.ExcitationError, match=r"no FRF at E, Q, where pendulum"):
+        load_input(*given, replace(six_bar, rigid_bodies=(*others, body)))
 
 
 @pytest.mark.parametrize("kind", ["base_acceleration", "base_displacement"])

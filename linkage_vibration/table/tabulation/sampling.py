@@ -266,6 +266,9 @@ def _places(
     for point in points:
         if not mechanism.owners(point):
             raise TableError(f"{mechanism.name} has no point {point} for FRFs; check the name.")
+        if mechanism.base is None and point in mechanism.local_points(GROUND):
+            problem = f"{point} is a point of the ground, which does not move"
+            raise TableError(f"{mechanism.name}: {problem}; leave it out of the points for FRFs.")
     directions = model.interface.directions
     every = [(point, direction) for point in points for direction in directions]
     if model.half == "vertical":

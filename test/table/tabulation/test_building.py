@@ -129,6 +129,12 @@ def test_unknown_point(model: LinkageModel) -> None:
         build_table(model, 1e-2, ["Q"])
 
 
+def test_a_fixed_point_has_no_frfs(model: LinkageModel) -> None:
+    """The paper's ground does not move, so that errors of FRFs there would be those of rounding."""
+    with pytest.raises(TableError, match="P1 is a point of the ground, which does not move; leave"):
+        build_table(model, 1e-3, points=["E1", "P1"])
+
+
 def test_points_of_choice(model: LinkageModel) -> None:
     """FRFs are held between the response and the points asked for, and no others."""
     table = build_table(model, 1e-2, ["E2"])
