@@ -25,7 +25,6 @@ import enum
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from operator import itemgetter
 from typing import TypeVar
 
 import numpy as np
@@ -409,7 +408,7 @@ def _improved(
 ) -> _Shape:
     """Return which of some terms, with improved parameters, leave least."""
     fits = [_refined(s, shape, weights, right) for shape in shapes]
-    return min(fits, key=itemgetter(1))[0]
+    return min(fits, key=lambda fit: fit[1])[0]
 
 
 def _criterion(shape: _Shape, left: float, right: FloatArray) -> float:
