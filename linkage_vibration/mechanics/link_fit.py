@@ -12,11 +12,12 @@ Bayesian information criterion (Schwarz 1978) chooses the law, the number of ter
 modes, from which it then removes single ones that only fit noise. It departs from the first law
 only if the lines clearly show another.
 
-Where a link moves as a rigid body the fit has 1 / s^2 in addition, and real poles near the first
-line, as of links whose damping is proportional to their mass, or that are hung up softly. Where
-these real poles lie is a choice, so a second fit has them between those of the first: what depends
-on the choice is noise. So is the number of terms: the criterion leaves out a term whose effect is
-several times its deviation, and a third fit has more terms, of any damping or one of the same law.
+Where a link moves as a rigid body the fit has 1 / s^2 in addition, modes that only show there, as
+the bending of a link between two pins, and real poles near the first line, as of links whose
+damping is proportional to their mass, or that are hung up softly. Where these real poles lie is a
+choice, so a second fit has them between those of the first: what depends on the choice is noise. So
+is the number of terms: the criterion leaves out a term whose effect is several times its deviation,
+and a third fit has more terms, of any damping or one of the same law.
 
 Noise is propagated to first order, through the coefficients and through the poles.
 """
@@ -133,7 +134,7 @@ class _RigidShape(_Shape):
         return np.hstack([*rigid, self.elastic.terms(s), modes, s * modes])
 
 
-_Any = TypeVar("_Any", bound=_Shape)
+_Terms = TypeVar("_Terms", bound=_Shape)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -387,12 +388,12 @@ def _choose(
 
 def _without_noise(
     s: ComplexArray,
-    chosen: _Any,
+    chosen: _Terms,
     first: FloatArray,
     best: float,
     weights: FloatArray,
     right: FloatArray,
-) -> _Any:
+) -> _Terms:
     """Leave out modes that only fit noise; `first` are the parameters before improvement."""
     for i in reversed(range(len(first) // 2)):
         start = np.delete(first, [i, len(first) // 2 + i])
@@ -420,8 +421,8 @@ def _criterion(shape: _Shape, left: float, right: FloatArray) -> float:
 
 
 def _refined(
-    s: ComplexArray, shape: _Any, weights: FloatArray, right: FloatArray
-) -> tuple[_Any, float]:
+    s: ComplexArray, shape: _Terms, weights: FloatArray, right: FloatArray
+) -> tuple[_Terms, float]:
     """Improve the parameters by Gauss-Newton steps; also return what the fit leaves."""
     refined, best = shape, math.inf
     for _ in range(_STEPS + 1):
