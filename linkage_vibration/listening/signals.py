@@ -26,7 +26,7 @@ _GRAVITY = 0.15  # by which the mean acceleration may differ from gravity
 _NO_GRAVITY = 1.0  # m/s^2: a mean below it contains none
 _TILT = math.radians(15.0)
 _FEWEST = 16  # samples
-_REGULAR = 0.9  # least share of values that occur equally often, within one, to be repeated ones
+_REGULAR = 0.9  # Values are repeated ones if this share occurs equally often, or once more.
 _SLOWEST = 0.4  # s between samples, beyond which `HIGHEST` is near the 1 Hz at which levels begin
 
 
@@ -84,7 +84,7 @@ def measured_signal(
     if missing.any():
         values = np.stack([np.interp(even, even[~missing], each) for each in values.T], axis=-1)
     if held > 1:
-        text = f"Each of its values occurs {held} times in a row"
+        text = f"Its values occur {held} times in a row"
         doubts.append(f"{text}, so it counts as a sensor with {1.0 / step:.3g} samples per second.")
     doubts += _rate_doubts(sensor, values, 1.0 / step, highest)
     if sensor.accelerates:
@@ -98,9 +98,13 @@ def _updates(times: FloatArray, readings: FloatArray) -> tuple[FloatArray, Float
     A sensor that is published more often than it measures repeats its values.
     """
     new = np.flatnonzero((np.diff(readings, axis=0) != 0.0).any(axis=1)) + 1
+    if len(new) < _FEWEST:
+        return times, readings, 1
     occurs = np.diff(new)
-    held = int(np.median(occurs)) if len(new) >= _FEWEST else 1
-    if held == 1 or (np.abs(occurs - held) <= 1).mean() < _REGULAR:
+    held = int(np.median(occurs))
+    # Where the rates are no multiples, values occur n or n + 1 times.
+    regular = max(np.isin(occurs, (n, n + 1)).mean() for n in (held - 1, held))
+    if held == 1 or regular < _REGULAR:
         return times, readings, 1
     return times[new], readings[new], held
 

@@ -28,7 +28,7 @@ _STEPS = 20  # largest number of Newton steps
 _CLOSE = 1e-9  # A pole has converged if its relative step is smaller.
 _SAME = 1e-6  # Two poles are one if their relative distance is smaller.
 _UNCERTAIN = 0.1  # A mode is noise if the relative standard deviation of its frequency is larger.
-_TOLD = 3.0  # Poles are different if they are farther apart, in standard deviations.
+_APART = 3.0  # Poles are different if they are farther apart, in standard deviations.
 _DEPENDS = 0.1  # A pole is an artefact of a fit if other rates move it by a larger share.
 # Newton's method may move a pole by this share of it, or by its decay rate if that is larger.
 _MOVES = 1e-3
@@ -97,7 +97,7 @@ class Assembly:
         return power
 
     def _of_one_link(self, mode: AssemblyPole, noise: FloatArray) -> bool:
-        """Return whether a pole cannot be told from that of a measured link that is free.
+        """Return whether noise does not separate a pole from one of a measured link that is free.
 
         The residue of such a pole has rank one, and that of a fit more, by noise. So some motion of
         the link seems to keep its pole when the link is joined.
@@ -105,7 +105,7 @@ class Assembly:
         fits = [c.measured.fit for c, _, _ in self._parts if isinstance(c, FrfComponent)]
         poles = np.concatenate([[mode.pole], *(fit.poles for fit in fits)])
         numbers = np.array([np.abs(poles) / (2.0 * math.pi), poles.real / np.abs(poles)])
-        near = np.abs(numbers[:, 1:] - numbers[:, :1]) <= _TOLD * np.sqrt(noise)[:, np.newaxis]
+        near = np.abs(numbers[:, 1:] - numbers[:, :1]) <= _APART * np.sqrt(noise)[:, np.newaxis]
         return bool(near.all(axis=0).any())
 
     def _stays(self, mode: AssemblyPole) -> bool:

@@ -260,9 +260,35 @@ def test_values_that_are_published_again(held: int) -> None:
         sensor(), np.arange(N) / RATE, readings()[::held].repeat(held, 0)[:N], 20.0
     )
     assert signal.rate == pytest.approx(RATE / held, rel=1e-3)
-    assert f"Each of its values occurs {held} times in a row" in " ".join(signal.doubts)
+    assert f"Its values occur {held} times in a row" in " ".join(signal.doubts)
     slow = measured_signal(sensor(), np.arange(0, N, held) / RATE, readings()[::held], 20.0)
     np.testing.assert_allclose(signal.at(slow.times[9:-9]), slow.at(slow.times[9:-9]), atol=1e-9)
+
+
+def test_values_of_a_rate_that_is_no_fraction() -> None:
+    """A sensor of 60 Hz that is published at 200 Hz repeats its values three or four times."""
+    which = (np.arange(N) * 60) // 200
+    signal = measured_signal(sensor(), np.arange(N) / RATE, readings()[which], 20.0)
+    assert signal.rate == pytest.approx(60.0, rel=1e-2)
+
+
+@pytest.mark.parametrize(("irregular", "repeated"), [(0.05, True), (0.15, False)])
+def test_most_values_are_repeated_equally_often(irregular: float, repeated: bool) -> None:
+    """A tenth of the values may occur more or less often, as where samples are lost."""
+    often = np.full(N // 8, 8)
+    often[:: round(1.0 / irregular)] = 4
+    values = readings()[: len(often)].repeat(often, axis=0)
+    signal = measured_signal(sensor(), np.arange(len(values)) / RATE, values, 20.0)
+    assert ("times in a row" in " ".join(signal.doubts)) == repeated
+
+
+def test_values_that_change_at_random_are_not_repeated() -> None:
+    """Four in ten samples are new: most values occur one to three times."""
+    generator = np.random.default_rng(4)
+    steps = np.where(generator.random((N, 1)) < 0.4, generator.normal(size=(N, 1)), 0.0)
+    values = np.cumsum(steps, axis=0).repeat(3, axis=1)
+    assert np.median(np.diff(np.flatnonzero(steps))) == 2.0
+    assert measured_signal(sensor(), np.arange(N) / RATE, values, 20.0).rate == pytest.approx(RATE)
 
 
 def test_coarse_steps_are_no_repeated_values() -> None:

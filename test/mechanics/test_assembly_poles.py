@@ -64,11 +64,11 @@ def test_poles_of_the_free_link_are_left_out(seed: int) -> None:
     check(joined, held)
 
 
-@pytest.mark.parametrize(("noise", "told"), [(1e-3, True), (1e-2, False)])
-def test_a_pole_near_one_of_the_free_link(noise: float, told: bool) -> None:
+@pytest.mark.parametrize(("noise", "separate"), [(1e-3, True), (1e-2, False)])
+def test_a_pole_near_one_of_the_free_link(noise: float, separate: bool) -> None:
     """A soft spring moves poles by 0.14 and 0.0051 Hz, which is seen if noise moves them less."""
     softly = SPRINGS + np.diag([3e3, 0.0, 0.0])
     exact = poles(softly)[-2:]
     joined = assembly(noise, 0, 3e3)
-    assert joined.confirm(exact).tolist() == [True, told]
-    check(joined, exact[: 1 + told])
+    assert joined.confirm(exact).tolist() == [True, separate]
+    check(joined, exact[: 1 + separate])

@@ -42,7 +42,7 @@ def test_residual_by_four_means() -> None:
         assert noise > 0.0
 
 
-LONG = "noise of 0.1 deg, 1 kHz"  # whose bounds another test checks, too
+LONG = "noise of 0.1 deg, 1 kHz"  # This sensor takes long; 0.02 and 0.5 deg remain.
 
 
 @pytest.mark.parametrize(

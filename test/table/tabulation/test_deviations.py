@@ -83,9 +83,9 @@ def test_between_points_they_are_those_of_the_model(
 
 
 def test_beside_a_strong_damper_and_above_the_band() -> None:
-    """Modes above the band deviate, and in two that change places, as 60 models do.
+    """Modes above the band, of which two change places, deviate as those of 60 models do.
 
-    By the undamped modes below 500 Hz alone, the tool would pitch at 454 Hz in place of 466 Hz.
+    The damper couples undamped modes far above the band with the pitch of the tool.
     """
     mapping, at = yaml.safe_load(WATT), math.radians(104.0)
     mapping["response"] |= {"band_hz": [0.0, 250.0], "modes": 5}
