@@ -248,12 +248,8 @@ class LinkFit:
         at, lines = np.array([[s / self.omega[-1]]]), 1j * self.omega[:, np.newaxis]
         lines = lines / self.omega[-1]
         parts = self.parts[choice]
-        shape, elastic, rigid_shape, moving = (
-            parts.shape,
-            parts.elastic,
-            parts.rigid_shape,
-            parts.moving,
-        )
+        shape, rigid_shape = parts.shape, parts.rigid_shape
+        elastic, moving = parts.elastic, parts.moving
         terms, both = shape.terms(at), rigid_shape.terms(at)
         whole = self.unit * forces
         whole_rigid = self.rigid @ whole
