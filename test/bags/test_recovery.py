@@ -289,6 +289,19 @@ def test_files_of_other_programs(tmp_path: Path, chunked: bool) -> None:
         assert kept == expected[:4]
 
 
+def test_messages_without_data(tmp_path: Path) -> None:
+    """A message may have no data, and is kept outside of chunks, too."""
+    path = tmp_path / "empty.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, use_chunking=False)
+        writer.start()
+        channel = writer.register_channel("/trigger", "json", writer.register_schema("S", "", b""))
+        for k in range(3):
+            writer.add_message(channel, k, b"", k, k)
+        writer.finish()
+    assert saved(path.read_bytes(), tmp_path) == [("/trigger", k, k, k, b"") for k in range(3)]
+
+
 @pytest.mark.parametrize(("more", "damages"), [(64, 0), (65, 1)])
 def test_fields_of_a_later_version(tmp_path: Path, more: int, damages: int) -> None:
     """A record may have 64 bytes of fields that are not known at its end; more are damage."""

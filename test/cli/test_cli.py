@@ -433,6 +433,10 @@ def test_advise(tmp_path: Path, capsys: Any) -> None:
     assert float(both[1]) == pytest.approx(3.6 * speed, rel=1e-3)
     assert float(both[2]) == pytest.approx(least, rel=1e-3)
     assert printed[6].startswith("Not counted, as their loads are not known: pto_shaft 1")
+    ends = [[word.end() for word in re.finditer(r"\S+", line)] for line in (printed[0], printed[4])]
+    titles = ("[deg]", "[km/h]", "ratio", "factor", "[mm/s]", "factor", "[%]")
+    columns = [k for k, word in enumerate(printed[0].split()) if word in titles]
+    assert [ends[0][k] for k in columns] == ends[1][2:]  # numbers end where their titles do
     assert main(["advise", "165", "30", "--speeds-kmh", "40", "10"]) == 1
     assert (
         "The permitted ground speeds are 11.1111 to 2.77778 m/s (40 to 10 km/h)"

@@ -154,6 +154,9 @@ def test_sweeps_are_drawn_over_their_longest_axis(model: lv.LinkageModel) -> Non
     assert [text.get_text() for text in legend.get_texts()] == [
         f"{MASS} = {m:g}" for m in masses[:4]
     ]
+    both, alone = (lv.plot(sweep.isel({MASS: slice(n)})).axes[0].get_legend() for n in (2, 1))
+    assert both is not None
+    assert (len(both.get_texts()), alone) == (2, None)
     curve = drawn(ax, ":")[3]  # the fourth mode with the third mass
     expected = four.natural_frequencies.sel({MASS: 900.0, "mode": 4})
     np.testing.assert_allclose(curve.T, [np.degrees(expected.alpha3), expected])

@@ -11,6 +11,7 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.font_manager import fontManager
 
+from linkage_vibration.drawing import palette
 from linkage_vibration.drawing.plots import draw_bands, frequency_axis, name_modes, png_bytes
 
 OTHER = chr(0x2ADD)  # STIXGeneral, which matplotlib brings, has this sign, and DejaVu Sans has not
@@ -42,6 +43,41 @@ def test_names_where_curves_end() -> None:
     ax.set_ylim(1.0, 100.0)
     name_modes(ax, np.array([5.0, 10.0, math.nan]), ["", "heave", ""], [("pto", 30.0)])
     assert [text.get_text() for text in ax.texts] == ["mode 1", "heave", "pto"]
+    colours = [*palette.mode_colours(3)[:2], palette.INK]
+    assert [text.get_color() for text in ax.texts] == colours
+    assert [text.get_fontweight() for text in ax.texts] == ["bold", "bold", "normal"]
+    ends = np.log10([5.0, 10.0, 30.0]) / 2.0  # shares of two decades
+    assert [text.get_position()[1] for text in ax.texts] == pytest.approx(ends)
+
+
+def test_names_do_not_overlap() -> None:
+    """Names of curves that end close together are moved up, to the least distance, in order."""
+    ax = Figure().subplots()
+    ax.set_ylim(1.0, 100.0)
+    name_modes(ax, np.array([10.1, 10.0, 10.2, 90.0]), ["b", "a", "c", "d"], least=0.1)
+    heights = [text.get_position()[1] for text in ax.texts]
+    assert heights == pytest.approx([0.6, 0.5, 0.7, 0.9771], 1e-4)
+
+
+def test_axis_contains_all_frequencies() -> None:
+    """It reaches from 0.6 of the lowest to twice the highest, and leaves out what is not known."""
+    ax = Figure().subplots()
+    frequency_axis(ax, np.array([[5.0, math.nan], [0.0, 80.0]]))
+    assert ax.get_ylim() == pytest.approx((3.0, 160.0))
+    assert (ax.get_yscale(), len(ax.texts)) == ("log", 0)
+
+
+def test_bands_are_one_deviation() -> None:
+    """A band is one deviation on each side, and above half of the curve; each mode has a colour."""
+    ax, x = Figure().subplots(), np.arange(3.0)
+    draw_bands(ax, x, np.full((3, 2), [2.0, 10.0]), np.full((3, 2), [0.5, 7.0]))
+    bands = [
+        np.concatenate([p.vertices for p in each.get_paths()])[:, 1] for each in ax.collections
+    ]
+    ends = [(band.min(), band.max()) for band in bands]
+    assert ends == [(1.5, 2.5), (5.0, 17.0)]
+    np.testing.assert_array_equal([line.get_ydata() for line in ax.lines], [[2.0] * 3, [10.0] * 3])
+    assert [line.get_color() for line in ax.lines] == palette.mode_colours(2)
 
 
 def test_usual_font() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from linkage_vibration.listening.orders import Orders, track_orders
+from linkage_vibration.listening.orders import Orders, levels, track_orders
 from linkage_vibration.listening.signals import Signal
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.prediction.excitation import Source, excitations_from_mapping
@@ -114,3 +114,12 @@ def test_where_there_is_no_order() -> None:
     actual = tracked(wave(1.0, 1.0), "1 4", pto=0.0)
     assert np.isfinite(actual.squares).all(axis=0).tolist() == [True, False, False]
     assert not np.isfinite(actual.squares[:, 1:]).any()
+
+
+@pytest.mark.parametrize(("hertz", "counted"), [(0.5, 0.0), (1.25, 1.0), (89.0, 1.0), (91.0, 0.0)])
+def test_levels_are_of_a_band(hertz: float, counted: float) -> None:
+    """A velocity of 5 mm/s along z is in the levels from 1 Hz to 0.45 of the rate, 90 Hz."""
+    omega = 2.0 * math.pi * hertz
+    values = np.outer(omega * 5.0e-3 * np.sin(omega * TIMES), [0.0, 0.0, 1.0])
+    level = levels(Signal(sensor(), TIMES, values, RATE, ()))
+    np.testing.assert_allclose(level * math.sqrt(2.0), 5.0e-3 * counted, rtol=0.03, atol=5e-5)

@@ -118,6 +118,8 @@ def test_difference_in_one_sentence(heavier: tuple[Path, Path]) -> None:
     """The sentence names what differs most and by how much."""
     text = sentence(compared(*heavier))
     assert text.startswith("Mode 11 (implement yaw) differs most: in B it is 20.3 Hz (17 %) lower")
+    text = sentence(compared(*heavier[::-1]))
+    assert text.startswith("Mode 11 (implement yaw) differs most: in B it is 20.3 Hz (21 %) higher")
     equal = sentence(compared(heavier[0], heavier[0]))
     assert equal.startswith("The logs have equal predictions; not all loads are known at 100 % of")
 

@@ -3,12 +3,16 @@
 """What the page says of measured vibration beside a log, and what it says is not known."""
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.collections import QuadMesh
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
+from linkage_vibration.drawing import palette
 from linkage_vibration.listening import drive_modes
 from linkage_vibration.listening.amplitudes import MeasuredOrder
 from linkage_vibration.listening.drive_modes import DriveMode, MeasuredDrive, why_no_modes
@@ -265,13 +269,112 @@ def test_a_dead_axis_and_sensors_that_hardly_meet(
     assert len(places) == 1
 
 
-def test_levels_are_bands_of_one_deviation(log: Log) -> None:
-    """A level of 2 mm/s whose deviation is a factor of 1.65 is a band from 1.21 to 3.30 mm/s."""
+@pytest.mark.parametrize("force", [False, True])
+@pytest.mark.parametrize("unknown", [(), ("pto",)])
+def test_levels_are_bands_of_one_deviation(log: Log, force: bool, unknown: tuple[str, ...]) -> None:
+    """A level of 2 mm/s whose deviation is a factor of 1.65 is a band from 1.21 to 3.30 mm/s.
+
+    A force of 0.002 N is drawn over that at rest, of 0.004 N, beside the limit of a warning.
+    """
     heard = compare_sensor(log, shaken(log, 0.0, 0.0))
     level = np.full_like(heard.predicted, 0.002)
+    given = replace(heard, rows=[order(log, 0.0)], predicted=level, measured=2.0 * level)
+    given = replace(given, unknown=unknown)
+    scale = 1000.0
+    if force:
+        place = sensor(at="lower_link:P1.force_x", accelerates=False, axes=np.eye(1))
+        given = replace(given, signal=replace(given.signal, sensor=place), reference=2.0 * level)
+        scale = 250.0
     axes = Figure().subplots()
-    listening_page._draw_levels(
-        axes, replace(heard, rows=[order(log, 0.0)], predicted=level), limit=1.0
-    )
+    listening_page._draw_levels(axes, given, limit=0.33)
     band = np.asarray(axes.collections[0].get_paths()[0].vertices)[:, 1]
-    assert (band.min(), band.max()) == pytest.approx((1.213, 3.297), rel=1e-3)
+    assert (band.min(), band.max()) == pytest.approx((1.213e-3 * scale, 3.297e-3 * scale), rel=1e-3)
+    *limit, predicted, measured = axes.lines
+    assert set(np.asarray(predicted.get_ydata()) / scale) == {0.002}
+    assert set(np.asarray(measured.get_ydata()) / scale) == {0.004}
+    assert predicted.get_color() == to_hex(axes.collections[0].get_facecolor()).upper()
+    assert measured.get_color() == palette.INK
+    assert [set(np.asarray(line.get_ydata())) for line in limit] == [{0.33}] * force
+    assert axes.get_ylabel() == ("load ratio [1]" if force else "rms [mm/s]")
+    assert axes.get_ylim() == pytest.approx((0.5 * 1.213e-3 * scale, 2.0 * 4e-3 * scale), rel=1e-3)
+    assert ("without pto, whose speed the log lacks" in str(predicted.get_label())) == bool(unknown)
+
+
+@pytest.mark.parametrize(("hidden", "nameless"), [(None, "engine 0.5"), (3, "engine_shake 1.5")])
+def test_spectrum_beside_predictions(log: Log, hidden: int | None, nameless: str) -> None:
+    """A tone of 10 Hz is darkest at 10 Hz; modes are bands of two deviations, orders are dotted.
+
+    The five strongest of those that noise does not hide are drawn, with their names.
+    """
+    speeds = {Source.ENGINE: 1500.0, Source.PTO: 1000.0}
+    known = {of: (log.times, np.full(len(log.times), speed)) for of, speed in speeds.items()}
+    signal = shaken(log, 0.0, 0.0)
+    signal = replace(signal, values=signal.values * [0.0, 0.0, 1.0])
+    heard = compare_sensor(replace(log, speeds=known), signal)
+    rows = [
+        replace(order(log, 0.1 * i, is_detected=i != hidden), excitation=each)
+        for i, each in enumerate(log.excitations)
+    ]
+    axes = Figure().subplots()
+    listening_page._draw_spectrogram(axes, log, replace(heard, rows=rows))
+    [mesh] = (each for each in axes.collections if isinstance(each, QuadMesh))
+    power = np.asarray(mesh.get_array()).mean(axis=1)
+    edges = np.asarray(mesh.get_coordinates())[:, 0, 1]
+    middles = (edges[1:] + edges[:-1]) / 2.0
+    assert middles[power.argmax()] == pytest.approx(10.0, abs=0.5)
+    # A tone of 1 m/s2 has a mean square of 0.5 (m/s2)2, which is the area of its peak.
+    near = np.abs(middles - 10.0) < 3.0
+    area = (10.0 ** (power[near] / 10.0)).sum() * (middles[1] - middles[0])
+    assert area == pytest.approx(0.5, rel=0.05)
+    assert axes.get_ylim()[1] == 0.5 * RATE
+    curves = [line for line in axes.lines if line.get_linestyle() == "-"]
+    np.testing.assert_array_equal([line.get_ydata() for line in curves], log.natural_frequencies.T)
+    assert [line.get_color() for line in curves] == palette.mode_colours(log.n_modes)
+    band = np.vstack([p.vertices for p in axes.collections[1].get_paths()])[:, 1]
+    upper = log.natural_frequencies[:, 0] + 2.0 * log.frequency_stddevs[:, 0]
+    assert np.nanmax(band) == pytest.approx(np.nanmax(upper))
+    dotted = [line for line in axes.lines if line.get_linestyle() == ":"]
+    names = [each.name for each in log.excitations if each.name != nameless]
+    lines = sorted(float(np.nanmax(line.get_ydata())) for line in dotted)
+    of_names = {each.name: each.ratio * speeds[each.source] for each in log.excitations}
+    assert lines == pytest.approx(sorted(of_names[name] for name in names), rel=1e-3)
+    texts = [text.get_text() for text in axes.texts]
+    assert sorted(texts[-5:]) == sorted(names)
+    modes = [log.mode_name(mode) or f"mode {mode + 1}" for mode in range(log.n_modes)]
+    assert set(texts[:-5]) <= set(modes)
+
+
+def test_table_of_orders(log: Log) -> None:
+    """Each cell is a number of the order; what is not known or only bounded says so."""
+    known = MeasuredOrder(log.excitations[3], 12, 0.5, 0.021, 0.25, 2.0, 123.4, 0.25, True)
+    bounded = MeasuredOrder(log.excitations[1], 7, 0.12, 0.0, 0.48, 2.0, math.nan, math.nan, False)
+    unknown = math.nan, math.nan, math.nan, math.nan
+    alone = MeasuredOrder(log.excitations[2], 3, 0.5, 0.01, *unknown, True)
+    heard = replace(compare_sensor(log, shaken(log, 0.0, 0.0)), rows=[known, bounded, alone])
+    text = listening_page._orders_table(heard)
+    rows = [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in text.split("<tr>")[2:]]
+    load = known.excitation.load
+    assert load is not None
+    # ln 2 over hypot(ln 2, 0.021 / 0.5), and ln(1/4) over ln 2 at most.
+    amplitude = f"123 ± 25 %, not {load.amplitude:g} {load.kind.unit}"
+    assert rows == [
+        [known.excitation.name, "12", "0.5 ± 0.021", "0.25 (× or ÷ 2)", "+1.0", amplitude],
+        [bounded.excitation.name, "7", "below 0.12 (noise)", "0.48 (× or ÷ 2)", "at most -2.0", ""],
+        [alone.excitation.name, "3", "0.5 ± 0.01", "not known", "", ""],
+    ]
+    assert "measured, rms [m/s²]" in text
+
+
+def test_orders_that_cannot_be_compared(log: Log) -> None:
+    """What stands out without a prediction, and what noise hides, are counted apart."""
+    alone = replace(order(log, 0.0), predicted=math.nan, predicted_factor=math.nan)
+    hidden = order(log, 1.0, is_detected=False)
+    heard = replace(compare_sensor(log, shaken(log, 0.0, 0.0)), compared=0.95)
+    said = [
+        answers(log, [replace(heard, rows=[order(log, 0.0), *more])], [MODE])[-1]
+        for more in ([], [alone], [hidden], [alone, alone, hidden, hidden])
+    ]
+    assert "more order" not in said[0]
+    assert said[1].endswith("1 more order above the noise cannot be predicted.")
+    assert said[2].endswith("1 more order cannot be distinguished from the noise.")
+    assert "2 more orders above the noise cannot be predicted. 2 more orders cannot be" in said[3]

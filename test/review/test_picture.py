@@ -14,7 +14,7 @@ import pytest
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from linkage_vibration.drawing.plots import PlotError, spread
+from linkage_vibration.drawing.plots import PlotError
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.predictor import Predictor
@@ -150,12 +150,6 @@ def test_what_is_missing_or_invalid_shows(write_log: WriteLog, tmp_path: Path) -
     frequencies = np.asarray(axes.lines[0].get_ydata())
     # Index 99 is the last one before the gap.
     assert np.flatnonzero(np.isnan(frequencies)).tolist() == [*range(40, 60), 99, 150]
-
-
-def test_names_keep_their_distance() -> None:
-    """Names that are too close to the one below move up, and keep their order."""
-    moved = spread(np.array([0.5, 0.1, 0.11, 0.12, 0.9]), 0.05)
-    np.testing.assert_allclose(moved, [0.5, 0.1, 0.15, 0.2, 0.9])
 
 
 @pytest.mark.parametrize("count", [1, 2, 500])

@@ -27,6 +27,17 @@ def test_problem_that_comes_and_goes(
     assert logger.warning.call_count == lines
 
 
+def test_problem_that_lasts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A problem is logged once, however long it lasts."""
+    logger, now = Mock(), [100.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    throttle = Throttle(logger)
+    for _ in range(3):
+        throttle.report("hitch", "There is no number.")
+        now[0] += 2.0 * WARN_PERIOD
+    assert logger.warning.call_count == 1
+
+
 def test_rest_leaves_nine_tenths_of_a_core(monkeypatch: pytest.MonkeyPatch) -> None:
     """Work takes a tenth of the time with the rest that follows, which is never long."""
     rests = list[float]()

@@ -205,9 +205,16 @@ def test_a_busy_machine_is_no_fault_of_the_sensor(bench: Bench, wait: float, nam
     assert ("Hz instead of" in faults) == named
 
 
+@pytest.mark.parametrize("simulated", [False, True])
 @pytest.mark.parametrize(("wait", "age"), [(20.0, 0.0), (0.0, 20.0)])
-def test_a_backlog_is_no_fault_of_clocks(bench: Bench, wait: float, age: float) -> None:
+def test_a_backlog_is_no_fault_of_clocks(
+    bench: Bench, wait: float, age: float, simulated: bool
+) -> None:
     """Only a reading that was old when it arrived has a clock that is wrong."""
+    path: Any = bench.path
+    if simulated:
+        now = SimpleNamespace(nanoseconds=round(1e9 * (START + bench.now)))
+        path._clock = SimpleNamespace(ros_time_is_active=True, now=lambda: now)
     bench.give(wait, age)
     assert ("synchronise" in bench.faults()) == (age > 0.0)
 

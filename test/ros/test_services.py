@@ -175,6 +175,7 @@ def test_more_than_can_wait(bench: Bench) -> None:
     for _ in range(16):
         futures.append(bench.ask("get_mode_shapes", crank_angle=2.0))
         until(lambda: bench.services._waiting == len(futures), "a request")
+        assert bench.services.busy
     refused = bench.call("get_mode_shapes", crank_angle=2.0)
     free.set()
     assert refused.message == "16 requests are waiting already; ask again later."
