@@ -19,13 +19,7 @@ from linkage_vibration.prediction.verdict import Drive, durations, episodes
 from linkage_vibration.review.findings import DOUBTFUL
 from linkage_vibration.review.log import Log, read_log
 from linkage_vibration.review.overview import drive_summary
-from linkage_vibration.review.review_page import (
-    STATES,
-    _load_levels,
-    as_precise,
-    page_of,
-    review_page,
-)
+from linkage_vibration.review.review_page import STATES, page_of, review_page
 
 SHIFT = 8
 
@@ -136,36 +130,6 @@ def test_dark_mode_follows_the_browser(page: Any) -> None:
         features = [{"name": "prefers-color-scheme", "value": scheme}]
         page.send("Emulation.setEmulatedMedia", features=features)
         assert ("invert" in page.evaluate(filters)) == dark
-
-
-@pytest.mark.parametrize(
-    ("ratio", "factor", "text"),
-    [
-        (0.0886, math.nan, "0.089"),
-        (0.0886, 1.01, "0.089"),
-        (0.0886, 1.2, "0.09"),
-        (0.0886, 2.55, "0.09"),
-        (1.234, 1.5, "1.2"),
-        (1.234, 2.5, "1"),
-        (207.0, math.nan, "210"),
-        (0.0, math.nan, "0"),
-        (math.nan, math.nan, "not known"),
-    ],
-)
-def test_load_ratio_has_no_digits_below_its_deviation(
-    ratio: float, factor: float, text: str
-) -> None:
-    """A load ratio has two digits, or fewer if its deviation, ratio (factor - 1), is larger."""
-    assert as_precise(ratio, factor) == text
-
-
-def test_steps_of_loads() -> None:
-    """Steps tell unknown, weak, and loads on both sides of the limit apart."""
-    limit = 0.33
-    ratios = [math.nan, 0.0, 0.0065, 0.0067, limit, np.nextafter(limit, 1.0), 0.66, 9.0]
-    steps = _load_levels(np.array(ratios), limit).tolist()
-    assert steps[:3] == [0, 1, 1]
-    assert 2 <= steps[3] < steps[4] == 128 < steps[5] < steps[6] == steps[7] == 255
 
 
 def test_hover_reads_the_log_s_numbers(page: Any, log: Log) -> None:
