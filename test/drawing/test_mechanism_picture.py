@@ -8,14 +8,20 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from matplotlib.collections import QuadMesh
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from linkage_vibration.drawing import mechanism_picture, palette
-from linkage_vibration.prediction.excitation import Source
+from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
+from linkage_vibration.prediction.levels import LevelTable
+from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.prediction.worst_levels import WorstLevels
 from linkage_vibration.readers.excitations import read_excitations
-from linkage_vibration.support.resources import config_file
+from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.support.resources import PAPER_MECHANISM, PAPER_TABLE, config_file
+from linkage_vibration.table.table import load_table
 
 
 def test_orders_cross_the_ranges_of_modes() -> None:
@@ -107,3 +113,72 @@ def test_a_map_that_is_not_known() -> None:
     )
     assert text.startswith("The load ratio by the PTO is not known")
     assert not ax.collections
+
+
+@pytest.fixture(scope="module")
+def given() -> tuple[Excitation, ...]:
+    """Return the excitations of three sources."""
+    return tuple(excitations_from_mapping(yaml.safe_load(EXCITATIONS)))
+
+
+@pytest.fixture(scope="module")
+def levels(given: tuple[Excitation, ...]) -> LevelTable:
+    """Return levels of the paper's linkage, with a shaking engine, a PTO shaft and tyres' lugs."""
+    predictor = Predictor(load_table(config_file(PAPER_TABLE)))
+    return LevelTable(predictor, read_mechanism(config_file(PAPER_MECHANISM)), given)
+
+
+EXCITATIONS = """
+engine: {speed: engine, orders: [0.5, 1, 3]}
+shake: {speed: engine, orders: [1.5], force: [100.0], at: E1.z, at_speed: 2000.0}
+shaft: {speed: pto, orders: [1, 2], force: [60.0, 60.0], at: E1.z, at_speed: 540.0, exponent: 2}
+lugs: {speed: ground, rolling_radius: 0.8, orders: [1], force: [70.0], at: E1.z, at_speed: 8.0}
+"""
+
+
+def test_maps_are_of_one_source(levels: LevelTable, given: tuple[Excitation, ...]) -> None:
+    """Ratios are those of its loads alone, at even angles and speeds and at each crossing."""
+    ends = math.radians(100.0), math.radians(160.0)
+    every = WorstLevels([levels])
+    crossings = [(Source.GROUND, 2.0, 9.3), (Source.PTO, 2.5, 777.7)]
+    for source, at, factor in (
+        (Source.PTO, (2.5, 777.7), 1.0),
+        (Source.GROUND, (2.0, 3.6 * 9.3), 3.6),
+    ):
+        drawn = mechanism_picture._load_map(source, every, given, ends, crossings)
+        angles, speeds, ratios, known = drawn
+        assert known.all()
+        assert (angles[0], angles[-1]) == pytest.approx(ends)
+        low, high = (200.0, 1100.0) if source is Source.PTO else (2.0, 50.0)
+        assert (speeds[0], speeds[-1]) == pytest.approx((low, high))
+        i, j = np.abs(angles - at[0]).argmin(), np.abs(speeds - at[1]).argmin()
+        assert (angles[i], speeds[j]) == pytest.approx(at)
+        assert (len(angles), len(speeds)) == (92, 162)
+        alone = np.full((3, 1), math.nan)
+        alone[source.index] = speeds[j] / factor
+        expected = levels.at(angles[[i]], alone).total_load_ratio[0]
+        assert ratios[i, j] == pytest.approx(expected, rel=1e-6)
+
+
+def test_a_figure_has_two_panels_for_each_source(
+    levels: LevelTable, given: tuple[Excitation, ...]
+) -> None:
+    """Modes come first, then the orders and the loads of each source, all loads on one scale."""
+    ends = levels.alpha3_range
+    figure, sentences = mechanism_picture.draw_mechanism([levels], given, 0.33, ends, [])
+    titles = [ax.get_title(loc="left") for ax in figure.axes if ax.get_title(loc="left")]
+    assert titles[0].startswith("Natural frequencies over the stroke")
+    assert titles[1::2] == ["Orders, and the range of each mode"] * 3
+    assert titles[2:7:2] == [
+        "A part of the load ratio by the engine alone",
+        "Load ratio by the PTO alone",
+        "Load ratio by the ground alone",
+    ]
+    assert [len(ax.lines) for ax in figure.axes if ax.get_title("left") == titles[1]] == [4, 2, 1]
+    assert ["engine" in text for text in sentences] == [True, False, False]
+    assert "without engine 0.5, engine 1, engine 3, which have no amplitude" in sentences[0]
+    named = [ax for ax in figure.axes if "by the" in ax.get_title("left")]
+    meshes = [each for ax in named for each in ax.collections if isinstance(each, QuadMesh)]
+    largest = max(float(np.nanmax(np.asarray(mesh.get_array()))) for mesh in meshes)
+    scales = [mesh.get_clim()[1] for mesh in meshes]
+    assert scales == pytest.approx([max(0.33, largest)] * len(meshes))
