@@ -203,13 +203,17 @@ class LinkageVibrationNode(LifecycleNode):
             rest(time.thread_time() - began)
 
     def answer_waiting(self, executor: Executor) -> None:
-        """Answer the requests and goals that wait by an error, within a second."""
+        """Answer the requests and goals that wait by an error, for a second.
+
+        A client may ask for the result of its goal only after that has ended.
+        """
         if self._offered is None:
             return
+        waiting = self._offered.busy
         self._offered.refuse()
         latest = time.monotonic() + ANSWER_TIME
-        while self._offered.busy and time.monotonic() < latest:
-            executor.spin_once()
+        while waiting and time.monotonic() < latest:
+            executor.spin_once(0.1)
 
     def create_service(self, kind: Any, name: str, callback: Any, **options: Any) -> Any:
         """Offer a service, as rclpy does, whose errors do not end the process."""

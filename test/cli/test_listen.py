@@ -12,27 +12,41 @@ import numpy as np
 import pytest
 
 from linkage_vibration.cli.main import main
-from linkage_vibration.listening.orders import levels
-from linkage_vibration.listening.signals import Signal
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.studies.calibration import read_calibration
 from linkage_vibration.support.resources import config_file
-from test.listening.test_signals import sensor
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "simulated_drive.py"
 
 
-def test_levels_of_a_tone() -> None:
-    """A tone of 1 m/s2 at 10 Hz moves with 1 / (2 pi 10 sqrt(2)) = 0.01125 m/s rms."""
-    times = np.arange(0.0, 20.0, 0.005)
-    values = np.outer(np.sin(2.0 * np.pi * 10.0 * times), [0.0, 0.0, 1.0])
-    actual = levels(Signal(sensor(), times, values, 200.0, ()))
-    np.testing.assert_allclose(actual, 0.01125, rtol=0.01)
+def test_recordings_that_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A place that the table lacks, another time and the name of the recording are refused."""
+    log, page, sensors = (tmp_path / name for name in ("log.mcap", "page.html", "sensors.yaml"))
+    replay(config_file("drives/hitch_duty_cycle.mcap"), log)
+    command = ["listen", str(log), "--sensors", str(sensors), "-o"]
+    (tmp_path / "phone.csv").write_text("\n".join(f"{k / 200},0,0,9.8" for k in range(2000)))
+    sensors.write_text("imu: {file: phone.csv, unit: m/s2, at: P9}")
+    assert main([*command, str(page)]) == 1
+    assert "The table has no response at P9" in capsys.readouterr().err
+    for starts_at, problem in ((-10.0, "from -10 to -0.005 s"), (20.0, "from 20 to 29.995 s")):
+        text = f"file: phone.csv, unit: m/s2, at: E1, starts_at: {starts_at}"
+        sensors.write_text(f"imu: {{{text}}}")
+        assert main([*command, str(page)]) == 1
+        answer = capsys.readouterr().err
+        assert problem in answer
+        assert "the drive ends at 19.99 s; correct the clocks" in answer
+    assert not page.exists()
+    recording = tmp_path / "imu.html"
+    recording.write_text("time\n")
+    sensors.write_text(f"imu: {{file: {recording.name}, topic: /imu, unit: g, at: E1}}")
+    assert main([*command, str(recording)]) == 1
+    assert recording.read_text() == "time\n"
 
 
+@pytest.mark.nightly(short="test_recordings_that_are_refused")
 def test_listen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The true amplitudes, 600 and 150 N, are within two deviations of what the drive shows."""
     pytest.importorskip("matplotlib", reason="the extra plots is not installed")
@@ -77,18 +91,6 @@ def test_listen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         load = loads[name]
         assert load is not None
         assert abs(np.log(load.amplitude / true)) < 2.0 * load.relative_stddev
-    text = "file: simulated_drive.mcap, topic: /implement/imu, unit: m/s2, at: P9"
-    sensors.write_text(f"imu: {{{text}}}")
-    assert main(command) == 1
-    assert "The table has no response at P9" in capsys.readouterr().err
-    (tmp_path / "phone.csv").write_text("\n".join(f"{k / 200},0,0,9.8" for k in range(2000)))
-    for starts_at, problem in ((-10.0, "from -10 to -0.005 s"), (180.0, "from 180 to 189.995 s")):
-        text = f"file: phone.csv, unit: m/s2, at: E1, starts_at: {starts_at}"
-        sensors.write_text(f"imu: {{{text}}}")
-        assert main(command) == 1
-        answer = capsys.readouterr().err
-        assert problem in answer
-        assert "the drive ends at 179.95 s; correct the clocks" in answer
     noise = np.random.default_rng(3).normal((0.0, 0.0, 9.81), 0.1, (36000, 3))
     rows = [f"{k / 200},{x:.5f},{y:.5f},{z:.5f}" for k, (x, y, z) in enumerate(noise.tolist())]
     (tmp_path / "phone.csv").write_text("\n".join(rows))
@@ -103,8 +105,3 @@ def test_listen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     doubtful = re.findall(r"<tr>.*?doubtful.*?</tr>", why.read_text(), re.DOTALL)
     assert doubtful
     assert all(row.count("±") < 2 for row in doubtful)  # that of the prediction
-    recording = tmp_path / "imu.html"
-    recording.write_text("time\n")
-    sensors.write_text(f"imu: {{file: {recording.name}, topic: /imu, unit: g, at: E1}}")
-    assert main([*command[:4], "-o", str(recording)]) == 1
-    assert recording.read_text() == "time\n"

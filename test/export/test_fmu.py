@@ -65,6 +65,7 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> Log:
     return read_log(log)
 
 
+@pytest.mark.nightly(short="test_fmpy_compiles_the_sources")
 def test_fmpy_finds_no_fault(fmu: Path) -> None:
     """The description, its variables and the files agree with the standard."""
     assert validate_fmu(str(fmu)) == []

@@ -178,7 +178,7 @@ def hertz(solution: Any) -> FloatArray:
     ("chain", "tractor"),
     [
         (0.0, False),
-        (CHAIN, True),
+        pytest.param(CHAIN, True, marks=pytest.mark.nightly),
         pytest.param(0.0, True, marks=pytest.mark.nightly),
         pytest.param(CHAIN, False, marks=pytest.mark.nightly),
     ],

@@ -44,6 +44,7 @@ def errors(fit: LinkFit, places: ComplexArray, width: float, noise: float) -> Fl
     return np.asarray(np.multiply.outer(missed, turns).real / np.sqrt(variances))
 
 
+@pytest.mark.nightly(short="test_resonances_between_lines")
 def test_variances_are_those_of_drawn_noise() -> None:
     """Fits of 50 drawings of noise scatter as each predicts, near the mode and below it."""
     generator, lines = np.random.default_rng(5), np.linspace(4.0, 160.0, 40)

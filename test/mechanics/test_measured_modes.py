@@ -166,6 +166,7 @@ def test_an_error_of_gain_is_in_the_deviations(model: LinkageModel, gain: float)
     assert errors[weight].min() > 0.5  # the deviations are not much too large
 
 
+@pytest.mark.nightly(short="test_an_error_of_gain_is_in_the_deviations")
 def test_the_gain_of_a_link_that_was_weighed(model: LinkageModel) -> None:
     """Its deviation is the logarithm of the ratio of the masses, or the doubt of the FRFs' mass."""
     mixed = with_noise(model, "lower_link", 0.0, 0, LINES)

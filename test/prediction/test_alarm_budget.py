@@ -68,6 +68,7 @@ def test_healthy_machine(tmp_path: Path) -> None:
     assert np.isfinite(healthy.drive.resonances.total_load_ratio).mean() > 0.99
 
 
+@pytest.mark.nightly(short="test_integration_reaches_the_steady_forces")
 def test_warnings_are_those_of_the_forces(flat: Outcome) -> None:
     """At most 1 % of the time above 1.5 limits passes without a warning, and none is needless."""
     assert flat.clearly.mean() > 0.05

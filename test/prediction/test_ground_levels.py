@@ -189,20 +189,28 @@ def test_levels_over_angles_and_speeds_are_those_of_each_pair(predictor: Predict
         np.testing.assert_array_equal(together[name], values)
 
 
-def test_states_of_the_ground(predictor: Predictor) -> None:
-    """They follow its load ratio, which doubles from class to class: clear, note and warning.
+@pytest.mark.parametrize(
+    ("name", "state"),
+    [
+        pytest.param("A", ResonanceState.CLEAR, marks=pytest.mark.nightly),
+        pytest.param("B", ResonanceState.NOTE, marks=pytest.mark.nightly),
+        ("C", ResonanceState.WARNING),
+    ],
+)
+def test_states_of_the_ground(predictor: Predictor, name: str, state: ResonanceState) -> None:
+    """They follow its load ratio, which doubles from class to class: clear, note and warning."""
+    actual = assessed(predictor, described(terrain={"class": name}), 9.0)
+    assert (actual.state, actual.excitation) == (state, f"field (class {name})")
+    assert math.isnan(actual.excitation_frequency)
+    assert math.isnan(actual.natural_frequency)
+    assert math.isnan(actual.probability)
+    assert actual.excitation_speed == 9.0
+    assert actual.ground_unknown == ""
 
-    A slower speed ends the warning, but not if the level is not known there, as lugs are too few.
-    """
-    speed, states = 9.0, (ResonanceState.CLEAR, ResonanceState.NOTE, ResonanceState.WARNING)
-    for name, state in zip("ABC", states, strict=True):
-        actual = assessed(predictor, described(terrain={"class": name}), speed)
-        assert (actual.state, actual.excitation) == (state, f"field (class {name})")
-        assert math.isnan(actual.excitation_frequency)
-        assert math.isnan(actual.natural_frequency)
-        assert math.isnan(actual.probability)
-        assert actual.excitation_speed == speed
-        assert actual.ground_unknown == ""
+
+def test_a_slower_speed_ends_a_warning(predictor: Predictor) -> None:
+    """The sentence names it; at rest, the ground is clear."""
+    actual = assessed(predictor, described(), 9.0)
     assert actual.load_ratio > 0.33
     text = present_sentence(actual, described())
     assert text.startswith(f"field (class C) at 32.4 km/h exerts {actual.load_ratio:.2g} of the")
@@ -210,7 +218,12 @@ def test_states_of_the_ground(predictor: Predictor) -> None:
     slower = assessed(predictor, described(), float(actual.quiet_speed))
     assert slower.state != ResonanceState.WARNING
     assert assessed(predictor, described(), 0.0).state == ResonanceState.CLEAR
-    lugged = assessed(predictor, described(lugs=8, rolling_radius=0.8), speed)
+
+
+@pytest.mark.nightly(short="test_a_slower_speed_ends_a_warning")
+def test_no_speed_is_named_where_it_is_not_known(predictor: Predictor) -> None:
+    """At a slower speed, too few lugs leave the level unknown."""
+    lugged = assessed(predictor, described(lugs=8, rolling_radius=0.8), 9.0)
     assert (lugged.state, math.isnan(lugged.quiet_speed)) == (ResonanceState.WARNING, True)
 
 

@@ -100,6 +100,7 @@ def models() -> list[LinkageModel]:
     return list(islice(drawn_models(), 250))
 
 
+@pytest.mark.nightly(short="test_amplitude_and_frequency_belong_to_the_members")
 def test_factors_and_probabilities_are_those_of_models(models: list[LinkageModel]) -> None:
     """At, between and above resonances, they agree with the samples."""
     sampled = np.empty((len(models), 2, len(LINES)))  # velocities and load ratios

@@ -141,7 +141,8 @@ def test_pieces_with_different_numbers_of_poles() -> None:
     check_velocity(mechanism, table, [0.5 * (first + end), end - 1e-6, end, end + 1e-6, last])
 
 
-@pytest.mark.parametrize("divided", [pytest.param(True, marks=pytest.mark.nightly), False])
+@pytest.mark.nightly(short="test_pieces_with_different_numbers_of_poles")
+@pytest.mark.parametrize("divided", [True, False])
 def test_modes_that_nearly_coincide(divided: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Levels are known where two modes veer within a thousandth of the stroke.
 

@@ -10,15 +10,12 @@ import pytest
 from linkage_vibration.mechanics.description import coarser
 from linkage_vibration.mechanics.model import LinkageModel
 
-SHIPPED = 4  # the tractor
 LARGEST = 9  # the linkage whose levels by the ground have the largest error of interpolation
 
 
-@pytest.mark.parametrize(
-    ("number", "elements"),
-    [(SHIPPED, 4), *(pytest.param(n, 1000, marks=pytest.mark.nightly) for n in range(10))],
-)
-def test_load_ratios(number: int, elements: int) -> None:
+@pytest.mark.nightly(alone="test_levels.py and test_ground.py compare with models of their own")
+@pytest.mark.parametrize("number", range(10))
+def test_load_ratios(number: int) -> None:
     """Those by orders are within 2e-6, and those by the ground and in total within 1e-4.
 
     Levels by the ground are interpolated between angles 1 deg apart and between speeds. That makes
@@ -26,7 +23,7 @@ def test_load_ratios(number: int, elements: int) -> None:
     """
     loads = pytest.importorskip("benchmark.loads", reason="it needs exudyn")
     case = loads.cases()[number]
-    mechanism = coarser(case.model.mechanism, elements, 1000)
+    mechanism = coarser(case.model.mechanism, 1000, 1000)
     case = replace(case, model=LinkageModel(mechanism, reduced=False))
     (ours, total), exact = loads.by_package(case), loads.cut_free(case)
     limit = 3e-4 if number == LARGEST else 1e-4

@@ -53,6 +53,10 @@ WriteLog = Callable[..., Path]
 @pytest.fixture(scope="session")
 def write_log() -> WriteLog:
     """Return a function that writes predictions, resonances and speeds (10 Hz) as the node does."""
+    table = load_table(config_file(PAPER_TABLE))
+    predictor = Predictor(table)
+    excitations = excitations_from_mapping(yaml.safe_load(EXCITATIONS))
+    levels = LevelTable(predictor, read_mechanism(config_file(PAPER_MECHANISM)), excitations)
 
     def write(
         path: Path,
@@ -61,10 +65,6 @@ def write_log() -> WriteLog:
         speeds: bool = True,
         provenance: bool = True,
     ) -> Path:
-        table = load_table(config_file(PAPER_TABLE))
-        predictor = Predictor(table)
-        excitations = excitations_from_mapping(yaml.safe_load(EXCITATIONS))
-        levels = LevelTable(predictor, read_mechanism(config_file(PAPER_MECHANISM)), excitations)
         monitor = ResonanceMonitor(excitations, LIMITS, levels=levels)
         qos = offered_qos_profiles()
         topics = [

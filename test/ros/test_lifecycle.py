@@ -123,6 +123,7 @@ def test_levels_are_ready_before_the_first_reading(
     assert entities(node)["subscriptions"] > before
 
 
+@pytest.mark.nightly(short="test_transitions_while_peers_come_and_go")
 @pytest.mark.parametrize("count", [10, pytest.param(60, marks=pytest.mark.nightly)])
 def test_many_lifecycles_leave_nothing_behind(
     managed: Callable[..., Any], tmp_path: Path, count: int

@@ -30,6 +30,7 @@ SECOND, THIRD = ModelMode("vertical", 1), ModelMode("vertical", 2)
 EXAMPLE = Path(__file__).parents[2] / "examples" / "simulated_hammer.py"
 
 
+@pytest.mark.nightly(short="test_a_height_without_a_sure_mode")
 def test_from_recordings_to_a_mechanism(tmp_path: Path) -> None:
     """The mass of the simulated recordings is in its interval of 95 %; the file is 25 % off.
 

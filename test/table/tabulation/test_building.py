@@ -240,6 +240,7 @@ def test_progress() -> None:
     assert 0.5 < finished[-1] < 1.0
 
 
+@pytest.mark.nightly(short="test_progress")
 def test_progress_of_members() -> None:
     """With uncertain numbers, three quarters of the bar are for the 32 pairs of members."""
     finished: list[float] = []

@@ -82,6 +82,7 @@ def test_between_points_they_are_those_of_the_model(
         )
 
 
+@pytest.mark.nightly(short="test_overdamped_modes_above_those_of_the_table_change_no_rank")
 def test_beside_a_strong_damper_and_above_the_band() -> None:
     """Modes above the band, of which two change places, deviate as those of 60 models do.
 

@@ -35,6 +35,7 @@ def test_nodes_are_those_of_chebyshev() -> None:
     assert (actual[0], actual[-1]) == (1.1, 2.9)
 
 
+@pytest.mark.nightly(alone="test_deviations.py compares deviations with whole models")
 def test_members_that_mix_the_modes_of_the_mechanism() -> None:
     """Between angles at which members are solved, nine of ten FRFs across are those of models.
 

@@ -33,7 +33,8 @@ def test_jump_from_one_mode_to_the_other() -> None:
     np.testing.assert_allclose(values[:, -1], size.max(axis=1), rtol=1e-4)
 
 
-@pytest.mark.parametrize("tolerance", [2e-4, pytest.param(1e-6, marks=pytest.mark.nightly)])
+@pytest.mark.nightly(short="test_jump_from_one_mode_to_the_other")
+@pytest.mark.parametrize("tolerance", [2e-4, 1e-6])
 def test_maxima_that_come_and_go(tolerance: float) -> None:
     """Over a full turn, where maxima merge and vanish, the peak is as good as was asked for."""
     model = LinkageModel(read_mechanism(config_file("four_bar.yaml")))
