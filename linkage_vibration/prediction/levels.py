@@ -72,6 +72,11 @@ _OF_ALL = (
     *("total_velocity", "total_acceleration", "total_velocity_factor", "total_load_ratio"),
     *("total_load_ratio_factor", "warning_probability", "off_ground_share"),
 )
+_TOTALS = {
+    "velocities": "total_velocity",
+    "accelerations": "total_acceleration",
+    "load_ratios": "total_load_ratio",
+}
 _MIN_KNOWN_SHARE = 0.95  # Factors are known where at least this share of the members is.
 _MIN_STATIC_SHARE = 1e-5  # of the sizes of its terms; a smaller static response is rounding
 _SAME_SQUARE = 1.0 - 1e-6  # of the square of a load ratio; a smaller difference is rounding
@@ -469,11 +474,16 @@ class LevelTable:
         width = _unknown(0, len(self._inputs))[0].shape[1]
         quantities = np.full((len(alpha3), self.n_members, width), math.nan)
         inside = np.flatnonzero(np.isfinite(angles) & (self.n_members > 0))
-        shares = self.at(angles[inside], speeds[:, inside]).off_ground_share
+        nominal, at = self.at(angles[inside], speeds[:, inside]), _columns(len(self._inputs))
         for start in range(0, len(inside), _MEMBERS_CHUNK):
             few = slice(start, start + _MEMBERS_CHUNK)
-            rows, share = inside[few], shares[few]
-            quantities[rows] = self._of_members(angles[rows], speeds[:, rows], share)
+            rows, share = inside[few], nominal.off_ground_share[few]
+            quantities[rows] = numbers = self._of_members(angles[rows], speeds[:, rows], share)
+            # A member that lacks a level which the mechanism itself has lacks the total, too.
+            for of, total in _TOTALS.items():
+                known = ~np.isnan(getattr(nominal, of)[few])
+                lost = (np.isnan(numbers[..., at[of]]) & known[:, np.newaxis]).any(axis=2)
+                quantities[rows, :, at[total]] = np.where(lost, math.nan, numbers[..., at[total]])
         return quantities
 
     def _of_members(self, angles: FloatArray, speeds: FloatArray, share: FloatArray) -> Reals:

@@ -23,11 +23,12 @@ from linkage_vibration.mechanics.paths import number_at, split_paths, with_numbe
 from linkage_vibration.prediction.ensemble import EnsembleResponses, GroundMembers
 from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
 from linkage_vibration.prediction.ground import GroundLevels, Terrain, ground_spectrum
-from linkage_vibration.prediction.levels import LevelTable, _mean
+from linkage_vibration.prediction.levels import LevelTable, _mean, kept_levels
 from linkage_vibration.prediction.loads import UnitLoad
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.resonance import ResonanceMonitor, described
 from linkage_vibration.prediction.severity import WarningLimits
+from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import (
     DEFAULT_MECHANISM,
@@ -259,3 +260,24 @@ def test_a_member_that_is_not_possible_is_not_known() -> None:
         )
     assert np.isnan(without[3]).all()
     np.testing.assert_array_equal(np.delete(without, 3, 0), np.delete(whole, 3, 0))
+
+
+def test_a_member_that_lacks_a_level_has_no_total() -> None:
+    """At 3 m/s the ground makes nearly all of the velocity, so the total has its deviation.
+
+    One member of the shipped table has no lateral modes, so its levels by the ground are not known.
+    What the mechanism itself does not know, as orders without a speed, takes no total away.
+    """
+    mechanism, predictor = read_mechanism(), Predictor(load_table())
+    every = read_excitations(config_file("excitations.yaml"))
+    levels = kept_levels(predictor, mechanism, every)
+    at = np.radians([95.0, 120.0]), np.array([[2000.0] * 2, [1000.0] * 2, [3.0] * 2])
+    ground = [each.terrain is not None for each in every].index(True)
+    for speeds in (at[1], np.where(at[1] > 900.0, math.nan, at[1])):
+        nominal, factors = levels.at(at[0], speeds), level_factors(levels, at[0], speeds, 0.33)
+        own, total = nominal.velocities[:, ground], nominal.total_velocity
+        assert (own > 0.98 * total).all()
+        logs = np.log([factors["total_velocity_factor"], factors["velocity_factors"][:, ground]])
+        np.testing.assert_allclose(logs[0], logs[1], rtol=0.05)
+        lost = [np.isnan(totals).sum(axis=0) for totals in levels.member_totals(at[0], speeds)]
+        assert np.array(lost).tolist() == [[1, 1], [1, 1]]
