@@ -85,6 +85,7 @@ class InterfaceMap:
         for (body, dof), at in self._index.items():
             self._places.setdefault((body, dof.point), []).append(at)
         self._centres = {body.name: body.centre_of_gravity for body in mechanism.rigid}
+        self._stretches = {link.name: link.stretch for link in mechanism.links}
 
     def __len__(self) -> int:
         """Return the number of interface DoFs."""
@@ -193,11 +194,15 @@ class InterfaceMap:
         return np.asarray((unit[..., np.newaxis, :] @ (end - start))[..., 0, :])
 
     def _turn(self, body: str, point: str) -> FloatArray:
-        """Return the row that picks the rotation of a body at a point, (n,)."""
+        """Return the row of the rotation of a body about the axis of a pin, (n,).
+
+        A link that is not parallel to the plane has its own rotation about an axis across itself,
+        which is smaller: its end moves as far, on a longer way.
+        """
         row = np.zeros(len(self))
         if body != GROUND or body in self._centres:
             at = CENTRE_OF_GRAVITY if body in self._centres else point
-            row[self.at(body, at, "theta")] = 1.0
+            row[self.at(body, at, "theta")] = self._stretches.get(body, 1.0)
         return row
 
     def at(self, body: str, point: str, direction: str) -> int:

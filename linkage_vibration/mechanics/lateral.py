@@ -163,10 +163,10 @@ class LateralMap(InterfaceMap):
         for spring in self._mechanism.springs:
             if spring.name in tensions:
                 away, apart = self._line(spring, configuration)
-                length, seen = (np.linalg.norm(x, axis=-1) for x in (away, away[..., ::2]))
+                length = np.linalg.norm(away, axis=-1)
                 axis = (away / length[..., np.newaxis])[..., np.newaxis]
                 apart = apart - axis * (axis.swapaxes(-1, -2) @ apart)
-                string = (tensions[spring.name] / seen)[..., np.newaxis, np.newaxis]
+                string = (tensions[spring.name] / length)[..., np.newaxis, np.newaxis]
                 total[..., : len(self), : len(self)] += string * (apart.swapaxes(-1, -2) @ apart)
         for load in loads:
             carrier = GROUND if load[0] in self._bearings else load[0]
@@ -251,7 +251,7 @@ class LateralMap(InterfaceMap):
             springs.append((row, 2.0 * chain.stiffness, 2.0 * chain.damping))
         for link in self._bearings if not self._rigid_shaft else ():
             # Both cranks turn, by opposite angles.
-            row = self._turned(link, "theta", configuration)
+            row = self._stretches[link] * self._turned(link, "theta", configuration)
             springs.append((row, 4.0 * self._lateral.rockshaft, 0.0))
         for _, axis, place, y, k, c in self.wheels:
             moved = self._carried(GROUND, np.array(place), y, configuration)
@@ -297,7 +297,7 @@ class LateralMap(InterfaceMap):
         for body, sign in zip(spring.bodies, (-1.0, 1.0), strict=True):
             at = self._index.get((body, InterfaceDof(spring.points[0], "theta")))
             if at is not None and self._bearings.get(body) != spring.points[0]:
-                rows[..., at] = sign
+                rows[..., at] = sign * self._stretches[body]
         return rows
 
     def _chain(self, chain: Chain, configuration: Configuration) -> FloatArray:

@@ -101,10 +101,15 @@ def _ends(spring: Spring, mechanism: Mechanism) -> list[tuple[str, Point]]:
 def spring_line(
     spring: Spring, mechanism: Mechanism, configuration: Configuration
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the directions from the first end of a spring to the second, (..., 2), and lengths."""
+    """Return unit vectors from the first end of a spring to the second, and lengths.
+
+    Of the unit vectors, (..., 2) are seen from the side, as both ends may have another y.
+    """
     first, second = _ends(spring, mechanism)
     away = configuration.place(*second) - configuration.place(*first)
-    length = np.hypot(away[..., 0], away[..., 1])
+    y = dict(mechanism.lateral.y) if mechanism.lateral and len(spring.points) == 2 else {}
+    aside = y.get(spring.points[-1], 0.0) - y.get(spring.points[0], 0.0)
+    length = np.sqrt(away[..., 0] ** 2 + away[..., 1] ** 2 + aside**2)
     if (length < _SAME_PLACE).any():
         between = len(spring.points) == 2
         hint = "put it on the joint instead" if between else "correct base_end or rod_end"

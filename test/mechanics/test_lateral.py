@@ -18,6 +18,7 @@ from linkage_vibration.mechanics.model import LinkageModel, ModelError
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
+from test.support import hitch_in_space
 from test.support.hitch_in_space import hitch
 
 IN_SPACE = config_file("three_point_linkage_on_tractor.yaml")
@@ -73,8 +74,16 @@ def test_both_halves_by_finite_elements_in_space(
         assert heave < 0.975 * hertz(LinkageModel(read_mechanism(CLAMPED)), alpha3)[0]
 
 
-def test_a_rockshaft_that_twists(tractor: Any) -> None:
-    """Between both cranks it has 4 kt for the left one, as the finite elements have it."""
+@pytest.mark.parametrize("aside", [0.25, 0.32])
+def test_a_rockshaft_that_twists(
+    tractor: Any, aside: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Between both cranks it has 4 kt for the left one, as the finite elements have it.
+
+    The cranks may be parallel to the plane or not.
+    """
+    monkeypatch.setitem(hitch_in_space.ASIDE, "V2", aside)
+    tractor["lateral"]["y"]["V2"] = aside
     tractor["lateral"]["rockshaft"] = 2e4
     exact = hitch(2.2, tractor=True, rockshaft=2e4)[0]
     np.testing.assert_allclose(hertz(lateral(tractor), 2.2)[:5], exact[:5], rtol=1e-6)

@@ -258,7 +258,7 @@ def assembled(
                 a.free(shown, np.eye(3))
             bearing = name == "crank" and i == 0
             if bearing and tractor:
-                turn = np.outer(z_axis, z_axis)
+                turn = np.diag([1.0, 0.0, 1.0])  # with the axis of the rockshaft
                 a.like(f"{base} r", ("tractor r", turn), (f"shaft{side}", np.eye(3)))
             elif bearing:
                 a.rows[f"{base} r"] = {}
