@@ -67,9 +67,8 @@ class Runs:
     def tests_of(self, path: Path, line: int) -> tuple[list[str], list[str]]:
         """Return the tests that run a line, or lines with the name that an import gives at it.
 
-        If there are none, they run other lines of its file, or name its module. Of each file, the
-        quickest test comes first, then the second one, for up to the limit. Others of the folder of
-        its room are apart, for up to the limit, too.
+        If there are none, they run other lines of its file, or name its module. Others of the
+        folder of its room are apart. Both are for up to the limit.
         """
         lines = self.lines.get(path, {})
         head, name = statement_at((COPY / path).read_text(), line)
@@ -98,17 +97,20 @@ class Runs:
         return {t for t in self.seconds if t in contexts or t.partition("::")[0] in contexts}
 
     def _in_order(self, tests: set[str]) -> list[str]:
-        """Return which tests run, the quickest of each file first, for up to the limit."""
+        """Return the quickest tests for half of the limit, then those of each file for the rest."""
         before, ranks = Counter[str](), dict[str, int]()
-        for test in sorted(tests, key=self.seconds.__getitem__):
+        quickest = sorted(tests, key=self.seconds.__getitem__)
+        for test in quickest:
             ranks[test] = before[file := test.partition("::")[0]]
             before[file] += 1
-        chosen, total = list[str](), 0.0
-        for test in sorted(tests, key=lambda each: (ranks[each], self.seconds[each])):
-            if not chosen or total + self.seconds[test] <= LIMIT:
-                chosen.append(test)
-                total += self.seconds[test]
-        return chosen
+        of_files = sorted(quickest, key=ranks.__getitem__)
+        chosen, total = dict[str, None](), 0.0
+        for order, most in ((quickest, LIMIT / 2.0), (of_files, LIMIT)):
+            for test in order:
+                if test not in chosen and (not chosen or total + self.seconds[test] <= most):
+                    chosen[test] = None
+                    total += self.seconds[test]
+        return list(chosen)
 
 
 def statement_at(text: str, line: int) -> tuple[range, str]:

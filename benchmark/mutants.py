@@ -218,11 +218,11 @@ def main() -> None:
             "On this page you find which share of single changes of the package its tests notice. "
             f"The seed {given.seed} drew {given.count} changes, in each room in proportion to its "
             f"code, for which no test was added before. The first {len(seen)} in a random order "
-            "were made. For each, the tests that run its line ran, the quickest of each file "
-            f"first, for up to {LIMIT:.0f} s, and then others of the folder of its room, for as "
-            f"long. They found {noticed} changes, or {part} % (standard error {error} %). Of the "
-            f"others, {same} change nothing that a test could see; the tests found {rest[1]} % of "
-            "the rest.",
+            "were made. For each, the tests that run its line ran, the quickest first, for up "
+            f"to {LIMIT / 2.0:.0f} s, then the quickest of each file, for as long, and then others "
+            f"of the folder of its room, for {LIMIT:.0f} s. They found {noticed} changes, or "
+            f"{part} % (standard error {error} %). Of the others, {same} change nothing that a "
+            f"test could see; the tests found {rest[1]} % of the rest.",
             table(
                 ["room", "changes", "found", "share, %", "standard error, %"],
                 [[room, str(len(each)), *share(each)] for room, each in rooms.items()],

@@ -46,7 +46,9 @@ def f(
 
 
 def test_tests_are_those_of_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """They run it, or lines with a constant's name; the quickest test of each file comes first.
+    """They run it, or lines with a constant's name; half of the time is for the quickest ones.
+
+    The rest is for the quickest of each file, as others are too many where all tests run a line.
 
     Where no test runs a module, the files of tests that name it are chosen. Tests of the folder of
     its room for which no time was left come after them.
@@ -70,6 +72,10 @@ def test_tests_are_those_of_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     lines[5].add(own)
     seconds[own] = 3.5
     assert runs.tests_of(path, 5) == (["a.py::quick", "b.py::t"], [own])
+    seconds |= {"a.py::quick": 1.0, "a.py::third": 1.0, "a.py::slow": 1.0, "b.py::t": 1.5}
+    lines[5].add("a.py::third")  # after two tests of a file, half of the time is over
+    chosen, _ = runs.tests_of(path, 5)
+    assert chosen[2:] == ["b.py::t"]
     assert line_tests.statement_at(MODULE, 3) == (range(2, 5), "f")
     assert line_tests.statement_at(MODULE, 5) == (range(5, 6), "")
 
