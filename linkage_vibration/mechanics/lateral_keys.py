@@ -137,11 +137,16 @@ def _inertia(keys: CheckedMapping, body: RigidBody, drawn: bool) -> tuple[float,
     """Read the inertias of a body in roll and yaw, kg m2, which some body has if not drawn."""
     name = "base" if body.name == GROUND else body.name
     roll, yaw = (keys[name].number(axis, positive=True) for axis in ("roll", "yaw"))
-    if not drawn and 2.0 * max(roll, yaw, body.inertia) > roll + yaw + body.inertia:
+    if not drawn and min(inertia_rooms(roll, body.inertia, yaw)) < 0.0:
         problem = f"{roll:g}, {body.inertia:g} and {yaw:g} kg m2 in roll, pitch and yaw are those "
         problem += "of no body, as one exceeds the sum of the others; correct them."
         raise keys[name].error("yaw" if yaw > roll else "roll", problem)
     return roll, yaw
+
+
+def inertia_rooms(*inertias: float) -> list[float]:
+    """Return the logarithms of the sums of the other two of three inertias over each."""
+    return [math.log((sum(inertias) - each) / each) for each in inertias]
 
 
 def _chain(keys: CheckedMapping, name: str, mechanism: Mechanism) -> Chain:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.optimize import OptimizeResult, least_squares
+from scipy.optimize import OptimizeResult, least_squares, minimize
 from scipy.special import chdtri
 
 from linkage_vibration.errors import LinkageVibrationError
@@ -29,6 +29,7 @@ from linkage_vibration.mechanics.description import (
 )
 from linkage_vibration.mechanics.keys import CheckedMapping
 from linkage_vibration.mechanics.kinematics import Kinematics
+from linkage_vibration.mechanics.lateral_keys import inertia_rooms
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.mechanics.paths import number_at, split_paths, with_numbers
@@ -52,6 +53,9 @@ _STEP_OTHER = 1e-3  # of the other uncertain numbers, in units of their standard
 _FARTHEST = 5.0  # standard deviations by which these may change
 _DOUBTFUL = 3.0  # deviations beyond which a number or a target contradicts what was stated
 _ENOUGH = 1e-7  # relative change of the cost at which a search ends
+_ROUNDED = (
+    1e-4  # relative room below the sum of two inertias, so that rounding leaves them possible
+)
 _EQUAL = 1e-6, 1e-9  # of a cost, and costs; only the end of a search may distinguish such costs
 
 
@@ -104,6 +108,7 @@ class CalibrationResult:
     scatter: float  # of the residuals, over what the deviations explain; from 1
     undetermined: tuple[tuple[str, ...], ...]  # can change together without an effect on targets
     on_bound: tuple[str, ...]  # numbers that the fit pushed to a bound
+    doubts: tuple[str, ...] = ()  # what is wrong with the fitted mechanism
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -254,6 +259,7 @@ def fit_report(calibration: CalibrationTask, result: CalibrationResult) -> str:
         )
     for together in result.undetermined:
         lines.append(f"\nThe targets do not determine, or do not separate: {', '.join(together)}.")
+    lines += [f"\n{doubt}" for doubt in result.doubts]
     return "\n".join(lines)
 
 
@@ -374,7 +380,9 @@ def _result(
     if scatter > 1.0:
         fit = _fit(calibration, unknowns, fit.x, scatter)
     low, high = unknowns.bounds
-    x = np.clip(fit.x, low, high)
+    information = fit.jac.T @ fit.jac
+    information[flat, flat] += 12.0 / (high - low)[flat] ** 2
+    x, doubts = _possible(calibration, unknowns, np.clip(fit.x, low, high), information)
     names = unknowns.names
     bound = (x - low < 1e-6) | (high - x < 1e-6)
     free = flat[~bound[flat]]
@@ -382,9 +390,6 @@ def _result(
     basis = np.linalg.qr(np.delete(fit.jac, flat, axis=1))[0]
     rest = fit.jac[:, free] - basis @ (basis.T @ fit.jac[:, free])
     undetermined = tuple(tuple(names[i] for i in free[group]) for group in _undetermined(rest))
-    widths = (high - low)[flat]
-    information = fit.jac.T @ fit.jac
-    information[flat, flat] += 12.0 / widths**2
     units, stated, moved = np.ones(len(x)), np.full(len(x), math.nan), np.full(len(x), math.nan)
     for (at, number), change in zip(unknowns.claims, unknowns.changes(x), strict=True):
         logarithmic = number.relative or at < len(unknowns.parameters)
@@ -395,10 +400,53 @@ def _result(
     covariance = np.linalg.inv(information) * np.outer(units, units)
     numbers = names, unknowns.values(x), np.array(relative), covariance, stated, moved
     mapping = with_numbers(_exact(calibration.mapping), unknowns.numbers(x))
-    model = LinkageModel(mechanism_from_mapping(mapping))
+    try:
+        mechanism_from_mapping(mapping)
+    except MechanismError as error:  # A fit is not lost because its numbers are impossible.
+        doubts += (f"Other commands refuse the fitted mechanism. {error}",)
+    model = LinkageModel(mechanism_from_mapping(mapping, drawn=True))
     frequencies = _natural_frequencies(model, calibration.targets)
     on_bound = tuple(names[i] for i in np.flatnonzero(bound))
-    return CalibrationResult(*numbers, frequencies, scatter, undetermined, on_bound)
+    return CalibrationResult(*numbers, frequencies, scatter, undetermined, on_bound, doubts)
+
+
+def _possible(
+    calibration: CalibrationTask, unknowns: _Unknowns, best: FloatArray, information: FloatArray
+) -> tuple[FloatArray, tuple[str, ...]]:
+    """Return the most probable variables with inertias that bodies have, and what to say of it."""
+    exact, (low, high) = _exact(calibration.mapping), unknowns.bounds
+
+    def rooms(x: FloatArray) -> FloatArray:
+        mechanism = mechanism_from_mapping(with_numbers(exact, unknowns.numbers(x)), drawn=True)
+        pitch = {body.name: body.inertia for body in mechanism.rigid}
+        across = mechanism.lateral.inertia if mechanism.lateral else ()
+        return np.array([inertia_rooms(roll, pitch[name], yaw) for name, (roll, yaw) in across])
+
+    if rooms(best).min(initial=math.inf) >= _ROUNDED:
+        return best, ()
+    # In units in which all changes are equally likely, the search takes few steps.
+    units = np.linalg.inv(np.linalg.cholesky(information)).T
+    limits = [
+        lambda z: rooms(best + units @ z).ravel() - _ROUNDED,
+        lambda z: np.concatenate([best + units @ z - low, high - best - units @ z]),
+    ]
+    found = minimize(
+        lambda z: (z @ z / 2.0, z),
+        np.zeros(len(best)),
+        jac=True,
+        method="SLSQP",
+        constraints=[{"type": "ineq", "fun": limit} for limit in limits],
+    )
+    if not found.success:
+        return best, ()
+    away = float(np.linalg.norm(found.x))
+    doubt = (
+        "The best fit would have inertias of no body, as one exceeds the sum of the others, by "
+        f"{away:.2g} deviations. These are the most probable ones of a body, a flat one."
+    )
+    if away > _DOUBTFUL:
+        doubt += " Check the inertias in the mechanism, and which modes the targets belong to."
+    return np.clip(best + units @ found.x, low, high), (doubt,)
 
 
 def _scatter(fit: OptimizeResult, n_targets: int, flat: IntArray) -> float:

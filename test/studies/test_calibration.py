@@ -4,6 +4,7 @@
 
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -18,8 +19,8 @@ from linkage_vibration.mechanics.description import Mechanism, coarser
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.mechanics.paths import number_at, with_numbers
-from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.readers.targets import ModelMode, targets_text
+from linkage_vibration.readers.mechanism import load_yaml, read_mechanism
+from linkage_vibration.readers.targets import HALVES, ModelMode, targets_text
 from linkage_vibration.studies import calibration as study
 from linkage_vibration.studies.calibrated_uncertainty import posterior_section, prior_section
 from linkage_vibration.studies.calibration import (
@@ -583,3 +584,67 @@ def test_targets_of_blows_and_of_a_drive(tmp_path: Path, mapping: Any) -> None:
     both = calibrate(task, starts=1)
     assert both.values[both.names.index(MASS)] == pytest.approx(1000.0, rel=1e-3)
     assert (np.diag(both.covariance) < np.diag(blows.covariance)).all()
+
+
+ROLL, YAW = "lateral.inertia.implement.roll", "lateral.inertia.implement.yaw"
+PITCH = "rigid_bodies.implement.inertia"
+
+
+def flat_task(deviation: float, targets: Sequence[Target] = ()) -> CalibrationTask:
+    """Return a task of the shipped tractor, whose inertias of 200, 200 and 390 may change."""
+    path = config_file("three_point_linkage_on_tractor.yaml")
+    uncertainty = {"relative": {ROLL: deviation, YAW: deviation}}
+    numbers = [(PITCH, 200.0), (ROLL, 200.0), (YAW, 390.0)]
+    mapping = with_numbers(load_yaml(path)[0] | {"uncertainty": uncertainty}, numbers)
+    parameters = (Parameter(PITCH, 66.0, 600.0),)
+    return CalibrationTask(mapping, path.read_text(), parameters, tuple(targets))
+
+
+def test_the_most_probable_inertias_of_a_body() -> None:
+    """Of equal deviations, 200, 200 and 540 become r, r and 2 r with r^3 = 200^2 540 / 2.
+
+    The distance by logarithms, 2 ln(r / 200)^2 + ln(2 r / 540)^2, is least there. Those of a body
+    remain.
+    """
+    task = flat_task(0.1)
+    unknowns = study._unknowns(task)
+    information = np.diag([100.0, 1.0, 1.0])  # by logarithms, and in deviations
+    best = np.array([math.log(200.0), 0.0, math.log(540.0 / 390.0) / 0.1])
+    x, [doubt] = study._possible(task, unknowns, best, information)
+    r = (200.0**2 * 270.0) ** (1.0 / 3.0)
+    assert unknowns.values(x) == pytest.approx([r, r, 2.0 * r], rel=2e-4)
+    away = math.sqrt(2.0 * math.log(r / 200.0) ** 2 + math.log(2.0 * r / 540.0) ** 2) / 0.1
+    assert f"by {away:.2g} deviations" in doubt
+    for inertia, kept in ((399.9, True), (400.1, False)):
+        best[2] = math.log(inertia / 390.0) / 0.1
+        assert (study._possible(task, unknowns, best, information)[0] == best).all() == kept
+
+
+@pytest.mark.parametrize("bodies", [True, False])
+def test_a_fit_whose_inertias_are_of_no_body(tmp_path: Path, bodies: bool) -> None:
+    """It is not lost: inertias of a flat body are written, and the report says so.
+
+    Where the bounds permit no body, it says that other commands refuse the mechanism.
+    """
+    task = flat_task(0.2)
+    exact = {key: value for key, value in task.mapping.items() if key != "uncertainty"}
+    numbers = with_numbers(exact, [(PITCH, 220.0), (ROLL, 220.0), (YAW, 480.0)])
+    truth = mechanism_from_mapping(numbers, drawn=True)
+    asked = [Target(i, 2.3, 1.0, 0.003, half) for half in HALVES for i in (1, 2, 3, 4)]
+    hertz = _natural_frequencies(LinkageModel(coarser(truth, 10, 4)), asked)
+    targets = tuple(replace(each, frequency=f) for each, f in zip(asked, hertz, strict=True))
+    task = replace(task, targets=targets)
+    if not bodies:  # 200 and 390 kg m2 remain, and the third one is too small
+        task = replace(task, mapping=exact, parameters=(Parameter(PITCH, 66.0, 180.0),))
+    result = calibrate(task, starts=1)
+    text, path = fit_report(task, result), tmp_path / "fitted.yaml"
+    write_mechanism(task, result, path)
+    if not bodies:
+        assert "Other commands refuse the fitted mechanism. lateral.inertia.implement.yaw" in text
+        return
+    fitted = read_mechanism(path)
+    assert fitted.lateral is not None
+    roll, yaw = dict(fitted.lateral.inertia)["implement"]
+    assert yaw == pytest.approx(roll + fitted.rigid_bodies[0].inertia, rel=2e-4)
+    assert "inertias of no body" in text
+    assert np.abs(np.log(result.frequencies / hertz)).max() < 3 * 0.003
