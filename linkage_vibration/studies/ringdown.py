@@ -42,6 +42,8 @@ _FEWEST = 40  # samples of a decay
 _SLOWEST = 20.0  # Hz: a lower rate shows no blow
 _PAUSE = 0.5  # s without samples, which a spline cannot bridge
 _OVERLOADED = 20  # samples at the largest value of a channel, which a clipped one has
+_RAIL = 0.03  # of the largest value: a band below it that holds the rail of a clipped channel
+_ABRUPT = 8.0  # times the samples of the next band; a sine has 2.4 times as many
 _FAR = 4.0  # times the median deviation: largest values that are no noise
 _CONSTANT = 1e-9  # of the largest value: a channel that varies by less shows rounding alone
 _FORCED = 0.04  # s after the largest value that are not fitted: the blow, and what decays at once
@@ -97,16 +99,23 @@ def measure_modes(times: FloatArray, signals: FloatArray) -> list[MeasuredMode]:
 
 
 def _refuse_overload(signals: FloatArray) -> None:
-    """Refuse channels that are clipped: they have the same largest value many times."""
+    """Refuse channels that are clipped: many values equal the largest, or are abruptly near it."""
     away = signals - np.median(signals, axis=0)
     typical = np.median(np.abs(away), axis=0)
     for side in (away, -away):
         top = side.max(axis=0)
-        count = (side == top).sum(axis=0) * ((top > _FAR * typical) & (typical > 0.0))
+        equal, rail, wider = ((side >= (1.0 - i * _RAIL) * top).sum(axis=0) for i in range(3))
+        count = np.where(rail > _ABRUPT * (wider - rail), rail, equal)
+        count *= (top > _FAR * typical) & (typical > 0.0)
         if count.max(initial=0) > _OVERLOADED:
             channel = f"Channel {int(count.argmax()) + 1} has its largest value {count.max()} times"
             hint = "hit softer, or set a larger range"
             raise RingdownError(f"{channel}, as an overloaded sensor; {hint}.")
+
+
+def sampling_rate(times: FloatArray) -> float:
+    """Return how many samples at different times there are in a second; times ascend, s."""
+    return 1.0 / float(np.median(np.diff(np.unique(times))))
 
 
 def _resampled(times: FloatArray, signals: FloatArray) -> tuple[float, FloatArray]:
@@ -117,7 +126,7 @@ def _resampled(times: FloatArray, signals: FloatArray) -> tuple[float, FloatArra
         problem = f"The recording has samples at {len(times)} different times"
         raise RingdownError(f"{problem}; give {_FEWEST} or more.")
     steps = np.diff(times)
-    step, longest = float(np.median(steps)), int(steps.argmax())
+    step, longest = 1.0 / sampling_rate(times), int(steps.argmax())
     if step > 1.0 / _SLOWEST:
         problem = f"The recording has {1.0 / step:.2g} samples a second, too few for a blow"
         raise RingdownError(f"{problem}; give times in seconds, and record at 200 Hz or more.")
@@ -174,6 +183,8 @@ def modes_of_decays(decays: Decays, rate: float) -> list[MeasuredMode]:
             doubt = f"it changes by {100.0 * moved:.2g} % with the window or order of the fit"
         elif unsure > _UNSURE:
             doubt = f"its deviation is {100.0 * unsure:.2g} %"
+        elif ratio < INTERVAL * stddevs[1, i]:
+            doubt = "its damping ratio may be 0, as that of a steady tone"
         first, second = stddevs[:, i].tolist() if len(decays) > 2 else (math.nan, math.nan)
         modes.append(MeasuredMode(frequency, ratio, first, second, int(shown[i]), doubt))
         poles.append(fit.poles[i])

@@ -279,6 +279,21 @@ def bending(change: float, sizes: Sequence[float], seed: int = 0) -> list[FloatA
     return waves
 
 
+@pytest.mark.parametrize(("decay", "sure"), [(0.0, False), (0.3, True)])
+def test_a_steady_tone_is_no_mode(decay: float, sure: bool) -> None:
+    """A tone is doubtful if it is found; one that decays by 0.3 per second is a mode."""
+    times, doubts = np.arange(300)[:, np.newaxis] / RATE, []
+    for seed in range(4):
+        waves = decays_of([0.0] * 5, seed=seed)
+        for i, wave in enumerate(waves):
+            wave += 10.0 * np.exp(-decay * times) * np.cos(2.0 * math.pi * 19.0 * times + i)
+        heave, *tone = modes_of_decays(waves, RATE)
+        assert not heave.doubt
+        doubts += [mode.doubt for mode in tone]
+    doubt = "its damping ratio may be 0, as that of a steady tone"
+    assert set(doubts) == {"" if sure else doubt}
+
+
 @pytest.mark.parametrize("change", [-0.04, 0.04])
 def test_frequency_that_changes_with_the_decay(change: float) -> None:
     """Of a soft and of a stiff spring, both frequencies are those of amplitudes that occur."""
@@ -351,3 +366,33 @@ def test_limits_of_overload(count: int, factor: float, clipped: bool, sign: floa
     except RingdownError as raised:
         error = str(raised)
     assert (f"Channel 2 has its largest value {count} times" in error) == clipped
+
+
+@pytest.mark.parametrize(("below", "clipped"), [(5, True), (6, False)])
+def test_limits_of_rails_that_move(below: int, clipped: bool) -> None:
+    """41 values within 3 % of the largest are those of a rail with five values in the next 3 %.
+
+    Eight times six are more. Each value occurs once.
+    """
+    values = [np.linspace(5.83, 6.0, 41), np.linspace(5.65, 5.81, below)]
+    away = np.concatenate([*values, np.linspace(-2.5, 2.0, 501)])
+    away -= np.median(away)
+    try:
+        ringdown._refuse_overload(away[:, np.newaxis])
+    except RingdownError as error:
+        assert clipped
+        assert "Channel 1 has its largest value 41 times" in str(error)
+    else:
+        assert not clipped
+
+
+@pytest.mark.parametrize(("hertz", "tone"), [(7.0, 0.0), (1.5, 0.0), (7.0, 0.1)])
+def test_rails_from_which_an_app_takes_gravity(hertz: float, tone: float) -> None:
+    """A clipped sensor is found where 2 % of a moving mean are taken off; another one is not."""
+    times, signals = recording(np.random.default_rng(0), ((hertz, 0.06),), seconds=10.0)
+    signals += tone * np.sin(2.0 * math.pi * 13.0 * times)[:, np.newaxis] - [0.0, 0.0, GRAVITY]
+    ringdown._refuse_overload(signals)
+    limited = np.clip(signals, -0.5, 0.5)
+    means = np.array([np.convolve(each, np.full(100, 0.01), "same") for each in limited.T]).T
+    with pytest.raises(RingdownError, match="as an overloaded sensor; hit softer"):
+        ringdown._refuse_overload(limited - 0.02 * means)
