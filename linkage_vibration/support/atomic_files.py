@@ -188,7 +188,8 @@ def _check_place(path: Path) -> None:
     target = Path(os.path.realpath(path))
     if not target.parent.is_dir():
         raise OutputError(f"{path}: cannot be written, as {target.parent} is no folder; create it.")
-    if not os.access(path if path.exists() else target.parent, os.W_OK):
+    # A new file replaces an old one, so its folder has to permit that, too.
+    if not all(os.access(each, os.W_OK) for each in (target.parent, target) if each.exists()):
         raise OutputError(f"{path}: cannot be written (no permission); choose another folder.")
 
 

@@ -389,3 +389,19 @@ def test_failing_operations(command: str, kind: str) -> None:
     sound = {f"{state}, {words}" for state in ("old", "readable") for words in ("one sentence",)}
     assert ends.keys() <= sound | {"new, no word", "readable, no word"}
     assert any("no word" in outcome for outcome in ends)
+
+
+@pytest.mark.parametrize("refused", ["folder", "file", ""])
+def test_places_without_permission(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refused: str
+) -> None:
+    """An output is refused at once if its folder or an old file there cannot be written."""
+    path = tmp_path / "old.csv"
+    path.write_text("")
+    closed = {"folder": tmp_path, "file": path, "": None}[refused]
+    monkeypatch.setattr(os, "access", lambda place, mode: Path(place) != closed)
+    if refused:
+        with pytest.raises(OutputError, match=r"old\.csv: cannot be written \(no permission\)"):
+            check_outputs([path], [])
+    else:
+        check_outputs([path], [])
