@@ -47,7 +47,7 @@ _Ends = tuple[tuple[str, ...], tuple[str, str]]
 
 def _no_files(keys: CheckedMapping, _: dict[str, Point]) -> Body:
     """Refuse links from files, where nothing can read them."""
-    problem = "a file cannot be read here; describe a beam, or read the mechanism from a file."
+    problem = "its body is in a file, which neither a fit nor a mapping reads; describe a beam."
     raise MechanismError(keys.path, problem)
 
 

@@ -15,7 +15,7 @@ import pytest
 import yaml
 
 from benchmark.calibrations import scores
-from linkage_vibration.mechanics.description import Mechanism, coarser
+from linkage_vibration.mechanics.description import Mechanism, MechanismError, coarser
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.mechanics.paths import number_at, with_numbers
@@ -199,6 +199,15 @@ def test_invalid_calibrations_are_refused(tmp_path: Path, text: str, words: str)
     with pytest.raises(CalibrationError, match=words) as raised:
         read_calibration(path)
     assert "fit.yaml" in str(raised.value)
+
+
+def test_links_from_files_are_refused(mapping: Any) -> None:
+    """A fit does not read the body of a link from a file, and says so."""
+    rod = mapping["links"]["lift_rod"]
+    mapping["links"]["lift_rod"] = {"points": rod["points"], "file": {"kind": "matrices"}}
+    fit = calibration(mapping, [Target(1, 2.0, 1.0, 0.01)], Parameter(HEIGHT, 0.02, 0.1))
+    with pytest.raises(MechanismError, match=r"in a file, which neither a fit nor a .* beam"):
+        calibrate(fit, starts=1)
 
 
 def test_linkage_that_never_closes_is_refused(mapping: Any) -> None:
