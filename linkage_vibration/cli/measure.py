@@ -8,6 +8,7 @@ phone. `calibrate` fits the mechanism to what this command writes.
 
 import argparse
 import math
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,16 +29,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print the modes, and write the calibration; return the exit code."""
-    import numpy as np
     from tqdm import tqdm
 
     from linkage_vibration.mechanics.model import LinkageModel
-    from linkage_vibration.readers.recordings import read_recording, shows_sides
+    from linkage_vibration.readers.recordings import read_recording, shows_sides, vibrating
     from linkage_vibration.studies import measurement as study
-    from linkage_vibration.studies.ringdown import RingdownError, measure_modes
+    from linkage_vibration.studies.ringdown import RingdownError, measure_modes, sampling_rate
     from linkage_vibration.support.atomic_files import check_output, write_text
 
     words = [study.angle_and_path(word) for word in options.recordings]
+    for i, (_, path) in enumerate(words):
+        if any(os.path.realpath(path) == os.path.realpath(other) for _, other in words[:i]):
+            raise study.MeasurementError(f"{path} is given twice; give each recording once.")
     mechanism = mechanism_file(options)
     check_output(options.output, ".yaml", [mechanism, *(path for _, path in words)])
     both = read_model(mechanism)
@@ -46,14 +49,16 @@ def run(options: argparse.Namespace) -> int:
     notes, rate = list[str](), math.inf
     for alpha3, path in tqdm(words, disable=None, unit="recording", delay=1.0):
         times, signals = read_recording(path, options.topic)
+        signals, left_out = vibrating(signals)
+        notes += [f"{path}: {text}" for text in left_out]
         model = both if shows_sides(path) else alone
         try:
             modes = measure_modes(times, signals)
         except RingdownError as error:
             raise RingdownError(f"{path}: {error}") from None
         if not options.filtered:
-            rate = 1.0 / float(np.median(np.diff(times)))
-            modes = study.doubt_folds(modes, model, alpha3, rate)
+            own = sampling_rate(times)
+            rate, modes = min(rate, own), study.doubt_folds(modes, model, alpha3, own)
         sure = [mode for mode in modes if not mode.doubt]
         if not sure:
             notes.append(f"{path}: its decays show no mode that is sure; record more blows.")
@@ -63,8 +68,12 @@ def run(options: argparse.Namespace) -> int:
             for mode in modes
             if mode.doubt
         ]
+    if len({alpha3 for alpha3, _ in words}) < len(words):
+        notes.append(
+            "Recordings at one angle share its error, so each mode there is one target: the surest."
+        )
     if not compared:
-        raise RingdownError("\n".join(notes))
+        raise RingdownError(" ".join(notes))
     print(study.comparison_table(compared))
     if notes:
         print("", *notes, sep="\n")

@@ -16,6 +16,8 @@ _CHANNELS = [
     f"{part}.{axis}" for part in ("linear_acceleration", "angular_velocity") for axis in "xyz"
 ]
 _FEWEST = 2  # columns of a CSV file: the time and one channel
+_ONE_WAY = 0.9  # share of changes to one side above which a channel is a time or a counter
+_ROUNDED = 0.01  # of the deviation of a channel: what rounding changes in a magnitude
 _BACK = 0.5  # s, by which messages may overtake one another
 
 
@@ -48,6 +50,29 @@ def read_recording(path: Path, topic: str | None = None) -> tuple[FloatArray, Fl
     stamps = header_stamps(columns)
     times = stamps if stamps.any() else columns["log_time"].astype(np.int64)
     return ordered(path, np.asarray(1e-9 * (times - times[:1])), signals)
+
+
+def vibrating(signals: FloatArray) -> tuple[FloatArray, list[str]]:
+    """Return signals whose channels that show no vibration are 0, and what they are.
+
+    The magnitude of other channels has sums and multiples of the frequencies of these.
+    """
+    kept, notes = signals.copy(), list[str]()
+    for i in reversed(range(signals.shape[1])):
+        channel, squares = signals[:, i], np.delete(kept, i, axis=1) ** 2
+        steps = np.sign(np.diff(channel))
+        weights = np.linalg.lstsq(squares, channel**2, rcond=None)[0]
+        error = channel - np.sqrt(np.maximum(squares @ weights, 0.0))
+        positive = channel.min() >= 0.0 and (weights > -_ROUNDED * weights.max(initial=0.0)).all()
+        what = ""
+        if abs(steps.sum()) > _ONE_WAY * np.abs(steps).sum():
+            what = "changes in one direction, as a time or counter"
+        elif positive and error.std() < _ROUNDED * channel.std():
+            what = "is the magnitude of others, which is not linear"
+        if what:
+            kept[:, i] = 0.0
+            notes.insert(0, f"channel {i + 1} {what}, and is left out.")
+    return kept, notes
 
 
 def shows_sides(path: Path) -> bool:

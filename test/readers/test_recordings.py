@@ -9,11 +9,13 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
+from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.readers.recordings import (
     RecordingError,
     ordered,
     read_recording,
     shows_sides,
+    vibrating,
 )
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -100,3 +102,48 @@ def test_messages_may_overtake_one_another() -> None:
     assert signals.argmax(axis=1).tolist() == [0, 2, 1]
     with pytest.raises(RecordingError, match=r"a: the times go back by 0\.51 s; give one"):
         ordered(Path("a"), np.array([0.0, 1.0, 0.49]), np.eye(3))
+
+
+@pytest.mark.parametrize("gravity", [0.0, 9.81])
+@pytest.mark.parametrize("digits", [2, 9])
+def test_magnitudes_are_left_out(gravity: float, digits: int) -> None:
+    """The root of the sum of squares is no channel, wherever it stands; what it is made of is one.
+
+    A phone rounds to the digits that it writes.
+    """
+    random, decay = np.random.default_rng(0), np.exp(-np.arange(2000) / 400.0)[:, np.newaxis]
+    waves = np.sin(np.outer(np.arange(2000), [0.1, 0.23, 0.31])) * [1.0, 0.5, 2.0]
+    axes = (decay * waves + random.normal(0.0, 0.05, waves.shape) + [0.0, 0.0, gravity]).round(2)
+    size = np.linalg.norm(axes, axis=1).round(digits)
+    for i in (0, 2, 3):
+        kept, [note] = vibrating(np.insert(axes, i, size, axis=1))
+        np.testing.assert_array_equal(kept, np.insert(axes, i, 0.0, axis=1))
+        assert note.startswith(f"channel {i + 1} is the magnitude of others")
+    other = np.linalg.norm(axes + random.normal(0.0, 0.05, axes.shape), axis=1)
+    for signals in (axes, axes[:, 2:], np.column_stack([axes, other])):
+        kept, notes = vibrating(signals)
+        assert (kept == signals).all()
+        assert not notes
+
+
+@pytest.mark.parametrize(
+    ("column", "vibrates"),
+    [
+        (np.arange(1000), False),  # a counter
+        (np.arange(1000) % 256, False),  # one of a byte
+        (1.7e9 + 0.0025 * np.arange(1000), False),  # a time
+        (99.0 - np.arange(1000) // 300, False),  # a battery
+        (np.cumsum(np.where(np.arange(1000) % 50 < 2, -1.0, 1.0)), False),  # 92 % more rise
+        (np.cumsum(np.where(np.arange(1000) % 50 < 3, -1.0, 1.0)), True),  # 88 %
+        (np.sin(0.1 * np.arange(1000)) + 0.01 * np.arange(1000), True),
+        (np.full(1000, 9.81), True),  # it is left out elsewhere
+    ],
+)
+def test_times_and_counters_are_left_out(column: FloatArray, vibrates: bool) -> None:
+    """What hardly ever changes in both directions shows no vibration."""
+    wave = np.sin(0.3 * np.arange(1000))
+    kept, notes = vibrating(np.column_stack([column, wave]))
+    assert (kept[:, 1] == wave).all()
+    assert (kept[:, 0] == (column if vibrates else 0.0)).all()
+    words = [] if vibrates else ["channel 1 changes in one direction, as a time or counter"]
+    assert [note.partition(", and")[0] for note in notes] == words

@@ -67,9 +67,55 @@ def test_a_height_without_a_sure_mode(tmp_path: Path, capsys: pytest.CaptureFixt
     shown = capsys.readouterr().out
     assert "7.00" in shown
     assert main(["measure", words[0], *given]) == 1
-    for text in (shown, capsys.readouterr().err):
+    failed = capsys.readouterr().err
+    assert "\\n" not in failed
+    for text in (shown, failed):
         assert "bent.csv: its decays show no mode that is sure" in text
         assert "not linear: the frequency falls" in text
+
+
+def test_several_recordings(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Stamps may repeat, recordings at one angle make one target, and none is given twice.
+
+    Of a recording at 200 Hz whose stamps are those of 100 Hz, half of the samples remain.
+    """
+    times = np.arange(0.0, 42.0, 0.005)
+    since = np.where(times > 2.0, (times - 2.0) % 8.0, 99.0)
+    wave = np.exp(-since) * np.cos(2.0 * math.pi * 6.4 * since)
+    for name, stamps, noise in (("pairs.csv", np.floor(100.0 * times) / 100.0, 1e-3),
+                                ("noisy.csv", times, 1e-2)):  # fmt: skip
+        random, counter = np.random.default_rng(1), np.arange(len(times))
+        columns = [stamps, wave + random.normal(0.0, noise, len(times)), counter]
+        np.savetxt(tmp_path / name, np.column_stack(columns), delimiter=",", header="t,z,n")
+    pairs, noisy = f"135:{tmp_path}/pairs.csv", f"135:{tmp_path}/noisy.csv"
+    given = ["--mechanism", str(config_file("three_point_linkage_on_tractor.yaml"))]
+    fit = tmp_path / "fit.yaml"
+    assert main(["measure", pairs, noisy, *given, "-o", str(fit)]) == 0
+    shown = capsys.readouterr().out
+    assert "modes above 50 Hz appear below it" in shown
+    assert "pairs.csv: channel 2 changes in one direction" in shown
+    assert "each mode there is one target" in shown
+    [target] = yaml.safe_load(fit.read_text())["targets"]
+    assert target["hz"] == pytest.approx(
+        6.4 * math.hypot(1.0, 1.0 / (2.0 * math.pi * 6.4)), rel=1e-3
+    )
+    again = f"140:{tmp_path}/../{tmp_path.name}/pairs.csv"
+    assert main(["measure", pairs, again, *given]) == 1
+    assert "pairs.csv is given twice; give each recording once" in capsys.readouterr().err
+
+
+def test_the_surest_target_of_an_angle(tmp_path: Path) -> None:
+    """Of equal modes at equal angles, the smallest deviation counts; other angles have others."""
+    mode, path = MeasuredMode(7.5, 0.02, 0.1, 0.001, 5), config_file("three_point_linkage.yaml")
+    modes = [
+        ComparedMode(math.radians(angle), mode, each, 7.4, deviation)
+        for angle, each, deviation in (
+            (120.0, SECOND, 0.02), (120.0, SECOND, 0.01), (120.0, SECOND, 0.03),
+            (120.0, THIRD, 0.04), (121.0, SECOND, 0.05),
+        )
+    ]  # fmt: skip
+    targets = yaml.safe_load(calibration_text(modes, path, tmp_path / "fit.yaml"))["targets"]
+    assert [each["deviation"] for each in targets] == [0.01, 0.04, 0.05]
 
 
 def test_modes_of_the_model(model: LinkageModel) -> None:
