@@ -609,23 +609,25 @@ def flat_task(deviation: float, targets: Sequence[Target] = ()) -> CalibrationTa
     return CalibrationTask(mapping, path.read_text(), parameters, tuple(targets))
 
 
-def test_the_most_probable_inertias_of_a_body() -> None:
+@pytest.mark.parametrize(("deviation", "doubtful"), [(0.083, False), (0.081, True)])
+def test_the_most_probable_inertias_of_a_body(deviation: float, doubtful: bool) -> None:
     """Of equal deviations, 200, 200 and 540 become r, r and 2 r with r^3 = 200^2 540 / 2.
 
     The distance by logarithms, 2 ln(r / 200)^2 + ln(2 r / 540)^2, is least there. Those of a body
-    remain.
+    remain. Three deviations, each of 0.0817, are to be checked.
     """
-    task = flat_task(0.1)
+    task = flat_task(deviation)
     unknowns = study._unknowns(task)
-    information = np.diag([100.0, 1.0, 1.0])  # by logarithms, and in deviations
-    best = np.array([math.log(200.0), 0.0, math.log(540.0 / 390.0) / 0.1])
+    information = np.diag([1.0 / deviation**2, 1.0, 1.0])  # by logarithms, and in deviations
+    best = np.array([math.log(200.0), 0.0, math.log(540.0 / 390.0) / deviation])
     x, [doubt] = study._possible(task, unknowns, best, information)
     r = (200.0**2 * 270.0) ** (1.0 / 3.0)
     assert unknowns.values(x) == pytest.approx([r, r, 2.0 * r], rel=2e-4)
-    away = math.sqrt(2.0 * math.log(r / 200.0) ** 2 + math.log(2.0 * r / 540.0) ** 2) / 0.1
+    away = math.sqrt(2.0 * math.log(r / 200.0) ** 2 + math.log(2.0 * r / 540.0) ** 2) / deviation
     assert f"by {away:.2g} deviations" in doubt
+    assert ("Check the inertias" in doubt) == doubtful
     for inertia, kept in ((399.9, True), (400.1, False)):
-        best[2] = math.log(inertia / 390.0) / 0.1
+        best[2] = math.log(inertia / 390.0) / deviation
         assert (study._possible(task, unknowns, best, information)[0] == best).all() == kept
 
 
