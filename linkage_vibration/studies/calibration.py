@@ -53,9 +53,7 @@ _STEP_OTHER = 1e-3  # of the other uncertain numbers, in units of their standard
 _FARTHEST = 5.0  # standard deviations by which these may change
 _DOUBTFUL = 3.0  # deviations beyond which a number or a target contradicts what was stated
 _ENOUGH = 1e-7  # relative change of the cost at which a search ends
-_ROUNDED = (
-    1e-4  # relative room below the sum of two inertias, so that rounding leaves them possible
-)
+_ROUNDED = 1e-4  # relative room below the sum of two inertias, which rounding does not take
 _EQUAL = 1e-6, 1e-9  # of a cost, and costs; only the end of a search may distinguish such costs
 
 
