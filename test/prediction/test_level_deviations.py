@@ -148,6 +148,7 @@ def within_samples(stated: FloatArray, logs: FloatArray) -> bool:
     return bool((np.abs(stated / deviations - 1.0) < 0.15 + error).all())
 
 
+@pytest.mark.nightly(short="test_amplitude_and_frequency_belong_to_the_members")
 def test_the_ground_belongs_to_the_members(models: list[LinkageModel]) -> None:
     """Levels by the ground scatter as those of models, at a point, in a pin and in a cylinder."""
     mechanism, terrain, table = plane_mechanism(), Terrain(256e-6), plane_table()
