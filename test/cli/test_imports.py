@@ -3,11 +3,15 @@
 """No command imports a slow library, or the reader of logs, that it does not use."""
 
 import json
+import signal
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 
+from linkage_vibration import cli
+from linkage_vibration.cli import __main__
 from linkage_vibration.cli.main import SUBCOMMANDS
 
 SLOW = ["scipy.signal", "scipy.stats", "scipy.ndimage", "matplotlib", "mcap", "rosbags", "rclpy"]
@@ -79,3 +83,16 @@ def test_a_prediction_reads_no_log_and_no_bag() -> None:
     more += ["linkage_vibration.table.tabulation"]
     assert not {*SLOW, *more} & set(modules.split())
     assert "linkage_vibration.table.table" in modules.split()
+
+
+def test_an_interrupt_while_modules_are_imported(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C then ends the command with the exit code of shells, 128 + SIGINT, without a word."""
+
+    def find_spec(name: str, *_: object) -> None:
+        if name == "linkage_vibration.cli.main":
+            raise KeyboardInterrupt
+
+    monkeypatch.delattr(cli, "main")
+    monkeypatch.delitem(sys.modules, "linkage_vibration.cli.main")
+    monkeypatch.setattr(sys, "meta_path", [SimpleNamespace(find_spec=find_spec), *sys.meta_path])
+    assert __main__.main() == 128 + signal.SIGINT

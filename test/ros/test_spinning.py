@@ -18,6 +18,7 @@ from lifecycle_msgs.srv import GetState
 from rcl_interfaces.srv import GetParameters
 from rclpy.action import ActionClient
 
+from linkage_vibration.ros import lifecycle
 from linkage_vibration.ros.lifecycle import LinkageVibrationNode
 from linkage_vibration_interfaces.action import SetImplement
 from linkage_vibration_interfaces.srv import GetTable, PredictVibration
@@ -178,3 +179,20 @@ def test_requests_that_keep_waiting_delay_the_end_by_a_second() -> None:
     began = time.monotonic()
     LinkageVibrationNode.answer_waiting(SimpleNamespace(_offered=offered), executor)
     assert 1.0 <= time.monotonic() - began < 1.0 + SOON * slowness()
+
+
+def test_a_turn_rests_in_proportion_to_its_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The processor time of a turn counts while readings are used, and none otherwise."""
+    rests = list[float]()
+    monkeypatch.setattr(lifecycle, "rest", rests.append)
+
+    def work() -> None:
+        end = time.thread_time() + 0.02
+        while time.thread_time() < end:
+            pass
+
+    executor: Any = SimpleNamespace(spin_once=work)
+    for active in (True, False):
+        node: Any = SimpleNamespace(_listener=SimpleNamespace(active=active))
+        LinkageVibrationNode.serve(node, executor)
+    assert rests == [pytest.approx(0.02, rel=0.2)]
