@@ -294,10 +294,13 @@ class LateralMap(InterfaceMap):
             return rows
         if len(spring.points) == 2:
             return _stretch(f"springs.{spring.name}", *self._line(spring, configuration))
-        for body, sign in zip(spring.bodies, (-1.0, 1.0), strict=True):
+        for body, other, sign in zip(spring.bodies, spring.bodies[::-1], (-1.0, 1.0), strict=True):
             at = self._index.get((body, InterfaceDof(spring.points[0], "theta")))
             if at is not None and self._bearings.get(body) != spring.points[0]:
                 rows[..., at] = sign * self._stretches[body]
+                if (other, CENTRE_OF_GRAVITY) in self._places:  # it turns as well
+                    own = self._stretches[body] * self.axes(body, configuration)[..., 1]
+                    rows[..., self._places[other, CENTRE_OF_GRAVITY][1:]] = sign * own[..., ::2]
         return rows
 
     def _chain(self, chain: Chain, configuration: Configuration) -> FloatArray:

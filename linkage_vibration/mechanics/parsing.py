@@ -133,7 +133,13 @@ def again_from_mapping(mapping: Data, mechanism: Mechanism, *, drawn: bool = Fal
     """Validate a mapping whose links from files have the bodies of a mechanism read before."""
     bodies = {f"links.{link.name}": link.body for link in mechanism.links}
     given = mapping["links"].items()
-    links = {name: {**link, "file": {}} if "file" in link else link for name, link in given}
+    read = {"file", "mass"}  # by what reads files
+    links = {
+        name: {key: part for key, part in link.items() if key not in read} | {"file": {}}
+        if "file" in link
+        else link
+        for name, link in given
+    }
 
     def body(keys: CheckedMapping, points: dict[str, Point]) -> Body:
         keys["file"].refuse_unknown()

@@ -86,9 +86,10 @@ def _resonance(predicting: LivePipeline) -> tuple[Level, str]:
         return Level.STALE, "No resonance is assessed, as no speed has arrived."
     if predicting.paused:
         return Level.STALE, STOPPED_CLOCK
-    return _RESONANCE_LEVELS.get(near.state, Level.OK), present_sentence(
-        described(near), predicting.excitations
-    )
+    # An order near a mode makes a note, but no number that is known to be good.
+    usual = Level.STALE if math.isnan(near.total_load_ratio) else Level.OK
+    sentence = present_sentence(described(near), predicting.excitations)
+    return _RESONANCE_LEVELS.get(near.state, usual), sentence
 
 
 def _measured(predicting: LivePipeline, sensors: "SensorMonitor") -> tuple[Level, str]:

@@ -68,6 +68,7 @@ TRANSITIONS = {
     Transition.TRANSITION_ACTIVATE: "activate",
 }
 ANSWER_TIME = 1.0  # s, in which requests that wait are answered when the node ends
+ARRIVAL_TIME = 0.1  # s, in which requests that are under way may still arrive
 FULFILLED = {"configure": ("inactive", "active"), "activate": ("active",)}  # by these states
 
 
@@ -203,17 +204,17 @@ class LinkageVibrationNode(LifecycleNode):
             rest(time.thread_time() - began)
 
     def answer_waiting(self, executor: Executor) -> None:
-        """Answer the requests and goals that wait by an error, for a second.
+        """Answer the requests and goals that wait, and that arrive now, by an error.
 
         A client may ask for the result of its goal only after that has ended.
         """
         if self._offered is None:
             return
-        waiting = self._offered.busy
+        began, waited = time.monotonic(), self._offered.busy
         self._offered.refuse()
-        latest = time.monotonic() + ANSWER_TIME
-        while waiting and time.monotonic() < latest:
-            executor.spin_once(0.1)
+        while time.monotonic() < began + (ANSWER_TIME if waited else ARRIVAL_TIME):
+            executor.spin_once(0.05)
+            waited |= self._offered.busy
 
     def create_service(self, kind: Any, name: str, callback: Any, **options: Any) -> Any:
         """Offer a service, as rclpy does, whose errors do not end the process."""

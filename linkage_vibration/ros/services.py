@@ -48,6 +48,7 @@ MAX_REQUEST = 1_000  # angles, which take less than 0.1 s; other requests wait m
 MAX_WAITING = 16  # requests; each costs the executor a microsecond when it wakes
 SLICE = 10  # predictions in less than a millisecond, after which the readings have the processor
 FEEDBACK_PERIOD = 0.25  # s
+DELIVERY = 0.3  # s, in which the middleware sends the last answers
 _CODES = {"sequence<double>": "d", "sequence<float>": "f", "sequence<uint8>": "B"}  # of arrays
 
 
@@ -67,7 +68,8 @@ class Services:
         self._excitations, self._levels = excitations, levels
         # At most one of them builds a table; the other is free for short requests.
         self._threads = ThreadPoolExecutor(2, "linkage_vibration_services")
-        self._ending, self._waiting = False, 0
+        self._ending, self._waiting, self._delivering = False, 0, False
+        self._awaited: set[Future[None]] = set()  # of the requests and goals that wait
         self._goals = 0  # whose results are not sent yet
         self._wanted: Path | None = None  # a folder; its removal stops the building of a table
         group = ReentrantCallbackGroup()
@@ -90,13 +92,19 @@ class Services:
         return self._waiting > 0 or self._goals > 0
 
     def refuse(self) -> None:
-        """Stop building; requests and goals that wait, and later ones, are answered by an error."""
+        """Stop building; requests and goals that wait, and later ones, are answered by an error.
+
+        They do not wait for what a thread or another process still computes.
+        """
         self._ending = True
         self._stop_building()
         self._threads.shutdown(wait=False, cancel_futures=True)
+        for ready in list(self._awaited):
+            ready.set_result(None)
 
     def close(self) -> None:
         """Stop building, answer what waits, and destroy the services, in the executor's thread."""
+        self._delivering = self.busy
         self.refuse()
         self._threads.shutdown()
         self._destroy()
@@ -114,6 +122,8 @@ class Services:
         if self.busy and self._node.executor is not None:
             self._node.executor.create_task(self._destroy)
             return
+        if self._delivering:  # The middleware forgets what it has not sent.
+            time.sleep(DELIVERY)
         for service in self._services:
             self._node.destroy_service(service)
         while self._actions:
@@ -266,7 +276,8 @@ class Services:
             return work(*args, **kwargs)
 
         def done(_: object) -> None:
-            ready.set_result(None)
+            if not ready.done():
+                ready.set_result(None)
             # A sleeping executor does not see the result. It may also have ended by now.
             with suppress(InvalidHandle):
                 if self._node.executor is not None:
@@ -279,8 +290,11 @@ class Services:
             if self._ending:
                 raise CancelledError
             answer = self._threads.submit(measured)
+            self._awaited.add(ready)
             answer.add_done_callback(done)
             await ready
+            if not answer.done():
+                raise CancelledError
             return answer.result()
         except LinkageVibrationError:
             raise
@@ -292,6 +306,7 @@ class Services:
                 f"This cannot be computed ({type(error).__name__}: {error}); check the numbers."
             ) from None
         finally:
+            self._awaited.discard(ready)
             self._waiting -= 1
 
 

@@ -3,7 +3,7 @@
 """Links and springs that are not parallel to the plane, against rigid links with one motion."""
 
 import math
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -14,6 +14,7 @@ from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.support.resources import config_file
 from test.mechanics.test_lateral_weight import rigid
 
+Half = Literal["vertical", "lateral"]
 STEP, STIFFNESS = 1e-4, 3e5  # rad; N m/rad or N/m
 ALPHA3 = math.radians(135.0)
 
@@ -80,14 +81,21 @@ def test_a_spring_that_is_not_parallel_to_the_plane(hitch: Any, aside: float | N
     assert found == pytest.approx(expected, rel=5e-5)
 
 
+@pytest.mark.parametrize("half", ["vertical", "lateral"])
+@pytest.mark.parametrize("joint", ["P1", "E1"])
 @pytest.mark.parametrize("aside", [0.20, 0.40])
-def test_a_turn_of_the_whole_tractor_strains_no_joint(aside: float) -> None:
-    """Without tyres, a spring on the pin of a slanted link leaves three motions free."""
+def test_a_turn_of_the_whole_tractor_strains_no_joint(half: Half, joint: str, aside: float) -> None:
+    """Without tyres, a spring on the pin of a slanted link leaves three motions of each half free.
+
+    It is between the link and the tractor, or the implement.
+    """
     mapping = yaml.safe_load(config_file("three_point_linkage_on_tractor.yaml").read_text())
     del mapping["uncertainty"]
     for mount in mapping["base"]["mounts"].values():
         mount["stiffness"] = mount["damping"] = [0.0, 0.0]
+    for axle in mapping["lateral"]["axles"].values():
+        axle["stiffness"] = axle["damping"] = 0.0
     mapping["lateral"] |= {"weight": "ignored", "y": mapping["lateral"]["y"] | {"P1": aside}}
-    mapping["springs"]["pin"] = {"joint": "P1", "stiffness": 1e6}
-    modes = LinkageModel(mechanism_from_mapping(mapping)).solve(ALPHA3).modes
+    mapping["springs"]["pin"] = {"joint": joint, "stiffness": 1e6}
+    modes = LinkageModel(mechanism_from_mapping(mapping), half=half).solve(ALPHA3).modes
     assert modes.omega[2] < 1e-4 * modes.omega[3]

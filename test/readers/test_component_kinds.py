@@ -217,6 +217,23 @@ def test_modes_identified_from_frfs_are_the_assemblys(
         assert actual.peak(band).magnitude == pytest.approx(exact.peak(band).magnitude, rel=1e-2)
 
 
+def test_another_implement_on_a_link_that_was_weighed(
+    mapping: Any, model: LinkageModel, tmp_path: Path
+) -> None:
+    """Numbers of the description may change beside a link by FRFs whose weight is given, too."""
+    save_frfs(tmp_path / "rod.npz", model, "lift_rod")
+    replace_body(mapping, "lift_rod", kind="frfs", path="rod.npz")
+    rod = component(model, "lift_rod")
+    along = [dof.direction == "x" for dof in rod.dofs]
+    both = rod.mass[: len(along), : len(along)][along][:, along].sum()
+    mapping["links"]["lift_rod"]["mass"] = float(both) / 2.0
+    mechanism = read_mechanism(write(tmp_path, mapping))
+    changed = mechanism.with_values({"rigid_bodies.implement.mass": 1200.0})
+    assert changed.rigid_bodies[0].mass == 1200.0
+    [before], [after] = ([x for x in m.links if x.name == "lift_rod"] for m in (mechanism, changed))
+    assert after.body is before.body
+
+
 @pytest.mark.nightly(short="test_modes_identified_from_frfs_are_the_assemblys")
 def test_a_table_from_frfs(mapping: Any, model: LinkageModel, tmp_path: Path) -> None:
     """A table built from identified modes over 30 deg is that of the assembly within 1 %."""

@@ -175,6 +175,12 @@ def test_most_serious_problem_first(changes: dict[str, Any], level: bytes, words
             OK,
             "All loads are 0.5 of the static forces",
         ),
+        (
+            "resonance",
+            {"resonance": changed(NEAR, state=ResonanceState.NOTE, total_load_ratio=math.nan)},
+            STALE,
+            "No load is known",
+        ),
         ("resonance", {}, OK, "All loads are 0.5 of the static forces"),
         ("resonance", {"resonance": None}, STALE, "as no speed has arrived"),
         ("resonance", {"age": 1.1}, STALE, "as no reading arrives"),

@@ -94,13 +94,14 @@ def test_answers_during_a_goal(start: Callable[..., Any], meet: Callable[..., Pe
     assert max(steps) < 1.0 + SOON * slowness()
 
 
-@pytest.mark.parametrize("late", [False, True])
+@pytest.mark.parametrize("when", ["soon", "late", "asked"])
 def test_goal_has_a_result_when_the_node_ends(
-    start: Callable[..., Any], meet: Callable[..., Peer], late: bool
+    start: Callable[..., Any], meet: Callable[..., Peer], when: str
 ) -> None:
     """A client whose goal is running when SIGTERM arrives learns that its table is not in use.
 
-    It may ask for the result a little later. The process that builds the table ends, too.
+    That may be soon after the goal, while the process that builds the table still imports modules,
+    or before the client asks for the result. This process ends, too.
     """
     node = start(name="leaving")
     peer = meet("leaving")
@@ -119,8 +120,9 @@ def test_goal_has_a_result_when_the_node_ends(
     read_until(client.server_is_ready, "the action")
     sent = client.send_goal_async(HEAVY, feedback.append)
     read_until(sent.done, "the answer to a goal")
-    future = None if late else sent.result().get_result_async()
-    read_until(lambda: feedback, "feedback")
+    future = None if when == "late" else sent.result().get_result_async()
+    if when != "soon":
+        read_until(lambda: feedback, "feedback")
     building = every_child(node.process.pid)
     node.process.send_signal(signal.SIGTERM)
     if future is None:
@@ -132,7 +134,7 @@ def test_goal_has_a_result_when_the_node_ends(
     assert "The table is unchanged" in result.result.message
     assert node.stop() == 0
     assert set(re.findall(r"\[(\w+)\] \[", node.printed)) == {"INFO"}, node.printed
-    assert building
+    assert building or when == "soon"
     ended = lambda: not any(Path(f"/proc/{child}").exists() for child in building)  # noqa: E731
     until(ended, "the end of the building process")
 
