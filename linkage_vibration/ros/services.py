@@ -48,7 +48,7 @@ MAX_REQUEST = 1_000  # angles, which take less than 0.1 s; other requests wait m
 MAX_WAITING = 16  # requests; each costs the executor a microsecond when it wakes
 SLICE = 10  # predictions in less than a millisecond, after which the readings have the processor
 FEEDBACK_PERIOD = 0.25  # s
-DELIVERY = 0.3  # s, in which the middleware sends the last answers
+DELIVERY = 0.3  # s, in which the middleware sends an answer
 _CODES = {"sequence<double>": "d", "sequence<float>": "f", "sequence<uint8>": "B"}  # of arrays
 
 
@@ -68,7 +68,7 @@ class Services:
         self._excitations, self._levels = excitations, levels
         # At most one of them builds a table; the other is free for short requests.
         self._threads = ThreadPoolExecutor(2, "linkage_vibration_services")
-        self._ending, self._waiting, self._delivering = False, 0, False
+        self._ending, self._waiting, self._latest = False, 0, -math.inf  # s, of an answer
         self._awaited: set[Future[None]] = set()  # of the requests and goals that wait
         self._goals = 0  # whose results are not sent yet
         self._wanted: Path | None = None  # a folder; its removal stops the building of a table
@@ -104,7 +104,6 @@ class Services:
 
     def close(self) -> None:
         """Stop building, answer what waits, and destroy the services, in the executor's thread."""
-        self._delivering = self.busy
         self.refuse()
         self._threads.shutdown()
         self._destroy()
@@ -122,8 +121,8 @@ class Services:
         if self.busy and self._node.executor is not None:
             self._node.executor.create_task(self._destroy)
             return
-        if self._delivering:  # The middleware forgets what it has not sent.
-            time.sleep(DELIVERY)
+        # The middleware forgets what it has not sent when a service is destroyed.
+        time.sleep(max(self._latest + DELIVERY - time.monotonic(), 0.0))
         for service in self._services:
             self._node.destroy_service(service)
         while self._actions:
@@ -307,7 +306,7 @@ class Services:
             ) from None
         finally:
             self._awaited.discard(ready)
-            self._waiting -= 1
+            self._waiting, self._latest = self._waiting - 1, time.monotonic()
 
 
 def _implement(request: SetImplement.Goal) -> answers.Implement | str:

@@ -243,6 +243,17 @@ def test_close_while_building(bench: Bench) -> None:
     assert len(bench.served) == 1
 
 
+def test_answers_are_sent_before_services_end(bench: Bench) -> None:
+    """Who waits while the node is cleaned up gets an answer, also a large one."""
+    angles = np.linspace(1.6, 3.1, 1000).tolist()
+    futures = [bench.ask("predict", crank_angles=angles, shares=True) for _ in range(2)]
+    until(lambda: bench.services.busy, "a request")
+    bench.run(bench.services.close)
+    for future in futures:
+        answer = bench.wait(future)
+        assert answer.success or "being cleaned up" in answer.message
+
+
 def test_table_that_comes_too_late(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     """A table that is complete only after another configuration is not used."""
 
