@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Mechanism files: the ones that come with the package, and invalid ones."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.prediction.doubts import linkage_doubts
 from linkage_vibration.readers.mechanism import load_yaml, read_mechanism
+from linkage_vibration.support.resources import config_file
 
 
 def test_the_printed_linkage_differs_by_one_length(
@@ -82,6 +84,19 @@ def shipped_mechanisms() -> list[Path]:
 def test_shipped_files_have_no_doubt(path: Path) -> None:
     """Nothing is doubtful about any mechanism that comes with the package."""
     assert not [*linkage_doubts(LinkageModel(read_mechanism(path)))]
+
+
+@pytest.mark.parametrize(("aside", "doubted"), [(0.26, False), (0.28, True)])
+def test_lift_rods_that_lean_are_doubted(aside: float, doubted: bool) -> None:
+    """V1 is 0.366 m of 0.81 m on the way from P1 to E1, which is 0.4 m, and V2 0.25 m aside."""
+    mapping = yaml.safe_load(config_file("three_point_linkage_on_tractor.yaml").read_text())
+    mapping["lateral"]["y"]["P1"] = aside
+    length = mapping["links"]["lift_rod"]["points"]["V1"]
+    leans = (aside + (0.4 - aside) * 0.366 / 0.81 - 0.25) / length
+    assert (leans > 0.15) == doubted
+    text = " ".join(linkage_doubts(LinkageModel(mechanism_from_mapping(mapping))))
+    assert ("lift_rod leans sideways by" in text) == doubted
+    assert not doubted or f"{math.degrees(math.atan(leans)):.0f} deg" in text
 
 
 def test_plausible_machines_have_no_doubt() -> None:
