@@ -68,7 +68,7 @@ class Services:
         self._excitations, self._levels = excitations, levels
         # At most one of them builds a table; the other is free for short requests.
         self._threads = ThreadPoolExecutor(2, "linkage_vibration_services")
-        self._ending, self._waiting, self._latest = False, 0, -math.inf  # s, of an answer
+        self._ending, self._waiting, self._answered_at = False, 0, -math.inf
         self._awaited: set[Future[None]] = set()  # of the requests and goals that wait
         self._goals = 0  # whose results are not sent yet
         self._wanted: Path | None = None  # a folder; its removal stops the building of a table
@@ -122,7 +122,7 @@ class Services:
             self._node.executor.create_task(self._destroy)
             return
         # The middleware forgets what it has not sent when a service is destroyed.
-        time.sleep(max(self._latest + DELIVERY - time.monotonic(), 0.0))
+        time.sleep(max(self._answered_at + DELIVERY - time.monotonic(), 0.0))
         for service in self._services:
             self._node.destroy_service(service)
         while self._actions:
@@ -306,7 +306,7 @@ class Services:
             ) from None
         finally:
             self._awaited.discard(ready)
-            self._waiting, self._latest = self._waiting - 1, time.monotonic()
+            self._waiting, self._answered_at = self._waiting - 1, time.monotonic()
 
 
 def _implement(request: SetImplement.Goal) -> answers.Implement | str:

@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -118,12 +117,13 @@ def calibration_text(modes: Sequence[ComparedMode], mechanism: Path, output: Pat
 
     Recordings at one angle share its error, so of each mode there only the surest one is a target.
     """
-    best = dict[Any, Any]()
-    for each in modes:
-        if each.mode is not None and not each.rival:
-            target = each.mode, each.alpha3, each.measured.frequency, each.deviation
-            best[target[:2]] = min(best.get(target[:2], target), target, key=lambda t: t[3])
-    targets = list(best.values())
+    known = [each for each in modes if each.mode is not None and not each.rival]
+    best = {(each.mode, each.alpha3): each for each in sorted(known, key=lambda x: -x.deviation)}
+    targets = [
+        (each.mode, each.alpha3, each.measured.frequency, each.deviation)
+        for each in known
+        if each.mode is not None and each is best[each.mode, each.alpha3]
+    ]
     if not targets:
         problem = f"No measured frequency is within a factor of {FARTHEST:g} of one mode alone"
         hint = "check the angles, and the masses and springs of the mechanism"
