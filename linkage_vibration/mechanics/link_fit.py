@@ -25,7 +25,7 @@ Noise is propagated to first order, through the coefficients and through the pol
 import enum
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
@@ -72,23 +72,25 @@ class _Shape:
     law: _Law
     order: int  # number of terms for the modes above the lines
     parameters: FloatArray  # stiffness and damping of each mode; damping of the modes above
+    # Whether the modes above have viscous damping of any kind, whatever the law.
+    free: bool = field(default=False, kw_only=True)
 
     def terms(self, s: ComplexArray, parameters: FloatArray | None = None) -> ComplexArray:
         """Return the values of the terms at s, (n_s, 1)."""
         given = self.parameters if parameters is None else parameters
         n = len(given) // 2
         stiffness, decay = given[:n], given[n : 2 * n]
-        if self.law is _Law.ANY:
-            modes = 1.0 / (s**2 + decay * s + stiffness)
+        rate = np.full_like(s, 1j) if self.law is _Law.STRUCTURAL else s
+        modes = 1.0 / (s**2 + decay * rate + stiffness)
+        if self.free or self.law is _Law.ANY:
             return np.hstack([s ** np.arange(max(2, 2 * self.order - 1)), modes, s * modes])
-        rate = s if self.law is _Law.VISCOUS else np.full_like(s, 1j)
         powers = np.arange(self.order)
         above = s ** (2 * powers) / (1.0 + given[-1] * rate) ** (powers + 1)
-        return np.hstack([above, 1.0 / (s**2 + decay * rate + stiffness)])
+        return np.hstack([above, modes])
 
     def with_one_more(self) -> "_Shape":
         """Return these terms and one more for the modes above the lines."""
-        return _Shape(self.law, self.order + 1, self.parameters)
+        return replace(self, order=self.order + 1)
 
     def of_any_law(self) -> "_Shape":
         """Return terms of the same modes with viscous damping of any kind, more if it is that."""
@@ -305,7 +307,8 @@ def fit_link(
     for choice in Choice:
         taken = wider if choice is Choice.WIDER else shape
         shift = _SHIFT if choice is Choice.SHIFTED else 1.0
-        beside = taken.with_one_more() if choice is Choice.WIDER else taken
+        beside = replace(taken, free=rigid_shape.elastic.free)
+        beside = beside.with_one_more() if choice is Choice.WIDER else beside
         rigid_taken = replace(rigid_shape, elastic=beside, rates=shift * rates)
         pulls = _pulls(s, taken, right, weights)
         rigid_pulls = _pulls(s, rigid_taken, block_right, weights)
@@ -336,16 +339,26 @@ def _choose_modes(
     weights: FloatArray,
     candidates: Sequence[ComplexArray],
 ) -> _RigidShape:
-    """Return the terms of the rigid block with the modes that it needs, by the same criterion."""
-    known, best = shape.elastic.poles(), math.inf
-    for poles in candidates:
-        near = np.abs(poles[:, np.newaxis] - known) <= -poles.real[:, np.newaxis]
-        other = poles[~near.any(axis=1)]
-        start = np.concatenate([np.abs(other) ** 2, -2.0 * other.real])
-        found, left = _refined(s, replace(shape, parameters=start), weights, right)
-        if (score := _criterion(found, left, right)) < best:
-            best, chosen, first = score, found, start
-    return _without_noise(s, chosen, first, best, weights, right)
+    """Return the terms of the rigid block with the modes that it needs, by the same criterion.
+
+    Noise hides the damping of the modes above the lines under forces in equilibrium. It may be
+    wrong by so much that the rigid block shows it, where a mode would be taken in its place. So a
+    mode among the lines is left out if another damping of those above fits better than it does.
+    """
+    known, fits = shape.elastic.poles(), []
+    for free in (False, True):
+        tried, best = replace(shape, elastic=replace(shape.elastic, free=free)), math.inf
+        for poles in candidates:
+            near = np.abs(poles[:, np.newaxis] - known) <= -poles.real[:, np.newaxis]
+            other = poles[~near.any(axis=1)]
+            start = np.concatenate([np.abs(other) ** 2, -2.0 * other.real])
+            found, left = _refined(s, replace(tried, parameters=start), weights, right)
+            if (score := _criterion(found, left, right)) < best:
+                best, chosen, first = score, found, start
+        fits.append(_without_noise(s, chosen, first, best, weights, right))
+    among = [int((np.abs(each.poles()) < 1.0).sum()) for each in fits]
+    scores = [_criterion(each, _refined(s, each, weights, right)[1], right) for each in fits]
+    return fits[int(among[1] < among[0] and scores[1] < scores[0])]
 
 
 def _candidates(omega: FloatArray, frf: ComplexArray) -> list[ComplexArray]:
