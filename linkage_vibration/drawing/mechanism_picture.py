@@ -33,6 +33,7 @@ Point = tuple[Source, float, float]
 Map = tuple[FloatArray, FloatArray, FloatArray, BoolArray]
 """Crank angles, (n,), rad, speeds as drawn, (k,), and load ratios, (n, k), with what is known."""
 
+_WIDTH, _HEIGHT = 6.0, 3.4  # of a panel with its texts, inches
 _ANGLES, _MAP = 181, (91, 161)  # angles of a curve; angles and speeds of a map at least
 
 
@@ -60,9 +61,8 @@ def draw_mechanism(
     sources, levels = [*drawn_speeds(excitations)], WorstLevels(every)
     n_panels = 1 + 2 * len(sources)
     # One panel below the other, so that the texts are legible on a phone.
-    figure = Figure(figsize=(6.0, 3.4 * n_panels), dpi=110, layout="constrained")
-    rows = figure.subfigures(n_panels, squeeze=False)[:, 0]  # Each has a layout of its own.
-    first, *panels = (row.subplots() for row in rows)
+    figure = Figure(figsize=(_WIDTH, _HEIGHT * n_panels), dpi=110)
+    first, *panels = figure.subplots(n_panels, squeeze=False)[:, 0]
     angles, table = np.linspace(*ends, _ANGLES), every[0].predictor.table
     predictions = [predict_many(of.predictor, angles, np.zeros(_ANGLES)) for of in every]
     draw_modes(first, table.mode_names, predictions, table.lateral_modes)
@@ -76,7 +76,29 @@ def draw_mechanism(
         silent = [each.name for each in orders if not each.load]
         panel = panels[2 * i + 1]
         sentences.append(_draw_loads(panel, source, maps[i], silent, (limit, top), levels))
+    _arrange(figure)
     return figure, sentences
+
+
+def _arrange(figure: "Figure") -> None:
+    """Give all panels the same edges, with space for the longest name on the right.
+
+    A layout engine of matplotlib does so in a quarter of the time of the whole command.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    canvas: Any = FigureCanvasAgg(figure)
+    renderer = canvas.get_renderer()
+    texts = [text for ax in figure.axes for text in ax.texts if text.get_position()[0] > 1.0]
+    longest = max((text.get_window_extent(renderer).width for text in texts), default=0.0)
+    right, n_panels = longest / figure.dpi + 0.15, figure.get_size_inches()[1] / _HEIGHT
+    figure.subplots_adjust(
+        left=0.65 / _WIDTH,
+        right=1.0 - max(right, 0.9) / _WIDTH,
+        bottom=0.5 / _HEIGHT / n_panels,
+        top=1.0 - 0.5 / _HEIGHT / n_panels,
+        hspace=0.85 / (_HEIGHT - 0.85),
+    )
 
 
 def draw_modes(
@@ -150,7 +172,8 @@ def _draw_loads(
     style: dict[str, Any] = {"cmap": "cividis", "vmin": 0.0, "vmax": top, "shading": "nearest"}
     mesh = ax.pcolormesh(speeds, degrees, np.where(known, ratios, math.nan), **style)
     assert ax.figure is not None
-    bar = ax.figure.colorbar(mesh, ax=ax, label=f"load ratio (red: limit {limit:g})")
+    beside = ax.inset_axes((1.03, 0.0, 0.04, 1.0))
+    bar = ax.figure.colorbar(mesh, cax=beside, label=f"load ratio (red: limit {limit:g})")
     bar.ax.axhline(limit, color=palette.ABOVE, linewidth=2.5)
     i, j = np.unravel_index(np.nanargmax(ratios), ratios.shape)
     unit_name = label.partition("[")[2][:-1]
