@@ -321,8 +321,11 @@ class Lateral:
     """What the lateral half of a linkage needs in addition: motions odd about the middle plane."""
 
     y: tuple[tuple[str, float], ...]  # m left of the middle, of each point that is not in it
-    # kg m2, roll and yaw about the axes along x and z through the centre of gravity, at any angle
+    # kg m2, about the principal axes of roll and yaw through the centre of gravity
     inertia: tuple[tuple[str, tuple[float, float]], ...]
+    # rad, from the x axis of a body to its axis of roll, which by default points forward in the
+    # middle of the stroke
+    roll_axes: tuple[tuple[str, float], ...]
     chains: tuple[Chain, ...]
     axles: tuple[Axle, ...]  # of each mount
     rockshaft: float  # N m/rad, between both cranks; infinite if it is rigid

@@ -38,7 +38,7 @@ from linkage_vibration.mechanics.description import (
 )
 from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.mechanics.forces import SOIL, Forces, tyre_place
-from linkage_vibration.mechanics.kinematics import Configuration
+from linkage_vibration.mechanics.kinematics import Configuration, rotation
 from linkage_vibration.mechanics.weight import Weight
 
 _SAME_PLACE = 1e-9  # m
@@ -122,7 +122,11 @@ class LateralMap(InterfaceMap):
     directions = "xyz"
 
     def __init__(
-        self, mechanism: Mechanism, components: Components, plane: Forces | None = None
+        self,
+        mechanism: Mechanism,
+        components: Components,
+        middle: Configuration,  # that in the middle of the stroke
+        plane: Forces | None = None,
     ) -> None:
         super().__init__(mechanism, components)
         assert mechanism.lateral is not None
@@ -132,6 +136,9 @@ class LateralMap(InterfaceMap):
         both = zip(mounts, self._lateral.axles, strict=True)
         wheels = {mount.name: axle.track / 2.0 for mount, axle in both}  # of the left one
         self._y = dict(self._lateral.y) | wheels
+        # By body, from the components along its principal axes to those along its own axes.
+        self._principal = {body.name: middle.turn(body.name).T for body in mechanism.rigid_bodies}
+        self._principal |= {body: rotation(axis) for body, axis in self._lateral.roll_axes}
         self.chains = self._lateral.chains
         self._links = {link.name: link for link in mechanism.links}
         points = {link.name: bearing(link, mechanism) for link in mechanism.links}
@@ -172,7 +179,9 @@ class LateralMap(InterfaceMap):
             carrier = GROUND if load[0] in self._bearings else load[0]
             if (carrier, CENTRE_OF_GRAVITY) in self._places:
                 at = np.array(self._places[carrier, CENTRE_OF_GRAVITY][1:])
-                total[..., at[:, np.newaxis], at] += self._turned_force(*load, configuration)
+                turn = self._turn_of(carrier, configuration)
+                own = turn.swapaxes(-1, -2) @ self._turned_force(*load, configuration) @ turn
+                total[..., at[:, np.newaxis], at] += own
         return total
 
     def _turned_force(
@@ -215,10 +224,20 @@ class LateralMap(InterfaceMap):
         rows = np.zeros((*configuration.angles.shape[:-1], 3, len(self)))
         if (body, CENTRE_OF_GRAVITY) in self._places:
             sway, roll, yaw = self._places[body, CENTRE_OF_GRAVITY]
-            arm = place - configuration.place(body, self._centres[body])
-            rows[..., 0, yaw], rows[..., 2, roll], rows[..., 1, sway] = -y, y, 1.0
-            rows[..., 1, roll], rows[..., 1, yaw] = -arm[..., 1], arm[..., 0]
+            x, z = np.moveaxis(place - configuration.place(body, self._centres[body]), -1, 0)
+            about_x, about_z = np.moveaxis(self._turn_of(body, configuration), -2, 0)
+            rows[..., 0, [roll, yaw]], rows[..., 2, [roll, yaw]] = -y * about_z, y * about_x
+            rows[..., 1, [roll, yaw]] = x[..., np.newaxis] * about_z - z[..., np.newaxis] * about_x
+            rows[..., 1, sway] = 1.0
         return rows
+
+    def _turn_of(self, body: str, configuration: Configuration) -> FloatArray:
+        """Return the global rotation of a rigid body per roll and yaw of its own, (..., 2, 2).
+
+        These are about principal axes, which turn with the body, so that its inertias are constant.
+        """
+        turn = configuration.turn(body)
+        return turn @ self._principal[body] if body in self._principal else turn
 
     def _constraints(self, configuration: Configuration) -> dict[str, FloatArray]:
         rows = self._pins(configuration)
@@ -299,8 +318,10 @@ class LateralMap(InterfaceMap):
             if at is not None and self._bearings.get(body) != spring.points[0]:
                 rows[..., at] = sign * self._stretches[body]
                 if (other, CENTRE_OF_GRAVITY) in self._places:  # it turns as well
-                    own = self._stretches[body] * self.axes(body, configuration)[..., 1]
-                    rows[..., self._places[other, CENTRE_OF_GRAVITY][1:]] = sign * own[..., ::2]
+                    own = self._stretches[body] * self.axes(body, configuration)[..., ::2, 1]
+                    turned = own[..., np.newaxis, :] @ self._turn_of(other, configuration)
+                    both = self._places[other, CENTRE_OF_GRAVITY][1:]
+                    rows[..., both] = sign * turned[..., 0, :]
         return rows
 
     def _chain(self, chain: Chain, configuration: Configuration) -> FloatArray:

@@ -3,6 +3,7 @@
 """Reads what the lateral half of a linkage needs, and refuses what is not symmetric."""
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from linkage_vibration.mechanics.bodies.beam import Beam
@@ -49,6 +50,7 @@ def with_lateral(
     lateral = Lateral(
         y=tuple(y.items()),
         inertia=tuple((body.name, _inertia(keys["inertia"], body, drawn)) for body in moving),
+        roll_axes=tuple(_roll_axes(keys, moving)),
         chains=tuple(_chain(keys["chains"][n], n, mechanism) for n in keys.names("chains")),
         axles=axles,
         rockshaft=_rockshaft(keys),
@@ -142,6 +144,14 @@ def _inertia(keys: CheckedMapping, body: RigidBody, drawn: bool) -> tuple[float,
         problem += "of no body, as one exceeds the sum of the others; correct them."
         raise keys[name].error("yaw" if yaw > roll else "roll", problem)
     return roll, yaw
+
+
+def _roll_axes(keys: CheckedMapping, bodies: Sequence[RigidBody]) -> Iterator[tuple[str, float]]:
+    """Yield the directions of roll that are given, rad, of bodies other than the base."""
+    for body in (each for each in bodies if each.name != GROUND):
+        own, hint = keys["inertia"][body.name], "give deg from the body's x axis towards its z axis"
+        if "axis" in own:
+            yield body.name, math.radians(own.number("axis", least=-180.0, most=180.0, hint=hint))
 
 
 def inertia_rooms(*inertias: float) -> list[float]:

@@ -139,7 +139,8 @@ class LinkageModel:
             self.mechanism = replace(mechanism, response=mechanism.lateral.response)
             self.components = lateral_components(mechanism, reduced=reduced)
             plane = vertical.forces if vertical and mechanism.lateral.weight else None
-            self.interface = LateralMap(mechanism, self.components, plane)
+            middle = self.kinematics.at(sum(mechanism.stroke) / 2.0)
+            self.interface = LateralMap(mechanism, self.components, middle, plane)
         self._measured = [c for c in self.components if isinstance(c, FrfComponent)]
         # The frequencies at which FRFs of the components were computed last, and these FRFs.
         self._frfs: tuple[bytes | None, list[ComplexArray | MeasuredFrfs]] = None, []

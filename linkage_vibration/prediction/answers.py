@@ -305,7 +305,8 @@ def with_implement(
     lateral = mapping.get("lateral", {})
     if name in lateral.get("inertia", {}):  # A heavier implement is ASSUMED to be as wide.
         share, inertias = implement.mass / bodies[name]["mass"], lateral["inertia"]
-        turned = {axis: share * number for axis, number in inertias[name].items()}
+        scaled = {of: share * inertias[name][of] for of in ("roll", "yaw")}
+        turned = {**inertias[name], **scaled}
         mapping["lateral"] = {**lateral, "inertia": {**inertias, name: turned}}
     if centre and "uncertainty" in mapping:
         mapping["uncertainty"] = _uncertain_centre(mapping["uncertainty"], name)

@@ -30,6 +30,7 @@ from test.support.hitch_in_space import (
     E,
     FloatArray,
     G,
+    implement_tensor,
     pose,
 )
 
@@ -47,11 +48,13 @@ class Hitch:
             for point, aside in ASIDE.items()
             for side in (1.0, -1.0)
         }
-        mass, inertia = IMPLEMENT
+        tensor = implement_tensor(alpha3)
         centre = np.insert(places["M"], 1, 0.0)
         given: dict[str, Any] = {"referenceCoordinates": [*centre, 0.0, 0.0, 0.0]}
         node = self.system.AddNode(items.NodeRigidBodyRotVecLG(**given))
-        given = {"mass": mass, "inertia": [*inertia, 0.0, 0.0, 0.0], "nodeNumber": node}
+        products = [tensor[1, 2], tensor[0, 2], tensor[0, 1]]
+        given = {"mass": IMPLEMENT[0], "inertia": [*tensor.diagonal(), *products]}
+        given |= {"nodeNumber": node}
         body = self.system.AddObject(items.ObjectRigidBody(**given))
         ends = self._link("upper", "P2", "E2", 1.0)[0]
         self._join(self._mark(self._ground, self.spots["P2", 1.0]), ends[0])

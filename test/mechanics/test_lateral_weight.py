@@ -25,6 +25,7 @@ from test.support.hitch_in_space import (
     IMPLEMENT,
     TRACTOR,
     hitch,
+    implement_tensor,
     pose,
 )
 
@@ -71,7 +72,7 @@ class RigidHitch:
     """
 
     def __init__(self, alpha3: float, *, tractor: bool, chain: float) -> None:
-        places = pose(alpha3)
+        self.alpha3, places = alpha3, pose(alpha3)
         spots = {
             (point, side): np.insert(places[point], 1, side * ASIDE[point])
             for point in ASIDE
@@ -155,7 +156,8 @@ class RigidHitch:
             [total(a + b) - total(a - b) - total(b - a) + total(-a - b) for b in step * unit]
             for a in step * unit
         ]
-        m = np.diag([*3 * [TRACTOR[0]], *TRACTOR[1], *3 * [IMPLEMENT[0]], *IMPLEMENT[1]])
+        m = np.diag([*3 * [TRACTOR[0]], *TRACTOR[1], *3 * [IMPLEMENT[0]], *3 * [0.0]])
+        m[9:, 9:] = implement_tensor(self.alpha3)
         moved = slope(self.cranks)
         m += np.einsum("ick,c,jck->ij", moved, CRANKS, moved)
         odd = [i for i in (1, 3, 5, 7, 9, 11) if self.tractor or i > 5]

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import eigh
+from scipy.linalg import block_diag, eigh
 
 FloatArray = NDArray[np.float64]
 
@@ -77,6 +77,15 @@ def pose(alpha3: float) -> dict[str, FloatArray]:
     e2 = _meet(P2, 0.520, e1, 0.438, left=False)
     m = _meet(e1, 1.020, e2, 1.095, left=True)
     return {"P1": P1, "P2": P2, "P3": P3, "V1": v1, "V2": v2, "E1": e1, "E2": e2, "M": m}
+
+
+def implement_tensor(alpha3: float) -> FloatArray:
+    """Return the inertias of the implement, (3, 3), whose axes are the global ones at 135 deg."""
+    mast = [places["E2"] - places["E1"] for places in map(pose, (alpha3, math.radians(135.0)))]
+    now, before = (math.atan2(z, x) for x, z in mast)
+    c, s = math.cos(now - before), math.sin(now - before)
+    turn = np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
+    return np.asarray(turn @ np.diag(IMPLEMENT[1]) @ turn.T)
 
 
 def element(length: float, section: tuple[float, ...]) -> tuple[FloatArray, FloatArray]:
@@ -191,10 +200,11 @@ def assembled(
     aside = dict.fromkeys(ASIDE, 0.0) if paper else ASIDE
     if tractor:
         bodies["tractor"] = (np.array([1.6, 0.1]), TRACTOR)
-    for name, (_, (weight, inertia)) in bodies.items():
+    tensors = {"implement": implement_tensor(alpha3), "tractor": np.diag(TRACTOR[1])}
+    for name, (_, (weight, _)) in bodies.items():
         a.free(f"{name} u", np.eye(3))
         a.free(f"{name} r", np.eye(3))
-        m = np.diag([*3 * [weight], *inertia])
+        m = block_diag(weight * np.eye(3), tensors[name])
         c = (name != "tractor") * RAYLEIGH[0] * m
         a.parts.append(([f"{name} u", f"{name} r"], np.zeros((6, 6)), m, c))
 
