@@ -48,6 +48,7 @@ from linkage_vibration.prediction.answers import LoadedModel, ModelWithoutTable
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs.presets import HITCH
 from linkage_vibration.prediction.inputs.sources import CrankInput
+from linkage_vibration.prediction.level_cache import kept_table
 from linkage_vibration.prediction.levels import kept_levels
 from linkage_vibration.prediction.motion import crank_filter, crank_resolution
 from linkage_vibration.prediction.periods import Periods, Stamps, WindowStep, second
@@ -58,6 +59,7 @@ from linkage_vibration.prediction.settings import DECLARED, NODE_NAME, Parameter
 from linkage_vibration.readers.excitations import excitation_files
 from linkage_vibration.readers.loaded_model import (
     Report,
+    built_table,
     load_model,
     read_described,
     read_loads,
@@ -463,12 +465,10 @@ def _messages(kind: str, data: NDArray[np.uint8], block: Block, rows: Integers) 
 def _loaded_model(settings: Parameters, what_if: WhatIf) -> LoadedModel:
     """Return the mechanism and its table, which is built for another implement."""
     if what_if == _AS_DESCRIBED:
-        return load_model(settings)
+        return load_model(settings, keep=kept_table)
     described, path = read_described(settings), settings.mechanism_path()
     changed, text = with_other_body(described, path, mass=what_if.mass, inertia=what_if.inertia)
-    from linkage_vibration.table.tabulation import build_table
-
-    table = build_table(LinkageModel(changed))
+    table = kept_table(changed, partial(built_table, LinkageModel(changed)))
     return ModelWithoutTable(changed, text).with_predictor(Predictor(table))
 
 

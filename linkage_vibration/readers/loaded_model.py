@@ -71,7 +71,7 @@ def load_model(
             saved = f"`{build}` saves a table, which then loads at once"
             saved = "it is kept for the next time" if keep else saved
             report(f"Building the table of {path}, as {why}; {saved}.")
-        return _built(LinkageModel(mechanism), progress)
+        return built_table(LinkageModel(mechanism), progress)
 
     return described.with_predictor(Predictor(keep(mechanism, built) if keep else built()))
 
@@ -88,12 +88,12 @@ def load_variants(
         model = LinkageModel(mechanism)
         for doubt in linkage_doubts(model):
             report(f"{mass:.5g} kg: {doubt}")
-        predictor = Predictor(keep(mechanism, partial(_built, model)))
+        predictor = Predictor(keep(mechanism, partial(built_table, model)))
         variants.append(ModelWithoutTable(mechanism, text).with_predictor(predictor))
     return variants
 
 
-def _built(model: LinkageModel, progress: Callable[[float], object] | None = None) -> Table:
+def built_table(model: LinkageModel, progress: Callable[[float], object] | None = None) -> Table:
     """Return the table of a model; few commands need what builds it."""
     from linkage_vibration.table.tabulation import build_table
 
