@@ -395,6 +395,7 @@ def test_the_tests_that_are_named_exist() -> None:
             assert any(f"def {name}(" in body for body in code.values()), f"{page}: {name}"
 
 
+@pytest.mark.nightly(alone="`make docs` does the same")
 def test_the_site_can_be_built(tmp_path: Path) -> None:
     """Sphinx reads the site without a warning: every link leads to a page or a name of the API."""
     pytest.importorskip("sphinx", reason="the extra docs is not installed")

@@ -59,7 +59,12 @@ def words(mechanism: Mechanism, body: str, seed: int) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    ("kind", "body"), [("joint", "input_crank"), ("joint", "lower_link"), ("percent", "lift_rod")]
+    ("kind", "body"),
+    [
+        pytest.param("joint", "input_crank", marks=pytest.mark.nightly),
+        pytest.param("joint", "lower_link", marks=pytest.mark.nightly),
+        ("percent", "lift_rod"),
+    ],
 )
 def test_from_a_bag_to_parameters(
     tmp_path: Path,

@@ -98,7 +98,11 @@ def test_damping_is_not_biased(model: LinkageModel) -> None:
 
 @pytest.mark.parametrize(
     ("link", "noise", "seed"),
-    [("lower_link", 1e-4, 3), ("lower_link", 1e-3, 0), ("upper_link", 1e-3, 1)],
+    [
+        ("lower_link", 1e-4, 3),
+        pytest.param("lower_link", 1e-3, 0, marks=pytest.mark.nightly),
+        pytest.param("upper_link", 1e-3, 1, marks=pytest.mark.nightly),
+    ],
 )
 def test_lines_beyond_a_mode_of_the_free_link(
     model: LinkageModel, link: str, noise: float, seed: int
@@ -122,7 +126,12 @@ def test_lines_beyond_a_mode_of_the_free_link(
 
 
 @pytest.mark.parametrize(
-    ("link", "noise", "seed"), [("coupler", 1e-3, 3), ("coupler", 1e-6, 0), ("rocker", 1e-2, 1)]
+    ("link", "noise", "seed"),
+    [
+        pytest.param("coupler", 1e-3, 3, marks=pytest.mark.nightly),
+        ("coupler", 1e-6, 0),
+        ("rocker", 1e-2, 1),
+    ],
 )
 def test_a_link_that_bends_between_two_pins(link: str, noise: float, seed: int) -> None:
     """No forces in equilibrium at two pins bend it, and yet its bending is in the linkage's modes.

@@ -40,7 +40,7 @@ from linkage_vibration.playback.remapping import ReplayError, remappings
 from linkage_vibration.playback.replay import WhatIf, problems, replay
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs.units import HitchCurve, HitchScale
-from linkage_vibration.prediction.levels import LevelTable
+from linkage_vibration.prediction.levels import kept_levels
 from linkage_vibration.prediction.motion import crank_filter, crank_resolution
 from linkage_vibration.prediction.parameter_files import read_parameters
 from linkage_vibration.prediction.predictor import Predictor, Status
@@ -168,7 +168,7 @@ def test_same_as_one_by_one(tmp_path: Path) -> None:
 
     predictor = Predictor(load_table(config_file(DEFAULT_TABLE)))
     excitations = read_excitations(config_file("excitations.yaml"))
-    levels = LevelTable(predictor, read_mechanism(config_file(DEFAULT_MECHANISM)), excitations)
+    levels = kept_levels(predictor, read_mechanism(config_file(DEFAULT_MECHANISM)), excitations)
     monitor = ResonanceMonitor(excitations, levels=levels)
     rule = HitchScale("rad", -1, 0.9, 4.6, angle_stddev=1e-3)
     sources = {"/engine_speed": Source.ENGINE, "/pto_speed": Source.PTO}
@@ -213,7 +213,7 @@ def test_motion_that_is_estimated(tmp_path: Path) -> None:
 
     predictor = Predictor(load_table(config_file(DEFAULT_TABLE)))
     excitations = read_excitations(config_file("excitations.yaml"))
-    levels = LevelTable(predictor, read_mechanism(config_file(DEFAULT_MECHANISM)), excitations)
+    levels = kept_levels(predictor, read_mechanism(config_file(DEFAULT_MECHANISM)), excitations)
     monitor, crank = ResonanceMonitor(excitations, levels=levels), crank_filter()
     scale = HitchScale("percent", calibration=HitchCurve(calibration), angle_stddev=1e-3)
     assessed, directions, period = [], set(), -1

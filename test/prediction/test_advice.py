@@ -24,7 +24,7 @@ from linkage_vibration.prediction.advice import (
     smallest,
 )
 from linkage_vibration.prediction.excitation import excitations_from_mapping
-from linkage_vibration.prediction.levels import LevelTable
+from linkage_vibration.prediction.levels import kept_levels
 from linkage_vibration.prediction.severity import WarningLimits
 from linkage_vibration.prediction.worst_levels import WorstLevels
 from linkage_vibration.readers.excitations import read_excitations
@@ -249,7 +249,7 @@ def test_what_is_not_known_is_not_advised() -> None:
 def test_a_load_that_is_known_only_elsewhere_is_no_quiet_place() -> None:
     """The shipped model at 100 m/s: lugs are beyond the band, so nothing is advised there."""
     served, excitations = shipped(), read_excitations(config_file("excitations.yaml"))
-    levels = LevelTable(served.predictor, served.mechanism, excitations)
+    levels = kept_levels(served.predictor, served.mechanism, excitations)
     speeds = np.array([1800.0, math.nan, 5.0])
     question = Question(math.radians(165.0), speeds, None, (0.0, 100.0))
     advised = advise(levels, excitations, question, (5, 3))

@@ -15,7 +15,7 @@ from scipy.integrate import trapezoid
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
 from linkage_vibration.prediction.ground import MAX_OFF_GROUND, ground_spectrum
-from linkage_vibration.prediction.levels import LevelTable
+from linkage_vibration.prediction.levels import LevelTable, kept_levels
 from linkage_vibration.prediction.loads import ExcitationError
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.resonance import ResonanceMonitor
@@ -58,7 +58,7 @@ def described(**changes: Any) -> tuple[Excitation, ...]:
 @cache
 def levels_of(predictor: Predictor, excitations: tuple[Excitation, ...]) -> LevelTable:
     """Return the levels of excitations on the shipped tractor."""
-    return LevelTable(predictor, read_mechanism(config_file(DEFAULT_MECHANISM)), excitations)
+    return kept_levels(predictor, read_mechanism(config_file(DEFAULT_MECHANISM)), excitations)
 
 
 def test_class_and_roughness_are_the_same_ground() -> None:

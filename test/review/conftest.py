@@ -15,7 +15,7 @@ from linkage_vibration.bags.writing import Attachment, Topic, offered_qos_profil
 from linkage_vibration.messages.definitions import message_definition, type_hash
 from linkage_vibration.messages.encoding import encode_columns
 from linkage_vibration.prediction.excitation import Source, excitations_from_mapping
-from linkage_vibration.prediction.levels import LevelTable
+from linkage_vibration.prediction.levels import kept_levels
 from linkage_vibration.prediction.predictor import Predictor, predict_many
 from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor
 from linkage_vibration.prediction.severity import WarningLimits
@@ -56,7 +56,7 @@ def write_log() -> WriteLog:
     table = load_table(config_file(PAPER_TABLE))
     predictor = Predictor(table)
     excitations = excitations_from_mapping(yaml.safe_load(EXCITATIONS))
-    levels = LevelTable(predictor, read_mechanism(config_file(PAPER_MECHANISM)), excitations)
+    levels = kept_levels(predictor, read_mechanism(config_file(PAPER_MECHANISM)), excitations)
 
     def write(
         path: Path,

@@ -81,7 +81,9 @@ def is_one_sentence(log: Log) -> bool:
     return first_sentence(log) in html.unescape(page) and not re.search("<script|<table", page)
 
 
-@pytest.mark.parametrize(("name", "fits"), [("four_bar", False), (None, True)])
+@pytest.mark.parametrize(
+    ("name", "fits"), [("four_bar", False), pytest.param(None, True, marks=pytest.mark.nightly)]
+)
 def test_amplitudes_that_the_mechanism_lacks(
     name: str | None, fits: bool, tmp_path: Path, browser: Any
 ) -> None:

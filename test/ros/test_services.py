@@ -21,7 +21,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.task import Future
 
 from linkage_vibration.prediction.answers import LoadedModel
-from linkage_vibration.prediction.levels import LevelTable
+from linkage_vibration.prediction.levels import LevelTable, kept_levels
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
@@ -100,7 +100,7 @@ def bench(domain: int) -> Iterator[Bench]:
         peer_executor.add_node(peer)
         served = [shipped()]
         excitations = read_excitations(config_file("excitations.yaml"))
-        levels = LevelTable(served[0].predictor, served[0].mechanism, excitations)
+        levels = kept_levels(served[0].predictor, served[0].mechanism, excitations)
 
         def swap(new: LoadedModel, levels: LevelTable) -> None:
             speeds = np.array([[2000.0], [500.0], [1.0]])
@@ -148,7 +148,7 @@ def test_advise(bench: Bench) -> None:
     answer = bench.call("advise", **present, ground_speed_min=2.0, ground_speed_max=10.0)
     assert (answer.success, answer.advice.table_id) == (True, bench.served[0].table.table_id)
     served, excitations = bench.served[0], read_excitations(config_file("excitations.yaml"))
-    levels = LevelTable(served.predictor, served.mechanism, excitations)
+    levels = kept_levels(served.predictor, served.mechanism, excitations)
 
     def load(angle: float, speed: float) -> float:
         speeds = np.array([[1800.0], [0.0], [speed]])
@@ -188,7 +188,7 @@ import signal
 
 import rclpy
 from rclpy.executors import ExternalShutdownException
-from linkage_vibration.prediction.levels import LevelTable
+from linkage_vibration.prediction.levels import LevelTable, kept_levels
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.ros.services import Services
 from linkage_vibration.support.resources import config_file
@@ -199,7 +199,7 @@ if __name__ == "__main__":
     rclpy.init()
     node, served = rclpy.create_node("serving"), [shipped()]
     excitations = read_excitations(config_file("excitations.yaml"))
-    levels = LevelTable(served[0].predictor, served[0].mechanism, excitations)
+    levels = kept_levels(served[0].predictor, served[0].mechanism, excitations)
     swap = lambda new, levels: served.append(new)
     services = Services(node, lambda: served[-1], excitations, swap, levels, lambda: 0.01)
     try:

@@ -15,7 +15,7 @@ from scipy.optimize import brentq
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.excitation import Source, excitations_from_mapping
-from linkage_vibration.prediction.levels import LevelTable
+from linkage_vibration.prediction.levels import LevelTable, kept_levels
 from linkage_vibration.studies import crossings as study
 from linkage_vibration.studies.crossings import Crossing, crossing_table, find_crossings
 from test.support.served import shipped
@@ -29,7 +29,7 @@ HEAVE = "mode 8 (implement heave)"
 def shipped_levels(mapping: Any) -> tuple[LevelTable, Any]:
     """Return levels of the shipped hitch by the excitations of a mapping, and these."""
     served, excitations = shipped(), excitations_from_mapping(mapping)
-    return LevelTable(served.predictor, served.mechanism, excitations), excitations
+    return kept_levels(served.predictor, served.mechanism, excitations), excitations
 
 
 def test_a_fixed_speed_crosses_at_the_root_of_the_model() -> None:
