@@ -30,7 +30,7 @@ _MODEL = math.log(FARTHEST) / _SIGMAS  # standard deviation of log(frequency) of
 _MODEL_DAMPING = math.log(10.0) / _SIGMAS  # the same of log(damping ratio), which is hardly known
 # A pair whose absence costs less is doubtful: an error of the model of 8 % would undo it.
 _DOUBT = 0.2
-# The same for a mode of the other half, for 16 %: chains and tyres across are hardly known.
+# The same if one of both modes is lateral, for 16 %: chains and tyres across are hardly known.
 _DOUBT_ACROSS = 0.4
 _EQUAL = 1e-9  # difference of costs that rounding may cause
 _FREQUENCY = 0.08  # standard deviation of log(frequency) of a model
@@ -201,7 +201,7 @@ def pair_modes(
             others[i, j] = math.inf
             cost, rivals = _pairing(others, halves)
             rival = rivals[i]
-            across = rival is not None and halves[rival] != halves[j]
+            across = rival is not None and (halves[rival] or halves[j])
             modes[i] += (rival,) * (cost - lowest < (_DOUBT_ACROSS if across else _DOUBT))
     return modes
 
