@@ -84,6 +84,7 @@ _GVRET = re.compile(
     re.IGNORECASE,
 )
 _PARTS = {"hour": 3600.0, "minute": 60.0, "second": 1.0, "part": 1e-4, "micro": 1e-6}  # s
+_ERROR = re.compile(r"\S+ \S+ [23][0-9A-F]{7}#", re.IGNORECASE)  # of the interface, by candump
 _RAW_LENGTH = re.compile("_[9A-Fa-f]$")  # of a frame of 8 bytes
 _FEW_BAD = 100  # lines, beyond which half of all may be bad
 _GATHERED = 1 << 16  # frames that are converted to an array at a time
@@ -132,7 +133,8 @@ def read_can_log(path: Path) -> CanLog:
     with path.open("rb") as raw, shown_bar(path, path.stat().st_size) as bar:
         file: Any = gzip.GzipFile(fileobj=raw) if path.suffix.lower() == ".gz" else raw
         lines = _Lines(file, suffix)
-        rows = _rows(file, suffix, lines)
+        # Errors have no values, and some readers of python-can do not know their channel.
+        rows = (row for row in _rows(file, suffix, lines) if not row[1][4])
         names, frames = _table(rows, lambda: raw.closed or bar.update(raw.tell() - bar.n), lines)
     kept = _in_order(frames)
     lines.bad += len(frames) - len(kept)
@@ -274,7 +276,7 @@ def _row(message: "Message") -> _Row:
             min(1000 * round(1e6 * message.timestamp), _LATEST + 1),
             message.arbitration_id & 0x1FFFFFFF,
             message.is_remote_frame,
-            message.is_extended_id and not message.is_error_frame,
+            message.is_extended_id,
             message.is_error_frame,
             message.dlc if message.is_remote_frame else len(data),
             data,
@@ -330,7 +332,7 @@ class _Lines(io.TextIOBase):
         return line
 
     def _as_candump(self, line: str) -> str:
-        """Return a line as candump writes it; empty for a line of a header."""
+        """Return a line as candump writes it; empty for a line of a header, or an error."""
         if date := _BUSMASTER_DATE.match(line):
             day, month, year = map(int, date.groups())
             self._midnight = datetime(year, month, day, tzinfo=timezone.utc).timestamp()
@@ -341,6 +343,8 @@ class _Lines(io.TextIOBase):
             return ""
         match = _BUSMASTER.match(line) or _GVRET.match(line)
         if match is None:
+            if _ERROR.match(line):
+                return ""
             digits = line.rpartition("#")[2].split(" ")[0]
             if len(digits) % 2 != ("##" in line) and digits.isalnum() and digits[0] not in "Rr":
                 raise ValueError("half of a byte is missing")

@@ -17,7 +17,6 @@ import pytest
 
 from linkage_vibration.bags.blocks import Block
 from linkage_vibration.bags.can_frames import (
-    ERROR,
     EXTENDED,
     REMOTE,
     frame_columns,
@@ -205,22 +204,47 @@ LOG = """\
 
 
 def test_text_of_candump(tmp_path: Path) -> None:
-    """A text of candump has data, remote, error and CAN FD frames, and frames without data."""
+    """A text of candump has data, remote and CAN FD frames, and frames without data; no errors."""
     path = tmp_path / "candump-2023-11-14.log"
     path.write_text(LOG)
     frames = frames_of(path)
-    assert [time - EPOCH for time, *_ in frames] == [100_000 * k for k in range(1, 9)]
+    assert [time - EPOCH for time, *_ in frames] == [100_000 * k for k in (1, 2, 3, 4, 6, 7, 8)]
     extended = EXTENDED | 0x0CFE45F0
     assert [(frame.key, frame.dlc, frame.payload.hex()) for *_, frame in frames] == [
         (extended, 8, "7dffffffffffffff"),
         (0x123, 3, "1122330000000000"),
         (extended, 1, "7e00000000000000"),
         (REMOTE | extended, 0, 16 * "0"),
-        (ERROR, 0, 16 * "0"),
         (extended, 12, "0102030405060708"),
         (extended, 4, "4142432700000000"),
         (extended, 0, 16 * "0"),
     ]
+
+
+@pytest.mark.parametrize("suffix", [".log", ".asc", ".blf"])
+def test_error_frames_make_no_topic(tmp_path: Path, suffix: str) -> None:
+    """An error frame that python-can writes, of whatever channel, is no message of any topic."""
+    path = tmp_path / f"bus{suffix}"
+    with can.Logger(path) as logger:
+        for k in range(10):
+            error, channel = k % 3 == 1, k % 4
+            number = {} if error else {"arbitration_id": HITCH, "data": [k]}
+            stamp = 1e-9 * EPOCH + k
+            message = can.Message(stamp, is_error_frame=error, channel=channel, **number)
+            if error or channel == 0:
+                logger(message)
+    actual = frames_of(path)
+    assert {topic for _, topic, _ in actual} == {"/can0" if suffix == ".log" else "/channel_1"}
+    assert [frame.payload[0] for *_, frame in actual] == [0, 8]
+
+
+@pytest.mark.parametrize("number", ["20000004", "20000080", "2000010c"])
+def test_errors_of_candump(tmp_path: Path, number: str) -> None:
+    """Errors of the interface, of the bus and of a driver (linux/can/error.h) are no frames."""
+    path = tmp_path / "bus.log"
+    path.write_text(f"(1.0) can0 123#11\n(2.0) can0 {number}#0004000000000000\n(3.0) can0 123#22\n")
+    assert read_bad(path) == ([(10**9, 0x123, "11"), (3 * 10**9, 0x123, "22")], 0, "")
+    assert [topic for _, topic, _ in frames_of(path)] == ["/can0", "/can0"]
 
 
 LINE = "(1700000000.000100) can0 0CFE45F0#7D\n"
