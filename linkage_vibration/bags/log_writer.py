@@ -3,6 +3,7 @@
 """Writes messages to an MCAP log: one by one as they arrive, or thousands at a time."""
 
 import contextlib
+import errno
 import fcntl
 import os
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,6 +23,7 @@ from linkage_vibration.bags.mcap_records import MESSAGE, MESSAGE_HEAD, MESSAGE_R
 from linkage_vibration.bags.writing import (
     ROSBAG2_METADATA,
     Attachment,
+    DiskError,
     LogError,
     LogExistsError,
     Topic,
@@ -68,7 +70,8 @@ class LogWriter:
             raise LogExistsError(problem) from None
         except OSError as error:
             problem = f"{path} cannot be created: {error.strerror}; choose a writable folder."
-            raise LogError(problem) from None
+            full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+            raise (DiskError if full else LogError)(problem) from None
         # Other recorders see by this that they must not delete the file; some disks have no locks.
         with contextlib.suppress(OSError):
             fcntl.flock(self._stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -191,7 +194,7 @@ class LogWriter:
             repair = f", and complete this log with `{command(f'recover {self.path}')}`"
             hint = "make room on its disk" + repair * bool(self.written)
             text = f"{self.path} could not be written any further: {problem}; {hint}."
-            raise LogError(text) from None
+            raise DiskError(text) from None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -18,7 +18,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
-from linkage_vibration.bags.writing import Attachment, LogError, LogExistsError, Topic
+from linkage_vibration.bags.writing import Attachment, DiskError, LogError, LogExistsError, Topic
 from linkage_vibration.support.missing_library import missing_library
 from linkage_vibration.support.resources import command
 
@@ -127,12 +127,12 @@ class Recorder:
         """Accept messages of another topic from now on."""
         self._topics = {**self._topics, topic.name: topic}
 
-    def start(self) -> None:
-        """Begin a log; raise a `LogError` if one is being recorded already or cannot be created."""
+    def start(self, *, wait: bool = False) -> None:
+        """Begin a log, or ``wait`` while its disk is full; raise a `LogError` if it cannot be."""
         if self._thread is not None and self._thread.is_alive():
             raise LogError(f"{self.path} is being recorded already; stop that first.")
         self._wake.clear()
-        self.error = None
+        self.path = self.error = None
         self.written = self._written_before = self.deleted = 0
         self._queued = self._queued_bytes = self._overflowed = self._lost = 0
         self._deadline = math.inf
@@ -140,10 +140,13 @@ class Recorder:
         try:
             self._begin_file()
         except LogError as error:
-            self.error = error  # the caller knows it, so it is no news
+            if waits := wait and isinstance(error, DiskError):
+                self.news.append(error)
+            self.error = error  # another caller knows it, so it is no news
             self._end_file(error)
-            raise
-        self.active = self.recording = True
+            if not waits:
+                raise
+        self.active, self.recording = True, not self._failed
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._thread.start()
 

@@ -23,6 +23,10 @@ class LogError(LinkageVibrationError):
     """A log cannot be created or written."""
 
 
+class DiskError(LogError):
+    """The disk of a log is full or fails, which may end."""
+
+
 class LogExistsError(LogError):
     """A file has the name of a new log already."""
 

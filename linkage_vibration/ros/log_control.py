@@ -5,6 +5,7 @@
 import os
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from rclpy.node import Node
@@ -41,13 +42,13 @@ class Recording:
         ]
 
     def activate(self, *, begin: bool) -> None:
-        """Allow recording, and begin it if wanted; a folder at its limit raises no `LogError`."""
+        """Allow recording, and begin it if wanted; a folder or a disk that is full is no error."""
         self._stopped = False
         if begin:
             try:
-                self._start()
+                self._start(wait=True)
             except FullFolderError as error:
-                self.recorder.keep(error)
+                self.recorder.news.append(error)
         self._active = True
 
     def deactivate(self) -> None:
@@ -88,10 +89,11 @@ class Recording:
         if self._stopped and not self.recorder.recording:
             self.recorder.error = None
 
-    def _start(self) -> None:
+    def _start(self, *, wait: bool = False) -> None:
         self._stopped &= self.recorder.recording  # a disk that hangs keeps the log from its end
-        self._begin(self.recorder.start)
-        self._node.get_logger().info(f"Recording to {self.recorder.path}")
+        self._begin(partial(self.recorder.start, wait=wait))
+        if self.recorder.path is not None:
+            self._node.get_logger().info(f"Recording to {self.recorder.path}")
 
     def _stop(self) -> LogError | None:
         """Complete the log, if there is one; return the error if that fails."""
@@ -116,10 +118,13 @@ class Recording:
         if not (self.recorder.active or self.recorder.error):
             response.message = "Nothing is being recorded; call start_recording first."
             return response
-        recorded, error, path = self.recorder.active, self._stop(), self.recorder.path
-        if recorded and error is None and path is not None and not path.exists():
+        recorded, fault = self.recorder.active, self.recorder.error
+        error, path = self._stop(), self.recorder.path
+        if recorded and path is None:
+            error = fault
+        elif recorded and error is None and path is not None and not path.exists():
             error = LogError(f"{path} was removed while it was being recorded.")
         response.success, response.message = error is None, str(error or path or "")
         if response.success:
-            self._node.get_logger().info(f"Log: {path}")
+            self.report_end()
         return response

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The recorder counts every message that it loses, and its caller never waits."""
 
+import contextlib
 import os
 import re
 import resource
@@ -34,7 +35,7 @@ from linkage_vibration.bags.recorder import (
     package_versions,
 )
 from linkage_vibration.bags.recovery import recover
-from linkage_vibration.bags.writing import COMPRESSIONS, Attachment, LogError, Topic
+from linkage_vibration.bags.writing import COMPRESSIONS, Attachment, DiskError, LogError, Topic
 from linkage_vibration.support.resources import share_directory
 
 FLOAT = "std_msgs/msg/Float64"
@@ -721,20 +722,6 @@ def test_file_that_cannot_grow(tmp_path: Path) -> None:
     assert metadata(second, RECORDING_METADATA)[0] == {"dropped": str(log.dropped)}
 
 
-@pytest.fixture
-def small_disk(tmp_path: Path) -> Iterator[Path]:
-    """Mount a disk of 4 MiB."""
-    folder = tmp_path / "disk"
-    folder.mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", "size=4m", "tmpfs", str(folder)]
-    try:
-        subprocess.run(mount, check=True, capture_output=True)
-    except (OSError, subprocess.CalledProcessError):
-        pytest.skip("no small disk: mounting a tmpfs is not allowed here")
-    yield folder
-    subprocess.run(["umount", "-l", str(folder)], check=True)
-
-
 @pytest.mark.usefixtures("quick")
 def test_full_disk(small_disk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A full disk is reported, and recording continues when it has room again."""
@@ -769,6 +756,33 @@ def test_full_disk(small_disk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         list(StreamReader(file).records)
     saved = recover(first, small_disk / "whole.mcap").saved
     assert sum(saved.values()) + len(numbers(second)) >= log.written
+
+
+@pytest.mark.usefixtures("quick")
+def test_disk_that_is_full_at_the_start(small_disk: Path) -> None:
+    """A start that waits begins a file when the disk has room; another one is an error."""
+    filler = small_disk / "filler"
+    with contextlib.suppress(OSError), filler.open("wb", buffering=0) as file:
+        while True:
+            file.write(bytes(4096))
+    log = recorder(small_disk)
+    with pytest.raises(DiskError, match="No space left on device"):
+        log.start()
+    assert (log.active, log.path, len(log.news)) == (False, None, 0)
+    log.start(wait=True)
+    assert (log.active, log.recording, log.path) == (True, False, None)
+    assert log.news.popleft() is log.error
+    write(log, range(10))
+    assert not logs(small_disk)
+    filler.unlink()
+    wait(lambda: log.recording)
+    log.stop()
+    assert (log.written, log.dropped, log.error, len(log.news)) == (10, 0, None, 0)
+    [path] = logs(small_disk)
+    assert numbers(path) == list(range(10))
+    missing = recorder(small_disk / "missing")
+    with pytest.raises(LogError, match="cannot be created: No such file"):
+        missing.start(wait=True)
 
 
 @pytest.mark.usefixtures("quick")

@@ -174,6 +174,33 @@ def test_full_folder_does_not_keep_the_node_from_predicting(
     node.wait_for(OK, "Recording to")
 
 
+def test_full_disk_does_not_keep_the_node_from_predicting(
+    watch: Callable[..., Watched], small_disk: Path
+) -> None:
+    """With `record` and a full disk, the node predicts, and records when there is room.
+
+    A stop before that says why there is no log.
+    """
+    filler = small_disk / "filler"
+    for name in ("given_up", "patient"):
+        filler.write_bytes(bytes(4_100_000))
+        node = watch(name, record=True, log_directory=small_disk)
+        node.wait_for(ERROR, "could not be written any further: No space left on device")
+        node.stays(ERROR)
+        assert node.process.printed.count("No space left on device") == 1
+        assert node.peer.ask([JOINT], [2.0]).status == Status.OK
+        if name == "given_up":
+            refused = node.call("stop")
+            assert not refused.success
+            assert "No space left on device" in refused.message
+            node.wait_for(OK, "No log is recorded")
+        filler.unlink()
+    node.wait_for(OK, "Recording to")
+    ended = node.call("stop")
+    assert ended.success
+    assert count(Path(ended.message)) > 0
+
+
 @pytest.mark.nightly(short="test_full_folder_does_not_keep_the_node_from_predicting")
 def test_deleted_logs_are_reported(watch: Callable[..., Watched], tmp_path: Path) -> None:
     """Logs that a clock has dated four days later go first; each is logged, and all are counted."""
