@@ -71,6 +71,7 @@ class InputJudge:
         self._nothing_due = range(0)  # ns
         self._found: dict[str, _Found] = {}  # by kind
         self._last, self._taken = 0.0, False  # s; whether readings wait for their judgement
+        self._end = 0.0  # s; it is before the latest time if the clock went back
 
     def readings(
         self,
@@ -91,7 +92,7 @@ class InputJudge:
                 for source in self._speeds:
                     if self._is_due(source, arrived):
                         self._judge_speed(source, now)
-            self._taken = True
+            self._taken, self._end = True, now
             self._stands |= self._standing.stands(arrived, stamp)
             values = stamp, arrived, angle, velocity
             self._readings.take(now, *values, known=in_table, sender=sender)
@@ -107,6 +108,7 @@ class InputJudge:
     ) -> None:
         """Take a speed, rpm or m/s, which arrived at a time, ns, when its stamp had an age, s."""
         now, watch = self._at(received), self._speeds.get(source)
+        self._end = max(self._end, now)
         if watch is None:
             watch = self._speeds[source] = SpeedWatch(source, topic)
         if self._is_due(source, received):
@@ -115,9 +117,9 @@ class InputJudge:
 
     def faults(self) -> list[InputFault]:
         """Return one fault of each kind, the most serious first; call this once, at the end."""
-        self._judge_readings(self._last)
+        self._judge_readings(self._end)
         for source in self._speeds:
-            self._judge_speed(source, self._last)
+            self._judge_speed(source, self._end)
         found = sorted(self._found.values(), key=lambda each: (-each.fault.level, each.first))
         return [self._described(each) for each in found]
 

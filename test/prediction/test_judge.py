@@ -248,6 +248,16 @@ def test_a_speed_that_never_comes_back() -> None:
     assert fault.sentence.endswith("(first after 6 s, in 9 of 15 seconds).")
 
 
+def test_a_speed_that_arrives_after_the_clock_went_back() -> None:
+    """It has not stopped: a simulation of 10 s begins again 1000 s earlier, and ends after 3 s."""
+    judge = InputJudge("the crank angle", RANGE)
+    for k in range(650):
+        time = START + k % 500 * STEP - 1000 * 10**9 * (k >= 500)
+        judge.readings([time], [time], [2.0], [math.nan], [True])
+        judge.speed(Source.GROUND, time, 3.0, "/speed")
+    assert judge.faults() == []
+
+
 def test_a_pto_without_an_engine() -> None:
     """A PTO that turns for more than 10 s beside an engine at rest is named."""
     for seconds, expected in ((9, 0), (13, 1)):
