@@ -341,9 +341,7 @@ def _choose_modes(
 ) -> _RigidShape:
     """Return the terms of the rigid block with the modes that it needs, by the same criterion.
 
-    Noise hides the damping of the modes above the lines under forces in equilibrium. It may be
-    wrong by so much that the rigid block shows it, where a mode would be taken in its place. So a
-    mode among the lines is left out if another damping of those above fits better than it does.
+    One among the lines is left out if another damping of those above, which noise hides, fits better.
     """
     known, fits = shape.elastic.poles(), []
     for free in (False, True):
