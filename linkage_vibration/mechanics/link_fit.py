@@ -341,7 +341,7 @@ def _choose_modes(
 ) -> _RigidShape:
     """Return the terms of the rigid block with the modes that it needs, by the same criterion.
 
-    One among the lines is left out if another damping of those above, which noise hides, fits better.
+    One among the lines is left out if another damping above them, which noise hides, fits better.
     """
     known, fits = shape.elastic.poles(), []
     for free in (False, True):
