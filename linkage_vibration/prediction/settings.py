@@ -239,7 +239,8 @@ class Parameters:
     )
     table_file: str = _text("the path of an .npz file").means(
         "The table of this mechanism, as `linkage-vibration build` saves it. If it is empty, the "
-        "shipped table is used, or one is built at start for the given mechanism_file."
+        "shipped table is used, or one is built at start for the given mechanism_file "
+        "and kept in the user's cache."
     )
     excitation_file: str = _text("the path of a YAML file").means(
         "The excitations. If it is empty, the shipped ones are used."

@@ -39,6 +39,7 @@ from linkage_vibration.messages.topics import TABLE_INFO
 from linkage_vibration.prediction.answers import LoadedModel, place_name
 from linkage_vibration.prediction.doubts import excitation_doubts
 from linkage_vibration.prediction.excitation import Excitation
+from linkage_vibration.prediction.level_cache import kept_table
 from linkage_vibration.prediction.levels import LevelTable, kept_levels
 from linkage_vibration.prediction.provenance import attachments, implement_facts
 from linkage_vibration.prediction.resonance import ResonanceMonitor
@@ -288,7 +289,9 @@ class LinkageVibrationNode(LifecycleNode):
             log_writer()
         except LogError as error:
             self.get_logger().warning(f"{error} The node predicts without.")
-        self._served = served = load_model(settings, self.get_logger().info, self._on_building)
+        self._served = served = load_model(
+            settings, self.get_logger().info, self._on_building, kept_table
+        )
         self._check_signals()
         self._monitored = excitations = read_loads(settings, served, self.get_logger().info)
         path = settings.sensor_path()

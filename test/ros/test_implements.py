@@ -19,18 +19,19 @@ IMPLEMENTS = {"plough": {"mass": 1200.0, **OWN}, "mower": {"mass": 500.0, **OWN}
 def test_from_start_to_restart(
     environment: dict[str, str], tmp_path: Path, meet: Callable[..., Peer], mechanism_file: Path
 ) -> None:
-    """A goal chooses, logs name the choice, and a restart uses the parameters again."""
+    """A goal chooses, logs name the choice, and a restart has its parameters and its table."""
     path = tmp_path / "implements.yaml"
     path.write_text(yaml.safe_dump({"implements": IMPLEMENTS}))
     small = tmp_path / "small.yaml"
     small.write_text(small_linkage(mechanism_file))
     nodes: list[RunningNode] = []
+    variables = {**environment, "XDG_CACHE_HOME": str(tmp_path / "cache")}
 
     def begin(**parameters: object) -> RunningNode:
         files = {"mechanism_file": small, "implement_file": path, "log_directory": tmp_path}
         options: dict[str, Any] = {"name": "hitched", "record": True, **files, **parameters}
         output = tmp_path / f"printed_{len(nodes)}.txt"
-        nodes.append(start_node(output, environment, **options))
+        nodes.append(start_node(output, variables, **options))
         return nodes[-1]
 
     try:
@@ -48,6 +49,7 @@ def test_from_start_to_restart(
         assert node.stop() == 0
         again = begin()
         again.wait_for("of three_point_linkage.")
+        assert "table is built" not in again.printed  # It was kept.
         assert again.stop() == 0
         chosen = begin(implement="mower")
         chosen.wait_for("of three_point_linkage with the implement mower.")

@@ -18,7 +18,7 @@ from linkage_vibration.prediction.predictor import Predictor, Status
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import load_table
 from test.support.messages import read_messages
-from test.support.ros_process import JOINT, slowness, until
+from test.support.ros_process import JOINT, slowness, start_node, until
 
 
 @pytest.fixture(scope="module")
@@ -105,11 +105,11 @@ def test_signals_amid_traffic(start: Callable[..., Any], meet: Callable[[str], A
     assert {line.split()[0] for line in busy.printed.splitlines()} <= {"[INFO]"}, busy.printed
 
 
-def test_signal_ends_a_table_under_way(start: Callable[..., Any]) -> None:
+def test_signal_ends_a_table_under_way(environment: dict[str, str], tmp_path: Path) -> None:
     """A signal also ends a node that is still building its table."""
-    builder = start(
-        name="builder", mechanism_file=config_file("three_point_linkage_as_printed.yaml")
-    )
+    variables = {**environment, "XDG_CACHE_HOME": str(tmp_path)}
+    file = config_file("three_point_linkage_as_printed.yaml")
+    builder = start_node(tmp_path / "out.txt", variables, name="builder", mechanism_file=file)
     builder.wait_for("Building the table")
     assert builder.stop(signal.SIGTERM) == 0
     assert "Predicting" not in builder.printed
