@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What many tests start from: the shipped mechanisms."""
 
+import gc
 import os
 import subprocess
 from collections.abc import Iterator
@@ -35,6 +36,17 @@ def pytest_pycollect_makemodule(module_path: Path, parent: Any) -> pytest.Module
     if module_path.name == "__init__.py":
         return None
     return pytest.Module.from_parent(parent, path=module_path)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Iterator[None]:
+    """Keep the collector of garbage off the thousands of tests, which all stay until the end."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 COLLECTED = pytest.StashKey[list[pytest.Item]]()
