@@ -30,7 +30,7 @@ Keep = Callable[[str, Callable[[], Arrays]], Arrays]
 """Returns the arrays of a part, which has a name, that a function computes."""
 Kept = Callable[[Callable[[], Arrays]], Arrays]  # The same for a part whose name is known
 
-MOST_FILES = 20  # Four tables, and four files of each with excitations, which have up to 50 MB
+MOST_FILES = 40  # Eight tables, and four files of each with excitations, of up to 60 MB together
 
 _ROOMS = "mechanics", "table", "prediction"  # whose code computes the numbers
 
