@@ -6,6 +6,7 @@ They are kept in the folder ``build`` between runs of the tests.
 """
 
 import ctypes
+import fcntl
 import hashlib
 import os
 import re
@@ -25,14 +26,21 @@ INTERFACES = ROOT / "linkage_vibration_interfaces"
 def built_package(name: str, messages: Mapping[str, str]) -> Path:
     """Return the prefix in which a package of messages, by their names, is installed.
 
-    It is built once.
+    It is built once, while other workers wait.
     """
     pytest.importorskip("scikit_build_core", reason="pip builds message packages for ROS 2 wheels")
     key = hashlib.sha256(repr((name, sorted(messages.items()), sys.prefix)).encode()).hexdigest()
     prefix = ROOT / "build" / "message_packages" / f"{name}-{key[:12]}"
-    if prefix.is_dir():
-        return prefix
     prefix.parent.mkdir(parents=True, exist_ok=True)
+    with (prefix.parent / f"{name}.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not prefix.is_dir():
+            _build(name, messages, prefix)
+    return prefix
+
+
+def _build(name: str, messages: Mapping[str, str], prefix: Path) -> None:
+    """Build a package of messages, and move it to its prefix when it is complete."""
     with tempfile.TemporaryDirectory(dir=prefix.parent) as folder:
         source, target = Path(folder) / "source", Path(folder) / "prefix"
         (source / "msg").mkdir(parents=True)
@@ -47,9 +55,7 @@ def built_package(name: str, messages: Mapping[str, str]) -> Path:
         pip = [sys.executable, "-m", "pip", "install", "-qq", "--no-deps", "--no-build-isolation"]
         quick = {**os.environ, "CFLAGS": "-O0", "CXXFLAGS": "-O0"}  # to build, not to run
         subprocess.run([*pip, "--prefix", str(target), str(source)], check=True, env=quick)
-        if not prefix.is_dir():  # another worker may have built it too
-            shutil.move(target, prefix)
-    return prefix
+        shutil.move(target, prefix)
 
 
 def environment_with(environment: Mapping[str, str], prefix: Path) -> dict[str, str]:
