@@ -511,12 +511,14 @@ def sensor(at: str = "E1") -> sensor_files.Sensor:
     )
 
 
-BURSTS = (np.arange(500)[:, np.newaxis] * 0.05 + np.arange(10) * 1e-9).ravel()
+ARRIVED = np.cumsum(np.random.default_rng(1).uniform(0.01, 0.09, 500))
+BURSTS = np.add.outer(ARRIVED, np.arange(10) * 1e-9).ravel()
 LATE = STEPS / RATE + 0.02 * np.random.default_rng(1).random(2000)
 for _bad, _good, _words in (
     (STEPS[:15] / RATE, STEPS[:16] / RATE, "has 15 samples; record at least 16"),
     (5.0 * STEPS, 5.0 * STEPS / 1000.0, "samples per second, too few .*, and give its times in s"),
     (BURSTS, np.arange(5000) / RATE, "come in bursts; stamp each sample when it is taken"),
+    (ARRIVED.repeat(10), np.arange(5000) / RATE, "4500 of 5000 .* each sample with a time of its"),
     (np.sort(LATE), STEPS / RATE, "vary by more than a step; stamp each sample when it is taken"),
 ):
     add(f"listen: {_words[:40]}", _words, listen, _bad, _good)

@@ -14,6 +14,7 @@ from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, runs
 from linkage_vibration.mechanics.forces import GRAVITY
 from linkage_vibration.readers.sensors import Sensor
+from linkage_vibration.readers.stamps import even_samples
 
 _FULL, _FLAT = 0.99, 3  # of the range; equal extreme samples in a row of an overloaded sensor
 _UNEVEN, _BURSTS = 0.1, 1.0  # of a step: standard deviation of stamps that is named, and refused
@@ -70,8 +71,7 @@ def measured_signal(
     sensor: Sensor, times: FloatArray, readings: FloatArray, highest: float
 ) -> Signal:
     """Return the signal of readings, (n, k), with doubts about modes up to the highest, Hz."""
-    distinct = np.diff(times, prepend=-math.inf) > 0.0
-    times, readings = times[distinct], readings[distinct]
+    times, readings = even_samples(sensor.name, times, readings, SignalError)
     if len(times) < _FEWEST:
         raise SignalError(f"{sensor.name} has {len(times)} samples; record at least {_FEWEST}.")
     times, readings, held = _updates(times, readings)

@@ -10,6 +10,7 @@ import numpy as np
 from linkage_vibration.bags.message_types import IMU
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.readers.stamps import even_samples
 from linkage_vibration.support.atomic_files import read_text
 
 _CHANNELS = [
@@ -129,7 +130,7 @@ def _number(cell: str) -> float:
 
 
 def ordered(path: Path, times: FloatArray, signals: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return what is finite in the order of its times."""
+    """Return what is finite in the order of its times, which are even if samples share stamps."""
     kept = np.isfinite(times) & np.isfinite(signals).all(axis=1)
     times, signals = times[kept], signals[kept]
     back = float(-np.diff(times).min(initial=0.0))
@@ -137,4 +138,4 @@ def ordered(path: Path, times: FloatArray, signals: FloatArray) -> tuple[FloatAr
         problem = f"{path}: the times go back by {back:.3g} s; give one recording, in their order."
         raise RecordingError(problem)
     order = np.argsort(times, kind="stable")
-    return times[order], signals[order]
+    return even_samples(str(path), times[order], signals[order], RecordingError)

@@ -148,12 +148,13 @@ def test_spectra_are_those_of_a_tone() -> None:
 
 
 def test_stamps_that_are_rounded_or_late_cost_nothing() -> None:
-    """A sensor that samples evenly keeps 80 Hz, although its stamps are in ms, or are late."""
+    """A sensor that samples evenly keeps 80 Hz, with stamps in ms, late, or of batches of eight."""
     true = 100.0 + np.arange(2080) / 208.0
     values = np.zeros((2080, 3))
     values[:, 2] = 9.81 + np.sin(2.0 * math.pi * 80.0 * true)
     late = np.random.default_rng(2).exponential(0.1 / 208.0, 2080)
-    for stamps in (true, np.round(true, 3), true + late, true + 1e-4 * (true - 100.0)):
+    eight = true[np.arange(2080) // 8 * 8 + 7]
+    for stamps in (true, np.round(true, 3), true + late, true + 1e-4 * (true - 100.0), eight):
         signal = measured_signal(sensor(), stamps, values, 20.0)
         assert signal.rate == pytest.approx(208.0, rel=2e-4)
         assert tone_level(signal, 80.0 / (208.0 / signal.rate), 4.0) == pytest.approx(1.0, rel=0.02)
@@ -170,13 +171,15 @@ def test_single_missing_samples_keep_the_others_in_place() -> None:
     assert not signal.doubts
 
 
-@pytest.mark.parametrize("within", [1e-9, 2e-5, 1e-3])
+@pytest.mark.parametrize("within", [0.0, 1e-9, 2e-5, 1e-3])
 @pytest.mark.parametrize("apart", [0.05, 0.2])
 def test_bursts_are_refused(within: float, apart: float) -> None:
-    """Samples that arrive together and are stamped on arrival say nothing about their times."""
-    stamps = (np.arange(500)[:, np.newaxis] * apart + np.arange(10) * within).ravel()
-    values = np.tile([0.0, 0.0, 9.81], (5000, 1))
-    with pytest.raises(SignalError, match=r"(in bursts|more than a step); stamp each sample"):
+    """Samples that arrive together at uneven times say nothing about when they were taken."""
+    arrived = np.cumsum(np.random.default_rng(1).uniform(0.3, 1.7, 500)) * apart
+    stamps = np.add.outer(arrived, np.arange(10) * within).ravel()
+    values = np.vstack([readings(), readings()[:1000]])
+    words = r"(bursts|than a step); stamp each sample|imu: 4500 of 5000 .*; record each sample"
+    with pytest.raises(SignalError, match=words):
         measured_signal(sensor(), stamps, values, 20.0)
 
 
@@ -301,9 +304,9 @@ def test_coarse_steps_are_no_repeated_values() -> None:
 
 
 def test_a_few_samples_are_refused() -> None:
-    """Less than 16 samples at different times are no signal."""
-    with pytest.raises(SignalError, match="imu has 1 samples"):
-        measured_signal(sensor(), np.zeros(N), readings(), 20.0)
+    """Less than 16 samples are no signal."""
+    with pytest.raises(SignalError, match="imu has 15 samples"):
+        measured_signal(sensor(), np.arange(15) / RATE, readings()[:15], 20.0)
 
 
 @pytest.mark.parametrize(("step", "refused"), [(0.39, False), (0.41, True), (5.0, True)])
