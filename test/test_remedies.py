@@ -578,7 +578,11 @@ def measure(folder: Path, blows: tuple[Any, Any]) -> object:
 BLOWS = recording(np.random.default_rng(3))
 for _bad, _words in (
     (recording(np.random.default_rng(2), blows=0, seconds=8.0), "No blow stands .*; hit harder"),
-    ((BLOWS[0][:5], BLOWS[1][:5]), "samples at 5 different times; give 40 or more"),
+    ((BLOWS[0][:5], BLOWS[1][:5]), "has 5 samples; give 40 or more"),
+    (
+        (np.add.outer(0.1 * STEPS, STEPS[:10] / 1000.0).ravel(), np.ones((20000, 1))),
+        "come in bursts; stamp each sample when it is taken",
+    ),
     ((1000.0 * BLOWS[0], BLOWS[1]), "too few for a blow; give times in seconds"),
     ((np.where(BLOWS[0] < 11.5, BLOWS[0], BLOWS[0] + 9.0), BLOWS[1]), "give one without pauses"),
     ((BLOWS[0], np.clip(BLOWS[1], -0.5, 0.5)), "Channel 1 .*; hit softer, or set a larger"),

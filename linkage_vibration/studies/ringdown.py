@@ -40,6 +40,7 @@ _APART = 0.5  # s from a blow to another
 _LONGEST = 4.0  # s of a decay that are fitted
 _FEWEST = 40  # samples of a decay
 _SLOWEST = 20.0  # Hz: a lower rate shows no blow
+_BURSTS = 2.0  # usual steps: a longer mean step leaves most even samples unknown
 _PAUSE = 0.5  # s without samples, which a spline cannot bridge
 _OVERLOADED = 20  # samples at the largest value of a channel, which a clipped one has
 _RAIL = 0.03  # of the largest value: a band below it that holds the rail of a clipped channel
@@ -114,17 +115,14 @@ def _refuse_overload(signals: FloatArray) -> None:
 
 
 def sampling_rate(times: FloatArray) -> float:
-    """Return how many samples at different times there are in a second; times ascend, s."""
-    return 1.0 / float(np.median(np.diff(np.unique(times))))
+    """Return how many samples there are in a second; times ascend, s."""
+    return 1.0 / float(np.median(np.diff(times)))
 
 
 def _resampled(times: FloatArray, signals: FloatArray) -> tuple[float, FloatArray]:
     """Return the rate, Hz, and the signals at even times, (n, n_channels)."""
-    kept = np.diff(times, prepend=-math.inf) > 0.0
-    times, signals = times[kept], signals[kept]
     if len(times) < _FEWEST:
-        problem = f"The recording has samples at {len(times)} different times"
-        raise RingdownError(f"{problem}; give {_FEWEST} or more.")
+        raise RingdownError(f"The recording has {len(times)} samples; give {_FEWEST} or more.")
     steps = np.diff(times)
     step, longest = 1.0 / sampling_rate(times), int(steps.argmax())
     if step > 1.0 / _SLOWEST:
@@ -133,6 +131,8 @@ def _resampled(times: FloatArray, signals: FloatArray) -> tuple[float, FloatArra
     if steps[longest] > _PAUSE:
         pause = f"{steps[longest]:.3g} s after {times[longest]:.6g} s"
         raise RingdownError(f"The recording pauses for {pause}; give one without pauses.")
+    if steps.mean() > _BURSTS * step:
+        raise RingdownError("Its samples come in bursts; stamp each sample when it is taken.")
     even = np.arange(times[0], times[-1], step)
     return 1.0 / step, np.asarray(CubicSpline(times, signals)(even))
 
