@@ -12,6 +12,7 @@ from linkage_vibration.mechanics.arrays import FloatArray
 
 _TOGETHER, _MANY = 0.2, 0.25  # of a step, below which samples are a batch; share of such steps
 _COARSE = 0.1  # of a step: a finer resolution of stamps is not corrected
+_COARSEST = 1.5  # resolutions in a step: in fewer, a lost sample looks like rounding
 _PAUSE, _LEAST_PAUSE = 10.0, 0.1  # usual steps, and s, above which an even clock begins anew
 _SILENT = 2.0  # s: a longer step is no usual one
 _LOST = 2.0  # s, over which the means of stamps follow an even clock unless samples are lost
@@ -55,21 +56,21 @@ def _even_times(times: FloatArray) -> FloatArray:
     unit = 10.0 ** math.ceil(math.log10(_COARSE * step))
     units, together = (times - times[0]) / unit, steps < _TOGETHER * step
     ends = np.append(np.flatnonzero(~together), len(steps))
-    # If no sample is lost, steps are the two numbers of units beside their mean.
-    whole = steps.max() < (math.ceil(step / unit) + 0.5) * unit and step >= 1.5 * unit
+    coarse = bool(np.abs(units - np.rint(units)).max() < _EXACT * step / unit)
     if len(ends) < _FEWEST:
         return times
     if together.mean() > _MANY or steps.min() == 0.0:
-        within = step
-    elif whole and np.abs(units - np.rint(units)).max() < _EXACT * step / unit:
-        within = unit
+        within, places = step, np.arange(len(times))
+    elif coarse and step > _COARSEST * unit:  # Longer steps show how many samples are lost.
+        counts = np.maximum(np.rint(steps / step), 1.0)
+        within, places = unit / 2.0, np.append(0, np.cumsum(counts)).astype(int)
     else:
         return times
     best, even = math.inf, times
     for at in (ends, np.append(0, ends[:-1] + 1)):
-        slope, start = np.polyfit(at, times[at] - times[0], 1)
-        off = times[at] - times[0] - start - slope * at
+        slope, start = np.polyfit(places[at], times[at] - times[0], 1)
+        off = times[at] - times[0] - start - slope * places[at]
         lost = uniform_filter1d(off, round(_LOST / step * len(at) / len(times)) | 1, mode="nearest")
         if off.std() < best - _FIRST * step and max(off.std(), np.abs(lost).max()) <= within:
-            best, even = float(off.std()), times[0] + start + slope * np.arange(len(times))
+            best, even = float(off.std()), times[0] + start + slope * places
     return times if best < _EXACT * step and not together.any() else even

@@ -65,6 +65,16 @@ def test_rates_that_fit_no_resolution(hertz: float) -> None:
     assert np.ptp(away - away.mean()) < (2e-4 if hertz != 998.0 else 1.001e-3)
 
 
+@pytest.mark.parametrize(
+    ("hertz", "share"), [(208.0, 1e-4), (208.0, 0.05), (400.0, 1e-4), (400.0, 0.05), (640.0, 1e-4)]
+)
+def test_lost_samples_of_rounded_stamps(hertz: float, share: float) -> None:
+    """A longer step shows which samples are lost, so that those beside them keep their places."""
+    true = np.arange(N)[np.random.default_rng(4).random(N) >= share] / hertz
+    assert len(true) < N
+    np.testing.assert_allclose(taken(np.round(true, 3)), true, atol=1e-4)
+
+
 @pytest.mark.parametrize(("apart", "even"), [(0.15, True), (0.25, False)])
 def test_batches_with_stamps_of_receipt(apart: float, even: bool) -> None:
     """Nine samples that are received a seventh of a step apart are a batch; a quarter is none."""
@@ -120,7 +130,7 @@ def shaken() -> FloatArray:
         np.delete(shaken(), np.arange(0, N, 20)),
         np.round(2.0 * TRUE, 3),  # 200 Hz in ms
         np.delete(np.round(2.0 * TRUE, 3), 4000),
-        np.delete(np.round(TRUE, 3), 4000),
+        np.round(TRUE + 7e-4 * np.random.default_rng(5).choice([-1.0, 1.0], N), 3),
         np.delete(np.round(4.0 * TRUE, 2), 4000),  # 100 Hz in ms and in 10 ms
         TRUE[:3],
         TRUE[:1],
@@ -128,7 +138,7 @@ def shaken() -> FloatArray:
     ],
 )
 def test_stamps_of_single_samples_are_kept(stamps: FloatArray) -> None:
-    """Ordinary jitter, lost samples and exact stamps stay what they are, in each bit."""
+    """Jitter that is no rounding, lost samples and exact stamps stay as they are, in each bit."""
     np.testing.assert_array_equal(taken(stamps), stamps)
 
 
