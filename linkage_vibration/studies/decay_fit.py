@@ -27,6 +27,7 @@ _SOUGHT = (0.02, 0.08)  # damping ratios of the search
 _MOST = 20  # largest number of poles
 _SAME_SHAPE = 0.5  # cosine between the squares of channels, above which poles may be of one mode
 _STEPS = 30  # largest number of steps of a fit; few are needed
+_RANK = 1e-8  # ratio of singular values, below which rounding decides how terms differ
 _EXACT = 1e-12  # variance of residuals that are rounding, in the unit of the signals
 _CONVERGED = 1e-6  # relative change of the sum of squares
 
@@ -134,7 +135,9 @@ def _evaluated(decays: Decays, poles: ComplexArray, rate: float) -> DecayFit:
     count, squares, curvatures, gradients = len(poles), 0.0, [], []
     for signals, (terms, columns) in zip(decays, _bases(decays, poles, rate), strict=True):
         basis, upper = np.linalg.qr(columns)
-        weights = np.linalg.lstsq(upper, basis.T @ signals, rcond=None)[0]
+        weights = np.linalg.lstsq(upper, basis.T @ signals, rcond=_RANK)[0]
+        turned, sizes, _ = np.linalg.svd(upper)
+        basis = basis @ turned[:, sizes > _RANK * sizes[0]]
         residuals = signals - basis @ (basis.T @ signals)
         slopes = (np.arange(len(signals))[:, np.newaxis] / rate * terms)[:, :, np.newaxis]
         slopes = slopes * (weights[:count] - 1j * weights[count : 2 * count])

@@ -110,3 +110,17 @@ def test_growing_and_overdamped_poles_are_left_out() -> None:
             == count
         )
     assert len(fit.poles) == 3
+
+
+def test_rounding_moves_no_pole() -> None:
+    """In a window too short for slow poles, changes in their twelfth digit change no fit.
+
+    Within 75 ms, decays of five modes below 5 Hz differ by less than rounding does.
+    """
+    slow = np.array([-0.3 + 6.0j, -0.6 + 9.0j, -0.5 + 13.0j, -0.9 + 15.0j, -1.0 + 26.0j])
+    poles = np.concatenate([[-13.0 + 890.0j, -12.0 + 870.0j, -7.0 + 610.0j], slow])
+    random, terms = np.random.default_rng(0), np.exp(np.multiply.outer(np.arange(30) / 400, poles))
+    waves = [(terms @ (random.normal(size=(8, 3, 2)) @ [1.0, 1.0j])).real for _ in range(5)]
+    signals = [each + random.normal(0.0, 0.1, each.shape) for each in waves]
+    fits = [refined(signals, poles * (1.0 + i * 1e-12), 400.0, free=1) for i in range(4)]
+    assert [fit.poles[0] for fit in fits] == pytest.approx([fits[0].poles[0]] * 4, rel=1e-8)
