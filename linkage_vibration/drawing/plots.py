@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+_LONGEST = 28  # letters of a name beside a curve
+
 
 class PlotError(LinkageVibrationError):
     """A picture cannot be drawn."""
@@ -144,7 +146,7 @@ def name_modes(
     for i, height in zip(finite.tolist(), heights.tolist(), strict=True):
         style: dict[str, Any] = {"color": colours[i], "fontsize": fontsize, "va": "center"}
         style["fontweight"] = "bold" if i < n_modes else "normal"
-        ax.text(1.01, height, plain(names[i]), transform=ax.transAxes, **style)
+        ax.text(1.01, height, plain(shortened(names[i])), transform=ax.transAxes, **style)
 
 
 def spread(heights: FloatArray, least: float) -> FloatArray:
@@ -153,6 +155,11 @@ def spread(heights: FloatArray, least: float) -> FloatArray:
     for i in np.argsort(heights):
         moved[i] = lowest = max(float(heights[i]), lowest + least)
     return moved
+
+
+def shortened(name: str) -> str:
+    """Return a name that leaves room for the curves: a long one by its beginning and its end."""
+    return name if len(name) <= _LONGEST else f"{name[: _LONGEST // 2]}…{name[-_LONGEST // 2 :]}"
 
 
 def plain(text: str) -> str:

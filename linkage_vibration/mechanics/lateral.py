@@ -179,7 +179,7 @@ class LateralMap(InterfaceMap):
             carrier = GROUND if load[0] in self._bearings else load[0]
             if (carrier, CENTRE_OF_GRAVITY) in self._places:
                 at = np.array(self._places[carrier, CENTRE_OF_GRAVITY][1:])
-                turn = self._turn_of(carrier, configuration)
+                turn = self.rotation_of(carrier, configuration)
                 own = turn.swapaxes(-1, -2) @ self._turned_force(*load, configuration) @ turn
                 total[..., at[:, np.newaxis], at] += own
         return total
@@ -225,13 +225,13 @@ class LateralMap(InterfaceMap):
         if (body, CENTRE_OF_GRAVITY) in self._places:
             sway, roll, yaw = self._places[body, CENTRE_OF_GRAVITY]
             x, z = np.moveaxis(place - configuration.place(body, self._centres[body]), -1, 0)
-            about_x, about_z = np.moveaxis(self._turn_of(body, configuration), -2, 0)
+            about_x, about_z = np.moveaxis(self.rotation_of(body, configuration), -2, 0)
             rows[..., 0, [roll, yaw]], rows[..., 2, [roll, yaw]] = -y * about_z, y * about_x
             rows[..., 1, [roll, yaw]] = x[..., np.newaxis] * about_z - z[..., np.newaxis] * about_x
             rows[..., 1, sway] = 1.0
         return rows
 
-    def _turn_of(self, body: str, configuration: Configuration) -> FloatArray:
+    def rotation_of(self, body: str, configuration: Configuration) -> FloatArray:
         """Return the global rotation of a rigid body per roll and yaw of its own, (..., 2, 2).
 
         These are about principal axes, which turn with the body, so that its inertias are constant.
@@ -319,7 +319,7 @@ class LateralMap(InterfaceMap):
                 rows[..., at] = sign * self._stretches[body]
                 if (other, CENTRE_OF_GRAVITY) in self._places:  # it turns as well
                     own = self._stretches[body] * self.axes(body, configuration)[..., ::2, 1]
-                    turned = own[..., np.newaxis, :] @ self._turn_of(other, configuration)
+                    turned = own[..., np.newaxis, :] @ self.rotation_of(other, configuration)
                     both = self._places[other, CENTRE_OF_GRAVITY][1:]
                     rows[..., both] = sign * turned[..., 0, :]
         return rows

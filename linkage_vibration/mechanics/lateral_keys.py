@@ -50,7 +50,7 @@ def with_lateral(
     lateral = Lateral(
         y=tuple(y.items()),
         inertia=tuple((body.name, _inertia(keys["inertia"], body, drawn)) for body in moving),
-        roll_axes=tuple(_roll_axes(keys, moving)),
+        roll_axes=tuple(_roll_axes(keys, moving, 360.0 if drawn else 180.0)),
         chains=tuple(_chain(keys["chains"][n], n, mechanism) for n in keys.names("chains")),
         axles=axles,
         rockshaft=_rockshaft(keys),
@@ -146,12 +146,14 @@ def _inertia(keys: CheckedMapping, body: RigidBody, drawn: bool) -> tuple[float,
     return roll, yaw
 
 
-def _roll_axes(keys: CheckedMapping, bodies: Sequence[RigidBody]) -> Iterator[tuple[str, float]]:
+def _roll_axes(
+    keys: CheckedMapping, bodies: Sequence[RigidBody], most: float
+) -> Iterator[tuple[str, float]]:
     """Yield the directions of roll that are given, rad, of bodies other than the base."""
     for body in (each for each in bodies if each.name != GROUND):
         own, hint = keys["inertia"][body.name], "give deg from the body's x axis towards its z axis"
         if "axis" in own:
-            yield body.name, math.radians(own.number("axis", least=-180.0, most=180.0, hint=hint))
+            yield body.name, math.radians(own.number("axis", least=-most, most=most, hint=hint))
 
 
 def inertia_rooms(*inertias: float) -> list[float]:

@@ -17,6 +17,7 @@ from scipy.optimize import linear_sum_assignment
 from linkage_vibration.mechanics.arrays import FloatArray, IntArray
 from linkage_vibration.mechanics.components import Component
 from linkage_vibration.mechanics.description import GROUND
+from linkage_vibration.mechanics.lateral import LateralMap
 from linkage_vibration.mechanics.model import Solution
 from linkage_vibration.mechanics.modes import MECHANISM
 
@@ -56,7 +57,7 @@ def kinetic_energy(solution: Solution, modes: IntArray | slice = slice(None)) ->
         if component.name == GROUND or component.name in rigid:
             named = _MOTIONS | ({"z": "bounce"} if component.name == GROUND else {})
             motions += [(component.name, named[dof.direction]) for dof in component.dofs]
-            rows += list(energy)
+            rows += list(energy[_forward_first(component, solution)])
             continue
         along = _along(component, shapes)
         motions += [(component.name, "stretching"), (component.name, "bending")]
@@ -68,6 +69,15 @@ def kinetic_energy(solution: Solution, modes: IntArray | slice = slice(None)) ->
     mounts = joining.stiffness[first:] @ stretch**2 / omega**2
     shares = (shares / shares.sum(axis=0))[:, modes]
     return KineticEnergy(tuple(motions), rigid, shares, mounts[modes])
+
+
+def _forward_first(component: Component, solution: Solution) -> list[int]:
+    """Return the order of a rigid body's DoFs in which roll is about what points forward most."""
+    order, interface = list(range(len(component.dofs))), solution.model.interface
+    if isinstance(interface, LateralMap):
+        [forward, _] = np.abs(interface.rotation_of(component.name, solution.configuration))
+        order[1:] = order[1:] if forward[0] >= forward[1] else order[:0:-1]
+    return order
 
 
 def _along(component: Component, shapes: FloatArray) -> FloatArray:

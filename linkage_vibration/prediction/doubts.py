@@ -254,7 +254,7 @@ def _uncertain(mechanism: Mechanism) -> Iterator[str]:
     """Yield a sentence for each standard deviation that nobody measures so badly."""
     for number in mechanism.uncertainty.numbers if mechanism.uncertainty else ():
         place = not _COORDINATES.isdisjoint(split_paths(number.path)[0].split("."))
-        most = _LOOSE if place else abs(number.value)
+        most = _LOOSE if place else max(abs(number.value), 45.0 * number.path.endswith(".axis"))
         if number.deviation > most:
             usual = "0.01 with a tape measure, 0.1 by eye" if place else f"at most {most:g}"
             has = f"{number.deviation:g}, and {usual} is plausible"

@@ -50,6 +50,14 @@ def test_names_where_curves_end() -> None:
     assert [text.get_position()[1] for text in ax.texts] == pytest.approx(ends)
 
 
+def test_long_names_are_shortened() -> None:
+    """A name of 28 letters is whole; of a longer one there are 14 from either end."""
+    ax = Figure().subplots()
+    ax.set_ylim(1.0, 100.0)
+    name_modes(ax, np.array([5.0, 50.0]), ["a" * 28, "b" * 15 + "c" * 60])
+    assert [text.get_text() for text in ax.texts] == ["a" * 28, "b" * 14 + "…" + "c" * 14]
+
+
 def test_names_do_not_overlap() -> None:
     """Names of curves that end close together are moved up, to the least distance, in order."""
     ax = Figure().subplots()

@@ -115,6 +115,11 @@ def test_a_general_section_needs_its_other_second_moment(mapping: Any) -> None:
         (change("lateral", "axles", "rear_axle", "track", to=1.7), "rear_axle.track", "1.6 m"),
         (change("lateral", "rockshaft", to="stiff"), "lateral.rockshaft", "text"),
         (change("lateral", "held", to=["plough"]), "lateral.held", "rigid_bodies"),
+        (
+            change("lateral", "inertia", "implement", "axis", to=181.0),
+            "implement.axis",
+            "above 180; give deg",
+        ),
         (change("lateral", "held", to=["implement"]), "lateral.inertia.implement", "not known"),
         (change("lateral", "response", "direction", to="theta"), "response.direction", "x, y, z"),
         (change("lateral", "weight", to="left out"), "lateral.weight", "carried, ignored"),

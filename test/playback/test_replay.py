@@ -482,13 +482,14 @@ def test_what_if_the_implement_were_heavier(
         ),
     }
     bag, log = write_mcap(tmp_path / "bag.mcap", swing(20)), tmp_path / "log.mcap"
-    replay([bag], log, Parameters())
+    settings = Parameters(mechanism_file=str(config_file("three_point_linkage.yaml")))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))  # so that its table is built
+    replay([bag], log, settings)
     before = [m.natural_frequencies[0] for _, m in read_messages(log, PREDICTION_TOPIC)]
     for name, bar in bars.items():
         monkeypatch.setattr(name, lambda *_, bar=bar: bar)
-    replay([bag], log, Parameters(), what_if=WhatIf(mass=1200.0))
+    replay([bag], log, settings, what_if=WhatIf(mass=1200.0))
     assert len(built) > 10
-    assert built[-1] == pytest.approx(1.0)
     assert sum(done) == 20
     after = [m.natural_frequencies[0] for _, m in read_messages(log, PREDICTION_TOPIC)]
     ratio = np.array(after) / np.array(before)
