@@ -319,9 +319,9 @@ while True:
 """
 
 
-@pytest.mark.nightly(alone="each transition takes seconds beside such peers")
+@pytest.mark.parametrize("count", [1, pytest.param(30, marks=pytest.mark.nightly)])
 def test_transitions_while_peers_come_and_go(
-    start: Callable[..., Any], environment: dict[str, str], manager: Any
+    start: Callable[..., Any], environment: dict[str, str], manager: Any, count: int
 ) -> None:
     """Peers that come and go, with right and wrong QoS, do not disturb the transitions.
 
@@ -354,7 +354,7 @@ def test_transitions_while_peers_come_and_go(
         # From this answer to an invalid request on, the node knows the client; before, it may lose
         # an answer, and a request for a transition cannot be repeated.
         assert not response(change, ChangeState.Request(), executor.spin_once).success
-        for _ in range(30):
+        for _ in range(count):
             for transition, reached in (
                 (Transition.TRANSITION_CONFIGURE, State.PRIMARY_STATE_INACTIVE),
                 (Transition.TRANSITION_ACTIVATE, State.PRIMARY_STATE_ACTIVE),
