@@ -103,7 +103,6 @@ def test_beside_a_strong_damper_and_above_the_band() -> None:
     np.testing.assert_allclose(actual[1], expected[1], rtol=0.3)
 
 
-@pytest.mark.nightly(short="test_beside_a_strong_damper_and_above_the_band")
 def test_overdamped_modes_above_those_of_the_table_change_no_rank() -> None:
     """A band to 3000 Hz has overdamped modes, and the same deviations as one to 600 Hz."""
     mapping, deviations = yaml.safe_load(WATT), []
