@@ -12,6 +12,7 @@ def test_each_nightly_test_runs_in_short(request: pytest.FixtureRequest) -> None
 
     In a run of this module alone, no nightly test is collected.
     """
+    assert not request.config.getoption("lf"), "Run all tests again; alone, this one finds nothing."
     usual, nightly = set(), {}
     for item in request.config.stash[COLLECTED]:
         name = item.nodeid.partition("[")[0]
