@@ -84,7 +84,8 @@ def with_noise(
     part, body = model.components[at], model.mechanism.links[at]
     assert isinstance(part, Component)
     n = len(part.dofs)
-    frf = body.count * component_frf(part.mass, part.stiffness, part.damping, n, lines)
+    matrices = part.mass, part.stiffness, part.damping
+    frf = body.count * component_frf(*matrices, n, lines, part.loss_factor)
     rng = np.random.default_rng(seed)
     noise = rng.standard_normal(frf.shape) + 1j * rng.standard_normal(frf.shape)
     frf = frf * (1.0 + share * noise / math.sqrt(2.0))

@@ -9,7 +9,8 @@ does an error of a gain that all receptances of a link share, dH = g H.
 
 The fit of a measured link has real poles at rates that the fit chooses. Noise can join two of them
 to a strongly damped pole of the assembly. Such a pole is not there if the rates are others. How far
-a pole moves by a fit with more terms is a part of its deviation.
+a pole moves by a fit with more terms, or with other rates, is a part of its deviation, which is not
+known if a lightly damped pole is not found with other rates.
 """
 
 import math
@@ -29,7 +30,8 @@ _CLOSE = 1e-9  # A pole has converged if its relative step is smaller.
 _SAME = 1e-6  # Two poles are one if their relative distance is smaller.
 _UNCERTAIN = 0.1  # A mode is noise if the relative standard deviation of its frequency is larger.
 _APART = 3.0  # Poles are different if they are farther apart, in standard deviations.
-_DEPENDS = 0.1  # A pole is an artefact of a fit if other rates move it by a larger share.
+_DEPENDS = 0.1  # A pole depends on the rates of a fit if others move it by a larger share.
+_STRONG = 0.1  # Such a pole is an artefact if its damping ratio is larger, and else not well known.
 # Newton's method may move a pole by this share of it, or by its decay rate if that is larger.
 _MOVES = 1e-3
 
@@ -79,9 +81,11 @@ class Assembly:
             noise, gain = self._variances(mode)
             if self._of_one_link(mode, noise):
                 continue
-            if noise[0] <= (_UNCERTAIN * size / (2.0 * math.pi)) ** 2 and self._stays(mode):
+            moved = self._moved(mode)
+            lasts = -pole.real < _STRONG * size or not np.isnan(moved).any()
+            if noise[0] <= (_UNCERTAIN * size / (2.0 * math.pi)) ** 2 and lasts:
                 kept[i] = True
-                self.modes.append((pole, *np.sqrt(noise + gain).tolist()))
+                self.modes.append((pole, *np.sqrt(noise + gain + moved**2).tolist()))
         return kept
 
     def _variances(self, mode: AssemblyPole) -> FloatArray:
@@ -108,10 +112,17 @@ class Assembly:
         near = np.abs(numbers[:, 1:] - numbers[:, :1]) <= _APART * np.sqrt(noise)[:, np.newaxis]
         return bool(near.all(axis=0).any())
 
-    def _stays(self, mode: AssemblyPole) -> bool:
-        """Return whether a pole is there as well with other real poles in the measured links."""
+    def _moved(self, mode: AssemblyPole) -> FloatArray:
+        """Return by how much other real poles in measured links move Hz and damping ratio, (2,).
+
+        They are NaN if the pole is not there with them.
+        """
         other = self._refined(mode.pole, Choice.SHIFTED)
-        return other is not None and abs(other.pole - mode.pole) <= _DEPENDS * abs(mode.pole)
+        if other is None or abs(other.pole - mode.pole) > _DEPENDS * abs(mode.pole):
+            return np.full(2, math.nan)
+        poles = np.array([other.pole, mode.pole])
+        sizes = np.abs(poles)
+        return np.diff([sizes / (2.0 * math.pi), -poles.real / sizes])[:, 0]
 
     def _refined(self, start: complex, choice: Choice = Choice.BEST) -> AssemblyPole | None:
         """Find the oscillating pole near an identified one by Newton's method, or None."""
