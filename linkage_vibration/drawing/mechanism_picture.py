@@ -83,7 +83,7 @@ def draw_mechanism(
 def _arrange(figure: "Figure") -> None:
     """Give all panels the same edges, with space for the longest name on the right.
 
-    A layout engine of matplotlib does so in a quarter of the time of the whole command.
+    A layout engine of matplotlib would lay out all texts twice for it.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
