@@ -37,6 +37,7 @@ _BESIDE = 0.5  # A centre of gravity is beside two pins beyond this share of the
 # of the distance of both; half of that is doubted: shipped implements have 0.49 to 0.76.
 _COMPACT = 1.0 / math.sqrt(12.0)
 _LOOSE = 0.5  # m; a tape measure leaves 0.01 m, a centre of gravity by eye 0.1 m
+_TURNED = 45.0  # deg; an axis of roll is better known, and about 0 in many bodies
 _COORDINATES = {"ground", "points", "centre_of_gravity", "at"}  # keys whose numbers are in m
 _FRONT = 0.35, 0.5  # of the weight of a tractor without implement are on its front axle
 _STEERS = 0.2  # of its own weight is the least on the axle that steers: EU 2015/208
@@ -254,7 +255,7 @@ def _uncertain(mechanism: Mechanism) -> Iterator[str]:
     """Yield a sentence for each standard deviation that nobody measures so badly."""
     for number in mechanism.uncertainty.numbers if mechanism.uncertainty else ():
         place = not _COORDINATES.isdisjoint(split_paths(number.path)[0].split("."))
-        most = _LOOSE if place else max(abs(number.value), 45.0 * number.path.endswith(".axis"))
+        most = _LOOSE if place else max(abs(number.value), _TURNED * number.path.endswith(".axis"))
         if number.deviation > most:
             usual = "0.01 with a tape measure, 0.1 by eye" if place else f"at most {most:g}"
             has = f"{number.deviation:g}, and {usual} is plausible"

@@ -167,6 +167,24 @@ def test_structural_damping_that_noise_hides() -> None:
     assert actual.damping_ratio_stddev[0] < 0.004
 
 
+def test_a_pole_that_is_not_found_with_other_rates(
+    model: LinkageModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A lightly damped mode is kept, with deviations that are not known; a damped one is none."""
+    damper = Spring("damper", ("ground", "implement"), ("P2", "E1"), 0.0, 1e5)
+    damped = LinkageModel(replace(model.mechanism, springs=(damper,)))
+    exact = damped.solve(ALPHA3).damping_ratios
+    assert (exact[:3] < 0.1).tolist() == [False, False, True]
+    monkeypatch.setattr(Assembly, "_moved", lambda *_: np.full(2, math.nan))
+    found = with_noise(damped, "upper_link", 1e-2, 1)
+    assembly = Assembly(
+        found.components, found._held, found.interface.join(found.kinematics.at(ALPHA3))
+    )
+    poles = damped.solve(ALPHA3).damped.oscillating[:3]
+    assert assembly.confirm(poles).tolist() == [False, False, True]
+    assert np.isnan([deviations for _, *deviations in assembly.modes]).all()
+
+
 @pytest.mark.parametrize("gain", [0.95, pytest.param(1.05, marks=pytest.mark.nightly)])
 def test_an_error_of_gain_is_in_the_deviations(model: LinkageModel, gain: float) -> None:
     """All FRFs of a link are 5 % off; its frequencies are up to 2 % off, within their intervals.

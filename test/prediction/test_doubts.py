@@ -154,6 +154,17 @@ def test_deviations_that_nobody_measures_are_doubted(
     assert bool(text) == bool(words)
 
 
+@pytest.mark.parametrize(("deviation", "doubted"), [(44.0, False), (46.0, True)])
+def test_a_direction_of_roll_near_zero_is_known_to_some_degrees(
+    deviation: float, doubted: bool
+) -> None:
+    """A direction of -2 deg may have a larger deviation than itself, unlike a mass."""
+    mapping = yaml.safe_load(config_file("three_point_linkage_on_tractor.yaml").read_text())
+    mapping["lateral"]["inertia"]["implement"]["axis"] = -2.0
+    mapping["uncertainty"] = {"absolute": {"lateral.inertia.implement.axis": deviation}}
+    assert ("implement.axis is 46, and at most 45 is plausible" in doubts(mapping)) == doubted
+
+
 @pytest.mark.parametrize(
     ("singles", "words"),
     [
