@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,6 +32,7 @@ from linkage_vibration.prediction.ground import (
     ground_spectrum,
     lateral_mounts,
 )
+from linkage_vibration.prediction.level_cache import kept_table
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.support.strict_yaml import load_yaml_text
 from linkage_vibration.table.table import Table, table_bytes
@@ -369,21 +370,22 @@ def progress_file(wanted: Path) -> Path:
 def rebuilt(
     mechanism: Mechanism, like: Table, excitations: Sequence[Excitation], wanted: Path
 ) -> "tuple[Predictor, LevelTable]":
-    """Build the tables of a changed mechanism like the old one, until ``wanted`` is removed."""
+    """Return the tables of a changed mechanism like the old one, kept or built while ``wanted``."""
 
     def check(finished: float) -> None:
         if not wanted.exists():
             raise ServingError("Building the table was cancelled.")
         progress_file(wanted).write_text(f"{finished:.3f}")
 
-    from linkage_vibration.prediction.levels import LevelTable
+    from linkage_vibration.prediction.levels import kept_levels
     from linkage_vibration.table.tabulation import TOLERANCE, build_table
 
     check(0.0)
     tolerance = max(TOLERANCE, float(like.interpolation_error.max()))
     points = tuple(dict.fromkeys(point for point, _ in like.places))
-    predictor = Predictor(build_table(LinkageModel(mechanism), tolerance, points, check))
-    levels = LevelTable(predictor, mechanism, excitations)
+    build = partial(build_table, LinkageModel(mechanism), tolerance, points, check)
+    predictor = Predictor(kept_table(mechanism, build, tolerance, points))
+    levels = kept_levels(predictor, mechanism, excitations)
     levels.prepare()
     return predictor, levels
 

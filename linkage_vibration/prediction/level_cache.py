@@ -65,10 +65,10 @@ def level_cache(table: Table, mechanism: Mechanism, excitations: Sequence[object
     return LevelCache(_key(mechanism, table.checksum, tuple(excitations)))
 
 
-def kept_table(mechanism: Mechanism, build: Callable[[], Table]) -> Table:
-    """Return the table of a mechanism from its file, or build it and write it."""
+def kept_table(mechanism: Mechanism, build: Callable[[], Table], *more: object) -> Table:
+    """Return the table of a mechanism and more from its file, or build it and write it."""
     folder = cache_folder()
-    path = None if folder is None else folder / f"table-{_key(mechanism)}.npz"
+    path = None if folder is None else folder / f"table-{_key(mechanism, *more)}.npz"
     if path is not None:
         with suppress(TableError):
             table = load_table(path, mechanism)

@@ -33,7 +33,7 @@ from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
-from linkage_vibration.table.table import TableError, load_table
+from linkage_vibration.table.table import Table, TableError, load_table
 from linkage_vibration.table.tabulation import build_table
 
 DRIVE: dict[str, Any] = {"outputs": [], "inputs": [], "frequencies": np.array([])}
@@ -228,6 +228,36 @@ def test_rebuilt(served: LoadedModel, tmp_path: Path) -> None:
     assert table.natural_frequencies[0, 0] < 0.9 * served.table.natural_frequencies[0, 0]
     with pytest.raises(ServingError, match="cancelled"):
         rebuilt(heavy, served.table, excitations, tmp_path / "missing")
+
+
+def test_an_implement_that_was_used_before_is_not_built_again(
+    served: LoadedModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its table is that of the user's cache, unless it has to be like another table."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    tolerances = list[float]()
+
+    def build(model: LinkageModel, tolerance: float, *others: Any) -> Table:
+        tolerances.append(tolerance)
+        return build_table(model, tolerance, *others)
+
+    monkeypatch.setattr("linkage_vibration.table.tabulation.build_table", build)
+    heavy, _ = with_implement(
+        served.mechanism, served.mechanism_text, Implement("", 1300.0, 300.0, ())
+    )
+    shipped = read_excitations(config_file("excitations.yaml"))
+    orders = [each for each in shipped if each.source is Source.PTO]
+    first, again = (rebuilt(heavy, served.table, orders, tmp_path)[0].table for _ in range(2))
+    assert tolerances == [1e-6]
+    assert again.table_id == first.table_id
+    coarse = replace(served.table, interpolation_error=served.table.interpolation_error + 1e-3)
+    other = rebuilt(heavy, coarse, orders, tmp_path)[0].table
+    assert len(tolerances) == 2
+    assert tolerances[1] > 1e-3
+    assert other.table_id != first.table_id
+    fewer = replace(served.table, places=tuple(p for p in served.table.places if p[0][0] == "E"))
+    small = rebuilt(heavy, fewer, orders, tmp_path)[0].table
+    assert {point for point, _ in small.places} == {"E1", "E2"}
 
 
 @pytest.mark.parametrize(
