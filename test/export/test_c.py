@@ -6,6 +6,7 @@ import math
 import re
 import subprocess
 from dataclasses import replace
+from functools import partial
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -29,6 +30,7 @@ from linkage_vibration.export.constants import (
 from linkage_vibration.export.fmu import fmu_bytes
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
+from linkage_vibration.prediction.level_cache import kept_table
 from linkage_vibration.prediction.predictor import Predictor, predict_many
 from linkage_vibration.support.resources import (
     DEFAULT_TABLE,
@@ -62,7 +64,8 @@ def four_bar() -> Table:
     for link in mapping["links"].values():
         link |= {"elements": 4, "modes": 2}
     mapping["response"] |= {"modes": 2, "band_hz": [0.0, 200.0]}
-    return build_table(LinkageModel(mechanism_from_mapping(mapping)), 1e-3)
+    mechanism = mechanism_from_mapping(mapping)
+    return kept_table(mechanism, partial(build_table, LinkageModel(mechanism), 1e-3), "coarse")
 
 
 def measured() -> Table:

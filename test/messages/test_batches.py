@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.messages.encoding import encode_columns, encode_message
 from linkage_vibration.messages.topics import ASSESSED, PREDICTION
 from linkage_vibration.prediction.excitation import Source
@@ -18,10 +17,9 @@ from linkage_vibration.prediction.predictor import Predictor, predict_many
 from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor
 from linkage_vibration.prediction.severity import WarningLimits
 from linkage_vibration.readers.excitations import read_excitations
-from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import DEFAULT_EXCITATIONS, DEFAULT_TABLE, config_file
 from linkage_vibration.table.table import load_table
-from linkage_vibration.table.tabulation import build_table
+from test.support.served import turning_table
 
 SHIPPED = Predictor(load_table(config_file(DEFAULT_TABLE)))
 LOW, HIGH = SHIPPED.table.alpha3_range
@@ -64,7 +62,7 @@ def test_same_bytes_at_many_angles() -> None:
 @pytest.fixture(scope="module")
 def turning() -> Predictor:
     """Return the predictor of a crank that turns all the way."""
-    return Predictor(build_table(LinkageModel(read_mechanism(config_file("four_bar.yaml"))), 1e-3))
+    return Predictor(turning_table())
 
 
 @pytest.mark.nightly(short="test_same_bytes")

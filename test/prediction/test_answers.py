@@ -35,6 +35,7 @@ from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import Table, TableError, load_table
 from linkage_vibration.table.tabulation import build_table
+from test.support.served import turning_table
 
 DRIVE: dict[str, Any] = {"outputs": [], "inputs": [], "frequencies": np.array([])}
 
@@ -160,15 +161,15 @@ def test_frf_of_a_crank_that_turns_all_the_way() -> None:
     """A table over a whole turn answers on every turn as the model does, up to a limit."""
     path = config_file("four_bar.yaml")
     mechanism = read_mechanism(path)
-    table = build_table(LinkageModel(mechanism), 1e-2)
-    turning = ModelWithoutTable(mechanism, path.read_text()).with_predictor(Predictor(table))
+    predictor = Predictor(turning_table())
+    turning = ModelWithoutTable(mechanism, path.read_text()).with_predictor(predictor)
     here = answer_frf(turning, math.radians(10.0), exact=False, **DRIVE)
     for degrees in (370.0, -350.0, 3610.0):
         answer = answer_frf(turning, math.radians(degrees), exact=False, **DRIVE)
         np.testing.assert_allclose(answer.values, here.values, rtol=1e-9)
     ours = answer_frf(turning, math.radians(370.0), exact=False, **DRIVE).values
     exact = answer_frf(turning, math.radians(370.0), exact=True, **DRIVE).values
-    assert np.linalg.norm(ours - exact) < 2.0 * table.frf_error * np.linalg.norm(exact)
+    assert np.linalg.norm(ours - exact) < 2.0 * predictor.table.frf_error * np.linalg.norm(exact)
     with pytest.raises(TableError, match="outside the table"):
         answer_frf(turning, 1e7, exact=False, **DRIVE)
 

@@ -26,6 +26,7 @@ from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import load_table
 from linkage_vibration.table.tabulation import build_table
+from test.support.served import turning_table
 
 
 @pytest.fixture(scope="module")
@@ -177,8 +178,7 @@ def test_slopes_at_many_angles(predictor: Predictor) -> None:
 
 def test_table_of_a_whole_turn_serves_every_turn() -> None:
     """A crank that turns all the way repeats after a turn, up to a limit."""
-    table = build_table(LinkageModel(read_mechanism(config_file("four_bar.yaml"))), 1e-2)
-    turning = Predictor(table)
+    turning = Predictor(turning_table())
     for turns in (-3, 1, 1000):
         here, there = turning.predict(1.0), turning.predict(1.0 + 2.0 * math.pi * turns)
         assert there.status is Status.OK

@@ -14,14 +14,12 @@ from rosbags.typesys import Stores, get_typestore
 from linkage_vibration.bags.log_writer import LogWriter
 from linkage_vibration.bags.message_types import JOINT_STATE
 from linkage_vibration.cli.main import main
-from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.messages.topics import log_topic
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.settings import Parameters
-from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import save_table
-from linkage_vibration.table.tabulation import build_table
+from test.support.served import turning_table
 
 TURNS, COUNT, RATE = 3, 600, 100  # and Hz
 PHASES = [0.1, 0.25, 0.4, 0.55, 0.7, 0.85]
@@ -32,7 +30,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a replay of three turns of a four-bar linkage."""
     folder = tmp_path_factory.mktemp("turning")
     mechanism, store = config_file("four_bar.yaml"), get_typestore(Stores.LATEST)
-    save_table(build_table(LinkageModel(read_mechanism(mechanism)), 1e-2), folder / "table.npz")
+    save_table(turning_table(), folder / "table.npz")
     time, header, state = (
         store.types[name]
         for name in ("builtin_interfaces/msg/Time", "std_msgs/msg/Header", JOINT_STATE)
