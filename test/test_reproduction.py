@@ -141,6 +141,7 @@ def test_generalised_inertia_is_that_of_moving_places(mechanism: Mechanism) -> N
     assert generalised_inertia(mechanism, kinematics.at(2.0)) == pytest.approx(expected, rel=1e-7)
 
 
+@pytest.mark.nightly(short="test_table_has_every_number")
 def test_figures_are_written(tmp_path: Path, sweeps: SWEEPS) -> None:
     """Figures 3 to 9 and the evidence are written, and no temporary file."""
     fits = [FreedFit("", math.nan, 0.2, 0.4, 0.3), FreedFit("geometry.P2_E2", 0.5, 0.01, 0.1, 0.1)]

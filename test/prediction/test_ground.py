@@ -525,7 +525,9 @@ def test_mechanisms_and_terrains_that_have_no_level(tractor: Tractor) -> None:
     assert "static loads of the mounts are not known" in REASONS[values.reason[0]]
 
 
-@pytest.mark.parametrize(("ratio", "known"), [(0.00155, True), (0.00152, False)])
+@pytest.mark.parametrize(
+    ("ratio", "known"), [pytest.param(0.00155, True, marks=pytest.mark.nightly), (0.00152, False)]
+)
 def test_resonances_that_4096_lines_do_not_show_have_no_level(
     tractor: Tractor, ratio: float, known: bool
 ) -> None:
@@ -537,6 +539,7 @@ def test_resonances_that_4096_lines_do_not_show_have_no_level(
     assert math.isnan(actual.velocity[0]) != known
 
 
+@pytest.mark.nightly(short="test_levels_are_those_of_the_unreduced_model")
 def test_lightly_damped_tyres_have_the_level_of_many_lines(tractor: Tractor) -> None:
     """With a tenth of their damping, 2048 lines differ by less than 1e-3 from 200,001."""
     shipped = tractor.mechanism.base

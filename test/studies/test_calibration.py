@@ -290,14 +290,15 @@ def test_the_first_of_equally_good_fits(
     assert actual.values[:2] == pytest.approx(np.exp(ends[chosen][:2]))
 
 
-@pytest.mark.parametrize("count", [12, pytest.param(150, marks=pytest.mark.nightly)])
-def test_intervals_hold(count: int) -> None:
+@pytest.mark.nightly(short="test_exact_targets_leave_less_uncertain")
+def test_intervals_hold() -> None:
     """Of random linkages, 95 % of the intervals contain the true numbers and frequencies.
 
     The numbers are drawn from their priors: a parameter with a stated deviation, one without, and
     an uncertain number that is no parameter. The written file predicts the natural frequencies of
     the own linkage as well as it says. It needs the correlations, as errors of numbers cancel.
     """
+    count = 150
     actual = scores(four_bar(), range(count), math.radians(50.0), 2)
     assert actual.names == (COUPLER, ROCKER, CRANK, "predicted mode 1", "predicted mode 2")
     stated = np.isfinite(actual.stated)

@@ -82,7 +82,7 @@ def test_between_points_they_are_those_of_the_model(
         )
 
 
-@pytest.mark.nightly(short="test_overdamped_modes_above_those_of_the_table_change_no_rank")
+@pytest.mark.nightly(short="test_deviations_of_the_shipped_tractor_are_those_of_whole_models")
 def test_beside_a_strong_damper_and_above_the_band() -> None:
     """Modes above the band, of which two change places, deviate as those of 60 models do.
 
@@ -103,6 +103,7 @@ def test_beside_a_strong_damper_and_above_the_band() -> None:
     np.testing.assert_allclose(actual[1], expected[1], rtol=0.3)
 
 
+@pytest.mark.nightly(short="test_deviations_of_the_shipped_tractor_are_those_of_whole_models")
 def test_overdamped_modes_above_those_of_the_table_change_no_rank() -> None:
     """A band to 3000 Hz has overdamped modes, and the same deviations as one to 600 Hz."""
     mapping, deviations = yaml.safe_load(WATT), []

@@ -54,7 +54,7 @@ def test_draws_of_pairs(n: int, n_alike: int, m: int) -> None:
     assert frequencies @ draws / len(draws) == pytest.approx(0.0, abs=1e-12)
 
 
-@pytest.mark.nightly(short="test_effects_belong_to_one_of_both")
+@pytest.mark.nightly(short="test_members_of_the_lateral_half_are_known")
 def test_deviations_are_those_of_models(table: Table) -> None:
     """Those of both halves are within 15 %, and three standard errors, of 200 drawn models."""
     mechanism = read_mechanism()
@@ -92,6 +92,7 @@ def test_members_of_the_lateral_half_are_known(table: Table) -> None:
         assert unknown.mean() < 0.05
 
 
+@pytest.mark.nightly(short="test_members_of_the_lateral_half_are_known")
 def test_effects_belong_to_one_of_both(table: Table) -> None:
     """The number that changes a mode most is that of whole models, to a tenth of all changes.
 
