@@ -3,9 +3,10 @@
 """Names of modes by what moves in them: the shares of their kinetic energy.
 
 A mode is the tractor's if most of its strain energy is in the mounts of the base: there the
-implement may move more than the tractor, but it moves with it. Other modes belong to the rigid body
-or the link that has most of the kinetic energy. The tractor and rigid bodies surge (along x), heave
-(along z; the tractor bounces), pitch, sway (along y), roll or yaw; a link bends or stretches.
+implement may move more than the tractor, but it moves with it. Not more modes are the tractor's
+than it has motions. Other modes belong to the rigid body or the link that has most of the kinetic
+energy. The tractor and rigid bodies surge (along x), heave (along z; the tractor bounces), pitch,
+sway (along y), roll or yaw; a link bends or stretches.
 """
 
 from collections.abc import Sequence
@@ -53,12 +54,14 @@ def kinetic_energy(solution: Solution, modes: IntArray | slice = slice(None)) ->
     rigid = tuple(body.name for body in solution.model.mechanism.rigid_bodies)
     for component in solution.model.system.components:
         shapes = solution.modes.shapes[solution.model.system.rows[component.name]]
-        energy = shapes * (component.mass @ shapes)
+        momenta = component.mass @ shapes
         if component.name == GROUND or component.name in rigid:
             named = _MOTIONS | ({"z": "bounce"} if component.name == GROUND else {})
             motions += [(component.name, named[dof.direction]) for dof in component.dofs]
-            rows += list(energy[_forward_first(component, solution)])
+            axes = _tractor_axes(component, solution)
+            rows += list((axes @ shapes) * (axes @ momenta))
             continue
+        energy = shapes * momenta
         along = _along(component, shapes)
         motions += [(component.name, "stretching"), (component.name, "bending")]
         rows += [energy.sum(axis=0) * along, energy.sum(axis=0) * (1.0 - along)]
@@ -71,13 +74,15 @@ def kinetic_energy(solution: Solution, modes: IntArray | slice = slice(None)) ->
     return KineticEnergy(tuple(motions), rigid, shares, mounts[modes])
 
 
-def _forward_first(component: Component, solution: Solution) -> list[int]:
-    """Return the order of a rigid body's DoFs in which roll is about what points forward most."""
-    order, interface = list(range(len(component.dofs))), solution.model.interface
+def _tractor_axes(component: Component, solution: Solution) -> FloatArray:
+    """Return the matrix from a rigid body's DoFs to those of which roll is about what is forward.
+
+    Products of angular velocity and momentum about these axes add up to the whole energy.
+    """
+    axes, interface = np.eye(len(component.dofs)), solution.model.interface
     if isinstance(interface, LateralMap):
-        [forward, _] = np.abs(interface.rotation_of(component.name, solution.configuration))
-        order[1:] = order[1:] if forward[0] >= forward[1] else order[:0:-1]
-    return order
+        axes[1:, 1:] = interface.rotation_of(component.name, solution.configuration)
+    return axes
 
 
 def _along(component: Component, shapes: FloatArray) -> FloatArray:
@@ -101,22 +106,22 @@ def name_modes(energy: KineticEnergy, given: Sequence[str] = ()) -> tuple[str, .
     rows = {body: np.flatnonzero(owners == body) for body in bodies}
     totals = np.array([energy.shares[rows[b]].sum(axis=0) for b in bodies])
     if GROUND in bodies:
-        totals[bodies.index(GROUND)] = np.where(energy.mounts > 0.5, np.inf, 0.0)
+        most = np.argsort(-energy.mounts)[: len(rows[GROUND])]
+        on_tyres = np.isin(np.arange(len(energy.mounts)), most) & (energy.mounts > 0.5)
+        totals[bodies.index(GROUND)] = np.where(on_tyres, np.inf, 0.0)
     owner = (totals - _EQUAL * np.arange(len(bodies))[:, np.newaxis]).argmax(axis=0)
     names = [""] * energy.shares.shape[1]
     for i, body in enumerate(bodies):
         modes = np.flatnonzero(owner == i)
         shares = energy.shares[np.ix_(rows[body], modes)]
         shares = shares - _EQUAL * np.outer(range(len(shares)), len(modes) - np.arange(len(modes)))
+        chosen = shares.argmax(axis=0)
         if body == GROUND or body in energy.rigid:
             at, motion = linear_sum_assignment(shares.T, maximize=True)
-            chosen = dict(zip(at.tolist(), motion.tolist(), strict=True))
-        else:
-            chosen = dict(enumerate(shares.argmax(axis=0).tolist()))
+            chosen[at] = motion
         label = "tractor" if body == GROUND else body.replace("_", " ")
         for k, mode in enumerate(modes.tolist()):
-            motion_name = energy.motions[rows[body][chosen[k]]][1] if k in chosen else "motion"
-            names[mode] = f"{label} {motion_name}"
+            names[mode] = f"{label} {energy.motions[rows[body][chosen[k]]][1]}"
     names[: len(given)] = [new or old for new, old in zip(given, names, strict=False)]
     earlier = [names[:i].count(name) for i, name in enumerate(names)]
     return tuple(f"{name} {n + 1}" if n else name for name, n in zip(names, earlier, strict=True))

@@ -140,6 +140,28 @@ def test_axis_of_roll(tractor: Any, deg: float) -> None:
     assert np.abs(off / given - 1.0).max() > 0.01
 
 
+@pytest.mark.parametrize("deg", [90.0, 135.0, 180.0])
+def test_names_follow_the_motion_and_not_the_axes(tractor: Any, deg: float) -> None:
+    """With equal inertias, the axes that a body has by its description mean nothing.
+
+    Mode 3 turns by at most 15 deg beside what points forward, and mode 6 by at most 15 deg beside
+    what points up (by an outsider's model, as the directions of the energy are).
+    """
+    energies = []
+    for axis in (-80.0, -50.0, -40.0, 0.0):
+        tractor["rigid_bodies"]["implement"]["inertia"] = 600.0
+        inertias = {"roll": 900.0, "yaw": 900.0, "axis": axis}
+        tractor["lateral"]["inertia"]["implement"] = inertias
+        energy = kinetic_energy(lateral(tractor).solve(math.radians(deg)), slice(6))
+        names = name_modes(energy)
+        assert (names[2], names[5]) == ("implement roll", "implement yaw")
+        energies.append(energy.shares)
+    np.testing.assert_allclose(energies, energies[:1] * 4, atol=1e-6)
+    row = energy.motions.index(("implement", "roll"))
+    whole = energies[0][[i for i, each in enumerate(energy.motions) if each[0] == "implement"], 2]
+    assert energies[0][row, 2] > 0.9 * whole[1:].sum()
+
+
 def plate(mapping: Any, contact: float) -> LinkageModel:
     """Return a uniform plate of 2.5 m by 1.6 m on four corners, with a hitch without weight."""
     for link in mapping["links"].values():

@@ -97,6 +97,26 @@ def test_one_motion_belongs_to_one_mode() -> None:
     assert name_modes(energy, ["", "lift"]) == ("plough pitch", "lift")
 
 
+@pytest.mark.parametrize("mounts", [0.7, 0.4])
+def test_a_tractor_has_as_many_modes_as_motions(mounts: float) -> None:
+    """Of four modes with most of their strain in the tyres, that with least is the implement's.
+
+    With three such modes, each of these is the tractor's. Names without a motion have a number.
+    """
+    motions = [("ground", "sway"), ("ground", "roll"), ("ground", "yaw"), ("plough", "roll")]
+    shares = np.array(
+        [[0.6, 0.2, 0.1, 0.1], [0.1, 0.5, 0.1, 0.1], [0.1, 0.1, 0.4, 0.5], [0.2, 0.2, 0.4, 0.3]]
+    )
+    energy = KineticEnergy(tuple(motions), ("plough",), shares, np.array([0.9, mounts, 0.6, 0.8]))
+    names = name_modes(energy)
+    if mounts > 0.6:
+        assert names == ("tractor sway", "tractor roll", "plough roll", "tractor yaw")
+    else:
+        assert names == ("tractor sway", "plough roll", "tractor roll", "tractor yaw")
+    alone = KineticEnergy((("plough", "roll"),), ("plough",), np.ones((1, 2)), np.zeros(2))
+    assert name_modes(alone) == ("plough roll", "plough roll 2")
+
+
 @pytest.mark.parametrize("rounding", [-1e-14, 0.0, 1e-14])
 def test_equal_energy_goes_to_the_first(rounding: float) -> None:
     """In a symmetric mode bodies or motions have equal energy, which rounding does not split."""
