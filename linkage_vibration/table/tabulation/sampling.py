@@ -16,6 +16,7 @@ from linkage_vibration.mechanics.description import GROUND
 from linkage_vibration.mechanics.model import LinkageModel, Place, Solution
 from linkage_vibration.mechanics.modes import MECHANISM, ModesError
 from linkage_vibration.mechanics.response import in_reach
+from linkage_vibration.support.resources import command
 from linkage_vibration.table.interpolation import stroke_angle, stroke_variable
 from linkage_vibration.table.pole_cells import oscillating, values_of
 from linkage_vibration.table.reduced import Numbers
@@ -170,7 +171,8 @@ class Sampler:
         if rounding.values <= share * accuracy.frequency and rounding.frf <= share * accuracy.frf:
             return
         least = 1.1 * max(rounding.values, rounding.frf / LOOSER) / share
-        larger = f"at least {least:.1e}, " if least < COARSEST else ""
+        by = command("build FILE --tolerance")
+        larger = f"a tolerance of at least {least:.1e} (by `{by}`), " if least < COARSEST else ""
         raise TableError(
             f"Rounding changes a natural frequency or damping ratio of {self.model.mechanism.name} "
             f"by {rounding.values:.0e} at alpha3 = {math.degrees(alpha3):.3f} deg, too much for "

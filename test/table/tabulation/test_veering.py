@@ -50,5 +50,6 @@ def test_tolerance_below_rounding_is_refused() -> None:
     model, solutions = LinkageModel(crossing_crank(1e-9, AT)), list[float]()
     assert build_table(model, 1e-9, progress=solutions.append).interpolation_error.max() <= 1e-9
     assert len(solutions) < 30
-    with pytest.raises(TableError, match=r"Rounding changes .* 1e-11; give at least"):
+    words = r"Rounding changes .* 1e-11; give a tolerance of at least \S+ \(by `.* --tolerance`\)"
+    with pytest.raises(TableError, match=words):
         build_table(model, 1e-11)
