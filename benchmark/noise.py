@@ -8,6 +8,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
 from benchmark.report import machine, publish, table
@@ -16,6 +17,7 @@ from linkage_vibration.mechanics.bodies.frfs import Frfs
 from linkage_vibration.mechanics.components import Component
 from linkage_vibration.mechanics.fbs import component_frf
 from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import PAPER_MECHANISM, config_file
 
@@ -24,7 +26,34 @@ FloatArray = NDArray[np.float64]
 LINES: FloatArray = np.linspace(0.2, 200.0, 1000)  # Hz
 ALPHA3 = math.radians(140.0)
 SEEDS = 200
-CASES = (("lower_link", 1e-2), ("upper_link", 1e-2))
+BOOM = "boom"  # whose free link has a mode at 164 Hz, among its lines
+BOOM_LINES: FloatArray = np.arange(10.0, 400.5)
+CASES = (("lower_link", 1e-2), ("upper_link", 1e-2), (BOOM, 1e-2))
+LOADER = """
+name: loader
+ground: {A: [0.0, 0.0], B: [0.0, 0.4], G: [0.3, -0.7]}
+links:
+  boom:
+    points: {A: 0.0, C: 0.9, E: 1.8}
+    section: {shape: rectangle, width: 0.06, height: 0.1}
+    material: {youngs_modulus: 210.0e+9, density: 7800.0, poisson_ratio: 0.3}
+rigid_bodies:
+  upper:
+    points: {B: [0.0, 0.0], F: [1.8, 0.0]}
+    mass: 12.0
+    inertia: 3.5
+    centre_of_gravity: [0.9, 0.0]
+  bucket:
+    points: {E: [0.0, 0.0], F: [0.0, 0.4]}
+    mass: 300.0
+    inertia: 40.0
+    centre_of_gravity: [0.5, 0.1]
+springs: {cylinder: {between: [G, C], stiffness: 8.0e+6, damping: 4.0e+3}}
+input: {link: boom, range_deg: [0.0, 50.0]}
+assembly: {alpha3_deg: 20.0, angles_deg: {upper: 20.0, bucket: 0.0}}
+damping: {rule: modal_ratio, ratio: 0.01}
+response: {drive_point: E, direction: z, band_hz: [10.0, 400.0], modes: 3}
+"""
 
 
 @dataclass(frozen=True)
@@ -50,22 +79,31 @@ class Scatter:
         return np.asarray(within.sum(axis=0) / self.answered)
 
 
-def scatter(link: str, share: float, seeds: Sequence[int], lines: FloatArray = LINES) -> Scatter:
-    """Identify the modes of the paper's linkage with a noisy link, with many seeds.
+def scatter(
+    link: str, share: float, seeds: Sequence[int], lines: FloatArray | None = None
+) -> Scatter:
+    """Identify the modes of the paper's linkage, or of a loader, with a noisy link, many times.
 
     Parameters
     ----------
     link, share, seeds, lines
         The link that is measured; its relative noise, 1; seeds of the noise; Hz.
     """
-    model = LinkageModel(read_mechanism(config_file(PAPER_MECHANISM)))
-    solution = model.solve(ALPHA3)
-    inside = solution.natural_frequencies < model.mechanism.response.band[1]
-    exact = np.concatenate([solution.natural_frequencies[inside], solution.damping_ratios[inside]])
+    if link == BOOM:
+        mechanism, alpha3 = mechanism_from_mapping(yaml.safe_load(LOADER)), math.radians(20.0)
+    else:
+        mechanism, alpha3 = read_mechanism(config_file(PAPER_MECHANISM)), ALPHA3
+    if lines is None:
+        lines = BOOM_LINES if link == BOOM else LINES
+    model, (low, high) = LinkageModel(mechanism), mechanism.response.band
+    solution = model.solve(alpha3)
+    hertz = solution.natural_frequencies
+    inside = (hertz >= low) & (hertz < high)
+    exact = np.concatenate([hertz[inside], solution.damping_ratios[inside]])
     rows = []
     for seed in seeds:
         mixed = with_noise(model, link, share, seed, lines)
-        rows.append(_identify(mixed, int(inside.sum())))
+        rows.append(_identify(mixed, alpha3, int(inside.sum())))
     result, deviations = np.array([row for row, _ in rows]).swapaxes(0, 1)
     return Scatter(exact, result, deviations, sum(spurious for _, spurious in rows))
 
@@ -95,10 +133,10 @@ def with_noise(
     return LinkageModel(mechanism, kinematics=model.kinematics)
 
 
-def _identify(mixed: LinkageModel, count: int) -> tuple[FloatArray, bool]:
+def _identify(mixed: LinkageModel, alpha3: float, count: int) -> tuple[FloatArray, bool]:
     """Return modes and standard deviations, (2, 2 count), and whether there are spurious modes."""
     try:
-        modes = mixed.identify(ALPHA3)
+        modes = mixed.identify(alpha3)
     except LinkageVibrationError:
         return np.full((2, 2 * count), math.nan), False
     if len(modes.natural_frequencies) != count:
@@ -148,7 +186,9 @@ def main() -> None:
         [
             f"This page shows the modes of the paper's linkage at {math.degrees(ALPHA3):g} deg, "
             f"with one link measured at {len(LINES)} lines up to {LINES[-1]:g} Hz with relative "
-            f"noise, for {SEEDS} seeds of the noise. Bias and scatter are relative to the truth. "
+            f"noise, and of a loader at 20 deg, whose boom has a mode of its own at 164 Hz among "
+            f"its {len(BOOM_LINES)} lines up to {BOOM_LINES[-1]:g} Hz, for {SEEDS} seeds of the "
+            "noise. Bias and scatter are relative to the truth. "
             "The predicted standard deviation is the median. The last column of each group is the "
             "share of the answers within 1.96 of their own predicted standard deviations.",
             table(columns, rows),

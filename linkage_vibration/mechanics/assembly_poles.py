@@ -103,8 +103,7 @@ class Assembly:
     def _of_one_link(self, mode: AssemblyPole, noise: FloatArray) -> bool:
         """Return whether noise does not separate a pole from one of a measured link that is free.
 
-        The residue of such a pole has rank one, and that of a fit more, by noise. So some motion of
-        the link seems to keep its pole when the link is joined.
+        Noise can leave a pole beside that of a free link, although the joined link has none there.
         """
         fits = [c.measured.fit for c, _, _ in self._parts if isinstance(c, FrfComponent)]
         poles = np.concatenate([[mode.pole], *(fit.poles for fit in fits)])

@@ -19,7 +19,12 @@ choice, so a second fit has them between those of the first: what depends on the
 is the number of terms: the criterion leaves out a term whose effect is several times its deviation,
 and a third fit has more terms, of any damping or one of the same law.
 
-Noise is propagated to first order, through the coefficients and through the poles.
+A mode among the lines has one shape, so that its residue is the outer product of the shape with
+itself. The nearest one in the least-squares sense replaces the residue that the lines give, unless
+that clearly has more, of two modes at one pole. A link whose residues have more would keep poles of
+its own when it is joined.
+
+Noise is propagated to first order, through the coefficients, the shapes and the poles.
 """
 
 import enum
@@ -42,10 +47,13 @@ _SHIFT = math.sqrt(2.0)  # factor of the real poles in the second fit, between t
 _CLEARLY = 20.0  # least advantage of a law other than the first, in the information criterion
 _STEPS = 4  # number of Gauss-Newton steps that improve the poles
 _NEGLIGIBLE = 1e-6  # The steps end if the sum of squares falls by less than this share.
-_STEP = 1e-6  # relative step of a parameter, for derivatives
-_RESOLVED = 1e-8  # Smaller singular values of changes with parameters are errors of differences.
 _ROUNDING = 1e-9  # Computed FRFs leave no more than this share of what is fitted.
 _COMPUTED = 1e-4  # Measured FRFs leave more than this share of what is fitted.
+_UNDONE = 1e-8  # Smaller singular values of scaled changes by parameters are rounding.
+_DOUBLE = (
+    0.05  # A pole may be that of two modes if its residue has a larger share beside one shape.
+)
+_BEYOND = 10.0  # Noise explains no residue whose power at the lines is so many times as large.
 _SMALLEST = 1e-13  # Smaller singular values of the scaled terms are rounding.
 
 
@@ -75,18 +83,37 @@ class _Shape:
     # Whether the modes above have viscous damping of any kind, whatever the law.
     free: bool = field(default=False, kw_only=True)
 
-    def terms(self, s: ComplexArray, parameters: FloatArray | None = None) -> ComplexArray:
-        """Return the values of the terms at s, (n_s, 1)."""
-        given = self.parameters if parameters is None else parameters
-        n = len(given) // 2
-        stiffness, decay = given[:n], given[n : 2 * n]
-        rate = np.full_like(s, 1j) if self.law is _Law.STRUCTURAL else s
-        modes = 1.0 / (s**2 + decay * rate + stiffness)
-        if self.free or self.law is _Law.ANY:
-            return np.hstack([s ** np.arange(max(2, 2 * self.order - 1)), modes, s * modes])
+    @property
+    def pairs(self) -> bool:
+        """Whether each mode has a term with s in addition, of a complex residue."""
+        return self.free or self.law is _Law.ANY
+
+    def rate(self, s: ComplexArray) -> ComplexArray:
+        """Return what the damping of a mode is multiplied by at s, (n_s, 1)."""
+        return np.full_like(s, 1j) if self.law is _Law.STRUCTURAL else s
+
+    def modes(self, s: ComplexArray) -> ComplexArray:
+        """Return the values of the terms of the modes at s, (n_s, n_modes)."""
+        n = len(self.parameters) // 2
+        stiffness, decay = self.parameters[:n], self.parameters[n : 2 * n]
+        return np.asarray(1.0 / (s**2 + decay * self.rate(s) + stiffness))
+
+    def modal_terms(self, s: ComplexArray) -> ComplexArray:
+        """Return the values of all terms of the modes, the last ones of `terms`."""
+        modes = self.modes(s)
+        return np.hstack([modes, s * modes]) if self.pairs else modes
+
+    def above(self, s: ComplexArray) -> ComplexArray:
+        """Return the values of the terms for what lies above the lines, and of others."""
+        if self.pairs:
+            return np.asarray(s ** np.arange(max(2, 2 * self.order - 1)))
         powers = np.arange(self.order)
-        above = s ** (2 * powers) / (1.0 + given[-1] * rate) ** (powers + 1)
-        return np.hstack([above, modes])
+        below = 1.0 + self.parameters[-1] * self.rate(s)
+        return np.asarray(s ** (2 * powers) / below ** (powers + 1))
+
+    def terms(self, s: ComplexArray) -> ComplexArray:
+        """Return the values of the terms at s, (n_s, 1)."""
+        return np.hstack([self.above(s), self.modal_terms(s)])
 
     def with_one_more(self) -> "_Shape":
         """Return these terms and one more for the modes above the lines."""
@@ -107,13 +134,21 @@ class _Shape:
             return np.asarray(1j * np.sqrt(stiffness + 1j * decay))
         return np.asarray(-decay / 2.0 + np.sqrt(decay**2 / 4.0 - stiffness + 0j))
 
-    def derivatives(self, s: ComplexArray) -> list[ComplexArray]:
-        """Return the derivatives of the terms with respect to each parameter."""
-        given, steps = self.parameters, _STEP * np.maximum(np.abs(self.parameters), 1e-3)
-        return [
-            (self.terms(s, given + step) - self.terms(s, given - step)) / (2.0 * step.max())
-            for step in np.diag(steps)
-        ]
+    def derivatives(self, s: ComplexArray) -> ComplexArray:
+        """Return the derivatives of the terms by each parameter, (n_parameters, n_s, n_terms)."""
+        modes, above = self.modes(s), self.above(s)
+        n, first = modes.shape[1], above.shape[1]
+        changes = np.zeros((len(self.parameters), len(s), self.terms(s).shape[1]), complex)
+        for i in range(n):
+            for row, factor in ((i, 1.0), (n + i, self.rate(s)[:, 0])):
+                changes[row, :, first + i] = -factor * modes[:, i] ** 2
+                if self.pairs:
+                    changes[row, :, first + n + i] = s[:, 0] * changes[row, :, first + i]
+        if len(self.parameters) % 2 and not self.pairs:
+            rate = self.rate(s)
+            powers = np.arange(1, self.order + 1)
+            changes[-1, :, :first] = -powers * rate * above / (1.0 + self.parameters[-1] * rate)
+        return changes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -127,13 +162,10 @@ class _RigidShape(_Shape):
     elastic: _Shape
     rates: FloatArray  # real poles
 
-    def terms(self, s: ComplexArray, parameters: FloatArray | None = None) -> ComplexArray:
-        """Return the values of the terms at s, (n_s, 1)."""
-        given = self.parameters if parameters is None else parameters
-        stiffness, decay = given.reshape(2, -1)
-        modes = 1.0 / (s**2 + decay * s + stiffness)
+    def above(self, s: ComplexArray) -> ComplexArray:
+        """Return the values of the terms of rigid motions and of the deformation."""
         rigid = s**-2.0, s**-2.0 * self.rates / (s + self.rates)
-        return np.hstack([*rigid, self.elastic.terms(s), modes, s * modes])
+        return np.hstack([*rigid, self.elastic.terms(s)])
 
 
 _Terms = TypeVar("_Terms", bound=_Shape)
@@ -159,22 +191,86 @@ class _Fit:
         n_freq = len(self.weights)
         return np.asarray((parts[:n_freq] + 1j * parts[n_freq:]) / self.weights[:, :, np.newaxis])
 
+    @property
+    def of_terms(self) -> FloatArray:
+        """The coefficients of the terms, (n_terms, n, n)."""
+        return np.asarray(np.tensordot(self.tail, self.coefficients, axes=1))
+
     def values(self, terms: ComplexArray) -> ComplexArray:
         """Return the fit where the terms have these values, (n_s, n_terms)."""
         return np.asarray(np.tensordot(terms @ self.tail, self.coefficients, axes=1))
 
-    def changes(self, rates: ComplexArray, rate: ComplexArray, terms: ComplexArray) -> ComplexArray:
-        """Return changes of the fit with a parameter, by ``rates`` of terms at lines and there."""
-        plain = np.tensordot(self.tail, self.coefficients, axes=1)
-        moved = real_equations(self.weights * rates)
-        again = np.tensordot(self.basis.T @ moved, plain, axes=1)
-        here = np.tensordot(rate, plain, axes=1)
-        return np.asarray(here - np.tensordot(terms @ self.tail, again, axes=1))
+    def undone(self, rates: ComplexArray, weights: ComplexArray) -> complex:
+        """Return how other coefficients change a weighted sum of them with a parameter.
 
-    def shares(self, terms: ComplexArray) -> ComplexArray:
-        """Return the weights of the lines' parts in the values of the fit, (n_s, 2 n_freq)."""
-        double = np.concatenate([self.weights, self.weights])[:, 0]
-        return np.asarray((terms @ self.tail) @ self.basis.T * double)
+        `rates` are those of the terms at the lines with the parameter; weights, (n_terms, n, n).
+        """
+        moved = self.tail @ (self.basis.T @ real_equations(self.weights * rates))
+        return -complex((np.tensordot(moved, self.of_terms, axes=1) * weights).sum())
+
+    def shares(self, weights: ComplexArray) -> ComplexArray:
+        """Return the parts of lines in a weighted sum of the coefficients, (2 n_freq, n, n)."""
+        double = np.concatenate([self.weights, self.weights])
+        return np.asarray(np.tensordot(double * (self.basis @ self.tail.T), weights, axes=1))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Residues:
+    """What is left out of the numerators of modes, so that their residues have rank one.
+
+    A mode has one shape. By noise, a residue has more, with which the link keeps a pole of its own
+    when it is joined: a mode that does not exist, which moves the one beside it.
+    """
+
+    shape: _Shape
+    excess: FloatArray  # (n_modal_terms, n, n)
+    shapes: ComplexArray  # (n_modes, n), of unit length; NaN of a mode that has no such residue
+
+    def weights(self, s: ComplexArray, forces: ComplexArray) -> ComplexArray:
+        """Return how f^T H f at s, (1, 1), depends on the numerators, (n_modal_terms, n, n)."""
+        whole, values = np.outer(forces, forces), self.shape.modal_terms(s)[0]
+        weights, n = np.multiply.outer(values, whole), len(self.shapes)
+        for i, (pole, u) in enumerate(zip(self.shape.poles(), self.shapes, strict=True)):
+            if np.isnan(u).any():
+                continue
+            if not self.shape.pairs:
+                weights[i] = values[i] * _along(u.real, forces)
+                continue
+            near, far = s[0, 0] - pole, s[0, 0] - pole.conjugate()
+            one = values[i] * far * _along(u, forces) / (2j * pole.imag)
+            other = values[i] * near * _along(u, forces.conj()).conj() / (2j * pole.imag)
+            weights[i], weights[n + i] = one - other, pole * one - pole.conjugate() * other
+        return np.asarray(weights)
+
+
+def _along(u: ComplexArray, forces: ComplexArray) -> ComplexArray:
+    """Return how f^T R f changes with a residue R of rank one and shape u, (n, n)."""
+    force, cross = forces @ u, np.outer(u.conj(), forces)
+    return np.asarray(force * (cross + cross.T) - force**2 * np.outer(u.conj(), u.conj()))
+
+
+def _residues(shape: _Shape, numerators: FloatArray, allowed: FloatArray) -> _Residues:
+    """Return what is left out of the numerators, (n_modal_terms, n, n), of modes.
+
+    It is not left out if it is large, and larger than noise explains, (n_modes,): two modes are one
+    pole then.
+    """
+    poles, size = shape.poles(), numerators.shape[-1]
+    excess, shapes = np.zeros_like(numerators), np.full((len(poles), size), math.nan, complex)
+    for i, pole in enumerate(poles):
+        if not 0.0 < pole.imag < 1.0:  # Above the lines, a term stands for several modes.
+            continue
+        whole = numerators[i] + (pole * numerators[len(poles) + i] if shape.pairs else 0.0)
+        left, values, right = np.linalg.svd(whole)
+        if np.linalg.norm(values[1:]) > max(_DOUBLE * values[0], allowed[i]):
+            continue
+        single = symmetric(values[0] * np.outer(left[:, 0], right[0]))
+        shapes[i] = left[:, 0]
+        excess[i] = (whole - single).real
+        if shape.pairs:
+            excess[len(poles) + i] = (whole - single).imag / pole.imag
+            excess[i] -= pole.real * excess[len(poles) + i]
+    return _Residues(shape, excess, shapes)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -191,6 +287,8 @@ class _Parts:
     rigid_shape: _RigidShape
     moving: _Fit
     rigid_pulls: FloatArray
+    residues: _Residues  # of the modes of the deformation, in both fits
+    rigid_residues: _Residues
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -225,6 +323,8 @@ class LinkFit:
         parts = self.parts[choice]
         receptances = parts.elastic.values(parts.shape.terms(scaled))
         receptances = receptances + parts.moving.values(parts.rigid_shape.terms(scaled))
+        for each in (parts.residues, parts.rigid_residues):
+            receptances -= np.tensordot(each.shape.modal_terms(scaled), each.excess, axes=1)
         return np.asarray(receptances * np.outer(self.unit, self.unit))
 
     def variances(
@@ -247,31 +347,42 @@ class LinkFit:
 
     def _shares(self, s: complex, forces: ComplexArray, choice: Choice) -> ComplexArray:
         """Return the change of f^T H(s) f with parts of lines, (2 n_freq, n, n)."""
-        at, lines = np.array([[s / self.omega[-1]]]), 1j * self.omega[:, np.newaxis]
-        lines = lines / self.omega[-1]
-        parts = self.parts[choice]
+        at = np.array([[s / self.omega[-1]]])
+        lines = 1j * self.omega[:, np.newaxis] / self.omega[-1]
+        parts, whole = self.parts[choice], self.unit * forces
         shape, rigid_shape = parts.shape, parts.rigid_shape
-        elastic, moving = parts.elastic, parts.moving
-        terms, both = shape.terms(at), rigid_shape.terms(at)
-        whole = self.unit * forces
-        whole_rigid = self.rigid @ whole
-        rigid = np.outer(whole_rigid, whole_rigid)
-        rest = np.outer(whole, whole) - rigid
-        column = (-1, 1, 1)
-        shares = moving.shares(both).reshape(column) * rigid
-        shares = shares + elastic.shares(terms).reshape(column) * rest
-        beside, places = rigid_shape.elastic, (lines, at)
-        before = 1 + len(rigid_shape.rates)
-        wide = (0, 0), (before, both.shape[1] - before - beside.terms(at).shape[1])
-        rates = zip(*(each.derivatives(x) for each in (shape, beside) for x in places), strict=True)
+        beside, square = rigid_shape.elastic, np.outer(whole, whole)
+        modal = parts.residues.weights(at, whole)
+        n_before, n_own = 1 + len(rigid_shape.rates), len(parts.rigid_residues.excess)
+        first = n_before + beside.above(at).shape[1]
+        weights = np.multiply.outer(shape.terms(at)[0], square)
+        weights[shape.above(at).shape[1] :] = modal[: shape.modal_terms(at).shape[1]]
+        rigid_weights = np.multiply.outer(rigid_shape.terms(at)[0], square)
+        rigid_weights[first : first + len(modal)] = modal
+        rigid_weights[first + len(modal) :] = parts.rigid_residues.weights(at, whole)
+        coefficients, rigid_coefficients = parts.elastic.of_terms, parts.moving.of_terms
+        rigid_coefficients[first : first + len(modal)] -= parts.residues.excess
+        rigid_coefficients[first + len(modal) :] -= parts.rigid_residues.excess
+        shares = parts.elastic.shares(weights - self.rigid @ weights @ self.rigid)
+        shares = shares + parts.moving.shares(self.rigid @ rigid_weights @ self.rigid)
+        wide = (0, 0), (n_before, n_own)
+        rates = zip(
+            *(each.derivatives(x) for each in (shape, beside) for x in (lines, at)), strict=True
+        )
         # FRFs without noise have no pulls.
-        for (first, second, along, there), pull in zip(rates, parts.pulls, strict=False):
-            change = elastic.changes(first, second, terms)[0]
-            change = change + moving.changes(np.pad(along, wide), np.pad(there, wide), both)[0]
-            shares = shares + (whole @ change @ whole) * pull
+        for (along, there, along_beside, there_beside), pull in zip(
+            rates, parts.pulls, strict=False
+        ):
+            direct = np.tensordot(there[0], coefficients, axes=1)
+            padded = np.pad(there_beside, wide)[0]
+            direct = direct + np.tensordot(padded, rigid_coefficients, axes=1)
+            change = whole @ direct @ whole + parts.elastic.undone(along, weights)
+            change += parts.moving.undone(np.pad(along_beside, wide), rigid_weights)
+            shares = shares + change * pull
         rates = zip(rigid_shape.derivatives(lines), rigid_shape.derivatives(at), strict=True)
         for (along, there), pull in zip(rates, parts.rigid_pulls, strict=False):
-            shares = shares + (whole @ moving.changes(along, there, both)[0] @ whole) * pull
+            direct = whole @ np.tensordot(there[0], rigid_coefficients, axes=1) @ whole
+            shares = shares + (direct + parts.moving.undone(along, rigid_weights)) * pull
         return np.asarray(shares)
 
 
@@ -312,24 +423,56 @@ def fit_link(
         rigid_taken = replace(rigid_shape, elastic=beside, rates=shift * rates)
         pulls = _pulls(s, taken, right, weights)
         rigid_pulls = _pulls(s, rigid_taken, block_right, weights)
+        deforming = _fitted(taken.terms(s), weights, rest)
+        moving = _fitted(rigid_taken.terms(s), weights, block)
         parts[choice] = _Parts(
             taken,
-            _fitted(taken.terms(s), weights, rest),
+            deforming,
             symmetric(pulls.reshape(len(pulls), 2 * len(omega), *across.shape[1:]) @ elastic.T),
             rigid_taken,
-            _fitted(rigid_taken.terms(s), weights, block),
+            moving,
             rigid_pulls.reshape(len(rigid_pulls), 2 * len(omega), *block.shape[1:]),
+            *_both_residues(s, lines, taken, deforming, rigid_taken, moving),
         )
     return LinkFit(omega, unit, lines, rigid, parts)
 
 
+def _both_residues(
+    s: ComplexArray,
+    lines: ComplexArray,
+    shape: _Shape,
+    deforming: _Fit,
+    rigid_shape: _RigidShape,
+    moving: _Fit,
+) -> tuple[_Residues, _Residues]:
+    """Return what is left out of modes of the deformation, and of those of the rigid block."""
+    weights = moving.weights
+    rest = lines - deforming.at_lines() - moving.at_lines()
+    noise = float(np.mean(np.abs(weights * rest.reshape(len(s), -1)) ** 2)) * lines[0].size
+    powers = ((np.abs(weights * each.modes(s)) ** 2).sum(axis=0) for each in (shape, rigid_shape))
+    of_both = [np.sqrt(_BEYOND * noise / each) for each in powers]
+    n, n_own = len(shape.parameters) // 2, len(rigid_shape.parameters)
+    beside, terms = rigid_shape.elastic, moving.of_terms
+    last = len(terms) - n_own
+    numerators = terms[last - (2 * n if beside.pairs else n) : last].copy()
+    own = 2 * n if shape.pairs else n
+    numerators[:own] += deforming.of_terms[len(deforming.of_terms) - own :]
+    return (
+        _residues(beside, numerators, of_both[0]),
+        _residues(rigid_shape, terms[last:], of_both[1]),
+    )
+
+
 def _pulls(s: ComplexArray, shape: _Shape, right: FloatArray, weights: FloatArray) -> FloatArray:
     """Return the change of parameters per real and imaginary part, (n_parameters, 2 n_freq, k)."""
-    _, left, columns = _columns(s, shape, weights, right)
+    _, left, columns, sizes = _columns(s, shape, weights, right)
     if left < (_ROUNDING * np.linalg.norm(right)) ** 2:
-        columns = columns[:0]  # FRFs without noise
-    pulls = np.linalg.pinv(columns.T, rcond=_RESOLVED).reshape(len(columns), *right.shape)
-    return np.asarray(np.concatenate([weights, weights]) * pulls)
+        columns, sizes = columns[:0], sizes[:0]  # FRFs without noise
+    # What coefficients undo but for rounding, as of poles far above the lines, has no effect.
+    along, values, across = np.linalg.svd(columns.T / sizes, full_matrices=False)
+    kept = values > _UNDONE
+    pulls = (across[kept].T / values[kept]) @ along[:, kept].T / sizes[:, np.newaxis]
+    return np.asarray(np.concatenate([weights, weights]) * pulls.reshape(-1, *right.shape))
 
 
 def _choose_modes(
@@ -386,11 +529,12 @@ def _choose(
                 score = _criterion(shape, left, right)
                 if score < best:
                     best, chosen, first, least = score, shape, start, left
+    chosen = _without_noise(s, chosen, first, best, weights, right)
     if math.sqrt(least) < _COMPUTED * np.linalg.norm(right):
         # The criterion ignores errors below the noise of single lines. In FRFs that were computed,
         # and stored in single precision, one more term costs nothing and removes these errors.
         return _improved(s, [chosen, chosen.with_one_more()], weights, right)
-    return _without_noise(s, chosen, first, best, weights, right)
+    return chosen
 
 
 def _without_noise(
@@ -433,7 +577,7 @@ def _refined(
     """Improve the parameters by Gauss-Newton steps; also return what the fit leaves."""
     refined, best = shape, math.inf
     for _ in range(_STEPS + 1):
-        rest, left, columns = _columns(s, shape, weights, right)
+        rest, left, columns, _ = _columns(s, shape, weights, right)
         half = len(shape.parameters) // 2
         stiffness, decay = shape.parameters[:half], shape.parameters[half : 2 * half]
         sound = (stiffness > _LOWEST**2).all() and (decay > 0.0).all()
@@ -450,17 +594,21 @@ def _refined(
 
 def _columns(
     s: ComplexArray, shape: _Shape, weights: FloatArray, right: FloatArray
-) -> tuple[FloatArray, float, FloatArray]:
-    """Return the rest of a fit, its square, and what coefficients cannot undo of each parameter."""
+) -> tuple[FloatArray, float, FloatArray, FloatArray]:
+    """Return the rest of a fit, its square, and changes with parameters; also their whole sizes.
+
+    The changes are what coefficients cannot undo.
+    """
     basis, triangle = np.linalg.qr(real_equations(weights * shape.terms(s)))
     shares = basis.T @ right
     rest = right - basis @ shares
     coefficients = np.linalg.lstsq(triangle, shares, rcond=_SMALLEST)[0]
-    columns = np.empty((len(shape.parameters), right.size))
+    columns, sizes = np.empty((len(shape.parameters), right.size)), []
     for i, rate in enumerate(shape.derivatives(s)):
         column = real_equations(weights * rate) @ coefficients
         columns[i] = (column - basis @ (basis.T @ column)).ravel()
-    return rest, float((rest**2).sum()), columns
+        sizes.append(max(float(np.linalg.norm(column)), 1e-300))
+    return rest, float((rest**2).sum()), columns, np.array(sizes)
 
 
 def _fitted(terms: ComplexArray, weights: FloatArray, lines: ComplexArray) -> _Fit:

@@ -3,13 +3,14 @@
 """The fit of a free link's receptances, whose exact ones are those of masses joined by springs."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 from linkage_vibration.mechanics.description import InterfaceDof
-from linkage_vibration.mechanics.link_fit import LinkFit
+from linkage_vibration.mechanics.link_fit import LinkFit, _Law, _residues, _Shape
 from linkage_vibration.mechanics.regularisation import RegularisationError, regularise
 
 MASS, STIFFNESS = 4.0, 2.5e5  # kg of each of two masses, N/m of the spring between them
@@ -61,6 +62,73 @@ def test_resonances_between_lines(width: float) -> None:
     places = 2j * math.pi * HERTZ * np.array([0.2, 0.7, 1.0])
     drawn = [errors(fitted(lines, width, 1e-3, generator), places, width, 1e-3) for _ in range(4)]
     assert np.abs(drawn).max() < 4.0
+
+
+@pytest.mark.parametrize("noise", [1e-4, 1e-2])
+def test_a_mode_has_one_shape(noise: float) -> None:
+    """At its pole the fit is a multiple of the outer product of one shape, whatever the noise."""
+    generator, lines = np.random.default_rng(3), np.linspace(4.0, 160.0, 40)
+    fit = fitted(lines, 2.4, noise, generator)
+    [pole] = fit.poles[fit.poles.imag < 2.0 * math.pi * 160.0]
+    assert abs(pole) / (2.0 * math.pi) == pytest.approx(HERTZ, rel=noise)
+    near = fit.at(np.array([pole * (1.0 + 1e-7)]))[0]
+    values = np.linalg.svd(near)[1]
+    assert values[1] < 1e-4 * values[0]
+
+
+@pytest.mark.parametrize(("second", "count"), [(1.0, 2), (0.0, 1)])
+def test_two_modes_at_one_frequency(second: float, count: int) -> None:
+    """Masses with equal springs across have two shapes at one pole; without those springs, one."""
+    random, lines = np.random.default_rng(4), np.linspace(4.0, 160.0, 40)
+    along = receptances(2j * math.pi * lines, 2.4)
+    across = np.ones((2, 2)) / (2.0 * MASS) / (2j * math.pi * lines[:, None, None]) ** 2
+    exact = np.zeros((40, 4, 4), complex)
+    exact[:, :2, :2], exact[:, 2:, 2:] = along, across + second * (along - across)
+    noise = random.standard_normal((2, *exact.shape)) / math.sqrt(2.0)
+    dofs = [InterfaceDof(point, direction) for direction in "xz" for point in "AB"]
+    motions = np.kron(np.eye(2), np.ones((2, 1)))
+    if not second:
+        motions = np.column_stack([motions, [0.0, 0.0, 1.0, -1.0]])
+    fit = regularise(dofs, lines, exact * (1.0 + 1e-3 * (noise[0] + 1j * noise[1])), motions).fit
+    [pole] = fit.poles[fit.poles.imag < 2.0 * math.pi * 160.0]
+    values = np.linalg.svd(fit.at(np.array([pole * (1.0 + 1e-7)]))[0])[1]
+    assert (values > 1e-2 * values[0]).sum() == count
+
+
+@pytest.mark.parametrize("law", _Law)
+def test_changes_with_what_is_fitted(law: _Law) -> None:
+    """Differences have the same limits as how the fit changes with parameters and numerators.
+
+    The numerators are those of two modes of one shape each, and their changes any symmetric ones.
+    """
+    random, step = np.random.default_rng(0), 1e-6
+    parameters = np.array([0.3, 0.5, 0.02, 0.01, *([] if law is _Law.ANY else [0.03])])
+    shape, s = _Shape(law, 2, parameters), np.array([[-0.01 + 0.6j]])
+    for change, row in zip(np.eye(len(parameters)) * step, shape.derivatives(s), strict=True):
+        ends = (replace(shape, parameters=parameters + sign * change).terms(s) for sign in (1, -1))
+        np.testing.assert_allclose(row * 2.0 * step, np.subtract(*ends), atol=1e-6 * step)
+
+    modes = random.standard_normal((2, 3)) + 1j * random.standard_normal((2, 3)) * shape.pairs
+    wholes, poles = [np.outer(u, u) for u in modes], shape.poles()
+    numerators = [whole.real for whole in wholes]
+    if shape.pairs:
+        pairs = list(zip(wholes, poles, strict=True))
+        second = [whole.imag / pole.imag for whole, pole in pairs]
+        first = [w.real - p.real * c for (w, p), c in zip(pairs, second, strict=True)]
+        numerators = [*first, *second]
+    given, forces = np.array(numerators), random.standard_normal(3) + 1j * random.standard_normal(3)
+    change = random.standard_normal(given.shape)
+    change = change + change.swapaxes(1, 2)
+
+    def value(numerators: FloatArray) -> complex:
+        kept = numerators - _residues(shape, numerators, np.full(2, np.inf)).excess
+        return complex(forces @ np.tensordot(shape.modal_terms(s)[0], kept, axes=1) @ forces)
+
+    residues = _residues(shape, given, np.full(2, np.inf))
+    assert np.abs(residues.excess).max() < 1e-12
+    actual = complex((residues.weights(s, forces) * change).sum())
+    limit = (value(given + step * change) - value(given - step * change)) / (2.0 * step)
+    assert actual == pytest.approx(limit, rel=1e-6)
 
 
 def test_too_few_lines() -> None:

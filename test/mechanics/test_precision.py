@@ -30,6 +30,8 @@ from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.readers.component_files import ComponentFileError
 from linkage_vibration.readers.matrices import read_matrices
+from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.support.resources import config_file
 
 ALPHA3 = math.radians(140.0)
 DRIVE = [("E1", "z")]
@@ -51,6 +53,20 @@ def test_frfs_in_single_precision(model: LinkageModel) -> None:
     for ours in (model, with_frfs_from_file(model.mechanism, at, lines, single[at])):
         receptances = ours.coupled_frf(ALPHA3, lines, DRIVE, DRIVE).values[:, 0, 0]
         np.testing.assert_allclose(receptances, exact, rtol=1e-6)
+
+
+@pytest.mark.parametrize("digits", [10, pytest.param(9, marks=pytest.mark.nightly)])
+def test_frfs_with_some_digits(digits: int) -> None:
+    """FRFs as a text file has them show all modes; rounding by 1e-10 was taken for poles."""
+    model = LinkageModel(read_mechanism(config_file("four_bar.yaml")))
+    alpha3, lines = math.radians(90.0), np.linspace(1.0, 1000.0, 500)
+    at = [component.name for component in model.components].index("coupler")
+    frf = component_frfs(model, lines)[at]
+    size = 10.0 ** (digits - 1 - np.floor(np.log10(np.abs(frf.view(float)))))
+    rounded = (np.round(frf.view(float) * size) / size).view(complex)
+    found = with_frfs_from_file(model.mechanism, at, lines, rounded).identify(alpha3)
+    exact = model.solve(alpha3).natural_frequencies[:4]
+    np.testing.assert_allclose(found.natural_frequencies, exact, rtol=1e-5)
 
 
 def test_matrices_in_single_precision_are_refused(mechanism: Mechanism, tmp_path: Path) -> None:
