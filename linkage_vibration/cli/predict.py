@@ -88,7 +88,7 @@ def _print(predictor: "Predictor", degrees: list[float], options: argparse.Names
         found = [missing if math.isnan(number) else f"{number:.4f}" for number in numbers]
         peak = [f"{each.frf_peak_frequency:.4f}", f"{each.frf_peak_magnitude:.4e}"]
         columns.append([f"{angle:.3f}", *found, *peak])
-    _print_columns(rows, columns)
+    print_columns(rows, columns)
     for angle, each in zip(degrees, predictions, strict=True):
         problem = fault(each, table.alpha3_range)
         sentence = f". The {problem}.".replace("?.", "?") if problem else ""
@@ -102,7 +102,7 @@ def _print(predictor: "Predictor", degrees: list[float], options: argparse.Names
     return all(each.status.has_numbers for each in predictions)
 
 
-def _print_columns(rows: list[str], columns: list[list[str]]) -> None:
+def print_columns(rows: list[str], columns: list[list[str]]) -> None:
     """Print names of rows and the columns beside them, as many as fit beside one another."""
     width = max(map(len, rows))
     several = max((_WIDTH - width) // _COLUMN, 1)
@@ -127,4 +127,4 @@ def _print_shares(shares: "Shares", labels: list[str], angle: float) -> None:
             [cause, *(f"{value:.3g}" for value in getattr(shares, cause)[i].tolist())]
             for cause in ("parameters", "angle", "links", "table", "total")
         ]
-        _print_columns(["", *labels], columns)
+        print_columns(["", *labels], columns)

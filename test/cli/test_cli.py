@@ -22,6 +22,7 @@ import yaml
 import linkage_vibration.cli
 from linkage_vibration.cli.build import _description
 from linkage_vibration.cli.main import ROUTES, SUBCOMMANDS, argument_parser, main
+from linkage_vibration.cli.predict import print_columns
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.prediction.predictor import Predictor
@@ -459,3 +460,12 @@ def test_build_says_why_deviations_are_not_known(known: bool) -> None:
     changed = replace(table, parameter_stddev=deviations)
     *_, line = _description(changed, 1, Path("table.npz"), mechanism)
     assert line.startswith("Standard deviations are not known: at each angle") != known
+
+
+@pytest.mark.parametrize(("width", "each"), [(88, 1), (76, 2), (77, 1), (99, 1)])
+def test_columns_of_a_prediction_fit_in_a_line(width: int, each: int, capsys: Any) -> None:
+    """Of 100 characters, names take their width, and each column 12; at least one is printed."""
+    print_columns(["", "n" * width], [["1", "2"], ["3", "4"]])
+    lines = capsys.readouterr().out.splitlines()
+    assert [len(line.split()) for line in lines[::2]] == ([2] if each == 2 else [1, 1])
+    assert lines[1].startswith("n" * width)
