@@ -287,5 +287,5 @@ def test_rounding_of_small_damping_ratios() -> None:
         poles = exact_poles(GAP, AT, ratio, dashpot, angle)
         assert worst_pole_error(table, angle, row, poles) <= 1.0
     assert table.interpolation_error.max() > 1e-12 / row[2:4].min()
-    with pytest.raises(TableError, match=r"Rounding .* at alpha3 = .* deg, .* give at least"):
+    with pytest.raises(TableError, match=r"Rounding .* at alpha3 = .* deg, .* of at least"):
         build_table(model, 1e-6)
