@@ -252,8 +252,8 @@ def _along(u: ComplexArray, forces: ComplexArray) -> ComplexArray:
 def _residues(shape: _Shape, numerators: FloatArray, allowed: FloatArray) -> _Residues:
     """Return what is left out of the numerators, (n_modal_terms, n, n), of modes.
 
-    It is not left out if it is large, and larger than noise explains, (n_modes,): two modes are one
-    pole then.
+    `allowed`, (n_modes,), is the largest norm that noise explains. A larger part is kept if it is
+    not small beside the shape, because the pole may be that of two modes.
     """
     poles, size = shape.poles(), numerators.shape[-1]
     excess, shapes = np.zeros_like(numerators), np.full((len(poles), size), math.nan, complex)

@@ -106,7 +106,7 @@ def name_modes(energy: KineticEnergy, given: Sequence[str] = ()) -> tuple[str, .
     rows = {body: np.flatnonzero(owners == body) for body in bodies}
     totals = np.array([energy.shares[rows[b]].sum(axis=0) for b in bodies])
     if GROUND in bodies:
-        most = np.argsort(-energy.mounts)[: len(rows[GROUND])]
+        most = np.argsort(-energy.mounts, kind="stable")[: len(rows[GROUND])]
         on_tyres = np.isin(np.arange(len(energy.mounts)), most) & (energy.mounts > 0.5)
         totals[bodies.index(GROUND)] = np.where(on_tyres, np.inf, 0.0)
     owner = (totals - _EQUAL * np.arange(len(bodies))[:, np.newaxis]).argmax(axis=0)

@@ -370,7 +370,7 @@ def progress_file(wanted: Path) -> Path:
 def rebuilt(
     mechanism: Mechanism, like: Table, excitations: Sequence[Excitation], wanted: Path
 ) -> "tuple[Predictor, LevelTable]":
-    """Return the tables of a changed mechanism like the old one, kept or built while ``wanted``."""
+    """Load or build tables of a changed mechanism, like the old one, while ``wanted`` exists."""
 
     def check(finished: float) -> None:
         if not wanted.exists():
